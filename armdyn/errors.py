@@ -1,0 +1,32 @@
+"""One root error; its kinds carry what was wrong and what to do next."""
+
+import difflib
+from collections.abc import Iterable
+
+
+class ArmdynError(Exception):
+    """Something a user can mend: the message is one line that says what, where and what to do."""
+
+
+class InputError(ArmdynError):
+    """A value, file or argument that cannot be used."""
+
+
+class UnknownNameError(InputError):
+    """A name that is not in a list of valid names.
+
+    Args:
+        kind: what was looked up, such as ``"effect"``.
+        name: the name that was given.
+        valid: the names that exist.
+    """
+
+    def __init__(self, kind: str, name: str, valid: Iterable[str]) -> None:
+        self.kind, self.name, self.valid = kind, name, tuple(valid)
+        close = difflib.get_close_matches(name, self.valid, n=1, cutoff=0.5)
+        hint = f"did you mean '{close[0]}'?" if close else f"choose one of: {', '.join(self.valid)}"
+        super().__init__(f"unknown {kind} '{name}': {hint}")
+
+
+class TaskFailedError(ArmdynError):
+    """The input is sound but the answer is no: infeasible, unreachable, stopped for safety."""

@@ -1,0 +1,1 @@
+"""What runs: commands, nodes, robot, load cell, motion, recordings and reports."""

@@ -1,0 +1,1 @@
+"""The commands of `armdyn`, one file each: read arguments, call, print."""
