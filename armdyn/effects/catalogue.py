@@ -1,0 +1,29 @@
+"""Effects by name."""
+
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
+
+from armdyn.effects import load, sensor
+from armdyn.effects.effect import Effect
+from armdyn.errors import UnknownNameError
+
+
+def _collect() -> Mapping[str, Effect]:
+    modules = (load, sensor)
+    found = (item for module in modules for item in vars(module).values() if isinstance(item, Effect))
+    return MappingProxyType({item.name: item for item in found})
+
+
+CATALOGUE: Mapping[str, Effect] = _collect()
+
+
+def find(name: str, extra: Iterable[Effect] = ()) -> Effect:
+    """The effect called `name`, from the catalogue or from a user's own effects.
+
+    Raises:
+        UnknownNameError: there is none; the message names the closest.
+    """
+    known = {**CATALOGUE, **{item.name: item for item in extra}}
+    if name not in known:
+        raise UnknownNameError("effect", name, known)
+    return known[name]

@@ -1,0 +1,79 @@
+"""What a physical effect is, and how one is defined in ten lines."""
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Literal, TypeVar
+
+from armdyn.errors import InputError
+from armdyn.parameter import Parameter, Quantity
+
+Stage = Literal["gripper", "string", "load", "sensor", "joint"]
+STAGES: tuple[Stage, ...] = ("gripper", "string", "load", "sensor", "joint")
+Physics = TypeVar("Physics")
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One piece of physics that can be added to a model by name.
+
+    Attributes:
+        name: the catalogue's name.
+        acts_on: the stage that it changes.
+        quantities: its parameters by short name.
+        summary: one sentence.
+        source: where the equation comes from.
+        function: ``(stage, **parameters) -> stage``, pure.
+    """
+
+    name: str
+    acts_on: Stage
+    quantities: Mapping[str, Quantity]
+    summary: str
+    source: str
+    function: Callable[..., Any]
+
+    def apply(self, stage: Physics, parameters: Mapping[str, Any]) -> Physics:
+        """The stage with this effect.
+
+        Args:
+            stage: symbolic physics of the stage `acts_on`.
+            parameters: expressions by full name, ``"<effect>.<quantity>"``.
+        """
+        return self.function(stage, **{short: parameters[f"{self.name}.{short}"] for short in self.quantities})
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The parameters with their full names, at their null values."""
+        return tuple(q.parameter(f"{self.name}.{short}") for short, q in self.quantities.items())
+
+
+def effect(
+    name: str, acts_on: Stage, *, summary: str, source: str
+) -> Callable[[Callable[..., Physics]], Effect]:
+    """Make an `Effect` of a function whose first argument is the stage and whose others default to `quantity`.
+
+    ```python
+    @effect("linear_drag", acts_on="load", summary="air drag in proportion to speed", source="Stokes 1851")
+    def linear_drag(load: Load, coefficient: Expression = quantity("N s/m", typical=5e-3, lower=0)) -> Load:
+        return load.with_force(-coefficient * load.velocity)
+    ```
+
+    Raises:
+        InputError: the stage does not exist, or an argument declares no quantity.
+    """
+    if acts_on not in STAGES:
+        raise InputError(f"effect '{name}' acts on '{acts_on}': choose one of {', '.join(STAGES)}")
+
+    def make(function: Callable[..., Physics]) -> Effect:
+        _, *arguments = inspect.signature(function).parameters.values()
+        quantities = {}
+        for argument in arguments:
+            if not isinstance(argument.default, Quantity):
+                raise InputError(
+                    f"effect '{name}': argument '{argument.name}' needs a default such as quantity(\"N\", typical=1.0)"
+                )
+            quantities[argument.name] = argument.default
+        return Effect(name, acts_on, MappingProxyType(quantities), summary, source, function)
+
+    return make

@@ -1,0 +1,116 @@
+"""A parameter of a model: what it is called, what it may be, what is known of it."""
+
+from dataclasses import dataclass, replace
+from math import inf, isfinite
+from typing import Any, Literal
+
+from armdyn.errors import InputError
+
+Scope = Literal["shared", "per_run"]
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Knowledge from outside the data, such as a weighing: a normal density.
+
+    Attributes:
+        mean: in the parameter's unit.
+        std: standard deviation in the parameter's unit, > 0.
+    """
+
+    mean: float
+    std: float
+
+    def __post_init__(self) -> None:
+        if not (isfinite(self.mean) and isfinite(self.std) and self.std > 0):
+            raise InputError(f"prior {self.mean} +/- {self.std}: give a finite mean and a positive standard deviation")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of a model.
+
+    Attributes:
+        name: ``"length"`` or ``"quadratic_drag.coefficient"``.
+        unit: SI unit as text.
+        value: the present value.
+        typical: a realistic size of the parameter; it scales finite steps, searches and first guesses.
+        null: the value at which the physics behind it is absent (equal to ``value`` for base parameters).
+        std: standard deviation after a fit, None before.
+        lower: smallest physical value.
+        upper: largest physical value.
+        prior: knowledge from outside the data.
+        scope: ``"shared"`` by all runs, or one value ``"per_run"``.
+        fitted: whether a fit may change it.
+        source: where the value comes from.
+    """
+
+    name: str
+    unit: str
+    value: float
+    typical: float
+    null: float = 0.0
+    std: float | None = None
+    lower: float = -inf
+    upper: float = inf
+    prior: Prior | None = None
+    scope: Scope = "shared"
+    fitted: bool = True
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        if not isfinite(self.value):
+            raise InputError(f"parameter '{self.name}' is {self.value}: give a finite number in {self.unit}")
+        if not self.lower <= self.value <= self.upper:
+            raise InputError(
+                f"parameter '{self.name}' = {self.value:g} {self.unit} is outside its physical range "
+                f"{self.lower:g} to {self.upper:g} {self.unit}"
+            )
+
+    def with_value(self, value: float, std: float | None = None) -> "Parameter":
+        """The same parameter with another value (in its unit) and, after a fit, its standard deviation."""
+        return replace(self, value=float(value), std=std)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Declares one parameter of an effect; see `quantity`."""
+
+    unit: str
+    typical: float
+    null: float = 0.0
+    lower: float = -inf
+    upper: float = inf
+    scope: Scope = "shared"
+    summary: str = ""
+
+    def parameter(self, name: str) -> Parameter:
+        """The parameter at its null value."""
+        return Parameter(
+            name=name, unit=self.unit, value=self.null, typical=self.typical, null=self.null,
+            lower=self.lower, upper=self.upper, scope=self.scope, source=self.summary,
+        )  # fmt: skip
+
+
+def quantity(
+    unit: str,
+    *,
+    typical: float,
+    null: float = 0.0,
+    lower: float = -inf,
+    upper: float = inf,
+    scope: Scope = "shared",
+    summary: str = "",
+) -> Any:  # the default value of an effect's argument, which is an expression when the effect is applied
+    """Declare a parameter of an effect as the default value of its argument.
+
+    Args:
+        unit: SI unit as text, such as ``"N s/m"``.
+        typical: a realistic size, used for scaling and for first guesses.
+        null: the value at which the effect is absent; there it must change nothing to the last digit.
+        lower: smallest physical value.
+        upper: largest physical value.
+        scope: ``"shared"`` by all runs or ``"per_run"``.
+        summary: one phrase on what the number is.
+    """
+    return Quantity(unit, typical, null, lower, upper, scope, summary)

@@ -1,0 +1,167 @@
+"""The symbolic physics of a load on a string, stage by stage: gripper, string, load, sensor.
+
+Each stage is an immutable bundle of CasADi expressions; an effect takes one and returns a changed one.
+Vectors are (3,) in the frame of the line: x along it, y across it, z up. The angle is 0 hanging, and the
+load is at x = -l sin(angle): a positive angle puts it on the negative side.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
+
+import casadi as ca
+
+Expression: TypeAlias = Any  # a casadi.SX, which carries no type information
+
+SPEED_FLOOR = 1e-9
+"""m/s added in quadrature to the speed, so that its derivative exists at rest."""
+
+
+def smooth_sign(rate: Expression, width: float) -> Expression:
+    """tanh(rate / width): the sign with a transition that has derivatives."""
+    return ca.tanh(rate / width)
+
+
+@dataclass(frozen=True)
+class Gripper:
+    """The string's upper end.
+
+    Attributes:
+        time: s since the start of the run.
+        x: measured position along the line, m.
+        v: its velocity, m/s.
+        angle: swing angle, rad.
+        position: (3,) where the string is attached, m.
+        lag: first-order time constant by which the true path trails the measured one, s.
+    """
+
+    time: Expression
+    x: Expression
+    v: Expression
+    angle: Expression
+    position: Expression
+    lag: Expression
+
+    def with_position(self, position: Expression) -> "Gripper":
+        """Attach the string at another point, (3,) m."""
+        return replace(self, position=position)
+
+    def with_lag(self, time_constant: Expression) -> "Gripper":
+        """Let the true path trail the measured one, in s."""
+        return replace(self, lag=self.lag + time_constant)
+
+
+@dataclass(frozen=True)
+class String:
+    """What connects gripper and load.
+
+    Attributes:
+        time: s since the start of the run.
+        angle: rad.
+        rate: rad/s.
+        load_mass: kg.
+        length: pivot to the load's centre, m.
+        torque: sum of the torques about the pivot that act along the angle, N m.
+        mass: of the string, uniform along its length, kg.
+    """
+
+    time: Expression
+    angle: Expression
+    rate: Expression
+    load_mass: Expression
+    length: Expression
+    torque: Expression
+    mass: Expression
+
+    def with_length(self, length: Expression) -> "String":
+        """Another length, m; it may depend on time and angle."""
+        return replace(self, length=length)
+
+    def with_torque(self, torque: Expression) -> "String":
+        """Add a torque about the pivot, N m."""
+        return replace(self, torque=self.torque + torque)
+
+    def with_mass(self, mass: Expression) -> "String":
+        """Add mass spread evenly along the string, kg."""
+        return replace(self, mass=self.mass + mass)
+
+
+@dataclass(frozen=True)
+class Load:
+    """What hangs on the string.
+
+    Attributes:
+        time: s since the start of the run.
+        mass: kg.
+        position: (3,) of its centre, m.
+        velocity: (3,) m/s.
+        angle: rad.
+        rate: rad/s.
+        force: (3,) sum of the forces besides weight and string, N.
+        inertia: about its own centre, turning with the string, kg m^2.
+    """
+
+    time: Expression
+    mass: Expression
+    position: Expression
+    velocity: Expression
+    angle: Expression
+    rate: Expression
+    force: Expression
+    inertia: Expression
+
+    @property
+    def speed(self) -> Expression:
+        """|velocity|, m/s."""
+        return speed(self.velocity)
+
+    def with_force(self, force: Expression) -> "Load":
+        """Add a force on the load, (3,) N."""
+        return replace(self, force=self.force + force)
+
+    def with_inertia(self, inertia: Expression) -> "Load":
+        """Add a moment of inertia about the load's centre, kg m^2."""
+        return replace(self, inertia=self.inertia + inertia)
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """What is measured.
+
+    Attributes:
+        time: s since the start of the run.
+        tension: of the string, N.
+        force: reading of the load cell, N.
+        angle: reading of the angle sensor, rad.
+        rate: reading of the rate sensor, rad/s.
+        lag: first-order time constant of the load cell, s.
+        delay: dead time of the load cell, s.
+    """
+
+    time: Expression
+    tension: Expression
+    force: Expression
+    angle: Expression
+    rate: Expression
+    lag: Expression
+    delay: Expression
+
+    def with_force(self, force: Expression) -> "Sensor":
+        """Let the load cell read `force`, N."""
+        return replace(self, force=force)
+
+    def with_angle(self, angle: Expression) -> "Sensor":
+        """Let the angle sensor read `angle`, rad."""
+        return replace(self, angle=angle)
+
+    def with_lag(self, time_constant: Expression) -> "Sensor":
+        """Let the load cell's reading pass a first-order lag, s."""
+        return replace(self, lag=self.lag + time_constant)
+
+    def with_delay(self, time: Expression) -> "Sensor":
+        """Let the load cell's reading arrive late, s."""
+        return replace(self, delay=self.delay + time)
+
+
+def speed(velocity: Expression) -> Expression:
+    """|velocity| with a derivative at rest, m/s."""
+    return ca.sqrt(ca.sumsqr(velocity) + SPEED_FLOOR**2)
