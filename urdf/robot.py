@@ -1,0 +1,183 @@
+"""A robot as the rest of the house sees it: kinematic model, limits, tool, line."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
+
+from urdf.errors import UrdfError
+
+Array = NDArray[np.float64]
+
+
+def read_only(values: ArrayLike) -> Array:
+    """A copy that nobody can change."""
+    array = np.array(values, dtype=np.float64)
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What each joint may do; every array has shape (n,).
+
+    Attributes:
+        lower: lowest position [rad or m].
+        upper: highest position [rad or m].
+        velocity: largest speed [rad/s or m/s].
+        acceleration: largest acceleration [rad/s^2 or m/s^2].
+        jerk: largest jerk [rad/s^3 or m/s^3].
+        effort: largest torque or force [N m or N].
+    """
+
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+    jerk: Array
+    effort: Array
+
+    def __post_init__(self) -> None:
+        for name in ("lower", "upper", "velocity", "acceleration", "jerk", "effort"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+
+    def margin(self, q: Array) -> Array:
+        """Distance of each joint to its nearer position limit, negative beyond it.
+
+        Args:
+            q: postures (..., n) [rad or m].
+
+        Returns:
+            (..., n) [rad or m].
+        """
+        return np.minimum(q - self.lower, self.upper - q)
+
+
+@dataclass(frozen=True)
+class Line:
+    """The straight path of the tool point, in the robot's base frame: ``origin + s direction``.
+
+    Attributes:
+        origin: where s = 0, (3,) [m].
+        direction: unit vector of growing s, (3,).
+        rotation: orientation of the tool frame all along the line, (3, 3).
+        s_min: first line coordinate [m].
+        s_max: last line coordinate [m].
+        core: the stretch on which speed matters most [m].
+        core_speed: speed asked of the core [m/s].
+    """
+
+    origin: Array
+    direction: Array
+    rotation: Array
+    s_min: float
+    s_max: float
+    core: tuple[float, float]
+    core_speed: float
+
+    def __post_init__(self) -> None:
+        for name in ("origin", "direction", "rotation"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+        if not self.s_min < self.s_max:
+            raise UrdfError(f"line: range [{self.s_min}, {self.s_max}] is empty; give the smaller end first")
+        if abs(np.linalg.norm(self.direction) - 1.0) > 1e-9:
+            raise UrdfError(f"line: direction {self.direction.tolist()} is not a unit vector; divide it by its length")
+
+    def position(self, s: ArrayLike) -> Array:
+        """Targets of the tool point [m]: (3,) for a scalar, (k, 3) for k line coordinates [m]."""
+        return self.origin + np.multiply.outer(np.asarray(s, dtype=np.float64), self.direction)
+
+
+@dataclass(frozen=True)
+class Spring:
+    """Torque that a joint gets from springs, ``sine sin(q) + cosine cos(q)``, which a URDF cannot say.
+
+    Attributes:
+        joint: name of the joint.
+        sine: factor of sin(q) [N m].
+        cosine: factor of cos(q) [N m].
+        enabled: whether the robot's settings count it in.
+        source: where the values come from.
+    """
+
+    joint: str
+    sine: float
+    cosine: float
+    enabled: bool
+    source: str
+
+    def torque(self, q: ArrayLike) -> Array:
+        """Torque [N m] of the spring on the joint at its position q [rad], of the same shape as q."""
+        angle = np.asarray(q, dtype=np.float64)
+        return self.sine * np.sin(angle) + self.cosine * np.cos(angle)
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A validated robot arm; build it with `urdf.load`.
+
+    Attributes:
+        name: short name, such as ``"baxter"``.
+        urdf_path: the file that was read.
+        package_dirs: directories in which ``package://`` names are looked up.
+        urdf_xml: the URDF after mending, as text.
+        srdf_path: the file that lists pairs of links which need no collision check, if there is one.
+        joint_names: the arm's joints from base to tool.
+        model: Pinocchio model of the arm alone; every other joint is locked at its neutral position.
+        tool_frame: frame that carries the tool.
+        tool_offset: tool point (string attachment) in the tool frame, (3,) [m].
+        limits: limits of the arm's joints.
+        home: a posture that picks the arm's branch, (n,) [rad or m].
+        springs: known extra joint torques.
+        collision_exclusions: pairs of links that need no collision check, besides those of the SRDF.
+        limits_source: where acceleration and jerk limits come from.
+        defects: a sentence per defect that was found and what was done about it.
+        fingerprint: sha256 over the mended URDF and the settings.
+        given_line: the line of the settings, if they have one.
+    """
+
+    name: str
+    urdf_path: Path
+    package_dirs: tuple[Path, ...]
+    urdf_xml: str
+    srdf_path: Path | None
+    joint_names: tuple[str, ...]
+    model: pin.Model
+    tool_frame: str
+    tool_offset: Array
+    limits: Limits
+    home: Array
+    springs: tuple[Spring, ...]
+    collision_exclusions: tuple[tuple[str, str], ...]
+    limits_source: str
+    defects: tuple[str, ...]
+    fingerprint: str
+    given_line: Line | None
+
+    def __post_init__(self) -> None:
+        for name in ("tool_offset", "home"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+
+    @property
+    def line(self) -> Line:
+        """The line on which the tool moves.
+
+        Raises:
+            UrdfError: the settings give none.
+        """
+        if self.given_line is None:
+            raise UrdfError(f"robot '{self.name}' has no line yet: find one with 'armdyn ik build --search'")
+        return self.given_line
+
+    @property
+    def tool_frame_id(self) -> int:
+        """Index of the tool frame in the model."""
+        return int(self.model.getFrameId(self.tool_frame))
+
+    def tool_pose(self, q: Array) -> pin.SE3:
+        """Pose of the tool frame at the tool point, in the base frame, at one posture (n,)."""
+        data = self.model.createData()
+        pin.framesForwardKinematics(self.model, data, np.asarray(q, dtype=np.float64))
+        return data.oMf[self.tool_frame_id] * pin.SE3(np.eye(3), self.tool_offset)

@@ -1,0 +1,119 @@
+"""Whether a URDF describes one robot that can be used; a sentence per defect."""
+
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import yourdfpy
+
+from urdf.errors import UrdfError
+from urdf.find import locate_mesh, package_dirs
+
+
+def parse(path: Path) -> ET.Element:
+    """Read a URDF file.
+
+    Raises:
+        UrdfError: there is no such file, it is not XML, or it is not a URDF.
+    """
+    try:
+        root = ET.fromstring(path.read_bytes())
+    except OSError as error:
+        raise UrdfError(f"{path}: cannot be read ({error.strerror}); give the path of a URDF file") from error
+    except ET.ParseError as error:
+        raise UrdfError(f"{path}: not an XML file ({error}); expand xacro files first, with 'xacro'") from error
+    if root.tag != "robot":
+        raise UrdfError(f"{path}: the root element is <{root.tag}>, not <robot>; give a URDF file")
+    return root
+
+
+def check_tree(root: ET.Element, path: Path) -> None:
+    """Check that links and joints form one tree.
+
+    Raises:
+        UrdfError: no links, no moving joints, an unknown link, two parents, several roots or a cycle.
+    """
+    links = [link.get("name", "") for link in root.findall("link")]
+    joints = root.findall("joint")
+    if not links:
+        raise UrdfError(f"{path}: it has no links; give a URDF that describes a robot")
+    if not any(joint.get("type") in ("revolute", "continuous", "prismatic") for joint in joints):
+        raise UrdfError(f"{path}: it has no moving joint; give a URDF with revolute or prismatic joints")
+    for kind, names in (("link", links), ("joint", [joint.get("name", "") for joint in joints])):
+        twice = {name for name in names if names.count(name) > 1}
+        if twice:
+            raise UrdfError(f"{path}: {kind} '{min(twice)}' is defined twice; rename one of them")
+    parent_of: dict[str, tuple[str, str]] = {}
+    for joint in joints:
+        name = joint.get("name", "")
+        ends = [
+            element.get("link", "") if (element := joint.find(end)) is not None else "" for end in ("parent", "child")
+        ]
+        for end in ends:
+            if end not in links:
+                raise UrdfError(f"{path}: joint '{name}' refers to link '{end}', which is not defined; add it")
+        if ends[1] in parent_of:
+            other = parent_of[ends[1]][0]
+            raise UrdfError(f"{path}: link '{ends[1]}' hangs from two joints, '{other}' and '{name}'; keep one")
+        parent_of[ends[1]] = (name, ends[0])
+    for link in links:
+        seen = [link]
+        while seen[-1] in parent_of:
+            seen.append(parent_of[seen[-1]][1])
+            if seen[-1] == link:
+                raise UrdfError(f"{path}: the links form a cycle, {' <- '.join(seen)}; a URDF must be a tree")
+            if len(seen) > len(links):
+                break
+    roots = [link for link in links if link not in parent_of]
+    if len(roots) != 1:
+        raise UrdfError(f"{path}: {len(roots)} links have no parent ({', '.join(roots)}); join them by fixed joints")
+
+
+def check_schema(path: Path) -> list[str]:
+    """What yourdfpy finds wrong with the file: a sentence per defect, none of which stops the robot from being used."""
+    robot = yourdfpy.URDF.load(str(path), load_meshes=False, build_scene_graph=False)
+    robot.validate()
+    return [f"yourdfpy: {error}; left as it is" for error in robot.errors]
+
+
+def check_limits(root: ET.Element, path: Path, joints: tuple[str, ...]) -> None:
+    """Check that every joint of the arm says how far, how fast and how strongly it moves.
+
+    Raises:
+        UrdfError: an unknown joint, or one without usable limits.
+    """
+    by_name = {joint.get("name"): joint for joint in root.findall("joint")}
+    for name in joints:
+        joint = by_name.get(name)
+        if joint is None:
+            raise UrdfError(f"{path}: there is no joint '{name}'; choose among {', '.join(map(str, by_name))}")
+        limit = joint.find("limit")
+        needed = (
+            ("effort", "velocity") if joint.get("type") == "continuous" else ("lower", "upper", "effort", "velocity")
+        )
+        missing = [key for key in needed if limit is None or limit.get(key) is None]
+        if missing:
+            raise UrdfError(f"{path}: joint '{name}' has no limit {', '.join(missing)}; add it to its <limit>")
+        for key in ("effort", "velocity"):
+            if limit is not None and not float(limit.get(key, "0")) > 0:
+                raise UrdfError(f"{path}: joint '{name}' has {key} limit {limit.get(key)}; it must be positive")
+
+
+def find_meshes(root: ET.Element, path: Path) -> tuple[Path, ...]:
+    """The package directories of a URDF, after checking that every mesh is there.
+
+    Relative mesh names are made absolute in place, so that the text can be read from anywhere.
+
+    Raises:
+        UrdfError: a mesh is missing.
+    """
+    meshes = [mesh for mesh in root.iter("mesh") if mesh.get("filename")]
+    uris = [str(mesh.get("filename")) for mesh in meshes]
+    names = {uri.removeprefix("package://").split("/")[0] for uri in uris if uri.startswith("package://")}
+    directories = package_dirs(path, names)
+    for mesh, uri in zip(meshes, uris, strict=True):
+        file = locate_mesh(uri, path, directories)
+        if file is None:
+            raise UrdfError(f"{path}: mesh '{uri}' is missing; install its package or set ROS_PACKAGE_PATH")
+        if "://" not in uri:
+            mesh.set("filename", str(file))
+    return directories
