@@ -31,7 +31,7 @@ class Composition:
         energies: ``(t, position, velocity, gripper, gripper_velocity, phi, rate, theta) -> kinetic, potential`` J.
         forces: same arguments ``-> force (3,) N, torque () N m`` that no potential accounts for.
         readings: ``(t, tension, phi, rate, theta) -> force N, angle rad, rate rad/s``.
-        timing: ``theta -> gripper lag, sensor lag, sensor delay`` s.
+        timing: ``theta -> lag, delay`` of the load cell, s.
     """
 
     names: tuple[str, ...]
@@ -64,7 +64,7 @@ def compose(effects: Sequence[Effect]) -> Composition:
                 stage = item.apply(stage, by_name)
         return stage
 
-    gripper: Gripper = applied(Gripper(t, x, v, phi, ca.vertcat(x, 0, 0), none), "gripper")
+    gripper: Gripper = applied(Gripper(t, x, v, phi, ca.vertcat(x, 0, 0)), "gripper")
     string: String = applied(String(t, phi, rate, mass, by_name["length"], none, none), "string")
     load: Load = applied(Load(t, mass, q, qd, phi, rate, nothing, none), "load")
     sensor: Sensor = applied(Sensor(t, tension, tension, phi, rate, none, none), "sensor")
@@ -84,5 +84,5 @@ def compose(effects: Sequence[Effect]) -> Composition:
         energies=ca.Function("energies", mechanics, [kinetic, potential]),
         forces=ca.Function("forces", mechanics, [load.force, string.torque]),
         readings=ca.Function("readings", [t, tension, phi, rate, theta], [sensor.force, sensor.angle, sensor.rate]),
-        timing=ca.Function("timing", [theta], [gripper.lag, sensor.lag, sensor.delay]),
+        timing=ca.Function("timing", [theta], [sensor.lag, sensor.delay]),
     )

@@ -31,7 +31,6 @@ class Gripper:
         v: its velocity, m/s.
         angle: swing angle, rad.
         position: (3,) where the string is attached, m.
-        lag: first-order time constant by which the true path trails the measured one, s.
     """
 
     time: Expression
@@ -39,15 +38,10 @@ class Gripper:
     v: Expression
     angle: Expression
     position: Expression
-    lag: Expression
 
     def with_position(self, position: Expression) -> "Gripper":
         """Attach the string at another point, (3,) m."""
         return replace(self, position=position)
-
-    def with_lag(self, time_constant: Expression) -> "Gripper":
-        """Let the true path trail the measured one, in s."""
-        return replace(self, lag=self.lag + time_constant)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,99 @@
+"""CasADi functions turned into C once and kept, with CasADi's virtual machine where no compiler exists."""
+
+import hashlib
+import os
+import platform
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+
+from armdyn.cache import cache_directory
+
+# No -ffinite-math-only: a NaN must stay a NaN. No -march=native: the cache may be shared between machines.
+FLAGS = (
+    "-O2", "-fPIC", "-shared", "-w", "-fno-math-errno", "-fno-trapping-math", "-fno-signed-zeros", "-fassociative-math",
+    "-freciprocal-math",
+)  # fmt: skip
+SWITCH = "ARMDYN_COMPILE"
+"""Environment variable: ``0`` keeps to the virtual machine."""
+
+
+@cache
+def compiler() -> str | None:
+    """The C compiler on the path, or None when there is none or ``ARMDYN_COMPILE=0``."""
+    if os.environ.get(SWITCH) == "0":
+        return None
+    return shutil.which(os.environ.get("CC", "cc")) or shutil.which("gcc") or shutil.which("clang")
+
+
+def compiled(name: str, functions: Mapping[str, ca.Function]) -> dict[str, ca.Function]:
+    """The same functions as machine code where a compiler exists, else as they are.
+
+    The library is kept in the cache directory under a hash of its source, so that the compiler runs once per
+    formulation. A failing compiler is no error: the virtual machine gives the same numbers, more slowly.
+
+    Args:
+        name: prefix of the file in the cache, an identifier.
+        functions: by key; each keeps its inputs and outputs.
+    """
+    command = compiler()
+    if command is None:
+        return dict(functions)
+    generator = ca.CodeGenerator(f"{name}.c", {"with_header": False})
+    for key, function in functions.items():
+        generator.add(function if function.name() == key else _renamed(key, function))
+    source = generator.dump()
+    identity = "\n".join((source, command, *FLAGS, platform.machine(), ca.__version__))
+    library = cache_directory() / f"{name}-{hashlib.sha256(identity.encode()).hexdigest()[:20]}.so"
+    if not library.exists() and not _compile(command, source, library):
+        return dict(functions)
+    return {key: ca.external(key, str(library)) for key in functions}
+
+
+def _renamed(key: str, function: ca.Function) -> ca.Function:
+    inputs = [function.mx_in(i) for i in range(function.n_in())]
+    return ca.Function(key, inputs, function.call(inputs), function.name_in(), function.name_out())
+
+
+def _compile(command: str, source: str, library: Path) -> bool:
+    with tempfile.TemporaryDirectory(dir=library.parent) as scratch:
+        code, product = Path(scratch, "code.c"), Path(scratch, "code.so")
+        code.write_text(source)
+        result = subprocess.run([command, *FLAGS, str(code), "-o", str(product), "-lm"], capture_output=True, check=False)
+        if result.returncode != 0:
+            return False
+        product.replace(library)
+    return True
+
+
+class Buffered:
+    """A CasADi function on preallocated arrays: one call costs well under a microsecond beyond the arithmetic.
+
+    Inputs and outputs must be dense; they are (rows, columns), column-major. The outputs are overwritten by the next call; copy what is kept.
+    """
+
+    def __init__(self, function: ca.Function) -> None:
+        self.name = function.name()
+        self._buffer, self._evaluate = function.buffer()
+        inputs = [np.zeros(function.numel_in(i)) for i in range(function.n_in())]
+        outputs = [np.zeros(function.numel_out(i)) for i in range(function.n_out())]
+        for i, flat in enumerate(inputs):
+            self._buffer.set_arg(i, memoryview(flat))
+        for i, flat in enumerate(outputs):
+            self._buffer.set_res(i, memoryview(flat))
+        self.inputs = tuple(flat.reshape(function.size_in(i), order="F") for i, flat in enumerate(inputs))
+        self.outputs = tuple(flat.reshape(function.size_out(i), order="F") for i, flat in enumerate(outputs))
+
+    def __call__(self, *arguments: object) -> tuple[np.ndarray, ...]:
+        """Copy the arguments in, evaluate, and return the output arrays."""
+        for array, argument in zip(self.inputs, arguments, strict=True):
+            given = np.asarray(argument, dtype=float)
+            array[...] = given.reshape(array.shape, order="F") if given.shape != array.shape else given
+        self._evaluate()
+        return self.outputs

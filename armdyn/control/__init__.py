@@ -1,0 +1,1 @@
+"""Motions: one that informs (sequential action control), one that does the task (projection-based optimisation)."""

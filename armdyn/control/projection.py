@@ -1,0 +1,256 @@
+r"""Projection-based trajectory optimisation of a discrete system with one control.
+
+A curve is made a trajectory by feedback (the projection), the descent direction is the solution of a linear-quadratic
+problem along it, and the step is projected again:
+
+    P(xi): u_k = mu_k - K_k (s_k - alpha_k),  s_{k+1} = f(s_k, u_k);      zeta = argmin Dg zeta + 1/2 D2g(zeta, zeta).
+
+With the cost's own Hessian (Gauss-Newton at the end point) it is a quasi-Newton step; with the costate-weighted
+curvature of f added it is Newton's. It stops when the derivative of the cost along the direction is below `tolerance`.
+(Hauser, IFAC 2002; discrete: Schultz, Johnson & Murphey, IEEE CASE 2015.)
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import perf_counter
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from armdyn.codegen import Buffered, compiled
+from armdyn.errors import TaskFailedError
+
+QUASI_NEWTON_FIRST = 2
+"""Newton from a stationary guess can land on a stationary point that does not swing; two such steps lead away."""
+ARMIJO = 1e-4
+SHORTEST_STEP = 2.0**-20
+
+
+@dataclass(frozen=True)
+class DiscreteProblem:
+    """Symbolic pieces of ``sum_k l(s_k, u_k) + m(s_N)`` subject to ``s_{k+1} = f(s_k, u_k)``.
+
+    The last argument p holds every number that may change between solves.
+
+    Attributes:
+        name: identifier, used for the cache of compiled code.
+        states: n.
+        parameters: number of entries of p.
+        step: ``(s, u, t, p) -> s_next``.
+        linearised: ``(s, u, t, p, s_next) -> A (n, n), B (n,)``.
+        curvature: ``(s, u, t, p, s_next, costate) -> (n+1, n+1)``.
+        running: ``(s, u, t, p) -> ()``, with a positive second derivative in u.
+        terminal: ``(s, t, p) -> ()``.
+        terminal_residual: ``(s, t, p) -> (m,)`` with terminal = |residual|^2 / 2.
+    """
+
+    name: str
+    states: int
+    parameters: int
+    step: ca.Function
+    linearised: ca.Function
+    curvature: ca.Function
+    running: ca.Function
+    terminal_residual: ca.Function
+
+
+class Iteration(NamedTuple):
+    """One step of the optimiser."""
+
+    cost: float
+    cost_derivative: float
+    step_size: float
+    kind: str
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A locally optimal trajectory.
+
+    Attributes:
+        states: (n, N+1).
+        controls: (N,).
+        cost: value of the cost.
+        cost_derivative: along the last direction; its magnitude is below the tolerance.
+        iterations: what happened, one entry per step.
+        seconds: spent solving.
+    """
+
+    states: np.ndarray
+    controls: np.ndarray
+    cost: float
+    cost_derivative: float
+    iterations: tuple[Iteration, ...]
+    seconds: float
+
+
+class ProjectionOptimizer:
+    """Solves one `DiscreteProblem` over a fixed number of steps; build it once, solve often."""
+
+    def __init__(self, problem: DiscreteProblem, steps: int) -> None:
+        self.problem, self.steps = problem, steps
+        built = compiled(
+            f"projection_{problem.name}",
+            {"project": _projection(problem, steps), "backward": _backward(problem, steps), "forward": _forward(problem.states, steps)},
+        )
+        self._project, self._backward, self._forward = (Buffered(built[k]) for k in ("project", "backward", "forward"))
+
+    def solve(
+        self,
+        initial: np.ndarray,
+        times: np.ndarray,
+        parameters: np.ndarray,
+        guess: np.ndarray | None = None,
+        *,
+        tolerance: float = 1e-6,
+        most_iterations: int = 60,
+        report: Callable[[Iteration], None] | None = None,
+    ) -> Solution:
+        """Descend from the trajectory that `guess` makes.
+
+        Args:
+            initial: (n,) state at step 0.
+            times: (N+1,) node times, s.
+            parameters: p of the problem.
+            guess: (N,) controls; zero when not given.
+            tolerance: bound on the magnitude of the cost's derivative along the descent direction.
+            most_iterations: after these it counts as not converged.
+            report: called after every step.
+
+        Raises:
+            TaskFailedError: no convergence, or the dynamics left the finite numbers.
+        """
+        started = perf_counter()
+        n, N = self.problem.states, self.steps
+        node_times, end_time = np.asarray(times)[None, :N], float(times[N])
+        controls = np.zeros((1, N)) if guess is None else np.asarray(guess, dtype=float).reshape(1, N)
+        states = np.tile(np.asarray(initial, dtype=float)[:, None], (1, N + 1))
+        gains = np.zeros((n, N))
+        feedback = (initial, node_times, end_time, parameters)
+
+        states, controls, cost = self._projected(states, controls, gains, *feedback)
+        history: list[Iteration] = []
+        newton = False
+        while len(history) < most_iterations:
+            newton = len(history) >= QUASI_NEWTON_FIRST
+            gains, ahead, least_curvature, slope, jacobians, inputs = self._directions(states, controls, newton, *feedback)
+            if newton and not (least_curvature > 0 and np.isfinite(slope)):
+                newton = False
+                gains, ahead, least_curvature, slope, jacobians, inputs = self._directions(
+                    states, controls, newton, *feedback
+                )
+            if not np.isfinite(slope):
+                raise TaskFailedError("the plan left the finite numbers: check the length, the mass and the horizon")
+            if -slope < tolerance:
+                return Solution(states, controls[0], cost, slope, tuple(history), perf_counter() - started)
+            dz, dv = (a.copy() for a in self._forward(jacobians, inputs, gains, ahead))
+            size, trial = 1.0, None
+            while size >= SHORTEST_STEP:
+                trial = self._projected(states + size * dz, controls + size * dv, gains, *feedback)
+                if np.isfinite(trial[2]) and trial[2] <= cost + ARMIJO * size * slope:
+                    break
+                size /= 2
+            else:
+                raise TaskFailedError(
+                    f"the optimiser stalled at a cost derivative of {slope:.1e} after {len(history)} steps: "
+                    "the target may be out of reach"
+                )
+            states, controls, cost = trial
+            history.append(Iteration(cost, slope, size, "newton" if newton else "quasi-newton"))
+            if report is not None:
+                report(history[-1])
+        raise TaskFailedError(f"the optimiser did not converge in {most_iterations} steps (cost derivative {slope:.1e})")
+
+    def _projected(
+        self, states: np.ndarray, controls: np.ndarray, gains: np.ndarray,
+        initial: np.ndarray, times: np.ndarray, end: float, parameters: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, float]:  # fmt: skip
+        x, u, cost = self._project(initial, states[:, :-1], controls, gains, times, end, parameters)
+        return np.hstack([np.asarray(initial, dtype=float)[:, None], x]), u.copy(), float(cost[0, 0])
+
+    def _directions(
+        self, states: np.ndarray, controls: np.ndarray, newton: bool,
+        initial: np.ndarray, times: np.ndarray, end: float, parameters: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, float, float, np.ndarray, np.ndarray]:  # fmt: skip
+        K, k, H, A, B = self._backward(states, controls, times, end, parameters, float(newton))
+        slope = -float(np.sum(k * k * H))
+        return K.copy(), k.copy(), float(H.min()), slope, A.copy(), B.copy()
+
+
+def _projection(problem: DiscreteProblem, steps: int) -> ca.Function:
+    n, m = problem.states, problem.parameters
+    s, cost, alpha, mu, K, t, p = (
+        ca.SX.sym(name, *shape)
+        for name, shape in (
+            ("s", (n,)), ("J", ()), ("alpha", (n,)), ("mu", ()), ("K", (n,)), ("t", ()), ("p", (m,)),
+        )
+    )  # fmt: skip
+    u = mu - ca.dot(K, s - alpha)
+    following = problem.step(s, u, t, p)
+    stage = ca.Function("stage", [s, cost, alpha, mu, K, t, p], [following, cost + problem.running(s, u, t, p), u])
+    over = stage.mapaccum("over", steps, 2)
+    s0, te, P = ca.MX.sym("s0", n), ca.MX.sym("te"), ca.MX.sym("p", m)
+    curves = [ca.MX.sym("alpha", n, steps), ca.MX.sym("mu", 1, steps), ca.MX.sym("K", n, steps), ca.MX.sym("t", 1, steps)]
+    X, J, U = over(s0, 0, *curves, ca.repmat(P, 1, steps))
+    residual = problem.terminal_residual(X[:, -1], te, P)
+    return ca.Function("project", [s0, *curves, te, P], [X, U, J[-1] + ca.sumsqr(residual) / 2])
+
+
+def _backward(problem: DiscreteProblem, steps: int) -> ca.Function:
+    """Riccati recursion: gain K, feed-forward k and curvature H of the control at every node."""
+    n, m = problem.states, problem.parameters
+    V, r = ca.SX.sym("V", n, n), ca.SX.sym("r", n)
+    s, u, following = ca.SX.sym("s", n), ca.SX.sym("u"), ca.SX.sym("s_next", n)
+    t, p, newton = ca.SX.sym("t"), ca.SX.sym("p", m), ca.SX.sym("newton")
+    z = ca.vertcat(s, u)
+    A, B = problem.linearised(s, u, t, p, following)
+    second, gradient = ca.hessian(problem.running(s, u, t, p), z)
+    second = second + newton * problem.curvature(s, u, t, p, following, r)
+    VA, VB = V @ A, V @ B
+    H = second[n, n] + ca.dot(B, VB)
+    slope = gradient[n] + ca.dot(B, r)
+    K = (second[n, :n].T + VA.T @ B) / H
+    k = slope / H
+    V_before = second[:n, :n] + A.T @ VA - H * K @ K.T
+    r_before = gradient[:n] + A.T @ r - K * slope
+    stage = ca.Function(
+        "riccati",
+        [V, r, s, u, following, t, p, newton],
+        [ca.densify((V_before + V_before.T) / 2), ca.densify(r_before), K, k, H, ca.densify(A), ca.densify(B)],
+    )
+    over = stage.mapaccum("over", steps, 2)
+
+    se, te = ca.SX.sym("s", n), ca.SX.sym("t")
+    residual = problem.terminal_residual(se, te, p)
+    slope_of_residual = ca.jacobian(residual, se)
+    exact, end_gradient = ca.hessian(ca.sumsqr(residual) / 2, se)
+    gauss_newton = slope_of_residual.T @ slope_of_residual
+    terminal = ca.Function(
+        "terminal", [se, te, p, newton], [ca.densify(gauss_newton + newton * (exact - gauss_newton)), ca.densify(end_gradient)]
+    )
+
+    X, U, T = ca.MX.sym("X", n, steps + 1), ca.MX.sym("U", 1, steps), ca.MX.sym("t", 1, steps)
+    end, P, flag = ca.MX.sym("te"), ca.MX.sym("p", m), ca.MX.sym("newton")
+    V_end, r_end = terminal(X[:, -1], end, P, flag)
+    back = ca.Slice(steps - 1, -(steps + 1), -1)
+    outputs = over(
+        V_end, r_end, X[:, :steps][:, back], U[:, back], X[:, 1:][:, back], T[:, back],
+        ca.repmat(P, 1, steps), ca.repmat(flag, 1, steps),
+    )[2:]  # fmt: skip
+    K, k, H = (output[:, back] for output in outputs[:3])
+    return ca.Function("backward", [X, U, T, end, P, flag], [K, k, H, outputs[3], outputs[4]])
+
+
+def _forward(n: int, steps: int) -> ca.Function:
+    """Solution of the linear-quadratic problem; the Jacobians come in the order of the backward pass."""
+    dz, A, B = ca.SX.sym("dz", n), ca.SX.sym("A", n, n), ca.SX.sym("B", n)
+    K, k = ca.SX.sym("K", n), ca.SX.sym("k")
+    dv = -k - ca.dot(K, dz)
+    over = ca.Function("linear", [dz, A, B, K, k], [ca.densify(A @ dz + B * dv), dz, dv]).mapaccum("over", steps)
+    As, Bs = ca.MX.sym("A", n, n * steps), ca.MX.sym("B", n, steps)
+    Ks, ks = ca.MX.sym("K", n, steps), ca.MX.sym("k", 1, steps)
+    blocks = ca.horzcat(*ca.horzsplit(As, n)[::-1])
+    back = ca.Slice(steps - 1, -(steps + 1), -1)
+    Z, before, dV = over(ca.MX.zeros(n), blocks, Bs[:, back], Ks, ks)
+    return ca.Function("forward", [As, Bs, Ks, ks], [ca.horzcat(before, Z[:, -1]), dV])

@@ -1,0 +1,160 @@
+"""The task: swing the load to a point with a wanted velocity, by moving the gripper along its line."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from armdyn.control.projection import DiscreteProblem, ProjectionOptimizer, Solution
+from armdyn.errors import InputError
+from armdyn.pendulum.model import PendulumModel
+from armdyn.pendulum.variational import STATE_SIZE, VariationalStep
+
+COST_NAMES = ("x", "z", "vx", "vz", "w_x", "w_z", "w_vx", "w_vz", "w_control", "w_travel")
+
+
+@dataclass(frozen=True)
+class TaskCost:
+    """1/2 |position - target|_P^2 + 1/2 |velocity|_Q^2 at the end + dt/2 sum (R a^2 + W x_gripper^2).
+
+    Attributes:
+        target: (x, z) of the load relative to the gripper's start, z up, m.
+        target_velocity: (x, z) m/s.
+        position_weights: (x, z) 1/m^2.
+        velocity_weights: (x, z) s^2/m^2.
+        control_weight: R, s^3/m^2, > 0.
+        travel_weight: W, 1/(m^2 s); keeps the gripper near the middle of its line.
+    """
+
+    target: tuple[float, float]
+    target_velocity: tuple[float, float] = (0.0, 0.0)
+    position_weights: tuple[float, float] = (1000.0, 1000.0)
+    velocity_weights: tuple[float, float] = (100.0, 100.0)
+    control_weight: float = 0.1
+    travel_weight: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not np.all(np.isfinite(self.vector())):
+            raise InputError("a task cost has an entry that is not a number: give finite targets and weights")
+        if self.control_weight <= 0:
+            raise InputError(f"control weight {self.control_weight:g}: it must be positive, or the plan is not unique")
+
+    def vector(self) -> np.ndarray:
+        """(10,) in the order of `COST_NAMES`."""
+        return np.array(
+            [
+                *self.target, *self.target_velocity, *self.position_weights, *self.velocity_weights,
+                self.control_weight, self.travel_weight,
+            ]
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class SwingState:
+    """Where a swing starts: the gripper (m, m/s) and the string (rad, rad/s)."""
+
+    x: float = 0.0
+    v: float = 0.0
+    angle: float = 0.0
+    rate: float = 0.0
+
+
+@dataclass(frozen=True)
+class SwingPlan:
+    """A planned swing, one entry per node.
+
+    Attributes:
+        time: (N+1,) s.
+        x: (N+1,) gripper, m.
+        v: (N+1,) gripper, m/s, over the interval that ends at the node.
+        a: (N+1,) gripper, m/s^2, the last repeated.
+        angle: (N+1,) rad.
+        rate: (N+1,) rad/s.
+        tension: (N,) N at each node but the last.
+        load: (N+1, 2) x and z of the load, m; z is measured from the gripper's line.
+        solution: how it was found.
+    """
+
+    time: np.ndarray
+    x: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    angle: np.ndarray
+    rate: np.ndarray
+    tension: np.ndarray
+    load: np.ndarray
+    solution: Solution
+
+
+class TaskPlanner:
+    """Plans swings of one composed model; the formulation is built once, lengths and targets may change freely."""
+
+    def __init__(self, model: PendulumModel, steps: int = 500, dt: float = 0.01) -> None:
+        if steps < 2 or not dt > 0:
+            raise InputError(f"{steps} steps of {dt:g} s: a plan needs two steps or more and a positive step")
+        self.steps, self.dt = steps, dt
+        self._names = model.physics_names
+        self._variational = model.variational()
+        self._optimizer = _optimizer(self._variational, model.formulation, steps)
+        self._tension = self._variational.tension.map(steps)
+        self._load = self._variational.load.map(steps + 1)
+
+    def plan(
+        self, model: PendulumModel, cost: TaskCost, start: SwingState | None = None, *, guess: np.ndarray | None = None,
+        tolerance: float = 1e-6,
+    ) -> SwingPlan:  # fmt: skip
+        """The swing of least cost from `start` (at rest when not given).
+
+        Raises:
+            InputError: the model has other effects than the one that the planner was built for.
+            TaskFailedError: the optimiser did not converge.
+        """
+        if model.physics_names != self._names:
+            raise InputError("this planner was built for a model with other effects: build a new one")
+        start = start or SwingState()
+        theta = model.physics_theta()
+        time = self.dt * np.arange(self.steps + 1)
+        initial = np.array([start.x, start.v, start.angle, start.rate])
+        parameters = np.concatenate([theta, cost.vector(), [self.dt]])
+        solution = self._optimizer.solve(initial, time, parameters, guess, tolerance=tolerance)
+        s, u = solution.states, solution.controls
+        parameter_columns = np.tile(theta[:, None], (1, self.steps + 1))
+        step = np.full((1, self.steps + 1), self.dt)
+        N = self.steps
+        tension = self._tension(s[:, :-1], u[None], time[None, :-1], step[:, :N], parameter_columns[:, :N], s[:, 1:])
+        load, _ = self._load(s, time[None], step, parameter_columns)
+        return SwingPlan(
+            time=time, x=s[0].copy(), v=s[1].copy(), a=np.append(u, u[-1]), angle=s[2].copy(), rate=s[3].copy(),
+            tension=np.asarray(tension).ravel(), load=np.asarray(load)[[0, 2]].T.copy(), solution=solution,
+        )  # fmt: skip
+
+
+@lru_cache(maxsize=8)
+def _optimizer(variational: VariationalStep, formulation: str, steps: int) -> ProjectionOptimizer:
+    return ProjectionOptimizer(task_problem(variational, formulation), steps)
+
+
+def task_problem(variational: VariationalStep, name: str) -> DiscreteProblem:
+    """The task on a variational model; p = (theta, cost in the order of `COST_NAMES`, dt)."""
+    thetas = len(variational.names)
+    size = thetas + len(COST_NAMES) + 1
+    s, u, t, p = ca.SX.sym("s", STATE_SIZE), ca.SX.sym("u"), ca.SX.sym("t"), ca.SX.sym("p", size)
+    following, costate = ca.SX.sym("s_next", STATE_SIZE), ca.SX.sym("costate", STATE_SIZE)
+    theta, dt = p[:thetas], p[size - 1]
+    c = dict(zip(COST_NAMES, ca.vertsplit(p[thetas : size - 1]), strict=True))
+    position, velocity = variational.load(s, t, dt, theta)
+    error = ca.vertcat(position[0] - c["x"], position[2] - c["z"], velocity[0] - c["vx"], velocity[2] - c["vz"])
+    weights = ca.vertcat(c["w_x"], c["w_z"], c["w_vx"], c["w_vz"])
+    effort = dt / 2 * (c["w_control"] * u**2 + c["w_travel"] * s[0] ** 2)
+    at = (s, u, t, dt, theta)
+    return DiscreteProblem(
+        name=f"swing_{name}",
+        states=STATE_SIZE,
+        parameters=size,
+        step=ca.Function("f", [s, u, t, p], [variational.step(*at)]),
+        linearised=ca.Function("df", [s, u, t, p, following], variational.linearised(*at, following)),
+        curvature=ca.Function("d2f", [s, u, t, p, following, costate], [variational.curvature(*at, following, costate)]),
+        running=ca.Function("running", [s, u, t, p], [effort]),
+        terminal_residual=ca.Function("end", [s, t, p], [ca.sqrt(weights) * error]),
+    )

@@ -1,0 +1,123 @@
+"""A model: a base, effects, parameters. Never changed in place."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Self
+
+import numpy as np
+
+from armdyn.effects.effect import Effect
+from armdyn.errors import InputError, UnknownNameError
+from armdyn.parameter import Parameter, Prior
+from armdyn.run import Run
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What a model says about one run, all channels one after another.
+
+    Attributes:
+        channels: names in the order of the blocks.
+        slices: where each channel's samples are.
+        time: (n,) s.
+        values: (n,) in the channels' units.
+        sensitivities: (n, p) exact derivatives with respect to the parameters, in the order of `Model.names`.
+    """
+
+    channels: tuple[str, ...]
+    slices: Mapping[str, slice]
+    time: np.ndarray
+    values: np.ndarray
+    sensitivities: np.ndarray
+
+
+@dataclass(frozen=True)
+class Model(ABC):
+    """Base class of `PendulumModel` and `ArmModel`.
+
+    Attributes:
+        effects: in the order in which they were added.
+        parameters: by name, of the base first, then of the effects; `names` gives the order used in every vector.
+    """
+
+    effects: tuple[Effect, ...]
+    parameters: Mapping[str, Parameter]
+
+    base = ""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters, in the order of every parameter vector."""
+        return tuple(self.parameters)
+
+    def value(self, name: str) -> float:
+        """Present value of a parameter, in its unit."""
+        return self._parameter(name).value
+
+    def theta(self) -> np.ndarray:
+        """(p,) present values in the order of `names`."""
+        return np.array([p.value for p in self.parameters.values()])
+
+    def with_effect(self, effect: Effect) -> Self:
+        """The model with one effect more, at its null value, where it changes nothing.
+
+        Raises:
+            InputError: the model has it already.
+        """
+        if any(e.name == effect.name for e in self.effects):
+            raise InputError(f"the model already has the effect '{effect.name}'")
+        added = {p.name: p for p in effect.parameters()}
+        return replace(
+            self, effects=(*self.effects, effect), parameters=MappingProxyType({**self.parameters, **added})
+        )
+
+    def without_effect(self, name: str) -> Self:
+        """The model with one effect less.
+
+        Raises:
+            UnknownNameError: the model does not have it.
+        """
+        if all(e.name != name for e in self.effects):
+            raise UnknownNameError("effect of this model", name, [e.name for e in self.effects])
+        kept = {k: p for k, p in self.parameters.items() if not k.startswith(f"{name}.")}
+        return replace(
+            self, effects=tuple(e for e in self.effects if e.name != name), parameters=MappingProxyType(kept)
+        )
+
+    def with_values(self, values: Mapping[str, float]) -> Self:
+        """The model with other parameter values (in their units); standard deviations are forgotten."""
+        return self.with_parameters({name: self._parameter(name).with_value(v) for name, v in values.items()})
+
+    def with_parameters(self, changed: Mapping[str, Parameter]) -> Self:
+        """The model with some parameters replaced."""
+        for name in changed:
+            self._parameter(name)
+        return replace(self, parameters=MappingProxyType({**self.parameters, **changed}))
+
+    def with_prior(self, name: str, mean: float, std: float) -> Self:
+        """The model with knowledge of a parameter from outside the data: mean and standard deviation in its unit."""
+        known = replace(self._parameter(name), prior=Prior(mean, std), value=mean)
+        return self.with_parameters({name: known})
+
+    def with_fixed(self, *names: str) -> Self:
+        """The model with these parameters held at their present values by every fit."""
+        return self.with_parameters({name: replace(self._parameter(name), fitted=False) for name in names})
+
+    def _parameter(self, name: str) -> Parameter:
+        if name not in self.parameters:
+            raise UnknownNameError("parameter", name, self.names)
+        return self.parameters[name]
+
+    @abstractmethod
+    def predict(self, run: Run, theta: np.ndarray) -> Prediction:
+        """What the model says about a run.
+
+        Args:
+            run: a recording; the channels that both it and the model have are predicted.
+            theta: (p,) parameter values for this run, in the order of `names`.
+
+        Raises:
+            InputError: the run has no channel that this model predicts.
+        """

@@ -1,0 +1,195 @@
+"""The pendulum as a model: what a load cell and an angle sensor should have read in a run."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from types import MappingProxyType
+
+import casadi as ca
+import numpy as np
+
+from armdyn.effects.effect import Effect
+from armdyn.errors import InputError
+from armdyn.model import Model, Prediction
+from armdyn.parameter import Parameter
+from armdyn.pendulum.composition import compose
+from armdyn.pendulum.dynamics import OUTPUTS, Dynamics, TensionFormula, derive_dynamics
+from armdyn.pendulum.path import GripperPath, fixed_path, smoothed_path
+from armdyn.pendulum.readout import lagged, sampled
+from armdyn.pendulum.simulate import Rollout, Simulator
+from armdyn.pendulum.variational import VariationalStep, derive_variational
+from armdyn.run import Run
+
+FINEST_GRID, COARSEST_GRID = 0.005, 0.01
+"""s; at 0.01 s a Runge-Kutta step of a 0.15 m pendulum is exact to 1e-7."""
+INITIAL = ("initial_angle", "initial_rate")
+
+
+@dataclass(frozen=True)
+class PendulumModel(Model):
+    """A load on a string below a moving gripper.
+
+    Attributes:
+        tension: ``"exact"``, or ``"printed"`` for the formula in the paper, which is wrong.
+    """
+
+    tension: TensionFormula = "exact"
+
+    base = "pendulum"
+
+    @cached_property
+    def physics_names(self) -> tuple[str, ...]:
+        """Parameters of the equations of motion and of the sensors, in the order of theta there."""
+        return self._formulation.names
+
+    @property
+    def formulation(self) -> str:
+        """Identifier of the equations: two models that share it differ in numbers only."""
+        return "_".join([self.tension, *(e.name for e in self.effects)])
+
+    def physics_theta(self) -> np.ndarray:
+        """(p,) present values in the order of `physics_names`."""
+        return np.array([self.parameters[name].value for name in self.physics_names])
+
+    def dynamics(self) -> Dynamics:
+        """Continuous equations, for simulation and for sequential action control."""
+        return self._formulation.dynamics
+
+    def variational(self) -> VariationalStep:
+        """Discrete variational equations, for planning."""
+        return _variational(self.effects)
+
+    def rollout(self, path: GripperPath, theta: np.ndarray) -> Rollout:
+        """Simulate along a gripper path; `theta` (p,) in the order of `names`."""
+        values = dict(zip(self.names, theta, strict=True))
+        physics = np.array([values[name] for name in self.physics_names])
+        return self._formulation.simulator.rollout(path, physics, values["initial_angle"], values["initial_rate"])
+
+    def predict(self, run: Run, theta: np.ndarray) -> Prediction:
+        """See `Model.predict`; predicted are load_force, swing_angle and swing_rate."""
+        channels = tuple(name for name in OUTPUTS if name in run.channels)
+        if not channels:
+            raise InputError(f"{run.name}: holds none of {', '.join(OUTPUTS)}, so there is nothing to compare")
+        path = run_path(run)
+        rollout = self.rollout(path, theta)
+        columns = [(*self.physics_names, *INITIAL).index(name) for name in self.names]
+        physics = theta[[self.names.index(name) for name in self.physics_names]]
+        blocks, slices, stamps, first = [], {}, [], 0
+        for name in channels:
+            row = OUTPUTS.index(name)
+            time = run.channels[name].time
+            signal = np.column_stack([rollout.outputs[:, row], rollout.sensitivities[:, row]])
+            if name == "load_force":
+                block = self._read_force(signal, time, path, physics)
+            else:
+                block = sampled(signal, (time - path.start) / path.dt)[0]
+            blocks.append(block)
+            stamps.append(time)
+            slices[name] = slice(first, first + len(time))
+            first += len(time)
+        joined = np.concatenate(blocks)
+        return Prediction(channels, slices, np.concatenate(stamps), joined[:, 0], joined[:, 1:][:, columns])
+
+    def _read_force(self, signal: np.ndarray, time: np.ndarray, path: GripperPath, physics: np.ndarray) -> np.ndarray:
+        """(n, 1 + p) of the load cell: signal and derivatives through lag and delay, to the sample times."""
+        if not self._formulation.late:
+            return sampled(signal, (time - path.start) / path.dt)[0]
+        timing, derivative = (np.asarray(a) for a in self._formulation.timing(physics))
+        lag, delay = timing.ravel()
+        signal, per_lag = lagged(signal, float(lag), path.dt)
+        count = len(physics)
+        signal[:, 1 : 1 + count] += np.outer(per_lag, derivative[0])
+        block, per_step = sampled(signal, (time - delay - path.start) / path.dt)
+        block[:, 1 : 1 + count] -= np.outer(per_step / path.dt, derivative[1])
+        return block
+
+    @property
+    def _formulation(self) -> "_Formulation":
+        return _formulation(self.effects, self.tension, self.formulation)
+
+
+@dataclass(frozen=True)
+class _Formulation:
+    """What is derived and compiled once per set of effects."""
+
+    names: tuple[str, ...]
+    dynamics: Dynamics
+    simulator: Simulator
+    timing: ca.Function
+    late: bool
+
+
+@lru_cache(maxsize=64)
+def _formulation(effects: tuple[Effect, ...], tension: TensionFormula, name: str) -> _Formulation:
+    dynamics = derive_dynamics(compose(effects), tension)
+    theta = ca.SX.sym("theta", len(dynamics.names))
+    timing = ca.vertcat(*dynamics.timing(theta))
+    derivative = ca.densify(ca.jacobian(timing, theta))
+    return _Formulation(
+        names=dynamics.names,
+        dynamics=dynamics,
+        simulator=Simulator(dynamics, name),
+        timing=ca.Function("timing", [theta], [ca.densify(timing), derivative]),
+        late=bool(ca.depends_on(timing, theta)),
+    )
+
+
+@lru_cache(maxsize=64)
+def _variational(effects: tuple[Effect, ...]) -> VariationalStep:
+    return derive_variational(compose(effects))
+
+
+@lru_cache(maxsize=64)
+def run_path(run: Run) -> GripperPath:
+    """The gripper's path in a run: smoothed where only positions were measured, at rest where there is no gripper."""
+    ends = [(c.time[0], c.time[-1]) for name, c in run.channels.items() if name in OUTPUTS or name == "gripper_x"]
+    start, end = min(e[0] for e in ends), max(e[1] for e in ends)
+    if "gripper_x" not in run.channels:
+        interval = min(float(np.median(np.diff(run.channels[n].time))) for n in OUTPUTS if n in run.channels)
+        return fixed_path(start, end, float(np.clip(interval, FINEST_GRID, COARSEST_GRID)))
+    x = run.channels["gripper_x"]
+    dt = float(np.clip(np.median(np.diff(x.time)), FINEST_GRID, COARSEST_GRID))
+    path = smoothed_path(x.time, x.value, run.noise.get("gripper_x", noise_of(x.value)), dt)
+    given = [run.channels[n] for n in ("gripper_v", "gripper_a") if n in run.channels]
+    if len(given) < 2:
+        return path
+    grid = path.start + dt * np.arange(len(path.x))
+    v, a = (np.interp(grid, c.time, c.value) for c in given)
+    return GripperPath(path.start, dt, path.x, v, a)
+
+
+def noise_of(x: np.ndarray) -> float:
+    """Standard deviation of white noise on smooth samples, from third differences (each has variance 20 sigma^2)."""
+    if len(x) < 5:
+        return 0.0
+    return float(np.sqrt(np.mean(np.diff(x, 3) ** 2) / 20.0))
+
+
+def pendulum_model(
+    length: float, mass: float, effects: Iterable[Effect] = (), *, tension: TensionFormula = "exact"
+) -> PendulumModel:
+    """A pendulum with effects at their null values.
+
+    Args:
+        length: pivot to the load's centre, m.
+        mass: of the load, kg.
+        effects: to start with.
+        tension: see `PendulumModel`.
+
+    Raises:
+        InputError: a length or mass that no pendulum has.
+    """
+    base = (
+        Parameter("length", "m", length, 0.3, null=length, lower=0.02, upper=5.0, source="pivot to the load's centre"),
+        Parameter("mass", "kg", mass, 0.1, null=mass, lower=1e-4, upper=50.0, source="of the load"),
+        Parameter("initial_angle", "rad", 0.0, 0.1, lower=-3.2, upper=3.2, scope="per_run"),
+        Parameter(
+            "initial_rate", "rad/s", 0.0, 0.5, lower=-30.0, upper=30.0, scope="per_run",
+            source="swing rate seen from rest in space: phi' - (v/l) cos(phi)",
+        ),
+    )  # fmt: skip
+    empty: Mapping[str, Parameter] = MappingProxyType({p.name: p for p in base})
+    model = PendulumModel(effects=(), parameters=empty, tension=tension)
+    for item in effects:
+        model = model.with_effect(item)
+    return model

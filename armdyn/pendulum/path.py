@@ -1,0 +1,122 @@
+"""The gripper's path from noisy positions: smoothed with a known noise, differentiated without phase shift."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solveh_banded
+
+from armdyn.errors import InputError
+
+ORDER = 4
+"""Order of the differences that are penalised: piecewise-constant jerk costs nothing at the limit."""
+SEARCH = np.logspace(-2, 10, 25)
+"""Smoothing strengths that are tried, in samples^8; neighbours are a factor of 3.2 apart."""
+
+
+@dataclass(frozen=True)
+class GripperPath:
+    """The gripper along its line on a uniform grid.
+
+    Attributes:
+        start: time of the first node, s.
+        dt: grid step, s.
+        x: (K,) m.
+        v: (K,) m/s.
+        a: (K,) m/s^2.
+    """
+
+    start: float
+    dt: float
+    x: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+
+    def inputs(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows t, x, v, a at the nodes (4, K) and halfway between them (4, K-1), by quintic Hermite interpolation."""
+        t = self.start + self.dt * np.arange(len(self.x))
+        nodes = np.vstack([t, self.x, self.v, self.a])
+        x0, x1, v0, v1, a0, a1 = self.x[:-1], self.x[1:], self.v[:-1], self.v[1:], self.a[:-1], self.a[1:]
+        h = self.dt
+        middle = np.vstack(
+            [
+                (t[:-1] + t[1:]) / 2,
+                (x0 + x1) / 2 + h * (v0 - v1) * 5 / 32 + h**2 * (a0 + a1) / 64,
+                15 / 8 * (x1 - x0) / h - 7 / 16 * (v0 + v1) + h * (a1 - a0) / 32,
+                3 / 2 * (v1 - v0) / h - (a0 + a1) / 4,
+            ]
+        )
+        return nodes, middle
+
+
+def fixed_path(start: float, end: float, dt: float) -> GripperPath:
+    """A pivot that does not move, from `start` to `end` s."""
+    still = np.zeros(grid_size(start, end, dt))
+    return GripperPath(start, dt, still, still, still)
+
+
+def grid_size(start: float, end: float, dt: float) -> int:
+    """Nodes of a uniform grid that covers [start, end]."""
+    return max(2, int(np.ceil((end - start) / dt - 1e-9)) + 1)
+
+
+def smoothed_path(time: np.ndarray, x: np.ndarray, noise_std: float, dt: float) -> GripperPath:
+    """Path through noisy positions, by penalised least squares (Whittaker 1923; Eilers, Anal. Chem. 2003).
+
+    Minimises |y - x|^2 + lambda |D^4 x|^2 with the strength lambda for which the residual has the known noise
+    (Morozov's discrepancy principle), so that a noisier encoder is smoothed more and a noiseless path not at all.
+
+    Args:
+        time: (n,) increasing stamps, s; uneven stamps are interpolated to the grid first.
+        x: (n,) m.
+        noise_std: standard deviation of one position, m; 0 when the path is exact.
+        dt: grid step, s.
+    """
+    if len(time) < ORDER + 2:
+        raise InputError(f"the gripper's path has {len(time)} samples: {ORDER + 2} or more are needed")
+    grid = time[0] + dt * np.arange(grid_size(time[0], time[-1], dt))
+    even = len(grid) == len(time) and np.allclose(grid, time, atol=1e-3 * dt, rtol=0)
+    y = x if even else np.interp(grid, time, x)
+    smooth = whittaker(y, noise_std) if noise_std > 0 else y
+    v, a = differentiated(smooth, dt)
+    return GripperPath(float(time[0]), dt, smooth, v, a)
+
+
+def whittaker(y: np.ndarray, noise_std: float) -> np.ndarray:
+    """(n,) the smoothest samples whose distance to `y` is at most the noise, to a factor of 3.2 in strength."""
+    smooth, weakest, strongest = y, -1, len(SEARCH)
+    while strongest - weakest > 1:  # the distance grows with the strength
+        middle = (weakest + strongest) // 2
+        candidate = _penalised(y, SEARCH[middle])
+        if np.sqrt(np.mean((candidate - y) ** 2)) <= noise_std:
+            smooth, weakest = candidate, middle
+        else:
+            strongest = middle
+    return smooth
+
+
+def _penalised(y: np.ndarray, strength: float) -> np.ndarray:
+    n = len(y)
+    stencil = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+    bands = np.zeros((ORDER + 1, n))
+    rows = n - ORDER
+    for offset in range(ORDER + 1):
+        for j in range(ORDER + 1 - offset):
+            bands[ORDER - offset, j + offset : j + offset + rows] += stencil[j] * stencil[j + offset]
+    bands *= strength
+    bands[ORDER] += 1.0
+    return solveh_banded(bands, y, check_finite=False)
+
+
+def differentiated(x: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """First and second derivatives of even samples, by fourth-order differences (third-order at the two ends)."""
+    padded = np.concatenate([_extrapolated(x[:5])[::-1], x, _extrapolated(x[:-6:-1])])
+    m2, m1, c, p1, p2 = (padded[i : len(padded) - 4 + i] for i in range(5))
+    return (m2 - 8 * m1 + 8 * p1 - p2) / (12 * dt), (-m2 + 16 * m1 - 30 * c + 16 * p1 - p2) / (12 * dt**2)
+
+
+def _extrapolated(near: np.ndarray) -> np.ndarray:
+    """Two samples beyond the end, nearest first, on the quartic through the five samples `near` (nearest first)."""
+    a, b, c, d, e = near
+    first = 5 * a - 10 * b + 10 * c - 5 * d + e
+    second = 5 * first - 10 * a + 10 * b - 5 * c + d
+    return np.array([first, second])

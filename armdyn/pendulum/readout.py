@@ -1,0 +1,68 @@
+"""From the grid of the simulation to the samples of a sensor: lag, dead time, interpolation; with exact derivatives."""
+
+import numpy as np
+from scipy.signal import lfilter
+
+
+def lagged(values: np.ndarray, time_constant: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """A first-order lag of a signal that is linear between samples, and its derivative.
+
+    z_{k+1} = e z_k + b y_k + c y_{k+1}, e = exp(-dt/tau), c = 1 - (1 - e) tau/dt, b = (1 - e) tau/dt - e: exact for
+    the interpolated signal, and regular at tau = 0, where z = y and dz/dtau = -(y_{k+1} - y_k)/dt.
+    (Franklin, Powell & Workman, Digital Control, 3rd ed., §6.3, first-order hold.)
+
+    Args:
+        values: (K, m) uniform samples, columns filtered alike, starting in equilibrium.
+        time_constant: tau, s, >= 0.
+        dt: s.
+
+    Returns:
+        (K, m) filtered, and (K,) derivative of the first column with respect to tau.
+    """
+    e, b, c, de, db, dc = _lag_coefficients(time_constant, dt)
+    y = values
+    z = lfilter([c, b], [1.0, -e], y, axis=0, zi=(1.0 - c) * y[:1])[0]
+    previous_y, previous_z = (np.concatenate([s[:1, 0], s[:-1, 0]]) for s in (y, z))
+    drive = de * previous_z + db * previous_y + dc * y[:, 0]
+    drive[0] = 0.0
+    return z, lfilter([1.0], [1.0, -e], drive)
+
+
+def _lag_coefficients(tau: float, dt: float) -> tuple[float, float, float, float, float, float]:
+    if tau < 1e-3 * dt:  # e underflows to zero and every term but the linear one with it
+        r = max(tau, 0.0) / dt
+        return 0.0, r, 1.0 - r, 0.0, 1.0 / dt, -1.0 / dt
+    e = float(np.exp(-dt / tau))
+    r, de = tau / dt, e * dt / tau**2
+    dr = (1.0 - e) / dt - r * de  # of (1 - e) tau / dt
+    return e, (1.0 - e) * r - e, 1.0 - (1.0 - e) * r, de, dr - de, -dr
+
+
+def sampled(grid_values: np.ndarray, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Cubic interpolation of columns at fractional grid positions.
+
+    Args:
+        grid_values: (K, m), K >= 4.
+        position: (n,) in grid steps; positions outside [0, K-1] take the end values.
+
+    Returns:
+        (n, m) values, and (n,) derivative of the first column per grid step.
+    """
+    K = len(grid_values)
+    nearest = np.rint(position)
+    if np.max(np.abs(position - nearest), initial=0.0) < 1e-9 and nearest[0] >= 0 and nearest[-1] <= K - 1:
+        index = nearest.astype(int)
+        first = grid_values[:, 0]
+        return grid_values[index], np.gradient(first)[index]
+    inside = np.clip(position, 0.0, K - 1.0)
+    base = np.clip(inside.astype(int) - 1, 0, K - 4)
+    u = inside - base  # 1 <= u <= 2 away from the ends
+    weights = np.stack(
+        [-(u - 1) * (u - 2) * (u - 3) / 6, u * (u - 2) * (u - 3) / 2, -u * (u - 1) * (u - 3) / 2, u * (u - 1) * (u - 2) / 6]
+    )
+    slopes = np.stack(
+        [-(3 * u**2 - 12 * u + 11) / 6, (3 * u**2 - 10 * u + 6) / 2, -(3 * u**2 - 8 * u + 3) / 2, (3 * u**2 - 6 * u + 2) / 6]
+    )
+    values = sum(w[:, None] * grid_values[base + i] for i, w in enumerate(weights))
+    slope = sum(w * grid_values[base + i, 0] for i, w in enumerate(slopes))
+    return values, np.where(inside == position, slope, 0.0)
