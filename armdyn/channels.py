@@ -1,0 +1,178 @@
+"""The channels of a recording: their names, their units and what a sane value is."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from armdyn.errors import InputError, UnknownNameError
+from armdyn.units import si_factor, si_unit
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ChannelKind:
+    """What a channel means.
+
+    Attributes:
+        units: SI units it may have inside; joints turn or slide, so theirs have two.
+        meaning: for a person.
+        measured: True where a model predicts it and is held against it.
+    """
+
+    units: tuple[str, ...]
+    meaning: str
+    measured: bool = False
+
+
+PENDULUM_CHANNELS = {
+    "gripper_x": ChannelKind(("m",), "position of the string's upper end along the line, + = robot's left"),
+    "gripper_v": ChannelKind(("m/s",), "its velocity"),
+    "gripper_a": ChannelKind(("m/s^2",), "its acceleration"),
+    "gripper_z": ChannelKind(("m",), "its height"),
+    "load_force": ChannelKind(("N",), "load cell, string tension", measured=True),
+    "swing_angle": ChannelKind(("rad",), "0 hanging; the load is at gripper_x - l sin(angle)", measured=True),
+    "swing_rate": ChannelKind(("rad/s",), "rate of the swing angle", measured=True),
+}
+JOINT_CHANNELS = {
+    "q": ChannelKind(("rad", "m"), "joint position"),
+    "v": ChannelKind(("rad/s", "m/s"), "joint velocity"),
+    "a": ChannelKind(("rad/s^2", "m/s^2"), "joint acceleration"),
+    "tau": ChannelKind(("N m", "N"), "joint torque or force", measured=True),
+}
+
+LARGEST = {
+    "s": 1e10,  # admits the seconds since 1970
+    "m": 1e3,
+    "m/s": 1e3,
+    "m/s^2": 1e5,
+    "rad": 1e4,  # admits a joint that turns on and on
+    "rad/s": 1e4,
+    "rad/s^2": 1e6,
+    "N": 1e6,
+    "N m": 1e6,
+}
+"""Largest plausible size per SI unit: beyond it the unit is wrong or the sensor sent garbage."""
+
+
+MIN_SAMPLES = 10
+"""Fewer samples than this cannot tell a model from its noise."""
+
+
+def channel_kind(name: str, where: str = "channel") -> ChannelKind:
+    """What the channel `name` means.
+
+    Raises:
+        UnknownNameError: there is no such channel; `where` says what was looked up.
+    """
+    if name in PENDULUM_CHANNELS:
+        return PENDULUM_CHANNELS[name]
+    quantity, dot, joint = name.partition(".")
+    if dot and joint and quantity in JOINT_CHANNELS:
+        return JOINT_CHANNELS[quantity]
+    raise UnknownNameError(where, name, _valid_names(joint))
+
+
+def channel_units(name: str, where: str = "channel") -> tuple[str, ...]:
+    """SI units that the channel `name`, or ``"time"``, may have inside.
+
+    Raises:
+        UnknownNameError: there is no such channel; `where` says what was looked up.
+    """
+    return ("s",) if name == "time" else channel_kind(name, where).units
+
+
+def channel_unit(name: str, unit: str) -> tuple[str, float]:
+    """SI unit of the channel `name` when it is written in `unit`, and the factor to it.
+
+    Raises:
+        UnknownNameError: there is no such channel.
+        InputError: the unit is unknown or of another kind than the channel.
+    """
+    choices = channel_units(name)
+    problems = []
+    for si in choices:
+        try:
+            return si, si_factor(unit, si)
+        except InputError as error:
+            problems.append(error)
+    if len(choices) == 1:
+        raise problems[0]
+    si_unit(unit)  # an unknown unit has a message of its own
+    raise InputError(f"'{unit}' is of another kind than {' and '.join(choices)}: write it in one of these")
+
+
+def _valid_names(joint: str) -> Iterable[str]:
+    return ("time", *PENDULUM_CHANNELS, *(f"{quantity}.{joint or '<joint>'}" for quantity in JOINT_CHANNELS))
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """One measured quantity with its own time stamps.
+
+    The arrays are copied once and cannot be written to.
+
+    Attributes:
+        time: (n,) s, strictly increasing.
+        value: (n,) in `unit`; no missing samples.
+        unit: SI unit.
+
+    Raises:
+        InputError: lengths differ, a value is missing or infinite, or time does not increase.
+    """
+
+    time: FloatArray
+    value: FloatArray
+    unit: str
+
+    def __post_init__(self) -> None:
+        time, value = np.array(self.time, dtype=float), np.array(self.value, dtype=float)
+        if time.ndim != 1 or time.shape != value.shape:
+            raise InputError(f"a channel needs one value per time stamp, not shapes {value.shape} and {time.shape}")
+        if not (np.isfinite(time).all() and np.isfinite(value).all()):
+            raise InputError("a channel holds a missing or infinite sample: leave missing samples out")
+        late = np.flatnonzero(np.diff(time) <= 0.0)
+        if late.size:
+            i = int(late[0])
+            raise InputError(f"time does not increase at sample {i + 1}: {time[i]!r} s, then {time[i + 1]!r} s")
+        time.setflags(write=False)
+        value.setflags(write=False)
+        object.__setattr__(self, "time", time)
+        object.__setattr__(self, "value", value)
+
+    def __len__(self) -> int:
+        return self.time.size
+
+    def __reduce__(self) -> tuple[type["Channel"], tuple[FloatArray, FloatArray, str]]:
+        return Channel, (self.time, self.value, self.unit)  # pickled arrays forget that they are read-only
+
+
+def first_implausible(unit: str, value: FloatArray) -> int | None:
+    """Index of the first sample that is beyond `LARGEST`, None where all are plausible (missing samples are)."""
+    bound = LARGEST.get(unit)
+    if bound is None:
+        return None
+    beyond = np.flatnonzero(np.abs(value) > bound)
+    return int(beyond[0]) if beyond.size else None
+
+
+def check_joint_units(channels: Iterable[tuple[str, str]]) -> None:
+    """Refuse a joint that turns in one channel and slides in another.
+
+    Args:
+        channels: name and SI unit of each channel.
+
+    Raises:
+        InputError: names the joint and the two channels.
+    """
+    first: dict[str, tuple[str, str, int]] = {}
+    for name, unit in channels:
+        quantity, dot, joint = name.partition(".")
+        if not dot:
+            continue
+        slides = JOINT_CHANNELS[quantity].units.index(unit)
+        other, other_unit, other_slides = first.setdefault(joint, (name, unit, slides))
+        if slides != other_slides:
+            raise InputError(f"joint '{joint}' turns and slides: '{other}' is in {other_unit}, '{name}' in {unit}")

@@ -1,0 +1,213 @@
+"""The CSV form of a recording: ``name [unit]`` per column, a row per time stamp, empty cells for missing samples.
+
+Rows are counted as a spreadsheet shows them: the header is row 1.
+"""
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from armdyn import atomic
+from armdyn.channels import (
+    LARGEST,
+    MIN_SAMPLES,
+    Channel,
+    FloatArray,
+    channel_unit,
+    channel_units,
+    check_joint_units,
+    first_implausible,
+)
+from armdyn.errors import InputError
+
+_HEADER = re.compile(r"(?P<name>[^\[\]]*?)\s*\[(?P<unit>[^\[\]]*)\]")
+
+
+def read_csv(path: Path) -> dict[str, Channel]:
+    """Read and check every column.
+
+    Args:
+        path: the CSV file.
+
+    Returns:
+        Channel by name, in SI units, without missing samples.
+
+    Raises:
+        InputError: names the file, the row or column, what is wrong and what to do.
+    """
+    text = _text(path)
+    header, *lines = text.split("\n")
+    try:
+        columns = _columns(header)
+        names = [name for name, _, _ in columns]
+        check_joint_units((name, unit) for name, unit, _ in columns if name != "time")
+        numbers, rows = _numbers(lines, names)
+        samples = {
+            name: _scaled(name, unit, factor, numbers[:, i], rows) for i, (name, unit, factor) in enumerate(columns)
+        }
+        time = samples.pop("time")
+        _check_time(time, rows)
+        units = {name: unit for name, unit, _ in columns}
+        return {name: _channel(time, value, units[name]) for name, value in samples.items()}
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def write_csv(path: Path, channels: Mapping[str, Channel]) -> None:
+    """Write channels to one table; stamps that a channel does not have get an empty cell.
+
+    Numbers are written with all their digits: reading them back gives the same floats.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    time = np.unique(np.concatenate([channel.time for channel in channels.values()]))
+    columns = [[repr(t) for t in time.tolist()]]
+    for channel in channels.values():
+        cells = [""] * time.size
+        for row, value in zip(np.searchsorted(time, channel.time).tolist(), channel.value.tolist(), strict=True):
+            cells[row] = repr(value)
+        columns.append(cells)
+    header = ",".join(["time [s]", *(f"{name} [{channel.unit}]" for name, channel in channels.items())])
+    atomic.write_text(path, "\n".join([header, *map(",".join, zip(*columns, strict=True))]) + "\n")
+
+
+def _text(path: Path) -> str:
+    try:
+        data = path.read_bytes()
+    except IsADirectoryError as error:
+        raise InputError(f"{path} is a directory: give the recording's file") from error
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such file") from error
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    if not data.strip():
+        raise InputError(f"{path}: is empty: record again or give another file")
+    if data.startswith(b"\x89MCAP"):
+        raise InputError(f"{path}: is an MCAP recording: rename it to end in .mcap")
+    if b"\0" in data:
+        raise InputError(f"{path}: is not a text file: give a CSV or an .mcap recording")
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        row = data.count(b"\n", 0, error.start) + 1
+        raise InputError(f"{path}: row {row} is not UTF-8 text: give a CSV saved as UTF-8, or an .mcap") from error
+    # Quotes protect nothing here: a comma inside them is a decimal comma, which the ragged row then reveals.
+    return text.replace("\r\n", "\n").replace("\r", "\n").replace('"', "")
+
+
+def _columns(header: str) -> list[tuple[str, str, float]]:
+    """Name, SI unit and factor to it per column."""
+    for separator, name in ((";", "semicolons"), ("\t", "tabs")):
+        if separator in header and "," not in header:
+            raise InputError(f"columns are separated by {name}: save it with commas and decimal points")
+    columns: list[tuple[str, str, float]] = []
+    seen: dict[str, int] = {}
+    for number, cell in enumerate(header.split(","), start=1):
+        match = _HEADER.fullmatch(cell.strip())
+        if match is None and "[" in cell:
+            raise InputError(f"column {number} '{cell.strip()}' is not 'name [unit]': the file may be cut off")
+        name = match["name"].strip() if match else cell.strip()
+        if not name:
+            raise InputError(f"column {number} has no name: write it as 'name [unit]', or remove it")
+        if name in seen:
+            raise InputError(f"columns {seen[name]} and {number} are both '{name}': rename or remove one")
+        seen[name] = number
+        choices = channel_units(name, where="column")
+        if match is None or not match["unit"].strip():
+            raise InputError(f"column '{name}' has no unit: write it as '{name} [{choices[0]}]'")
+        try:
+            columns.append((name, *channel_unit(name, match["unit"])))
+        except InputError as error:
+            raise InputError(f"column '{name}': {error}") from error
+    if "time" not in seen:
+        raise InputError("no 'time' column: add one named 'time [s]'")
+    if len(seen) < 2:
+        raise InputError("nothing but time: add a measured column such as 'load_force [N]'")
+    return columns
+
+
+def _numbers(lines: list[str], names: list[str]) -> tuple[FloatArray, list[int]]:
+    """Cells as numbers (n, c), missing ones as nan, and the row number of each line (n,)."""
+    unfinished = bool(lines) and lines[-1].strip() != ""  # a finished file ends in a newline
+    if all(lines[:-1]) and not any(line.isspace() for line in lines[:-1]):
+        rows = list(range(2, 1 + len(lines) + unfinished))
+        lines = lines[: len(rows)]
+    else:
+        rows = [row for row, line in enumerate(lines, start=2) if line.strip()]
+        lines = [line for line in lines if line.strip()]
+    widths = [line.count(",") + 1 for line in lines]
+    for row, width in zip(rows, widths, strict=True):
+        if width == len(names):
+            continue
+        if width < len(names) and unfinished and row == rows[-1]:
+            raise _cut_off(row)
+        raise InputError(f"row {row} has {width} cells where the header has {len(names)}: mend or remove the row")
+    if len(lines) < MIN_SAMPLES:
+        raise InputError(f"holds {len(lines)} samples where at least {MIN_SAMPLES} are needed: record longer")
+    if unfinished and _fraction_digits(lines[-1]) < min(map(_fraction_digits, lines[:-1])):
+        raise _cut_off(rows[-1])
+    try:
+        return np.loadtxt(map(_with_nan, lines), delimiter=",", comments=None, ndmin=2), rows
+    except ValueError:  # which cell it was takes a slower look
+        table = [
+            [_number(cell, row, name) for cell, name in zip(line.split(","), names, strict=True)]
+            for row, line in zip(rows, lines, strict=True)
+        ]
+        return np.array(table), rows
+
+
+def _with_nan(line: str) -> str:
+    if ",," in line or line.startswith(",") or line.endswith(","):
+        return ",".join([cell or "nan" for cell in line.split(",")])
+    return line
+
+
+def _number(cell: str, row: int, name: str) -> float:
+    try:
+        return float(cell.strip() or "nan")
+    except ValueError:
+        raise InputError(
+            f"row {row}, column '{name}': '{cell.strip()[:40]}' is not a number: leave a missing sample's cell empty"
+        ) from None
+
+
+def _fraction_digits(line: str) -> int:
+    return len(line.rpartition(",")[2].partition(".")[2])
+
+
+def _cut_off(row: int) -> InputError:
+    return InputError(f"is cut off in the middle of row {row}: copy it again, or remove that row and end in a newline")
+
+
+def _scaled(name: str, unit: str, factor: float, value: FloatArray, rows: list[int]) -> FloatArray:
+    if np.isnan(value).all():
+        raise InputError(f"column '{name}' holds no number at all: remove it or record it again")
+    value = value if factor == 1.0 else value * factor
+    beyond = first_implausible(unit, value)
+    if beyond is not None:
+        raise InputError(
+            f"row {rows[beyond]}, column '{name}': {value[beyond]:.6g} {unit} is beyond {LARGEST[unit]:g} {unit}: "
+            "check the column's unit, or empty the cell where the sensor failed"
+        )
+    return value
+
+
+def _check_time(time: FloatArray, rows: list[int]) -> None:
+    missing = np.flatnonzero(np.isnan(time))
+    if missing.size:
+        raise InputError(f"row {rows[missing[0]]} has no time: fill it in or remove the row")
+    late = np.flatnonzero(np.diff(time) <= 0.0)
+    if late.size:
+        i = int(late[0])
+        raise InputError(
+            f"row {rows[i + 1]}: time does not increase, {time[i + 1]:.9g} s after {time[i]:.9g} s in row {rows[i]}: "
+            "sort by time and remove repeated rows"
+        )
+
+
+def _channel(time: FloatArray, value: FloatArray, unit: str) -> Channel:
+    present = ~np.isnan(value)
+    return Channel(time[present], value[present], unit)

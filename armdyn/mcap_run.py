@@ -1,0 +1,162 @@
+"""The MCAP form of a recording, as the pipeline writes it and Foxglove and PlotJuggler show it.
+
+One topic per group of channels (``/gripper``, ``/load``, ``/q``, ...) holds JSON messages ``{"time": 0.01, "x": 0.2}``.
+The metadata of each topic says which channel a field is and in which unit: ``{"x": "gripper_x [m]"}``. The sidecar's
+text is the metadata record ``armdyn.sidecar``. Topics without such metadata are left alone: a file may hold more.
+"""
+
+import io
+import json
+import re
+import struct
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from armdyn.channels import LARGEST, Channel, channel_unit, first_implausible
+from armdyn.errors import InputError, UnknownNameError
+from armdyn.sidecar import Sidecar, parse_sidecar
+
+SIDECAR_RECORD = "armdyn.sidecar"
+TIME_FIELD = "time"
+_LABEL = re.compile(r"(?P<name>.+) \[(?P<unit>[^\[\]]*)\]")
+
+
+def topic_and_field(channel: str) -> tuple[str, str]:
+    """Where a channel is in the file: ``gripper_x`` is field ``x`` of ``/gripper``, ``q.right_s1`` one of ``/q``."""
+    separator = "." if "." in channel else "_"
+    group, _, field = channel.partition(separator)
+    return f"/{group}", field or "value"
+
+
+@dataclass(frozen=True)
+class McapRecording:
+    """Content of one file.
+
+    Attributes:
+        channels: the contract's channels and all others that were recorded beside them, by name.
+        sidecar: what is known besides the samples.
+        warnings: a sentence per thing that was lost; empty for a whole file.
+    """
+
+    channels: dict[str, Channel]
+    sidecar: Sidecar
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass
+class _Samples:
+    unit: str
+    time: list[float] = field(default_factory=list)
+    value: list[float] = field(default_factory=list)
+
+
+@dataclass
+class _Content:
+    """What a file holds up to where it can be read; `problem` says why reading stopped early."""
+
+    samples: dict[str, _Samples] = field(default_factory=dict)
+    sidecar: Sidecar = field(default_factory=Sidecar)
+    problem: str | None = None
+
+
+def read_mcap(path: Path, recover: bool = False) -> McapRecording:
+    """Read a recording.
+
+    Args:
+        path: the file.
+        recover: take what can be read of a file that was cut off or damaged, and say so in `warnings`.
+
+    Raises:
+        InputError: the file cannot be read, is cut off or damaged (unless `recover`), or holds no channels of armdyn.
+    """
+    content = _scan(_bytes(path))
+    warnings: tuple[str, ...] = ()
+    if content.problem is not None:
+        if not recover:
+            raise InputError(
+                f"{path}: {content.problem}: copy it again, or recover what is there with read_run(path, recover=True)"
+            )
+        last = max((samples.time[-1] for samples in content.samples.values()), default=0.0)
+        warnings = (f"{path.name} {content.problem}; recovered up to {last:.3f} s",)
+    if not content.samples:
+        raise InputError(f"{path}: holds no samples of armdyn: give a recording made by 'armdyn trial', or a CSV")
+    channels = {}
+    for name, samples in content.samples.items():
+        try:
+            channels[name] = _channel(name, samples)
+        except InputError as error:
+            raise InputError(f"{path}: channel '{name}': {error}") from error
+    return McapRecording(channels, content.sidecar, warnings)
+
+
+def _bytes(path: Path) -> bytes:
+    try:
+        data = path.read_bytes()
+    except IsADirectoryError as error:
+        raise InputError(f"{path} is a directory: give the recording's file") from error
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such file") from error
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    if not data:
+        raise InputError(f"{path}: is empty: record again or give another file")
+    if not data.startswith(b"\x89MCAP0\r\n"[: len(data)]):
+        raise InputError(f"{path}: is not an MCAP file: give one, or a CSV that ends in .csv")
+    return data
+
+
+def _scan(data: bytes) -> _Content:
+    from mcap.exceptions import EndOfFile
+    from mcap.records import Channel as Topic
+    from mcap.records import Message, Metadata
+    from mcap.stream_reader import StreamReader
+
+    content = _Content()
+    labels: dict[int, dict[str, tuple[str, str]]] = {}
+    # Cut or damaged bytes surface as a dozen exceptions of struct, zstd, json and mcap; a user can do the same for all.
+    try:
+        for record in StreamReader(io.BytesIO(data), validate_crcs=True).records:
+            if isinstance(record, Topic):
+                labels[record.id] = _labels(record.metadata)
+            elif isinstance(record, Message) and labels[record.channel_id]:
+                _take(json.loads(record.data), labels[record.channel_id], content.samples)
+            elif isinstance(record, Metadata) and record.name == SIDECAR_RECORD:
+                content.sidecar = parse_sidecar(record.metadata["toml"])
+    except (EndOfFile, struct.error):
+        content.problem = "is cut off, its recording did not end properly"
+    except Exception as error:
+        content.problem = f"is damaged ({type(error).__name__})"
+    return content
+
+
+def _take(message: dict[str, float], labels: dict[str, tuple[str, str]], samples: dict[str, _Samples]) -> None:
+    time = float(message[TIME_FIELD])
+    for name_in_topic, value in message.items():
+        if name_in_topic in labels:
+            name, unit = labels[name_in_topic]
+            channel = samples.setdefault(name, _Samples(unit))
+            channel.time.append(time)
+            channel.value.append(float(value))
+
+
+def _labels(metadata: dict[str, str]) -> dict[str, tuple[str, str]]:
+    matches = {name_in_topic: _LABEL.fullmatch(label) for name_in_topic, label in metadata.items()}
+    return {name_in_topic: (match["name"], match["unit"]) for name_in_topic, match in matches.items() if match}
+
+
+def _channel(name: str, samples: _Samples) -> Channel:
+    time, value = np.array(samples.time), np.array(samples.value)
+    try:
+        unit, factor = channel_unit(name, samples.unit)
+    except UnknownNameError:
+        return Channel(time, value, samples.unit)  # recorded beside the run, in a unit of its own
+    channel = Channel(time, value if factor == 1.0 else value * factor, unit)
+    beyond = first_implausible(unit, channel.value)
+    if beyond is not None:
+        raise InputError(
+            f"{channel.value[beyond]:.6g} {unit} at {channel.time[beyond]:.3f} s is beyond {LARGEST[unit]:g} {unit}: "
+            "check its unit and the sensor"
+        )
+    return channel

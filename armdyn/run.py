@@ -1,0 +1,180 @@
+"""A run: one recording, read from CSV or MCAP, in SI units, ready to be held against a model."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from armdyn import atomic
+from armdyn.channels import MIN_SAMPLES, Channel, channel_kind, check_joint_units
+from armdyn.csv_run import read_csv, write_csv
+from armdyn.errors import InputError, UnknownNameError
+from armdyn.sidecar import Sidecar, read_sidecar, sidecar_text
+from armdyn.units import Known
+
+__all__ = ["Channel", "Known", "Run", "read_run", "write_run_csv"]
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One recording; its arrays cannot be written to.
+
+    Attributes:
+        name: the file's name, such as ``"a.csv"``.
+        channels: measured quantities by name, each with its own time stamps.
+        known: values measured by hand (``mass``, ``length``, ...), in SI units: priors, not truth.
+        noise: standard deviation per channel, in the channel's unit, where known.
+        description: a sentence for a person.
+        source: the file it came from; None where it was made in memory.
+        warnings: a sentence per thing that was lost, such as the end of a recording that was cut off.
+
+    Raises:
+        InputError: a joint turns in one channel and slides in another.
+        UnknownNameError: a channel has no name of the contract.
+    """
+
+    name: str
+    channels: Mapping[str, Channel]
+    known: Mapping[str, Known] = field(default_factory=dict)
+    noise: Mapping[str, float] = field(default_factory=dict)
+    description: str = ""
+    source: Path | None = None
+    warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in self.channels:
+            channel_kind(name)
+        check_joint_units((name, channel.unit) for name, channel in self.channels.items())
+        for attribute in ("channels", "known", "noise"):
+            object.__setattr__(self, attribute, MappingProxyType(dict(getattr(self, attribute))))
+
+    def __reduce__(self) -> tuple[type["Run"], tuple[Any, ...]]:
+        # A MappingProxyType cannot be pickled, and runs go to other processes.
+        mappings = (dict(self.channels), dict(self.known), dict(self.noise))
+        return Run, (self.name, *mappings, self.description, self.source, self.warnings)
+
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """Names of the channels that a model predicts: force, swing, joint torques."""
+        return tuple(name for name in self.channels if channel_kind(name).measured)
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Joints whose position was recorded, in the order of the columns."""
+        return tuple(name.removeprefix("q.") for name in self.channels if name.startswith("q."))
+
+    def channel(self, name: str) -> Channel:
+        """The channel `name`.
+
+        Raises:
+            UnknownNameError: this run does not have it.
+        """
+        if name not in self.channels:
+            raise UnknownNameError(f"channel of {self.name}", name, self.channels)
+        return self.channels[name]
+
+    def require_informative(self, name: str) -> Channel:
+        """The channel `name`, which must have enough samples and must change.
+
+        Raises:
+            UnknownNameError: this run does not have it.
+            InputError: it has fewer than `MIN_SAMPLES` samples, or holds one and the same value.
+        """
+        channel = self.channel(name)
+        if len(channel) < MIN_SAMPLES:
+            raise InputError(
+                f"{self._where}: '{name}' has {len(channel)} samples, at least {MIN_SAMPLES} are needed: record longer"
+            )
+        span = float(np.ptp(channel.value))
+        # A constant in another unit may be off by one rounding.
+        if span <= 1e-14 * float(np.abs(channel.value).max()):
+            raise InputError(
+                f"{self._where}: '{name}' is {channel.value[0]:.6g} {channel.unit} throughout: "
+                "check that the sensor was connected, or leave the channel out"
+            )
+        return channel
+
+    @property
+    def _where(self) -> str:
+        return str(self.source) if self.source is not None else self.name
+
+
+def read_run(path: Path | str, recover: bool = False) -> Run:
+    """Read a recording: a CSV with its sidecar ``<same stem>.toml``, or an ``.mcap``.
+
+    Missing samples (empty cells, ``nan``) are dropped per channel; every channel is converted to SI units.
+
+    Args:
+        path: ends in ``.mcap``, or is a CSV.
+        recover: read an MCAP file that was cut off as far as it goes; `Run.warnings` says so.
+
+    Raises:
+        InputError: names the file, the row, column or field, what is wrong and what to do.
+    """
+    path = Path(path)
+    warnings: tuple[str, ...] = ()
+    sidecar_path = path.with_suffix(".toml")
+    if path.suffix.lower() == ".mcap":
+        from armdyn.mcap_run import read_mcap
+
+        recording = read_mcap(path, recover)
+        channels, warnings = _of_the_contract(path, recording.channels), recording.warnings
+        sidecar = read_sidecar(sidecar_path) if sidecar_path.exists() else recording.sidecar
+    elif path.suffix.lower() == ".toml":
+        raise InputError(f"{path}: describes a recording and is none: give the .csv or .mcap beside it")
+    else:
+        channels, sidecar = read_csv(path), read_sidecar(sidecar_path)
+    for name, std in sidecar.noise.items():
+        if name in channels and channels[name].unit != std.unit:
+            raise InputError(
+                f"{sidecar_path}: [noise] {name}: is in {std.unit} where the recording is in {channels[name].unit}: "
+                "write both in the same kind of unit"
+            )
+    return Run(
+        name=path.name,
+        channels=channels,
+        known=sidecar.known,
+        noise={name: std.value for name, std in sidecar.noise.items()},
+        description=sidecar.description,
+        source=path,
+        warnings=warnings,
+    )
+
+
+def write_run_csv(run: Run, path: Path | str) -> None:
+    """Write a run as CSV and sidecar; `read_run` gives back the same numbers to the last digit.
+
+    Channels with different stamps are merged on time, with empty cells where one has no sample. Each file is replaced
+    in one step.
+
+    Raises:
+        InputError: the run has no channel, or the files cannot be written.
+    """
+    path = Path(path)
+    if not run.channels:
+        raise InputError(f"{run.name}: nothing was recorded, so there is nothing to write to {path}")
+    units = {
+        name: run.channels[name].unit if name in run.channels else channel_kind(name).units[0] for name in run.noise
+    }
+    noise = {name: Known(std, None, units[name]) for name, std in run.noise.items()}
+    atomic.write_text(path.with_suffix(".toml"), sidecar_text(Sidecar(run.description, noise, run.known)))
+    write_csv(path, run.channels)
+
+
+def _of_the_contract(path: Path, recorded: Mapping[str, Channel]) -> dict[str, Channel]:
+    """The channels of a run among all that were recorded."""
+    channels = {}
+    for name, channel in recorded.items():
+        try:
+            channel_kind(name)
+        except UnknownNameError:
+            continue
+        channels[name] = channel
+    longest = max((len(channel) for channel in channels.values()), default=0)
+    if longest < MIN_SAMPLES:
+        raise InputError(f"{path}: holds {longest} samples where at least {MIN_SAMPLES} are needed: record longer")
+    check_joint_units((name, channel.unit) for name, channel in channels.items())
+    return channels

@@ -1,0 +1,136 @@
+"""What is known about a recording besides its samples: a small TOML file of the same stem.
+
+```toml
+description = "swing 3, 80 g ball"
+[noise]                     # standard deviation per channel
+load_force = "3 mN"
+[known]                     # measured by hand: priors, not truth
+mass = "80 g +/- 0.4 g"
+```
+
+Other keys and tables, such as ``source``, ``licence`` or ``[published]``, are for the reader and are not used.
+"""
+
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from armdyn.channels import channel_kind, channel_unit
+from armdyn.errors import InputError
+from armdyn.units import Known, parse_quantity
+
+POSITIVE = {"mass": "kg", "length": "m"}
+"""Known values of the base pendulum that have a fixed unit and cannot be zero or less."""
+
+
+@dataclass(frozen=True)
+class Sidecar:
+    """Description, noise and hand-measured values of one recording, in SI units."""
+
+    description: str = ""
+    noise: Mapping[str, Known] = field(default_factory=dict)
+    known: Mapping[str, Known] = field(default_factory=dict)
+
+
+def read_sidecar(path: Path) -> Sidecar:
+    """Read the file at `path`; an absent one says nothing.
+
+    Raises:
+        InputError: names the file, the field, what is wrong and what to do.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        return Sidecar()
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: is not UTF-8 text: save it as UTF-8") from error
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    try:
+        return parse_sidecar(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: is not TOML: {error}") from error
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def parse_sidecar(text: str) -> Sidecar:
+    """Read the text of a sidecar.
+
+    Raises:
+        tomllib.TOMLDecodeError: it is not TOML.
+        InputError: a field cannot be used.
+    """
+    table = tomllib.loads(text)
+    description = table.get("description", "")
+    if not isinstance(description, str):
+        raise InputError(f"description: {description!r} is not a text: put it in quotes")
+    noise = {name: _noise(name, value) for name, value in _entries(table, "noise").items()}
+    known = {name: _known(name, value) for name, value in _entries(table, "known").items()}
+    return Sidecar(description, noise, known)
+
+
+def sidecar_text(sidecar: Sidecar) -> str:
+    """The sidecar as TOML."""
+    lines = [f"description = {_quoted(sidecar.description)}"]
+    for title, entries in (("noise", sidecar.noise), ("known", sidecar.known)):
+        if entries:
+            lines += [
+                "",
+                f"[{title}]",
+                *(f"{_quoted(name)} = {_quoted(str(value))}" for name, value in entries.items()),
+            ]
+    return "\n".join(lines) + "\n"
+
+
+def _entries(table: Mapping[str, object], key: str) -> dict[str, object]:
+    """Entries of the table `key`; ``tau.slide = ...`` without quotes is a table in a table, and means the same."""
+    entries = table.get(key, {})
+    if not isinstance(entries, dict):
+        raise InputError(f"[{key}]: {entries!r} is not a table: write '[{key}]' on a line of its own")
+    return dict(_flat(entries))
+
+
+def _flat(table: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
+    for name, value in table.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{name}.")
+        else:
+            yield prefix + name, value
+
+
+def _quantity(where: str, value: object, unit: str | None) -> Known:
+    if not isinstance(value, str):
+        example = f"{value} {unit or 'kg'}" if isinstance(value, int | float) else f"1 {unit or 'kg'}"
+        raise InputError(f'{where}: {value!r} has no unit: write it as text, such as "{example}"')
+    try:
+        return parse_quantity(value, unit)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
+
+
+def _noise(name: str, value: object) -> Known:
+    where = f"[noise] {name}"
+    choices = channel_kind(name, "channel in [noise]").units
+    parsed = _quantity(where, value, choices[0] if len(choices) == 1 else None)
+    if parsed.value <= 0.0:
+        raise InputError(f"{where}: '{value}' is not positive: give the standard deviation, or leave it out")
+    try:
+        unit, factor = channel_unit(name, parsed.unit)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
+    return Known(parsed.value * factor, None, unit)
+
+
+def _known(name: str, value: object) -> Known:
+    where = f"[known] {name}"
+    known = _quantity(where, value, POSITIVE.get(name))
+    if name in POSITIVE and known.value <= 0.0:
+        raise InputError(f"{where}: '{value}' is not positive: measure it again")
+    return known
+
+
+def _quoted(text: str) -> str:
+    escapes = {"\\": "\\\\", '"': '\\"', "\n": "\\n", "\t": "\\t", "\r": "\\r"}
+    return '"' + "".join(escapes.get(c, c if c.isprintable() else f"\\U{ord(c):08x}") for c in text) + '"'

@@ -1,0 +1,166 @@
+"""Units at the edges: text with a unit comes in, plain SI floats go on.
+
+Everything inside armdyn is a float in SI units and radians. This is the only place where a unit is looked up, and pint
+is imported only when a text is not already in the unit asked for.
+"""
+
+import math
+import re
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+from armdyn.errors import InputError
+
+if TYPE_CHECKING:
+    import pint
+
+_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf)\b", re.IGNORECASE)
+_PLUS_MINUS = re.compile(r"\s*(?:\+/-|±|\+-)\s*")
+# Robotics writes "Nm"; pint reads that as a measure of yarn.
+_NEWTON_METRE = re.compile(r"\bNm\b")
+
+
+@dataclass(frozen=True)
+class Known:
+    """A number with its unit and, where it was measured, its standard deviation.
+
+    Attributes:
+        value: in `unit`.
+        std: standard deviation in `unit`; None where the value is exact by convention.
+        unit: an SI unit such as ``"kg"``.
+    """
+
+    value: float
+    std: float | None
+    unit: str
+
+    def __str__(self) -> str:
+        spread = "" if self.std is None else f" +/- {self.std!r} {self.unit}"
+        return f"{self.value!r} {self.unit}{spread}"
+
+
+def si_factor(unit: str, expected: str) -> float:
+    """Number by which values in `unit` are multiplied to be in `expected`.
+
+    Args:
+        unit: what a user wrote, such as ``"gram_force"``, ``"deg/s"`` or ``"ms"``.
+        expected: the SI unit that the quantity has inside, such as ``"N"``.
+
+    Raises:
+        InputError: `unit` is unknown, is of another kind than `expected`, or is no angle where an angle is expected.
+    """
+    unit = unit.strip()
+    if unit == expected:
+        return 1.0
+    given, wanted = _parse(unit), _parse(expected)
+    if given.dimensions != wanted.dimensions:
+        raise InputError(f"'{unit}' is of another kind than '{expected}': write it in '{expected}' or a multiple of it")
+    # To pint an angle, a cycle and a per cent are all plain numbers: 3 Hz would silently become 3 rad/s.
+    plain = given.factor == 1.0 and "hertz" not in given.names
+    if wanted.is_angle and not given.is_angle and not plain:
+        raise InputError(f"'{unit}' does not say an angle: write '{expected}' or the same in 'deg'")
+    return given.factor / wanted.factor
+
+
+def parse_quantity(text: str, expected: str | None = None) -> Known:
+    """Read ``"80 g +/- 0.4 g"``, ``"3 mN"`` or ``"0.368 ± 0.001 m"``.
+
+    Args:
+        text: a number with its unit, then optionally ``+/-`` (or ``±``) and the standard deviation with its unit, or in
+            per cent of the value. A unit that stands only at the end holds for both numbers.
+        expected: SI unit that the result shall have, ``"1"`` for a plain number; None takes any unit and converts it to
+            SI.
+
+    Returns:
+        Value and standard deviation in `expected`, or in the SI unit of what was written.
+
+    Raises:
+        InputError: no number, no unit, an unknown unit, a unit of another kind, or a standard deviation that is not
+            positive.
+    """
+    parts = _PLUS_MINUS.split(text.strip())
+    if len(parts) > 2:
+        raise InputError(f"'{text}' holds more than one '+/-': write it as '80 g +/- 0.4 g'")
+    numbers = [_number_and_unit(part, text) for part in parts]
+    value, unit = numbers[0]
+    unit = unit or numbers[-1][1] or ("1" if expected == "1" else "")
+    if not unit:
+        raise InputError(f"'{text}' has no unit: write it as '{text} {expected or 'kg'}'")
+    si = expected if expected is not None else si_unit(unit)
+    scale = si_factor(unit, si)
+    if len(numbers) == 1:
+        return Known(value * scale, None, si)
+    spread, spread_unit = numbers[1]
+    spread_unit = spread_unit or ("1" if expected == "1" else "")
+    if not spread_unit:
+        raise InputError(f"the standard deviation in '{text}' has no unit: write '{text} {unit}'")
+    std = abs(value) * spread / 100 * scale if spread_unit == "%" else spread * si_factor(spread_unit, si)
+    if not (math.isfinite(std) and std > 0.0):
+        raise InputError(f"the standard deviation in '{text}' is not positive: leave '+/-' out where a value is exact")
+    return Known(value * scale, std, si)
+
+
+def si_unit(unit: str) -> str:
+    """SI unit of the kind of `unit`: itself where it is one already, such as ``"N s^2/m^2"``, else its base units.
+
+    Raises:
+        InputError: the unit is unknown.
+    """
+    parsed = _parse(unit)
+    return _NEWTON_METRE.sub("N m", unit) if parsed.factor == 1.0 else parsed.base
+
+
+@dataclass(frozen=True)
+class _Unit:
+    """What pint says of a unit: factor to its SI base units, their name, its dimensions, whether it counts radians."""
+
+    factor: float
+    base: str
+    dimensions: str
+    is_angle: bool
+    names: str
+
+
+@lru_cache(maxsize=1)
+def _registry() -> "pint.UnitRegistry[float]":
+    import pint  # takes longer to import than everything else that reads a recording
+
+    return pint.UnitRegistry()
+
+
+@lru_cache(maxsize=256)
+def _parse(unit: str) -> _Unit:
+    registry = _registry()
+    text = _NEWTON_METRE.sub("N m", unit)
+    # A bad unit surfaces as one of a dozen exceptions of pint and of Python's tokenizer; the remedy is always the same.
+    try:
+        parsed = registry.parse_units(text)
+        base = registry.Quantity(1.0, parsed).to_base_units()
+        offset = registry.Quantity(0.0, parsed).to_base_units().magnitude
+    except Exception as error:
+        raise InputError(f"unknown unit '{unit}': write one such as 's', 'mm', 'deg/s', 'mN', 'N m'") from error
+    if offset != 0.0:
+        raise InputError(f"unit '{unit}' does not start at zero: write 'K'")
+    factor = base.magnitude
+    if not (math.isfinite(factor) and factor > 0.0):
+        raise InputError(f"unit '{unit}' is out of range: write one such as 's', 'mm', 'deg/s', 'mN', 'N m'")
+    return _Unit(
+        factor=factor,
+        base=f"{base.units:~C}".replace("**", "^").replace("*", " "),
+        dimensions=str(base.dimensionality),
+        is_angle="radian" in str(base.units),
+        names=str(parsed),
+    )
+
+
+def _number_and_unit(part: str, text: str) -> tuple[float, str]:
+    match = _NUMBER.match(part)
+    if match is None:
+        raise InputError(f"'{text}' does not start with a number: write it as '80 g' or '80 g +/- 0.4 g'")
+    value, unit = float(match.group()), part[match.end() :].strip()
+    if not math.isfinite(value):
+        raise InputError(f"'{text}' is not finite: write a number, such as '80 g'")
+    if unit.startswith(","):
+        raise InputError(f"'{text}' has a decimal comma: write a decimal point")
+    return value, unit
