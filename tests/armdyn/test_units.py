@@ -1,0 +1,107 @@
+import contextlib
+import math
+import subprocess
+import sys
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from armdyn.errors import InputError
+from armdyn.units import Known, parse_quantity, si_factor, si_unit
+
+
+@pytest.mark.parametrize(
+    ("unit", "expected", "factor"),
+    [
+        ("gram_force", "N", 9.80665e-3),
+        ("ms", "s", 1e-3),
+        ("deg/s", "rad/s", math.pi / 180),
+        ("rpm", "rad/s", 2 * math.pi / 60),
+        ("deg/s²", "rad/s^2", math.pi / 180),
+        ("1/s", "rad/s", 1.0),
+        ("Nm", "N m", 1.0),
+        ("N·mm", "N m", 1e-3),
+        ("g cm^2", "kg m^2", 1e-7),
+        ("lbf", "N", 4.4482216152605),
+    ],
+)
+def test_factor_to_si_is_the_textbook_one(unit, expected, factor):
+    assert si_factor(unit, expected) == pytest.approx(factor, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected", "value", "std"),
+    [
+        ("80 g +/- 0.4 g", "kg", 0.080, 0.0004),
+        ("80 g ± 0.5 %", "kg", 0.080, 0.0004),
+        ("0.368 m +/- 1 mm", "m", 0.368, 0.001),
+        ("0.368 ± 0.001 m", "m", 0.368, 0.001),
+        ("3 mN", "N", 0.003, None),
+        ("-90deg", "rad", -math.pi / 2, None),
+        ("4.5e-4 rad", "rad", 4.5e-4, None),
+        ("1.02", "1", 1.02, None),
+    ],
+)
+def test_quantity_is_read_with_its_spread(text, expected, value, std):
+    quantity = parse_quantity(text, expected)
+    assert quantity.value == pytest.approx(value, rel=1e-14)
+    assert quantity.unit == expected
+    assert quantity.std is None if std is None else quantity.std == pytest.approx(std, rel=1e-14)
+
+
+def test_coherent_unit_keeps_its_name_and_others_become_base_units():
+    assert parse_quantity("3 N s^2/m^2") == Known(3.0, None, "N s^2/m^2")
+    assert parse_quantity("2 mm/s") == Known(0.002, None, "m/s")
+    assert si_unit("g m^2") == "kg m^2"
+    assert si_unit("deg") == "rad"
+
+
+@pytest.mark.parametrize(
+    ("text", "expected", "said"),
+    [
+        ("80", "kg", "has no unit: write it as '80 kg'"),
+        ("80 g +/- 0.4", "kg", "standard deviation"),
+        ("80 g +/- 0 g", "kg", "not positive"),
+        ("80 g +/- -1 g", "kg", "not positive"),
+        ("80 g +/- 1 g +/- 2 g", "kg", "more than one"),
+        ("80 mm", "kg", "another kind than 'kg'"),
+        ("80 g +/- 1 mm", "kg", "another kind than 'kg'"),
+        ("80 grammes", "kg", "unknown unit 'grammes'"),
+        ("3 Hz", "rad/s", "does not say an angle"),
+        ("3 %", "rad", "does not say an angle"),
+        ("20 degC", None, "does not start at zero"),
+        ("0,368 m", "m", "decimal comma"),
+        ("heavy", "kg", "does not start with a number"),
+        ("nan g", "kg", "not finite"),
+        ("3 m^", "m", "unknown unit"),
+        ("3 (m", "m", "unknown unit"),
+        ("", "m", "does not start with a number"),
+    ],
+)
+def test_bad_quantity_is_refused_in_one_line_that_says_what_to_do(text, expected, said):
+    with pytest.raises(InputError) as error:
+        parse_quantity(text, expected)
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@given(st.text(max_size=20))
+def test_any_text_is_a_finite_quantity_or_an_input_error(text):
+    with contextlib.suppress(InputError):
+        assert math.isfinite(parse_quantity(text, "m").value)
+
+
+@given(
+    st.floats(allow_nan=False, allow_infinity=False),
+    st.none() | st.floats(min_value=1e-300, allow_nan=False, allow_infinity=False),
+    st.sampled_from(["kg", "m", "N s^2/m^2", "rad"]),
+)
+def test_a_known_value_written_as_text_reads_back_to_the_last_digit(value, std, unit):
+    assert parse_quantity(str(Known(value, std, unit)), unit) == Known(value, std, unit)
+
+
+def test_importing_runs_leaves_pint_and_mcap_unloaded():
+    code = "import sys, armdyn.run; print(sorted({'pint', 'mcap', 'plotly', 'casadi'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
