@@ -111,6 +111,14 @@ class Model(ABC):
         return self.parameters[name]
 
     @abstractmethod
+    def predicted_channels(self, run: Run) -> tuple[str, ...]:
+        """Channels of a run that this model predicts, in the order of the prediction.
+
+        Raises:
+            InputError: there is none.
+        """
+
+    @abstractmethod
     def predict(self, run: Run, theta: np.ndarray) -> Prediction:
         """What the model says about a run.
 

@@ -14,7 +14,7 @@ STAGES: tuple[Stage, ...] = ("gripper", "string", "load", "sensor", "joint")
 Physics = TypeVar("Physics")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # an effect is itself only: two functions cannot be compared
 class Effect:
     """One piece of physics that can be added to a model by name.
 

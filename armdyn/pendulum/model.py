@@ -15,6 +15,7 @@ from armdyn.parameter import Parameter
 from armdyn.pendulum.composition import compose
 from armdyn.pendulum.dynamics import OUTPUTS, Dynamics, TensionFormula, derive_dynamics
 from armdyn.pendulum.path import GripperPath, fixed_path, smoothed_path
+from armdyn.pendulum.physics import Expression
 from armdyn.pendulum.readout import lagged, sampled
 from armdyn.pendulum.simulate import Rollout, Simulator
 from armdyn.pendulum.variational import VariationalStep, derive_variational
@@ -65,11 +66,16 @@ class PendulumModel(Model):
         physics = np.array([values[name] for name in self.physics_names])
         return self._formulation.simulator.rollout(path, physics, values["initial_angle"], values["initial_rate"])
 
-    def predict(self, run: Run, theta: np.ndarray) -> Prediction:
-        """See `Model.predict`; predicted are load_force, swing_angle and swing_rate."""
+    def predicted_channels(self, run: Run) -> tuple[str, ...]:
+        """See `Model.predicted_channels`."""
         channels = tuple(name for name in OUTPUTS if name in run.channels)
         if not channels:
             raise InputError(f"{run.name}: holds none of {', '.join(OUTPUTS)}, so there is nothing to compare")
+        return channels
+
+    def predict(self, run: Run, theta: np.ndarray) -> Prediction:
+        """See `Model.predict`; predicted are load_force, swing_angle and swing_rate."""
+        channels = self.predicted_channels(run)
         path = run_path(run)
         rollout = self.rollout(path, theta)
         columns = [(*self.physics_names, *INITIAL).index(name) for name in self.names]
@@ -92,15 +98,18 @@ class PendulumModel(Model):
 
     def _read_force(self, signal: np.ndarray, time: np.ndarray, path: GripperPath, physics: np.ndarray) -> np.ndarray:
         """(n, 1 + p) of the load cell: signal and derivatives through lag and delay, to the sample times."""
-        if not self._formulation.late:
+        lags, delays = self._formulation.lags, self._formulation.delays
+        if not (lags or delays):
             return sampled(signal, (time - path.start) / path.dt)[0]
         timing, derivative = (np.asarray(a) for a in self._formulation.timing(physics))
         lag, delay = timing.ravel()
-        signal, per_lag = lagged(signal, float(lag), path.dt)
-        count = len(physics)
-        signal[:, 1 : 1 + count] += np.outer(per_lag, derivative[0])
+        if lags:
+            signal, per_lag = lagged(signal, float(lag), path.dt)
+            for column in lags:
+                signal[:, 1 + column] += per_lag * derivative[0, column]
         block, per_step = sampled(signal, (time - delay - path.start) / path.dt)
-        block[:, 1 : 1 + count] -= np.outer(per_step / path.dt, derivative[1])
+        for column in delays:
+            block[:, 1 + column] -= per_step / path.dt * derivative[1, column]
         return block
 
     @property
@@ -110,13 +119,14 @@ class PendulumModel(Model):
 
 @dataclass(frozen=True)
 class _Formulation:
-    """What is derived and compiled once per set of effects."""
+    """What is derived and compiled once per set of effects; lags and delays are the parameters they depend on."""
 
     names: tuple[str, ...]
     dynamics: Dynamics
     simulator: Simulator
     timing: ca.Function
-    late: bool
+    lags: tuple[int, ...]
+    delays: tuple[int, ...]
 
 
 @lru_cache(maxsize=64)
@@ -130,8 +140,13 @@ def _formulation(effects: tuple[Effect, ...], tension: TensionFormula, name: str
         dynamics=dynamics,
         simulator=Simulator(dynamics, name),
         timing=ca.Function("timing", [theta], [ca.densify(timing), derivative]),
-        late=bool(ca.depends_on(timing, theta)),
+        lags=_dependent(timing[0], theta),
+        delays=_dependent(timing[1], theta),
     )
+
+
+def _dependent(expression: Expression, theta: Expression) -> tuple[int, ...]:
+    return tuple(i for i, depends in enumerate(ca.which_depends(expression, theta, 1, False)) if depends)
 
 
 @lru_cache(maxsize=64)

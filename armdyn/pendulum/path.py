@@ -1,6 +1,7 @@
 """The gripper's path from noisy positions: smoothed with a known noise, differentiated without phase shift."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import solveh_banded
@@ -13,7 +14,7 @@ SEARCH = np.logspace(-2, 10, 25)
 """Smoothing strengths that are tried, in samples^8; neighbours are a factor of 3.2 apart."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class GripperPath:
     """The gripper along its line on a uniform grid.
 
@@ -31,6 +32,7 @@ class GripperPath:
     v: np.ndarray
     a: np.ndarray
 
+    @cached_property
     def inputs(self) -> tuple[np.ndarray, np.ndarray]:
         """Rows t, x, v, a at the nodes (4, K) and halfway between them (4, K-1), by quintic Hermite interpolation."""
         t = self.start + self.dt * np.arange(len(self.x))

@@ -36,7 +36,10 @@ class Simulator:
     def __init__(self, dynamics: Dynamics, name: str) -> None:
         self.dynamics = dynamics
         self.parameters = len(dynamics.names)
-        built = compiled(f"simulate_{name}", {"steps": _steps(dynamics), "start": _start(dynamics)})
+        self._active = _active(dynamics)
+        built = compiled(
+            f"simulate_{name}", {"steps": _steps(dynamics, self._active), "start": _start(dynamics, self._active)}
+        )
         self._steps, self._start = Buffered(built["steps"]), Buffered(built["start"])
 
     def rollout(self, path: GripperPath, theta: np.ndarray, angle: float = 0.0, p: float = 0.0) -> Rollout:
@@ -48,7 +51,7 @@ class Simulator:
             angle: at the first node, rad.
             p: swing rate seen from rest in space at the first node, rad/s; 0 for a load at rest.
         """
-        nodes, middle = path.inputs()
+        nodes, middle = path.inputs
         K, m = nodes.shape[1], self.parameters + 2
         padded = -(-K // BLOCK) * BLOCK
         inputs = np.zeros((3 * INPUT_SIZE, padded))
@@ -68,40 +71,61 @@ class Simulator:
             )
             states[block], outputs[block] = before.T, y.T
             sensitivities[block] = dy.T.reshape(BLOCK, m, len(OUTPUTS))
-        return Rollout(states[:K], sensitivity.copy(), outputs[:K], sensitivities[:K].transpose(0, 2, 1))
+        last = np.zeros((STATE_SIZE, m))
+        last[:, self._active] = sensitivity
+        return Rollout(states[:K], last, outputs[:K], sensitivities[:K].transpose(0, 2, 1))
 
 
-def _steps(dynamics: Dynamics) -> ca.Function:
-    """One block of steps, with the outputs before each step."""
+def _steps(dynamics: Dynamics, active: list[int]) -> ca.Function:
+    """One block of steps, with the outputs before each step and their derivatives.
+
+    The derivatives S of the state obey the integrator's own chain rule, stage by stage, and only for the columns in
+    `active`: a parameter of a sensor never moves the load.
+    """
     parameters = len(dynamics.names)
-    m = parameters + 2
-    s, S, theta, dt = ca.SX.sym("s", STATE_SIZE), ca.SX.sym("S", STATE_SIZE, m), ca.SX.sym("theta", parameters), ca.SX.sym("dt")
+    s, S = ca.SX.sym("s", STATE_SIZE), ca.SX.sym("S", STATE_SIZE, len(active))
+    theta, dt = ca.SX.sym("theta", parameters), ca.SX.sym("dt")
     w = ca.SX.sym("w", 3 * INPUT_SIZE)
     here, middle, there = ca.vertsplit(w, INPUT_SIZE)
-    f = dynamics.derivative
-    k1 = f(s, here, theta)
-    k2 = f(s + dt / 2 * k1, middle, theta)
-    k3 = f(s + dt / 2 * k2, middle, theta)
-    k4 = f(s + dt * k3, there, theta)
-    following = s + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    point, at = ca.SX.sym("point", STATE_SIZE), ca.SX.sym("at", INPUT_SIZE)
+    rate = dynamics.derivative(point, at, theta)
+    by_state, by_theta = ca.jacobian(rate, point), ca.horzcat(ca.jacobian(rate, theta), ca.SX(STATE_SIZE, 2))
+    slope = ca.Function("slope", [point, at, theta], [rate, by_state, by_theta[:, active]])
+
+    total, total_S = 0, 0
+    stage_s, stage_S = s, S
+    for inputs, reach, weight in ((here, 1 / 2, 1), (middle, 1 / 2, 2), (middle, 1, 2), (there, 0, 1)):
+        k, A, B = slope(stage_s, inputs, theta)
+        K = A @ stage_S + B
+        total, total_S = total + weight * k, total_S + weight * K
+        stage_s, stage_S = s + reach * dt * k, S + reach * dt * K
+    following, following_S = s + dt / 6 * total, S + dt / 6 * total_S
+
     y = dynamics.output(s, here, theta)
-
-    def total(expression: Expression) -> Expression:
-        direct = ca.horzcat(ca.jacobian(expression, theta), ca.SX.zeros(expression.numel(), 2))
-        return ca.densify(ca.jacobian(expression, s) @ S + direct)
-
-    stage = ca.Function("stage", [s, S, w, dt, theta], [following, total(following), s, ca.densify(y), total(y)])
+    dy = ca.horzcat(ca.jacobian(y, theta), ca.SX(y.numel(), 2))
+    dy[:, active] += ca.jacobian(y, s) @ S
+    stage = ca.Function(
+        "stage", [s, S, w, dt, theta], [following, ca.densify(following_S), s, ca.densify(y), ca.densify(dy)]
+    )
     over = stage.mapaccum("over", BLOCK, 2)
-    s0, S0, P = ca.MX.sym("s", STATE_SIZE), ca.MX.sym("S", STATE_SIZE, m), ca.MX.sym("theta", parameters)
+    s0, S0, P = ca.MX.sym("s", STATE_SIZE), ca.MX.sym("S", STATE_SIZE, len(active)), ca.MX.sym("theta", parameters)
     W, DT = ca.MX.sym("w", 3 * INPUT_SIZE, BLOCK), ca.MX.sym("dt", 1, BLOCK)
     after, sensitivity, before, Y, dY = over(s0, S0, W, DT, ca.repmat(P, 1, BLOCK))
-    return ca.Function("steps", [s0, S0, W, DT, P], [before, Y, dY, after[:, -1], sensitivity[:, -m:]])
+    return ca.Function("steps", [s0, S0, W, DT, P], [before, Y, dY, after[:, -1], sensitivity[:, -len(active) :]])
 
 
-def _start(dynamics: Dynamics) -> ca.Function:
+def _active(dynamics: Dynamics) -> list[int]:
+    """Columns of (theta, angle, p) on which the motion depends, not only the readings."""
+    theta, s, w = ca.SX.sym("theta", len(dynamics.names)), ca.SX.sym("s", STATE_SIZE), ca.SX.sym("w", INPUT_SIZE)
+    moving = ca.vertcat(dynamics.derivative(s, w, theta), dynamics.initial(s[0], s[1], w, theta))
+    depends = ca.which_depends(moving, theta, 1, False)
+    return [*(i for i, moves in enumerate(depends) if moves), len(depends), len(depends) + 1]
+
+
+def _start(dynamics: Dynamics, active: list[int]) -> ca.Function:
     """State at the start and its derivatives."""
     angle, p, w = ca.SX.sym("angle"), ca.SX.sym("p"), ca.SX.sym("w", INPUT_SIZE)
     theta = ca.SX.sym("theta", len(dynamics.names))
     state = dynamics.initial(angle, p, w, theta)
-    sensitivity = ca.jacobian(state, ca.vertcat(theta, angle, p))
+    sensitivity = ca.jacobian(state, ca.vertcat(theta, angle, p))[:, active]
     return ca.Function("start", [angle, p, w, theta], [ca.densify(state), ca.densify(sensitivity)])
