@@ -61,18 +61,22 @@ MIN_SAMPLES = 10
 """Fewer samples than this cannot tell a model from its noise."""
 
 
+def in_contract(name: str) -> bool:
+    """True where `name` is the name of a channel."""
+    quantity, dot, joint = name.partition(".")
+    return name in PENDULUM_CHANNELS or (bool(dot and joint) and quantity in JOINT_CHANNELS)
+
+
 def channel_kind(name: str, where: str = "channel") -> ChannelKind:
     """What the channel `name` means.
 
     Raises:
         UnknownNameError: there is no such channel; `where` says what was looked up.
     """
-    if name in PENDULUM_CHANNELS:
-        return PENDULUM_CHANNELS[name]
-    quantity, dot, joint = name.partition(".")
-    if dot and joint and quantity in JOINT_CHANNELS:
-        return JOINT_CHANNELS[quantity]
-    raise UnknownNameError(where, name, _valid_names(joint))
+    quantity, _, joint = name.partition(".")
+    if not in_contract(name):
+        raise UnknownNameError(where, name, _valid_names(joint))
+    return PENDULUM_CHANNELS[name] if name in PENDULUM_CHANNELS else JOINT_CHANNELS[quantity]
 
 
 def channel_units(name: str, where: str = "channel") -> tuple[str, ...]:

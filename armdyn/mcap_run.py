@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from armdyn.channels import LARGEST, Channel, channel_unit, first_implausible
-from armdyn.errors import InputError, UnknownNameError
+from armdyn.channels import LARGEST, Channel, channel_unit, first_implausible, in_contract
+from armdyn.errors import InputError
 from armdyn.sidecar import Sidecar, parse_sidecar
 
 SIDECAR_RECORD = "armdyn.sidecar"
@@ -72,18 +72,19 @@ def read_mcap(path: Path, recover: bool = False) -> McapRecording:
         InputError: the file cannot be read, is cut off or damaged (unless `recover`), or holds no channels of armdyn.
     """
     content = _scan(_bytes(path))
+    recorded = {name: samples for name, samples in content.samples.items() if samples.time}
     warnings: tuple[str, ...] = ()
     if content.problem is not None:
         if not recover:
             raise InputError(
                 f"{path}: {content.problem}: copy it again, or recover what is there with read_run(path, recover=True)"
             )
-        last = max((samples.time[-1] for samples in content.samples.values()), default=0.0)
+        last = max((samples.time[-1] for samples in recorded.values()), default=0.0)
         warnings = (f"{path.name} {content.problem}; recovered up to {last:.3f} s",)
-    if not content.samples:
+    if not recorded:
         raise InputError(f"{path}: holds no samples of armdyn: give a recording made by 'armdyn trial', or a CSV")
     channels = {}
-    for name, samples in content.samples.items():
+    for name, samples in recorded.items():
         try:
             channels[name] = _channel(name, samples)
         except InputError as error:
@@ -120,6 +121,8 @@ def _scan(data: bytes) -> _Content:
         for record in StreamReader(io.BytesIO(data), validate_crcs=True).records:
             if isinstance(record, Topic):
                 labels[record.id] = _labels(record.metadata)
+                for name, unit in labels[record.id].values():
+                    content.samples.setdefault(name, _Samples(unit))
             elif isinstance(record, Message) and labels[record.channel_id]:
                 _take(json.loads(record.data), labels[record.channel_id], content.samples)
             elif isinstance(record, Metadata) and record.name == SIDECAR_RECORD:
@@ -135,8 +138,7 @@ def _take(message: dict[str, float], labels: dict[str, tuple[str, str]], samples
     time = float(message[TIME_FIELD])
     for name_in_topic, value in message.items():
         if name_in_topic in labels:
-            name, unit = labels[name_in_topic]
-            channel = samples.setdefault(name, _Samples(unit))
+            channel = samples[labels[name_in_topic][0]]
             channel.time.append(time)
             channel.value.append(float(value))
 
@@ -148,10 +150,9 @@ def _labels(metadata: dict[str, str]) -> dict[str, tuple[str, str]]:
 
 def _channel(name: str, samples: _Samples) -> Channel:
     time, value = np.array(samples.time), np.array(samples.value)
-    try:
-        unit, factor = channel_unit(name, samples.unit)
-    except UnknownNameError:
+    if not in_contract(name):
         return Channel(time, value, samples.unit)  # recorded beside the run, in a unit of its own
+    unit, factor = channel_unit(name, samples.unit)
     channel = Channel(time, value if factor == 1.0 else value * factor, unit)
     beyond = first_implausible(unit, channel.value)
     if beyond is not None:

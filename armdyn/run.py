@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from armdyn import atomic
-from armdyn.channels import MIN_SAMPLES, Channel, channel_kind, check_joint_units
+from armdyn.channels import MIN_SAMPLES, Channel, channel_kind, check_joint_units, in_contract
 from armdyn.csv_run import read_csv, write_csv
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.sidecar import Sidecar, read_sidecar, sidecar_text
@@ -166,13 +166,7 @@ def write_run_csv(run: Run, path: Path | str) -> None:
 
 def _of_the_contract(path: Path, recorded: Mapping[str, Channel]) -> dict[str, Channel]:
     """The channels of a run among all that were recorded."""
-    channels = {}
-    for name, channel in recorded.items():
-        try:
-            channel_kind(name)
-        except UnknownNameError:
-            continue
-        channels[name] = channel
+    channels = {name: channel for name, channel in recorded.items() if in_contract(name)}
     longest = max((len(channel) for channel in channels.values()), default=0)
     if longest < MIN_SAMPLES:
         raise InputError(f"{path}: holds {longest} samples where at least {MIN_SAMPLES} are needed: record longer")
