@@ -1,0 +1,73 @@
+"""What the pipeline asks of a robot, simulated or real."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+Vector = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class JointState:
+    """One reading of the joints.
+
+    Attributes:
+        time: when the reading was taken [s].
+        q: joint positions (n,) [rad].
+        v: joint velocities (n,) [rad/s].
+        tau: joint efforts, what the motors exert (n,) [N m].
+    """
+
+    time: float
+    q: Vector
+    v: Vector
+    tau: Vector
+
+
+@dataclass(frozen=True)
+class ForceSample:
+    """One reading of the load cell.
+
+    Attributes:
+        time: when it was *received* [s]; the force was there earlier, by an unknown latency.
+        force: string tension as the cell reports it [N].
+    """
+
+    time: float
+    force: float
+
+
+class Robot(Protocol):
+    """An arm with a load cell at its gripper, commanded in joint space at about 100 Hz."""
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the commanded joints, in the order of every joint vector."""
+        ...
+
+    @property
+    def time(self) -> float:
+        """The robot's clock [s]."""
+        ...
+
+    def command(self, q: Vector, v: Vector, a: Vector) -> None:
+        """Follow this reference from now on: position, velocity, acceleration (n,) each [rad, rad/s, rad/s^2]."""
+        ...
+
+    def stop(self) -> None:
+        """Come to rest within the acceleration limits and hold, until the next command."""
+        ...
+
+    def advance(self, duration: float) -> None:
+        """Let `duration` seconds pass: a simulated robot computes them, a real one waits."""
+        ...
+
+    def joint_state(self) -> JointState:
+        """The latest reading of the joints."""
+        ...
+
+    def load_cell(self) -> list[ForceSample]:
+        """Readings of the load cell received since the last call, oldest first."""
+        ...

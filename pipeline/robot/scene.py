@@ -1,0 +1,254 @@
+"""MuJoCo's model of arm, string, load and box, from the URDF text alone."""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+import urdf
+from armdyn.errors import InputError
+from pipeline.robot.protocol import Vector
+from pipeline.robot.settings import PlantSettings
+
+TIME_STEP = 1e-3
+"""Step of the physics [s]."""
+
+# MuJoCo's default limit is so soft that the string loses 5 % of the swing's energy in 15 s. This one stretches by
+# 0.2 mm under 80 g (4 kN/m) and loses 0.1 %; a harder one would need a shorter step.
+STRING_SOLREF = (-25000.0, -100.0)
+STRING_SOLIMP = (0.5, 0.5, 1e-4, 0.5, 2.0)
+
+RIGID_ARMATURE = 1e6
+"""Rotor inertia of a joint that shall not move [kg m^2]."""
+
+
+@dataclass(frozen=True)
+class LineFrame:
+    """The line in MuJoCo's world: where it is, and which way is right, across and up.
+
+    Attributes:
+        origin: the string's upper end at s = 0 (3,) [m].
+        along: unit vector of increasing s (3,).
+        across: horizontal unit vector at right angles to it (3,).
+    """
+
+    origin: Vector
+    along: Vector
+    across: Vector
+
+    @staticmethod
+    def of(robot: urdf.Robot) -> "LineFrame":
+        """Frame of a robot's line.
+
+        Raises:
+            InputError: the line is not horizontal, so that a swing along it is not the paper's.
+        """
+        along = np.asarray(robot.line.direction, dtype=float)
+        along = along / np.linalg.norm(along)
+        if abs(along[2]) > 1e-6:
+            raise InputError(
+                f"robot '{robot.name}': the line's direction {along} is not horizontal; give one with z = 0"
+            )
+        across = np.cross([0.0, 0.0, 1.0], along)
+        return LineFrame(np.asarray(robot.line.origin, dtype=float), along, across)
+
+    def coordinate(self, point: Vector) -> float:
+        """Line coordinate s of a point (3,) [m]."""
+        return float((point - self.origin) @ self.along)
+
+
+def build_scene(
+    robot: urdf.Robot, settings: PlantSettings, hidden: Mapping[str, float], mass: float, link_scale: Vector
+) -> mujoco.MjModel:
+    """Model of the plant; string and load are named ``string`` and ``load``, the attachment ``pivot``.
+
+    Args:
+        robot: the arm.
+        settings: string, load, box, friction.
+        hidden: value of every effect.
+        mass: true mass of the load [kg].
+        link_scale: factor on mass and inertia of the link behind each joint (n,).
+
+    Returns:
+        The compiled model, at MuJoCo's own zero posture.
+    """
+    spec = mujoco.MjSpec.from_string(_arm_only(robot))
+    _set_options(spec, LineFrame.of(robot), hidden["path_tilt"])
+    tool = spec.body(robot.tool_frame)
+    if tool is None:
+        raise InputError(f"robot '{robot.name}': its URDF has no link '{robot.tool_frame}' to hang the string from")
+    tool.add_site(name="pivot", pos=robot.tool_offset)
+    if hidden["payload"] > 0:
+        tool.add_body(
+            name="payload", mass=hidden["payload"], inertia=np.full(3, 1e-6), ipos=np.zeros(3), explicitinertial=True
+        )
+    _add_motors(spec, robot, settings, hidden["gripper_lag"])
+    _add_load(spec, tool, robot.tool_offset, settings, mass, hidden["load_inertia"])
+    _add_string(spec, settings.length)
+    if settings.box is not None:
+        add_box(spec, LineFrame.of(robot), settings)
+    model = spec.compile()
+    if hidden["string_elasticity"] > 0:
+        _make_elastic(model, hidden["string_elasticity"])
+    _tune_joints(model, robot, settings, hidden, link_scale * (1.0 + hidden["link_inertia"]))
+    return model
+
+
+def add_box(spec: mujoco.MjSpec, line: LineFrame, settings: PlantSettings) -> None:
+    """Four walls and a floor, fixed in the world, aligned with the line."""
+    box = settings.box
+    if box is None:
+        return
+    up = np.array([0.0, 0.0, 1.0])
+    half = box.wall / 2
+    rim = line.origin - box.rim * up
+    middle = rim + (box.near_wall + box.width / 2) * line.along
+    quaternion = np.zeros(4)
+    mujoco.mju_mat2Quat(quaternion, np.column_stack([line.along, line.across, up]).ravel())
+    side = -box.height / 2 * up
+    w, d, h = box.width / 2, box.depth / 2, box.height / 2
+    plates = {
+        "near": (side - w * line.along, (half, d + half, h)),
+        "far": (side + w * line.along, (half, d + half, h)),
+        "left": (side - d * line.across, (w + half, half, h)),
+        "right": (side + d * line.across, (w + half, half, h)),
+        "floor": (-(box.height + half) * up, (w + half, d + half, half)),
+    }
+    for name, (offset, size) in plates.items():
+        spec.worldbody.add_geom(
+            name=f"box_{name}",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=middle + offset,
+            quat=quaternion,
+            size=size,
+            friction=[box.friction, 0.005, 0.0005],
+            condim=4,
+            rgba=[0.55, 0.40, 0.25, 0.6],
+        )
+
+
+def _arm_only(robot: urdf.Robot) -> str:
+    """URDF text without shapes, in which only the arm's joints move: the rest stands at zero."""
+    root = ET.fromstring(robot.urdf_xml)
+    for link in root.iter("link"):
+        for shape in link.findall("visual") + link.findall("collision"):
+            link.remove(shape)
+    freeze_other_joints(root, robot.joint_names)
+    return ET.tostring(root, encoding="unicode")
+
+
+def freeze_other_joints(root: ET.Element, joint_names: tuple[str, ...]) -> None:
+    """Make every joint of a URDF that is not named a fixed one."""
+    for joint in root.findall("joint"):
+        if joint.get("name") not in joint_names:
+            joint.set("type", "fixed")
+            for mimic in joint.findall("mimic"):
+                joint.remove(mimic)
+
+
+def _set_options(spec: mujoco.MjSpec, line: LineFrame, tilt: float) -> None:
+    spec.option.timestep = TIME_STEP
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.gravity = 9.81 * (np.sin(tilt) * line.along - np.cos(tilt) * np.array([0.0, 0.0, 1.0]))
+    # A diverged state must be seen, not silently set back to the start.
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+
+
+def _add_motors(spec: mujoco.MjSpec, robot: urdf.Robot, settings: PlantSettings, gripper_lag: float) -> None:
+    """A motor per joint with the force ``ctrl - stiffness q - damping v``.
+
+    In this form MuJoCo integrates the stiff part implicitly and clamps the sum at the URDF's effort limit;
+    `servo` computes ``ctrl``. The encoders lead the gripper by `gripper_lag` [s] and the servo regulates what they
+    report, q + gripper_lag v.
+    """
+    servo = settings.servo
+    for i, name in enumerate(robot.joint_names):
+        motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        motor.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+        motor.gainprm[0] = 1.0
+        motor.biasprm[1] = -servo.stiffness[i]
+        motor.biasprm[2] = -(servo.damping[i] + gripper_lag * servo.stiffness[i])
+
+
+def _tune_joints(
+    model: mujoco.MjModel, robot: urdf.Robot, settings: PlantSettings, hidden: Mapping[str, float], link_scale: Vector
+) -> None:
+    """Friction, rotor and link inertia of each joint, which MuJoCo reads from its model at every step."""
+    servo = settings.servo
+    share = effort_share(robot)
+    for i, name in enumerate(robot.joint_names):
+        joint = model.joint(name)
+        dof, body = joint.dofadr[0], joint.bodyid[0]
+        armature = servo.armature[i] + hidden["rotor_inertia"] * share[i]
+        model.dof_armature[dof] = RIGID_ARMATURE if settings.rigid_arm else armature
+        model.dof_frictionloss[dof] = servo.friction[i] + hidden["joint_coulomb_friction"] * share[i]
+        model.dof_damping[dof] += hidden["joint_viscous_friction"] * share[i]
+        model.body_mass[body] *= link_scale[i]
+        model.body_inertia[body] *= link_scale[i]
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+
+
+def effort_share(robot: urdf.Robot) -> Vector:
+    """Effort limit of each joint relative to the strongest joint (n,): the size of its friction and rotor."""
+    effort = np.asarray(robot.limits.effort, dtype=float)
+    share: Vector = effort / effort.max()
+    return share
+
+
+def _add_load(
+    spec: mujoco.MjSpec, tool: object, offset: Vector, settings: PlantSettings, mass: float, inertia: float
+) -> None:
+    """A free sphere; with an inertia of its own, a sphere sliding on a massless bar that turns about the pivot.
+
+    Without it the string holds the sphere's centre and the sphere does not turn with it.
+    """
+    below = float(settings.length)
+    if inertia > 0:
+        bar = tool.add_body(name="bar", pos=offset, mass=1e-9, inertia=[inertia, inertia, 1e-9], explicitinertial=True)
+        bar.ipos = np.zeros(3)
+        bar.add_joint(name="turn", type=mujoco.mjtJoint.mjJNT_BALL)
+        load = bar.add_body(name="load", pos=[0.0, 0.0, below])
+        load.add_joint(name="slide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, 0.0, 1.0])
+        own = 1e-9
+    else:
+        load = spec.worldbody.add_body(name="load", pos=[0.0, 0.0, -below])
+        load.add_freejoint(name="load")
+        own = 0.4 * mass * settings.load_radius**2
+    load.mass, load.inertia, load.ipos, load.explicitinertial = mass, np.full(3, own), np.zeros(3), True
+    load.add_geom(
+        name="load",
+        type=mujoco.mjtGeom.mjGEOM_SPHERE,
+        size=[settings.load_radius, 0, 0],
+        condim=4,
+        rgba=[0.8, 0.1, 0.1, 1],
+    )
+    load.add_site(name="load")
+
+
+def _add_string(spec: mujoco.MjSpec, length: float) -> None:
+    """A cord that only pulls: a tendon with an upper limit of its length."""
+    string = spec.add_tendon(name="string", width=0.0015, rgba=[0.1, 0.1, 0.1, 1])
+    string.wrap_site("pivot")
+    string.wrap_site("load")
+    string.limited = True
+    string.range = [0.0, length]
+    string.solref_limit, string.solimp_limit = STRING_SOLREF, STRING_SOLIMP
+    spec.add_sensor(
+        name="tension",
+        type=mujoco.mjtSensor.mjSENS_TENDONLIMITFRC,
+        objtype=mujoco.mjtObj.mjOBJ_TENDON,
+        objname="string",
+    )
+
+
+def _make_elastic(model: mujoco.MjModel, compliance: float) -> None:
+    """Replace the limit by a spring [m/N] that acts beyond the string's length only."""
+    string = model.tendon("string").id
+    model.tendon_lengthspring[string] = model.tendon_range[string]
+    model.tendon_limited[string] = 0
+    stiffness = model.tendon_stiffness
+    # MuJoCo 4 has room for a polynomial; the linear coefficient comes first.
+    stiffness.reshape(model.ntendon, -1)[string, 0] = 1.0 / compliance

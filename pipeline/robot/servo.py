@@ -1,0 +1,124 @@
+"""The joint controller of the simulated robot, as Baxter's position mode with inverse dynamics."""
+
+import math
+
+import numpy as np
+import pinocchio as pin
+
+from pipeline.robot.protocol import Vector
+from pipeline.robot.settings import ServoSettings
+
+TRUST_ACCELERATION = 0.02
+"""How long a command's acceleration is extrapolated [s]: two command periods; its velocity lasts until the hold."""
+
+
+class Reference:
+    """The commanded motion between two commands, and the way to rest when none comes.
+
+    Args:
+        q: where the arm rests (n,) [rad].
+        acceleration: limit with which it brakes (n,) [rad/s^2].
+        hold_after: silence after which it brakes [s].
+    """
+
+    def __init__(self, q: Vector, acceleration: Vector, hold_after: float) -> None:
+        self._limit, self._hold_after = acceleration, hold_after
+        self._start, self._brake_at = 0.0, math.inf
+        self._q, self._v, self._a = q.copy(), np.zeros_like(q), np.zeros_like(q)
+        self._brake_from = (self._q, self._v, 0.0)
+
+    def command(self, time: float, q: Vector, v: Vector, a: Vector) -> None:
+        """Follow position, velocity and acceleration (n,) from `time` [s] on."""
+        self._start, self._q, self._v, self._a = time, q.copy(), v.copy(), a.copy()
+        self._brake_at = time + self._hold_after
+        self._brake_from = self._braking(self._brake_at)
+
+    def stop(self, time: float) -> None:
+        """Brake from `time` [s] on."""
+        if time < self._brake_at:
+            self._brake_from = self._braking(time)
+            self._brake_at = time
+
+    def at(self, time: float) -> tuple[Vector, Vector, Vector]:
+        """Position, velocity and acceleration (n,) at `time` [s]."""
+        if time < self._brake_at:
+            return self._extrapolated(time)
+        q, v, duration = self._brake_from
+        if duration <= 0.0:
+            return q, np.zeros_like(q), np.zeros_like(q)
+        elapsed = min(time - self._brake_at, duration)
+        left = 1.0 - elapsed / duration
+        a = -v / duration if left > 0.0 else np.zeros_like(v)
+        return q + v * (elapsed * (1.0 + left) / 2), v * left, a
+
+    def _extrapolated(self, time: float) -> tuple[Vector, Vector, Vector]:
+        age = time - self._start
+        trusted = min(age, TRUST_ACCELERATION)
+        v = self._v + self._a * trusted
+        q = self._q + self._v * trusted + 0.5 * self._a * trusted**2 + v * (age - trusted)
+        return q, v, self._a if age <= TRUST_ACCELERATION else np.zeros_like(v)
+
+    def _braking(self, time: float) -> tuple[Vector, Vector, float]:
+        """Position and velocity at which braking begins, and the time that it takes all joints together."""
+        q, v, _ = self._extrapolated(time)
+        return q, v, float(np.max(np.abs(v) / self._limit))
+
+
+class Servo:
+    """Motor torque ``Kp (q_f - q) + Kd (v_f - v) + f_f``: everything with index f went through a first-order filter.
+
+    The feed-forward is Pinocchio's inverse dynamics of the nominal arm, which knows neither the joints' friction
+    and rotors nor the true inertias nor the load. What it lacks at the start is added as a constant, as if an
+    integrator had settled there.
+
+    Args:
+        model: nominal arm.
+        settings: gains and filter.
+        reference: commanded motion.
+        rest_torque: motor torque that holds the arm at the start (n,) [N m].
+        limit: largest torque of each motor (n,) [N m].
+        encoder_lead: time by which the encoders lead the joints [s].
+        step: time between two calls [s].
+    """
+
+    def __init__(
+        self,
+        model: pin.Model,
+        settings: ServoSettings,
+        reference: Reference,
+        rest_torque: Vector,
+        limit: Vector,
+        encoder_lead: float,
+        step: float,
+    ) -> None:
+        self._model, self._data = model, model.createData()
+        self._kp, self._kd = np.array(settings.stiffness), np.array(settings.damping)
+        self._lead, self._limit, self._reference = encoder_lead, limit, reference
+        self._gain = 1.0 - math.exp(-step / settings.filter_time) if settings.filter_time > 0 else 1.0
+        q, v, a = reference.at(0.0)
+        self._constant = rest_torque - self._inverse_dynamics(q, v, a)
+        self._filtered = self._wanted(0.0)
+
+    def drive(self, time: float) -> Vector:
+        """The part of the torque that depends on the reference, ``Kp q_f + Kd v_f + f_f`` (n,) [N m], one step on."""
+        self._filtered = self._filtered + self._gain * (self._wanted(time) - self._filtered)
+        return self._filtered
+
+    @property
+    def driven(self) -> Vector:
+        """What `drive` gave last (n,) [N m]."""
+        return self._filtered
+
+    def torque(self, q: Vector, v: Vector) -> Vector:
+        """Torque of the motors (n,) [N m] at joint positions and velocities (n,) [rad, rad/s]."""
+        total = self._filtered - self._kp * (q + self._lead * v) - self._kd * v
+        return np.clip(total, -self._limit, self._limit)
+
+    def _wanted(self, time: float) -> Vector:
+        q, v, a = self._reference.at(time)
+        wanted: Vector = self._kp * q + self._kd * v + self._inverse_dynamics(q, v, a) + self._constant
+        return wanted
+
+    def _inverse_dynamics(self, q: Vector, v: Vector, a: Vector) -> Vector:
+        torque: Vector = pin.rnea(self._model, self._data, q, v, a)
+        return torque

@@ -1,0 +1,241 @@
+"""Baxter in MuJoCo: the default robot, and a source of recordings with known hidden physics."""
+
+from collections.abc import Mapping
+
+import mujoco
+import numpy as np
+
+import urdf
+from armdyn.errors import TaskFailedError
+from pipeline.robot.cell import LoadCell
+from pipeline.robot.checks import checked_start, checked_vector
+from pipeline.robot.draw import draw
+from pipeline.robot.hidden import resolve_hidden
+from pipeline.robot.joint_effects import JointEffects
+from pipeline.robot.load_forces import LoadForces
+from pipeline.robot.load_string import LoadString
+from pipeline.robot.protocol import ForceSample, JointState, Vector
+from pipeline.robot.readings import JointReadings
+from pipeline.robot.scene import TIME_STEP, LineFrame, build_scene
+from pipeline.robot.servo import Reference, Servo
+from pipeline.robot.settings import PlantSettings
+from pipeline.robot.start import place_at_rest
+from pipeline.robot.truth import GripperTruth, History, LoadTruth, PlantTruth, gripper_truth, load_truth, swing_angle
+
+IN_BOX_FOR = 0.2
+"""How long the load must have been in the box without a break to count as landed [s]."""
+
+HISTORY_EVERY = 10
+"""Steps between two entries of the history."""
+
+
+class SimulatedRobot:
+    """A robot arm with a load on a string, as `protocol.Robot` sees it; it starts hanging at rest at time 0.
+
+    The arm follows the commands with a lag, because its servo is soft, its joints rub and its links are heavier or
+    lighter than the URDF says. The same seed and the same calls give the same motion and readings to the last bit.
+
+    Args:
+        robot: the arm; its line says where the box stands and which way is along.
+        q_start: joint positions at time 0 (n,) [rad].
+        settings: load, string, servo, sensors, box.
+        hidden: hidden effects by name (`hidden.HIDDEN_EFFECTS`); None stands for the typical value.
+        seed: of everything that is drawn.
+
+    Raises:
+        InputError: a posture outside the joint limits, or settings that do not fit the robot.
+        UnknownNameError: a hidden effect that the plant does not have.
+    """
+
+    def __init__(
+        self,
+        robot: urdf.Robot,
+        q_start: Vector,
+        settings: PlantSettings | None = None,
+        hidden: Mapping[str, float | None] | None = None,
+        seed: int = 0,
+    ) -> None:
+        settings = settings or PlantSettings()
+        self._robot, self._settings, self._hidden = robot, settings, resolve_hidden(hidden or {})
+        q = checked_start(robot, q_start, settings)
+        plant_rng, cell_rng, reading_rng = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3))
+        drawn = draw(settings, len(q), plant_rng)
+        mass = drawn.mass
+
+        self._line = LineFrame.of(robot)
+        self._model = build_scene(robot, settings, self._hidden, mass, drawn.link_scale)
+        self._data, self._observed = mujoco.MjData(self._model), mujoco.MjData(self._model)
+        self._dofs = np.array([self._model.joint(name).dofadr[0] for name in robot.joint_names])
+        self._pivot = self._data.site_xpos[self._model.site("pivot").id]
+        self._load = self._data.xpos[self._model.body("load").id]
+
+        self._string = LoadString(self._model, mass)
+        self._load_forces = LoadForces(
+            self._model, self._data, self._string, self._hidden, self._line.along, mass, settings.length
+        )
+        self._joint_effects = JointEffects(self._model, self._data, robot, self._hidden, self._dofs)
+        self._data.qpos[self._dofs] = q
+        self._joint_effects.apply()
+        pull = mass * self._model.opt.gravity + self._hidden["wind"] * self._line.along
+        start = place_at_rest(
+            self._model,
+            self._data,
+            self._string,
+            self._dofs,
+            q,
+            settings,
+            self._line.along,
+            pull,
+            self._hidden["out_of_plane_swing"],
+        )
+        self._reference = Reference(q, np.asarray(robot.limits.acceleration), settings.servo.hold_after)
+        self._servo = Servo(
+            robot.model,
+            settings.servo,
+            self._reference,
+            start.torque,
+            np.asarray(robot.limits.effort),
+            self._hidden["gripper_lag"],
+            TIME_STEP,
+        )
+        self._cell = LoadCell(settings.cell, self._hidden, drawn.bias, drawn.latency, cell_rng, TIME_STEP)
+        self._readings = JointReadings(settings.readings, self._hidden, reading_rng)
+        self._reading: JointState | None = None
+        self._truth = PlantTruth(
+            length=settings.length,
+            string_length=start.string_length,
+            mass=mass,
+            bias=drawn.bias,
+            latency=drawn.latency,
+            link_scale=drawn.link_scale,
+            hidden={name: value for name, value in self._hidden.items() if value},
+        )
+        self._steps, self._steps_in_box, self._tension, self._observed_at = 0, 0, 0.0, -1
+        self._history: list[tuple[Vector, ...]] = []
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the commanded joints."""
+        return self._robot.joint_names
+
+    @property
+    def time(self) -> float:
+        """Simulated time [s]."""
+        return self._steps * TIME_STEP
+
+    @property
+    def truth(self) -> PlantTruth:
+        """What was drawn and what is hidden; for reports and verification only."""
+        return self._truth
+
+    def command(self, q: Vector, v: Vector, a: Vector) -> None:
+        """Follow this reference from now on; it is extrapolated until the next one comes.
+
+        Args:
+            q: positions (n,) [rad].
+            v: velocities (n,) [rad/s].
+            a: accelerations (n,) [rad/s^2].
+
+        Raises:
+            InputError: a wrong length, or a value that is not finite; the arm goes on as before.
+        """
+        names = ("position", "velocity", "acceleration")
+        self._reference.command(
+            self.time,
+            *(checked_vector(x, len(self._dofs), f"command: {n}") for x, n in zip((q, v, a), names, strict=True)),
+        )
+
+    def stop(self) -> None:
+        """Brake within the acceleration limits and hold, until the next command."""
+        self._reference.stop(self.time)
+
+    def advance(self, duration: float) -> None:
+        """Compute what happens in the next `duration` seconds, in steps of 1 ms.
+
+        Raises:
+            TaskFailedError: the simulation has diverged.
+        """
+        for _ in range(round(duration / TIME_STEP)):
+            self._step()
+        if not np.isfinite(self._data.qvel).all():
+            raise TaskFailedError(
+                f"the simulation diverged before {self.time:.3f} s: a hidden effect or a gain is too large for 1 ms"
+            )
+
+    def joint_state(self) -> JointState:
+        """Joint positions, velocities and motor torques as measured now; asked twice, the same reading."""
+        if self._reading is None or self._reading.time != self.time:
+            q, v = self._data.qpos[self._dofs], self._data.qvel[self._dofs]
+            self._reading = self._readings.read(self.time, q, v, self._servo.torque(q, v))
+        return self._reading
+
+    def load_cell(self) -> list[ForceSample]:
+        """Samples that arrived since the last call, stamped at reception [s, N]."""
+        return self._cell.received(self.time)
+
+    def load_in_box(self) -> bool:
+        """Whether the load has been between the walls and below the rim for the last 0.2 s."""
+        return self._steps_in_box * TIME_STEP >= IN_BOX_FOR
+
+    def gripper_truth(self) -> GripperTruth:
+        """True motion of the string's upper end, for reports and verification only."""
+        self._observe()
+        return gripper_truth(self._model, self._observed, self._line, self.time)
+
+    def load_truth(self) -> LoadTruth:
+        """True motion of the load and pull of the string, for reports and verification only."""
+        self._observe()
+        tension = self._string.tension(self._observed)
+        return load_truth(self._model, self._observed, self._line, self.time, tension)
+
+    def history(self) -> History:
+        """True motion since time 0 every 10 ms, for reports and pictures only."""
+        columns = [np.array(column) for column in zip(*self._history, strict=True)]
+        if not columns:
+            n = len(self._dofs)
+            columns = [np.zeros(0), np.zeros((0, n)), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)]
+        return History(*columns)
+
+    def _step(self) -> None:
+        model, data = self._model, self._data
+        creep = self._hidden["string_creep"]
+        if creep:
+            self._string.length = self._truth.string_length + creep * self.time
+        mujoco.mj_step1(model, data)
+        data.ctrl[:] = self._servo.drive(self.time)
+        self._load_forces.apply()
+        self._joint_effects.apply()
+        mujoco.mj_step2(model, data)
+        # Positions are still those at the beginning of the step; so is the tension, which MuJoCo has just found.
+        self._tension = self._string.tension(data)
+        angle = swing_angle(self._load - self._pivot, self._line.along) if self._cell.feels_direction else 0.0
+        self._cell.feel(self._steps, self._tension, angle)
+        self._steps_in_box = self._steps_in_box + 1 if self._load_is_inside() else 0
+        if self._steps % HISTORY_EVERY == 0:
+            self._remember()
+        self._steps += 1
+
+    def _observe(self) -> None:
+        """Evaluate MuJoCo at the present state in a copy, so that looking at it changes nothing."""
+        if self._observed_at == self._steps:
+            return
+        mujoco.mj_copyData(self._observed, self._model, self._data)
+        self._observed.ctrl[:] = self._servo.driven
+        mujoco.mj_forward(self._model, self._observed)
+        self._observed_at = self._steps
+
+    def _remember(self) -> None:
+        q = self._data.qpos[self._dofs]
+        self._history.append(
+            (np.float64(self.time), q, self._pivot.copy(), self._load.copy(), np.float64(self._tension))
+        )
+
+    def _load_is_inside(self) -> bool:
+        box = self._settings.box
+        if box is None:
+            return False
+        above = float(self._load[2] - self._line.origin[2])
+        if above > -box.rim:
+            return False
+        offset = self._load - self._line.origin
+        return box.contains(float(offset @ self._line.along), float(offset @ self._line.across), above)
