@@ -1,0 +1,166 @@
+"""Kinematics of a serial arm for many postures at once, in plain numpy.
+
+Pinocchio evaluates one posture per call; from Python the call costs more than the arithmetic. Here every quantity
+carries the batch as its last axis, so that one numpy operation serves all postures.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from armdyn.errors import InputError
+from urdf import Robot
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Where the tool point is and how the joints move it, for b postures; the batch is the last axis.
+
+    Attributes:
+        rotation: orientation of the tool frame in the base frame, (3, 3, b).
+        position: tool point in the base frame, (3, b) [m].
+        axes: joint axes in the base frame, (n, 3, b).
+        levers: tool point seen from each joint, (n, 3, b) [m].
+    """
+
+    rotation: Array
+    position: Array
+    axes: Array
+    levers: Array
+
+
+@dataclass(frozen=True)
+class Chain:
+    """A serial chain of one-axis joints: fixed transform, rotation about or shift along z, and so on to the tool.
+
+    Attributes:
+        rotations: fixed rotation in front of each joint, then that of the tool, (n + 1, 3, 3).
+        offsets: fixed translation in front of each joint, then that of the tool, (n + 1, 3) [m].
+        prismatic: which joints slide, (n,).
+    """
+
+    rotations: Array
+    offsets: Array
+    prismatic: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, robot: Robot) -> "Chain":
+        """The chain from the base of a robot to its tool point.
+
+        Raises:
+            InputError: the arm branches, or has a joint with more than one axis.
+        """
+        model = robot.model
+        data = model.createData()
+        if model.nq != model.nv or model.nv != model.njoints - 1 or list(model.parents)[1:] != list(range(model.nv)):
+            raise InputError(f"robot '{robot.name}': the arm is not a chain of one-axis joints; list such joints only")
+        pin.computeJointJacobians(model, data, pin.neutral(model))
+        frame = model.frames[robot.tool_frame_id]
+        if frame.parentJoint != model.njoints - 1:
+            raise InputError(f"robot '{robot.name}': frame '{frame.name}' is not behind the last joint; choose another")
+        rotations, offsets, prismatic = [], [], []
+        turned_back = np.eye(3)
+        for joint in range(1, model.njoints):
+            twist = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL)[:, joint - 1]
+            slides = bool(np.allclose(twist[3:], 0.0))
+            # Turn z onto the joint's axis, so that every joint is one about or along z.
+            align = pin.Quaternion.FromTwoVectors(
+                np.array([0.0, 0.0, 1.0]), twist[:3] if slides else twist[3:]
+            ).matrix()
+            placement = model.jointPlacements[joint]
+            rotations.append(turned_back @ placement.rotation @ align)
+            offsets.append(turned_back @ placement.translation)
+            prismatic.append(slides)
+            turned_back = align.T
+        rotations.append(turned_back @ frame.placement.rotation)
+        offsets.append(turned_back @ frame.placement.act(robot.tool_offset))
+        return cls(np.array(rotations), np.array(offsets), np.array(prismatic))
+
+    @property
+    def joints(self) -> int:
+        """Number of joints."""
+        return len(self.prismatic)
+
+    def motion(self, q: Array) -> Motion:
+        """Forward kinematics.
+
+        Args:
+            q: postures, (b, n) [rad or m].
+        """
+        angles = np.ascontiguousarray(q.T)
+        sines, cosines = np.sin(angles), np.cos(angles)
+        batch = angles.shape[1]
+        rotation = np.broadcast_to(np.eye(3)[:, :, None], (3, 3, batch))
+        position = np.zeros((3, batch))
+        axes, origins = np.empty((self.joints, 3, batch)), np.empty((self.joints, 3, batch))
+        for joint in range(self.joints):
+            position = position + self.offsets[joint] @ rotation
+            rotation = self.rotations[joint].T @ rotation
+            axes[joint] = rotation[:, 2]
+            if self.prismatic[joint]:
+                position = position + angles[joint] * rotation[:, 2]
+            else:
+                s, c = sines[joint], cosines[joint]
+                x, y = rotation[:, 0], rotation[:, 1]
+                rotation = np.stack((c * x + s * y, c * y - s * x, rotation[:, 2]), axis=1)
+            origins[joint] = position
+        position = position + self.offsets[-1] @ rotation
+        return Motion(self.rotations[-1].T @ rotation, position, axes, position - origins)
+
+    def jacobian(self, motion: Motion) -> Array:
+        """Jacobian of the tool point in base axes, linear rows first: (6, n, b) [m/rad and 1]."""
+        linear = np.where(self.prismatic[:, None, None], motion.axes, cross(motion.axes, motion.levers))
+        angular = np.where(self.prismatic[:, None, None], 0.0, motion.axes)
+        return np.concatenate((linear, angular), axis=1).transpose(1, 0, 2)
+
+    def velocity_product(self, motion: Motion, rate: Array) -> Array:
+        r"""The part of the tool's acceleration that comes from moving, $\dot J \dot q$.
+
+        Args:
+            motion: where the arm is.
+            rate: joint rates, (b, n).
+
+        Returns:
+            Linear rows first, (6, b), in the units of rate squared.
+        """
+        rates = rate.T
+        turning = np.where(self.prismatic[:, None], 0.0, rates)
+        sliding = rates - turning
+        omega = np.zeros_like(motion.position)
+        linear, angular = np.zeros_like(omega), np.zeros_like(omega)
+        for joint in range(self.joints):
+            axis, lever = motion.axes[joint], motion.levers[joint]
+            spin = turning[joint] * axis
+            # A body turning at omega carries the axis along; Coriolis and centripetal terms follow.
+            linear += 2 * cross(omega, sliding[joint] * axis + cross(spin, lever)) + cross(spin, cross(spin, lever))
+            angular += cross(omega, spin)
+            omega = omega + spin
+        return np.concatenate((linear, angular))
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Cross product over the axis before the last; numpy's own is several times slower on this layout."""
+    ax, ay, az = a[..., 0, :], a[..., 1, :], a[..., 2, :]
+    bx, by, bz = b[..., 0, :], b[..., 1, :], b[..., 2, :]
+    return np.stack((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx), axis=-2)
+
+
+def rotation_error(target: Array, current: Array) -> Array:
+    """Rotation vector in base axes that takes the current orientations to the targets.
+
+    Args:
+        target: (3, 3, b) or (3, 3, 1).
+        current: (3, 3, b).
+
+    Returns:
+        (3, b) [rad]; exact below half a turn, of the right direction up to it.
+    """
+    r = np.einsum("ikb,jkb->ijb", np.broadcast_to(target, current.shape), current)
+    sine_axis = 0.5 * np.stack((r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]))
+    sine = np.sqrt((sine_axis**2).sum(axis=0))
+    angle = np.arctan2(sine, 0.5 * (r[0, 0] + r[1, 1] + r[2, 2] - 1.0))
+    return sine_axis * np.where(sine > 1e-8, angle / np.maximum(sine, 1e-8), 1.0)
