@@ -19,7 +19,7 @@ from urdf import Line, Robot
 
 Array = NDArray[np.float64]
 
-SPACING = 0.001  # m between nodes: quintic interpolation is then exact to rounding
+SPACING = 0.0005  # m between nodes: fourth-order differences of the nodes then agree with q' to 1e-9
 Progress = Callable[[str], None]
 
 

@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 SPACING = 0.01  # m between the nodes of the plan
 COARSE = 5  # nodes of the plan per node of the global search
-DEGREE = 15  # of the polynomial that picks the branch; more follows the optimum closer and bends more
+DEGREE = 9  # of the polynomial that picks the branch; more gains no speed and bends more
 REACHED = 1e-9  # m and rad
 
 

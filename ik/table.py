@@ -17,7 +17,7 @@ from urdf.robot import read_only
 
 Array = NDArray[np.float64]
 
-FORMAT = 1  # raise it when a change of the code makes other tables out of the same robot
+FORMAT = 2  # raise it when a change of the code makes other tables out of the same robot
 LOOKUP_SLACK = 1e-9  # m beyond the ends that rounding may ask for
 
 
