@@ -10,9 +10,6 @@ def cache_directory() -> Path:
     ``$ARMDYN_CACHE`` if set, else ``$XDG_CACHE_HOME/armdyn``, else ``~/.cache/armdyn``.
     """
     root = os.environ.get("ARMDYN_CACHE")
-    if root:
-        directory = Path(root)
-    else:
-        directory = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "armdyn"
+    directory = Path(root) if root else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "armdyn"
     directory.mkdir(parents=True, exist_ok=True)
     return directory

@@ -65,7 +65,9 @@ def _compile(command: str, source: str, library: Path) -> bool:
     with tempfile.TemporaryDirectory(dir=library.parent) as scratch:
         code, product = Path(scratch, "code.c"), Path(scratch, "code.so")
         code.write_text(source)
-        result = subprocess.run([command, *FLAGS, str(code), "-o", str(product), "-lm"], capture_output=True, check=False)
+        result = subprocess.run(
+            [command, *FLAGS, str(code), "-o", str(product), "-lm"], capture_output=True, check=False
+        )
         if result.returncode != 0:
             return False
         product.replace(library)
@@ -75,7 +77,8 @@ def _compile(command: str, source: str, library: Path) -> bool:
 class Buffered:
     """A CasADi function on preallocated arrays: one call costs well under a microsecond beyond the arithmetic.
 
-    Inputs and outputs must be dense; they are (rows, columns), column-major. The outputs are overwritten by the next call; copy what is kept.
+    Inputs and outputs must be dense; they are (rows, columns), column-major. The outputs are overwritten by the next
+    call; copy what is kept.
     """
 
     def __init__(self, function: ca.Function) -> None:
@@ -84,9 +87,9 @@ class Buffered:
         inputs = [np.zeros(function.numel_in(i)) for i in range(function.n_in())]
         outputs = [np.zeros(function.numel_out(i)) for i in range(function.n_out())]
         for i, flat in enumerate(inputs):
-            self._buffer.set_arg(i, memoryview(flat))
+            self._buffer.set_arg(i, flat.data)
         for i, flat in enumerate(outputs):
-            self._buffer.set_res(i, memoryview(flat))
+            self._buffer.set_res(i, flat.data)
         self.inputs = tuple(flat.reshape(function.size_in(i), order="F") for i, flat in enumerate(inputs))
         self.outputs = tuple(flat.reshape(function.size_out(i), order="F") for i, flat in enumerate(outputs))
 

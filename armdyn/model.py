@@ -69,9 +69,7 @@ class Model(ABC):
         if any(e.name == effect.name for e in self.effects):
             raise InputError(f"the model already has the effect '{effect.name}'")
         added = {p.name: p for p in effect.parameters()}
-        return replace(
-            self, effects=(*self.effects, effect), parameters=MappingProxyType({**self.parameters, **added})
-        )
+        return replace(self, effects=(*self.effects, effect), parameters=MappingProxyType({**self.parameters, **added}))
 
     def without_effect(self, name: str) -> Self:
         """The model with one effect less.

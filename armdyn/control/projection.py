@@ -41,8 +41,7 @@ class DiscreteProblem:
         linearised: ``(s, u, t, p, s_next) -> A (n, n), B (n,)``.
         curvature: ``(s, u, t, p, s_next, costate) -> (n+1, n+1)``.
         running: ``(s, u, t, p) -> ()``, with a positive second derivative in u.
-        terminal: ``(s, t, p) -> ()``.
-        terminal_residual: ``(s, t, p) -> (m,)`` with terminal = |residual|^2 / 2.
+        terminal_residual: ``(s, t, p) -> (m,)``; the cost at the end is m = |residual|^2 / 2.
     """
 
     name: str
@@ -92,7 +91,11 @@ class ProjectionOptimizer:
         self.problem, self.steps = problem, steps
         built = compiled(
             f"projection_{problem.name}",
-            {"project": _projection(problem, steps), "backward": _backward(problem, steps), "forward": _forward(problem.states, steps)},
+            {
+                "project": _projection(problem, steps),
+                "backward": _backward(problem, steps),
+                "forward": _forward(problem.states, steps),
+            },
         )
         self._project, self._backward, self._forward = (Buffered(built[k]) for k in ("project", "backward", "forward"))
 
@@ -123,59 +126,78 @@ class ProjectionOptimizer:
         """
         started = perf_counter()
         n, N = self.problem.states, self.steps
-        node_times, end_time = np.asarray(times)[None, :N], float(times[N])
+        case = _Case(np.asarray(initial, dtype=float), np.asarray(times)[None, :N], float(times[N]), parameters)
         controls = np.zeros((1, N)) if guess is None else np.asarray(guess, dtype=float).reshape(1, N)
-        states = np.tile(np.asarray(initial, dtype=float)[:, None], (1, N + 1))
-        gains = np.zeros((n, N))
-        feedback = (initial, node_times, end_time, parameters)
-
-        states, controls, cost = self._projected(states, controls, gains, *feedback)
+        at = self._trajectory(case, np.tile(case.initial[:, None], (1, N + 1)), controls, np.zeros((n, N)))
         history: list[Iteration] = []
-        newton = False
         while len(history) < most_iterations:
             newton = len(history) >= QUASI_NEWTON_FIRST
-            gains, ahead, least_curvature, slope, jacobians, inputs = self._directions(states, controls, newton, *feedback)
-            if newton and not (least_curvature > 0 and np.isfinite(slope)):
+            model = self._quadratic_model(case, at, newton)
+            if newton and not (model.least_curvature > 0 and np.isfinite(model.slope)):
                 newton = False
-                gains, ahead, least_curvature, slope, jacobians, inputs = self._directions(
-                    states, controls, newton, *feedback
-                )
-            if not np.isfinite(slope):
+                model = self._quadratic_model(case, at, newton)
+            if not np.isfinite(model.slope):
                 raise TaskFailedError("the plan left the finite numbers: check the length, the mass and the horizon")
-            if -slope < tolerance:
-                return Solution(states, controls[0], cost, slope, tuple(history), perf_counter() - started)
-            dz, dv = (a.copy() for a in self._forward(jacobians, inputs, gains, ahead))
-            size, trial = 1.0, None
+            if -model.slope < tolerance:
+                seconds = perf_counter() - started
+                return Solution(at.states, at.controls[0], at.cost, model.slope, tuple(history), seconds)
+            dz, dv = (a.copy() for a in self._forward(model.A, model.B, model.gains, model.feedforward))
+            size = 1.0
             while size >= SHORTEST_STEP:
-                trial = self._projected(states + size * dz, controls + size * dv, gains, *feedback)
-                if np.isfinite(trial[2]) and trial[2] <= cost + ARMIJO * size * slope:
+                trial = self._trajectory(case, at.states + size * dz, at.controls + size * dv, model.gains)
+                if np.isfinite(trial.cost) and trial.cost <= at.cost + ARMIJO * size * model.slope:
                     break
                 size /= 2
             else:
                 raise TaskFailedError(
-                    f"the optimiser stalled at a cost derivative of {slope:.1e} after {len(history)} steps: "
+                    f"the optimiser stalled at a cost derivative of {model.slope:.1e} after {len(history)} steps: "
                     "the target may be out of reach"
                 )
-            states, controls, cost = trial
-            history.append(Iteration(cost, slope, size, "newton" if newton else "quasi-newton"))
+            at = trial
+            history.append(Iteration(at.cost, model.slope, size, "newton" if newton else "quasi-newton"))
             if report is not None:
                 report(history[-1])
-        raise TaskFailedError(f"the optimiser did not converge in {most_iterations} steps (cost derivative {slope:.1e})")
+        raise TaskFailedError(
+            f"the optimiser did not converge in {most_iterations} steps (cost derivative {model.slope:.1e})"
+        )
 
-    def _projected(
-        self, states: np.ndarray, controls: np.ndarray, gains: np.ndarray,
-        initial: np.ndarray, times: np.ndarray, end: float, parameters: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, float]:  # fmt: skip
-        x, u, cost = self._project(initial, states[:, :-1], controls, gains, times, end, parameters)
-        return np.hstack([np.asarray(initial, dtype=float)[:, None], x]), u.copy(), float(cost[0, 0])
+    def _trajectory(self, case: "_Case", states: np.ndarray, controls: np.ndarray, gains: np.ndarray) -> "_Trajectory":
+        """Project a curve onto the trajectories."""
+        x, u, cost = self._project(case.initial, states[:, :-1], controls, gains, case.times, case.end, case.parameters)
+        return _Trajectory(np.hstack([case.initial[:, None], x]), u.copy(), float(cost[0, 0]))
 
-    def _directions(
-        self, states: np.ndarray, controls: np.ndarray, newton: bool,
-        initial: np.ndarray, times: np.ndarray, end: float, parameters: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, float, float, np.ndarray, np.ndarray]:  # fmt: skip
-        K, k, H, A, B = self._backward(states, controls, times, end, parameters, float(newton))
-        slope = -float(np.sum(k * k * H))
-        return K.copy(), k.copy(), float(H.min()), slope, A.copy(), B.copy()
+    def _quadratic_model(self, case: "_Case", at: "_Trajectory", newton: bool) -> "_QuadraticModel":
+        K, k, H, A, B = (
+            a.copy()
+            for a in self._backward(at.states, at.controls, case.times, case.end, case.parameters, float(newton))
+        )
+        return _QuadraticModel(K, k, A, B, -float(np.sum(k * k * H)), float(H.min()))
+
+
+class _Case(NamedTuple):
+    """What one solve is given."""
+
+    initial: np.ndarray  # (n,)
+    times: np.ndarray  # (1, N)
+    end: float
+    parameters: np.ndarray
+
+
+class _Trajectory(NamedTuple):
+    states: np.ndarray  # (n, N+1)
+    controls: np.ndarray  # (1, N)
+    cost: float
+
+
+class _QuadraticModel(NamedTuple):
+    """The linear-quadratic problem along a trajectory, solved backwards."""
+
+    gains: np.ndarray  # (n, N)
+    feedforward: np.ndarray  # (1, N)
+    A: np.ndarray  # (n, n N), last step first
+    B: np.ndarray  # (n, N), last step first
+    slope: float
+    least_curvature: float
 
 
 def _projection(problem: DiscreteProblem, steps: int) -> ca.Function:
@@ -191,7 +213,12 @@ def _projection(problem: DiscreteProblem, steps: int) -> ca.Function:
     stage = ca.Function("stage", [s, cost, alpha, mu, K, t, p], [following, cost + problem.running(s, u, t, p), u])
     over = stage.mapaccum("over", steps, 2)
     s0, te, P = ca.MX.sym("s0", n), ca.MX.sym("te"), ca.MX.sym("p", m)
-    curves = [ca.MX.sym("alpha", n, steps), ca.MX.sym("mu", 1, steps), ca.MX.sym("K", n, steps), ca.MX.sym("t", 1, steps)]
+    curves = [
+        ca.MX.sym("alpha", n, steps),
+        ca.MX.sym("mu", 1, steps),
+        ca.MX.sym("K", n, steps),
+        ca.MX.sym("t", 1, steps),
+    ]
     X, J, U = over(s0, 0, *curves, ca.repmat(P, 1, steps))
     residual = problem.terminal_residual(X[:, -1], te, P)
     return ca.Function("project", [s0, *curves, te, P], [X, U, J[-1] + ca.sumsqr(residual) / 2])
@@ -227,7 +254,9 @@ def _backward(problem: DiscreteProblem, steps: int) -> ca.Function:
     exact, end_gradient = ca.hessian(ca.sumsqr(residual) / 2, se)
     gauss_newton = slope_of_residual.T @ slope_of_residual
     terminal = ca.Function(
-        "terminal", [se, te, p, newton], [ca.densify(gauss_newton + newton * (exact - gauss_newton)), ca.densify(end_gradient)]
+        "terminal",
+        [se, te, p, newton],
+        [ca.densify(gauss_newton + newton * (exact - gauss_newton)), ca.densify(end_gradient)],
     )
 
     X, U, T = ca.MX.sym("X", n, steps + 1), ca.MX.sym("U", 1, steps), ca.MX.sym("t", 1, steps)

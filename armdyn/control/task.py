@@ -154,7 +154,9 @@ def task_problem(variational: VariationalStep, name: str) -> DiscreteProblem:
         parameters=size,
         step=ca.Function("f", [s, u, t, p], [variational.step(*at)]),
         linearised=ca.Function("df", [s, u, t, p, following], variational.linearised(*at, following)),
-        curvature=ca.Function("d2f", [s, u, t, p, following, costate], [variational.curvature(*at, following, costate)]),
+        curvature=ca.Function(
+            "d2f", [s, u, t, p, following, costate], [variational.curvature(*at, following, costate)]
+        ),
         running=ca.Function("running", [s, u, t, p], [effort]),
         terminal_residual=ca.Function("end", [s, t, p], [ca.sqrt(weights) * error]),
     )

@@ -48,9 +48,7 @@ class Effect:
         return tuple(q.parameter(f"{self.name}.{short}") for short, q in self.quantities.items())
 
 
-def effect(
-    name: str, acts_on: Stage, *, summary: str, source: str
-) -> Callable[[Callable[..., Physics]], Effect]:
+def effect(name: str, acts_on: Stage, *, summary: str, source: str) -> Callable[[Callable[..., Physics]], Effect]:
     """Make an `Effect` of a function whose first argument is the stage and whose others default to `quantity`.
 
     ```python

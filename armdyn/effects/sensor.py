@@ -15,7 +15,7 @@ def sensor_bias(
     sensor: Sensor,
     force: Expression = quantity("N", typical=0.01, summary="reading at no load"),
 ) -> Sensor:
-    """y = T + b."""
+    """F = T + b."""
     return sensor.with_force(sensor.force + force)
 
 
@@ -29,5 +29,5 @@ def sensor_delay(
     sensor: Sensor,
     time: Expression = quantity("s", typical=0.01, lower=0.0, upper=0.5, summary="how late"),
 ) -> Sensor:
-    """y(t) = T(t - tau)."""
+    """F(t) = T(t - tau)."""
     return sensor.with_delay(time)

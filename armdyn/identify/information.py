@@ -35,7 +35,9 @@ class Information:
         values, vectors = np.linalg.eigh(self.matrix / np.outer(scale, scale))
         if values[0] < 1e-14 * values[-1]:
             tangled = [n for n, w in zip(self.names, vectors[:, 0], strict=True) if abs(w) > 0.1]
-            raise InputError(f"these runs cannot tell {' from '.join(tangled)}: fix one of them or give a richer motion")
+            raise InputError(
+                f"these runs cannot tell {' from '.join(tangled)}: fix one of them or give a richer motion"
+            )
         return (vectors / values) @ vectors.T / np.outer(scale, scale)
 
     def std(self) -> dict[str, float]:

@@ -240,9 +240,7 @@ def _newton_step(at: Expansion, free: np.ndarray, damping: float) -> tuple[np.nd
     return step, float(np.sqrt(max(step @ at.hessian @ step, 0.0)))
 
 
-def _estimate(
-    problem: LeastSquares, values: np.ndarray, at: Expansion, evaluations: int, outcome: Outcome
-) -> Estimate:
+def _estimate(problem: LeastSquares, values: np.ndarray, at: Expansion, evaluations: int, outcome: Outcome) -> Estimate:
     free = problem.free(values, at.gradient)
     information = Information(problem.names, at.hessian)
     return Estimate(

@@ -97,14 +97,14 @@ def derive_dynamics(composition: Composition, tension_formula: TensionFormula = 
     P_dot = at_rest_length(ca.gradient(lagrangian, phi) + ca.dot(ca.jacobian(q, phi), force)) + at_rest_length(torque)
     rate_of_rate = (P_dot - along_motion(M) * rate - along_motion(b)) / M
     radial = _without_needless(at_rest_length(ca.gradient(lagrangian, stretching)), rate)
-    tension = (
-        at_rest_length(ca.gradient(lagrangian, stretch) + ca.dot(ca.jacobian(q, stretch), force))
-        - along_motion(radial, rate_of_rate)
+    tension = at_rest_length(ca.gradient(lagrangian, stretch) + ca.dot(ca.jacobian(q, stretch), force)) - along_motion(
+        radial, rate_of_rate
     )
     if tension_formula == "printed":
         mass = theta[composition.names.index("mass")]
-        l = composition.length(t, phi, theta)
-        tension = mass * STANDARD_GRAVITY * ca.cos(phi) - mass * l * rate**2 - a * ca.sin(phi)
+        tension = (
+            mass * STANDARD_GRAVITY * ca.cos(phi) - mass * composition.length(t, phi, theta) * rate**2 - a * ca.sin(phi)
+        )
     reading = ca.vertcat(*composition.readings(t, tension, phi, rate, theta))
 
     s, w = ca.vertcat(phi, momentum), ca.vertcat(t, x, v, a)

@@ -58,10 +58,20 @@ def sampled(grid_values: np.ndarray, position: np.ndarray) -> tuple[np.ndarray, 
     base = np.clip(inside.astype(int) - 1, 0, K - 4)
     u = inside - base  # 1 <= u <= 2 away from the ends
     weights = np.stack(
-        [-(u - 1) * (u - 2) * (u - 3) / 6, u * (u - 2) * (u - 3) / 2, -u * (u - 1) * (u - 3) / 2, u * (u - 1) * (u - 2) / 6]
+        [
+            -(u - 1) * (u - 2) * (u - 3) / 6,
+            u * (u - 2) * (u - 3) / 2,
+            -u * (u - 1) * (u - 3) / 2,
+            u * (u - 1) * (u - 2) / 6,
+        ]
     )
     slopes = np.stack(
-        [-(3 * u**2 - 12 * u + 11) / 6, (3 * u**2 - 10 * u + 6) / 2, -(3 * u**2 - 8 * u + 3) / 2, (3 * u**2 - 6 * u + 2) / 6]
+        [
+            -(3 * u**2 - 12 * u + 11) / 6,
+            (3 * u**2 - 10 * u + 6) / 2,
+            -(3 * u**2 - 8 * u + 3) / 2,
+            (3 * u**2 - 6 * u + 2) / 6,
+        ]
     )
     values = sum(w[:, None] * grid_values[base + i] for i, w in enumerate(weights))
     slope = sum(w * grid_values[base + i, 0] for i, w in enumerate(slopes))

@@ -8,7 +8,6 @@ import numpy as np
 from armdyn.codegen import Buffered, compiled
 from armdyn.pendulum.dynamics import INPUT_SIZE, OUTPUTS, STATE_SIZE, Dynamics
 from armdyn.pendulum.path import GripperPath
-from armdyn.pendulum.physics import Expression
 
 BLOCK = 128
 """Steps per compiled call; a run of any length is a sequence of blocks, the last one cut."""
@@ -66,9 +65,7 @@ class Simulator:
         state, sensitivity = self._start(angle, p, nodes[:, 0], theta)
         for first in range(0, padded, BLOCK):
             block = slice(first, first + BLOCK)
-            before, y, dy, state, sensitivity = self._steps(
-                state, sensitivity, inputs[:, block], step[:, block], theta
-            )
+            before, y, dy, state, sensitivity = self._steps(state, sensitivity, inputs[:, block], step[:, block], theta)
             states[block], outputs[block] = before.T, y.T
             sensitivities[block] = dy.T.reshape(BLOCK, m, len(OUTPUTS))
         last = np.zeros((STATE_SIZE, m))

@@ -121,7 +121,7 @@ def derive_variational(composition: Composition) -> VariationalStep:
 
     load_now = node(t, x, v, phi)
     load_before = node(t - dt, x - dt * v, v, phi - dt * rate)
-    q_now, q_before = (g + l * direction(angle) for g, l, angle in (load_now, load_before))
+    q_now, q_before = (g + length * direction(angle) for g, length, angle in (load_now, load_before))
     return VariationalStep(
         names=composition.names,
         step=step,
