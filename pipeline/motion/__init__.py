@@ -1,0 +1,13 @@
+"""Motion along the line: smoothing, the finish over the box, and the feasibility of whatever is to be moved.
+
+Everything here works on the line coordinate ``s`` [m] of the tool (+ = the robot's left), so that no motion can leave
+the line, and reaches the joints through the table of `ik`.
+"""
+
+from pipeline.motion.finish import finish_over_box
+from pipeline.motion.limits import LineLimits
+from pipeline.motion.smoother import LineSmoother
+from pipeline.motion.state import LineState
+from pipeline.motion.trajectory import LineTrajectory
+
+__all__ = ["LineLimits", "LineSmoother", "LineState", "LineTrajectory", "finish_over_box"]

@@ -1,0 +1,179 @@
+"""The finish over the box, a fast move of the gripper, and any other move from point to point."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armdyn.errors import InputError, TaskFailedError
+from pipeline.motion.guard import Guard
+from pipeline.motion.limits import LineLimits
+from pipeline.motion.planner import LinePlanner
+from pipeline.motion.profile import JerkProfile
+from pipeline.motion.ride import Ride, RideCurve
+from pipeline.motion.state import LineState
+from pipeline.motion.trajectory import LineTrajectory
+
+FINISH_ACCELERATION = 8.0
+"""Acceleration of the finish [m/s^2]: the gripper must be there before the load has swung back; at 5 it is not."""
+
+FINISH_SPEED_SHARE = 0.70
+"""Share of the speed limit that the finish uses [1]."""
+
+HEADROOM = 0.999
+"""Share of the limits that is planned with, so that they also hold between the instants that are looked at."""
+
+STEP = 5e-3
+"""Spacing of the positions at which the speed limit may be met or left [m]."""
+
+
+def finish_over_box(
+    start: LineState,
+    s_end: float,
+    limits: LineLimits,
+    dt: float,
+    acceleration: float = FINISH_ACCELERATION,
+    speed_share: float = FINISH_SPEED_SHARE,
+) -> LineTrajectory:
+    """Bring the gripper from the end of the swing to rest over the box.
+
+    Args:
+        start: state of the gripper at the end of the swing, moving.
+        s_end: where it comes to rest [m].
+        limits: along the line.
+        dt: control cycle [s].
+        acceleration: largest acceleration, where the line allows it [m/s^2].
+        speed_share: share of the speed limit that is used, (0, 1].
+
+    Returns:
+        The move from time 0, sampled every `dt`; its last sample is at rest at `s_end`.
+
+    Raises:
+        InputError: if an argument cannot be used.
+        TaskFailedError: if no such move exists within the limits.
+    """
+    if not (0.0 < speed_share <= 1.0 and acceleration > 0.0):
+        raise InputError("finish: the speed share must lie in (0, 1] and the acceleration be greater than 0")
+    reduced = limits.scaled(speed=speed_share).capped(acceleration)
+    # From a swing that ends faster than the finish may go, the whole limit is needed to come down.
+    slow_enough = Guard(reduced, LinePlanner(limits.jerk)).stop(start) is not None
+    return point_to_point(start, s_end, reduced if slow_enough else limits, dt)
+
+
+def point_to_point(start: LineState, s_end: float, limits: LineLimits, dt: float) -> LineTrajectory:
+    """Fast move from a moving state to rest, under a speed limit that depends on the place.
+
+    Where the fastest move at constant limits does not fit under the speed limit, three parts are joined: ruckig up to
+    the limit, meeting it with its own slope; along the limit; ruckig down to rest. Where there is no such stretch, one
+    ruckig move at the highest constant speed that fits.
+
+    Args:
+        start: state to start from.
+        s_end: where to come to rest [m].
+        limits: along the line.
+        dt: sampling [s].
+
+    Returns:
+        The move from time 0, sampled every `dt`; its last sample is at rest at `s_end`.
+
+    Raises:
+        InputError: if the start or the end is not a position on the line.
+        TaskFailedError: if no such move exists within the limits.
+    """
+    if not start.is_finite or not limits.s_min <= s_end <= limits.s_max:
+        raise InputError(
+            f"move to s = {s_end} m: start and end must lie on the line, {limits.s_min:.4g} to {limits.s_max:.4g} m"
+        )
+    if not (np.isfinite(dt) and dt > 0.0):
+        raise InputError(f"move to s = {s_end} m: the cycle must be longer than 0 s, not {dt}")
+    tight = limits.scaled(HEADROOM, HEADROOM)
+    planner, target = LinePlanner(limits.jerk), LineState(s_end)
+    acceleration = tight.lowest_acceleration(min(start.s, s_end), max(start.s, s_end))
+    direct = planner.to_state(start, target, float(tight.speed.max()), acceleration)
+    if direct is not None and direct.respects(tight):
+        return _sampled([direct], target, dt)
+    pieces = _ridden(planner, start, target, tight, acceleration) or _slower(
+        planner, start, target, tight, acceleration
+    )
+    if not pieces:
+        raise TaskFailedError(
+            f"move to s = {s_end:.4g} m: there is none within the limits from s = {start.s:.4g} m, "
+            f"v = {start.v:.4g} m/s, a = {start.a:.4g} m/s^2: start slower, or further from the line's ends"
+        )
+    return _sampled(pieces, target, dt)
+
+
+def _ridden(
+    planner: LinePlanner, start: LineState, target: LineState, limits: LineLimits, acceleration: float
+) -> list[JerkProfile | Ride]:
+    """Up to the limit, along it, down to rest; empty where the limit is not met or cannot be ridden."""
+    direction = 1.0 if target.s > start.s else -1.0
+    curve = RideCurve(limits)
+    stretch = curve.nodes[(curve.nodes - start.s) * direction >= 0.0]
+    stretch = stretch[(target.s - stretch) * direction >= 0.0][:: int(direction)]
+    places = stretch[:: max(int(STEP / (curve.nodes[1] - curve.nodes[0])), 1)]
+    if len(places) < 2:
+        return []
+    speed, guard = float(limits.speed.max()), Guard(limits, planner)
+
+    def best(
+        begins: list[LineState], ends: list[LineState], riding: NDArray[np.float64]
+    ) -> tuple[int, JerkProfile | None]:
+        """The motion with which the whole takes the shortest time, and the place that belongs to it."""
+        shortest, place, chosen = np.inf, 0, None
+        for k, (begin, end) in enumerate(zip(begins, ends, strict=True)):
+            motion = planner.to_state(begin, end, speed, acceleration)
+            if motion is None or motion.duration + riding[k] >= shortest:
+                continue
+            if guard.allows(motion):
+                shortest, place, chosen = motion.duration + riding[k], k, motion
+        return place, chosen
+
+    on_curve = [curve.at(float(s), direction) for s in places]
+    pace = np.abs(np.gradient(places)) / np.abs([state.v for state in on_curve])
+    passed = np.cumsum(pace)
+    first, up = best([start] * len(places), on_curve, passed[-1] - passed)
+    last, down = best(on_curve, [target] * len(places), passed)
+    if up is None or down is None or first >= last:
+        return []
+    inside = stretch[((stretch - places[first]) * direction >= 0.0) & ((places[last] - stretch) * direction >= 0.0)]
+    if np.max(curve.jerk(inside)) > limits.jerk:
+        return []
+    ride = curve.between(float(places[first]), float(places[last]))
+    states = [curve.at(float(s), direction) for s in inside]
+    if any(abs(state.a) > limits.acceleration_at(state.s) for state in states):
+        return []
+    return [up, ride, down]
+
+
+def _slower(
+    planner: LinePlanner, start: LineState, target: LineState, limits: LineLimits, acceleration: float
+) -> list[JerkProfile | Ride]:
+    """The move at the highest constant speed that fits, by bisection; empty where there is none."""
+    best: list[JerkProfile | Ride] = []
+    fits, fails = 0.0, float(limits.speed.max())
+    for _ in range(12):
+        speed = 0.5 * (fits + fails)
+        motion = planner.to_state(start, target, speed, acceleration)
+        if motion is not None and motion.respects(limits):
+            best, fits = [motion], speed
+        else:
+            fails = speed
+    return best
+
+
+def _sampled(pieces: Sequence[JerkProfile | Ride], target: LineState, dt: float) -> LineTrajectory:
+    ends = np.cumsum([0.0] + [piece.duration for piece in pieces])
+    count = int(np.ceil(ends[-1] / dt - 1e-9))
+    states = []
+    for k in range(count):
+        t = k * dt
+        for piece, (begin, end) in zip(pieces, pairwise(ends), strict=True):
+            if t < end:
+                states.append(piece.at(t - begin))
+                break
+    s, v, a = np.array([*states, target]).T
+    return LineTrajectory(np.linspace(0.0, count * dt, count + 1), s, v, a)

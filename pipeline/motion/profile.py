@@ -1,0 +1,155 @@
+"""Motion in phases of constant jerk, which is what ruckig plans."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Sequence
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipeline.motion.limits import LineLimits
+from pipeline.motion.state import LineState
+
+SAMPLING = 2.5e-3
+"""Spacing at which a motion is held against limits that depend on the place [s]."""
+
+MISSED = 5e-4
+"""Share of the speed limit by which a motion may be above it between two looks [1]."""
+
+MOST_SAMPLES = 4000
+"""Where a motion lasts longer than 10 s it is slow: this many samples are then less than a millimetre apart."""
+
+
+class JerkProfile:
+    """Phases of constant jerk, one after the other; after the last one the acceleration stays as it is.
+
+    Args:
+        state: where the motion starts.
+        durations: of the phases; phases of no duration are dropped [s].
+        jerks: of the phases [m/s^3].
+
+    Attributes:
+        start: time at which each phase begins, then the duration [s].
+        states: at the start of each phase, then at the end.
+        jerks: of each phase, then 0 [m/s^3].
+    """
+
+    def __init__(self, state: LineState, durations: Sequence[float], jerks: Sequence[float]) -> None:
+        start, states, kept = [0.0], [state], []
+        t, (s, v, a) = 0.0, state
+        for h, j in zip(durations, jerks, strict=True):
+            if h > 0.0:
+                t, s, v, a = t + h, *_advanced(s, v, a, j, h)
+                start.append(t)
+                states.append(LineState(s, v, a))
+                kept.append(j)
+        self.start, self.states, self.jerks = tuple(start), tuple(states), (*kept, 0.0)
+
+    @property
+    def duration(self) -> float:
+        """Time until the last phase ends [s]."""
+        return self.start[-1]
+
+    @property
+    def end(self) -> LineState:
+        """State when the last phase ends."""
+        return self.states[-1]
+
+    def at(self, time: float) -> LineState:
+        """State at one time [s]."""
+        k = max(bisect_right(self.start, time) - 1, 0)
+        return LineState(*_advanced(*self.states[k], self.jerks[k], time - self.start[k]))
+
+    def sample(self, time: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Position, speed and acceleration at times (n,) [s]."""
+        time = np.asarray(time, dtype=float)
+        start, states, jerks = self._arrays
+        phase = np.maximum(np.searchsorted(start, time, side="right") - 1, 0)
+        h, j = time - start[phase], jerks[phase]
+        s, v, a = states[phase].T
+        return s + h * (v + h * (a / 2.0 + h * j / 6.0)), v + h * (a + h * j / 2.0), a + h * j
+
+    def from_time(self, time: float) -> JerkProfile:
+        """What is left of the motion after some time.
+
+        Args:
+            time: that has passed [s].
+        """
+        left = [max(end - max(begin, time), 0.0) for begin, end in zip(self.start, self.start[1:], strict=False)]
+        return JerkProfile(self.at(min(time, self.duration)), left, self.jerks[:-1])
+
+    def until(self, time: float) -> JerkProfile:
+        """The beginning of the motion.
+
+        Args:
+            time: at which it is cut off [s].
+        """
+        kept = [min(end, time) - begin for begin, end in zip(self.start, self.start[1:], strict=False)]
+        return JerkProfile(self.states[0], kept, self.jerks[:-1])
+
+    def extremes(self) -> list[LineState]:
+        """States among which acceleration, speed and position are extreme: phase boundaries, a = 0, v = 0."""
+        states = list(self.states)
+        for (s, v, a), j, end, begin in zip(self.states, self.jerks, self.start[1:], self.start, strict=False):
+            for h in (-a / j if j else -1.0, *_zeros(j / 2.0, a, v)):
+                if 0.0 < h < end - begin:
+                    states.append(LineState(*_advanced(s, v, a, j, h)))
+        return states
+
+    def respects(self, limits: LineLimits, tolerance: float = 1e-10) -> bool:
+        """Whether the motion stays on the line and within its speed and acceleration.
+
+        It is looked at where it is extreme, where it passes a node of the limits, and evenly in between. Constant
+        limits are held exactly; others, linear between nodes, can be exceeded by `MISSED` of the speed.
+
+        Args:
+            limits: along the line.
+            tolerance: for rounding [SI units].
+        """
+        # A function with a second derivative of 2 J or less is at most 2 J h^2 / 8 above what is seen at its ends.
+        spacing = min(SAMPLING, math.sqrt(4.0 * MISSED * limits.lowest_speed / limits.jerk))
+        count = int(min(np.ceil(self.duration / spacing), MOST_SAMPLES)) + 1
+        even = np.linspace(0.0, self.duration, count)
+        s, v, a = self.sample(np.concatenate([even, self._passes(even, limits.s)]))
+        s, v, a = np.concatenate([np.array([s, v, a]).T, self.extremes()]).T
+        return bool(
+            s.min() >= limits.s_min - tolerance
+            and s.max() <= limits.s_max + tolerance
+            and np.all(np.abs(v) <= limits.speed_at(s) + tolerance)
+            and np.all(np.abs(a) <= limits.acceleration_at(s) + tolerance)
+        )
+
+    def _passes(self, time: NDArray[np.float64], nodes: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Times at which nodes are passed, taking the motion between samples for uniform."""
+        s = self.sample(time)[0]
+        turns = np.flatnonzero(np.diff(np.sign(np.diff(s)))) + 1
+        found = []
+        for first, last in pairwise([0, *turns.tolist(), s.size - 1]):
+            stretch, when = s[first : last + 1], time[first : last + 1]
+            if stretch[-1] < stretch[0]:
+                stretch, when = stretch[::-1], when[::-1]
+            inside = nodes[np.searchsorted(nodes, stretch[0], "right") : np.searchsorted(nodes, stretch[-1], "left")]
+            found.append(np.interp(inside, stretch, when))
+        return np.concatenate(found)
+
+    @cached_property
+    def _arrays(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        return np.array(self.start), np.array(self.states), np.array(self.jerks)
+
+
+def _advanced(s: float, v: float, a: float, j: float, h: float) -> tuple[float, float, float]:
+    """The state after a time `h` of constant jerk `j`."""
+    return s + h * (v + h * (a / 2.0 + h * j / 6.0)), v + h * (a + h * j / 2.0), a + h * j
+
+
+def _zeros(square: float, linear: float, constant: float) -> tuple[float, ...]:
+    """Real zeros of a quadratic, without loss of digits."""
+    discriminant = linear * linear - 4.0 * square * constant
+    if discriminant < 0.0:
+        return ()
+    half = -(linear + math.copysign(math.sqrt(discriminant), linear)) / 2.0
+    return tuple(n / d for n, d in ((half, square), (constant, half)) if d != 0.0)

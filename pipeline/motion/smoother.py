@@ -1,0 +1,196 @@
+"""Online smoothing: whatever is asked for, the tool moves within its limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from armdyn.errors import InputError
+from pipeline.motion.guard import Guard
+from pipeline.motion.limits import LineLimits
+from pipeline.motion.planner import LinePlanner
+from pipeline.motion.profile import JerkProfile
+from pipeline.motion.ride import RideCurve
+from pipeline.motion.state import LineState
+
+HEADROOM = 0.999
+"""Share of the limits that is used, so that they also hold between the instants at which a motion is looked at."""
+
+LOOK_AHEAD = (1, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50)
+"""Cycles ahead at which the reference, or the speed limit, may be met."""
+
+FADING = 0.1
+"""Time in which a single reference's acceleration is taken to fade, when it is continued into the future [s]."""
+
+
+class LineSmoother:
+    """Follows a reference on the line within speed, acceleration, jerk and range, one update per control cycle.
+
+    *Look-ahead catch-up*: of the motions that meet the reference m = 1, 2, 3, ... cycles ahead, exactly on that sample,
+    the first that the limits allow is begun. A feasible reference is met at m = 1 and reproduced exactly; after an
+    infeasible stretch the motion returns to the reference instead of trailing it for ever. Where nothing can be met,
+    the reference is pursued in the shortest time, along the speed limit where that is lower.
+
+    *Why no limit is ever exceeded*: a cycle is begun only if it respects every limit and from its end a motion to rest
+    does so too. That motion is kept; when nothing better passes the next time, it is carried on with.
+
+    Args:
+        limits: along the line; those of a table are ``LineLimits.from_table(table)``.
+        dt: control cycle [s].
+        state: where the tool is and how it moves.
+
+    Raises:
+        InputError: if `dt` is not positive, or `state` cannot be brought to rest within the limits.
+    """
+
+    def __init__(self, limits: LineLimits, dt: float, state: LineState) -> None:
+        if not (math.isfinite(dt) and dt > 0.0):
+            raise InputError(f"smoother: the cycle must be longer than 0 s, not {dt}")
+        self._dt = dt
+        self._planner = LinePlanner(limits.jerk)
+        tight = limits.scaled(HEADROOM, HEADROOM)
+        self._ride = RideCurve(tight)
+        self._at_start = Guard(limits, self._planner)
+        self._guard = Guard(tight, self._planner)
+        # A pursuit that went above the curve that it then rides would swing about it.
+        self._ridden = Guard(self._ride.limits, self._planner)
+        self.reset(state)
+
+    @property
+    def state(self) -> LineState:
+        """Present state: what was last returned, and what the arm has been told."""
+        return self._state
+
+    @property
+    def motion(self) -> JerkProfile:
+        """Motion of the last cycle, in phases of constant jerk."""
+        return self._motion
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the tool stands still."""
+        return self._state.v == 0.0 and self._state.a == 0.0
+
+    def reset(self, state: LineState) -> None:
+        """Start from another state, moving or not.
+
+        Args:
+            state: where the tool is and how it moves.
+
+        Raises:
+            InputError: if it cannot be brought to rest within the limits from there.
+        """
+        state = LineState(*(float(value) for value in state))
+        stop = self._at_start.stop(state)
+        if stop is None:
+            raise InputError(
+                f"smoother: from s = {state.s:.4g} m, v = {state.v:.4g} m/s, a = {state.a:.4g} m/s^2 the tool cannot "
+                "be brought to rest within the limits of the line: start slower, or further from the line's ends"
+            )
+        self._state, self._stop, self._stop_age = state, stop, 0.0
+        self._motion = JerkProfile(state, [], [])
+        self._joining: JerkProfile | None = None
+
+    def update(self, reference: LineState | Sequence[LineState]) -> LineState:
+        """Move on by one cycle, towards the reference.
+
+        Args:
+            reference: where the tool should be at the end of this cycle, or there and at the ends of the cycles after
+                it. A single state is continued with a fading acceleration. What is not finite is no reference: if it
+                comes first the tool is brought to rest, in a sequence what follows it is left out. What lies beyond the
+                limits is drawn back to them.
+
+        Returns:
+            State at the end of the cycle.
+        """
+        targets = self._continued(reference) if isinstance(reference, LineState) else _finite(reference)
+        if not targets:
+            return self.stop()
+        return self._catch_up(targets) or self._pursue(self._guard.drawn_back(targets[-1])) or self.stop()
+
+    def stop(self) -> LineState:
+        """Move on by one cycle, on the way to rest.
+
+        Returns:
+            State at the end of the cycle.
+        """
+        self._joining = None
+        self._motion = self._stop.from_time(self._stop_age).until(self._dt)
+        self._stop_age += self._dt
+        if self._stop_age < self._stop.duration:
+            self._state = self._stop.at(self._stop_age)
+        else:
+            # Rest is exact: what rounding has left of speed and acceleration must not add up.
+            self._state = LineState(min(max(self._stop.end.s, self._guard.lookup.s_min), self._guard.lookup.s_max))
+        return self._state
+
+    def _catch_up(self, targets: Sequence[LineState]) -> LineState | None:
+        for m in LOOK_AHEAD:
+            if m > len(targets):
+                return None
+            if self._meet(self._guard.drawn_back(targets[m - 1]), m):
+                return self._state
+        return None
+
+    def _meet(self, target: LineState, cycles: int, keep: bool = False) -> bool:
+        lookup = self._guard.lookup
+        speed, acceleration = lookup.highest_speed, lookup.highest_acceleration
+        motion = self._planner.to_state(self._state, target, speed, acceleration, cycles * self._dt)
+        return motion is not None and self._guard.allows(motion) and self._begin(motion, self._guard, keep)
+
+    def _pursue(self, target: LineState) -> LineState | None:
+        s, lookup = self._state.s, self._guard.lookup
+        acceleration = lookup.acceleration(min(s, target.s), max(s, target.s))
+        motion = self._planner.to_state(self._state, target, lookup.highest_speed, acceleration)
+        if motion is not None and self._begin(motion, self._ridden):
+            return self._state
+        # Going faster breaks the speed limit ahead: join it, with its own slope, as early as possible.
+        direction = math.copysign(1.0, target.s - s)
+        if self._joining is not None and self._begin(self._joining, self._guard, keep=True):
+            return self._state
+        for m in LOOK_AHEAD:
+            ahead = self._ride.after(s, m * self._dt, direction)
+            if (target.s - ahead.s) * direction > 0.0 and self._meet(ahead, m, keep=True):
+                return self._state
+        for share in (0.9, 0.5):
+            slower = max(share * min(abs(self._state.v), lookup.speed(s, s)), 1e-3)
+            motion = self._planner.to_state(self._state, LineState(target.s), slower, acceleration)
+            if motion is not None and self._begin(motion, self._guard):
+                return self._state
+        return None
+
+    def _begin(self, motion: JerkProfile, guard: Guard, keep: bool = False) -> bool:
+        """Begin a motion, and keep the rest of it if asked, if this cycle and a stop after it respect the limits."""
+        cycle = motion.until(self._dt)
+        if not guard.allows(cycle):
+            return False
+        state = motion.at(self._dt)
+        stop = guard.stop(state)
+        if stop is None:
+            return False
+        self._state, self._motion = state, cycle
+        self._stop, self._stop_age = stop, 0.0
+        self._joining = motion.from_time(self._dt) if keep and motion.duration > 1.5 * self._dt else None
+        return True
+
+    def _continued(self, reference: LineState) -> Sequence[LineState]:
+        """One reference continued: its acceleration fades, its speed stays."""
+        if not reference.is_finite:
+            return ()
+        s, v, a = reference
+        targets = []
+        for k in range(LOOK_AHEAD[-1]):
+            t = k * self._dt
+            fade = 1.0 - math.exp(-t / FADING)
+            gained = a * FADING * fade
+            targets.append(LineState(s + v * t + FADING * (a * t - gained), v + gained, a * (1.0 - fade)))
+        return targets
+
+
+def _finite(reference: Sequence[LineState]) -> Sequence[LineState]:
+    """The states before the first that is not finite, as far as they are looked at."""
+    targets = [LineState(*target) for target in reference[: LOOK_AHEAD[-1]]]
+    for k, target in enumerate(targets):
+        if not target.is_finite:
+            return targets[:k]
+    return targets
