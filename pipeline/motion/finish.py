@@ -95,10 +95,9 @@ def point_to_point(start: LineState, s_end: float, limits: LineLimits, dt: float
     direct = planner.to_state(start, target, float(tight.speed.max()), acceleration)
     if direct is not None and direct.respects(tight):
         return _sampled([direct], target, dt)
-    pieces = _ridden(planner, start, target, tight, acceleration) or _slower(
-        planner, start, target, tight, acceleration
-    )
-    if not pieces:
+    moves = _ridden(planner, start, target, tight), _slower(planner, start, target, tight, acceleration)
+    pieces = min(filter(None, moves), key=lambda move: sum(piece.duration for piece in move), default=None)
+    if pieces is None:
         raise TaskFailedError(
             f"move to s = {s_end:.4g} m: there is none within the limits from s = {start.s:.4g} m, "
             f"v = {start.v:.4g} m/s, a = {start.a:.4g} m/s^2: start slower, or further from the line's ends"
@@ -106,9 +105,7 @@ def point_to_point(start: LineState, s_end: float, limits: LineLimits, dt: float
     return _sampled(pieces, target, dt)
 
 
-def _ridden(
-    planner: LinePlanner, start: LineState, target: LineState, limits: LineLimits, acceleration: float
-) -> list[JerkProfile | Ride]:
+def _ridden(planner: LinePlanner, start: LineState, target: LineState, limits: LineLimits) -> list[JerkProfile | Ride]:
     """Up to the limit, along it, down to rest; empty where the limit is not met or cannot be ridden."""
     direction = 1.0 if target.s > start.s else -1.0
     curve = RideCurve(limits)
@@ -125,6 +122,7 @@ def _ridden(
         """The motion with which the whole takes the shortest time, and the place that belongs to it."""
         shortest, place, chosen = np.inf, 0, None
         for k, (begin, end) in enumerate(zip(begins, ends, strict=True)):
+            acceleration = guard.lookup.acceleration(min(begin.s, end.s), max(begin.s, end.s))
             motion = planner.to_state(begin, end, speed, acceleration)
             if motion is None or motion.duration + riding[k] >= shortest:
                 continue
