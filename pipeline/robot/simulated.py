@@ -12,15 +12,25 @@ from pipeline.robot.checks import checked_start, checked_vector
 from pipeline.robot.draw import draw
 from pipeline.robot.hidden import resolve_hidden
 from pipeline.robot.joint_effects import JointEffects
+from pipeline.robot.line_frame import LineFrame
 from pipeline.robot.load_forces import LoadForces
 from pipeline.robot.load_string import LoadString
 from pipeline.robot.protocol import ForceSample, JointState, Vector
 from pipeline.robot.readings import JointReadings
-from pipeline.robot.scene import TIME_STEP, LineFrame, build_scene
+from pipeline.robot.scene import TIME_STEP, build_scene
 from pipeline.robot.servo import Reference, Servo
 from pipeline.robot.settings import PlantSettings
 from pipeline.robot.start import place_at_rest
-from pipeline.robot.truth import GripperTruth, History, LoadTruth, PlantTruth, gripper_truth, load_truth, swing_angle
+from pipeline.robot.truth import (
+    GripperTruth,
+    History,
+    LoadTruth,
+    MotionLog,
+    PlantTruth,
+    gripper_truth,
+    load_truth,
+    swing_angle,
+)
 
 IN_BOX_FOR = 0.2
 """How long the load must have been in the box without a break to count as landed [s]."""
@@ -111,7 +121,7 @@ class SimulatedRobot:
             hidden={name: value for name, value in self._hidden.items() if value},
         )
         self._steps, self._steps_in_box, self._tension, self._observed_at = 0, 0, 0.0, -1
-        self._history: list[tuple[Vector, ...]] = []
+        self._log = MotionLog()
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -190,11 +200,7 @@ class SimulatedRobot:
 
     def history(self) -> History:
         """True motion since time 0 every 10 ms, for reports and pictures only."""
-        columns = [np.array(column) for column in zip(*self._history, strict=True)]
-        if not columns:
-            n = len(self._dofs)
-            columns = [np.zeros(0), np.zeros((0, n)), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)]
-        return History(*columns)
+        return self._log.history(len(self._dofs))
 
     def _step(self) -> None:
         model, data = self._model, self._data
@@ -205,6 +211,7 @@ class SimulatedRobot:
         data.ctrl[:] = self._servo.drive(self.time)
         self._load_forces.apply()
         self._joint_effects.apply()
+        q = data.qpos[self._dofs]
         mujoco.mj_step2(model, data)
         # Positions are still those at the beginning of the step; so is the tension, which MuJoCo has just found.
         self._tension = self._string.tension(data)
@@ -212,7 +219,7 @@ class SimulatedRobot:
         self._cell.feel(self._steps, self._tension, angle)
         self._steps_in_box = self._steps_in_box + 1 if self._load_is_inside() else 0
         if self._steps % HISTORY_EVERY == 0:
-            self._remember()
+            self._log.add(self.time, q, self._pivot.copy(), self._load.copy(), self._tension)
         self._steps += 1
 
     def _observe(self) -> None:
@@ -223,12 +230,6 @@ class SimulatedRobot:
         self._observed.ctrl[:] = self._servo.driven
         mujoco.mj_forward(self._model, self._observed)
         self._observed_at = self._steps
-
-    def _remember(self) -> None:
-        q = self._data.qpos[self._dofs]
-        self._history.append(
-            (np.float64(self.time), q, self._pivot.copy(), self._load.copy(), np.float64(self._tension))
-        )
 
     def _load_is_inside(self) -> bool:
         box = self._settings.box

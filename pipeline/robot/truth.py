@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from pipeline.robot.line_frame import LineFrame
 from pipeline.robot.protocol import Vector
-from pipeline.robot.scene import LineFrame
 
 
 @dataclass(frozen=True)
@@ -98,6 +98,26 @@ class History:
     pivot: Vector
     load: Vector
     tension: Vector
+
+
+class MotionLog:
+    """Collects the history."""
+
+    def __init__(self) -> None:
+        self._times: list[float] = []
+        self._tensions: list[float] = []
+        self._vectors: list[tuple[Vector, Vector, Vector]] = []
+
+    def add(self, time: float, q: Vector, pivot: Vector, load: Vector, tension: float) -> None:
+        """Remember one moment; the vectors are kept, not copied."""
+        self._times.append(time)
+        self._tensions.append(tension)
+        self._vectors.append((q, pivot, load))
+
+    def history(self, joints: int) -> History:
+        """All that was remembered, for an arm with that many joints."""
+        q, pivot, load = (np.array([v[i] for v in self._vectors]).reshape(-1, n) for i, n in enumerate((joints, 3, 3)))
+        return History(np.array(self._times), q, pivot, load, np.array(self._tensions))
 
 
 def swing_angle(string: Vector, along: Vector) -> float:

@@ -1,0 +1,121 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipeline.robot.settings import PlantSettings
+from pipeline.robot.simulated import SimulatedRobot
+
+
+def wandering(time):
+    """A motion like those of active estimation: 0.09 m, 0.24 m/s, 1.1 m/s^2, from rest."""
+    waves = ((0.05, 2.9), (0.012, 7.3), (-0.03, 1.3))
+    x = sum(a * np.sin(w * time) for a, w in waves)
+    v = sum(a * w * np.cos(w * time) for a, w in waves)
+    u = sum(-a * w * w * np.sin(w * time) for a, w in waves)
+    b = min(time, 1.0)
+    k, dk, ddk = b**3 * (10 - 15 * b + 6 * b * b), 30 * b**2 * (1 - b) ** 2, 60 * b * (1 - b) * (1 - 2 * b)
+    return k * x, k * v + dk * x, k * u + 2 * dk * v + ddk * x
+
+
+def test_tension_equals_the_pendulum_formula_while_the_arm_moves(baxter, q_start, line_motion):
+    plant = SimulatedRobot(baxter, q_start, PlantSettings(), seed=5)
+    rows = line_motion.follow(plant, wandering, 6.0)
+    angle = np.array([load.swing_angle for *_, load in rows])
+    rate = np.array([load.swing_rate for *_, load in rows])
+    along = np.array([gripper.s_acceleration for _, _, gripper, _ in rows])
+    up = np.array([gripper.acceleration[2] for _, _, gripper, _ in rows])
+    tension = np.array([load.tension for *_, load in rows])
+    expected = plant.truth.mass * ((9.81 + up) * np.cos(angle) + 0.368 * rate**2 + along * np.sin(angle))
+    assert np.abs(angle).max() > 0.2
+    assert np.std(tension - expected) < 1.5e-3
+
+
+def test_tension_of_a_free_swing_equals_the_pendulum_formula(still_pendulum):
+    plant = still_pendulum(0.5)
+    for _ in range(300):
+        plant.advance(0.01)
+        load = plant.load_truth()
+        expected = 0.08 * (9.81 * np.cos(load.swing_angle) + 0.368 * load.swing_rate**2)
+        assert load.tension == pytest.approx(expected, abs=3e-3)
+
+
+def test_tension_equals_weight_at_rest(baxter, q_start):
+    plant = SimulatedRobot(baxter, q_start, PlantSettings(), seed=2)
+    before = plant.load_truth()
+    plant.advance(1.0)
+    after = plant.load_truth()
+    assert before.tension == pytest.approx(9.81 * plant.truth.mass, abs=1e-9)
+    assert after.tension == pytest.approx(9.81 * plant.truth.mass, abs=1e-9)
+    np.testing.assert_allclose(after.position, before.position, atol=1e-9)
+
+
+def test_load_hangs_at_the_given_length_below_the_gripper(baxter, q_start):
+    load = SimulatedRobot(baxter, q_start, PlantSettings(length=0.4), seed=2).load_truth()
+    np.testing.assert_allclose(load.position, baxter.line.position(0.0) - [0, 0, 0.4], atol=1e-9)
+
+
+def test_string_loses_less_than_a_hundredth_of_the_swing_energy_in_15_seconds(still_pendulum, watch):
+    swing = watch(still_pendulum(0.4), 15.0)
+    height = swing.distance * -np.cos(swing.angle)
+    first, last = height[:200].max(), height[-200:].max()
+    assert 0.0 <= (first - last) / (first + 0.368) < 0.01
+
+
+def test_string_goes_slack_and_never_pushes(still_pendulum, watch):
+    plant = still_pendulum(1.5)
+    swing = watch(plant, 3.0)
+    assert swing.tension.min() >= 0.0
+    falling = still_pendulum(0.0)
+    # Thrown up inside the string's reach the load falls freely until the string is taut again.
+    data = falling._data
+    data.qvel[9] = 1.5
+    swing = watch(falling, 0.25)
+    free = slice(2, None)
+    assert (swing.tension[free] == 0.0).all()
+    height = -swing.distance
+    expected = -0.368 + 1.5 * swing.time - 0.5 * 9.81 * swing.time**2
+    np.testing.assert_allclose(height[free], expected[free], atol=2e-3)
+
+
+def test_same_seed_gives_the_same_motion_and_readings(baxter, q_start, line_motion):
+    def run(seed):
+        plant = SimulatedRobot(baxter, q_start, PlantSettings(), {"quadratic_drag": None}, seed)
+        line_motion.follow(plant, wandering, 1.0)
+        return plant.joint_state(), plant.load_cell(), plant.history()
+
+    (joints, cell, motion), (joints_again, cell_again, motion_again) = run(4), run(4)
+    other_joints, other_cell, _ = run(5)
+    np.testing.assert_array_equal(joints.q, joints_again.q)
+    np.testing.assert_array_equal(joints.tau, joints_again.tau)
+    assert cell == cell_again
+    np.testing.assert_array_equal(motion.load, motion_again.load)
+    assert cell != other_cell
+    assert not np.array_equal(joints.v, other_joints.v)
+
+
+def test_looking_at_the_truth_changes_nothing(baxter, q_start, line_motion):
+    watched, alone = (SimulatedRobot(baxter, q_start, PlantSettings(), seed=6) for _ in range(2))
+    line_motion.follow(watched, wandering, 0.5)
+    for step in range(50):
+        alone.command(*line_motion.joints(*wandering(step * 0.01)))
+        alone.advance(0.01)
+    np.testing.assert_array_equal(watched.history().load, alone.history().load)
+
+
+def test_what_is_drawn_stays_within_its_spread(baxter, q_start):
+    truths = [SimulatedRobot(baxter, q_start, PlantSettings(), seed=s).truth for s in range(40)]
+    latency = np.array([t.latency for t in truths])
+    scale = np.array([t.link_scale for t in truths])
+    mass = np.array([t.mass for t in truths])
+    assert 0.0 <= latency.min() < 0.005
+    assert 0.015 < latency.max() <= 0.02
+    assert np.abs(scale - 1.0).max() <= 0.1
+    assert 0.004 < np.std(mass / 0.08) < 0.02
+
+
+def test_what_is_given_is_not_drawn(baxter, q_start):
+    settings = PlantSettings()
+    settings = replace(settings, cell=replace(settings.cell, latency=0.007, bias=-0.02))
+    truth = SimulatedRobot(baxter, q_start, settings, seed=9).truth
+    assert (truth.latency, truth.bias) == (0.007, -0.02)
