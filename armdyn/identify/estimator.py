@@ -1,7 +1,7 @@
 """Estimation while data arrive: least squares over everything so far, started from the last estimate."""
 
 from collections.abc import Callable, Mapping
-from typing import Literal
+from typing import Generic, Literal, TypeVar
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from armdyn.identify.least_squares import Estimate, LeastSquares, gradient_desce
 from armdyn.model import Model
 from armdyn.run import Channel, Run
 
+ModelT = TypeVar("ModelT", bound=Model)
 Method = Literal["levenberg_marquardt", "gradient_descent"]
 METHODS: Mapping[str, Callable[..., Estimate]] = {
     "levenberg_marquardt": levenberg_marquardt,
@@ -19,7 +20,7 @@ WINDOWS = (0.75, 1.5, 3.0, 6.0)
 """s; a recorded run is fitted over these windows first, each from the last one's result."""
 
 
-class Estimator:
+class Estimator(Generic[ModelT]):
     """Batch least squares on a growing recording.
 
     A cold start on a long recording falls into one of many minima (one up to 3 s, ten at 10 s for a 0.37 m pendulum);
@@ -31,11 +32,12 @@ class Estimator:
         method: ``"levenberg_marquardt"``, or ``"gradient_descent"`` as in the paper.
     """
 
-    def __init__(self, model: Model, noise: Mapping[str, float], method: Method = "levenberg_marquardt") -> None:
+    def __init__(self, model: ModelT, noise: Mapping[str, float], method: Method = "levenberg_marquardt") -> None:
         if method not in METHODS:
             raise InputError(f"unknown method '{method}': choose one of {', '.join(METHODS)}")
         self._minimise = METHODS[method]
-        self.model, self.noise = model, dict(noise)
+        self.model: ModelT = model
+        self.noise = dict(noise)
         self.estimate: Estimate | None = None
 
     def update(self, run: Run) -> Estimate:

@@ -1,0 +1,78 @@
+"""The estimator node: the length from everything measured since the motion began, twice a second."""
+
+from dataclasses import dataclass
+from time import perf_counter
+
+from armdyn.identify.estimator import Estimator
+from armdyn.identify.least_squares import Outcome
+from armdyn.pendulum.model import PendulumModel
+from pipeline.nodes.measurement import MeasurementNode
+from pipeline.record import Recorder
+
+FIRST_UPDATE = 1.0
+"""s of motion before the first estimate: less does not determine the length."""
+
+
+@dataclass(frozen=True)
+class LengthEstimate:
+    """One entry of the estimate's history.
+
+    Attributes:
+        time: of the update, s.
+        value: length, m.
+        std: its standard deviation, m.
+        outcome: how the fit ended.
+        seconds: that the update took.
+    """
+
+    time: float
+    value: float
+    std: float
+    outcome: Outcome
+    seconds: float
+
+
+class EstimatorNode:
+    """Runs the estimator at 2 Hz on the data since `begin`.
+
+    Attributes:
+        start: time at which the load hung at rest and the data begin, s; None while it does not estimate.
+        history: every update so far.
+    """
+
+    name = "estimator"
+    period = 0.5
+
+    def __init__(
+        self, measurement: MeasurementNode, estimator: Estimator[PendulumModel], recorder: Recorder
+    ) -> None:
+        self._measurement, self._estimator, self._recorder = measurement, estimator, recorder
+        self.start: float | None = None
+        self.history: list[LengthEstimate] = []
+        self._running = False
+
+    @property
+    def model(self) -> PendulumModel:
+        """The model with the latest estimate."""
+        return self._estimator.model
+
+    def begin(self, now: float) -> None:
+        """The load hangs at rest now, and what follows is used."""
+        self.start, self._running = now, True
+
+    def end(self) -> None:
+        """Estimate no more; `model` and `start` stay."""
+        self._running = False
+
+    def step(self, now: float) -> None:
+        """Update the estimate once there is enough to go by."""
+        if not self._running or self.start is None or now - self.start < FIRST_UPDATE - 1e-9:
+            return
+        run = self._measurement.run_since(self.start)
+        begun = perf_counter()
+        estimate = self._estimator.update(run)
+        seconds = perf_counter() - begun
+        entry = LengthEstimate(now, estimate.value("length"), estimate.std("length"), estimate.outcome, seconds)
+        self.history.append(entry)
+        self._recorder.record("estimate.length", now, entry.value)
+        self._recorder.record("estimate.length_std", now, entry.std)

@@ -1,0 +1,102 @@
+"""The measurement node: joints and load cell in, one recording out, and an eye on the load cell."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+import urdf
+from armdyn.run import Channel, Run
+from pipeline.loadcell.faults import FaultDetector
+from pipeline.nodes.line_sensor import LineSensor
+from pipeline.record import Recorder
+from pipeline.robot.protocol import JointState, Robot
+
+SLACK_FORCE = 0.02
+"""N; a string that pulls less than this for `SLACK_TIME` has gone slack (an 80 g load pulls 0.78 N at rest)."""
+SLACK_TIME = 0.05
+
+
+def channel_units(joint_names: tuple[str, ...]) -> dict[str, str]:
+    """Channels that the node records, with their units."""
+    units = {"gripper_x": "m", "gripper_z": "m", "load_force": "N"}
+    for prefix, unit in (("q", "rad"), ("v", "rad/s"), ("tau", "N m")):
+        units |= {f"{prefix}.{name}": unit for name in joint_names}
+    return units
+
+
+@dataclass
+class _Series:
+    """A growing time series without a copy per sample."""
+
+    time: np.ndarray
+    value: np.ndarray
+    count: int = 0
+
+    @classmethod
+    def empty(cls) -> "_Series":
+        return cls(np.empty(4096), np.empty(4096))
+
+    def append(self, time: float, value: float) -> None:
+        if self.count == len(self.time):
+            self.time = np.concatenate([self.time, np.empty_like(self.time)])
+            self.value = np.concatenate([self.value, np.empty_like(self.value)])
+        self.time[self.count], self.value[self.count] = time, value
+        self.count += 1
+
+    def since(self, start: float, unit: str) -> Channel:
+        first = int(np.searchsorted(self.time[: self.count], start - 1e-9))
+        return Channel(self.time[first : self.count] - start, self.value[first : self.count], unit)
+
+
+class MeasurementNode:
+    """Reads the robot at 100 Hz.
+
+    Attributes:
+        fault: a sentence once the load cell or the string has failed, else None.
+        state: the latest reading of the joints.
+        gripper: the latest coordinate along the line, m.
+    """
+
+    name = "measurement"
+    period = 0.01
+
+    def __init__(
+        self, robot: Robot, description: urdf.Robot, recorder: Recorder, detector: FaultDetector, noise: dict[str, float]
+    ) -> None:
+        self._robot, self._recorder, self._detector, self._noise = robot, recorder, detector, noise
+        self._sensor = LineSensor(description)
+        self._joints = description.joint_names
+        self._gripper, self._force = _Series.empty(), _Series.empty()
+        self._pulled_at: float | None = None
+        self.fault: str | None = None
+        self.state: JointState = robot.joint_state()
+        self.gripper = self._sensor.locate(self.state.q)[0]
+
+    def step(self, now: float) -> None:
+        """Take and record what has arrived."""
+        self.state = state = self._robot.joint_state()
+        along, height = self._sensor.locate(state.q)
+        self.gripper = along
+        self._gripper.append(state.time, along)
+        record = self._recorder.record
+        record("gripper_x", state.time, along)
+        record("gripper_z", state.time, height)
+        for prefix, values in (("q", state.q), ("v", state.v), ("tau", state.tau)):
+            for name, value in zip(self._joints, values, strict=True):
+                record(f"{prefix}.{name}", state.time, float(value))
+        samples = self._robot.load_cell()
+        for sample in samples:
+            self._force.append(sample.time, sample.force)
+            record("load_force", sample.time, sample.force)
+            if sample.force > SLACK_FORCE or self._pulled_at is None:
+                self._pulled_at = sample.time
+            elif sample.time - self._pulled_at > SLACK_TIME and self.fault is None:
+                self.fault = f"the string has been slack since {self._pulled_at:.2f} s: move less, or hang a heavier load"
+        found = self._detector.update(now, samples)
+        if found is not None and self.fault is None:
+            self.fault = f"load cell at {now:.2f} s: {found.value}"
+
+    def run_since(self, start: float) -> Run:
+        """What was measured from `start` s on, for the estimator; time counts from there."""
+        channels = {"gripper_x": self._gripper.since(start, "m"), "load_force": self._force.since(start, "N")}
+        return Run("trial", channels, noise=self._noise)

@@ -1,0 +1,119 @@
+"""One loop that runs every node at its own rate, in order, and counts who was too slow."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Protocol
+
+from armdyn.errors import InputError
+from pipeline.nodes.clock import Clock
+
+
+class Node(Protocol):
+    """Something that does one thing at a fixed rate."""
+
+    @property
+    def name(self) -> str:
+        """For tables and messages."""
+        ...
+
+    @property
+    def period(self) -> float:
+        """Time between steps, s."""
+        ...
+
+    def step(self, now: float) -> None:
+        """Do it once.
+
+        Args:
+            now: time at which this step was due, s.
+        """
+        ...
+
+
+@dataclass
+class Timing:
+    """How long a node's steps took.
+
+    Attributes:
+        steps: how many there were.
+        total: computing time of all steps, s.
+        longest: of one step, s.
+        overruns: steps that took longer than the node's period, or were begun later than that.
+        skipped: steps that were left out because their time had passed.
+    """
+
+    steps: int = 0
+    total: float = 0.0
+    longest: float = 0.0
+    overruns: int = 0
+    skipped: int = 0
+
+    @property
+    def mean(self) -> float:
+        """Mean computing time of a step, s."""
+        return self.total / self.steps if self.steps else 0.0
+
+
+class Scheduler:
+    """Runs nodes on a clock; nodes that are due at the same time run in the given order.
+
+    A node that is late is run once, as soon as possible; steps whose time has passed meanwhile are skipped and counted,
+    so that a slow node cannot pile up work.
+
+    Args:
+        clock: simulated or real.
+        nodes: in the order in which data flow.
+    """
+
+    def __init__(self, clock: Clock, nodes: Sequence[Node]) -> None:
+        for node in nodes:
+            if not node.period > 0:
+                raise InputError(f"node '{node.name}' has a period of {node.period} s: it must be positive")
+        self._clock, self._nodes = clock, tuple(nodes)
+        start = clock.time
+        self._start = {node.name: start for node in nodes}
+        self._count = {node.name: 0 for node in nodes}
+        self.timing = {node.name: Timing() for node in nodes}
+
+    def run(self, until: Callable[[], bool], longest: float) -> bool:
+        """Run until a condition holds, looked at after every round.
+
+        Args:
+            until: the condition.
+            longest: give up after this time, s.
+
+        Returns:
+            Whether the condition came to hold.
+        """
+        end = self._clock.time + longest
+        while not until():
+            due = min(self._due(node) for node in self._nodes)
+            if due > end + 1e-9:
+                self._clock.advance_to(end)
+                return until()
+            self._clock.advance_to(due)
+            for node in self._nodes:
+                if self._due(node) <= due + 1e-9:
+                    self._step(node)
+        return True
+
+    def _due(self, node: Node) -> float:
+        return self._start[node.name] + self._count[node.name] * node.period
+
+    def _step(self, node: Node) -> None:
+        due, timing = self._due(node), self.timing[node.name]
+        late = self._clock.time - due
+        begun = perf_counter()
+        node.step(due)
+        took = perf_counter() - begun
+        timing.steps += 1
+        timing.total += took
+        timing.longest = max(timing.longest, took)
+        if took > node.period or late > node.period:
+            timing.overruns += 1
+        self._count[node.name] += 1
+        behind = int((self._clock.time - self._due(node)) / node.period)
+        if behind > 0:
+            timing.skipped += behind
+            self._count[node.name] += behind

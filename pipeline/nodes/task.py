@@ -1,0 +1,127 @@
+"""The task node: plans the swing with the estimated length, has it checked, and plays it open loop."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from armdyn.control.task import SwingPlan, SwingState, TaskCost, TaskPlanner
+from armdyn.pendulum.model import PendulumModel
+from pipeline.motion import LineLimits, LineSmoother, LineState, LineTrajectory, finish_over_box
+from pipeline.nodes.drive import DriveNode
+
+DT = 0.01
+"""Control cycle and step of the variational integrator, s."""
+LOOK_AHEAD = 30
+
+Check = Callable[[LineTrajectory, np.ndarray], None]
+"""Raises `TaskFailedError` when a trajectory, with the string tension at its samples, is not feasible."""
+
+
+@dataclass(frozen=True)
+class TaskSettings:
+    """The swing and its finish; the defaults belong to the box of the simulated robot.
+
+    Attributes:
+        target_x: where the load should be at the end of the swing, from the line's zero, m.
+        target_below: how far below the gripper's line, m.
+        travel_weight: cost of the gripper's distance from zero, 1/(m^2 s); not in the paper; it keeps the plans
+            for long strings on the line.
+        duration: of the swing, s.
+        settling: time to bring the load to rest before it, s.
+        finish_x: where the gripper comes to rest over the box, m.
+    """
+
+    target_x: float = 0.45
+    target_below: float = 0.08
+    travel_weight: float = 1.0
+    duration: float = 5.0
+    settling: float = 3.0
+    finish_x: float = 0.46
+
+    def swing_cost(self) -> TaskCost:
+        """Load at the target, at rest, at the end."""
+        return TaskCost(target=(self.target_x, -self.target_below), travel_weight=self.travel_weight)
+
+    def settling_cost(self, length: float) -> TaskCost:
+        """Load hanging at rest below the middle of the line."""
+        return TaskCost(
+            target=(0.0, -length), position_weights=(1e4, 1e4), velocity_weights=(1e3, 1e3), control_weight=0.1,
+            travel_weight=self.travel_weight,
+        )  # fmt: skip
+
+
+class TaskNode:
+    """Plans on request and plays what it planned; a request is carried out in its next step.
+
+    Attributes:
+        swing: the plan of the last swing.
+        trajectory: what the gripper was told to do in it, finish included.
+        started: time at which the swing began, s.
+    """
+
+    name = "task"
+    period = 0.1
+
+    def __init__(
+        self, model: PendulumModel, drive: DriveNode, limits: LineLimits, check: Check, settings: TaskSettings
+    ) -> None:
+        self._drive, self._limits, self._check, self.settings = drive, limits, check, settings
+        self._swing_planner = TaskPlanner(model, round(settings.duration / DT), DT)
+        self._settle_planner = TaskPlanner(model, round(settings.settling / DT), DT)
+        self._request: Callable[[float], None] | None = None
+        self.swing: SwingPlan | None = None
+        self.trajectory: LineTrajectory | None = None
+        self.started: float | None = None
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing is asked for and nothing is played."""
+        return self._request is None and self._drive.at_rest
+
+    def step(self, now: float) -> None:
+        """Carry out the request, if there is one."""
+        if self._request is not None:
+            request, self._request = self._request, None
+            request(now)
+
+    def settle(self, model: PendulumModel, state: Callable[[], SwingState]) -> None:
+        """Ask for the load to be brought to rest.
+
+        Args:
+            model: with the present estimate.
+            state: gives gripper and load at the time of planning.
+        """
+
+        def carry_out(_now: float) -> None:
+            plan = self._settle_planner.plan(model, self.settings.settling_cost(model.value("length")), state())
+            trajectory = self._feasible(plan)
+            self._check(trajectory, plan.tension)
+            self._drive.play(trajectory)
+
+        self._request = carry_out
+
+    def throw(self, model: PendulumModel) -> None:
+        """Ask for the swing into the box, from rest."""
+
+        def carry_out(now: float) -> None:
+            start = SwingState(x=self._drive.state.s)
+            self.swing = self._swing_planner.plan(model, self.settings.swing_cost(), start)
+            swing = self._feasible(self.swing)
+            finish = finish_over_box(swing.end, self.settings.finish_x, self._limits, DT)
+            self.trajectory = swing.then(finish)
+            self._check(self.trajectory, self.swing.tension)
+            self.started = now
+            self._drive.play(self.trajectory)
+
+        self._request = carry_out
+
+    def _feasible(self, plan: SwingPlan) -> LineTrajectory:
+        """The planned gripper path within the limits of the line, from the drive's present state."""
+        v = np.gradient(plan.x, DT)
+        v[0], v[-1] = plan.v[0], plan.v[-1] + DT / 2 * plan.a[-1]
+        reference = [LineState(float(x), float(w), float(a)) for x, w, a in zip(plan.x, v, plan.a, strict=True)][1:]
+        smoother = LineSmoother(self._limits, DT, self._drive.state)
+        states = [smoother.update(reference[k : k + LOOK_AHEAD]) for k in range(len(reference))]
+        time = DT * np.arange(1, len(states) + 1)
+        return LineTrajectory(time, *(np.array(column) for column in zip(*states, strict=True)))
