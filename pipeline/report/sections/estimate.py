@@ -1,0 +1,84 @@
+"""How the estimate found the truth."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import plotly.graph_objects as go
+
+from pipeline.report.section import Chart, Section
+from pipeline.report.sections.over_time import add_band, stacked
+from pipeline.report.text import number
+from pipeline.report.theme import GREY, INK, MODEL, ORANGE, TRUTH, Phase
+from pipeline.report.trial_data import EstimateTrace
+
+
+@dataclass(frozen=True)
+class EstimateSection(Section):
+    """Each estimated parameter over time, with its interval and the truth.
+
+    Attributes:
+        estimates: at least one.
+        phases: of the trial.
+        residual_is_white: False where the intervals do not hold.
+    """
+
+    title: ClassVar[str] = "Estimate"
+
+    estimates: Sequence[EstimateTrace]
+    phases: Sequence[Phase] = ()
+    residual_is_white: bool | None = None
+
+    def sentence(self) -> str:
+        """The last estimate, its error in standard deviations, and whether the interval can be trusted."""
+        trace = self.estimates[0]
+        if not trace.value.size:
+            return f"No estimate of the {trace.name} was made; the guess was {number(trace.guess, trace.unit)}."
+        learnt = f"{trace.value[-1]:.4f} {trace.unit} ± {number(trace.std[-1], trace.unit, 2)}"
+        text = (
+            f"The {trace.name} was learnt as {learnt} "
+            f"after {trace.value.size} updates from a guess of {number(trace.guess, trace.unit)}"
+        )
+        if trace.truth is not None:
+            text += f"; it is {trace.truth:.4f} {trace.unit}"
+        if self.residual_is_white is False:
+            text += ". The residual of the force is not white: the interval is too narrow and does not hold"
+        return text + "."
+
+    def charts(self) -> Sequence[Chart]:
+        """One figure per parameter."""
+        return [Chart(_figure(trace, self.phases), _caption(trace)) for trace in self.estimates if trace.value.size]
+
+
+def _caption(trace: EstimateTrace) -> str:
+    below = "standard deviation reported" + (" and error made" if trace.truth is not None else "")
+    return f"Above: {trace.name} with two standard deviations. Below, on a logarithmic scale: {below}."
+
+
+def _figure(trace: EstimateTrace, phases: Sequence[Phase]) -> go.Figure:
+    scale, small = (1e3, f"m{trace.unit}") if trace.unit in ("m", "s", "N") else (1.0, trace.unit)
+    figure = stacked([f"{trace.name} [{trace.unit}]", f"error [{small}]"], [0.6, 0.4], phases, 460)
+    add_band(figure, trace.time, trace.value, 2 * trace.std, "± 2 std")
+    figure.add_scatter(x=trace.time, y=trace.value, name="estimate", **{**MODEL, "mode": "lines+markers"})
+    ends = np.array([trace.time[0], trace.time[-1]])
+    figure.add_scatter(
+        x=ends, y=[trace.guess] * 2, name="guess", mode="lines", line={"color": ORANGE, "width": 1.5, "dash": "dash"}
+    )
+    figure.add_scatter(x=trace.time, y=scale * trace.std, name="std", yaxis="y2", mode="lines", line={"color": GREY})
+    if trace.truth is not None:
+        figure.add_scatter(x=ends, y=[trace.truth] * 2, name="truth", **TRUTH)
+        figure.add_scatter(
+            x=trace.time,
+            y=scale * np.abs(trace.value - trace.truth),
+            name="|error|",
+            yaxis="y2",
+            mode="markers",
+            marker={"color": INK, "size": 6, "symbol": "diamond"},
+        )
+    # The first intervals are wide; the axis follows the estimates instead.
+    shown = [*trace.value, trace.guess, *([] if trace.truth is None else [trace.truth])]
+    low, high = min(shown), max(shown)
+    pad = 0.25 * (high - low) or 0.1 * abs(high) or 1.0
+    figure.update_layout(yaxis={"range": [low - pad, high + pad]}, yaxis2={"type": "log", "dtick": 1})
+    return figure

@@ -1,0 +1,108 @@
+"""How every figure looks: one palette, one role per colour, one template."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+# Okabe and Ito's palette, told apart by people with any kind of colour vision (jfly.uni-koeln.de/color, 2008).
+BLUE, ORANGE, GREEN, VERMILLION, PURPLE, SKY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9"
+INK, GREY, PALE, GRID = "#1F2933", "#7B8794", "#F4F6F8", "#E4E7EB"
+
+FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
+
+# A line means the same in every figure of every report.
+MEASURED = {"mode": "markers", "marker": {"color": GREY, "size": 3}}
+MODEL = {"mode": "lines", "line": {"color": BLUE, "width": 2}}
+ACTUAL = {"mode": "lines", "line": {"color": BLUE, "width": 2}}
+REFERENCE = {"mode": "lines", "line": {"color": ORANGE, "width": 2, "dash": "dash"}}
+TRUTH = {"mode": "lines", "line": {"color": INK, "width": 1.5, "dash": "dot"}}
+LIMIT = {"mode": "lines", "line": {"color": VERMILLION, "width": 1.2, "dash": "dash"}}
+BAND = {"mode": "lines", "line": {"width": 0}, "fillcolor": "rgba(0, 114, 178, 0.18)", "hoverinfo": "skip"}
+
+_AXIS = {
+    "gridcolor": GRID,
+    "linecolor": GREY,
+    "zerolinecolor": GRID,
+    "zerolinewidth": 1,
+    "ticks": "outside",
+    "tickcolor": GREY,
+    "ticklen": 4,
+    "title": {"standoff": 8, "font": {"size": 13}},
+    "automargin": True,
+}
+
+TEMPLATE: Mapping[str, Any] = {
+    "layout": {
+        "font": {"family": FONT, "size": 13, "color": INK},
+        "colorway": [BLUE, ORANGE, GREEN, VERMILLION, PURPLE, SKY],
+        "paper_bgcolor": "white",
+        "plot_bgcolor": "white",
+        "margin": {"l": 72, "r": 16, "t": 58, "b": 48},
+        "legend": {"orientation": "h", "x": 0, "xanchor": "left", "y": 1, "yanchor": "top", "yref": "container"},
+        "hovermode": "x unified",
+        "hoverlabel": {"font": {"family": FONT, "size": 12}, "bgcolor": "rgba(255, 255, 255, 0.95)"},
+        "xaxis": _AXIS,
+        "yaxis": _AXIS,
+        "annotationdefaults": {"font": {"size": 12}, "showarrow": False},
+        "bargap": 0.25,
+        "bargroupgap": 0.06,
+    }
+}
+"""Plotly template, put into the page once and used by every figure."""
+
+TIME_AXIS = "time [s]"
+LINKED_TIME = {"time_axis": True}
+"""Layout meta of a figure whose horizontal axes are time: zooming one zooms all in the page."""
+
+
+@dataclass(frozen=True)
+class Phase:
+    """A named stretch of time, shaded in every figure over time.
+
+    Attributes:
+        name: such as ``"estimate"``.
+        start: s.
+        end: s.
+    """
+
+    name: str
+    start: float
+    end: float
+
+
+def phase_marks(phases: Sequence[Phase]) -> dict[str, list[dict[str, Any]]]:
+    """Shapes and labels that show the phases across the whole height of a figure over time.
+
+    Returns:
+        Layout entries ``shapes`` and ``annotations``.
+    """
+    shapes: list[dict[str, Any]] = []
+    labels: list[dict[str, Any]] = []
+    for i, phase in enumerate(phases):
+        if i % 2 == 0:
+            shapes.append(
+                {
+                    "type": "rect",
+                    "xref": "x",
+                    "yref": "paper",
+                    "x0": phase.start,
+                    "x1": phase.end,
+                    "y0": 0,
+                    "y1": 1,
+                    "fillcolor": PALE,
+                    "line": {"width": 0},
+                    "layer": "below",
+                }
+            )
+        labels.append(
+            {
+                "text": phase.name,
+                "xref": "x",
+                "yref": "paper",
+                "x": (phase.start + phase.end) / 2,
+                "y": 1,
+                "yanchor": "bottom",
+                "font": {"size": 11, "color": GREY},
+            }
+        )
+    return {"shapes": shapes, "annotations": labels}

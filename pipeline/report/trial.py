@@ -1,0 +1,77 @@
+"""The report of one trial: what was learnt, how well the arm followed, how the swing went, and the verdict."""
+
+import numpy as np
+
+from pipeline.report.page import KeyFigure, Report
+from pipeline.report.section import Section
+from pipeline.report.sections.estimate import EstimateSection
+from pipeline.report.sections.force import ForceSection
+from pipeline.report.sections.gripper import GripperSection
+from pipeline.report.sections.joints import PositionSection, VelocitySection
+from pipeline.report.sections.margins import MarginSection
+from pipeline.report.sections.swing import SwingSection
+from pipeline.report.sections.timing import TimingSection
+from pipeline.report.text import number, percent
+from pipeline.report.trial_data import TrialReportData
+
+__all__ = ["TrialReportData", "trial_report"]
+
+
+def trial_report(data: TrialReportData) -> Report:
+    """The report of one trial; ``trial_report(data).write(path)`` makes the file."""
+    return Report(
+        title="Trial: learn the string, swing the load",
+        level=data.level,
+        verdict=data.verdict,
+        sections=_sections(data),
+        subtitle=data.subtitle,
+        key_figures=(*_key_figures(data), *data.key_figures),
+        notes=data.notes,
+        command=data.command,
+    )
+
+
+def _sections(data: TrialReportData) -> list[Section]:
+    sections: list[Section] = []
+    if data.swing is not None:
+        sections.append(SwingSection(data.swing))
+    if data.estimates:
+        white = data.force.residual_is_white if data.force is not None else None
+        sections.append(EstimateSection(data.estimates, data.phases, white))
+    if data.force is not None:
+        sections.append(ForceSection(data.force, data.phases))
+    if data.gripper is not None:
+        sections.append(GripperSection(data.gripper, data.phases))
+    if data.joints is not None:
+        sections += [PositionSection(data.joints), VelocitySection(data.joints)]
+    if data.margins:
+        sections.append(MarginSection(data.margins))
+    if data.nodes:
+        sections.append(TimingSection(data.nodes))
+    return sections
+
+
+def _key_figures(data: TrialReportData) -> list[KeyFigure]:
+    figures = []
+    doubt = "; does not hold" if data.force is not None and data.force.residual_is_white is False else ""
+    for trace in data.estimates[:1]:
+        if trace.value.size:
+            spread, guess = number(trace.std[-1], trace.unit, 2), number(trace.guess, trace.unit)
+            value = f"{trace.value[-1]:.4f} {trace.unit}"
+            figures.append(KeyFigure(f"Estimated {trace.name}", value, f"± {spread}{doubt}, from a guess of {guess}"))
+            if trace.truth is not None:
+                error = trace.value[-1] - trace.truth
+                note = f"{abs(error) / trace.std[-1]:.1f} reported standard deviations" if trace.std[-1] > 0 else ""
+                figures.append(KeyFigure("Error", number(error, trace.unit, 2), note))
+    if data.force is not None:
+        least = float(np.nanmin(data.force.measured))
+        figures.append(
+            KeyFigure("Least tension", number(least, "N"), "the string went slack" if least <= 0.0 else "taut")
+        )
+    if data.gripper is not None:
+        error = float(np.sqrt(np.nanmean((data.gripper.actual - data.gripper.reference) ** 2)))
+        figures.append(KeyFigure("Gripper error", number(error, "m", 2), "rms along the line"))
+    if data.margins:
+        tightest = max(data.margins, key=lambda margin: margin.used)
+        figures.append(KeyFigure("Tightest limit", percent(tightest.used), f"{tightest.limit}, {tightest.where}"))
+    return figures

@@ -1,0 +1,270 @@
+import json
+import re
+import shutil
+import subprocess
+from dataclasses import dataclass, replace
+from html.parser import HTMLParser
+from typing import ClassVar
+
+import numpy as np
+import plotly.graph_objects as go
+import pytest
+from plotly.offline import get_plotlyjs
+from scipy.stats import binomtest
+
+from armdyn.errors import InputError
+from pipeline.report import Chart, KeyFigure, Level, Report, Section, Table
+from pipeline.report.table import success_interval, table_report
+from pipeline.report.text import number, percent
+from pipeline.report.trial import TrialReportData, trial_report
+
+NASTY = "</script><script>alert('x')</script> & <b>$title</b>"
+VOID = {"meta", "br"}
+
+
+class Page(HTMLParser):
+    """Checks that every element is closed in order, and collects what a reader sees."""
+
+    def __init__(self, html):
+        super().__init__()
+        self.open, self.ids, self.links, self.texts, self.elements = [], [], [], [], []
+        self.feed(html)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attributes):
+        attributes = dict(attributes)
+        self.elements.append((tag, attributes))
+        if "id" in attributes:
+            self.ids.append(attributes["id"])
+        if "href" in attributes:
+            self.links.append(attributes["href"])
+        assert "src" not in attributes
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] not in ("script", "style"):
+            self.texts.append(data)
+
+    @property
+    def text(self):
+        return " ".join(self.texts)
+
+
+def own_part(html):
+    """The page without the library."""
+    library = get_plotlyjs().replace("</script", "<\\/script")
+    assert html.count(library) == 1
+    return html.replace(library, "")
+
+
+def figures(report):
+    return [chart.figure for section in report.sections for chart in section.charts()]
+
+
+@dataclass(frozen=True)
+class NastySection(Section):
+    title: ClassVar[str] = f"Title {NASTY}"
+
+    def sentence(self):
+        return NASTY
+
+    def charts(self):
+        return [Chart(go.Figure(go.Scatter(x=[0], y=[1], name=NASTY)), NASTY)]
+
+    def tables(self):
+        return [Table([NASTY, "share"], [[NASTY, NASTY]], NASTY, shares=[0.5])]
+
+
+@pytest.fixture(params=["trial", "table"])
+def report(request, trial_data, table_data):
+    return trial_report(trial_data) if request.param == "trial" else table_report(table_data)
+
+
+def test_page_is_one_offline_file_with_the_library_once(report):
+    own = own_part(report.html())
+    assert "http:" not in own
+    assert "https:" not in own
+    assert "default-src 'none'" in own
+    assert set(Page(own).links) == {"#top", *(f"#{section.anchor}" for section in report.sections)}
+
+
+def test_every_link_of_the_navigation_leads_to_one_section(report):
+    page = Page(own_part(report.html()))
+    assert len(page.ids) == len(set(page.ids))
+    assert {link.removeprefix("#") for link in page.links} <= set(page.ids)
+    assert sum(i.startswith("chart-") for i in page.ids) == len(figures(report))
+
+
+def test_every_axis_has_a_name_and_a_unit(report):
+    for figure in figures(report):
+        layout = figure.to_dict()["layout"]
+        axes = [axis for key, axis in layout.items() if re.fullmatch(r"[xy]axis\d*", key)]
+        titles = [axis["title"]["text"] for axis in axes if axis.get("showticklabels", True)]
+        assert len(titles) >= 2
+        for title in titles:
+            assert re.search(r"\[[^\]]+\]$", title), title
+
+
+def test_text_of_users_cannot_become_markup():
+    report = Report(NASTY, Level.BAD, NASTY, [NastySection()], NASTY, [KeyFigure(NASTY, NASTY, NASTY)], [NASTY], NASTY)
+    own = own_part(report.html())
+    page = Page(own)
+    assert page.text.count(NASTY) >= 12
+    assert "<script>alert" not in own
+    assert sum(tag == "script" for tag, _ in page.elements) == 4
+    data = re.search(r'id="figures">(.*?)</script>', own, re.DOTALL)[1]
+    assert json.loads(data)[0]["data"][0]["name"] == NASTY
+
+
+@pytest.mark.parametrize("level", Level)
+def test_banner_says_the_verdict_in_words_and_colour(level):
+    page = Page(own_part(Report("A", level, "what happened", []).html()))
+    classes = [attributes["class"] for _, attributes in page.elements if attributes.get("role") == "status"]
+    assert classes == [f"verdict {level.name.lower()}"]
+    assert level.value in page.text
+    assert "what happened" in page.text
+
+
+def test_trial_report_tells_its_numbers(trial_data):
+    text = Page(own_part(trial_report(trial_data).html())).text
+    residual = trial_data.force.measured - trial_data.force.predicted
+    assert f"{1e3 * np.sqrt(np.mean(residual**2)):.2f} mN rms" in text
+    error = np.abs(trial_data.gripper.actual - trial_data.gripper.reference)
+    assert f"the largest error is {1e3 * error.max():.1f} mm at {trial_data.gripper.time[error.argmax()]:.2f} s" in text
+    assert f"{trial_data.estimates[0].value[-1]:.4f} m" in text
+    assert "what is left is white" in text
+    assert "tightest is the velocity of right_s1, of which 94 % was used" in text
+    assert "SAC 2 of 120 times" in text
+    assert "load_force: 3 samples were left out" in text
+
+
+def test_a_residual_that_is_not_white_takes_the_interval_back(trial_data):
+    data = replace(trial_data, force=replace(trial_data.force, residual_is_white=False))
+    text = Page(own_part(trial_report(data).html())).text
+    assert "the interval is too narrow and does not hold" in text
+    assert "; does not hold, from a guess" in text
+
+
+def test_broken_limits_are_said_and_marked(trial_data):
+    broken = replace(trial_data.margins[2], used=1.25, value=2.5)
+    fast = replace(trial_data.joints, velocity=10 * trial_data.joints.velocity)
+    html = own_part(trial_report(replace(trial_data, margins=(*trial_data.margins, broken), joints=fast)).html())
+    assert "Limits broken: 1 of 15; worst the velocity of right_e0, 2.50 rad/s against 2.00 rad/s" in html
+    assert "class='share over'" in html
+    assert "goes beyond its limit" in html
+
+
+def test_parts_that_a_stopped_trial_lacks_are_left_out(trial_data):
+    bare = trial_report(TrialReportData(Level.BAD, "load cell unplugged at 0.3 s: the arm came to rest"))
+    assert Page(own_part(bare.html())).ids.count("top") == 1
+    assert not bare.sections
+    none = np.empty(0)
+    estimates = (replace(trial_data.estimates[0], time=none, value=none, std=none),)
+    swing = replace(trial_data.swing, executed=None, box=None)
+    report = trial_report(TrialReportData(Level.BAD, "stopped", estimates=estimates, swing=swing))
+    text = Page(own_part(report.html())).text
+    assert "No estimate of the length was made" in text
+    assert "The swing was planned and not executed" in text
+    assert len(figures(report)) == 1
+
+
+def test_a_swing_that_was_stopped_is_called_so(trial_data):
+    cut = {name: getattr(trial_data.swing.executed, name)[:100] for name in ("time", "gripper_x", "load_x", "load_z")}
+    swing = replace(trial_data.swing, executed=replace(trial_data.swing.executed, **cut))
+    assert "stopped after 0.99 s" in trial_report(replace(trial_data, swing=swing)).sections[0].sentence()
+
+
+def test_swing_is_drawn_to_scale_with_the_string_at_its_length(trial_data):
+    (figure,) = (chart.figure for chart in trial_report(trial_data).sections[0].charts())
+    assert figure.layout.yaxis.scaleanchor == "x"
+    (string,) = (trace for trace in figure.data if trace.name == "string")
+    ends = np.column_stack([string.x, string.y]).reshape(-1, 3, 2)
+    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    assert len(lengths) == trial_data.swing.snapshots
+    np.testing.assert_allclose(lengths, 0.368, rtol=1e-2)
+
+
+def test_joint_panels_show_curve_and_both_limits(trial_data):
+    joints = trial_data.joints
+    (figure,) = (
+        chart.figure
+        for section in trial_report(trial_data).sections
+        if section.title == "Joint positions"
+        for chart in section.charts()
+    )
+    assert len(figure.data) == 3 * len(joints.names)
+    for i in range(len(joints.names)):
+        curve, low, high = figure.data[3 * i : 3 * i + 3]
+        np.testing.assert_array_equal(curve.y, joints.position[:, i])
+        assert (low.y[0], high.y[0]) == (joints.lower[i], joints.upper[i])
+        bottom, top = figure.layout[curve.yaxis.replace("y", "yaxis")].range
+        assert bottom < joints.lower[i] < joints.upper[i] < top
+
+
+def test_table_report_says_that_the_box_was_chosen(table_data):
+    text = Page(own_part(table_report(table_data).html())).text
+    assert "The paper gives no box. This one was chosen so that the simulation reproduces" in text
+    assert "With estimation 9 of 9 guesses succeed" in text
+    assert table_report(table_data).level is Level.GOOD
+
+
+def test_table_report_is_no_success_when_a_guess_fails_with_estimation(table_data):
+    rows = (replace(table_data.rows[0], with_estimation=0.2), *table_data.rows[1:])
+    assert table_report(replace(table_data, rows=rows)).level is Level.BAD
+    rows = (replace(table_data.rows[0], without=0.9), *table_data.rows[1:])
+    assert table_report(replace(table_data, rows=rows)).level is Level.CAUTION
+
+
+@pytest.mark.parametrize(("successes", "trials"), [(0, 3), (3, 3), (19, 20), (7, 20)])
+def test_interval_of_a_share_is_wilsons(successes, trials):
+    expected = binomtest(successes, trials).proportion_ci(method="wilson")
+    low, high = success_interval(successes / trials, trials, z=1.959963984540054)
+    assert (low, high) == pytest.approx((expected.low, expected.high), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "text"),
+    [
+        (0.000312, "m", "0.312 mm"),
+        (-0.000312, "m", "−0.312 mm"),
+        (0.368, "m", "0.368 m"),
+        (0.0, "m", "0 m"),
+        (1234.5, "N", "1234 N"),
+        (2.0e-5, "s", "0.0200 ms"),
+        (1.5, "", "1.50"),
+        (float("nan"), "m", "–"),
+    ],
+)
+def test_numbers_read_naturally(value, unit, text):
+    assert number(value, unit) == text
+
+
+def test_shares_are_percent():
+    assert percent(0.953) == "95 %"
+
+
+def test_report_is_written_in_one_step(tmp_path, table_data):
+    path = tmp_path / "report.html"
+    path.write_text("old")
+    table_report(table_data).write(path)
+    assert path.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+    assert [entry.name for entry in tmp_path.iterdir()] == ["report.html"]
+    with pytest.raises(InputError, match="cannot write"):
+        table_report(table_data).write(tmp_path / "absent" / "report.html")
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="no chromium on this machine to open the page with")
+def test_a_browser_draws_every_figure_without_an_error(tmp_path, trial_data):
+    report = trial_report(trial_data)
+    path = tmp_path / "report.html"
+    html = report.html().replace("<script>", "<script>onerror = () => { document.title = 'broken'; };", 1)
+    path.write_text(html, encoding="utf-8")
+    command = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=8000", "--dump-dom"]
+    dom = subprocess.run([*command, str(path)], capture_output=True, text=True, timeout=60, check=True).stdout
+    assert "<title>broken" not in dom
+    assert len(re.findall(r'id="chart-\d+" class="chart|class="chart js-plotly-plot"', dom)) == len(figures(report))
