@@ -9,17 +9,20 @@ from scipy.interpolate import CubicSpline
 
 from armdyn.cache import cache_directory
 from armdyn.errors import InputError
+from ik.branch import Branch
 from ik.chain import Chain
 from ik.errors import UnreachableError
 from ik.path import LinePath
 from ik.plan import plan_branch
+from ik.reach import survey
 from ik.selfmotion import Wish
 from ik.table import FORMAT, LineTable
-from urdf import Line, Robot
+from urdf import CollisionModel, Line, Robot
 
 Array = NDArray[np.float64]
 
 SPACING = 0.0005  # m between nodes: fourth-order differences of the nodes then agree with q' to 1e-9
+SURVEYED = 86  # targets looked at when a line cannot be followed
 Progress = Callable[[str], None]
 
 
@@ -41,17 +44,11 @@ def build_line_table(
     say = progress or (lambda _: None)
     chain, path = Chain.of(robot), LinePath(line)
     say("planning the branch")
-    branch, coarse, guess = plan_branch(robot, chain, path, Wish(line.core, line.core_speed))
+    branch, coarse, guess = _plan(robot, chain, path, Wish(line.core, line.core_speed))
     say("solving the nodes")
     s = np.linspace(line.s_min, line.s_max, max(8, round((line.s_max - line.s_min) / spacing)) + 1)
     solution = branch.solve(chain, path, s, CubicSpline(coarse, guess)(s))
     margin = robot.limits.margin(solution.q)
-    if margin.min() < 0:
-        node, joint = np.unravel_index(int(margin.argmin()), margin.shape)
-        raise UnreachableError(
-            f"robot '{robot.name}': at s = {s[node]:.3f} m joint '{robot.joint_names[joint]}' would be "
-            f"{-margin[node, joint]:.3f} rad or m beyond its limit; shorten or move the line"
-        )
     rate, bending, jacobian = branch.derivatives(chain, path, s, solution.q)
     return LineTable(
         robot_name=robot.name,
@@ -69,6 +66,51 @@ def build_line_table(
         line=line,
         fingerprint=robot.fingerprint,
     )
+
+
+def _plan(robot: Robot, chain: Chain, path: LinePath, wish: Wish) -> tuple[Branch, Array, Array]:
+    """The best branch within the limits that touches nothing, or the reason why there is none."""
+    collisions = CollisionModel(robot)
+
+    def free(q: Array) -> bool:
+        return collisions.touching(q) is None
+
+    why = ""
+    # Checking every sampled posture for collisions costs more than the rest: only where the best branch touches.
+    for allowed in (None, free):
+        try:
+            branch, s, q = plan_branch(robot, chain, path, wish, allowed)
+        except UnreachableError as error:
+            why = str(error)
+            break
+        why = _objection(robot, collisions, s, q)
+        if not why:
+            return branch, s, q
+    misses = survey(robot, path, np.linspace(path.s_min, path.s_max, SURVEYED), collisions)
+    if misses:
+        raise UnreachableError(
+            f"robot '{robot.name}': {len(misses)} of {SURVEYED} targets on the line cannot be held; "
+            f"{misses[0].sentence}; move or shorten the line",
+            misses,
+        )
+    raise UnreachableError(
+        f"robot '{robot.name}': every target on the line can be held, but not on one smooth course: {why}; "
+        "move or shorten the line, or choose another home posture"
+    )
+
+
+def _objection(robot: Robot, collisions: CollisionModel, s: Array, q: Array) -> str:
+    """What is wrong with postures (k, n) along a line, or nothing."""
+    margin = robot.limits.margin(q)
+    if margin.min() < 0:
+        node, joint = divmod(int(margin.argmin()), margin.shape[1])
+        beyond = f"{-margin[node, joint]:.3f} rad or m beyond its limit"
+        return f"at s = {s[node]:.3f} m joint '{robot.joint_names[joint]}' would be {beyond}"
+    for at, posture in zip(s, q, strict=True):
+        touching = collisions.touching(posture)
+        if touching is not None:
+            return f"at s = {at:.3f} m {touching[0]} would touch {touching[1]}"
+    return ""
 
 
 def default_path(robot: Robot) -> Path:

@@ -1,5 +1,7 @@
 """From a path to the branch of postures along it."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +11,7 @@ from ik.errors import UnreachableError
 from ik.path import Path
 from ik.refine import refine
 from ik.selfmotion import Wish, best_sequence, null_space, project, trace
+from ik.solver import Solver
 from urdf import Robot
 
 Array = NDArray[np.float64]
@@ -19,7 +22,9 @@ DEGREE = 9  # of the polynomial that picks the branch; more gains no speed and b
 REACHED = 1e-9  # m and rad
 
 
-def plan_branch(robot: Robot, chain: Chain, path: Path, wish: Wish) -> tuple[Branch, Array, Array]:
+def plan_branch(
+    robot: Robot, chain: Chain, path: Path, wish: Wish, allowed: Callable[[Array], bool] | None = None
+) -> tuple[Branch, Array, Array]:
     """The branch on which the path can be travelled fastest.
 
     The home posture is carried along the path; where the arm has one spare joint, dynamic programming over its
@@ -30,26 +35,26 @@ def plan_branch(robot: Robot, chain: Chain, path: Path, wish: Wish) -> tuple[Bra
         chain: the same, for many postures at once.
         path: where the tool should be.
         wish: what is asked of the branch.
+        allowed: says whether a posture (n,) may be used; None allows all.
 
     Returns:
         The branch, coordinates s, (k,) [m], and postures on it, (k, n).
 
     Raises:
-        UnreachableError: a target cannot be reached; the message names it.
+        UnreachableError: no smooth course leads along the whole path.
     """
     nodes = COARSE * max(4, round((path.s_max - path.s_min) / SPACING / COARSE)) + 1
     s = np.linspace(path.s_min, path.s_max, nodes)
-    q = carry_along(robot, chain, path, s, robot.home)
-    spare = chain.joints - 6
-    if spare == 1:
+    q = carry_along(robot, chain, path, s)
+    if chain.joints == 7:
         coarse = np.arange(0, nodes, COARSE)
         postures, valid = trace(chain, path, s[coarse], q[coarse])
+        if allowed is not None:
+            for step, node in np.argwhere(valid):
+                valid[step, node] = allowed(postures[step, node])
         course = best_sequence(robot.limits, wish, s[coarse], postures, valid)
         if course is None:
-            raise UnreachableError(
-                f"robot '{robot.name}': every course from s = {path.s_min:g} to {path.s_max:g} m passes a joint limit "
-                "somewhere; shorten or move the line, or choose another home posture"
-            )
+            raise UnreachableError(f"no course from s = {path.s_min:g} to {path.s_max:g} m is free all the way")
         guess = np.array([np.interp(s, s[coarse], course[:, joint]) for joint in range(chain.joints)]).T
         q, _ = project(chain, *path.pose(s), guess)
     branch, q = refine(chain, robot.limits, path, wish, fit_branch(chain, s, q), s, q)
@@ -73,30 +78,40 @@ def fit_branch(chain: Chain, s: Array, q: Array) -> Branch:
     return Branch(weights, coefficients, float(s[0]), float(s[-1]))
 
 
-def carry_along(robot: Robot, chain: Chain, path: Path, s: Array, home: Array) -> Array:
-    """Postures along a path, each the nearest to the one before, starting from home where s is nearest to 0.
+def carry_along(robot: Robot, chain: Chain, path: Path, s: Array) -> Array:
+    """Postures along a path, each the nearest to the one before, starting near home where s is nearest to 0.
+
+    Joint limits are left to what follows: the self-motion can still lead back within them.
+
+    Args:
+        robot: the arm and its home posture.
+        chain: the same, for many postures at once.
+        path: where the tool should be.
+        s: coordinates, (k,) [m].
 
     Raises:
-        UnreachableError: a target cannot be reached.
+        UnreachableError: a target cannot be reached from its neighbour.
     """
     rotation, position = path.pose(s)
     postures = np.empty((len(s), chain.joints))
     start = int(np.abs(s).argmin())
-    for nodes, back in ((range(start, len(s)), -1), (range(start - 1, -1, -1), 1)):
+    postures[start] = _start(robot, chain, rotation[:, :, [start]], position[:, [start]], float(s[start]))
+    for nodes, back in ((range(start + 1, len(s)), -1), (range(start - 1, -1, -1), 1)):
         for node in nodes:
-            guess = home if node == start else postures[node + back]
-            q, error = project(
-                chain,
-                rotation[:, :, node : node + 1],
-                position[:, node : node + 1],
-                guess[None],
-                30 if node == start else 6,
-            )
+            guess = postures[[node + back]]
+            q, error = project(chain, rotation[:, :, [node]], position[:, [node]], guess, 8)
             if error[0] > REACHED:
-                where = ", ".join(f"{value:.3f}" for value in position[:, node])
-                raise UnreachableError(
-                    f"robot '{robot.name}': the target at s = {s[node]:.3f} m, ({where}) m, is out of reach by "
-                    f"{error[0]:.3g} m or rad; move the line closer or shorten it"
-                )
+                raise UnreachableError(f"the arm cannot follow to s = {s[node]:.3f} m")
             postures[node] = q[0]
     return postures
+
+
+def _start(robot: Robot, chain: Chain, rotation: Array, position: Array, s: float) -> Array:
+    """The posture at one target that is nearest to home, (n,)."""
+    q, error = project(chain, rotation, position, robot.home[None], 30)
+    if error[0] < REACHED and robot.limits.margin(q[0]).min() > 0:
+        return np.asarray(q[0])
+    found = Solver(robot).postures(rotation[:, :, 0], position[:, 0])
+    if not len(found):
+        raise UnreachableError(f"the arm cannot reach s = {s:.3f} m")
+    return np.asarray(found[np.abs(found - robot.home).max(axis=1).argmin()])

@@ -1,7 +1,8 @@
 """Which robot: its URDF found, validated and mended, and what a URDF cannot say."""
 
+from urdf.collision import Clearance, CollisionModel
 from urdf.errors import UrdfError
 from urdf.load import known_robots, load
 from urdf.robot import Limits, Line, Robot, Spring
 
-__all__ = ["Limits", "Line", "Robot", "Spring", "UrdfError", "known_robots", "load"]
+__all__ = ["Clearance", "CollisionModel", "Limits", "Line", "Robot", "Spring", "UrdfError", "known_robots", "load"]

@@ -50,18 +50,24 @@ def show(
     json_file: Annotated[
         Path | None, typer.Option("--json", help="The whole table as JSON; '-' is standard output.")
     ] = None,
+    report: Annotated[Path | None, typer.Option(help="Joint curves, margins and limits as one HTML page.")] = None,
 ) -> None:
     """Print what a table holds."""
     from armdyn.errors import InputError
     from ik import LineTable
     from urdf import UrdfError, known_robots, load
 
-    table = LineTable.load(file)
+    table, arm = LineTable.load(file), None
     if table.robot_name in known_robots():
         try:
-            table = LineTable.load(file, load(table.robot_name))
+            arm = load(table.robot_name)
         except UrdfError as error:
             raise InputError(str(error)) from error
+        table = LineTable.load(file, arm)
+    if report is not None:
+        from pipeline.report.ik import ik_report
+
+        ik_report(table, arm, command=f"armdyn ik show {file} --report {report}").write(report)
     if json_file is not None:
         _write_json(_as_json(table), json_file)
     if json_file != Path("-"):

@@ -1,0 +1,163 @@
+"""Inverse kinematics of many unrelated targets at once."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from armdyn.errors import InputError
+from ik.chain import Chain, rotation_error
+from urdf import Robot
+
+Array = NDArray[np.float64]
+
+LIBRARY = 10_000  # random postures to start from; more cost more to search than they save in iterations
+STARTS = 32  # nearest of them tried in turn
+ITERATIONS = 20
+TOLERANCE = 1e-9  # m and rad
+LONGEST_STEP = 0.6  # rad or m
+REACH_SCALE = 0.5  # m that count as much as a radian when postures are compared
+
+
+@dataclass(frozen=True)
+class Answers:
+    """What was found for k targets.
+
+    Attributes:
+        q: postures within the joint limits, (k, n) [rad or m]; the closest ones seen where the target was missed.
+        reached: which targets were reached, (k,).
+        distance: how far off the tool point is, (k,) [m].
+        angle: how far its orientation is off, (k,) [rad].
+    """
+
+    q: Array
+    reached: NDArray[np.bool_]
+    distance: Array
+    angle: Array
+
+
+class Solver:
+    r"""Damped least squares (Levenberg-Marquardt) from the nearest of many random postures, within joint limits.
+
+    Each iteration takes the step
+
+        \delta q = J^T (J J^T + \lambda I)^{-1} e,    \lambda = min(0.01, 0.01 |e|^2),
+
+    where columns of joints that stand at a limit and would leave it are zero. Error-proportional damping keeps
+    the quadratic convergence (Sugihara 2011, IEEE Transactions on Robotics 27(5)).
+
+    Args:
+        robot: the arm.
+        seed: of the random postures.
+        limited: whether joints must stay within their limits.
+    """
+
+    def __init__(self, robot: Robot, seed: int = 0, limited: bool = True) -> None:
+        self.chain = Chain.of(robot)
+        self._lower, self._upper = robot.limits.lower, robot.limits.upper
+        self._limited = limited
+        rng = np.random.default_rng(seed)
+        self._library = rng.uniform(self._lower, self._upper, (LIBRARY, self.chain.joints))
+        motion = self.chain.motion(self._library)
+        self._tree = cKDTree(_features(motion.rotation, motion.position))
+
+    def solve(self, rotation: Array, position: Array, tolerance: float = TOLERANCE, starts: int = STARTS) -> Answers:
+        """Postures that hold the tool at the targets.
+
+        Args:
+            rotation: orientations of the tool, (k, 3, 3).
+            position: positions of the tool point in the base frame, (k, 3) [m].
+            tolerance: error per component that counts as reached [m and rad].
+            starts: how many starting postures are tried before a target is given up.
+
+        Raises:
+            InputError: shapes do not fit, or a target is not finite.
+        """
+        if rotation.shape != (len(position), 3, 3) or position.shape != (len(position), 3):
+            raise InputError(
+                f"targets: rotations {rotation.shape} and positions {position.shape} should be (k, 3, 3), (k, 3)"
+            )
+        if not (np.isfinite(rotation).all() and np.isfinite(position).all()):
+            raise InputError("targets: a rotation or position is not finite; remove it")
+        turned, placed = np.ascontiguousarray(rotation.transpose(1, 2, 0)), np.ascontiguousarray(position.T)
+        features = _features(turned, placed)
+        nearest = np.empty((len(position), starts), dtype=np.intp)
+        nearest[:, :1] = self._tree.query(features, k=[1])[1]
+        best = np.empty((len(position), self.chain.joints))
+        errors = np.full((6, len(position)), np.inf)
+        open_targets = np.arange(len(position))
+        for start in range(starts):
+            if start == 1:  # few targets get this far; looking for more starting postures costs as much as a descent
+                nearest[open_targets, 1:] = self._tree.query(features[open_targets], k=np.arange(2, starts + 1))[1]
+            guess = self._library[nearest[open_targets, start]]
+            q, error = self._descend(turned[:, :, open_targets], placed[:, open_targets], guess, tolerance)
+            better = _size(error) < _size(errors[:, open_targets])
+            chosen = open_targets[better]
+            best[chosen], errors[:, chosen] = q[better], error[:, better]
+            open_targets = open_targets[np.abs(errors[:, open_targets]).max(axis=0) >= tolerance]
+            if not len(open_targets):
+                break
+        return Answers(
+            q=best,
+            reached=np.abs(errors).max(axis=0) < tolerance,
+            distance=np.linalg.norm(errors[:3], axis=0),
+            angle=np.linalg.norm(errors[3:], axis=0),
+        )
+
+    def postures(self, rotation: Array, position: Array, starts: int = 64) -> Array:
+        """Different postures that hold the tool at one target.
+
+        Args:
+            rotation: orientation of the tool, (3, 3).
+            position: position of the tool point, (3,) [m].
+            starts: how many starting postures are tried.
+
+        Returns:
+            Those that reached it, (m, n) with m from 0 to starts, from the nearest start on.
+        """
+        turned = np.repeat(np.asarray(rotation)[:, :, None], starts, axis=2)
+        placed = np.repeat(np.asarray(position)[:, None], starts, axis=1)
+        nearest = self._tree.query(_features(turned[:, :, :1], placed[:, :1])[0], k=starts)[1]
+        q, error = self._descend(turned, placed, self._library[nearest], TOLERANCE)
+        return q[np.abs(error).max(axis=0) < TOLERANCE]
+
+    def _descend(self, rotation: Array, position: Array, q: Array, tolerance: float) -> tuple[Array, Array]:
+        """Iterate until every target is met or the patience is over; met targets leave the batch."""
+        final, errors = q.copy(), np.full((6, len(q)), np.inf)
+        active = np.arange(len(q))
+        for _ in range(ITERATIONS):
+            motion = self.chain.motion(q)
+            error = np.concatenate((position - motion.position, rotation_error(rotation, motion.rotation)))
+            final[active], errors[:, active] = q, error
+            going = np.abs(error).max(axis=0) >= tolerance
+            if not going.any():
+                break
+            jacobian = self.chain.jacobian(motion)
+            if not going.all():
+                active, q, error, jacobian = active[going], q[going], error[:, going], jacobian[:, :, going]
+                rotation, position = rotation[:, :, going], position[:, going]
+            q = self._step(q, error, jacobian.transpose(2, 0, 1))
+        return final, errors
+
+    def _step(self, q: Array, error: Array, jacobian: Array) -> Array:
+        if self._limited:
+            pull = (error.T[:, None, :] @ jacobian)[:, 0]
+            held = ((q <= self._lower) & (pull < 0)) | ((q >= self._upper) & (pull > 0))
+            jacobian = np.where(held[:, None, :], 0.0, jacobian)
+        transposed = jacobian.transpose(0, 2, 1)
+        normal = jacobian @ transposed
+        damping = 1e-2 * np.minimum(1.0, (error**2).sum(axis=0)) + 1e-12
+        normal[:, np.arange(6), np.arange(6)] += damping[:, None]
+        step = (transposed @ np.linalg.solve(normal, error.T[:, :, None]))[:, :, 0]
+        step *= np.minimum(1.0, LONGEST_STEP / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
+        return np.clip(q + step, self._lower, self._upper) if self._limited else q + step
+
+
+def _features(rotation: Array, position: Array) -> Array:
+    """Points (k, 9) whose distances tell how different two poses are."""
+    return np.concatenate((position / REACH_SCALE, rotation[:, 0], rotation[:, 2])).T
+
+
+def _size(error: Array) -> Array:
+    return (error**2).sum(axis=0)

@@ -1,0 +1,141 @@
+"""Baxter as loaded: what its URDF says, what was mended, what the settings add."""
+
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import yourdfpy
+
+import urdf
+from urdf.find import locate_mesh
+
+
+@pytest.fixture(scope="module")
+def original(baxter) -> ElementTree.Element:
+    return ElementTree.fromstring(baxter.urdf_path.read_text())
+
+
+def test_the_arm_has_its_seven_joints_in_order(baxter) -> None:
+    assert baxter.joint_names == tuple(f"right_{name}" for name in ("s0", "s1", "e0", "e1", "w0", "w1", "w2"))
+    assert tuple(baxter.model.names)[1:] == baxter.joint_names
+
+
+def test_limits_are_those_of_the_urdf(baxter, original) -> None:
+    for index, name in enumerate(baxter.joint_names):
+        limit = original.find(f"joint[@name='{name}']/limit").attrib
+        assert baxter.limits.lower[index] == float(limit["lower"])
+        assert baxter.limits.upper[index] == float(limit["upper"])
+        assert baxter.limits.velocity[index] == float(limit["velocity"])
+        assert baxter.limits.effort[index] == float(limit["effort"])
+
+
+def test_acceleration_and_jerk_limits_come_with_their_source(baxter) -> None:
+    assert baxter.limits.acceleration.tolist() == [20.0] * 4 + [40.0] * 3
+    assert baxter.limits.jerk.min() >= 200.0
+    assert "engineering choice" in baxter.limits_source
+
+
+def test_the_tool_is_where_yourdfpy_puts_it(baxter) -> None:
+    other = yourdfpy.URDF.load(str(baxter.urdf_path), load_meshes=False)
+    rng = np.random.default_rng(5)
+    for q in rng.uniform(baxter.limits.lower, baxter.limits.upper, (20, 7)):
+        other.update_cfg(dict(zip(baxter.joint_names, q, strict=True)))
+        pose = other.get_transform("right_gripper", "base")
+        assert baxter.tool_pose(q).translation == pytest.approx(pose[:3, 3] + pose[:3, :3] @ [0, 0, 0.03], abs=1e-12)
+        assert baxter.tool_pose(q).rotation == pytest.approx(pose[:3, :3], abs=1e-12)
+
+
+def test_the_string_is_attached_at_the_tool_point(baxter) -> None:
+    data = baxter.model.createData()
+    pin.framesForwardKinematics(baxter.model, data, baxter.home)
+    attachment = data.oMf[baxter.model.getFrameId("string_attachment")]
+    assert attachment.translation == pytest.approx(baxter.tool_pose(baxter.home).translation, abs=1e-12)
+    cell = data.oMf[baxter.model.getFrameId("load_cell")]
+    assert np.linalg.norm(cell.translation - attachment.translation) == pytest.approx(0.015)
+
+
+def test_fingers_no_longer_weigh_on_the_wrist_like_a_ring_of_a_metre(baxter, original) -> None:
+    unmended = pin.buildModelFromUrdf(str(baxter.urdf_path))
+    locked = [i for i in range(1, unmended.njoints) if unmended.names[i] not in baxter.joint_names]
+    unmended = pin.buildReducedModel(unmended, locked, pin.neutral(unmended))
+    before, after = (pin.crba(model, model.createData(), baxter.home)[6, 6] for model in (unmended, baxter.model))
+    assert before > 0.04
+    assert 2e-4 < after < 1e-3
+    finger = original.find("link[@name='r_gripper_l_finger']/inertial/inertia")
+    assert float(finger.get("ixx")) == 0.01
+
+
+def test_mending_changes_nothing_but_the_fingers_inertias(baxter, original) -> None:
+    mended = ElementTree.fromstring(baxter.urdf_xml)
+    for link in original.findall("link"):
+        name = link.get("name")
+        before, after = link.find("inertial"), mended.find(f"link[@name='{name}']/inertial")
+        if before is None or "finger" in name:
+            continue
+        assert [(e.tag, e.attrib) for e in before.iter()] == [(e.tag, e.attrib) for e in after.iter()], name
+
+
+def test_a_box_shaped_fingers_tip_gets_the_inertia_of_that_box(baxter) -> None:
+    tip = ElementTree.fromstring(baxter.urdf_xml).find("link[@name='l_gripper_l_finger_tip']/inertial/inertia")
+    x, y, z = 0.042, 0.0065, 0.037
+    assert float(tip.get("ixx")) == pytest.approx(0.01 / 12 * (y**2 + z**2))
+    assert float(tip.get("izz")) == pytest.approx(0.01 / 12 * (x**2 + y**2))
+
+
+def test_every_defect_says_what_and_what_was_done(baxter) -> None:
+    assert len(baxter.defects) == 8
+    assert all("finger" in defect and "replaced by that of its collision shapes" in defect for defect in baxter.defects)
+
+
+def test_every_mesh_is_found(baxter, original) -> None:
+    files = {mesh.get("filename") for mesh in original.iter("mesh")}
+    assert len(files) > 10
+    assert all(locate_mesh(file, baxter.urdf_path, baxter.package_dirs) for file in files)
+
+
+def test_gravity_springs_are_known_and_off(baxter) -> None:
+    (spring,) = baxter.springs
+    assert spring.joint == "right_s1"
+    assert not spring.enabled
+    assert spring.torque(0.0) == pytest.approx(35.3)
+    assert spring.torque(np.pi / 2) == pytest.approx(8.2)
+
+
+def test_the_springs_carry_most_of_the_arm_where_it_works(baxter) -> None:
+    load = pin.computeGeneralizedGravity(baxter.model, baxter.model.createData(), baxter.home)[1]
+    assert abs(load + baxter.springs[0].torque(baxter.home[1])) < 0.4 * abs(load)
+
+
+def test_the_line_points_to_the_robots_left_with_the_tool_down(baxter) -> None:
+    assert baxter.line.direction.tolist() == [0.0, 1.0, 0.0]
+    assert (baxter.line.rotation @ [0.0, 0.0, 1.0]).tolist() == [0.0, 0.0, -1.0]
+    assert baxter.line.position(0.45).tolist() == pytest.approx([0.55, 0.14, -0.18])
+
+
+def test_a_robot_without_a_line_says_how_to_find_one(baxter) -> None:
+    with pytest.raises(urdf.UrdfError, match="'baxter' has no line yet: find one with 'armdyn ik build --search'"):
+        _ = replace(baxter, given_line=None).line
+
+
+def test_loading_twice_gives_the_same_fingerprint(baxter) -> None:
+    assert urdf.load("baxter").fingerprint == baxter.fingerprint
+
+
+def test_the_home_posture_is_within_the_limits_and_touches_nothing(baxter) -> None:
+    assert baxter.limits.margin(baxter.home).min() > 0.5
+    assert urdf.CollisionModel(baxter).touching(baxter.home) is None
+
+
+def test_an_arm_folded_into_the_torso_touches_it(baxter) -> None:
+    collisions = urdf.CollisionModel(baxter)
+    folded = np.array([1.7, 0.6, 0.0, 2.6, 0.0, 0.0, 0.0])
+    assert collisions.touching(folded) is not None
+    assert collisions.clearance(folded).distance <= 0.0
+    assert collisions.clearance(baxter.home).distance > 0.1
+
+
+def test_an_unknown_robot_lists_the_known_ones() -> None:
+    with pytest.raises(urdf.UrdfError, match="unknown robot 'baxtre': choose one of baxter"):
+        urdf.load("baxtre")
