@@ -20,14 +20,24 @@ class JointReadings:
     def __init__(self, settings: ReadingSettings, hidden: Mapping[str, float], rng: np.random.Generator) -> None:
         self._settings, self._hidden, self._rng = settings, hidden, rng
 
-    def read(self, time: float, q: Vector, v: Vector, tau: Vector) -> JointState:
-        """One reading of joint positions, velocities, torques (n,) each [rad, rad/s, N m]."""
+    def read(self, time: float, q: Vector, v: Vector, a: Vector, tau: Vector) -> JointState:
+        """One reading of the joints.
+
+        Args:
+            time: [s].
+            q: true joint positions (n,) [rad].
+            v: true velocities (n,) [rad/s].
+            a: true accelerations (n,) [rad/s^2].
+            tau: torques of the motors (n,) [N m].
+        """
         settings, hidden = self._settings, self._hidden
         noise = self._rng.standard_normal((3, len(q)))
-        position = q + hidden["gripper_lag"] * v + settings.position_noise * noise[0]
+        # x' lag + x = reported: what the encoders see leads the arm.
+        lag = hidden["gripper_lag"]
+        position = q + lag * v + settings.position_noise * noise[0]
         if settings.resolution > 0:
             position = settings.resolution * np.round(position / settings.resolution)
-        velocity = v + settings.velocity_noise * noise[1]
+        velocity = v + lag * a + settings.velocity_noise * noise[1]
         effort = (1.0 + hidden["torque_gain"]) * tau + hidden["torque_offset"]
         effort = effort + np.array(settings.effort_noise) * noise[2]
         return JointState(time, position, velocity, effort)

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from armdyn.errors import InputError, UnknownNameError
+from armdyn.errors import InputError, TaskFailedError, UnknownNameError
 from pipeline.robot.hidden import HIDDEN_EFFECTS, resolve_hidden
 from pipeline.robot.settings import Box, CellSettings, PlantSettings, ServoSettings
 from pipeline.robot.simulated import SimulatedRobot
@@ -94,3 +94,23 @@ def test_command_that_is_not_finite_is_refused_and_the_arm_goes_on(baxter, q_sta
         plant.command(q_start[:6], np.zeros(7), np.zeros(7))
     plant.advance(0.5)
     np.testing.assert_allclose(plant.joint_state().q, q_start, atol=1e-9)
+
+
+def test_many_short_advances_take_as_long_as_one(baxter, q_start):
+    plant = SimulatedRobot(baxter, q_start)
+    for _ in range(100):
+        plant.advance(0.0123)
+    assert plant.time == pytest.approx(1.23, abs=6e-4)
+
+
+@pytest.mark.parametrize("duration", [-0.1, float("nan"), float("inf")])
+def test_impossible_duration_is_refused(baxter, q_start, duration):
+    with pytest.raises(InputError, match="duration"):
+        SimulatedRobot(baxter, q_start).advance(duration)
+
+
+def test_diverging_simulation_says_so(baxter, q_start):
+    # A gram cannot be braked by this much drag in steps of 1 ms.
+    plant = SimulatedRobot(baxter, q_start, PlantSettings(mass=1e-3, start_angle=0.5), {"linear_drag": 5.0})
+    with pytest.raises(TaskFailedError, match="diverged"):
+        plant.advance(2.0)

@@ -1,0 +1,75 @@
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from armdyn.errors import InputError
+from pipeline.robot.render import render_swing
+from pipeline.robot.settings import PlantSettings
+from pipeline.robot.simulated import SimulatedRobot
+
+SETTINGS = PlantSettings(start_angle=0.9)
+SMALL = (160, 120)
+
+
+@pytest.fixture(scope="module")
+def swing(baxter, q_start):
+    plant = SimulatedRobot(baxter, q_start, replace(SETTINGS, rigid_arm=True))
+    plant.advance(1.0)
+    return plant.history()
+
+
+def _render(*arguments, **options):
+    """Draw, or skip where there is no EGL."""
+    try:
+        render_swing(*arguments, **options)
+    except InputError as error:
+        if "EGL" not in str(error):
+            raise
+        pytest.skip(f"this machine cannot draw: {error}")
+
+
+def _red(image):
+    """Where the load is: the columns of saturated red pixels below the middle of the picture."""
+    pixels = np.asarray(image.convert("RGB")).astype(int)
+    lower = pixels[pixels.shape[0] // 2 :]
+    return np.nonzero((lower[..., 0] > 120) & (lower[..., 1] < 50) & (lower[..., 2] < 50))[1]
+
+
+def test_animation_shows_the_load_swinging_from_left_to_right(baxter, swing, tmp_path):
+    path, shares = tmp_path / "swing.gif", []
+    _render(baxter, SETTINGS, swing, path, 5.0, SMALL, progress=shares.append)
+    with Image.open(path) as image:
+        assert image.size == SMALL
+        assert image.n_frames == 5
+        first = _red(image).mean()
+        image.seek(3)
+        # The dots of the trail stay behind; the load itself is the rightmost.
+        assert _red(image).max() > first + 20
+    assert shares[-1] == pytest.approx(1.0)
+
+
+def test_sheet_holds_six_moments(baxter, swing, tmp_path):
+    path = tmp_path / "swing.png"
+    _render(baxter, SETTINGS, swing, path, size=SMALL)
+    with Image.open(path) as image:
+        assert image.size == (3 * SMALL[0], 2 * SMALL[1])
+
+
+def test_machine_without_egl_is_told_what_to_install(baxter, swing, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "mujoco.egl", None)
+    with pytest.raises(InputError, match="libegl1"):
+        render_swing(baxter, SETTINGS, swing, tmp_path / "swing.png", size=SMALL)
+    assert not (tmp_path / "swing.png").exists()
+
+
+def test_other_file_types_are_refused(baxter, swing, tmp_path):
+    with pytest.raises(InputError, match=r"\.gif"):
+        render_swing(baxter, SETTINGS, swing, tmp_path / "swing.mp4")
+
+
+def test_empty_motion_is_refused(baxter, q_start, tmp_path):
+    with pytest.raises(InputError, match="empty"):
+        render_swing(baxter, SETTINGS, SimulatedRobot(baxter, q_start).history(), tmp_path / "swing.gif")
