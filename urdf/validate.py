@@ -3,8 +3,6 @@
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-import yourdfpy
-
 from urdf.errors import UrdfError
 from urdf.find import locate_mesh, package_dirs
 
@@ -70,6 +68,8 @@ def check_tree(root: ET.Element, path: Path) -> None:
 
 def check_schema(path: Path) -> list[str]:
     """What yourdfpy finds wrong with the file: a sentence per defect, none of which stops the robot from being used."""
+    import yourdfpy  # half a second, most of it for meshes that are not needed here
+
     robot = yourdfpy.URDF.load(str(path), load_meshes=False, build_scene_graph=False)
     robot.validate()
     return [f"yourdfpy: {error}; left as it is" for error in robot.errors]
