@@ -1,0 +1,89 @@
+"""Values over time and the bounds that they must keep."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipeline.motion.trajectory import read_only
+
+TOLERANCE = 1e-6
+"""Share of a limit by which a value may be beyond it: rounding of a recording with seven digits."""
+
+
+@dataclass(frozen=True)
+class Bounded:
+    """One kind of limit: a value per time and joint, and its bounds.
+
+    Attributes:
+        limit: what is limited, such as ``"velocity"``.
+        unit: SI unit of values and bounds.
+        names: of the k columns: joints or parts.
+        time: (n,) [s].
+        value: (n, k).
+        lower: lower bounds, (k,) or (n, k); -inf for none.
+        upper: upper bounds, (k,) or (n, k); inf for none.
+    """
+
+    limit: str
+    unit: str
+    names: tuple[str, ...]
+    time: NDArray[np.float64]
+    value: NDArray[np.float64]
+    lower: NDArray[np.float64]
+    upper: NDArray[np.float64]
+
+    @classmethod
+    def between(
+        cls,
+        limit: str,
+        unit: str,
+        names: tuple[str, ...],
+        time: ArrayLike,
+        value: ArrayLike,
+        lower: ArrayLike = -np.inf,
+        upper: ArrayLike = np.inf,
+    ) -> Bounded:
+        """Values with bounds of any shape that fits; a value per time (n,) is one column."""
+        values = np.array(value, dtype=float).reshape(-1, len(names))
+        bounds = [np.broadcast_to(np.asarray(bound, dtype=float), values.shape) for bound in (lower, upper)]
+        return cls(limit, unit, names, *map(read_only, (np.array(time, dtype=float), values, *bounds)))
+
+    @property
+    def margin(self) -> NDArray[np.float64]:
+        """Distance from the nearer bound, negative beyond it (n, k)."""
+        return np.minimum(self.value - self.lower, self.upper - self.value)
+
+    def bound(self, i: int, k: int) -> float:
+        """The nearer bound of sample `i`, column `k`."""
+        lower, upper, value = (float(array[i, k]) for array in (self.lower, self.upper, self.value))
+        return lower if value - lower < upper - value else upper
+
+    def used(self, i: int, k: int) -> float:
+        """Share of the limit that sample `i`, column `k` uses: 1 at the bound [1]."""
+        lower, upper, value = (float(array[i, k]) for array in (self.lower, self.upper, self.value))
+        if np.isfinite(lower) and np.isfinite(upper):
+            middle, half = (lower + upper) / 2.0, (upper - lower) / 2.0
+            return abs(value - middle) / half if half > 0.0 else float(value != middle)
+        if np.isfinite(upper):
+            return value / upper if upper > 0.0 else float(value > upper)
+        # With a lower bound alone, using the limit up means coming down to it.
+        return lower / value if value > max(lower, 0.0) else 1.0 + max(lower - value, 0.0)
+
+    def closest(self) -> list[tuple[int, int]]:
+        """Sample and column where each column comes closest to a bound."""
+        return [(int(np.argmin(column)), k) for k, column in enumerate(self.margin.T)]
+
+    def violations(self) -> list[tuple[int, int]]:
+        """Sample and column of the worst sample of every stretch beyond a bound."""
+        found = []
+        scale = np.where(np.isfinite(self.lower), np.abs(self.lower), 0.0)
+        scale = np.maximum(scale, np.where(np.isfinite(self.upper), np.abs(self.upper), 0.0))
+        beyond = self.margin < -TOLERANCE * np.maximum(scale, 1e-3)
+        for k, column in enumerate(beyond.T):
+            edges = np.flatnonzero(np.diff(np.concatenate([[False], column, [False]]).astype(int)))
+            for first, last in edges.reshape(-1, 2):
+                found.append((int(first + np.argmin(self.margin[first:last, k])), k))
+        return found

@@ -1,0 +1,129 @@
+"""The feasibility of a whole motion, along the line or of the joints, before it is run."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+import urdf
+from armdyn.errors import InputError
+from ik import LineTable
+from pipeline.motion.feasibility.bounded import Bounded
+from pipeline.motion.feasibility.clearance import collision_series, swing_series
+from pipeline.motion.feasibility.report import FeasibilityReport
+from pipeline.motion.feasibility.series import (
+    Looks,
+    fine_times,
+    hermite,
+    joint_series,
+    off_line_series,
+    start_series,
+)
+from pipeline.motion.feasibility.settings import CheckSettings, Swing
+from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
+
+
+def check_line(
+    table: LineTable,
+    robot: urdf.Robot,
+    trajectory: LineTrajectory,
+    settings: CheckSettings | None = None,
+    swing: Swing | None = None,
+    at: NDArray[np.float64] | None = None,
+) -> FeasibilityReport:
+    """Judge a motion along the line: that it stays on it, and what it asks of the joints.
+
+    Args:
+        table: from the line to the joints.
+        robot: the arm.
+        trajectory: the motion.
+        settings: what is known besides, and how much room is asked for.
+        swing: of the load; None where nothing hangs.
+        at: where the arm is (n,); None where nobody knows [rad].
+
+    Returns:
+        Every violation and all margins.
+    """
+    settings = settings or CheckSettings()
+    low, high = float(table.s[0]), float(table.s[-1])
+    time, fine = trajectory.time, fine_times(trajectory.time)
+    s = hermite(time, trajectory.s, trajectory.v, fine)
+    v, a = hermite(time, trajectory.v, trajectory.a, fine), np.interp(fine, time, trajectory.a)
+    # Beyond the ends there are no postures: the joints are judged as if the tool waited at the end.
+    samples = table.joint_motion(np.clip(trajectory.s, low, high), trajectory.v, trajectory.a)
+    between = table.joint_motion(np.clip(s, low, high), v, a)
+    looks = Looks(time, *samples, fine, *between)
+    series = [Bounded.between("line", "m", (robot.tool_frame,), fine, s, low, high)]
+    series += joint_series(robot, looks, settings)
+    series += off_line_series(robot, table.line, looks, settings)
+    return _judged(robot, looks, series, settings, table.line, swing, at)
+
+
+def check_joints(
+    robot: urdf.Robot,
+    trajectory: JointTrajectory,
+    settings: CheckSettings | None = None,
+    line: urdf.Line | None = None,
+    swing: Swing | None = None,
+    at: NDArray[np.float64] | None = None,
+) -> FeasibilityReport:
+    """Judge a motion of the joints.
+
+    Args:
+        robot: the arm.
+        trajectory: the motion.
+        settings: what is known besides, and how much room is asked for.
+        line: on which the tool must stay; None where it is free.
+        swing: of the load, which needs a line; None where nothing hangs.
+        at: where the arm is (n,); None where nobody knows [rad].
+
+    Returns:
+        Every violation and all margins.
+
+    Raises:
+        InputError: if the trajectory is of other joints, or there is a swing without a line.
+    """
+    settings = settings or CheckSettings()
+    if trajectory.joint_names != robot.joint_names:
+        raise InputError(
+            f"trajectory: its joints are {', '.join(trajectory.joint_names)}; those of {robot.name} are "
+            f"{', '.join(robot.joint_names)}, in this order"
+        )
+    if swing is not None and line is None:
+        raise InputError("trajectory: a swing needs the line along which it swings")
+    t, fine = trajectory.time, fine_times(trajectory.time)
+    looks = Looks(
+        t,
+        trajectory.q,
+        trajectory.v,
+        trajectory.a,
+        fine,
+        hermite(t, trajectory.q, trajectory.v, fine),
+        hermite(t, trajectory.v, trajectory.a, fine),
+        np.column_stack([np.interp(fine, t, column) for column in trajectory.a.T]),
+    )
+    series = joint_series(robot, looks, settings)
+    if line is not None:
+        series += off_line_series(robot, line, looks, settings)
+    return _judged(robot, looks, series, settings, line, swing, at)
+
+
+def _judged(
+    robot: urdf.Robot,
+    looks: Looks,
+    series: list[Bounded],
+    settings: CheckSettings,
+    line: urdf.Line | None,
+    swing: Swing | None,
+    at: NDArray[np.float64] | None,
+) -> FeasibilityReport:
+    if at is not None:
+        at = np.asarray(at, dtype=float)
+        if at.shape != (len(robot.joint_names),) or not np.all(np.isfinite(at)):
+            raise InputError(f"where the arm is: give {len(robot.joint_names)} finite joint positions of {robot.name}")
+        series.append(start_series(robot, looks, at, settings))
+    if settings.collision:
+        series += collision_series(robot, looks, settings)
+    if swing is not None and line is not None:
+        series += swing_series(robot, line, looks, swing, settings)
+    return FeasibilityReport.of(series)

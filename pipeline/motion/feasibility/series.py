@@ -1,0 +1,175 @@
+"""The quantities of a joint motion that are held against limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+import urdf
+from pipeline.motion.feasibility.bounded import Bounded
+from pipeline.motion.feasibility.settings import CheckSettings
+from pipeline.motion.feasibility.torque import JointTorque
+
+Array = NDArray[np.float64]
+
+FINER = 5
+"""How many times more densely than it is sampled a motion is looked at, so that no peak hides between two samples."""
+
+
+@dataclass(frozen=True)
+class Looks:
+    """A joint motion where it is looked at: as sampled, and between the samples.
+
+    Attributes:
+        time: of the samples (n,) [s].
+        q, v, a: at the samples (n, k).
+        fine_time: of all looks, the samples among them (m,) [s].
+        fine_q, fine_v, fine_a: at all looks (m, k).
+    """
+
+    time: Array
+    q: Array
+    v: Array
+    a: Array
+    fine_time: Array
+    fine_q: Array
+    fine_v: Array
+    fine_a: Array
+
+
+def fine_times(time: Array) -> Array:
+    """The samples and `FINER` - 1 instants between each two of them."""
+    shares = np.arange(FINER) / FINER
+    between = time[:-1, None] + np.diff(time)[:, None] * shares
+    return np.append(between.ravel(), time[-1])
+
+
+def hermite(time: Array, value: Array, slope: Array, at: Array) -> Array:
+    """Cubic Hermite interpolation; a single sample stays as it is.
+
+    Args:
+        time: of the samples (n,).
+        value: (n, ...).
+        slope: derivative of the values by time (n, ...).
+        at: times (m,).
+    """
+    if time.size == 1:
+        return np.repeat(value, at.size, axis=0)
+    k = np.clip(np.searchsorted(time, at, side="right") - 1, 0, time.size - 2)
+    h = np.diff(time)[k].reshape(-1, *[1] * (value.ndim - 1))
+    x = ((at - time[k]) / np.diff(time)[k]).reshape(h.shape)
+    rise = value[k + 1] - value[k]
+    one, two = h * slope[k] - rise, rise - h * slope[k + 1]
+    return value[k] + x * (rise + (1.0 - x) * ((1.0 - x) * one + x * two))
+
+
+def joint_series(robot: urdf.Robot, looks: Looks, settings: CheckSettings) -> list[Bounded]:
+    """Position, speed, acceleration, jerk, torque and singularity against the robot's limits.
+
+    Speeds and accelerations are also taken from differences of the samples, so that columns which do not belong to each
+    other, or a jump of the position, are seen.
+
+    Args:
+        robot: the arm.
+        looks: the motion.
+        settings: of the check.
+    """
+    names, limits, fine = robot.joint_names, robot.limits, looks.fine_time
+    unit = [_unit(robot, name) for name in names]
+    rate = unit[0] if len(set(unit)) == 1 else "rad or m"
+    torque = JointTorque(robot, settings.load_mass, settings.springs, settings.extra_torques)
+    speed = _with_differences(looks.time, looks.q, fine, looks.fine_v)
+    acceleration = _with_differences(looks.time, looks.v, fine, looks.fine_a)
+    series = [
+        Bounded.between("position", rate, names, fine, looks.fine_q, limits.lower, limits.upper),
+        Bounded.between("velocity", f"{rate}/s", names, *speed, -limits.velocity, limits.velocity),
+        Bounded.between("acceleration", f"{rate}/s^2", names, *acceleration, -limits.acceleration, limits.acceleration),
+    ]
+    if looks.time.size > 1:
+        jerk = _differences(looks.time, looks.a)
+        series.append(Bounded.between("jerk", f"{rate}/s^3", names, *jerk, -limits.jerk, limits.jerk))
+    tau = torque(looks.fine_q, looks.fine_v, looks.fine_a)
+    force = "N m" if rate == "rad" else "N m or N"
+    series.append(Bounded.between("torque", force, names, fine, tau, -limits.effort, limits.effort))
+    values = singular_values(robot, looks.fine_q)
+    series.append(Bounded.between("singularity", "1", (robot.tool_frame,), fine, values, settings.singular_value))
+    return series
+
+
+def singular_values(robot: urdf.Robot, q: Array) -> Array:
+    """Smallest singular value of the tool's Jacobian: what the tool gets of the joints' speed in its worst direction.
+
+    Args:
+        robot: the arm.
+        q: postures (m, k).
+
+    Returns:
+        (m,).
+    """
+    data = robot.model.createData()
+    jacobians = np.array(
+        [
+            pin.computeFrameJacobian(robot.model, data, row, robot.tool_frame_id, pin.LOCAL_WORLD_ALIGNED)
+            for row in np.asarray(q, dtype=float)
+        ]
+    )
+    return np.asarray(np.linalg.svd(jacobians, compute_uv=False)[:, -1])
+
+
+def off_line_series(robot: urdf.Robot, line: urdf.Line, looks: Looks, settings: CheckSettings) -> list[Bounded]:
+    """How far the tool point is from the line, and how far the tool is turned.
+
+    Args:
+        robot: the arm.
+        line: the line.
+        looks: the motion.
+        settings: of the check.
+    """
+    data, offset = robot.model.createData(), np.asarray(robot.tool_offset)
+    distance, tilt = [], []
+    for row in looks.fine_q:
+        pin.framesForwardKinematics(robot.model, data, row)
+        pose = data.oMf[robot.tool_frame_id]
+        aside = pose.act(offset) - line.origin
+        distance.append(np.linalg.norm(aside - (aside @ line.direction) * line.direction))
+        tilt.append(np.linalg.norm(pin.log3(line.rotation.T @ pose.rotation)))
+    name = (robot.tool_frame,)
+    return [
+        Bounded.between("distance_off_line", "m", name, looks.fine_time, distance, -np.inf, settings.off_line),
+        Bounded.between("tilt", "rad", name, looks.fine_time, tilt, -np.inf, settings.tilt),
+    ]
+
+
+def start_series(robot: urdf.Robot, looks: Looks, at: Array, settings: CheckSettings) -> Bounded:
+    """How far the first posture is from where the arm is.
+
+    Args:
+        robot: the arm.
+        looks: the motion.
+        at: joint positions now (k,).
+        settings: of the check.
+    """
+    apart = (looks.q[:1] - at)[:1]
+    unit = "rad" if all(_unit(robot, name) == "rad" for name in robot.joint_names) else "rad or m"
+    return Bounded.between("start", unit, robot.joint_names, looks.time[:1], apart, -settings.start, settings.start)
+
+
+def _differences(time: Array, value: Array) -> tuple[Array, Array]:
+    """Mean slope between samples, at the middle of each two."""
+    return (time[1:] + time[:-1]) / 2.0, np.diff(value, axis=0) / np.diff(time)[:, None]
+
+
+def _with_differences(time: Array, value: Array, fine: Array, slope: Array) -> tuple[Array, Array]:
+    """Slopes as given, and those that the values themselves have, in order of time."""
+    middle, mean = _differences(time, value)
+    when, slopes = np.concatenate([fine, middle]), np.concatenate([slope, mean])
+    order = np.argsort(when, kind="stable")
+    return when[order], slopes[order]
+
+
+def _unit(robot: urdf.Robot, joint: str) -> str:
+    kind = robot.model.joints[robot.model.getJointId(joint)].shortname()
+    return "m" if "JointModelP" in kind else "rad"
