@@ -14,11 +14,12 @@ from pipeline.robot.protocol import JointState, Robot
 SLACK_FORCE = 0.02
 """N; a string that pulls less than this for `SLACK_TIME` has gone slack (an 80 g load pulls 0.78 N at rest)."""
 SLACK_TIME = 0.05
+LINE_CHANNELS = {"gripper_x": "m", "gripper_z": "m", "load_force": "N"}
 
 
 def channel_units(joint_names: tuple[str, ...]) -> dict[str, str]:
     """Channels that the node records, with their units."""
-    units = {"gripper_x": "m", "gripper_z": "m", "load_force": "N"}
+    units = {f"{place}{name}": unit for place in ("", "landing.") for name, unit in LINE_CHANNELS.items()}
     for prefix, unit in (("q", "rad"), ("v", "rad/s"), ("tau", "N m")):
         units |= {f"{prefix}.{name}": unit for name in joint_names}
     return units
@@ -51,7 +52,11 @@ class _Series:
 class MeasurementNode:
     """Reads the robot at 100 Hz.
 
+    The recording is one of a hanging load: once the load is let down (`load_hangs` is False) what is measured goes to
+    channels called ``landing.*``, so that the recording can be held against a pendulum as it is.
+
     Attributes:
+        load_hangs: False once the load may touch the box and the string go slack.
         fault: a sentence once the load cell or the string has failed, else None.
         state: the latest reading of the joints.
         gripper: the latest coordinate along the line, m.
@@ -68,6 +73,7 @@ class MeasurementNode:
         self._joints = description.joint_names
         self._gripper, self._force = _Series.empty(), _Series.empty()
         self._pulled_at: float | None = None
+        self.load_hangs = True
         self.fault: str | None = None
         self.state: JointState = robot.joint_state()
         self.gripper = self._sensor.locate(self.state.q)[0]
@@ -79,16 +85,17 @@ class MeasurementNode:
         self.gripper = along
         self._gripper.append(state.time, along)
         record = self._recorder.record
-        record("gripper_x", state.time, along)
-        record("gripper_z", state.time, height)
+        place = "" if self.load_hangs else "landing."
+        record(f"{place}gripper_x", state.time, along)
+        record(f"{place}gripper_z", state.time, height)
         for prefix, values in (("q", state.q), ("v", state.v), ("tau", state.tau)):
             for name, value in zip(self._joints, values, strict=True):
                 record(f"{prefix}.{name}", state.time, float(value))
         samples = self._robot.load_cell()
         for sample in samples:
             self._force.append(sample.time, sample.force)
-            record("load_force", sample.time, sample.force)
-            if sample.force > SLACK_FORCE or self._pulled_at is None:
+            record(f"{place}load_force", sample.time, sample.force)
+            if sample.force > SLACK_FORCE or self._pulled_at is None or not self.load_hangs:
                 self._pulled_at = sample.time
             elif sample.time - self._pulled_at > SLACK_TIME and self.fault is None:
                 self.fault = f"the string has been slack since {self._pulled_at:.2f} s: move less, or hang a heavier load"

@@ -14,8 +14,8 @@ DT = 0.01
 """Control cycle and step of the variational integrator, s."""
 LOOK_AHEAD = 30
 
-Check = Callable[[LineTrajectory, np.ndarray], None]
-"""Raises `TaskFailedError` when a trajectory, with the string tension at its samples, is not feasible."""
+Check = Callable[[LineTrajectory, SwingPlan], None]
+"""Raises `TaskFailedError` when a trajectory, with the swing that belongs to it, is not feasible."""
 
 
 @dataclass(frozen=True)
@@ -85,6 +85,10 @@ class TaskNode:
             request, self._request = self._request, None
             request(now)
 
+    def cancel(self) -> None:
+        """Forget the request."""
+        self._request = None
+
     def settle(self, model: PendulumModel, state: Callable[[], SwingState]) -> None:
         """Ask for the load to be brought to rest.
 
@@ -96,7 +100,7 @@ class TaskNode:
         def carry_out(_now: float) -> None:
             plan = self._settle_planner.plan(model, self.settings.settling_cost(model.value("length")), state())
             trajectory = self._feasible(plan)
-            self._check(trajectory, plan.tension)
+            self._check(trajectory, plan)
             self._drive.play(trajectory)
 
         self._request = carry_out
@@ -110,7 +114,7 @@ class TaskNode:
             swing = self._feasible(self.swing)
             finish = finish_over_box(swing.end, self.settings.finish_x, self._limits, DT)
             self.trajectory = swing.then(finish)
-            self._check(self.trajectory, self.swing.tension)
+            self._check(self.trajectory, self.swing)
             self.started = now
             self._drive.play(self.trajectory)
 

@@ -1,0 +1,98 @@
+"""What a trial came to."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from armdyn.pendulum.model import PendulumModel
+from pipeline.nodes.estimator import LengthEstimate
+from pipeline.nodes.scheduler import Timing
+
+
+@dataclass(frozen=True)
+class Peaks:
+    """Largest magnitudes while the length was learnt, or during the swing where it was not.
+
+    Attributes:
+        x: gripper, m.
+        v: m/s.
+        a: m/s^2.
+        swing_angle: of the model along the measured path, rad.
+    """
+
+    x: float
+    v: float
+    a: float
+    swing_angle: float
+
+
+@dataclass(frozen=True)
+class TrialResult:
+    """The outcome of one trial.
+
+    Attributes:
+        success: whether the load came to rest in the box.
+        message: a sentence for a person.
+        length_guess: m.
+        length_true: m.
+        length_estimate: used for the plan, m.
+        length_std: m; 0 where nothing was estimated.
+        estimates: every update of the estimator.
+        peak: largest magnitudes.
+        minimum_tension: smallest measured force before the swing ended, N.
+        feasible: whether the plan passed the check; None where it did not come to a plan.
+        iterations: of the optimiser.
+        cost: of the plan.
+        planning_seconds: spent by the optimiser.
+        model: with the last estimate.
+        timing: of the nodes.
+        stopped: whether the trial was ended for safety, or by the user.
+        recording: the MCAP file, None where nothing was kept.
+    """
+
+    success: bool
+    message: str
+    length_guess: float
+    length_true: float
+    length_estimate: float
+    length_std: float
+    estimates: tuple[LengthEstimate, ...]
+    peak: Peaks
+    minimum_tension: float
+    feasible: bool | None
+    iterations: int
+    cost: float | None
+    planning_seconds: float
+    model: PendulumModel
+    timing: dict[str, Timing]
+    stopped: bool
+    recording: Path | None
+
+    def as_json(self) -> dict[str, Any]:
+        """The contract's ``armdyn.trial/1``."""
+        updates = [e.seconds for e in self.estimates]
+        return {
+            "schema": "armdyn.trial/1",
+            "success": self.success,
+            "message": self.message,
+            "length_guess": self.length_guess,
+            "length_true": self.length_true,
+            "length_estimate": self.length_estimate,
+            "length_std": self.length_std,
+            "estimates": [[e.time, e.value, e.std] for e in self.estimates],
+            "peak": {
+                "x": self.peak.x, "v": self.peak.v, "a": self.peak.a, "swing_angle": self.peak.swing_angle,
+            },
+            "minimum_tension": self.minimum_tension,
+            "feasible": bool(self.feasible),
+            "planning": {"iterations": self.iterations, "cost": self.cost},
+            "seconds": {
+                "estimation_cycle": self.timing["sac"].mean if "sac" in self.timing else 0.0,
+                "estimator_update": sum(updates) / len(updates) if updates else 0.0,
+                "planning": self.planning_seconds,
+            },
+            "parameters": {
+                name: {"value": p.value, "std": p.std, "unit": p.unit} for name, p in self.model.parameters.items()
+            },
+            "recording": str(self.recording) if self.recording else None,
+        }  # fmt: skip
