@@ -14,7 +14,7 @@ from armdyn.model import Model, Prediction
 from armdyn.parameter import Parameter
 from armdyn.pendulum.composition import compose
 from armdyn.pendulum.dynamics import OUTPUTS, Dynamics, TensionFormula, derive_dynamics
-from armdyn.pendulum.path import GripperPath, fixed_path, smoothed_path
+from armdyn.pendulum.path import GripperPath, fixed_path, grid_size, smoothed_path
 from armdyn.pendulum.physics import Expression
 from armdyn.pendulum.readout import lagged, sampled
 from armdyn.pendulum.simulate import Rollout, Simulator
@@ -60,11 +60,12 @@ class PendulumModel(Model):
         """Discrete variational equations, for planning."""
         return _variational(self.effects)
 
-    def rollout(self, path: GripperPath, theta: np.ndarray) -> Rollout:
-        """Simulate along a gripper path; `theta` (p,) in the order of `names`."""
+    def rollout(self, path: GripperPath, theta: np.ndarray, channels: tuple[str, ...] = OUTPUTS) -> Rollout:
+        """Simulate `channels` along a gripper path; `theta` (p,) in the order of `names`."""
         values = dict(zip(self.names, theta, strict=True))
         physics = np.array([values[name] for name in self.physics_names])
-        return self._formulation.simulator.rollout(path, physics, values["initial_angle"], values["initial_rate"])
+        simulator = _simulator(self._formulation.dynamics, self.formulation, channels)
+        return simulator.rollout(path, physics, values["initial_angle"], values["initial_rate"])
 
     def predicted_channels(self, run: Run) -> tuple[str, ...]:
         """See `Model.predicted_channels`."""
@@ -77,12 +78,12 @@ class PendulumModel(Model):
         """See `Model.predict`; predicted are load_force, swing_angle and swing_rate."""
         channels = self.predicted_channels(run)
         path = run_path(run)
-        rollout = self.rollout(path, theta)
+        rollout = self.rollout(path, theta, channels)
         columns = [(*self.physics_names, *INITIAL).index(name) for name in self.names]
         physics = theta[[self.names.index(name) for name in self.physics_names]]
         blocks, slices, stamps, first = [], {}, [], 0
         for name in channels:
-            row = OUTPUTS.index(name)
+            row = channels.index(name)
             time = run.channels[name].time
             signal = np.column_stack([rollout.outputs[:, row], rollout.sensitivities[:, row]])
             if name == "load_force":
@@ -114,7 +115,7 @@ class PendulumModel(Model):
 
     @property
     def _formulation(self) -> "_Formulation":
-        return _formulation(self.effects, self.tension, self.formulation)
+        return _formulation(self.effects, self.tension)
 
 
 @dataclass(frozen=True)
@@ -123,14 +124,13 @@ class _Formulation:
 
     names: tuple[str, ...]
     dynamics: Dynamics
-    simulator: Simulator
     timing: ca.Function
     lags: tuple[int, ...]
     delays: tuple[int, ...]
 
 
 @lru_cache(maxsize=64)
-def _formulation(effects: tuple[Effect, ...], tension: TensionFormula, name: str) -> _Formulation:
+def _formulation(effects: tuple[Effect, ...], tension: TensionFormula) -> _Formulation:
     dynamics = derive_dynamics(compose(effects), tension)
     theta = ca.SX.sym("theta", len(dynamics.names))
     timing = ca.vertcat(*dynamics.timing(theta))
@@ -138,7 +138,6 @@ def _formulation(effects: tuple[Effect, ...], tension: TensionFormula, name: str
     return _Formulation(
         names=dynamics.names,
         dynamics=dynamics,
-        simulator=Simulator(dynamics, name),
         timing=ca.Function("timing", [theta], [ca.densify(timing), derivative]),
         lags=_dependent(timing[0], theta),
         delays=_dependent(timing[1], theta),
@@ -147,6 +146,11 @@ def _formulation(effects: tuple[Effect, ...], tension: TensionFormula, name: str
 
 def _dependent(expression: Expression, theta: Expression) -> tuple[int, ...]:
     return tuple(i for i, depends in enumerate(ca.which_depends(expression, theta, 1, False)) if depends)
+
+
+@lru_cache(maxsize=64)
+def _simulator(dynamics: Dynamics, name: str, channels: tuple[str, ...]) -> Simulator:
+    return Simulator(dynamics, name, channels)
 
 
 @lru_cache(maxsize=64)
@@ -164,13 +168,11 @@ def run_path(run: Run) -> GripperPath:
         return fixed_path(start, end, float(np.clip(interval, FINEST_GRID, COARSEST_GRID)))
     x = run.channels["gripper_x"]
     dt = float(np.clip(np.median(np.diff(x.time)), FINEST_GRID, COARSEST_GRID))
-    path = smoothed_path(x.time, x.value, run.noise.get("gripper_x", noise_of(x.value)), dt)
     given = [run.channels[n] for n in ("gripper_v", "gripper_a") if n in run.channels]
     if len(given) < 2:
-        return path
-    grid = path.start + dt * np.arange(len(path.x))
-    v, a = (np.interp(grid, c.time, c.value) for c in given)
-    return GripperPath(path.start, dt, path.x, v, a)
+        return smoothed_path(x.time, x.value, run.noise.get("gripper_x", noise_of(x.value)), dt)
+    grid = x.time[0] + dt * np.arange(grid_size(x.time[0], x.time[-1], dt))
+    return GripperPath(float(x.time[0]), dt, *(np.interp(grid, c.time, c.value) for c in (x, *given)))
 
 
 def noise_of(x: np.ndarray) -> float:

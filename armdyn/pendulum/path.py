@@ -12,6 +12,8 @@ ORDER = 4
 """Order of the differences that are penalised: piecewise-constant jerk costs nothing at the limit."""
 SEARCH = np.logspace(-2, 10, 25)
 """Smoothing strengths that are tried, in samples^8; neighbours are a factor of 3.2 apart."""
+SETTLED = 60
+"""Samples after which a later one no longer changes the smoothed path noticeably."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +96,33 @@ def whittaker(y: np.ndarray, noise_std: float) -> np.ndarray:
         else:
             strongest = middle
     return smooth
+
+
+class GrowingPath:
+    """Smooths a path while it is being measured: what is older than `SETTLED` is smoothed once and kept.
+
+    Args:
+        dt: interval of the samples, s.
+        noise_std: of one position, m.
+    """
+
+    def __init__(self, dt: float, noise_std: float) -> None:
+        self._dt, self._noise_std = dt, noise_std
+        self._raw = np.empty(0)
+        self._smooth = np.empty((3, 0))
+
+    def extend(self, x: np.ndarray) -> np.ndarray:
+        """Take in new positions (k,), m; return x, v, a of all so far, (3, n)."""
+        kept = max(0, self._smooth.shape[1] - SETTLED)
+        self._raw = np.concatenate([self._raw, x])
+        first = max(0, kept - SETTLED)
+        window = self._raw[first:]
+        if len(window) < ORDER + 2:
+            return np.vstack([self._raw, np.zeros((2, len(self._raw)))])
+        smooth = whittaker(window, self._noise_std)
+        fresh = np.vstack([smooth, *differentiated(smooth, self._dt)])
+        self._smooth = np.hstack([self._smooth[:, :kept], fresh[:, kept - first :]])
+        return self._smooth
 
 
 def _penalised(y: np.ndarray, strength: float) -> np.ndarray:

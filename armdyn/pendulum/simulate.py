@@ -19,8 +19,8 @@ class Rollout(NamedTuple):
     Attributes:
         states: (K, 2) angle rad and momentum kg m^2/s.
         state_sensitivities: (2, m) of the last state.
-        outputs: (K, 3) in the order of `dynamics.OUTPUTS`, before lag, delay and sampling.
-        sensitivities: (K, 3, m) of the outputs.
+        outputs: (K, c) one column per channel of the simulator, before lag, delay and sampling.
+        sensitivities: (K, c, m) of the outputs.
     """
 
     states: np.ndarray
@@ -30,14 +30,21 @@ class Rollout(NamedTuple):
 
 
 class Simulator:
-    """Integrates one composition by the classical Runge-Kutta method; sensitivities are those of the integrator."""
+    """Integrates one composition by the classical Runge-Kutta method; sensitivities are those of the integrator.
 
-    def __init__(self, dynamics: Dynamics, name: str) -> None:
-        self.dynamics = dynamics
+    Args:
+        dynamics: the equations.
+        name: identifier of the composition, for the cache of compiled code.
+        channels: the outputs that are wanted, of `dynamics.OUTPUTS`; fewer are faster.
+    """
+
+    def __init__(self, dynamics: Dynamics, name: str, channels: tuple[str, ...] = OUTPUTS) -> None:
+        self.channels = channels
         self.parameters = len(dynamics.names)
         self._active = _active(dynamics)
         built = compiled(
-            f"simulate_{name}", {"steps": _steps(dynamics, self._active), "start": _start(dynamics, self._active)}
+            f"simulate_{name}",
+            {"steps": _steps(dynamics, self._active, channels), "start": _start(dynamics, self._active)},
         )
         self._steps, self._start = Buffered(built["steps"]), Buffered(built["start"])
 
@@ -60,20 +67,20 @@ class Simulator:
         step = np.zeros((1, padded))  # zero beyond the end: there the state stays
         step[0, : K - 1] = path.dt
         states = np.empty((padded, STATE_SIZE))
-        outputs = np.empty((padded, len(OUTPUTS)))
-        sensitivities = np.empty((padded, m, len(OUTPUTS)))
+        outputs = np.empty((padded, len(self.channels)))
+        sensitivities = np.empty((padded, m, len(self.channels)))
         state, sensitivity = self._start(angle, p, nodes[:, 0], theta)
         for first in range(0, padded, BLOCK):
             block = slice(first, first + BLOCK)
             before, y, dy, state, sensitivity = self._steps(state, sensitivity, inputs[:, block], step[:, block], theta)
             states[block], outputs[block] = before.T, y.T
-            sensitivities[block] = dy.T.reshape(BLOCK, m, len(OUTPUTS))
+            sensitivities[block] = dy.T.reshape(BLOCK, m, len(self.channels))
         last = np.zeros((STATE_SIZE, m))
         last[:, self._active] = sensitivity
         return Rollout(states[:K], last, outputs[:K], sensitivities[:K].transpose(0, 2, 1))
 
 
-def _steps(dynamics: Dynamics, active: list[int]) -> ca.Function:
+def _steps(dynamics: Dynamics, active: list[int], channels: tuple[str, ...]) -> ca.Function:
     """One block of steps, with the outputs before each step and their derivatives.
 
     The derivatives S of the state obey the integrator's own chain rule, stage by stage, and only for the columns in
@@ -98,7 +105,7 @@ def _steps(dynamics: Dynamics, active: list[int]) -> ca.Function:
         stage_s, stage_S = s + reach * dt * k, S + reach * dt * K
     following, following_S = s + dt / 6 * total, S + dt / 6 * total_S
 
-    y = dynamics.output(s, here, theta)
+    y = dynamics.output(s, here, theta)[[OUTPUTS.index(name) for name in channels]]
     dy = ca.horzcat(ca.jacobian(y, theta), ca.SX(y.numel(), 2))
     dy[:, active] += ca.jacobian(y, s) @ S
     stage = ca.Function(

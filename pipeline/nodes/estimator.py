@@ -43,9 +43,7 @@ class EstimatorNode:
     name = "estimator"
     period = 0.5
 
-    def __init__(
-        self, measurement: MeasurementNode, estimator: Estimator[PendulumModel], recorder: Recorder
-    ) -> None:
+    def __init__(self, measurement: MeasurementNode, estimator: Estimator[PendulumModel], recorder: Recorder) -> None:
         self._measurement, self._estimator, self._recorder = measurement, estimator, recorder
         self.start: float | None = None
         self.history: list[LengthEstimate] = []
@@ -58,6 +56,7 @@ class EstimatorNode:
 
     def begin(self, now: float) -> None:
         """The load hangs at rest now, and what follows is used."""
+        self._measurement.begin()
         self.start, self._running = now, True
 
     def end(self) -> None:
@@ -68,7 +67,7 @@ class EstimatorNode:
         """Update the estimate once there is enough to go by."""
         if not self._running or self.start is None or now - self.start < FIRST_UPDATE - 1e-9:
             return
-        run = self._measurement.run_since(self.start)
+        run = self._measurement.run()
         begun = perf_counter()
         estimate = self._estimator.update(run)
         seconds = perf_counter() - begun

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 import urdf
+from armdyn.pendulum.model import noise_of
+from armdyn.pendulum.path import GrowingPath
 from armdyn.run import Channel, Run
 from pipeline.loadcell.faults import FaultDetector
 from pipeline.nodes.line_sensor import LineSensor
@@ -66,13 +68,20 @@ class MeasurementNode:
     period = 0.01
 
     def __init__(
-        self, robot: Robot, description: urdf.Robot, recorder: Recorder, detector: FaultDetector, noise: dict[str, float]
+        self,
+        robot: Robot,
+        description: urdf.Robot,
+        recorder: Recorder,
+        detector: FaultDetector,
+        noise: dict[str, float],
     ) -> None:
         self._robot, self._recorder, self._detector, self._noise = robot, recorder, detector, noise
         self._sensor = LineSensor(description)
         self._joints = description.joint_names
         self._gripper, self._force = _Series.empty(), _Series.empty()
         self._pulled_at: float | None = None
+        self._start, self._smoothed = robot.time, 0
+        self._path: GrowingPath | None = None
         self.load_hangs = True
         self.fault: str | None = None
         self.state: JointState = robot.joint_state()
@@ -98,12 +107,27 @@ class MeasurementNode:
             if sample.force > SLACK_FORCE or self._pulled_at is None or not self.load_hangs:
                 self._pulled_at = sample.time
             elif sample.time - self._pulled_at > SLACK_TIME and self.fault is None:
-                self.fault = f"the string has been slack since {self._pulled_at:.2f} s: move less, or hang a heavier load"
+                self.fault = (
+                    f"the string has been slack since {self._pulled_at:.2f} s: move less, or hang a heavier load"
+                )
         found = self._detector.update(now, samples)
         if found is not None and self.fault is None:
             self.fault = f"load cell at {now:.2f} s: {found.value}"
 
-    def run_since(self, start: float) -> Run:
-        """What was measured from `start` s on, for the estimator; time counts from there."""
-        channels = {"gripper_x": self._gripper.since(start, "m"), "load_force": self._force.since(start, "N")}
-        return Run("trial", channels, noise=self._noise)
+    def begin(self) -> None:
+        """The run for the estimator starts now, with the load at rest."""
+        self._start, self._path, self._smoothed = self._robot.time, None, 0
+
+    def run(self) -> Run:
+        """What was measured since `begin`, the gripper's path smoothed; time counts from there."""
+        force = self._force.since(self._start, "N")
+        raw = self._gripper.since(self._start, "m")
+        if self._path is None:
+            self._path = GrowingPath(self.period, noise_of(raw.value))
+        x, v, a = self._path.extend(raw.value[self._smoothed :])
+        self._smoothed = len(raw.value)
+        path = {
+            name: Channel(raw.time, row, unit)
+            for name, row, unit in (("gripper_x", x, "m"), ("gripper_v", v, "m/s"), ("gripper_a", a, "m/s^2"))
+        }
+        return Run("trial", {**path, "load_force": force}, noise=self._noise)

@@ -28,7 +28,11 @@ class SacNode:
     period = 0.05
 
     def __init__(
-        self, measurement: MeasurementNode, estimator: EstimatorNode, drive: DriveNode, settings: SacSettings | None = None
+        self,
+        measurement: MeasurementNode,
+        estimator: EstimatorNode,
+        drive: DriveNode,
+        settings: SacSettings | None = None,
     ) -> None:
         self._measurement, self._estimator, self._drive = measurement, estimator, drive
         self.settings = settings or SacSettings(sample_time=self.period)
@@ -56,8 +60,7 @@ class SacNode:
         if self._begun is None or start is None or now - self._begun < 2 * KICK_TIME - 1e-9:
             return
         model = self._estimator.model
-        run = self._measurement.run_since(start)
-        rollout = model.rollout(run_path(run), model.theta())
+        rollout = model.rollout(run_path(self._measurement.run()), model.theta(), channels=("load_force",))
         here = self._drive.state
         action = self._control.act(
             SacState(

@@ -3,6 +3,7 @@
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -67,7 +68,11 @@ class Experiment:
         self.description = urdf.load("baxter")
         self.table = ik.default_table(self.description, progress=lambda stage: self._progress(stage, 0.0))
         self.robot = SimulatedRobot(
-            self.description, self.table.posture(0.0).q, settings.plant, settings.hidden, settings.seed
+            self.description,
+            self.table.posture(0.0).q,
+            replace(settings.plant, length=settings.length, mass=settings.mass),
+            settings.hidden,
+            settings.seed,
         )
         self._interrupted = False
         self.phases: list[Phase] = []
@@ -179,8 +184,8 @@ class Experiment:
     def _swing_state(self) -> SwingState:
         """Gripper and load now, from the measured path and the latest estimate."""
         model, here = self.estimator.model, self.drive.state
-        run = self.measurement.run_since(self.estimator.start or 0.0)
-        state = model.rollout(run_path(run), model.theta()).states[-1]
+        path = run_path(self.measurement.run())
+        state = model.rollout(path, model.theta(), channels=("load_force",)).states[-1]
         now = np.array([self.robot.time, here.s, here.v, here.a])
         rate = float(model.dynamics().rate(state, now, model.physics_theta()))
         return SwingState(here.s, here.v, float(state[0]), rate)
@@ -243,8 +248,8 @@ class Experiment:
         """Of the model with the last estimate along the measured path."""
         if self.estimator.start is None:
             return float(np.max(np.abs(self.task.swing.angle))) if self.task.swing else 0.0
-        path = run_path(self.measurement.run_since(self.estimator.start))
-        angles = self.estimator.model.rollout(path, self.estimator.model.theta()).states[:, 0]
+        path, model = run_path(self.measurement.run()), self.estimator.model
+        angles = model.rollout(path, model.theta(), channels=("load_force",)).states[:, 0]
         return float(np.max(np.abs(angles[: int((phase.end - phase.start) / path.dt)]), initial=0.0))
 
     @contextmanager

@@ -31,6 +31,6 @@ def trial_model(settings: TrialSettings) -> PendulumModel:
         if all(effect.name != name for effect in given.effects):
             model = model.with_effect(CATALOGUE[name]).with_prior(parameter, mean, std)
     model = model.with_prior("mass", settings.mass, settings.mass_std)
-    return model.with_values(
-        {"length": settings.length_guess, "initial_angle": 0.0, "initial_rate": 0.0}
-    ).with_fixed("initial_angle", "initial_rate")
+    return model.with_values({"length": settings.length_guess, "initial_angle": 0.0, "initial_rate": 0.0}).with_fixed(
+        "initial_angle", "initial_rate"
+    )
