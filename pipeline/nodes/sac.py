@@ -1,6 +1,7 @@
 """The SAC node: twenty times a second, the gripper motion that makes the load cell most informative."""
 
 from collections.abc import Sequence
+from time import perf_counter
 
 import numpy as np
 
@@ -22,6 +23,7 @@ class SacNode:
 
     Attributes:
         actions: every action so far.
+        seconds: that each took, the state's prediction included.
     """
 
     name = "sac"
@@ -41,6 +43,7 @@ class SacNode:
         self._plan_start = 0.0
         self._plan: list[LineState] = []
         self.actions: list[SacAction] = []
+        self.seconds: list[float] = []
 
     def begin(self, now: float) -> None:
         """Kick, then inform."""
@@ -59,6 +62,7 @@ class SacNode:
         start = self._estimator.start
         if self._begun is None or start is None or now - self._begun < 2 * KICK_TIME - 1e-9:
             return
+        begun = perf_counter()
         model = self._estimator.model
         rollout = model.rollout(run_path(self._measurement.run()), model.theta(), channels=("load_force",))
         here = self._drive.state
@@ -73,6 +77,7 @@ class SacNode:
             model,
         )
         self.actions.append(action)
+        self.seconds.append(perf_counter() - begun)
         self._lay_out(now, action.schedule)
 
     def _lay_out(self, now: float, schedule: np.ndarray) -> None:

@@ -128,4 +128,4 @@ class TaskNode:
         smoother = LineSmoother(self._limits, DT, self._drive.state)
         states = [smoother.update(reference[k : k + LOOK_AHEAD]) for k in range(len(reference))]
         time = DT * np.arange(1, len(states) + 1)
-        return LineTrajectory(time, *(np.array(column) for column in zip(*states, strict=True)))
+        return LineTrajectory(time, *np.array(states, dtype=np.float64).T)

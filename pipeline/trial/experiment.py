@@ -25,7 +25,7 @@ from pipeline.nodes.drive import DriveNode
 from pipeline.nodes.estimator import EstimatorNode
 from pipeline.nodes.measurement import MeasurementNode, channel_units
 from pipeline.nodes.sac import SacNode
-from pipeline.nodes.scheduler import Scheduler
+from pipeline.nodes.scheduler import Node, Scheduler
 from pipeline.nodes.task import DT, TaskNode
 from pipeline.record import Recorder
 from pipeline.report.theme import Phase
@@ -41,8 +41,12 @@ CALM = 0.6
 LOOK = 1.5
 """s after the finish in which the load must come to rest in the box."""
 EXTRA_CHANNELS = {
-    "reference.x": "m", "reference.v": "m/s", "reference.a": "m/s^2", "estimate.length": "m", "estimate.length_std": "m",
-}  # fmt: skip
+    "reference.x": "m",
+    "reference.v": "m/s",
+    "reference.a": "m/s^2",
+    "estimate.length": "m",
+    "estimate.length_std": "m",
+}
 
 RECORDED_FOR_REPORT = ("gripper_x", "load_force", "reference.x", "reference.v", "reference.a")
 
@@ -105,7 +109,7 @@ class Experiment:
         self.drive = DriveNode(self.robot, self.table, smoother, gate, self.measurement, recorder)
         self.sac = SacNode(self.measurement, self.estimator, self.drive)
         self.task = TaskNode(model, self.drive, limits, self._check, c.task)
-        nodes = [self.measurement, self.estimator, self.sac, self.task, self.drive]
+        nodes: list[Node] = [self.measurement, self.estimator, self.sac, self.task, self.drive]
         self.scheduler = Scheduler(SimulatedClock(self.robot), nodes)
 
     def _phases(self) -> str:
@@ -207,7 +211,6 @@ class Experiment:
 
     def _result(self, success: bool, message: str, stopped: bool, recorder: Recorder) -> TrialResult:
         c, history, swing = self.settings, self.estimator.history, self.task.swing
-        self.estimates = tuple(history)
         self.recorded = {name: recorder.channel(name) for name in RECORDED_FOR_REPORT}
         force = self.recorded["load_force"].value
         return TrialResult(
@@ -226,6 +229,7 @@ class Experiment:
             planning_seconds=swing.solution.seconds if swing else 0.0,
             model=self.estimator.model,
             timing=self.scheduler.timing,
+            cycle_seconds=float(np.mean(self.sac.seconds)) if self.sac.seconds else 0.0,
             stopped=stopped,
             recording=recorder.path if c.out else None,
         )

@@ -58,7 +58,8 @@ class TrialSettings:
         for name, value in (("length guess", self.length_guess), ("length", self.length)):
             if not (isfinite(value) and SHORTEST <= value <= LONGEST):
                 raise InputError(
-                    f"{name} {value:g} m: give a length between {SHORTEST:g} and {LONGEST:g} m, pivot to the load's centre"
+                    f"{name} {value:g} m: give a length between {SHORTEST:g} and {LONGEST:g} m, from the pivot to the "
+                    "load's centre"
                 )
         for name in ("mass", "mass_std", "force_noise", "estimation_time"):
             if not (isfinite(getattr(self, name)) and getattr(self, name) > 0):
