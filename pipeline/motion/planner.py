@@ -10,6 +10,9 @@ import ruckig
 from pipeline.motion.profile import JerkProfile
 from pipeline.motion.state import LineState
 
+ROUNDING = 1e-9
+"""Time within which a motion is on time [s]."""
+
 
 class LinePlanner:
     """Ruckig on the line coordinate, with its input and output kept between calls.
@@ -37,14 +40,14 @@ class LinePlanner:
         acceleration: float,
         duration: float | None = None,
     ) -> JerkProfile | None:
-        """Fastest motion between two moving states, or one of a given duration.
+        """Fastest motion between two moving states, or one that takes a given time.
 
         Args:
             start: present state, finite.
             target: wanted state, finite.
             speed: largest speed [m/s].
             acceleration: largest acceleration [m/s^2].
-            duration: time to take exactly, to arrive on a sample [s].
+            duration: time to take, to arrive on a sample [s].
 
         Returns:
             The motion, or None where ruckig finds none: the time is too short, or a target is beyond the limits.
@@ -77,7 +80,7 @@ class LinePlanner:
             return None
         if result not in (ruckig.Result.Working, ruckig.Result.Finished):
             return None
-        if duration is not None and self._trajectory.duration > duration + 1e-9:
+        if duration is not None and self._trajectory.duration > duration + ROUNDING:
             return None
         profile = self._trajectory.profiles[0][0]
         brake = profile.brake

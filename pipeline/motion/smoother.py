@@ -19,6 +19,9 @@ HEADROOM = 0.999
 LOOK_AHEAD = (1, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50)
 """Cycles ahead at which the reference, or the speed limit, may be met."""
 
+PURSUIT = 0.2
+"""How far ahead of itself a reference that cannot be met is gone for: the arm turns round in about this time [s]."""
+
 FADING = 0.1
 """Time in which a single reference's acceleration is taken to fade, when it is continued into the future [s]."""
 
@@ -106,7 +109,7 @@ class LineSmoother:
         targets = self._continued(reference) if isinstance(reference, LineState) else _finite(reference)
         if not targets:
             return self.stop()
-        return self._catch_up(targets) or self._pursue(self._guard.drawn_back(targets[-1])) or self.stop()
+        return self._follow(targets)
 
     def stop(self) -> LineState:
         """Move on by one cycle, on the way to rest.
@@ -124,19 +127,22 @@ class LineSmoother:
             self._state = LineState(min(max(self._stop.end.s, self._guard.lookup.s_min), self._guard.lookup.s_max))
         return self._state
 
-    def _catch_up(self, targets: Sequence[LineState]) -> LineState | None:
+    def _follow(self, targets: Sequence[LineState]) -> LineState:
+        """Meet the first target that can be met on time; else go for where the reference will be a little later."""
         for m in LOOK_AHEAD:
             if m > len(targets):
-                return None
-            if self._meet(self._guard.drawn_back(targets[m - 1]), m):
+                break
+            motion = self._on_time(self._guard.drawn_back(targets[m - 1]), m)
+            if motion is not None and self._guard.allows(motion) and self._begin(motion, self._guard):
                 return self._state
-        return None
+        later = targets[min(round(PURSUIT / self._dt), len(targets) - 1)]
+        return self._pursue(self._guard.drawn_back(LineState(later.s))) or self.stop()
 
-    def _meet(self, target: LineState, cycles: int, keep: bool = False) -> bool:
+    def _on_time(self, target: LineState, cycles: int) -> JerkProfile | None:
+        """The motion that meets a target after a number of cycles; None where it takes longer."""
         lookup = self._guard.lookup
         speed, acceleration = lookup.highest_speed, lookup.highest_acceleration
-        motion = self._planner.to_state(self._state, target, speed, acceleration, cycles * self._dt)
-        return motion is not None and self._guard.allows(motion) and self._begin(motion, self._guard, keep)
+        return self._planner.to_state(self._state, target, speed, acceleration, cycles * self._dt)
 
     def _pursue(self, target: LineState) -> LineState | None:
         s, lookup = self._state.s, self._guard.lookup
@@ -150,7 +156,10 @@ class LineSmoother:
             return self._state
         for m in LOOK_AHEAD:
             ahead = self._ride.after(s, m * self._dt, direction)
-            if (target.s - ahead.s) * direction > 0.0 and self._meet(ahead, m, keep=True):
+            if (target.s - ahead.s) * direction <= 0.0:
+                break
+            motion = self._on_time(ahead, m)
+            if motion is not None and self._guard.allows(motion) and self._begin(motion, self._guard, keep=True):
                 return self._state
         for share in (0.9, 0.5):
             slower = max(share * min(abs(self._state.v), lookup.speed(s, s)), 1e-3)

@@ -1,0 +1,256 @@
+"""Offline smoothing: the feasible motion that deviates least from a reference."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import clarabel
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from armdyn.errors import InputError, TaskFailedError
+from pipeline.motion.guard import Guard
+from pipeline.motion.limits import LineLimits
+from pipeline.motion.planner import LinePlanner
+from pipeline.motion.smoother import LineSmoother
+from pipeline.motion.state import LineState
+from pipeline.motion.trajectory import LineTrajectory
+
+Array = NDArray[np.float64]
+
+HEADROOM = 0.999
+"""Share of the limits that is planned with, for what happens between the linearised limits and between samples."""
+
+ROUNDS = 12
+"""Most times that the limits are linearised about the last solution."""
+
+SETTLED = 1e-4
+"""Change of position between two rounds at which the linearisation is exact to a tenth of the headroom [m]."""
+
+TRUST = 0.05
+"""Farthest that a round may move a position, so that the limits linearised there still mean something [m]."""
+
+NARROWING = (3, 0.4)
+"""Round after which the trust region shrinks, and its factor: at a kink of a limit, rounds would go to and fro."""
+
+
+class TorqueAlongLine(Protocol):
+    """Joint torques ``m(s) a + c(s) v^2 + d(s) v + g(s)``, as `feasibility.LineTorque` has them."""
+
+    s: Array
+    inertia: Array
+    coriolis: Array
+    damping: Array
+    gravity: Array
+    limit: Array
+
+
+@dataclass(frozen=True)
+class Weights:
+    """What a deviation costs.
+
+    Attributes:
+        position: per square of a metre [1/m^2].
+        speed: per square of a metre per second [s^2/m^2]: what the load at the end of the string feels.
+        jerk: per square of a metre per second cubed, so that idle stretches are smooth [s^6/m^2].
+    """
+
+    position: float = 1.0
+    speed: float = 0.1
+    jerk: float = 1e-12
+
+
+def smooth_reference(
+    s_ref: Array,
+    v_ref: Array,
+    dt: float,
+    limits: LineLimits,
+    start: LineState | None = None,
+    end: LineState | None = None,
+    torque: TorqueAlongLine | None = None,
+    weights: Weights | None = None,
+) -> LineTrajectory:
+    """The feasible motion nearest to a reference, by a quadratic program.
+
+    With a jerk ``j_k`` that is constant over each sample, minimises
+    ``sum_k w_s (s_k - s_ref_k)^2 + w_v (v_k - v_ref_k)^2 + w_j j_k^2`` under the limits of range, speed, acceleration,
+    jerk and, where given, joint torque. Those that depend on the place are linearised about the last solution until it
+    stands still. The speed between samples is bounded by its Bézier points.
+
+    Args:
+        s_ref: wanted positions (n,) [m].
+        v_ref: wanted speeds (n,) [m/s].
+        dt: time between samples [s].
+        limits: along the line.
+        start: state to start from; by default at rest or as fast as the reference, where that is possible.
+        end: state to end in; by default free.
+        torque: of the joints along the line; None to leave it out.
+        weights: of the deviations.
+
+    Returns:
+        The motion, sampled as the reference is.
+
+    Raises:
+        InputError: if the reference is not finite, too short, or its arrays do not fit together.
+        TaskFailedError: if no motion within the limits joins start and end.
+    """
+    s_ref, v_ref = np.asarray(s_ref, dtype=float), np.asarray(v_ref, dtype=float)
+    if s_ref.ndim != 1 or s_ref.shape != v_ref.shape or s_ref.size < 4:
+        raise InputError("reference: positions and speeds must be one-dimensional, equally long, and at least 4")
+    if not (np.all(np.isfinite(s_ref)) and np.all(np.isfinite(v_ref)) and np.isfinite(dt) and dt > 0.0):
+        raise InputError("reference: positions, speeds and the time step must be finite, the step greater than 0")
+    tight = limits.scaled(HEADROOM, HEADROOM)
+    if start is None:
+        start = Guard(tight, LinePlanner(limits.jerk)).drawn_back(LineState(float(s_ref[0]), float(v_ref[0])))
+    program = _Program(s_ref, v_ref, dt, tight, start, end, torque, weights or Weights())
+    s, v, a = _followed(s_ref, v_ref, dt, limits, start)
+    for k in range(ROUNDS):
+        before, trust = s, TRUST * NARROWING[1] ** max(k - NARROWING[0], 0)
+        # From a first motion that misses the end, the program may have to go further than it should trust.
+        solved = program.solve(s, v, a, trust) or program.solve(s, v, a, np.inf)
+        if solved is None:
+            raise TaskFailedError(
+                "reference: no motion within the limits of the line joins its start and its end: give it more time, "
+                "or start and end slower"
+            )
+        s, v, a = solved
+        if np.max(np.abs(s - before)) < SETTLED:
+            break
+    return _verified(LineTrajectory(np.linspace(0.0, dt * (s.size - 1), s.size), s, v, a), limits)
+
+
+def _followed(
+    s_ref: Array, v_ref: Array, dt: float, limits: LineLimits, start: LineState
+) -> tuple[Array, Array, Array]:
+    """A first motion: what the online smoother makes of the reference, which is within all limits of the line."""
+    smoother = LineSmoother(limits, dt, start)
+    a_ref = np.gradient(v_ref, dt)
+    targets = [LineState(*map(float, row)) for row in zip(s_ref, v_ref, a_ref, strict=True)]
+    states = [smoother.state, *(smoother.update(targets[k : k + 50]) for k in range(1, len(targets)))]
+    s, v, a = np.array(states).T
+    return s, v, a
+
+
+def _verified(motion: LineTrajectory, limits: LineLimits) -> LineTrajectory:
+    """The motion, if it is within its limits after all the linearising."""
+    within = (
+        motion.s.min() >= limits.s_min - 1e-9
+        and motion.s.max() <= limits.s_max + 1e-9
+        and np.all(np.abs(motion.v) <= limits.speed_at(motion.s))
+        and np.all(np.abs(motion.a) <= limits.acceleration_at(motion.s))
+    )
+    if not within:
+        raise TaskFailedError(
+            "reference: the limits of the line change too fast for it; give it more time, or smooth the limits"
+        )
+    return motion
+
+
+class _Program:
+    """The quadratic program in (s, v, a, j); only the limits that depend on the place change between rounds."""
+
+    def __init__(
+        self,
+        s_ref: Array,
+        v_ref: Array,
+        dt: float,
+        limits: LineLimits,
+        start: LineState,
+        end: LineState | None,
+        torque: TorqueAlongLine | None,
+        weights: Weights,
+    ) -> None:
+        n = self._n = s_ref.size
+        self._limits, self._torque, self._dt = limits, torque, dt
+        one = sparse.identity(n, format="csr")
+        none = sparse.csr_matrix((n, n))
+        # Blocks of columns: s, v, a of every sample, then the jerk after it; the last jerk is 0.
+        self._s, self._v, self._a, self._j = (
+            sparse.hstack([one if k == i else none for k in range(4)], format="csr") for i in range(4)
+        )
+        cost = np.concatenate(
+            [np.full(n, weights.position), np.full(n, weights.speed), np.zeros(n), np.full(n, weights.jerk)]
+        )
+        self._quadratic = sparse.diags(2.0 * cost, format="csc")
+        self._linear = np.concatenate([-2.0 * weights.position * s_ref, -2.0 * weights.speed * v_ref, np.zeros(2 * n)])
+        now, after = slice(0, n - 1), slice(1, n)
+        s, v, a, j = self._s, self._v, self._a, self._j
+        rows = [
+            s[after] - s[now] - dt * v[now] - dt**2 / 2.0 * a[now] - dt**3 / 6.0 * j[now],
+            v[after] - v[now] - dt * a[now] - dt**2 / 2.0 * j[now],
+            a[after] - a[now] - dt * j[now],
+            j[-1],
+        ]
+        right = [np.zeros(3 * (n - 1) + 1)]
+        for state, at in ((start, 0), (end, -1)):
+            if state is not None:
+                rows += [s[at], v[at], a[at]]
+                right.append(np.array(state))
+        self._equal, self._equal_right = sparse.vstack(rows, format="csc"), np.concatenate(right)
+
+    def solve(self, s: Array, v: Array, a: Array, trust: float) -> tuple[Array, Array, Array] | None:
+        """One round, with the limits linearised about a motion; None where nothing satisfies them."""
+        limits, n = self._limits, self._n
+        speed, speed_slope = _linearised(limits.s, limits.speed, s)
+        strength, strength_slope = _linearised(limits.s, limits.acceleration, s)
+        # Between samples the speed is a parabola and the position a cubic; both stay among their Bézier points.
+        v_between, s_between = self._v + self._dt / 2.0 * self._a, self._s + self._dt / 3.0 * self._v
+        s_before_next = self._s[1:] - self._dt / 3.0 * self._v[1:]
+        halfway = np.clip(s + self._dt / 2.0 * v, limits.s_min, limits.s_max)
+        speed_between, slope_between = _linearised(limits.s, limits.speed, halfway)
+        rows = [self._s, -self._s, s_between, -s_between, s_before_next, -s_before_next]
+        bounds = [np.minimum(limits.s_max, s + trust), -np.maximum(limits.s_min, s - trust)]
+        bounds += [np.full(n, limits.s_max), np.full(n, -limits.s_min)]
+        bounds += [np.full(n - 1, limits.s_max), np.full(n - 1, -limits.s_min)]
+        for row, bound, slope in (
+            (self._v, speed, speed_slope),
+            (v_between, speed_between, slope_between),
+            (self._a, strength, strength_slope),
+            (self._j, np.full(n, limits.jerk), np.zeros(n)),
+        ):
+            # |row x| <= bound + slope (s - s_before)
+            moving = sparse.diags(slope) @ self._s
+            rows += [row - moving, -row - moving]
+            bounds += 2 * [bound - slope * s]
+        if self._torque is not None:
+            row, lowest, highest = self._torque_rows(self._torque, s, v, a)
+            rows += [row, -row]
+            bounds += [highest, -lowest]
+        matrix = sparse.vstack([self._equal, *rows], format="csc")
+        right = np.concatenate([self._equal_right, *bounds])
+        equal = self._equal.shape[0]
+        cones = [clarabel.ZeroConeT(equal), clarabel.NonnegativeConeT(right.size - equal)]
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        solution = clarabel.DefaultSolver(self._quadratic, self._linear, matrix, right, cones, settings).solve()
+        if solution.status not in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved):
+            return None
+        x = np.array(solution.x)
+        return x[:n], x[n : 2 * n], x[2 * n : 3 * n]
+
+    def _torque_rows(
+        self, torque: TorqueAlongLine, s: Array, v: Array, a: Array
+    ) -> tuple[sparse.csr_matrix, Array, Array]:
+        """Torques linearised about a motion: a matrix, and the bounds of what it gives."""
+        rows, lowest, highest = [], [], []
+        for k in range(torque.limit.size):
+            (m, dm), (c, dc), (d, dd), (g, dg) = (
+                _linearised(torque.s, term[:, k], s)
+                for term in (torque.inertia, torque.coriolis, torque.damping, torque.gravity)
+            )
+            by_s, by_v = dm * a + dc * v**2 + dd * v + dg, 2.0 * c * v + d
+            row = sparse.diags(by_s) @ self._s + sparse.diags(by_v) @ self._v + sparse.diags(m) @ self._a
+            offset = m * a + c * v**2 + d * v + g - (by_s * s + by_v * v + m * a)
+            rows.append(row)
+            lowest.append(-HEADROOM * torque.limit[k] - offset)
+            highest.append(HEADROOM * torque.limit[k] - offset)
+        return sparse.vstack(rows, format="csr"), np.concatenate(lowest), np.concatenate(highest)
+
+
+def _linearised(nodes: Array, value: Array, at: Array) -> tuple[Array, Array]:
+    """A function that is linear between nodes, and its slope, at places."""
+    k = np.clip(np.searchsorted(nodes, at, side="right") - 1, 0, nodes.size - 2)
+    slope = (value[k + 1] - value[k]) / (nodes[k + 1] - nodes[k])
+    return value[k] + slope * (at - nodes[k]), slope
