@@ -7,6 +7,7 @@ import typer
 from typer.exceptions import TyperException
 
 from armdyn.errors import ArmdynError, TaskFailedError
+from urdf.errors import UrdfError
 
 app = typer.Typer(
     name="armdyn",
@@ -16,7 +17,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-COMMANDS = ("trial", "table", "ik", "check", "loadcell")
+COMMANDS = ("trial", "ik")
 
 
 def _register() -> None:
@@ -33,7 +34,7 @@ def main() -> None:
         sys.exit(_say(error.format_message(), 2))
     except TaskFailedError as error:
         sys.exit(_say(str(error), 1))
-    except ArmdynError as error:
+    except (ArmdynError, UrdfError) as error:
         sys.exit(_say(str(error), 2))
     except (KeyboardInterrupt, typer.Abort):
         sys.exit(_say("interrupted", 130))

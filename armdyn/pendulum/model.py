@@ -170,16 +170,9 @@ def run_path(run: Run) -> GripperPath:
     dt = float(np.clip(np.median(np.diff(x.time)), FINEST_GRID, COARSEST_GRID))
     given = [run.channels[n] for n in ("gripper_v", "gripper_a") if n in run.channels]
     if len(given) < 2:
-        return smoothed_path(x.time, x.value, run.noise.get("gripper_x", noise_of(x.value)), dt)
+        return smoothed_path(x.time, x.value, dt, exact=run.noise.get("gripper_x") == 0.0)
     grid = x.time[0] + dt * np.arange(grid_size(x.time[0], x.time[-1], dt))
     return GripperPath(float(x.time[0]), dt, *(np.interp(grid, c.time, c.value) for c in (x, *given)))
-
-
-def noise_of(x: np.ndarray) -> float:
-    """Standard deviation of white noise on smooth samples, from third differences (each has variance 20 sigma^2)."""
-    if len(x) < 5:
-        return 0.0
-    return float(np.sqrt(np.mean(np.diff(x, 3) ** 2) / 20.0))
 
 
 def pendulum_model(

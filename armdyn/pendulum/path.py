@@ -12,6 +12,8 @@ ORDER = 4
 """Order of the differences that are penalised: piecewise-constant jerk costs nothing at the limit."""
 SEARCH = np.logspace(-2, 10, 25)
 """Smoothing strengths that are tried, in samples^8; neighbours are a factor of 3.2 apart."""
+CHOOSE_EVERY, CHOOSE_FROM = 100, 300
+"""Samples after which the strength for a growing path is chosen anew, and from how many of the last."""
 SETTLED = 60
 """Samples after which a later one no longer changes the smoothed path noticeably."""
 
@@ -63,69 +65,77 @@ def grid_size(start: float, end: float, dt: float) -> int:
     return max(2, int(np.ceil((end - start) / dt - 1e-9)) + 1)
 
 
-def smoothed_path(time: np.ndarray, x: np.ndarray, noise_std: float, dt: float) -> GripperPath:
+def smoothed_path(time: np.ndarray, x: np.ndarray, dt: float, *, exact: bool = False) -> GripperPath:
     """Path through noisy positions, by penalised least squares (Whittaker 1923; Eilers, Anal. Chem. 2003).
 
-    Minimises |y - x|^2 + lambda |D^4 x|^2 with the strength lambda for which the residual has the known noise
-    (Morozov's discrepancy principle), so that a noisier encoder is smoothed more and a noiseless path not at all.
+    Minimises |y - x|^2 + lambda |D^4 x|^2 with the strength that `best_strength` finds.
 
     Args:
         time: (n,) increasing stamps, s; uneven stamps are interpolated to the grid first.
         x: (n,) m.
-        noise_std: standard deviation of one position, m; 0 when the path is exact.
         dt: grid step, s.
+        exact: the positions have no noise.
     """
     if len(time) < ORDER + 2:
         raise InputError(f"the gripper's path has {len(time)} samples: {ORDER + 2} or more are needed")
     grid = time[0] + dt * np.arange(grid_size(time[0], time[-1], dt))
     even = len(grid) == len(time) and np.allclose(grid, time, atol=1e-3 * dt, rtol=0)
     y = x if even else np.interp(grid, time, x)
-    smooth = whittaker(y, noise_std) if noise_std > 0 else y
+    smooth = y if exact else penalised(y, best_strength(y))
     v, a = differentiated(smooth, dt)
     return GripperPath(float(time[0]), dt, smooth, v, a)
 
 
-def whittaker(y: np.ndarray, noise_std: float) -> np.ndarray:
-    """(n,) the smoothest samples whose distance to `y` is at most the noise, to a factor of 3.2 in strength."""
-    smooth, weakest, strongest = y, -1, len(SEARCH)
-    while strongest - weakest > 1:  # the distance grows with the strength
-        middle = (weakest + strongest) // 2
-        candidate = _penalised(y, SEARCH[middle])
-        if np.sqrt(np.mean((candidate - y) ** 2)) <= noise_std:
-            smooth, weakest = candidate, middle
-        else:
-            strongest = middle
-    return smooth
+def best_strength(y: np.ndarray) -> float:
+    """The strength of least generalised cross-validation error, n |r|^2 / (n - tr H)^2 (Craven & Wahba 1979).
+
+    It needs no noise level: asking for a residual of the size of a stated noise does not smooth at all where the
+    statement is 30 % too low. The trace of the smoother H is that of the periodic one, with eigenvalues
+    1/(1 + lambda (2 sin(w/2))^8).
+    """
+    n = len(y)
+    eigenvalues = (2.0 * np.sin(np.pi * np.arange(n) / (2.0 * n))) ** (2 * ORDER)
+
+    def validation_error(strength: float) -> float:
+        residual = y - penalised(y, strength)
+        return float(residual @ residual) / (1.0 - float(np.mean(1.0 / (1.0 + strength * eigenvalues)))) ** 2
+
+    best = 4 * int(np.argmin([validation_error(strength) for strength in SEARCH[::4]]))
+    near = SEARCH[max(0, best - 3) : best + 4]
+    return float(near[int(np.argmin([validation_error(strength) for strength in near]))])
 
 
 class GrowingPath:
-    """Smooths a path while it is being measured: what is older than `SETTLED` is smoothed once and kept.
+    """Smooths a path while it is being measured: what is older than `SETTLED` samples is smoothed once and kept.
 
     Args:
         dt: interval of the samples, s.
-        noise_std: of one position, m.
     """
 
-    def __init__(self, dt: float, noise_std: float) -> None:
-        self._dt, self._noise_std = dt, noise_std
+    def __init__(self, dt: float) -> None:
+        self._dt = dt
         self._raw = np.empty(0)
         self._smooth = np.empty((3, 0))
+        self._strength, self._chosen_at = 0.0, 0
 
     def extend(self, x: np.ndarray) -> np.ndarray:
         """Take in new positions (k,), m; return x, v, a of all so far, (3, n)."""
         kept = max(0, self._smooth.shape[1] - SETTLED)
         self._raw = np.concatenate([self._raw, x])
+        n = len(self._raw)
+        if n < 2 * ORDER:
+            return np.vstack([self._raw, np.zeros((2, n))])
+        if n >= 2 * self._chosen_at or n >= self._chosen_at + CHOOSE_EVERY:
+            self._strength, self._chosen_at = best_strength(self._raw[-CHOOSE_FROM:]), n
         first = max(0, kept - SETTLED)
-        window = self._raw[first:]
-        if len(window) < ORDER + 2:
-            return np.vstack([self._raw, np.zeros((2, len(self._raw)))])
-        smooth = whittaker(window, self._noise_std)
+        smooth = penalised(self._raw[first:], self._strength)
         fresh = np.vstack([smooth, *differentiated(smooth, self._dt)])
         self._smooth = np.hstack([self._smooth[:, :kept], fresh[:, kept - first :]])
         return self._smooth
 
 
-def _penalised(y: np.ndarray, strength: float) -> np.ndarray:
+def penalised(y: np.ndarray, strength: float) -> np.ndarray:
+    """(n,) minimiser of |y - x|^2 + strength |D^4 x|^2."""
     n = len(y)
     stencil = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
     bands = np.zeros((ORDER + 1, n))

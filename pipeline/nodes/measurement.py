@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 import urdf
-from armdyn.pendulum.model import noise_of
 from armdyn.pendulum.path import GrowingPath
 from armdyn.run import Channel, Run
 from pipeline.loadcell.faults import FaultDetector
@@ -123,7 +122,7 @@ class MeasurementNode:
         force = self._force.since(self._start, "N")
         raw = self._gripper.since(self._start, "m")
         if self._path is None:
-            self._path = GrowingPath(self.period, noise_of(raw.value))
+            self._path = GrowingPath(self.period)
         x, v, a = self._path.extend(raw.value[self._smoothed :])
         self._smoothed = len(raw.value)
         path = {

@@ -7,12 +7,12 @@ import numpy as np
 
 from armdyn.control.task import SwingPlan, SwingState, TaskCost, TaskPlanner
 from armdyn.pendulum.model import PendulumModel
-from pipeline.motion import LineLimits, LineSmoother, LineState, LineTrajectory, finish_over_box
+from pipeline.motion import LineLimits, LineTrajectory, finish_over_box
+from pipeline.motion.reference import smooth_reference
 from pipeline.nodes.drive import DriveNode
 
 DT = 0.01
 """Control cycle and step of the variational integrator, s."""
-LOOK_AHEAD = 30
 
 Check = Callable[[LineTrajectory, SwingPlan], None]
 """Raises `TaskFailedError` when a trajectory, with the swing that belongs to it, is not feasible."""
@@ -121,11 +121,8 @@ class TaskNode:
         self._request = carry_out
 
     def _feasible(self, plan: SwingPlan) -> LineTrajectory:
-        """The planned gripper path within the limits of the line, from the drive's present state."""
+        """The motion within the limits of the line that is nearest to the plan, from the drive's present state."""
         v = np.gradient(plan.x, DT)
-        v[0], v[-1] = plan.v[0], plan.v[-1] + DT / 2 * plan.a[-1]
-        reference = [LineState(float(x), float(w), float(a)) for x, w, a in zip(plan.x, v, plan.a, strict=True)][1:]
-        smoother = LineSmoother(self._limits, DT, self._drive.state)
-        states = [smoother.update(reference[k : k + LOOK_AHEAD]) for k in range(len(reference))]
-        time = DT * np.arange(1, len(states) + 1)
-        return LineTrajectory(time, *np.array(states, dtype=np.float64).T)
+        v[-1] = plan.v[-1] + DT / 2 * plan.a[-1]  # the plan's speeds belong to the middle of each step
+        motion = smooth_reference(plan.x, v, DT, self._limits, start=self._drive.state)
+        return LineTrajectory(motion.time[1:], motion.s[1:], motion.v[1:], motion.a[1:])

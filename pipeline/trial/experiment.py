@@ -48,8 +48,6 @@ EXTRA_CHANNELS = {
     "estimate.length_std": "m",
 }
 
-RECORDED_FOR_REPORT = ("gripper_x", "load_force", "reference.x", "reference.v", "reference.a")
-
 Progress = Callable[[str, float], None]
 """``(what is going on, share of the trial that is done)``."""
 
@@ -63,7 +61,8 @@ class Experiment:
 
     Attributes:
         phases: what went on when.
-        feasibility: report on the swing, once there is a plan.
+        feasibility: report on the last planned motion.
+        recorded: every channel, once the trial has run.
     """
 
     def __init__(self, settings: TrialSettings, progress: Progress | None = None) -> None:
@@ -71,12 +70,9 @@ class Experiment:
         self._progress = progress or (lambda _what, _share: None)
         self.description = urdf.load("baxter")
         self.table = ik.default_table(self.description, progress=lambda stage: self._progress(stage, 0.0))
+        self.plant = replace(settings.plant, length=settings.length, mass=settings.mass)
         self.robot = SimulatedRobot(
-            self.description,
-            self.table.posture(0.0).q,
-            replace(settings.plant, length=settings.length, mass=settings.mass),
-            settings.hidden,
-            settings.seed,
+            self.description, self.table.posture(0.0).q, self.plant, settings.hidden, settings.seed
         )
         self._interrupted = False
         self.phases: list[Phase] = []
@@ -109,8 +105,8 @@ class Experiment:
         self.drive = DriveNode(self.robot, self.table, smoother, gate, self.measurement, recorder)
         self.sac = SacNode(self.measurement, self.estimator, self.drive)
         self.task = TaskNode(model, self.drive, limits, self._check, c.task)
-        nodes: list[Node] = [self.measurement, self.estimator, self.sac, self.task, self.drive]
-        self.scheduler = Scheduler(SimulatedClock(self.robot), nodes)
+        self.nodes: list[Node] = [self.measurement, self.estimator, self.sac, self.task, self.drive]
+        self.scheduler = Scheduler(SimulatedClock(self.robot), self.nodes)
 
     def _phases(self) -> str:
         c = self.settings
@@ -211,7 +207,8 @@ class Experiment:
 
     def _result(self, success: bool, message: str, stopped: bool, recorder: Recorder) -> TrialResult:
         c, history, swing = self.settings, self.estimator.history, self.task.swing
-        self.recorded = {name: recorder.channel(name) for name in RECORDED_FOR_REPORT}
+        names = (*channel_units(self.description.joint_names), *EXTRA_CHANNELS)
+        self.recorded = {name: recorder.channel(name) for name in names}
         force = self.recorded["load_force"].value
         return TrialResult(
             success=success,

@@ -1,0 +1,103 @@
+"""`armdyn trial`: one whole experiment on the simulated robot."""
+
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pipeline.commands.output import JsonOption, write_json
+
+if TYPE_CHECKING:
+    from armdyn.pendulum.model import PendulumModel
+    from pipeline.trial.experiment import Experiment
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(trial)
+
+
+def trial(
+    length_guess: Annotated[
+        float | None, typer.Option(help="What the robot believes at first [m]; 0.328, or the model's length.")
+    ] = None,
+    length: Annotated[
+        float, typer.Option(help="The true length in the simulation, pivot to the load's centre [m].")
+    ] = 0.368,
+    no_estimation: Annotated[bool, typer.Option("--no-estimation", help="Plan with the guess, learn nothing.")] = False,
+    hidden: Annotated[
+        list[str] | None,
+        typer.Option(help="EFFECT or EFFECT=VALUE that the simulated robot has and the model does not know."),
+    ] = None,
+    model: Annotated[
+        Path | None, typer.Option(help="Model file for estimator, control and planner, such as a repaired one.")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of everything random in the simulation.")] = 0,
+    out: Annotated[Path, typer.Option(help="Directory for the recording and the report.")] = Path("out/trial"),
+    picture: Annotated[bool, typer.Option("--picture", help="Render the swing: swing.png and swing.gif.")] = False,
+    json_file: JsonOption = None,
+) -> None:
+    """Learn the string's length, plan the swing, put the load into the box."""
+    from rich.console import Console
+
+    from pipeline.commands.hidden import parse_hidden
+    from pipeline.commands.progress import phase_progress
+    from pipeline.trial.experiment import Experiment
+    from pipeline.trial.report import report_of
+    from pipeline.trial.settings import TrialSettings
+
+    given = _pendulum(model) if model else None
+    guess = length_guess if length_guess is not None else given.value("length") if given else 0.328
+    settings = TrialSettings(
+        length_guess=guess, length=length, estimate=not no_estimation, hidden=parse_hidden(hidden or []), model=given,
+        seed=seed, out=out,
+    )  # fmt: skip
+    with phase_progress() as progress:
+        experiment = Experiment(settings, progress)
+        result = experiment.run()
+        progress("writing the report", 0.97)
+        report = out / "report.html"
+        report_of(experiment, result, command=shlex.join(["armdyn", *sys.argv[1:]])).write(report)
+        if picture:
+            progress("rendering the swing", 0.98)
+            _render(experiment, out)
+    if json_file is not None:
+        write_json(result.as_json(), json_file)
+    if json_file != Path("-"):
+        say = Console(highlight=False).print
+        if result.estimates:
+            say(
+                f"length  {result.length_estimate:.4f} m +/- {1e3 * result.length_std:.2f} mm  (true {length:g}, guess {guess:g})"
+            )
+        say(f"[bold {'green' if result.success else 'red'}]{result.message}[/]")
+        say(f"report {report}, recording {result.recording}")
+    if not result.success:
+        raise typer.Exit(1)
+
+
+def _pendulum(file: Path) -> "PendulumModel":
+    from armdyn.model_file import read_model
+
+    from armdyn.errors import InputError
+    from armdyn.pendulum.model import PendulumModel
+
+    model = read_model(file)
+    if not isinstance(model, PendulumModel):
+        raise InputError(f"{file}: a trial needs a pendulum; this is a model of base '{model.base}'")
+    return model
+
+
+def _render(experiment: "Experiment", out: Path) -> None:
+    from dataclasses import replace
+
+    from pipeline.robot.render import render_swing
+
+    history, started = experiment.robot.history(), experiment.task.started
+    if started is None:
+        return
+    during = history.time >= started
+    cut = replace(history, **{n: getattr(history, n)[during] for n in ("time", "q", "pivot", "load", "tension")})
+    for name in ("swing.png", "swing.gif"):
+        render_swing(experiment.description, experiment.plant, cut, out / name)
