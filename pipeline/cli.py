@@ -17,7 +17,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-COMMANDS = ("trial", "ik")
+COMMANDS = ("trial", "table", "ik")
 
 
 def _register() -> None:

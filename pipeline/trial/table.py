@@ -1,0 +1,141 @@
+"""The paper's Table I: nine guesses of the length, with and without estimation, over seeds."""
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from armdyn.errors import InputError
+from pipeline.trial.experiment import run_trial
+from pipeline.trial.settings import TrialSettings
+
+GUESSES = (0.308, 0.328, 0.348, 0.368, 0.388, 0.408, 0.428, 0.448, 0.468)
+"""m; of the paper, whose string is 0.368 m long."""
+PAPER_PATTERN = (0.368, 0.388)
+"""Guesses that succeed without estimation in the paper; with estimation all do."""
+
+
+@dataclass(frozen=True)
+class TableRow:
+    """One guess over all seeds.
+
+    Attributes:
+        length_guess: m.
+        without: whether each seed succeeded without estimation.
+        with_estimation: whether each succeeded with estimation.
+        length_estimates: m, one per seed.
+        length_stds: as reported, m.
+    """
+
+    length_guess: float
+    without: tuple[bool, ...]
+    with_estimation: tuple[bool, ...]
+    length_estimates: tuple[float, ...]
+    length_stds: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Table:
+    """Table I.
+
+    Attributes:
+        seeds: trials per guess and way.
+        length: the truth, m.
+        rows: by guess.
+    """
+
+    seeds: int
+    length: float
+    rows: tuple[TableRow, ...]
+
+    @property
+    def errors(self) -> np.ndarray:
+        """(n,) estimate minus truth of every trial with estimation, m."""
+        return np.array([e for row in self.rows for e in row.length_estimates]) - self.length
+
+    @property
+    def covered(self) -> float:
+        """Share of the trials whose truth is within three reported standard deviations."""
+        stds = np.array([s for row in self.rows for s in row.length_stds])
+        return float(np.mean(np.abs(self.errors) <= 3 * stds))
+
+    @property
+    def pattern(self) -> float:
+        """Share of the seeds that give the paper's whole column without estimation."""
+        wanted = [row.length_guess in PAPER_PATTERN for row in self.rows]
+        columns = zip(*(row.without for row in self.rows), strict=True)
+        return float(np.mean([list(column) == wanted for column in columns]))
+
+    def as_json(self) -> dict[str, Any]:
+        """The contract's ``armdyn.table/1``."""
+        return {
+            "schema": "armdyn.table/1",
+            "seeds": self.seeds,
+            "rows": [
+                {
+                    "length_guess": row.length_guess,
+                    "without": float(np.mean(row.without)),
+                    "with": float(np.mean(row.with_estimation)),
+                    "length_estimates": list(row.length_estimates),
+                }
+                for row in self.rows
+            ],
+            "mean": float(np.mean(self.errors)) + self.length,
+            "std": float(np.std(self.errors)),
+            "covered_by_3_std": self.covered,
+            "paper_pattern": self.pattern,
+        }
+
+
+def run_table(
+    seeds: int, first_seed: int = 0, progress: Callable[[int, int], None] | None = None, workers: int | None = None
+) -> Table:
+    """Run every guess with and without estimation for `seeds` seeds, in parallel processes.
+
+    Args:
+        seeds: trials per guess and way.
+        first_seed: the seeds are first_seed, first_seed + 1, ...
+        progress: called with the number of trials done and their total.
+        workers: processes; as many as there are cores when not given.
+
+    Raises:
+        InputError: fewer than one seed.
+    """
+    if seeds < 1:
+        raise InputError(f"{seeds} seeds: give at least 1")
+    settings = {
+        (guess, estimate, seed): TrialSettings(length_guess=guess, estimate=estimate, seed=seed)
+        for seed in range(first_seed, first_seed + seeds)
+        for guess in GUESSES
+        for estimate in (False, True)
+    }
+    outcomes: dict[tuple[float, bool, int], tuple[bool, float, float]] = {}
+    with ProcessPoolExecutor(workers or os.cpu_count()) as pool:
+        futures = {pool.submit(_outcome, s): key for key, s in settings.items()}
+        for future in as_completed(futures):
+            outcomes[futures[future]] = future.result()
+            if progress is not None:
+                progress(len(outcomes), len(settings))
+
+    def row(guess: float) -> TableRow:
+        without, learnt = (
+            [outcomes[guess, estimate, seed] for seed in range(first_seed, first_seed + seeds)]
+            for estimate in (False, True)
+        )
+        return TableRow(
+            guess,
+            tuple(success for success, _, _ in without),
+            tuple(success for success, _, _ in learnt),
+            tuple(value for _, value, _ in learnt),
+            tuple(std for _, _, std in learnt),
+        )
+
+    return Table(seeds, TrialSettings().length, tuple(row(guess) for guess in GUESSES))
+
+
+def _outcome(settings: TrialSettings) -> tuple[bool, float, float]:
+    result = run_trial(settings)
+    return result.success, result.length_estimate, result.length_std
