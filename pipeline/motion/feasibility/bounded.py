@@ -67,14 +67,28 @@ class Bounded:
         if np.isfinite(lower) and np.isfinite(upper):
             middle, half = (lower + upper) / 2.0, (upper - lower) / 2.0
             return abs(value - middle) / half if half > 0.0 else float(value != middle)
+        if not np.isfinite(lower) and not np.isfinite(upper):
+            return 0.0
         if np.isfinite(upper):
             return value / upper if upper > 0.0 else float(value > upper)
         # With a lower bound alone, using the limit up means coming down to it.
         return lower / value if value > max(lower, 0.0) else 1.0 + max(lower - value, 0.0)
 
+    @property
+    def is_two_sided(self) -> bool:
+        """Whether every value is bounded from below and above."""
+        return bool(np.all(np.isfinite(self.lower)) and np.all(np.isfinite(self.upper)))
+
+    def shares(self) -> NDArray[np.float64]:
+        """Shares of two-sided limits that are used, counted from the middle (n, k) [1]."""
+        middle, half = (self.lower + self.upper) / 2.0, (self.upper - self.lower) / 2.0
+        return np.abs(self.value - middle) / np.maximum(half, np.finfo(float).tiny)
+
     def closest(self) -> list[tuple[int, int]]:
-        """Sample and column where each column comes closest to a bound."""
-        return [(int(np.argmin(column)), k) for k, column in enumerate(self.margin.T)]
+        """Sample and column where each column comes closest to a bound; columns without bounds are left out."""
+        margin = self.margin
+        bounded = np.flatnonzero(np.isfinite(margin).any(axis=0))
+        return [(int(np.argmin(margin[:, k])), int(k)) for k in bounded]
 
     def violations(self) -> list[tuple[int, int]]:
         """Sample and column of the worst sample of every stretch beyond a bound."""

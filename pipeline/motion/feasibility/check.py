@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 import urdf
 from armdyn.errors import InputError
@@ -29,7 +29,7 @@ def check_line(
     trajectory: LineTrajectory,
     settings: CheckSettings | None = None,
     swing: Swing | None = None,
-    at: NDArray[np.float64] | None = None,
+    at: ArrayLike | None = None,
 ) -> FeasibilityReport:
     """Judge a motion along the line: that it stays on it, and what it asks of the joints.
 
@@ -65,7 +65,7 @@ def check_joints(
     settings: CheckSettings | None = None,
     line: urdf.Line | None = None,
     swing: Swing | None = None,
-    at: NDArray[np.float64] | None = None,
+    at: ArrayLike | None = None,
 ) -> FeasibilityReport:
     """Judge a motion of the joints.
 
@@ -115,13 +115,13 @@ def _judged(
     settings: CheckSettings,
     line: urdf.Line | None,
     swing: Swing | None,
-    at: NDArray[np.float64] | None,
+    at: ArrayLike | None,
 ) -> FeasibilityReport:
     if at is not None:
-        at = np.asarray(at, dtype=float)
-        if at.shape != (len(robot.joint_names),) or not np.all(np.isfinite(at)):
+        here = np.asarray(at, dtype=float)
+        if here.shape != (len(robot.joint_names),) or not np.all(np.isfinite(here)):
             raise InputError(f"where the arm is: give {len(robot.joint_names)} finite joint positions of {robot.name}")
-        series.append(start_series(robot, looks, at, settings))
+        series.append(start_series(robot, looks, here, settings))
     if settings.collision:
         series += collision_series(robot, looks, settings)
     if swing is not None and line is not None:

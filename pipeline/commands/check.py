@@ -1,0 +1,135 @@
+"""`armdyn check`: is a trajectory feasible on the arm; if not, which limit, which joint, when."""
+
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pipeline.commands.output import JsonOption, write_json
+
+if TYPE_CHECKING:
+    import urdf
+    from pipeline.motion.feasibility import FeasibilityReport, Obstacle
+
+SHOWN = 10
+"""Violations that are printed; the report and the JSON have them all."""
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(check)
+
+
+def check(
+    trajectory: Annotated[
+        Path, typer.Argument(help="CSV or recording: 'time [s]' and 'q.<joint> [rad]' per joint, or 's [m]'.")
+    ],
+    robot: Annotated[str, typer.Option(help="Name of the robot.")] = "baxter",
+    load_mass: Annotated[str, typer.Option(help="Mass that hangs from the tool, such as '80 g'.")] = "0 kg",
+    springs: Annotated[
+        bool | None,
+        typer.Option("--springs/--no-springs", help="Count the robot's gravity springs; its settings decide."),
+    ] = None,
+    box: Annotated[bool, typer.Option("--box/--no-box", help="Keep clear of the task's box and table.")] = True,
+    on_line: Annotated[bool, typer.Option("--on-line", help="The tool must stay on the robot's line.")] = False,
+    start: Annotated[
+        str | None, typer.Option(help="Where the arm is: joint positions in rad, separated by commas.")
+    ] = None,
+    report: Annotated[Path | None, typer.Option(help="Where to write a page with plots (HTML).")] = None,
+    json_file: JsonOption = None,
+) -> int:
+    """Say whether a trajectory is feasible on the arm: exit status 0 if it is, 1 if not."""
+    import urdf
+    from armdyn.errors import InputError
+    from ik import default_table
+    from pipeline.motion.feasibility import CheckSettings, check_joints, check_line
+    from pipeline.motion.feasibility.read import read_trajectory
+    from pipeline.motion.trajectory import LineTrajectory
+
+    mass = _mass(load_mass)
+    try:
+        arm = urdf.load(robot)
+        line = arm.given_line if on_line or box else None
+        if on_line and line is None:
+            raise InputError(f"--on-line: robot '{arm.name}' has no line")
+        motion = read_trajectory(trajectory, arm)
+        settings = CheckSettings(
+            load_mass=mass, springs=springs, obstacles=_obstacles(line) if box and line is not None else ()
+        )
+        at = _start(start, arm)
+        if isinstance(motion, LineTrajectory):
+            result = check_line(default_table(arm), arm, motion, settings, at=at)
+        else:
+            result = check_joints(arm, motion, settings, line=line if on_line else None, at=at)
+    except urdf.UrdfError as error:
+        raise InputError(str(error)) from error
+    if report is not None:
+        _write_report(result, trajectory, report)
+    if json_file is not None:
+        write_json(result.to_json(), json_file)
+    if json_file != Path("-"):
+        _print(result, report)
+    return 0 if result.feasible else 1
+
+
+def _mass(text: str) -> float:
+    from armdyn.errors import InputError
+    from armdyn.units import parse_quantity
+
+    try:
+        mass = parse_quantity(text, "kg").value
+    except InputError as error:
+        raise InputError(f"--load-mass: {error}") from error
+    if mass < 0.0:
+        raise InputError(f"--load-mass {text}: a mass is not negative")
+    return mass
+
+
+def _start(text: str | None, arm: "urdf.Robot") -> "list[float] | None":
+    from armdyn.errors import InputError
+
+    if text is None:
+        return None
+    try:
+        values = [float(cell) for cell in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) != len(arm.joint_names):
+        raise InputError(
+            f"--start {text}: give {len(arm.joint_names)} numbers in rad, for {', '.join(arm.joint_names)}"
+        )
+    return values
+
+
+def _obstacles(line: "urdf.Line") -> "tuple[Obstacle, ...]":
+    from pipeline.motion.feasibility import box_and_table
+    from pipeline.robot.settings import Box
+
+    box = Box()
+    return box_and_table(line, box.near_wall, box.width, box.depth, box.rim, box.height, box.wall)
+
+
+def _write_report(result: "FeasibilityReport", trajectory: Path, file: Path) -> None:
+    from pipeline.motion.feasibility.section import feasibility_page
+
+    command = shlex.join(["armdyn", *sys.argv[1:]])
+    feasibility_page(result, f"Feasibility of {trajectory.name}", command).write(file)
+
+
+def _print(result: "FeasibilityReport", report: Path | None) -> None:
+    typer.echo(result.sentence)
+    for violation in result.violations[:SHOWN]:
+        typer.echo(f"  {violation}")
+    if len(result.violations) > SHOWN:
+        typer.echo(f"  ... and {len(result.violations) - SHOWN} more")
+    worst: dict[str, tuple[float, str]] = {}
+    for margin in result.margins:
+        text = f"{margin.joint}: {margin.value:.4g} of {margin.bound:.4g} {margin.unit} at {margin.time:.3f} s"
+        worst[margin.limit] = max(worst.get(margin.limit, (-1.0, "")), (margin.used, text))
+    typer.echo("\nclosest to each limit")
+    for limit, (used, text) in worst.items():
+        typer.echo(f"  {limit.replace('_', ' '):18} {100 * used:4.0f} %  {text}")
+    if report is not None:
+        typer.echo(f"\nreport: {report}")
