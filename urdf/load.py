@@ -1,17 +1,21 @@
 """From a name or a path to a robot that can be trusted."""
 
+import difflib
 import hashlib
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import numpy as np
 import pinocchio as pin
 
-from urdf import validate
+from urdf import infer, validate
 from urdf.errors import UrdfError
 from urdf.find import distribution_file
-from urdf.mend import add_frames, mend_inertias
-from urdf.robot import Array, Limits, Robot
+from urdf.inertia import mend_inertias
+from urdf.mend import add_frames, bound_continuous_joints, leave_out_shapes
+from urdf.robot import Limits, Robot
 from urdf.settings import Settings, read_settings
 
 SETTINGS = Path(__file__).parent / "robots"
@@ -22,40 +26,111 @@ def known_robots() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in SETTINGS.glob("*.toml")))
 
 
-def load(name_or_path: str | Path = "baxter") -> Robot:
+def load(
+    name_or_path: str | Path = "baxter",
+    *,
+    joints: Sequence[str] | None = None,
+    tool: str | None = None,
+    meshes: bool = True,
+) -> Robot:
     """Find, validate and mend a robot, and reduce it to its arm.
 
     Args:
-        name_or_path: a known robot's name.
+        name_or_path: a known robot's name, a URDF file, or a settings file (``.toml``) that names its URDF.
+        joints: the arm's joints from base to tool; those of the settings, else the longest chain, if not given.
+        tool: the link that carries the tool; chosen likewise.
+        meshes: whether every mesh must be there; without it, shapes whose mesh is missing are left out and listed.
 
     Returns:
-        The robot; what was found wrong and mended is in its ``defects``.
+        The robot; what was found wrong and what was done about it is in its ``defects``.
 
     Raises:
         UrdfError: the description is unknown or cannot be used.
     """
-    name = str(name_or_path)
-    if name not in known_robots():
-        raise UrdfError(f"unknown robot '{name}': choose one of {', '.join(known_robots())}")
-    settings = read_settings(SETTINGS / f"{name}.toml")
-    path = distribution_file(settings.distribution, settings.urdf_file)
-    srdf = None if settings.srdf_file is None else distribution_file(settings.distribution, settings.srdf_file)
-    return _assemble(path, srdf, settings)
-
-
-def _assemble(path: Path, srdf: Path | None, settings: Settings) -> Robot:
+    name, path = str(name_or_path), Path(name_or_path)
+    if name in known_robots():
+        path = SETTINGS / f"{name}.toml"
+    elif path.suffix.lower() not in (".toml", ".urdf", ".xml") and not path.exists():
+        close = difflib.get_close_matches(name, known_robots(), n=1)
+        hint = f"did you mean '{close[0]}'?" if close else f"choose one of {', '.join(known_robots())}"
+        raise UrdfError(f"unknown robot '{name}': {hint} Or give the path of a URDF file")
+    if path.suffix.lower() == ".toml":
+        settings = read_settings(path)
+        urdf_path, srdf = _locate(settings, path)
+        if joints is not None or tool is not None:
+            settings = _narrowed(settings, joints, tool)
+        return _assemble(urdf_path, srdf, settings, meshes)
     root = validate.parse(path)
     validate.check_tree(root, path)
+    settings, said = infer.infer(root, path, None if joints is None else tuple(joints), tool)
+    return _assemble(path, None, settings, meshes, said)
+
+
+def _locate(settings: Settings, source: Path) -> tuple[Path, Path | None]:
+    """Files of the URDF and the SRDF that settings name: in a package, or beside the settings."""
+    files = [settings.urdf_file, settings.srdf_file]
+    if settings.distribution:
+        found = [None if file is None else distribution_file(settings.distribution, file) for file in files]
+    else:
+        found = [None if file is None else source.parent / file for file in files]
+    urdf_path, srdf = found
+    if urdf_path is None:
+        raise UrdfError(f"{source}: it names no URDF; add 'file' to [urdf]")
+    return urdf_path, srdf
+
+
+def _narrowed(settings: Settings, joints: Sequence[str] | None, tool: str | None) -> Settings:
+    """Settings for some of an arm's joints, or another tool; a line holds for neither."""
+    chosen = settings.joints if joints is None else tuple(joints)
+    text = f"{settings.text}\n{chosen} {tool}"
+    for name in chosen:
+        if name not in settings.joints:
+            raise UrdfError(
+                f"robot '{settings.name}': its arm has no joint '{name}'; choose among {', '.join(settings.joints)}"
+            )
+    index = [settings.joints.index(name) for name in chosen]
+    if tool is not None:
+        settings = replace(settings, tool_frame=tool, tool_offset=(0.0, 0.0, 0.0))
+    return replace(
+        settings,
+        text=text,
+        joints=chosen,
+        home=tuple(settings.home[i] for i in index),
+        acceleration=tuple(settings.acceleration[i] for i in index),
+        jerk=tuple(settings.jerk[i] for i in index),
+        springs=tuple(spring for spring in settings.springs if spring.joint in chosen),
+        line=None,
+    )
+
+
+def _assemble(
+    path: Path, srdf: Path | None, settings: Settings, meshes: bool = True, said: tuple[str, ...] = ()
+) -> Robot:
+    root = validate.parse(path)
+    validate.check_tree(root, path)
+    defects = [*validate.check_schema(path), *bound_continuous_joints(root, settings.joints)]
     validate.check_limits(root, path, settings.joints)
-    defects = validate.check_schema(path)
-    defects += mend_inertias(root)
+    directories, missing = validate.find_meshes(root, path)
+    if missing and meshes:
+        raise UrdfError(
+            f"{path}: mesh '{missing[0]}' is missing{f', and {len(missing) - 1} more' if missing[1:] else ''}; "
+            "install its package, set ROS_PACKAGE_PATH, or load the robot without its missing meshes"
+        )
+    defects += leave_out_shapes(root, missing)
+    try:
+        defects += mend_inertias(root, path, directories)
+    except UrdfError as error:
+        raise UrdfError(f"{path}: {error}") from error
     add_frames(root, settings.frames)
     digest = hashlib.sha256(ET.tostring(root)).hexdigest()
-    directories = validate.find_meshes(root, path)
+    validate.make_absolute(root, path)
     xml = ET.tostring(root, encoding="unicode")
     model = _reduced(xml, settings.joints, path)
     if not model.existFrame(settings.tool_frame):
-        raise UrdfError(f"{path}: there is no frame '{settings.tool_frame}'; choose the link that carries the tool")
+        raise UrdfError(f"{path}: there is no link '{settings.tool_frame}'; choose the link that carries the tool")
+    defects += _weightless(model)
+    limits = _limits(model, settings)
+    home = settings.home or infer.assumed_home(model, model.getFrameId(settings.tool_frame))
     return Robot(
         name=settings.name,
         urdf_path=path,
@@ -66,12 +141,12 @@ def _assemble(path: Path, srdf: Path | None, settings: Settings) -> Robot:
         model=model,
         tool_frame=settings.tool_frame,
         tool_offset=np.array(settings.tool_offset),
-        limits=_limits(model, settings),
-        home=np.array(settings.home),
+        limits=limits,
+        home=np.array(home),
         springs=settings.springs,
         collision_exclusions=settings.exclusions,
         limits_source=settings.limits_source,
-        defects=tuple(defects),
+        defects=(*said, *defects),
         fingerprint=hashlib.sha256(f"{digest}\n{settings.text}".encode()).hexdigest(),
         given_line=settings.line,
     )
@@ -79,7 +154,10 @@ def _assemble(path: Path, srdf: Path | None, settings: Settings) -> Robot:
 
 def _reduced(xml: str, joints: tuple[str, ...], path: Path) -> pin.Model:
     """Model of the arm alone, in the order of its joints from base to tool."""
-    full = pin.buildModelFromXML(xml)
+    try:
+        full = pin.buildModelFromXML(xml)
+    except (ValueError, RuntimeError) as error:
+        raise UrdfError(f"{path}: Pinocchio cannot read it ({error}); correct it") from error
     locked = [index for index in range(1, full.njoints) if full.names[index] not in joints]
     model = pin.buildReducedModel(full, locked, pin.neutral(full))
     if tuple(model.names[1:]) != joints:
@@ -88,15 +166,25 @@ def _reduced(xml: str, joints: tuple[str, ...], path: Path) -> pin.Model:
 
 
 def _limits(model: pin.Model, settings: Settings) -> Limits:
+    velocity = np.array(model.velocityLimit)
+    acceleration = np.array(settings.acceleration) if settings.acceleration else infer.assumed_acceleration(velocity)
     return Limits(
-        lower=_finite(model.lowerPositionLimit),
-        upper=_finite(model.upperPositionLimit),
-        velocity=np.array(model.velocityLimit),
-        acceleration=np.array(settings.acceleration),
-        jerk=np.array(settings.jerk),
+        lower=np.array(model.lowerPositionLimit),
+        upper=np.array(model.upperPositionLimit),
+        velocity=velocity,
+        acceleration=acceleration,
+        jerk=np.array(settings.jerk) if settings.jerk else infer.assumed_jerk(acceleration),
         effort=np.array(model.effortLimit),
     )
 
 
-def _finite(bounds: Array) -> Array:
-    return np.array(bounds, dtype=np.float64)
+def _weightless(model: pin.Model) -> list[str]:
+    """A sentence per joint that moves nothing: its acceleration under a torque has no answer."""
+    carried = [inertia.mass for inertia in model.inertias]
+    for joint in range(model.njoints - 1, 0, -1):
+        carried[model.parents[joint]] += carried[joint]
+    return [
+        f"joint '{model.names[joint]}' carries no mass; left as it is, so that its motion under a torque is undefined"
+        for joint in range(1, model.njoints)
+        if carried[joint] <= 0.0
+    ]

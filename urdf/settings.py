@@ -20,9 +20,9 @@ class Settings:
     Attributes:
         text: the file itself, part of the robot's fingerprint.
         name: short name of the robot.
-        distribution: Python package that carries the URDF.
-        urdf_file: last parts of the URDF's path in it.
-        srdf_file: last parts of the SRDF's path, if there is one.
+        distribution: Python package that carries the URDF; empty where the files lie beside the settings.
+        urdf_file: last parts of the URDF's path in it, or the path from the settings' directory.
+        srdf_file: the same of the SRDF, if there is one.
         joints: the arm's joints from base to tool.
         home: a posture, one number per joint [rad or m].
         tool_frame: frame that carries the tool.
@@ -86,7 +86,7 @@ def _from_content(text: str, content: dict[str, Any]) -> Settings:
     return Settings(
         text=text,
         name=str(content["name"]),
-        distribution=str(content["urdf"]["distribution"]),
+        distribution=str(content["urdf"].get("distribution", "")),
         urdf_file=str(content["urdf"]["file"]),
         srdf_file=content.get("collision", {}).get("srdf"),
         joints=tuple(map(str, content["arm"]["joints"])),

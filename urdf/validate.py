@@ -1,5 +1,6 @@
 """Whether a URDF describes one robot that can be used; a sentence per defect."""
 
+import math
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -70,8 +71,11 @@ def check_schema(path: Path) -> list[str]:
     """What yourdfpy finds wrong with the file: a sentence per defect, none of which stops the robot from being used."""
     import yourdfpy  # half a second, most of it for meshes that are not needed here
 
-    robot = yourdfpy.URDF.load(str(path), load_meshes=False, build_scene_graph=False)
-    robot.validate()
+    try:
+        robot = yourdfpy.URDF.load(str(path), load_meshes=False, build_scene_graph=False)
+        robot.validate()
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        return [f"yourdfpy cannot read it ({error!r}); left as it is"]
     return [f"yourdfpy: {error}; left as it is" for error in robot.errors]
 
 
@@ -93,27 +97,39 @@ def check_limits(root: ET.Element, path: Path, joints: tuple[str, ...]) -> None:
         missing = [key for key in needed if limit is None or limit.get(key) is None]
         if missing:
             raise UrdfError(f"{path}: joint '{name}' has no limit {', '.join(missing)}; add it to its <limit>")
+        values = {} if limit is None else {key: _number(limit, key, name, path) for key in needed}
         for key in ("effort", "velocity"):
-            if limit is not None and not float(limit.get(key, "0")) > 0:
-                raise UrdfError(f"{path}: joint '{name}' has {key} limit {limit.get(key)}; it must be positive")
+            if not values[key] > 0:
+                raise UrdfError(f"{path}: joint '{name}' has {key} limit {values[key]:g}; it must be positive")
+        if "lower" in values and not values["lower"] < values["upper"]:
+            raise UrdfError(
+                f"{path}: joint '{name}' has limits {values['lower']:g} to {values['upper']:g}; "
+                "the lower one must be the smaller"
+            )
 
 
-def find_meshes(root: ET.Element, path: Path) -> tuple[Path, ...]:
-    """The package directories of a URDF, after checking that every mesh is there.
+def _number(limit: ET.Element, key: str, joint: str, path: Path) -> float:
+    text = limit.get(key, "")
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise UrdfError(f"{path}: joint '{joint}' has {key}=\"{text}\"; it must be a finite number")
+    return value
 
-    Relative mesh names are made absolute in place, so that the text can be read from anywhere.
 
-    Raises:
-        UrdfError: a mesh is missing.
-    """
-    meshes = [mesh for mesh in root.iter("mesh") if mesh.get("filename")]
-    uris = [str(mesh.get("filename")) for mesh in meshes]
+def find_meshes(root: ET.Element, path: Path) -> tuple[tuple[Path, ...], tuple[str, ...]]:
+    """The package directories of a URDF, and the names of meshes that are not there."""
+    uris = dict.fromkeys(str(mesh.get("filename")) for mesh in root.iter("mesh") if mesh.get("filename"))
     names = {uri.removeprefix("package://").split("/")[0] for uri in uris if uri.startswith("package://")}
     directories = package_dirs(path, names)
-    for mesh, uri in zip(meshes, uris, strict=True):
-        file = locate_mesh(uri, path, directories)
-        if file is None:
-            raise UrdfError(f"{path}: mesh '{uri}' is missing; install its package or set ROS_PACKAGE_PATH")
-        if "://" not in uri:
-            mesh.set("filename", str(file))
-    return directories
+    return directories, tuple(uri for uri in uris if locate_mesh(uri, path, directories) is None)
+
+
+def make_absolute(root: ET.Element, path: Path) -> None:
+    """Write relative mesh names of a URDF in full, in place, so that its text can be read from anywhere."""
+    for mesh in root.iter("mesh"):
+        uri = str(mesh.get("filename", ""))
+        if uri and "://" not in uri:
+            mesh.set("filename", str((path.parent / uri).resolve()))

@@ -86,6 +86,14 @@ def test_a_missing_file_is_named(tmp_path) -> None:
             '<limit lower="-1" upper="1" effort="1" velocity="0"/>',
             "joint 'j' has velocity limit 0; it must be positive",
         ),
+        (
+            '<limit lower="1" upper="-1" effort="1" velocity="1"/>',
+            "joint 'j' has limits 1 to -1; the lower one must be the smaller",
+        ),
+        (
+            '<limit lower="-1" upper="1" effort="nan" velocity="1"/>',
+            "joint 'j' has effort=\"nan\"; it must be a finite",
+        ),
     ],
 )
 def test_a_joint_without_usable_limits_is_named(tmp_path, limit: str, sentence: str) -> None:
@@ -108,8 +116,7 @@ def test_a_missing_mesh_is_named(tmp_path, uri: str) -> None:
     path = tmp_path / "toy.urdf"
     shape = f'<link name="a"><visual><geometry><mesh filename="{uri}"/></geometry></visual></link>'
     path.write_text(robot(shape))
-    with pytest.raises(UrdfError, match=f"mesh '{uri}' is missing"):
-        validate.find_meshes(validate.parse(path), path)
+    assert validate.find_meshes(validate.parse(path), path) == ((), (uri,))
 
 
 @pytest.mark.parametrize("uri", ["package://toy/meshes/hand.stl", "../meshes/hand.stl"])
@@ -119,5 +126,12 @@ def test_a_mesh_beside_the_urdf_or_in_its_package_is_found(tmp_path, uri: str) -
     (tmp_path / "toy" / "meshes" / "hand.stl").write_bytes(b"solid")
     path = tmp_path / "toy" / "urdf" / "toy.urdf"
     path.write_text(robot(f'<link name="a"><visual><geometry><mesh filename="{uri}"/></geometry></visual></link>'))
-    directories = validate.find_meshes(validate.parse(path), path)
+    root = validate.parse(path)
+    directories, missing = validate.find_meshes(root, path)
+    assert missing == ()
     assert directories == ((tmp_path,) if uri.startswith("package") else ())
+    validate.make_absolute(root, path)
+    (mesh,) = root.iter("mesh")
+    assert mesh.get("filename").startswith("package://") or mesh.get("filename") == str(
+        tmp_path / "toy" / "meshes" / "hand.stl"
+    )

@@ -1,0 +1,149 @@
+"""Settings of a robot that nobody has written any for."""
+
+import math
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pinocchio as pin
+
+from urdf.errors import UrdfError
+from urdf.robot import Array
+from urdf.settings import Settings
+
+MOVING = ("revolute", "continuous", "prismatic")
+SPEED_UP = 0.1  # s from rest to full speed
+JERK_TIME = 0.02  # s from none to full acceleration
+SOURCE = (
+    "No settings file gives them: an assumption, that each joint reaches its full speed in 0.1 s and its full "
+    "acceleration in 20 ms."
+)
+TRIED = 2000  # random postures among which a home is chosen
+
+
+def infer(
+    root: ET.Element, path: Path, joints: tuple[str, ...] | None, tool: str | None
+) -> tuple[Settings, tuple[str, ...]]:
+    """Choose an arm and its tool.
+
+    The arm is the chain with most moving joints from the root; its tool is the last link of it.
+
+    Args:
+        root: the URDF, one tree.
+        path: its file.
+        joints: the arm's joints from base to tool; None to choose.
+        tool: the link that carries the tool; None to choose.
+
+    Returns:
+        The settings, without home and limits, and a sentence per choice.
+    """
+    moving = {
+        str(joint.get("name")): joint
+        for joint in root.findall("joint")
+        if joint.get("type") in MOVING and joint.find("mimic") is None
+    }
+    chains = _chains(root)
+    said: list[str] = []
+    if joints is None:
+        counted = [[name for name in chain if name in moving] for chain, _ in chains]
+        longest = max(counted, key=len)
+        joints = tuple(longest)
+        if len({tuple(names) for names in counted if len(names) == len(longest)}) > 1 or len(longest) < len(moving):
+            said.append(f"the arm was taken to be {', '.join(joints)}; name its joints to choose others")
+    for name in joints:
+        if name not in moving:
+            raise UrdfError(f"{path}: there is no moving joint '{name}'; choose among {', '.join(moving)}")
+    if tool is None:
+        tool = _tool(root, chains, joints, moving)
+        said.append(f"the tool was taken to be at link '{tool}'; name a link to choose another")
+    settings = Settings(
+        text=f"{path.name} {joints} {tool}",
+        name=path.stem,
+        distribution="",
+        urdf_file=str(path),
+        srdf_file=None,
+        joints=joints,
+        home=(),
+        tool_frame=tool,
+        tool_offset=(0.0, 0.0, 0.0),
+        frames=(),
+        acceleration=(),
+        jerk=(),
+        limits_source=SOURCE,
+        line=None,
+        springs=(),
+        exclusions=(),
+    )
+    return settings, tuple(said)
+
+
+def assumed_acceleration(velocity: Array) -> Array:
+    """Acceleration limits (n,) [rad/s^2 or m/s^2] for velocity limits (n,)."""
+    return velocity / SPEED_UP
+
+
+def assumed_jerk(acceleration: Array) -> Array:
+    """Jerk limits (n,) [rad/s^3 or m/s^3] for acceleration limits (n,)."""
+    return acceleration / JERK_TIME
+
+
+def assumed_home(model: pin.Model, tool_frame: int) -> Array:
+    """A posture (n,) far from joint limits and from singularities, the best of many random ones.
+
+    Args:
+        model: the arm alone.
+        tool_frame: index of the tool's frame.
+    """
+    lower, upper = np.array(model.lowerPositionLimit), np.array(model.upperPositionLimit)
+    lower, upper = np.maximum(lower, -math.pi), np.minimum(upper, math.pi)
+    data, rng = model.createData(), np.random.default_rng(0)
+    best, best_score = (lower + upper) / 2, -1.0
+    for q in rng.uniform(lower + 0.1 * (upper - lower), upper - 0.1 * (upper - lower), (TRIED, model.nq)):
+        jacobian = pin.computeFrameJacobian(model, data, q, tool_frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+        jacobian = jacobian.reshape(6, model.nv)  # Pinocchio drops the second axis of a single joint
+        # The smallest singular value that counts: an arm of few joints has only that many.
+        singular = float(np.linalg.svd(jacobian, compute_uv=False)[min(6, model.nv) - 1])
+        margin = float(np.min(np.minimum(q - lower, upper - q) / (upper - lower)))
+        if singular * margin > best_score:
+            best, best_score = q, singular * margin
+    return np.asarray(best, dtype=np.float64)
+
+
+def _chains(root: ET.Element) -> list[tuple[list[str], list[str]]]:
+    """Joint names and link names from the root to every leaf, in the order of the file."""
+    parent_of = {_end(joint, "child"): joint for joint in root.findall("joint")}
+    parents = {_end(joint, "parent") for joint in root.findall("joint")}
+    chains = []
+    for link in (str(link.get("name")) for link in root.findall("link")):
+        if link in parents:
+            continue
+        joints, links = [], [link]
+        while links[-1] in parent_of:
+            joint = parent_of[links[-1]]
+            joints.append(str(joint.get("name")))
+            links.append(_end(joint, "parent"))
+        chains.append((joints[::-1], links[::-1]))
+    return chains
+
+
+def _tool(
+    root: ET.Element, chains: list[tuple[list[str], list[str]]], joints: tuple[str, ...], moving: dict[str, ET.Element]
+) -> str:
+    """The last link that moves with the last of the joints and with no other."""
+    best: list[str] = []
+    for chain, links in chains:
+        if joints[-1] not in chain:
+            continue
+        start = chain.index(joints[-1])
+        end = next((i for i in range(start + 1, len(chain)) if chain[i] in moving), len(chain))
+        # links[i + 1] is what chain[i] carries.
+        if end - start > len(best):
+            best = links[start + 1 : end + 1]
+    if best:
+        return best[-1]
+    return next(_end(joint, "child") for joint in root.findall("joint") if joint.get("name") == joints[-1])
+
+
+def _end(joint: ET.Element, which: str) -> str:
+    element = joint.find(which)
+    return "" if element is None else str(element.get("link"))
