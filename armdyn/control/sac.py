@@ -209,7 +209,7 @@ def _functions(dynamics: Dynamics, name: str, steps: int, dt: float) -> tuple[Bu
     z, u, t = ca.SX.sym("z", EXTENDED), ca.SX.sym("u"), ca.SX.sym("t")
     theta, weights = ca.SX.sym("theta", parameters), ca.SX.sym("weights", len(SETTINGS))
     x, v, pendulum, psi = z[0], z[1], z[2 : 2 + STATE_SIZE], z[2 + STATE_SIZE :]
-    w = ca.vertcat(t, x, v, u)
+    w = ca.vertcat(t, x, v, u, ca.SX(3, 1))
     length = dynamics.names.index("length")
 
     def derivative(expression: ca.SX) -> ca.SX:

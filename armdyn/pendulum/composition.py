@@ -1,17 +1,18 @@
 """A load on a string with any effects, as the functions that every formulation is derived from.
 
-The effects are applied once, here, in the order in which nature applies them. What comes out is the
-Lagrangian in the load's Cartesian position, the forces, and the readings; the continuous equations
-(`dynamics`) and the variational integrator (`variational`) are both derived from these same functions, and the
-tension with them, so that no effect can enter one and be forgotten in another.
+The effects are applied once, here, in the order in which nature applies them: whatever the order in which they were
+added, the model is the same. What comes out is the Lagrangian in the load's Cartesian position, the forces, and the
+readings; the continuous equations (`dynamics`) and the variational integrator (`variational`) are both derived from
+these same functions, and the tension with them, so that no effect can enter one and be forgotten in another.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
 
-from armdyn.effects.effect import Effect
+from armdyn.effects.catalogue import CATALOGUE
+from armdyn.effects.effect import STAGES, Effect
 from armdyn.pendulum.physics import Expression, Gripper, Load, Sensor, String
 
 STANDARD_GRAVITY = 9.81
@@ -31,7 +32,12 @@ class Composition:
         energies: ``(t, position, velocity, gripper, gripper_velocity, phi, rate, theta) -> kinetic, potential`` J.
         forces: same arguments ``-> force (3,) N, torque () N m`` that no potential accounts for.
         readings: ``(t, tension, phi, rate, theta) -> force N, angle rad, rate rad/s``.
-        timing: ``theta -> lag, delay`` of the load cell, s.
+        timing: ``theta -> lag, delay of the load cell, lag of the gripper``, s.
+        compliance: ``theta -> (2,)`` of the string and of the gripper, m/N.
+        transverse: ``theta -> (3,)`` swing across the line at the start, see `physics.Load`.
+        yields: whether string or gripper give way to the tension.
+        crosses: whether the load swings across the line as well.
+        trails: whether the gripper trails its measured position.
     """
 
     names: tuple[str, ...]
@@ -41,6 +47,11 @@ class Composition:
     forces: ca.Function
     readings: ca.Function
     timing: ca.Function
+    compliance: ca.Function
+    transverse: ca.Function
+    yields: bool
+    crosses: bool
+    trails: bool
 
 
 def direction(phi: Expression) -> Expression:
@@ -48,8 +59,15 @@ def direction(phi: Expression) -> Expression:
     return ca.vertcat(-ca.sin(phi), 0, -ca.cos(phi))
 
 
+def natural_order(effects: Iterable[Effect]) -> tuple[Effect, ...]:
+    """Effects in the order in which nature applies them: by stage, then as the catalogue lists them, then by name."""
+    place = {name: i for i, name in enumerate(CATALOGUE)}
+    return tuple(sorted(effects, key=lambda e: (STAGES.index(e.acts_on), place.get(e.name, len(place)), e.name)))
+
+
 def compose(effects: Sequence[Effect]) -> Composition:
-    """Apply `effects`, each to its stage and in the order given, to the pendulum."""
+    """Apply `effects`, each to its stage and in their natural order, to the pendulum."""
+    effects = natural_order(effects)
     names = BASE_PARAMETERS + tuple(p.name for item in effects for p in item.parameters())
     theta = ca.SX.sym("theta", len(names))
     by_name = dict(zip(names, ca.vertsplit(theta), strict=True))
@@ -64,10 +82,10 @@ def compose(effects: Sequence[Effect]) -> Composition:
                 stage = item.apply(stage, by_name)
         return stage
 
-    gripper: Gripper = applied(Gripper(t, x, v, phi, ca.vertcat(x, 0, 0)), "gripper")
-    string: String = applied(String(t, phi, rate, mass, by_name["length"], none, none), "string")
-    load: Load = applied(Load(t, mass, q, qd, phi, rate, nothing, none), "load")
-    sensor: Sensor = applied(Sensor(t, tension, tension, phi, rate, none, none), "sensor")
+    gripper: Gripper = applied(Gripper(t, x, v, phi, ca.vertcat(x, 0, 0), none, none, none), "gripper")
+    string: String = applied(String(t, phi, rate, mass, by_name["length"], none, none, none), "string")
+    load: Load = applied(Load(t, mass, q, qd, phi, rate, nothing, none, nothing), "load")
+    sensor: Sensor = applied(Sensor(t, tension, phi, tension, phi, rate, none, none), "sensor")
 
     # A uniform string has the kinetic energy of a rod whose ends move as gripper and load do.
     kinetic = (
@@ -75,8 +93,10 @@ def compose(effects: Sequence[Effect]) -> Composition:
         + load.inertia * rate**2 / 2
         + string.mass * (ca.sumsqr(qd) + ca.sumsqr(gd) + ca.dot(qd, gd)) / 6
     )
-    potential = STANDARD_GRAVITY * (load.mass * q[2] + string.mass * (q[2] + g[2]) / 2)
+    up = ca.vertcat(-ca.sin(gripper.tilt), 0, ca.cos(gripper.tilt))
+    potential = STANDARD_GRAVITY * (load.mass * ca.dot(up, q) + string.mass * ca.dot(up, q + g) / 2)
     mechanics = [t, q, qd, g, gd, phi, rate, theta]
+    compliance = ca.vertcat(string.compliance, gripper.compliance)
     return Composition(
         names=names,
         attachment=ca.Function("attachment", [t, x, v, phi, theta], [gripper.position]),
@@ -84,5 +104,34 @@ def compose(effects: Sequence[Effect]) -> Composition:
         energies=ca.Function("energies", mechanics, [kinetic, potential]),
         forces=ca.Function("forces", mechanics, [load.force, string.torque]),
         readings=ca.Function("readings", [t, tension, phi, rate, theta], [sensor.force, sensor.angle, sensor.rate]),
-        timing=ca.Function("timing", [theta], [sensor.lag, sensor.delay]),
+        timing=ca.Function("timing", [theta], [sensor.lag, sensor.delay, gripper.lag]),
+        compliance=ca.Function("compliance", [theta], [ca.densify(compliance)]),
+        transverse=ca.Function("transverse", [theta], [ca.densify(load.transverse)]),
+        yields=not compliance.is_zero(),
+        crosses=not load.transverse.is_zero(),
+        trails=not gripper.lag.is_zero(),
+    )
+
+
+def quasi_static(composition: Composition) -> tuple[ca.Function, ca.Function]:
+    """Attachment and length of a composition whose lag and compliance are treated to first order, for planning.
+
+    The gripper trails by lag times velocity, and what yields does so under the weight's component along the string.
+
+    Returns:
+        ``(t, x, v, phi, theta) -> (3,)`` and ``(t, phi, theta) -> ()``, as in `Composition`.
+    """
+    if not (composition.yields or composition.trails):
+        return composition.attachment, composition.length
+    t, x, v, phi, theta = (ca.SX.sym(s) for s in ("t", "x", "v", "phi", "theta"))
+    theta = ca.SX.sym("theta", len(composition.names))
+    string, gripper = ca.vertsplit(composition.compliance(theta))
+    pull = STANDARD_GRAVITY * theta[composition.names.index("mass")] * ca.cos(phi)
+    _, _, lag = composition.timing(theta)
+    position = composition.attachment(t, x - lag * v, v, phi, theta)
+    position -= ca.vertcat(gripper * pull * ca.sin(phi), 0, 0)
+    length = composition.length(t, phi, theta) + string * pull
+    return (
+        ca.Function("attachment", [t, x, v, phi, theta], [position]),
+        ca.Function("length", [t, phi, theta], [length]),
     )

@@ -22,14 +22,17 @@ from armdyn.pendulum.composition import STANDARD_GRAVITY, Composition, direction
 from armdyn.pendulum.physics import Expression
 
 STATE_SIZE = 2
-INPUT_SIZE = 4
+INPUTS = ("t", "x", "v", "a", "z", "vz", "az")
+INPUT_SIZE = len(INPUTS)
 TensionFormula = Literal["exact", "printed"]
 OUTPUTS = ("load_force", "swing_angle", "swing_rate")
 
 
 @dataclass(frozen=True)
 class Dynamics:
-    """Functions of state s = (phi, P), input w = (t, x, v, a) and parameters theta.
+    """Functions of state s = (phi, P), input w = (t, x, v, a, z, vz, az) and parameters theta.
+
+    The gripper moves along its line with x, v, a and, where its height is measured, up and down with z, vz, az.
 
     Attributes:
         names: parameters in the order of theta.
@@ -65,7 +68,7 @@ def derive_dynamics(composition: Composition, tension_formula: TensionFormula = 
             a comparison can show how it fails; the equations of motion are right in both cases.
     """
     theta = ca.SX.sym("theta", len(composition.names))
-    t, x, v, a = (ca.SX.sym(s) for s in "txva")
+    t, x, v, a, z, vz, az = (ca.SX.sym(name) for name in INPUTS)
     phi, rate, momentum = ca.SX.sym("phi"), ca.SX.sym("rate"), ca.SX.sym("P")
     stretch, stretching = ca.SX.sym("d"), ca.SX.sym("dd")
 
@@ -75,12 +78,14 @@ def derive_dynamics(composition: Composition, tension_formula: TensionFormula = 
             ca.jtimes(expression, phi, rate)
             + ca.jtimes(expression, x, v)
             + ca.jtimes(expression, v, a)
+            + ca.jtimes(expression, z, vz)
+            + ca.jtimes(expression, vz, az)
             + ca.jtimes(expression, t, ca.SX(1))
             + ca.jtimes(expression, stretch, stretching)
         )
         return total if rate_of_rate is None else total + ca.jtimes(expression, rate, rate_of_rate)
 
-    g = composition.attachment(t, x, v, phi, theta)
+    g = composition.attachment(t, x, v, z, phi, theta)
     q = g + (composition.length(t, phi, theta) + stretch) * direction(phi)
     gd, qd = along_motion(g), along_motion(q)
     mechanics = (t, q, qd, g, gd, phi, rate, theta)
@@ -107,7 +112,7 @@ def derive_dynamics(composition: Composition, tension_formula: TensionFormula = 
         )
     reading = ca.vertcat(*composition.readings(t, tension, phi, rate, theta))
 
-    s, w = ca.vertcat(phi, momentum), ca.vertcat(t, x, v, a)
+    s, w = ca.vertcat(phi, momentum), ca.vertcat(t, x, v, a, z, vz, az)
     rate_of_state = (momentum - b) / M
 
     def function(name: str, expression: Expression) -> ca.Function:

@@ -1,4 +1,4 @@
-"""The gripper's path from noisy positions: smoothed with a known noise, differentiated without phase shift."""
+"""The gripper's path from noisy positions: smoothed by cross-validation, differentiated without phase shift."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -28,6 +28,7 @@ class GripperPath:
         x: (K,) m.
         v: (K,) m/s.
         a: (K,) m/s^2.
+        height: (3, K) z m, its velocity m/s and acceleration m/s^2; None for a level line.
     """
 
     start: float
@@ -35,23 +36,28 @@ class GripperPath:
     x: np.ndarray
     v: np.ndarray
     a: np.ndarray
+    height: np.ndarray | None = None
 
     @cached_property
     def inputs(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rows t, x, v, a at the nodes (4, K) and halfway between them (4, K-1), by quintic Hermite interpolation."""
+        """Rows t, x, v, a, z, vz, az at the nodes (7, K) and halfway between them (7, K-1)."""
         t = self.start + self.dt * np.arange(len(self.x))
-        nodes = np.vstack([t, self.x, self.v, self.a])
-        x0, x1, v0, v1, a0, a1 = self.x[:-1], self.x[1:], self.v[:-1], self.v[1:], self.a[:-1], self.a[1:]
-        h = self.dt
-        middle = np.vstack(
-            [
-                (t[:-1] + t[1:]) / 2,
-                (x0 + x1) / 2 + h * (v0 - v1) * 5 / 32 + h**2 * (a0 + a1) / 64,
-                15 / 8 * (x1 - x0) / h - 7 / 16 * (v0 + v1) + h * (a1 - a0) / 32,
-                3 / 2 * (v1 - v0) / h - (a0 + a1) / 4,
-            ]
-        )
-        return nodes, middle
+        along = np.vstack([self.x, self.v, self.a])
+        height = np.zeros_like(along) if self.height is None else self.height
+        between = (halfway(along, self.dt), np.zeros((3, len(t) - 1)) if self.height is None else halfway(height, self.dt))
+        return np.vstack([t, along, height]), np.vstack([(t[:-1] + t[1:]) / 2, *between])
+
+
+def halfway(motion: np.ndarray, dt: float) -> np.ndarray:
+    """(3, K-1) position, velocity and acceleration halfway between nodes (3, K), by quintic Hermite interpolation."""
+    (x0, v0, a0), (x1, v1, a1) = motion[:, :-1], motion[:, 1:]
+    return np.vstack(
+        [
+            (x0 + x1) / 2 + dt * (v0 - v1) * 5 / 32 + dt**2 * (a0 + a1) / 64,
+            15 / 8 * (x1 - x0) / dt - 7 / 16 * (v0 + v1) + dt * (a1 - a0) / 32,
+            3 / 2 * (v1 - v0) / dt - (a0 + a1) / 4,
+        ]
+    )
 
 
 def fixed_path(start: float, end: float, dt: float) -> GripperPath:

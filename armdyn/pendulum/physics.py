@@ -29,6 +29,7 @@ class Gripper:
         time: s since the start of the run.
         x: measured position along the line, m.
         v: its velocity, m/s.
+        z: measured height, m.
         angle: swing angle, rad.
         position: (3,) where the string is attached, m.
     """
@@ -36,12 +37,25 @@ class Gripper:
     time: Expression
     x: Expression
     v: Expression
+    z: Expression
     angle: Expression
     position: Expression
 
     def with_position(self, position: Expression) -> "Gripper":
         """Attach the string at another point, (3,) m."""
         return replace(self, position=position)
+
+    def with_lag(self, time_constant: Expression) -> "Gripper":
+        """Let the gripper trail its measured position, s."""
+        return replace(self, lag=self.lag + time_constant)
+
+    def with_compliance(self, compliance: Expression) -> "Gripper":
+        """Let the gripper give way along the line to the string's pull, m/N."""
+        return replace(self, compliance=self.compliance + compliance)
+
+    def with_tilt(self, angle: Expression) -> "Gripper":
+        """Turn gravity towards the positive end of the line, rad."""
+        return replace(self, tilt=self.tilt + angle)
 
 
 @dataclass(frozen=True)
@@ -56,6 +70,7 @@ class String:
         length: pivot to the load's centre, m.
         torque: sum of the torques about the pivot that act along the angle, N m.
         mass: of the string, uniform along its length, kg.
+        compliance: by how much it stretches, m/N.
     """
 
     time: Expression
@@ -65,6 +80,7 @@ class String:
     length: Expression
     torque: Expression
     mass: Expression
+    compliance: Expression
 
     def with_length(self, length: Expression) -> "String":
         """Another length, m; it may depend on time and angle."""
@@ -77,6 +93,10 @@ class String:
     def with_mass(self, mass: Expression) -> "String":
         """Add mass spread evenly along the string, kg."""
         return replace(self, mass=self.mass + mass)
+
+    def with_compliance(self, compliance: Expression) -> "String":
+        """Let the string stretch in proportion to its tension, m/N."""
+        return replace(self, compliance=self.compliance + compliance)
 
 
 @dataclass(frozen=True)
@@ -92,6 +112,8 @@ class Load:
         rate: rad/s.
         force: (3,) sum of the forces besides weight and string, N.
         inertia: about its own centre, turning with the string, kg m^2.
+        transverse: (3,) of the swing across the line at the start of the run: angle squared, angle times rate, rate
+            squared.
     """
 
     time: Expression
@@ -102,6 +124,7 @@ class Load:
     rate: Expression
     force: Expression
     inertia: Expression
+    transverse: Expression
 
     @property
     def speed(self) -> Expression:
@@ -116,6 +139,10 @@ class Load:
         """Add a moment of inertia about the load's centre, kg m^2."""
         return replace(self, inertia=self.inertia + inertia)
 
+    def with_transverse(self, square_angle: Expression, product: Expression, square_rate: Expression) -> "Load":
+        """Start the load with a swing across the line: second moments, rad^2, rad^2/s, rad^2/s^2."""
+        return replace(self, transverse=self.transverse + ca.vertcat(square_angle, product, square_rate))
+
 
 @dataclass(frozen=True)
 class Sensor:
@@ -124,6 +151,7 @@ class Sensor:
     Attributes:
         time: s since the start of the run.
         tension: of the string, N.
+        true_angle: of the string, rad.
         force: reading of the load cell, N.
         angle: reading of the angle sensor, rad.
         rate: reading of the rate sensor, rad/s.
@@ -133,6 +161,7 @@ class Sensor:
 
     time: Expression
     tension: Expression
+    true_angle: Expression
     force: Expression
     angle: Expression
     rate: Expression

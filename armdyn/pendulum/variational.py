@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from armdyn.pendulum.composition import Composition, direction
+from armdyn.pendulum.composition import Composition, direction, quasi_static
 from armdyn.pendulum.physics import Expression
 
 STATE_SIZE = 4
@@ -47,7 +47,10 @@ class VariationalStep:
 
 
 def derive_variational(composition: Composition) -> VariationalStep:
-    """The integrator and its exact first and second derivatives."""
+    """The integrator and its exact first and second derivatives.
+
+    Lag and compliance enter to first order (`quasi_static`); a swing across the line is left out.
+    """
     theta = ca.SX.sym("theta", len(composition.names))
     s, u, t, dt = ca.SX.sym("s", STATE_SIZE), ca.SX.sym("u"), ca.SX.sym("t"), ca.SX.sym("dt")
     following = ca.SX.sym("phi_next")
@@ -56,9 +59,10 @@ def derive_variational(composition: Composition) -> VariationalStep:
     x, v, phi, rate = ca.vertsplit(s)
     v_next = v + dt * u
     x_next = x + dt * v_next
+    attachment, string = quasi_static(composition)
 
     def node(time: Expression, position: Expression, velocity: Expression, angle: Expression) -> Expression:
-        g = composition.attachment(time, position, velocity, angle, theta)
+        g = composition.attachment(time, position, velocity, 0, angle, theta)
         return g, composition.length(time, angle, theta), angle
 
     def interval(first: Expression, second: Expression, time: Expression) -> tuple[Expression, Expression, Expression]:

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 import urdf
-from armdyn.pendulum.path import GrowingPath
-from armdyn.run import Channel, Run
+from armdyn.pendulum.model import GrowingRun
+from armdyn.pendulum.path import GripperPath, GrowingPath
+from armdyn.run import Channel
 from pipeline.loadcell.faults import FaultDetector
 from pipeline.nodes.line_sensor import LineSensor
 from pipeline.record import Recorder
@@ -77,10 +78,9 @@ class MeasurementNode:
         self._robot, self._recorder, self._detector, self._noise = robot, recorder, detector, noise
         self._sensor = LineSensor(description)
         self._joints = description.joint_names
-        self._gripper, self._force = _Series.empty(), _Series.empty()
+        self._gripper, self._height, self._force = _Series.empty(), _Series.empty(), _Series.empty()
         self._pulled_at: float | None = None
-        self._start, self._smoothed = robot.time, 0
-        self._path: GrowingPath | None = None
+        self.begin()
         self.load_hangs = True
         self.fault: str | None = None
         self.state: JointState = robot.joint_state()
@@ -92,6 +92,7 @@ class MeasurementNode:
         along, height = self._sensor.locate(state.q)
         self.gripper = along
         self._gripper.append(state.time, along)
+        self._height.append(state.time, height)
         record = self._recorder.record
         place = "" if self.load_hangs else "landing."
         record(f"{place}gripper_x", state.time, along)
@@ -115,18 +116,15 @@ class MeasurementNode:
 
     def begin(self) -> None:
         """The run for the estimator starts now, with the load at rest."""
-        self._start, self._path, self._smoothed = self._robot.time, None, 0
+        self._start, self._smoothed = self._robot.time, 0
+        self._path, self._rise = GrowingPath(self.period), GrowingPath(self.period)
 
-    def run(self) -> Run:
+    def run(self) -> GrowingRun:
         """What was measured since `begin`, the gripper's path smoothed; time counts from there."""
         force = self._force.since(self._start, "N")
         raw = self._gripper.since(self._start, "m")
-        if self._path is None:
-            self._path = GrowingPath(self.period)
-        x, v, a = self._path.extend(raw.value[self._smoothed :])
+        along = self._path.extend(raw.value[self._smoothed :])
+        height = self._rise.extend(self._height.since(self._start, "m").value[self._smoothed :])
         self._smoothed = len(raw.value)
-        path = {
-            name: Channel(raw.time, row, unit)
-            for name, row, unit in (("gripper_x", x, "m"), ("gripper_v", v, "m/s"), ("gripper_a", a, "m/s^2"))
-        }
-        return Run("trial", {**path, "load_force": force}, noise=self._noise)
+        path = GripperPath(float(raw.time[0]), self.period, *along, height)
+        return GrowingRun("trial", {"gripper_x": raw, "load_force": force}, noise=self._noise, path=path)

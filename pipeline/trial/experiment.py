@@ -186,7 +186,7 @@ class Experiment:
         model, here = self.estimator.model, self.drive.state
         path = run_path(self.measurement.run())
         state = model.rollout(path, model.theta(), channels=("load_force",)).states[-1]
-        now = np.array([self.robot.time, here.s, here.v, here.a])
+        now = np.array([self.robot.time, here.s, here.v, here.a, 0.0, 0.0, 0.0])
         rate = float(model.dynamics().rate(state, now, model.physics_theta()))
         return SwingState(here.s, here.v, float(state[0]), rate)
 
