@@ -1,5 +1,7 @@
 """Effects that act on the load."""
 
+import casadi as ca
+
 from armdyn.effects.effect import effect
 from armdyn.parameter import quantity
 from armdyn.pendulum.physics import Expression, Load
@@ -17,3 +19,67 @@ def linear_drag(
 ) -> Load:
     """F = -c v."""
     return load.with_force(-coefficient * load.velocity)
+
+
+@effect(
+    "quadratic_drag",
+    acts_on="load",
+    summary="Air drag growing with the square of the load's speed.",
+    source="Batchelor, An Introduction to Fluid Dynamics, 1967, §5.11",
+)
+def quadratic_drag(
+    load: Load,
+    coefficient: Expression = quantity("N s^2/m^2", typical=3e-3, lower=0.0, summary="force per squared speed"),
+) -> Load:
+    """F = -c |v| v."""
+    return load.with_force(-coefficient * load.speed * load.velocity)
+
+
+@effect(
+    "wind",
+    acts_on="load",
+    summary="A constant horizontal force on the load, along the line.",
+    source="drag of a steady stream much faster than the load: Batchelor 1967, §5.11",
+)
+def wind(
+    load: Load,
+    force: Expression = quantity("N", typical=5e-3, lower=-5.0, upper=5.0, summary="towards +"),
+) -> Load:
+    """F = (f, 0, 0)."""
+    return load.with_force(ca.vertcat(force, 0, 0))
+
+
+@effect(
+    "load_inertia",
+    acts_on="load",
+    summary="The load is no point: it turns with the string.",
+    source="physical pendulum: Goldstein, Classical Mechanics, 3rd ed., §5.3",
+)
+def load_inertia(
+    load: Load,
+    inertia: Expression = quantity("kg m^2", typical=2e-4, lower=0.0, upper=1.0, summary="about the load's centre"),
+) -> Load:
+    """Kinetic energy + I phi'^2 / 2."""
+    return load.with_inertia(inertia)
+
+
+@effect(
+    "out_of_plane_swing",
+    acts_on="load",
+    summary="The load also swings across the line, which the angle does not show but the tension does.",
+    source="spherical pendulum: Landau & Lifshitz, Mechanics, 3rd ed., §14; see armdyn.pendulum.transverse",
+)
+def out_of_plane_swing(
+    load: Load,
+    square_angle: Expression = quantity(
+        "rad^2", typical=2.5e-3, lower=0.0, upper=0.5, scope="per_run", summary="angle across, squared, at the start"
+    ),
+    square_rate: Expression = quantity(
+        "rad^2/s^2", typical=0.05, lower=0.0, upper=20.0, scope="per_run", summary="rate across, squared, at the start"
+    ),
+    product: Expression = quantity(
+        "rad^2/s", typical=0.01, lower=-5.0, upper=5.0, scope="per_run", summary="angle across times rate, at the start"
+    ),
+) -> Load:
+    """Squares, because an angle and its opposite give the same tension."""
+    return load.with_transverse(square_angle, product, square_rate)

@@ -1,8 +1,66 @@
-"""Effects that act on what is measured."""
+"""Effects that act on what is measured, in the order in which they act: mechanics of the cell, then its electronics."""
+
+import casadi as ca
 
 from armdyn.effects.effect import effect
 from armdyn.parameter import quantity
 from armdyn.pendulum.physics import Expression, Sensor
+
+
+@effect(
+    "vertical_sensing_axis",
+    acts_on="sensor",
+    summary="The load cell measures the vertical part of the string's pull instead of all of it.",
+    source="projection on the sensing axis: Doebelin, Measurement Systems, 5th ed., §5.3",
+)
+def vertical_sensing_axis(
+    sensor: Sensor,
+    share: Expression = quantity("1", typical=1.0, lower=0.0, upper=1.0, summary="1: vertical part only"),
+) -> Sensor:
+    """F = T (1 - w (1 - cos phi))."""
+    return sensor.with_force(sensor.force - share * sensor.tension * (1 - ca.cos(sensor.true_angle)))
+
+
+@effect(
+    "cross_axis_sensitivity",
+    acts_on="sensor",
+    summary="The load cell also feels a share of the string's pull along the line.",
+    source="cross-axis sensitivity: ISO 376; Doebelin, Measurement Systems, 5th ed., §5.3",
+)
+def cross_axis_sensitivity(
+    sensor: Sensor,
+    share: Expression = quantity("1", typical=0.02, lower=-1.0, upper=1.0, summary="reading per force along the line"),
+) -> Sensor:
+    """F = T + k T sin phi."""
+    return sensor.with_force(sensor.force + share * sensor.tension * ca.sin(sensor.true_angle))
+
+
+@effect(
+    "sensor_nonlinearity",
+    acts_on="sensor",
+    summary="The load cell's reading curves.",
+    source="second-order nonlinearity: Doebelin, Measurement Systems, 5th ed., §3.2",
+)
+def sensor_nonlinearity(
+    sensor: Sensor,
+    curvature: Expression = quantity("1/N", typical=0.02, lower=-10.0, upper=10.0, summary="of the characteristic"),
+) -> Sensor:
+    """F = T + k T^2."""
+    return sensor.with_force(sensor.force + curvature * sensor.force**2)
+
+
+@effect(
+    "sensor_gain",
+    acts_on="sensor",
+    summary="The load cell reads a constant share too much.",
+    source="scale error: JCGM 200 (VIM), §4.31",
+)
+def sensor_gain(
+    sensor: Sensor,
+    error: Expression = quantity("1", typical=0.03, lower=-0.9, upper=10.0, summary="share that is read too much"),
+) -> Sensor:
+    """F = (1 + g) T."""
+    return sensor.with_force((1 + error) * sensor.force)
 
 
 @effect(
@@ -20,6 +78,34 @@ def sensor_bias(
 
 
 @effect(
+    "sensor_drift",
+    acts_on="sensor",
+    summary="The load cell's zero moves at a constant rate.",
+    source="zero drift: JCGM 200 (VIM), §4.21",
+)
+def sensor_drift(
+    sensor: Sensor,
+    rate: Expression = quantity("N/s", typical=1e-3, summary="change of the reading at no load"),
+) -> Sensor:
+    """F = T + r t, t from the start of the run."""
+    return sensor.with_force(sensor.force + rate * sensor.time)
+
+
+@effect(
+    "sensor_lag",
+    acts_on="sensor",
+    summary="The load cell follows the force as a first-order lag.",
+    source="first-order instrument: Doebelin, Measurement Systems, 5th ed., §3.3",
+)
+def sensor_lag(
+    sensor: Sensor,
+    time: Expression = quantity("s", typical=0.02, lower=0.0, upper=1.0, summary="time constant"),
+) -> Sensor:
+    """Tau dF/dt + F = T."""
+    return sensor.with_lag(time)
+
+
+@effect(
     "sensor_delay",
     acts_on="sensor",
     summary="The load cell's samples arrive late by a constant time.",
@@ -31,3 +117,17 @@ def sensor_delay(
 ) -> Sensor:
     """F(t) = T(t - tau)."""
     return sensor.with_delay(time)
+
+
+@effect(
+    "angle_offset",
+    acts_on="sensor",
+    summary="The angle sensor's zero is off.",
+    source="offset error: JCGM 200 (VIM), §4.20",
+)
+def angle_offset(
+    sensor: Sensor,
+    angle: Expression = quantity("rad", typical=0.01, lower=-1.0, upper=1.0, summary="reading when hanging"),
+) -> Sensor:
+    """Reading = phi + a."""
+    return sensor.with_angle(sensor.angle + angle)

@@ -27,7 +27,7 @@ class Composition:
 
     Attributes:
         names: parameters in the order of theta.
-        attachment: ``(t, x, v, phi, theta) -> (3,)`` upper end of the string, m.
+        attachment: ``(t, x, v, z, phi, theta) -> (3,)`` upper end of the string, m.
         length: ``(t, phi, theta) -> ()`` m.
         energies: ``(t, position, velocity, gripper, gripper_velocity, phi, rate, theta) -> kinetic, potential`` J.
         forces: same arguments ``-> force (3,) N, torque () N m`` that no potential accounts for.
@@ -72,7 +72,7 @@ def compose(effects: Sequence[Effect]) -> Composition:
     theta = ca.SX.sym("theta", len(names))
     by_name = dict(zip(names, ca.vertsplit(theta), strict=True))
     mass = by_name["mass"]
-    t, x, v, phi, rate, tension = (ca.SX.sym(s) for s in ("t", "x", "v", "phi", "rate", "T"))
+    t, x, v, z, phi, rate, tension = (ca.SX.sym(s) for s in ("t", "x", "v", "z", "phi", "rate", "T"))
     q, qd, g, gd = (ca.SX.sym(s, 3) for s in ("q", "qd", "g", "gd"))
     none, nothing = ca.SX(0), ca.SX.zeros(3)
 
@@ -82,7 +82,7 @@ def compose(effects: Sequence[Effect]) -> Composition:
                 stage = item.apply(stage, by_name)
         return stage
 
-    gripper: Gripper = applied(Gripper(t, x, v, phi, ca.vertcat(x, 0, 0), none, none, none), "gripper")
+    gripper: Gripper = applied(Gripper(t, x, v, z, phi, ca.vertcat(x, 0, z), none, none, none), "gripper")
     string: String = applied(String(t, phi, rate, mass, by_name["length"], none, none, none), "string")
     load: Load = applied(Load(t, mass, q, qd, phi, rate, nothing, none, nothing), "load")
     sensor: Sensor = applied(Sensor(t, tension, phi, tension, phi, rate, none, none), "sensor")
@@ -99,7 +99,7 @@ def compose(effects: Sequence[Effect]) -> Composition:
     compliance = ca.vertcat(string.compliance, gripper.compliance)
     return Composition(
         names=names,
-        attachment=ca.Function("attachment", [t, x, v, phi, theta], [gripper.position]),
+        attachment=ca.Function("attachment", [t, x, v, z, phi, theta], [gripper.position]),
         length=ca.Function("length", [t, phi, theta], [string.length]),
         energies=ca.Function("energies", mechanics, [kinetic, potential]),
         forces=ca.Function("forces", mechanics, [load.force, string.torque]),
@@ -119,19 +119,19 @@ def quasi_static(composition: Composition) -> tuple[ca.Function, ca.Function]:
     The gripper trails by lag times velocity, and what yields does so under the weight's component along the string.
 
     Returns:
-        ``(t, x, v, phi, theta) -> (3,)`` and ``(t, phi, theta) -> ()``, as in `Composition`.
+        ``(t, x, v, z, phi, theta) -> (3,)`` and ``(t, phi, theta) -> ()``, as in `Composition`.
     """
     if not (composition.yields or composition.trails):
         return composition.attachment, composition.length
-    t, x, v, phi, theta = (ca.SX.sym(s) for s in ("t", "x", "v", "phi", "theta"))
+    t, x, v, z, phi = (ca.SX.sym(s) for s in ("t", "x", "v", "z", "phi"))
     theta = ca.SX.sym("theta", len(composition.names))
     string, gripper = ca.vertsplit(composition.compliance(theta))
     pull = STANDARD_GRAVITY * theta[composition.names.index("mass")] * ca.cos(phi)
     _, _, lag = composition.timing(theta)
-    position = composition.attachment(t, x - lag * v, v, phi, theta)
+    position = composition.attachment(t, x - lag * v, v, z, phi, theta)
     position -= ca.vertcat(gripper * pull * ca.sin(phi), 0, 0)
     length = composition.length(t, phi, theta) + string * pull
     return (
-        ca.Function("attachment", [t, x, v, phi, theta], [position]),
+        ca.Function("attachment", [t, x, v, z, phi, theta], [position]),
         ca.Function("length", [t, phi, theta], [length]),
     )

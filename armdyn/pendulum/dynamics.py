@@ -18,8 +18,10 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 
-from armdyn.pendulum.composition import STANDARD_GRAVITY, Composition, direction
+from armdyn.pendulum import transverse
+from armdyn.pendulum.composition import STANDARD_GRAVITY, Composition, direction, quasi_static
 from armdyn.pendulum.physics import Expression
+from armdyn.pendulum.yielding import slow_manifold
 
 STATE_SIZE = 2
 INPUTS = ("t", "x", "v", "a", "z", "vz", "az")
@@ -32,12 +34,16 @@ OUTPUTS = ("load_force", "swing_angle", "swing_rate")
 class Dynamics:
     """Functions of state s = (phi, P), input w = (t, x, v, a, z, vz, az) and parameters theta.
 
-    The gripper moves along its line with x, v, a and, where its height is measured, up and down with z, vz, az.
+    The gripper moves along its line with x, v, a and, where its height is measured, up and down with z, vz, az. Where the load also swings across the line, s ends in the three moments of `transverse`; where something yields, w
+    ends in the gripper's jerk and the output in an impulse, kg m/s, whose time derivative adds to the force.
 
     Attributes:
         names: parameters in the order of theta.
-        derivative: ``(s, w, theta) -> (2,)``.
-        output: ``(s, w, theta) -> (3,)`` load_force N, swing_angle rad, swing_rate rad/s.
+        states: size of s.
+        inputs: size of w.
+        yields: whether the output has a fourth row.
+        derivative: ``(s, w, theta) -> (states,)``.
+        output: ``(s, w, theta) -> (3,)`` load_force N, swing_angle rad, swing_rate rad/s, and the impulse.
         tension: ``(s, w, theta) -> ()`` N, before the sensor.
         initial: ``(phi, p, w, theta) -> s`` where p = P/M is the swing rate seen from rest in space:
             phi' = p + (v/l) cos(phi). A load at rest has p = 0 whatever the gripper does.
@@ -48,6 +54,9 @@ class Dynamics:
     """
 
     names: tuple[str, ...]
+    states: int
+    inputs: int
+    yields: bool
     derivative: ca.Function
     output: ca.Function
     tension: ca.Function
@@ -58,7 +67,9 @@ class Dynamics:
     timing: ca.Function
 
 
-def derive_dynamics(composition: Composition, tension_formula: TensionFormula = "exact") -> Dynamics:
+def derive_dynamics(
+    composition: Composition, tension_formula: TensionFormula = "exact", *, planar: bool = False
+) -> Dynamics:
     """Equations of motion, readings and tension of a composition.
 
     Args:
@@ -66,14 +77,20 @@ def derive_dynamics(composition: Composition, tension_formula: TensionFormula = 
         tension_formula: ``"exact"``, or ``"printed"`` for the formula in the paper,
             m g cos(phi) - m l phi'^2 - u sin(phi), which has two wrong signs and one mass missing. It is kept so that
             a comparison can show how it fails; the equations of motion are right in both cases.
+        planar: for control: two states, seven inputs; lag and compliance to first order, no swing across the line.
     """
+    yields, crosses = composition.yields and not planar, composition.crosses and not planar
+    attachment, string = quasi_static(composition) if planar else (composition.attachment, composition.length)
     theta = ca.SX.sym("theta", len(composition.names))
+    mass = theta[composition.names.index("mass")]
     t, x, v, a, z, vz, az = (ca.SX.sym(name) for name in INPUTS)
+    jerk = ca.SX.sym("jerk")
     phi, rate, momentum = ca.SX.sym("phi"), ca.SX.sym("rate"), ca.SX.sym("P")
-    stretch, stretching = ca.SX.sym("d"), ca.SX.sym("dd")
+    moments = ca.SX.sym("moments", transverse.MOMENTS)
+    stretch, stretching, give, giving = (ca.SX.sym(s) for s in ("d", "dd", "e", "de"))
 
     def along_motion(expression: Expression, rate_of_rate: Expression = None) -> Expression:
-        """Total time derivative."""
+        """Total time derivative, without the second derivatives of what yields."""
         total = (
             ca.jtimes(expression, phi, rate)
             + ca.jtimes(expression, x, v)
@@ -83,53 +100,97 @@ def derive_dynamics(composition: Composition, tension_formula: TensionFormula = 
             + ca.jtimes(expression, t, ca.SX(1))
             + ca.jtimes(expression, stretch, stretching)
         )
+        if yields:
+            total += ca.jtimes(expression, give, giving)
         return total if rate_of_rate is None else total + ca.jtimes(expression, rate, rate_of_rate)
 
-    g = composition.attachment(t, x, v, z, phi, theta)
-    q = g + (composition.length(t, phi, theta) + stretch) * direction(phi)
+    g = attachment(t, x, v, z, phi, theta)
+    if yields:
+        g += ca.vertcat(give, 0, 0)
+    length = string(t, phi, theta)
+    q = g + (length + stretch) * direction(phi)
     gd, qd = along_motion(g), along_motion(q)
     mechanics = (t, q, qd, g, gd, phi, rate, theta)
     kinetic, potential = composition.energies(*mechanics)
     lagrangian = kinetic - potential
     force, torque = composition.forces(*mechanics)
 
-    def at_rest_length(expression: Expression) -> Expression:
+    def on_string(expression: Expression) -> Expression:
+        """At the string's length: rigid, or still to be filled in where it yields or is seen askew."""
+        if yields or crosses:
+            return expression
         return ca.substitute(expression, ca.vertcat(stretch, stretching), ca.SX.zeros(2))
 
-    P = at_rest_length(ca.gradient(lagrangian, rate))
+    P = on_string(ca.gradient(lagrangian, rate))
     M = _without_needless(ca.jacobian(P, rate), phi)
     b = ca.substitute(P, rate, ca.SX(0))
-    P_dot = at_rest_length(ca.gradient(lagrangian, phi) + ca.dot(ca.jacobian(q, phi), force)) + at_rest_length(torque)
+    P_dot = on_string(ca.gradient(lagrangian, phi) + ca.dot(ca.jacobian(q, phi), force)) + on_string(torque)
     rate_of_rate = (P_dot - along_motion(M) * rate - along_motion(b)) / M
-    radial = _without_needless(at_rest_length(ca.gradient(lagrangian, stretching)), rate)
-    tension = at_rest_length(ca.gradient(lagrangian, stretch) + ca.dot(ca.jacobian(q, stretch), force)) - along_motion(
+    radial = _without_needless(on_string(ca.gradient(lagrangian, stretching)), rate)
+    in_plane = on_string(ca.gradient(lagrangian, stretch) + ca.dot(ca.jacobian(q, stretch), force)) - along_motion(
         radial, rate_of_rate
     )
-    if tension_formula == "printed":
-        mass = theta[composition.names.index("mass")]
-        tension = (
-            mass * STANDARD_GRAVITY * ca.cos(phi) - mass * composition.length(t, phi, theta) * rate**2 - a * ca.sin(phi)
-        )
-    reading = ca.vertcat(*composition.readings(t, tension, phi, rate, theta))
-
-    s, w = ca.vertcat(phi, momentum), ca.vertcat(t, x, v, a, z, vz, az)
     rate_of_state = (momentum - b) / M
 
+    s, w = [phi, momentum], [t, x, v, a, z, vz, az]
+    displaced = {stretch: ca.SX(0), stretching: ca.SX(0), give: ca.SX(0), giving: ca.SX(0)}
+    extra, tension, impulse = ca.SX(0, 1), in_plane, ca.SX(0, 1)
+    if yields:
+        w.append(jerk)
+        rigid = ca.substitute([rate_of_state], list(displaced), list(displaced.values()))[0]
+        slow = slow_manifold(composition, phi, rigid, a, jerk, theta)
+        displaced = {stretch: slow.stretch, stretching: slow.stretching, give: slow.give, giving: slow.giving}
+        tension, impulse = tension + slow.correction, slow.impulse
+    if crosses:
+        s.append(moments)
+        extra, tension = transverse.tensions(moments, tension, mass, length)
+        across = transverse.shortening(moments, length)
+        displaced[stretch] += across.stretch
+        displaced[stretching] += across.stretching
+    if tension_formula == "printed":
+        tension = mass * STANDARD_GRAVITY * ca.cos(phi) - mass * length * rate**2 - a * ca.sin(phi)
+    reading = ca.vertcat(*composition.readings(t, tension, phi, rate, theta), impulse)
+
+    state, given = ca.vertcat(*s), ca.vertcat(*w)
+
+    def filled_in(expression: Expression) -> Expression:
+        expression = ca.substitute(expression, rate, rate_of_state)
+        return ca.substitute([expression], list(displaced), list(displaced.values()))[0]
+
     def function(name: str, expression: Expression) -> ca.Function:
-        return ca.Function(name, [s, w, theta], [ca.substitute(expression, rate, rate_of_state)])
+        return ca.Function(name, [state, given, theta], [filled_in(expression)])
 
     p = ca.SX.sym("p")
+    start = [phi, filled_in(M) * p]
+    if crosses:
+        start.append(composition.transverse(theta) * length**2)
+        start[1] = ca.substitute(start[1], moments, start[2])
     return Dynamics(
         names=composition.names,
-        derivative=function("derivative", ca.vertcat(rate, P_dot)),
+        states=state.numel(),
+        inputs=given.numel(),
+        yields=yields,
+        derivative=function("derivative", ca.vertcat(rate, P_dot, extra)),
         output=function("output", reading),
         tension=function("tension", tension),
-        initial=ca.Function("initial", [phi, p, w, theta], [ca.vertcat(phi, M * p)]),
+        initial=_initial(phi, p, momentum, given, theta, start),
         rate=function("rate", rate),
-        energy=function("energy", at_rest_length(kinetic + potential)),
-        load_position=function("load_position", at_rest_length(q)),
+        energy=function("energy", on_string(kinetic + potential)),
+        load_position=function("load_position", on_string(q)),
         timing=composition.timing,
     )
+
+
+def _initial(
+    phi: Expression, p: Expression, momentum: Expression, w: Expression, theta: Expression, start: list[Expression]
+) -> ca.Function:
+    """State from angle and p. Where the inertia depends on the tension, and so on the momentum, one step of fixed-point
+    iteration from the inertia at the given p is exact to second order in the compliance."""
+    state = ca.vertcat(*start)
+    if ca.depends_on(state, momentum):
+        rigid = ca.substitute(state[1], momentum, ca.SX(0))
+        state = ca.substitute(state, momentum, rigid)
+    return ca.Function("initial", [phi, p, w, theta], [state])
 
 
 def _without_needless(expression: Expression, variable: Expression) -> Expression:

@@ -12,12 +12,13 @@ from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
 from armdyn.model import Model, Prediction
 from armdyn.parameter import Parameter
-from armdyn.pendulum.composition import compose
+from armdyn.pendulum.composition import compose, natural_order
 from armdyn.pendulum.dynamics import OUTPUTS, Dynamics, TensionFormula, derive_dynamics
 from armdyn.pendulum.path import GripperPath, fixed_path, grid_size, smoothed_path
 from armdyn.pendulum.physics import Expression
 from armdyn.pendulum.readout import lagged, sampled
 from armdyn.pendulum.simulate import Rollout, Simulator
+from armdyn.pendulum.trailing import TrailingPath
 from armdyn.pendulum.variational import VariationalStep, derive_variational
 from armdyn.run import Run
 
@@ -46,25 +47,29 @@ class PendulumModel(Model):
     @property
     def formulation(self) -> str:
         """Identifier of the equations: two models that share it differ in numbers only."""
-        return "_".join([self.tension, *(e.name for e in self.effects)])
+        return "_".join([self.tension, *(e.name for e in natural_order(self.effects))])
 
     def physics_theta(self) -> np.ndarray:
         """(p,) present values in the order of `physics_names`."""
         return np.array([self.parameters[name].value for name in self.physics_names])
 
     def dynamics(self) -> Dynamics:
-        """Continuous equations, for simulation and for sequential action control."""
-        return self._formulation.dynamics
+        """Continuous equations with two states and four inputs, for sequential action control."""
+        return _planar(natural_order(self.effects), self.tension)
 
     def variational(self) -> VariationalStep:
         """Discrete variational equations, for planning."""
-        return _variational(self.effects)
+        return _variational(natural_order(self.effects))
 
     def rollout(self, path: GripperPath, theta: np.ndarray, channels: tuple[str, ...] = OUTPUTS) -> Rollout:
         """Simulate `channels` along a gripper path; `theta` (p,) in the order of `names`."""
         values = dict(zip(self.names, theta, strict=True))
         physics = np.array([values[name] for name in self.physics_names])
-        simulator = _simulator(self._formulation.dynamics, self.formulation, channels)
+        formulation = self._formulation
+        simulator = _simulator(formulation.dynamics, self.formulation, channels, formulation.trails)
+        if formulation.trails:
+            lag = float(formulation.timing(physics)[0][2])
+            return simulator.rollout(TrailingPath(path, lag), physics, values["initial_angle"], values["initial_rate"])
         return simulator.rollout(path, physics, values["initial_angle"], values["initial_rate"])
 
     def predicted_channels(self, run: Run) -> tuple[str, ...]:
@@ -103,7 +108,7 @@ class PendulumModel(Model):
         if not (lags or delays):
             return sampled(signal, (time - path.start) / path.dt)[0]
         timing, derivative = (np.asarray(a) for a in self._formulation.timing(physics))
-        lag, delay = timing.ravel()
+        lag, delay, _ = timing.ravel()
         if lags:
             signal, per_lag = lagged(signal, float(lag), path.dt)
             for column in lags:
@@ -115,7 +120,7 @@ class PendulumModel(Model):
 
     @property
     def _formulation(self) -> "_Formulation":
-        return _formulation(self.effects, self.tension)
+        return _formulation(natural_order(self.effects), self.tension)
 
 
 @dataclass(frozen=True)
@@ -127,11 +132,13 @@ class _Formulation:
     timing: ca.Function
     lags: tuple[int, ...]
     delays: tuple[int, ...]
+    trails: bool
 
 
 @lru_cache(maxsize=64)
 def _formulation(effects: tuple[Effect, ...], tension: TensionFormula) -> _Formulation:
-    dynamics = derive_dynamics(compose(effects), tension)
+    composition = compose(effects)
+    dynamics = derive_dynamics(composition, tension)
     theta = ca.SX.sym("theta", len(dynamics.names))
     timing = ca.vertcat(*dynamics.timing(theta))
     derivative = ca.densify(ca.jacobian(timing, theta))
@@ -141,6 +148,7 @@ def _formulation(effects: tuple[Effect, ...], tension: TensionFormula) -> _Formu
         timing=ca.Function("timing", [theta], [ca.densify(timing), derivative]),
         lags=_dependent(timing[0], theta),
         delays=_dependent(timing[1], theta),
+        trails=composition.trails,
     )
 
 
@@ -149,8 +157,13 @@ def _dependent(expression: Expression, theta: Expression) -> tuple[int, ...]:
 
 
 @lru_cache(maxsize=64)
-def _simulator(dynamics: Dynamics, name: str, channels: tuple[str, ...]) -> Simulator:
-    return Simulator(dynamics, name, channels)
+def _simulator(dynamics: Dynamics, name: str, channels: tuple[str, ...], trails: bool) -> Simulator:
+    return Simulator(dynamics, name, channels, trails=trails)
+
+
+@lru_cache(maxsize=64)
+def _planar(effects: tuple[Effect, ...], tension: TensionFormula) -> Dynamics:
+    return derive_dynamics(compose(effects), tension, planar=True)
 
 
 @lru_cache(maxsize=64)

@@ -40,12 +40,26 @@ class GripperPath:
 
     @cached_property
     def inputs(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rows t, x, v, a, z, vz, az at the nodes (7, K) and halfway between them (7, K-1)."""
-        t = self.start + self.dt * np.arange(len(self.x))
+        """Rows t since the start, x, v, a, z, vz, az at the nodes (7, K) and halfway between them (7, K-1)."""
+        t = self.dt * np.arange(len(self.x))
         along = np.vstack([self.x, self.v, self.a])
         height = np.zeros_like(along) if self.height is None else self.height
-        between = (halfway(along, self.dt), np.zeros((3, len(t) - 1)) if self.height is None else halfway(height, self.dt))
+        between = (
+            halfway(along, self.dt),
+            np.zeros((3, len(t) - 1)) if self.height is None else halfway(height, self.dt),
+        )
         return np.vstack([t, along, height]), np.vstack([(t[:-1] + t[1:]) / 2, *between])
+
+    @cached_property
+    def jerk(self) -> tuple[np.ndarray, np.ndarray]:
+        """Jerk along the line at the nodes (1, K) and halfway between them (1, K-1), m/s^3."""
+        return jerk(self.a, self.dt)
+
+
+def jerk(a: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Rate of an acceleration (K,) at its nodes (1, K) and halfway between them (1, K-1)."""
+    rate = differentiated(a, dt)[0] if len(a) >= 5 else np.gradient(a, dt)
+    return rate[None], (rate[None, :-1] + rate[None, 1:]) / 2
 
 
 def halfway(motion: np.ndarray, dt: float) -> np.ndarray:

@@ -32,6 +32,9 @@ class Gripper:
         z: measured height, m.
         angle: swing angle, rad.
         position: (3,) where the string is attached, m.
+        lag: first-order time constant with which the real gripper trails the measured one, s.
+        compliance: by how much it gives way along the line, m/N.
+        tilt: of the line against the horizontal, rad; positive lets gravity pull towards +.
     """
 
     time: Expression
@@ -40,6 +43,9 @@ class Gripper:
     z: Expression
     angle: Expression
     position: Expression
+    lag: Expression
+    compliance: Expression
+    tilt: Expression
 
     def with_position(self, position: Expression) -> "Gripper":
         """Attach the string at another point, (3,) m."""

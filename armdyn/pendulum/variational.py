@@ -62,8 +62,7 @@ def derive_variational(composition: Composition) -> VariationalStep:
     attachment, string = quasi_static(composition)
 
     def node(time: Expression, position: Expression, velocity: Expression, angle: Expression) -> Expression:
-        g = composition.attachment(time, position, velocity, 0, angle, theta)
-        return g, composition.length(time, angle, theta), angle
+        return attachment(time, position, velocity, 0, angle, theta), string(time, angle, theta), angle
 
     def interval(first: Expression, second: Expression, time: Expression) -> tuple[Expression, Expression, Expression]:
         """Discrete Lagrangian, and midpoint position and angle with the force and torque that act there."""

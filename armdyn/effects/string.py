@@ -1,0 +1,78 @@
+"""Effects that act on the string and on its upper end."""
+
+from armdyn.effects.effect import effect
+from armdyn.parameter import quantity
+from armdyn.pendulum.physics import Expression, String, smooth_sign
+
+STANDSTILL = 0.02
+"""rad/s; dry friction changes its sign over about this swing rate."""
+
+
+@effect(
+    "pivot_viscous_friction",
+    acts_on="string",
+    summary="A torque at the upper end against the swing, in proportion to its rate.",
+    source="Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica 30(7), 1994, §2",
+)
+def pivot_viscous_friction(
+    string: String,
+    coefficient: Expression = quantity("N m s/rad", typical=1e-3, lower=0.0, summary="torque per rate"),
+) -> String:
+    """M = -c phi'."""
+    return string.with_torque(-coefficient * string.rate)
+
+
+@effect(
+    "pivot_coulomb_friction",
+    acts_on="string",
+    summary="A torque of constant size at the upper end, against the swing.",
+    source="Coulomb 1785; Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica 30(7), 1994, §2",
+)
+def pivot_coulomb_friction(
+    string: String,
+    torque: Expression = quantity("N m", typical=1e-3, lower=0.0, summary="size of the torque"),
+) -> String:
+    """M = -c tanh(phi'/w)."""
+    return string.with_torque(-torque * smooth_sign(string.rate, STANDSTILL))
+
+
+@effect(
+    "string_elasticity",
+    acts_on="string",
+    summary="The string stretches in proportion to its tension.",
+    source="Hooke 1678; followed on its slow manifold, see armdyn.pendulum.yielding",
+)
+def string_elasticity(
+    string: String,
+    compliance: Expression = quantity("m/N", typical=2e-3, lower=0.0, upper=0.1, summary="stretch per tension"),
+) -> String:
+    """l = l0 + c T."""
+    return string.with_compliance(compliance)
+
+
+@effect(
+    "string_mass",
+    acts_on="string",
+    summary="The string has mass, spread evenly along it.",
+    source="physical pendulum: Goldstein, Classical Mechanics, 3rd ed., §5.3",
+)
+def string_mass(
+    string: String,
+    mass: Expression = quantity("kg", typical=5e-3, lower=0.0, upper=50.0, summary="of the whole string"),
+) -> String:
+    """A rod between gripper and load."""
+    return string.with_mass(mass)
+
+
+@effect(
+    "string_creep",
+    acts_on="string",
+    summary="The string grows longer at a constant rate.",
+    source="secondary creep: Findley, Lai & Onaran, Creep and Relaxation, 1976, §2",
+)
+def string_creep(
+    string: String,
+    rate: Expression = quantity("m/s", typical=1e-4, lower=-0.01, upper=0.01, summary="growth of the length"),
+) -> String:
+    """l = l0 + r t, t from the start of the run."""
+    return string.with_length(string.length + rate * string.time)

@@ -1,0 +1,48 @@
+r"""The swing across the line, by its second moments.
+
+With y the load's displacement across the line, Y = y^2, Z = y y', W = y'^2 obey
+
+    Y' = 2 Z,      Z' = W - kappa Y,      W' = -2 kappa Z,      kappa = N / (m rho),
+
+where rho = sqrt(l^2 - Y) is the string seen along y and N its pull in the plane of the line. Y, Z, W start at given
+values; they enter rho and the tension exactly, and unlike y itself they have a slope at zero, so that a small swing
+across shows in a score test.
+
+    N = (N0 + m W/rho + m Z^2/rho^3) / (1 + Y/rho^2),      T = N l/rho,      N0 = N without rho''.
+
+(Landau & Lifshitz, Mechanics, 3rd ed., §14, for the spherical pendulum.)
+"""
+
+from typing import NamedTuple
+
+import casadi as ca
+
+from armdyn.pendulum.physics import Expression
+
+MOMENTS = 3
+
+
+class Across(NamedTuple):
+    """Shortening of the string seen along y: stretch m, and stretching m/s."""
+
+    stretch: Expression
+    stretching: Expression
+
+
+def shortening(moments: Expression, length: Expression) -> Across:
+    """What (Y, Z, W) take from the string's length in the plane of the line."""
+    square, product, _ = ca.vertsplit(moments)
+    visible = ca.sqrt(length**2 - square)
+    return Across(-square / (length + visible), -product / visible)
+
+
+def tensions(
+    moments: Expression, in_plane: Expression, mass: Expression, length: Expression
+) -> tuple[Expression, Expression]:
+    """Rates (3,) of the moments and tension T, from N0."""
+    square, product, square_rate = ca.vertsplit(moments)
+    visible = length + shortening(moments, length).stretch
+    pull = (in_plane + mass * square_rate / visible + mass * product**2 / visible**3) / (1 + square / visible**2)
+    stiffness = pull / (mass * visible)
+    rates = ca.vertcat(2 * product, square_rate - stiffness * square, -2 * stiffness * product)
+    return rates, pull * (length / visible)

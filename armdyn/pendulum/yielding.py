@@ -1,0 +1,63 @@
+r"""What gives way to the tension, string or gripper, followed on its slow manifold.
+
+A compliant string or gripper oscillates far above the swing (13 Hz against 0.8 Hz for 2 mm/N and 80 g). Between these
+oscillations it follows the tension T0 of the rigid pendulum:
+
+    sigma = c_s T0 along the string,      delta = -c_g T0 sin(phi) along the line,
+    T0 = m (g cos phi + l phi'^2 + u sin phi),      dT0/dt = m (-3 g phi' sin phi + 3 u phi' cos phi + u' sin phi).
+
+The displacement and its rate enter the equations of motion; its acceleration enters the tension alone,
+
+    T = T_rigid + m (sin phi delta'' - sigma''),
+
+where it is the derivative of a signal on the grid. At zero compliance all of it vanishes, and so does every error of
+second order in it (Kevorkian & Cole, Multiple Scale and Singular Perturbation Methods, 1996, §4.1).
+"""
+
+from typing import NamedTuple
+
+import casadi as ca
+
+from armdyn.pendulum.composition import STANDARD_GRAVITY, Composition
+from armdyn.pendulum.physics import Expression
+
+
+class Yielding(NamedTuple):
+    """Displacements as expressions of angle, rate, gripper acceleration and jerk.
+
+    Attributes:
+        stretch: sigma, m.
+        stretching: m/s.
+        give: delta, m.
+        giving: m/s.
+        impulse: kg m/s; its time derivative belongs to the tension.
+        correction: N; belongs to the tension as it is.
+    """
+
+    stretch: Expression
+    stretching: Expression
+    give: Expression
+    giving: Expression
+    impulse: Expression
+    correction: Expression
+
+
+def slow_manifold(
+    composition: Composition, phi: Expression, rate: Expression, a: Expression, jerk: Expression, theta: Expression
+) -> Yielding:
+    """Displacements of string and gripper; see the head of this file."""
+    string, gripper = ca.vertsplit(composition.compliance(theta))
+    length, mass = (theta[composition.names.index(name)] for name in ("length", "mass"))
+    sin, cos = ca.sin(phi), ca.cos(phi)
+    tension = mass * (STANDARD_GRAVITY * cos + length * rate**2 + a * sin)
+    tension_rate = mass * (3 * rate * (a * cos - STANDARD_GRAVITY * sin) + jerk * sin)
+    stretching = string * tension_rate
+    giving = -gripper * (tension_rate * sin + tension * cos * rate)
+    return Yielding(
+        stretch=string * tension,
+        stretching=stretching,
+        give=-gripper * tension * sin,
+        giving=giving,
+        impulse=mass * (sin * giving - stretching),
+        correction=-mass * cos * rate * giving,
+    )
