@@ -1,15 +1,25 @@
-"""From a line in space to a saved table of postures: inverse kinematics on SE(3) and Jacobians."""
+"""From a path in space to a saved table of postures: inverse kinematics on SE(3) and Jacobians."""
 
-from ik.build import build_line_table, default_table
+from ik.build import build_line_table, build_path_table, default_table
 from ik.errors import StaleTableError, UnreachableError
-from ik.table import JointMotion, LineTable, Posture
+from ik.path import CirclePath, LinePath, Path
+from ik.pathfile import read_path
+from ik.spline import SplinePath
+from ik.table import JointMotion, LineTable, PathTable, Posture
 
 __all__ = [
+    "CirclePath",
     "JointMotion",
+    "LinePath",
     "LineTable",
+    "Path",
+    "PathTable",
     "Posture",
+    "SplinePath",
     "StaleTableError",
     "UnreachableError",
     "build_line_table",
+    "build_path_table",
     "default_table",
+    "read_path",
 ]

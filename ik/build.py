@@ -1,7 +1,8 @@
-"""From a robot and its line to the table."""
+"""From a robot and a path to the table."""
 
 from collections.abc import Callable
-from pathlib import Path
+from pathlib import Path as File
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,17 +13,21 @@ from armdyn.errors import InputError
 from ik.branch import Branch
 from ik.chain import Chain
 from ik.errors import UnreachableError
-from ik.path import LinePath
+from ik.path import LinePath, Path
+from ik.pathfile import UNASKED
 from ik.plan import plan_branch
 from ik.reach import survey
 from ik.selfmotion import Wish
-from ik.table import FORMAT, LineTable
+from ik.table import LineTable, PathTable
+from ik.tablefile import FORMAT
+from ik.torque import TorqueRows
 from urdf import CollisionModel, Line, Robot
 
 Array = NDArray[np.float64]
 
 SPACING = 0.0005  # m between nodes: fourth-order differences of the nodes then agree with q' to 1e-9
-SURVEYED = 86  # targets looked at when a line cannot be followed
+SURVEYED = 86  # targets looked at when a path cannot be followed
+POSE = 6  # equations that hold a tool in place
 Progress = Callable[[str], None]
 
 
@@ -39,36 +44,69 @@ def build_line_table(
 
     Raises:
         UnreachableError: a target on the line cannot be reached; the message says which, how far off and why.
+        InputError: the arm has too few joints to hold a tool.
     """
     line = line or robot.line
+    return LineTable(**_content(robot, LinePath(line), Wish(line.core, line.core_speed), spacing, progress))
+
+
+def build_path_table(robot: Robot, path: Path, spacing: float = SPACING, progress: Progress | None = None) -> PathTable:
+    """Plan the branch along any smooth path in SE(3) and solve it at every node; a line gives a `LineTable`.
+
+    Args:
+        robot: the arm.
+        path: where the tool moves.
+        spacing: distance between nodes [m].
+        progress: told what is being done.
+
+    Raises:
+        UnreachableError: a target on the path cannot be reached; the message says which, how far off and why.
+        InputError: the arm has too few joints to hold a tool.
+    """
+    if isinstance(path, LinePath):
+        return build_line_table(robot, path.line, spacing, progress)
+    # Nothing in particular is asked of any stretch of it: as fast as it can be made all along.
+    wish = Wish((path.s_min, path.s_max), UNASKED)
+    return PathTable(**_content(robot, path, wish, spacing, progress))
+
+
+def _content(robot: Robot, path: Path, wish: Wish, spacing: float, progress: Progress | None) -> dict[str, Any]:
+    """Everything that a table holds."""
     say = progress or (lambda _: None)
-    chain, path = Chain.of(robot), LinePath(line)
+    chain = Chain.of(robot)
+    if chain.joints < POSE:
+        raise InputError(
+            f"robot '{robot.name}': {chain.joints} joints cannot hold a tool in place and orientation; "
+            "choose an arm of at least six"
+        )
     say("planning the branch")
-    branch, coarse, guess = _plan(robot, chain, path, Wish(line.core, line.core_speed))
+    branch, coarse, guess = _plan(robot, chain, path, wish)
     say("solving the nodes")
-    s = np.linspace(line.s_min, line.s_max, max(8, round((line.s_max - line.s_min) / spacing)) + 1)
+    s = np.linspace(path.s_min, path.s_max, max(8, round((path.s_max - path.s_min) / spacing)) + 1)
     solution = branch.solve(chain, path, s, CubicSpline(coarse, guess)(s))
-    margin = robot.limits.margin(solution.q)
     rate, bending, jacobian = branch.derivatives(chain, path, s, solution.q)
-    return LineTable(
-        robot_name=robot.name,
-        joint_names=robot.joint_names,
-        tool_frame=robot.tool_frame,
-        tool_offset=robot.tool_offset,
-        s=s,
-        q=solution.q,
-        dq_ds=rate,
-        d2q_ds2=bending,
-        jacobian=jacobian,
-        velocity_limits=robot.limits.velocity,
-        acceleration_limits=robot.limits.acceleration,
-        joint_margin=float(margin.min()),
-        line=line,
-        fingerprint=robot.fingerprint,
-    )
+    return {
+        "robot_name": robot.name,
+        "joint_names": robot.joint_names,
+        "tool_frame": robot.tool_frame,
+        "tool_offset": robot.tool_offset,
+        "path": path,
+        "s": s,
+        "q": solution.q,
+        "dq_ds": rate,
+        "d2q_ds2": bending,
+        "jacobian": jacobian,
+        "lower": robot.limits.lower,
+        "upper": robot.limits.upper,
+        "velocity_limits": robot.limits.velocity,
+        "acceleration_limits": robot.limits.acceleration,
+        "effort_limits": robot.limits.effort,
+        "torque": TorqueRows.of(robot, solution.q, rate, bending),
+        "fingerprint": robot.fingerprint,
+    }
 
 
-def _plan(robot: Robot, chain: Chain, path: LinePath, wish: Wish) -> tuple[Branch, Array, Array]:
+def _plan(robot: Robot, chain: Chain, path: Path, wish: Wish) -> tuple[Branch, Array, Array]:
     """The best branch within the limits that touches nothing, or the reason why there is none."""
     collisions = CollisionModel(robot)
 
@@ -89,13 +127,13 @@ def _plan(robot: Robot, chain: Chain, path: LinePath, wish: Wish) -> tuple[Branc
     misses = survey(robot, path, np.linspace(path.s_min, path.s_max, SURVEYED), collisions)
     if misses:
         raise UnreachableError(
-            f"robot '{robot.name}': {len(misses)} of {SURVEYED} targets on the line cannot be held; "
-            f"{misses[0].sentence}; move or shorten the line",
+            f"robot '{robot.name}': {len(misses)} of {SURVEYED} targets on the path cannot be held; "
+            f"{misses[0].sentence}; move or shorten the path",
             misses,
         )
     raise UnreachableError(
-        f"robot '{robot.name}': every target on the line can be held, but not on one smooth course: {why}; "
-        "move or shorten the line, or choose another home posture"
+        f"robot '{robot.name}': every target on the path can be held, but not on one smooth course: {why}; "
+        "move or shorten the path, or choose another home posture"
     )
 
 
@@ -113,7 +151,7 @@ def _objection(robot: Robot, collisions: CollisionModel, s: Array, q: Array) -> 
     return ""
 
 
-def default_path(robot: Robot) -> Path:
+def default_path(robot: Robot) -> File:
     """Where the table of a robot's own line is kept."""
     return cache_directory() / f"{robot.name}-{robot.fingerprint[:16]}-{FORMAT}.npz"
 

@@ -1,28 +1,40 @@
-"""The saved table of a line: postures, their derivatives, Jacobians and limits, with exact lookup between nodes."""
+"""The table of a path: postures, their derivatives, Jacobians and limits, with exact lookup between nodes."""
 
-import hashlib
-import json
-import zipfile
-from dataclasses import dataclass, field, fields
-from pathlib import Path
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path as File
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armdyn.errors import InputError
-from ik.errors import StaleTableError
-from urdf import Line, Robot, UrdfError
+from ik.path import LinePath, Path
+from ik.torque import TorqueRows
+from urdf import Line, Robot
 from urdf.robot import read_only
 
 Array = NDArray[np.float64]
 
-FORMAT = 2  # raise it when a change of the code makes other tables out of the same robot
 LOOKUP_SLACK = 1e-9  # m beyond the ends that rounding may ask for
+
+ARRAYS = (
+    "tool_offset",
+    "s",
+    "q",
+    "dq_ds",
+    "d2q_ds2",
+    "jacobian",
+    "lower",
+    "upper",
+    "velocity_limits",
+    "acceleration_limits",
+    "effort_limits",
+)
 
 
 class Posture(NamedTuple):
-    """Joint positions at a line coordinate and their derivatives by it; (n,) for a scalar s, (k, n) for k of them."""
+    """Joint positions at a path coordinate and their derivatives by it; (n,) for a scalar s, (k, n) for k of them."""
 
     q: Array  # rad or m
     dq_ds: Array  # rad/m
@@ -30,7 +42,7 @@ class Posture(NamedTuple):
 
 
 class JointMotion(NamedTuple):
-    """What the joints do while the tool moves on the line; (n,) or (k, n)."""
+    """What the joints do while the tool moves on the path; (n,) or (k, n)."""
 
     q: Array  # rad or m
     v: Array  # rad/s
@@ -38,46 +50,58 @@ class JointMotion(NamedTuple):
 
 
 @dataclass(frozen=True)
-class LineTable:
-    """One smooth branch of postures along a line; k evenly spaced nodes, n joints.
+class PathTable:
+    """One smooth branch of postures along a path; k evenly spaced nodes, n joints.
 
     Attributes:
         robot_name: whose joints these are.
         joint_names: from base to tool.
         tool_frame: frame that carries the tool.
-        tool_offset: tool point in that frame, (3,) [m]; it is this point that moves on the line.
+        tool_offset: tool point in that frame, (3,) [m]; it is this point that moves on the path.
+        path: where the tool moves.
         s: nodes, (k,) [m].
         q: postures, (k, n) [rad or m].
         dq_ds: their first derivatives, (k, n) [rad/m].
         d2q_ds2: their second derivatives, (k, n) [rad/m^2].
         jacobian: of the tool point in base axes, linear rows first, (k, 6, n).
+        lower: position limits of the joints, (n,) [rad or m].
+        upper: the same, (n,).
         velocity_limits: of the joints, (n,) [rad/s].
         acceleration_limits: of the joints, (n,) [rad/s^2].
-        joint_margin: smallest distance of any joint to its position limits over the line [rad or m].
-        line: where the tool point moves.
+        effort_limits: of the joints, (n,) [N m].
+        torque: what motion takes from the joints' torques at the nodes.
         fingerprint: of the robot and its settings.
+        joint_margin: smallest distance of any joint to its position limits over the path [rad or m].
+        speed_limit: largest speed at each node, (k,) [m/s].
+        acceleration_limit: largest acceleration at each node at that speed, (k,) [m/s^2].
     """
 
     robot_name: str
     joint_names: tuple[str, ...]
     tool_frame: str
     tool_offset: Array
+    path: Path
     s: Array
     q: Array
     dq_ds: Array
     d2q_ds2: Array
     jacobian: Array
+    lower: Array
+    upper: Array
     velocity_limits: Array
     acceleration_limits: Array
-    joint_margin: float
-    line: Line
+    effort_limits: Array
+    torque: TorqueRows
     fingerprint: str
-    speed_limit: Array = field(init=False)  # (k,) [m/s]
-    acceleration_limit: Array = field(init=False)  # (k,) [m/s^2]
+    joint_margin: float = field(init=False)
+    speed_limit: Array = field(init=False)
+    acceleration_limit: Array = field(init=False)
 
     def __post_init__(self) -> None:
         for name in ARRAYS:
             object.__setattr__(self, name, read_only(getattr(self, name)))
+        margin = min(float((self.q - self.lower).min()), float((self.upper - self.q).min()))
+        object.__setattr__(self, "joint_margin", margin)
         object.__setattr__(self, "speed_limit", read_only(self._speed(self.dq_ds)))
         object.__setattr__(
             self, "acceleration_limit", read_only(self._acceleration(self.dq_ds, self.d2q_ds2, self.speed_limit))
@@ -87,17 +111,13 @@ class LineTable:
         """Postures between nodes by quintic Hermite interpolation, which meets q, q' and q'' at every node.
 
         Args:
-            s: line coordinates [m], a scalar or (k,).
+            s: path coordinates [m], a scalar or (k,).
 
         Raises:
             InputError: a coordinate is not on the table.
         """
-        at = np.asarray(s, dtype=np.float64)
+        at = self._on_table(s)
         first, last = self.s[0], self.s[-1]
-        if not np.all((at >= first - LOOKUP_SLACK) & (at <= last + LOOKUP_SLACK)):
-            flat = at.ravel()
-            wrong = flat[~((flat >= first - LOOKUP_SLACK) & (flat <= last + LOOKUP_SLACK))][0]
-            raise InputError(f"line coordinate {wrong:g} m is not on the table, which covers {first:g} to {last:g} m")
         width = (last - first) / (len(self.s) - 1)
         node = np.clip(((at - first) / width).astype(int), 0, len(self.s) - 2)
         t = ((at - self.s[node]) / width)[..., None]
@@ -118,10 +138,10 @@ class LineTable:
         )
 
     def joint_motion(self, s: ArrayLike, v: ArrayLike, a: ArrayLike) -> JointMotion:
-        """Joint positions, velocities q' v and accelerations q' a + q'' v^2 for a motion on the line.
+        """Joint positions, velocities q' v and accelerations q' a + q'' v^2 for a motion on the path.
 
         Args:
-            s: line coordinate [m], a scalar or (k,).
+            s: path coordinate [m], a scalar or (k,).
             v: its velocity [m/s], of the same shape.
             a: its acceleration [m/s^2], of the same shape.
         """
@@ -130,19 +150,70 @@ class LineTable:
         return JointMotion(posture.q, posture.dq_ds * speed, posture.dq_ds * acceleration + posture.d2q_ds2 * speed**2)
 
     def speed_limit_at(self, s: ArrayLike) -> Array:
-        """Largest speed on the line [m/s] that every joint can follow, of the shape of s."""
+        """Largest speed on the path [m/s] that every joint can follow, of the shape of s."""
         return self._speed(self.posture(s).dq_ds)
 
     def acceleration_limit_at(self, s: ArrayLike, v: ArrayLike | None = None) -> Array:
-        """Largest acceleration on the line [m/s^2] that every joint can follow, of the shape of s.
+        """Largest acceleration on the path [m/s^2] that every joint can follow, of the shape of s; torques apart.
 
         Args:
-            s: line coordinates [m].
+            s: path coordinates [m].
             v: speed there [m/s]; without it the largest speed, which leaves the least for acceleration.
         """
         posture = self.posture(s)
         speed = self._speed(posture.dq_ds) if v is None else np.asarray(v, dtype=np.float64)
         return self._acceleration(posture.dq_ds, posture.d2q_ds2, speed)
+
+    def torque_at(self, s: ArrayLike, v: ArrayLike, a: ArrayLike, springs: bool = False) -> Array:
+        """Torque of the motors [N m] for a motion on the path without load, (n,) or (k, n).
+
+        Args:
+            s: path coordinate [m], a scalar or (k,).
+            v: its velocity [m/s], of the same shape.
+            a: its acceleration [m/s^2], of the same shape.
+            springs: whether the robot's springs help.
+        """
+        return self.torque.at(self.s, self._on_table(s)).torque(v, a, springs)
+
+    def torque_acceleration_range(self, s: ArrayLike, v: ArrayLike = 0.0, springs: bool = False) -> tuple[Array, Array]:
+        """Lowest and highest acceleration on the path [m/s^2] within the torque limits, each of the shape of s.
+
+        Args:
+            s: path coordinates [m].
+            v: speed there [m/s], a scalar or of the same shape.
+            springs: whether the robot's springs help.
+        """
+        return self.torque.at(self.s, self._on_table(s)).acceleration_range(self.effort_limits, v, springs)
+
+    @cached_property
+    def margin(self) -> Array:
+        """Distance of each joint to its nearer position limit at the nodes, (k, n) [rad or m]."""
+        return read_only(np.minimum(self.q - self.lower, self.upper - self.q))
+
+    @cached_property
+    def manipulability(self) -> Array:
+        """Yoshikawa's sqrt(det(J J^T)) at the nodes for shifting [m^3] and turning [1] the tool, (k, 2); 0 if singular.
+
+        Source: Yoshikawa 1985, The International Journal of Robotics Research 4(2).
+        """
+        parts = [self.jacobian[:, rows] for rows in (slice(0, 3), slice(3, 6))]
+        measures = [np.linalg.det(part @ part.transpose(0, 2, 1)) for part in parts]
+        return read_only(np.sqrt(np.maximum(0.0, np.stack(measures, axis=1))))
+
+    @cached_property
+    def torque_share(self) -> Array:
+        """Largest share of a torque limit that holding still takes at the nodes, without and with springs, (k, 2)."""
+        shares = [np.abs(self.torque.torque(0.0, 0.0, springs)) / self.effort_limits for springs in (False, True)]
+        return read_only(np.stack([share.max(axis=1) for share in shares], axis=1))
+
+    def _on_table(self, s: ArrayLike) -> Array:
+        at = np.asarray(s, dtype=np.float64)
+        first, last = self.s[0], self.s[-1]
+        if not np.all((at >= first - LOOKUP_SLACK) & (at <= last + LOOKUP_SLACK)):
+            flat = at.ravel()
+            wrong = flat[~((flat >= first - LOOKUP_SLACK) & (flat <= last + LOOKUP_SLACK))][0]
+            raise InputError(f"line coordinate {wrong:g} m is not on the table, which covers {first:g} to {last:g} m")
+        return at
 
     def _speed(self, dq_ds: Array) -> Array:
         return 1.0 / np.max(np.abs(dq_ds) / self.velocity_limits, axis=-1)
@@ -151,31 +222,14 @@ class LineTable:
         left = np.maximum(0.0, self.acceleration_limits - np.abs(d2q_ds2) * np.square(speed)[..., None])
         return np.min(left / np.maximum(np.abs(dq_ds), 1e-12), axis=-1)
 
-    def save(self, path: str | Path) -> None:
+    def save(self, path: str | File) -> None:
         """Write the table as an npz file; an interrupted write leaves no broken file behind."""
-        target = Path(path)
-        arrays = {name: getattr(self, name) for name in ARRAYS}
-        line = {item.name: np.asarray(getattr(self.line, item.name)).tolist() for item in fields(Line)}
-        about = {
-            "format": FORMAT,
-            "robot": self.robot_name,
-            "joints": self.joint_names,
-            "tool_frame": self.tool_frame,
-            "joint_margin": self.joint_margin,
-            "line": line,
-            "fingerprint": self.fingerprint,
-            "digest": _digest(arrays),
-        }
-        unfinished = target.with_name(f".{target.name}.part")
-        try:
-            with unfinished.open("wb") as file:
-                np.savez(file, about=np.array(json.dumps(about)), **arrays)
-            unfinished.replace(target)
-        except OSError as error:
-            raise InputError(f"{target}: cannot be written ({error.strerror}); choose another file") from error
+        from ik.tablefile import save
+
+        save(self, File(path))
 
     @classmethod
-    def load(cls, path: str | Path, robot: Robot | None = None) -> "LineTable":
+    def load(cls, path: str | File, robot: Robot | None = None) -> Self:
         """Read a table.
 
         Args:
@@ -184,57 +238,20 @@ class LineTable:
 
         Raises:
             InputError: there is no such file.
-            StaleTableError: it is damaged, of another robot, or of other settings of this robot.
+            StaleTableError: it is damaged, of another robot or other settings of this robot, or not of this kind.
         """
-        source = Path(path)
-        rebuild = "build it again with 'armdyn ik build'"
-        try:
-            with np.load(source, allow_pickle=False) as file:
-                about = json.loads(str(file["about"]))
-                arrays = {name: file[name] for name in ARRAYS}
-            line = about["line"]
-            if about["format"] == FORMAT and about["digest"] == _digest(arrays):
-                table = cls(
-                    robot_name=about["robot"],
-                    joint_names=tuple(about["joints"]),
-                    tool_frame=about["tool_frame"],
-                    joint_margin=float(about["joint_margin"]),
-                    line=Line(**{**line, "core": tuple(line["core"])}),
-                    fingerprint=about["fingerprint"],
-                    **arrays,
-                )
-            else:
-                reason = (
-                    "another version of armdyn wrote it" if about["format"] != FORMAT else "its numbers were changed"
-                )
-                raise StaleTableError(f"{source}: {reason}; {rebuild}")
-        except FileNotFoundError as error:
-            raise InputError(f"{source}: there is no such table; {rebuild}") from error
-        except (OSError, EOFError, KeyError, ValueError, TypeError, zipfile.BadZipFile, UrdfError) as error:
-            raise StaleTableError(f"{source}: not an IK table, or damaged; {rebuild}") from error
-        if robot is not None and table.robot_name != robot.name:
-            raise StaleTableError(
-                f"{source}: the table is of robot '{table.robot_name}', not '{robot.name}'; {rebuild}"
-            )
-        if robot is not None and table.fingerprint != robot.fingerprint:
-            raise StaleTableError(f"{source}: the URDF or the settings of '{robot.name}' have changed since; {rebuild}")
-        return table
+        from ik.tablefile import load
+
+        return load(cls, File(path), robot)
 
 
-ARRAYS = (
-    "tool_offset",
-    "s",
-    "q",
-    "dq_ds",
-    "d2q_ds2",
-    "jacobian",
-    "velocity_limits",
-    "acceleration_limits",
-)
+@dataclass(frozen=True)
+class LineTable(PathTable):
+    """The table of a straight line of one orientation."""
 
+    path: LinePath
 
-def _digest(arrays: dict[str, Array]) -> str:
-    digest = hashlib.sha256()
-    for name in ARRAYS:
-        digest.update(np.ascontiguousarray(arrays[name]).tobytes())
-    return digest.hexdigest()
+    @property
+    def line(self) -> Line:
+        """Where the tool point moves."""
+        return self.path.line

@@ -92,7 +92,9 @@ class Line:
 
 @dataclass(frozen=True)
 class Spring:
-    """Torque that a joint gets from springs, ``sine sin(q) + cosine cos(q)``, which a URDF cannot say.
+    """What springs add to the torque of a joint's motor, ``sine sin(q) + cosine cos(q)``, which a URDF cannot say.
+
+    The motor gives gravity, inertia and this; a spring that carries the arm has the sign against gravity's.
 
     Attributes:
         joint: name of the joint.
@@ -109,7 +111,7 @@ class Spring:
     source: str
 
     def torque(self, q: ArrayLike) -> Array:
-        """Torque [N m] of the spring on the joint at its position q [rad], of the same shape as q."""
+        """What the motor gives on top [N m] at a joint position q [rad], of the same shape as q."""
         angle = np.asarray(q, dtype=np.float64)
         return self.sine * np.sin(angle) + self.cosine * np.cos(angle)
 

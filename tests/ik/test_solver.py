@@ -94,7 +94,7 @@ def test_a_target_inside_the_torso_names_the_links_that_touch(baxter) -> None:
 
 def test_a_line_that_leaves_the_workspace_cannot_be_built_and_says_where(baxter) -> None:
     with pytest.raises(
-        ik.UnreachableError, match=r"targets on the line cannot be held; the target s = 0\.6.* m at \(0\.55"
+        ik.UnreachableError, match=r"targets on the path cannot be held; the target s = 0\.6.* m at \(0\.55"
     ) as caught:
         ik.build_line_table(baxter, shifted(baxter, 0.55, -0.18, -0.3, 0.9))
     assert all(miss.reason is Reason.REACH for miss in caught.value.misses)

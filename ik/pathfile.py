@@ -1,0 +1,119 @@
+"""Paths as text: the readable file of a path, and what a table keeps of it."""
+
+import tomllib
+from pathlib import Path as File
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from armdyn.errors import InputError, UnknownNameError
+from ik.path import CirclePath, LinePath, Path
+from ik.spline import SplinePath
+from urdf import Line, UrdfError
+
+Array = NDArray[np.float64]
+
+KINDS = ("line", "circle", "spline")
+UNASKED = 1e-3  # m/s, slower than any arm: nothing is asked of the core
+
+
+def read_path(file: str | File) -> Path:
+    """Read a path from a TOML file; positions in the robot's base frame, SI units.
+
+    ``kind = "line"``: ``origin``, ``direction``, ``range``. ``kind = "circle"``: ``centre``, ``radius``, ``normal``,
+    ``start`` (a direction from the centre), ``range_deg``, ``follow``. ``kind = "spline"``: ``points``. All of them:
+    ``tool_rpy``, three angles [rad], for a spline also one triple per point.
+
+    Raises:
+        InputError: the file cannot be read, or an entry is missing or has the wrong form.
+    """
+    source = File(file)
+    try:
+        content = tomllib.loads(source.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{source}: cannot be read ({error.strerror}); give the path of a path file") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{source}: not a TOML file ({error}); correct it") from error
+    try:
+        return path_of(content)
+    except KeyError as error:
+        raise InputError(f"{source}: entry {error} is missing; see docs/ik.md for examples") from error
+    except (TypeError, ValueError, UrdfError) as error:
+        raise InputError(f"{source}: an entry has the wrong form ({error}); see docs/ik.md for examples") from error
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from error
+
+
+def path_of(content: dict[str, Any]) -> Path:
+    """The path that a file or `Path.describe` describes.
+
+    Raises:
+        KeyError: an entry is missing.
+        TypeError: an entry is of the wrong kind.
+        ValueError: an entry has the wrong length.
+        InputError: the path is not one.
+    """
+    kind = str(content["kind"])
+    if kind not in KINDS:
+        raise UnknownNameError("kind of path", kind, KINDS)
+    if kind == "spline":
+        points = np.array(content["points"], dtype=np.float64)
+        rotations = _rotations(content)
+        return SplinePath(points, np.repeat(rotations, len(points), axis=0) if len(rotations) == 1 else rotations)
+    (rotation,) = _rotations(content)
+    if kind == "circle":
+        radius, degrees = float(content["radius"]), content.get("range_deg", [0.0, 360.0])
+        first, last = content.get("range", np.deg2rad(np.array(degrees, dtype=np.float64)) * radius)
+        normal = _unit(content["normal"])
+        start = _vector(content["start"])
+        return CirclePath(
+            centre=_vector(content["centre"]),
+            normal=normal,
+            start=_unit(start - normal * (normal @ start)),
+            radius=radius,
+            rotation=rotation,
+            s_min=float(first),
+            s_max=float(last),
+            follow=bool(content.get("follow", False)),
+        )
+    first, last = map(float, content["range"])
+    low, high = map(float, content.get("core", (first, last)))
+    return LinePath(
+        Line(
+            origin=_vector(content["origin"]),
+            direction=_unit(content["direction"]),
+            rotation=rotation,
+            s_min=first,
+            s_max=last,
+            core=(low, high),
+            core_speed=float(content.get("core_speed", UNASKED)),
+        )
+    )
+
+
+def _rotations(content: dict[str, Any]) -> Array:
+    """Orientations (m, 3, 3), from matrices or from roll, pitch and yaw."""
+    for key in ("rotation", "rotations"):
+        if key in content:
+            return np.array(content[key], dtype=np.float64).reshape(-1, 3, 3)
+    angles = np.array(content["tool_rpy"], dtype=np.float64).reshape(-1, 3)
+    # Rounded, so that right angles are exact.
+    return np.array([np.round(pin.rpy.rpyToMatrix(*rpy), 15) + 0.0 for rpy in angles])
+
+
+def _vector(values: Any) -> Array:
+    vector = np.array(values, dtype=np.float64)
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise ValueError(f"{values} should be three finite numbers")
+    return vector
+
+
+def _unit(values: Any) -> Array:
+    vector = _vector(values)
+    length = float(np.linalg.norm(vector))
+    if not length > 1e-9:
+        raise ValueError(f"{vector.tolist()} has no direction")
+    # A unit vector stays as it is, to the last digit.
+    return vector if abs(length - 1.0) < 1e-15 else vector / length

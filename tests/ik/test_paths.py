@@ -1,0 +1,145 @@
+"""Paths in SE(3) and the tables of them."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import ik
+from armdyn.errors import InputError
+from ik.pathfile import path_of
+
+DOWN = np.diag([-1.0, 1.0, -1.0])
+
+
+def circle(follow: bool = False) -> ik.CirclePath:
+    return ik.CirclePath(
+        centre=np.array([0.55, -0.31, -0.15]),
+        normal=np.array([0.0, 0.0, 1.0]),
+        start=np.array([0.0, -1.0, 0.0]),
+        radius=0.12,
+        rotation=DOWN,
+        s_min=0.0,
+        s_max=0.12 * (np.pi / 2 if follow else 2 * np.pi),
+        follow=follow,
+    )
+
+
+def spline(turning: bool) -> ik.SplinePath:
+    points = np.array(
+        [[0.55, -0.5, -0.2], [0.6, -0.4, -0.15], [0.55, -0.3, -0.1], [0.5, -0.2, -0.12], [0.55, -0.1, -0.2]]
+    )
+    angles = np.linspace(0.0, 0.5, 5) ** 2 if turning else np.zeros(5)
+    about = Rotation.from_rotvec(np.outer(angles, [0.3, 0.2, 1.0])).as_matrix()
+    return ik.SplinePath(points, about @ DOWN)
+
+
+PATHS = {"circle": circle(), "turning circle": circle(True), "spline": spline(False), "turning spline": spline(True)}
+
+
+def twist_by_differences(path: ik.Path, s: np.ndarray, step: float) -> np.ndarray:
+    (before, start), (after, end) = path.pose(s - step), path.pose(s + step)
+    turned = Rotation.from_matrix(np.einsum("ijb,kjb->bik", after, before)).as_rotvec().T
+    return np.concatenate((end - start, turned)) / (2 * step)
+
+
+@pytest.mark.parametrize("path", PATHS.values(), ids=PATHS)
+def test_twists_are_the_derivatives_of_the_pose(path: ik.Path) -> None:
+    s = np.random.default_rng(0).uniform(path.s_min + 0.01, path.s_max - 0.01, 30)
+    assert np.abs(twist_by_differences(path, s, 1e-5) - path.twist(s)).max() < 1e-7
+    rate = (path.twist(s + 1e-6) - path.twist(s - 1e-6)) / 2e-6
+    assert np.abs(rate - path.twist_rate(s)).max() < 1e-5
+
+
+@pytest.mark.parametrize("path", PATHS.values(), ids=PATHS)
+def test_the_coordinate_is_the_arc_length(path: ik.Path) -> None:
+    s = np.linspace(path.s_min, path.s_max, 50)
+    assert np.linalg.norm(path.twist(s)[:3], axis=0) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_a_spline_passes_through_its_poses() -> None:
+    path = spline(True)
+    s = np.linspace(0.0, path.s_max, 4001)
+    rotation, position = path.pose(s)
+    for point, turned in zip(path.points, path.rotations, strict=True):
+        nearest = int(np.linalg.norm(position.T - point, axis=1).argmin())
+        assert np.linalg.norm(position[:, nearest] - point) < 2e-4
+        assert np.abs(rotation[:, :, nearest] - turned).max() < 1e-3
+
+
+@pytest.mark.parametrize("path", PATHS.values(), ids=PATHS)
+def test_a_path_can_be_described_and_made_again(path: ik.Path) -> None:
+    again = path_of(path.describe())
+    s = np.linspace(path.s_min, path.s_max, 20)
+    for one, other in zip((*path.pose(s), path.twist(s)), (*again.pose(s), again.twist(s)), strict=True):
+        assert np.abs(one - other).max() < 1e-14
+
+
+@pytest.mark.parametrize("path", [PATHS["circle"], PATHS["turning spline"]], ids=["circle", "turning spline"])
+def test_the_tool_stays_on_the_path_between_nodes_by_yourdfpy(path: ik.Path, baxter, yourdf, tmp_path) -> None:
+    table = ik.build_path_table(baxter, path)
+    table.save(tmp_path / "path.npz")
+    table = ik.PathTable.load(tmp_path / "path.npz", baxter)
+    s = np.random.default_rng(1).uniform(path.s_min, path.s_max, 30)
+    rotation, position = path.pose(s)
+    offset = np.eye(4)
+    offset[:3, 3] = table.tool_offset
+    for k, q in enumerate(table.posture(s).q):
+        yourdf.update_cfg(dict(zip(table.joint_names, q, strict=True)))
+        pose = yourdf.get_transform(table.tool_frame, "base") @ offset
+        assert np.abs(pose[:3, 3] - position[:, k]).max() < 1e-9
+        assert np.abs(pose[:3, :3] - rotation[:, :, k]).max() < 1e-9
+    step = table.s[1] - table.s[0]
+    q = table.q
+    differences = (8 * (q[3:-1] - q[1:-3]) - (q[4:] - q[:-4])) / (12 * step)
+    # A rotation spline's third derivative jumps at its points, where differences of fourth order are less exact.
+    assert np.abs(differences - table.dq_ds[2:-2]).max() < (1e-8 if path is PATHS["circle"] else 1e-5)
+    with pytest.raises(ik.StaleTableError, match=f"the table of a {path.describe()['kind']}, not of a line"):
+        ik.LineTable.load(tmp_path / "path.npz", baxter)
+
+
+def test_a_circle_beyond_reach_names_the_targets(baxter) -> None:
+    far = ik.CirclePath(np.array([0.9, -0.31, -0.15]), [0, 0, 1.0], [0, -1.0, 0], 0.3, DOWN, 0.0, 1.8)
+    with pytest.raises(ik.UnreachableError, match=r"of 86 targets on the path cannot be held; the target s = "):
+        ik.build_path_table(baxter, far)
+
+
+FILES = {
+    "line": 'kind = "line"\norigin = [0.5, -0.3, -0.1]\ndirection = [0, 2, 0]\nrange = [-0.1, 0.1]\n'
+    "tool_rpy = [0, 0, 0]\n",
+    "circle": 'kind = "circle"\ncentre = [0.5, 0, 0]\nradius = 0.1\nnormal = [0, 0, 2]\nstart = [1, 0, 0.1]\n'
+    "range_deg = [0, 90]\ntool_rpy = [0, 0, 0]\n",
+    "spline": 'kind = "spline"\npoints = [[0, 0, 0], [0.1, 0, 0], [0.2, 0.1, 0]]\ntool_rpy = [0, 0, 0]\n',
+}
+
+
+def test_a_path_is_read_from_a_file(tmp_path) -> None:
+    file = tmp_path / "path.toml"
+    lengths = {}
+    for kind, text in FILES.items():
+        file.write_text(text)
+        path = ik.read_path(file)
+        lengths[kind] = path.s_max - path.s_min
+    assert lengths["line"] == pytest.approx(0.2)
+    assert lengths["circle"] == pytest.approx(0.1 * np.pi / 2)
+    assert 0.241 < lengths["spline"] < 0.25
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("kind = ", "not a TOML file"),
+        ('kind = "helix"', "unknown kind of path 'helix'"),
+        ('kind = "line"', "entry 'tool_rpy' is missing"),
+        (FILES["line"].replace("[0, 2, 0]", "[0, 0, 0]"), "has no direction"),
+        (FILES["line"].replace("[-0.1, 0.1]", "[0.1, -0.1]"), r"range \[0\.1, -0\.1\] is empty"),
+        (FILES["circle"].replace("0.1\nnormal", "-0.1\nnormal"), "are empty"),
+        (FILES["spline"].replace("[0.1, 0, 0]", "[0, 0, 0]"), "points 0 and 1 coincide"),
+        (FILES["spline"].replace("[0.1, 0, 0]", "[0.1, 0]"), "an entry has the wrong form"),
+    ],
+)
+def test_bad_path_files_are_refused_in_one_line(tmp_path, text: str, sentence: str) -> None:
+    file = tmp_path / "path.toml"
+    file.write_text(text)
+    with pytest.raises(InputError, match=sentence) as caught:
+        ik.read_path(file)
+    assert "path.toml" in str(caught.value)
