@@ -11,18 +11,19 @@ from armdyn.errors import InputError
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.variational import STATE_SIZE, VariationalStep
 
-COST_NAMES = ("x", "z", "vx", "vz", "w_x", "w_z", "w_vx", "w_vz", "w_control", "w_travel")
+COST_NAMES = ("x", "z", "vx", "vz", "w_x", "w_z", "w_vx", "w_vz", "w_gripper", "w_control", "w_travel")
 
 
 @dataclass(frozen=True)
 class TaskCost:
-    """1/2 |position - target|_P^2 + 1/2 |velocity|_Q^2 at the end + dt/2 sum (R a^2 + W x_gripper^2).
+    """1/2 |position - target|_P^2 + 1/2 |velocity|_Q^2 + 1/2 S v_gripper^2 at the end + dt/2 sum (R a^2 + W x_gripper^2).
 
     Attributes:
         target: (x, z) of the load relative to the gripper's start, z up, m.
         target_velocity: (x, z) m/s.
         position_weights: (x, z) 1/m^2.
         velocity_weights: (x, z) s^2/m^2.
+        gripper_velocity_weight: S, s^2/m^2; a load at rest below a moving gripper will not stay so.
         control_weight: R, s^3/m^2, > 0.
         travel_weight: W, 1/(m^2 s); keeps the gripper near the middle of its line.
     """
@@ -31,6 +32,7 @@ class TaskCost:
     target_velocity: tuple[float, float] = (0.0, 0.0)
     position_weights: tuple[float, float] = (1000.0, 1000.0)
     velocity_weights: tuple[float, float] = (100.0, 100.0)
+    gripper_velocity_weight: float = 0.0
     control_weight: float = 0.1
     travel_weight: float = 0.0
 
@@ -41,13 +43,18 @@ class TaskCost:
             raise InputError(f"control weight {self.control_weight:g}: it must be positive, or the plan is not unique")
 
     def vector(self) -> np.ndarray:
-        """(10,) in the order of `COST_NAMES`."""
+        """(11,) in the order of `COST_NAMES`."""
         return np.array(
             [
-                *self.target, *self.target_velocity, *self.position_weights, *self.velocity_weights,
-                self.control_weight, self.travel_weight,
+                *self.target,
+                *self.target_velocity,
+                *self.position_weights,
+                *self.velocity_weights,
+                self.gripper_velocity_weight,
+                self.control_weight,
+                self.travel_weight,
             ]
-        )  # fmt: skip
+        )
 
 
 @dataclass(frozen=True)
@@ -144,8 +151,9 @@ def task_problem(variational: VariationalStep, name: str) -> DiscreteProblem:
     theta, dt = p[:thetas], p[size - 1]
     c = dict(zip(COST_NAMES, ca.vertsplit(p[thetas : size - 1]), strict=True))
     position, velocity = variational.load(s, t, dt, theta)
-    error = ca.vertcat(position[0] - c["x"], position[2] - c["z"], velocity[0] - c["vx"], velocity[2] - c["vz"])
-    weights = ca.vertcat(c["w_x"], c["w_z"], c["w_vx"], c["w_vz"])
+    arrival = (position[0] - c["x"], position[2] - c["z"], velocity[0] - c["vx"], velocity[2] - c["vz"])
+    error = ca.vertcat(*arrival, s[1])
+    weights = ca.vertcat(c["w_x"], c["w_z"], c["w_vx"], c["w_vz"], c["w_gripper"])
     effort = dt / 2 * (c["w_control"] * u**2 + c["w_travel"] * s[0] ** 2)
     at = (s, u, t, dt, theta)
     return DiscreteProblem(

@@ -1,0 +1,157 @@
+import mujoco
+import numpy as np
+import pytest
+from derivatives import assert_jacobian
+from scipy.integrate import solve_ivp
+
+from armdyn.effects.catalogue import CATALOGUE
+from armdyn.pendulum.composition import compose
+from armdyn.pendulum.dynamics import derive_dynamics
+from armdyn.pendulum.path import GripperPath
+from armdyn.pendulum.simulate import Simulator
+
+LENGTH, MASS, G = 0.368, 0.1, 9.81
+THETA = np.array([LENGTH, MASS])
+AMPLITUDE, OMEGA = 0.04, 2 * np.pi * 0.8
+DRAG = [CATALOGUE[name] for name in ("linear_drag", "sensor_bias")]
+
+
+def moving(t):
+    """Gripper input at time t: 0.04 m at 0.8 Hz along a level line."""
+    x = AMPLITUDE * np.sin(OMEGA * t)
+    return np.array([t, x, AMPLITUDE * OMEGA * np.cos(OMEGA * t), -(OMEGA**2) * x, 0.0, 0.0, 0.0])
+
+
+def path(duration, dt=0.01, motion=moving):
+    rows = np.array([motion(t) for t in np.arange(0.0, duration + dt / 2, dt)]).T
+    return GripperPath(0.0, dt, rows[1], rows[2], rows[3])
+
+
+@pytest.fixture(scope="module")
+def dynamics():
+    return derive_dynamics(compose([]))
+
+
+def test_tension_equals_weight_at_rest(dynamics):
+    assert float(dynamics.tension([0, 0], np.zeros(7), THETA)) == pytest.approx(MASS * G, abs=1e-15)
+
+
+def test_tension_is_the_textbook_formula_and_not_the_printed_one(dynamics):
+    phi, rate, u = 0.4, 1.7, 1.1
+    state = dynamics.initial(phi, rate, np.zeros(7), THETA)
+    at = np.array([0, 0, 0, u, 0, 0, 0])
+    right = MASS * (G * np.cos(phi) + LENGTH * rate**2 + u * np.sin(phi))
+    assert float(dynamics.tension(state, at, THETA)) == pytest.approx(right, rel=1e-13)
+    printed = derive_dynamics(compose([]), "printed")
+    wrong = MASS * G * np.cos(phi) - MASS * LENGTH * rate**2 - u * np.sin(phi)
+    assert float(printed.tension(state, at, THETA)) == pytest.approx(wrong, rel=1e-13)
+    assert np.allclose(np.array(printed.derivative(state, at, THETA)), np.array(dynamics.derivative(state, at, THETA)))
+
+
+def test_small_swing_has_the_period_of_the_analytic_pendulum():
+    run = Simulator(derive_dynamics(compose([])), "test").rollout(
+        path(20.0, motion=lambda t: np.array([t] + 6 * [0.0])), THETA, 0.02
+    )
+    angle = run.states[:, 0]
+    up = np.flatnonzero((angle[:-1] < 0) & (angle[1:] >= 0))
+    crossings = 0.01 * (up - angle[up] / (angle[up + 1] - angle[up]))
+    period = 2 * np.pi * np.sqrt(LENGTH / G) * (1 + 0.02**2 / 16)
+    assert np.diff(crossings).mean() == pytest.approx(period, rel=1e-5)
+
+
+def test_energy_is_kept_without_friction():
+    still = path(30.0, motion=lambda t: np.array([t] + 6 * [0.0]))
+    dynamics = derive_dynamics(compose([]))
+    states = Simulator(dynamics, "test").rollout(still, THETA, 1.2).states
+    energy = [float(dynamics.energy(s, np.zeros(7), THETA)) for s in states[::50]]
+    assert np.ptp(energy) < 1e-6 * MASS * G * LENGTH
+
+
+def test_drag_takes_the_energy_that_the_force_does_work_for():
+    dynamics = derive_dynamics(compose([CATALOGUE["linear_drag"]]))
+    theta = np.array([LENGTH, MASS, 0.02])
+    still = path(5.0, dt=0.005, motion=lambda t: np.array([t] + 6 * [0.0]))
+    states = Simulator(dynamics, "test_drag").rollout(still, theta, 1.0).states
+    energy = np.array([float(dynamics.energy(s, np.zeros(7), theta)) for s in states])
+    rate = np.array([float(dynamics.rate(s, np.zeros(7), theta)) for s in states])
+    work = 0.02 * (LENGTH * rate) ** 2
+    lost = np.concatenate([[0.0], np.cumsum((work[1:] + work[:-1]) / 2 * 0.005)])
+    assert np.abs(energy[0] - energy - lost).max() < 1e-4 * np.ptp(energy)
+
+
+def test_the_state_needs_no_gripper_acceleration(dynamics):
+    still = np.array([0.0, 0.1, 0.3, 0.0, 0.0, 0.0, 0.0])
+    jolted = still.copy()
+    jolted[3] = 50.0
+    state = np.array([0.3, 0.004])
+    moved, also = (np.array(dynamics.derivative(state, w, THETA)) for w in (still, jolted))
+    assert np.array_equal(moved, also)
+    assert float(dynamics.tension(state, still, THETA)) != float(dynamics.tension(state, jolted, THETA))
+
+
+def mujoco_pendulum():
+    spec = mujoco.MjSpec()
+    spec.option.timestep, spec.option.integrator = 1e-4, mujoco.mjtIntegrator.mjINT_RK4
+    spec.option.gravity = [0, 0, -G]
+    cart = spec.worldbody.add_body()
+    cart.add_joint(name="x", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1, 0, 0])
+    cart.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.01, 0, 0], mass=1e9, contype=0, conaffinity=0)
+    load = cart.add_body()
+    load.add_joint(name="phi", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 1, 0])
+    load.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_SPHERE, pos=[0, 0, -LENGTH], size=[1e-4, 0, 0], mass=MASS, contype=0, conaffinity=0
+    )
+    return spec.compile()
+
+
+def test_swing_under_a_moving_gripper_agrees_with_mujoco():
+    model = mujoco_pendulum()
+    model.body_inertia[2] = 1e-12
+    data = mujoco.MjData(model)
+    start = moving(0.0)
+    # MuJoCo's hinge about +y turns a hanging load towards -x, as the angle does here.
+    data.qvel[:] = [start[2], start[2] / LENGTH]
+    simulated = Simulator(derive_dynamics(compose([])), "test").rollout(path(3.0), THETA)
+    angles = []
+    for k in range(30001):
+        if k % 100 == 0:
+            angles.append(data.qpos[1])
+        data.qfrc_applied[0] = 0.0
+        data.qpos[0], data.qvel[0] = moving(k * 1e-4)[1:3]
+        mujoco.mj_forward(model, data)
+        # Inverse dynamics in closed form: the heavy cart is pushed exactly along the prescribed path.
+        data.qfrc_applied[0] = (1e9 + MASS) * moving(k * 1e-4)[3]
+        mujoco.mj_step(model, data)
+    assert np.abs(np.array(angles) - simulated.states[:, 0]).max() < 2e-4
+
+
+def test_rollout_agrees_with_an_eighth_order_integrator():
+    def slow(t, s):
+        u = moving(t)[3]
+        return [s[1], (u * np.cos(s[0]) - G * np.sin(s[0])) / LENGTH]
+
+    start = moving(0.0)
+    times = np.arange(0.0, 5.005, 0.01)
+    reference = solve_ivp(slow, (0, 5.0), [0.0, start[2] / LENGTH], "DOP853", times[:501], rtol=1e-12, atol=1e-12)
+    run = Simulator(derive_dynamics(compose([])), "test").rollout(path(5.0), THETA)
+    assert np.abs(run.states[:, 0] - reference.y[0]).max() < 1e-6  # it swings up to 1.2 rad at resonance
+
+
+@pytest.mark.parametrize("column", range(6))
+def test_sensitivities_match_finite_differences(column):
+    simulator = Simulator(derive_dynamics(compose(DRAG)), "test_bias")
+    point = np.array([LENGTH, MASS, 0.02, 0.01, 0.2, 0.3])
+    run = simulator.rollout(path(4.0), point[:4], point[4], point[5])
+
+    def outputs(value):
+        changed = point.copy()
+        changed[column] = value[0]
+        return simulator.rollout(path(4.0), changed[:4], changed[4], changed[5]).outputs[::40].ravel()
+
+    exact = run.sensitivities[::40, :, column].ravel()
+    assert_jacobian(outputs, point[[column]], exact[:, None], 1e-4, 1e-7)
+
+
+def test_measured_height_of_the_gripper_enters_the_tension(dynamics):
+    lifted = np.array([0, 0, 0, 0, 0, 0, 0.5])
+    assert float(dynamics.tension([0, 0], lifted, THETA)) == pytest.approx(MASS * (G + 0.5), rel=1e-13)

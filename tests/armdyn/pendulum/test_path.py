@@ -1,0 +1,63 @@
+import numpy as np
+import pytest
+
+from armdyn.errors import InputError
+from armdyn.pendulum.path import GripperPath, GrowingPath, differentiated, smoothed_path
+
+DT = 0.01
+TIME = np.arange(0.0, 10.0, DT)
+X = 0.05 * np.sin(2 * np.pi * 0.6 * TIME) + 0.02 * np.sin(2 * np.pi * 1.3 * TIME)
+V = 0.05 * 3.7699111843 * np.cos(2 * np.pi * 0.6 * TIME) + 0.02 * 8.1681408993 * np.cos(2 * np.pi * 1.3 * TIME)
+A = -0.05 * 3.7699111843**2 * np.sin(2 * np.pi * 0.6 * TIME) - 0.02 * 8.1681408993**2 * np.sin(2 * np.pi * 1.3 * TIME)
+
+
+def rms(error):
+    return float(np.sqrt(np.mean(error**2)))
+
+
+def test_derivatives_of_exact_samples_are_of_fourth_order():
+    coarse, fine = (differentiated(X[::k], k * DT)[1] - A[::k] for k in (4, 2))
+    assert np.abs(coarse[3:-3]).max() / np.abs(fine[6:-6]).max() == pytest.approx(16, rel=0.2)
+
+
+def test_smoothing_finds_acceleration_in_encoder_noise():
+    noise = np.random.default_rng(0).normal(0, 2e-4, len(X))
+    path = smoothed_path(TIME, X + noise, DT)
+    assert rms(path.x - X) < 0.4 * 2e-4
+    assert rms(path.v - V) < 2e-3
+    assert rms((path.a - A)[20:-20]) < 0.03 * np.abs(A).max()
+
+
+def test_smoothing_has_no_phase_shift():
+    noise = np.random.default_rng(1).normal(0, 2e-4, len(X))
+    path = smoothed_path(TIME, X + noise, DT)
+    assert abs(np.sum((path.x - X) * V) / np.sum(V**2)) < 1e-4  # seconds
+
+
+def test_exact_positions_are_left_alone():
+    assert np.array_equal(smoothed_path(TIME, X, DT, exact=True).x, X)
+
+
+def test_a_growing_path_ends_like_the_whole_one():
+    noisy = X + np.random.default_rng(2).normal(0, 2e-4, len(X))
+    growing = GrowingPath(DT)
+    for first in range(0, len(noisy), 5):
+        motion = growing.extend(noisy[first : first + 5])
+    whole = smoothed_path(TIME, noisy, DT)
+    assert rms((motion[1] - whole.v)[:-60]) < 2e-3
+    assert rms((motion[2] - A)[20:-60]) < 0.05 * np.abs(A).max()
+
+
+def test_halfway_inputs_are_exact_for_a_quintic():
+    t = np.arange(0.0, 1.0, 0.1)
+    p = np.polynomial.Polynomial([0.1, -0.3, 0.5, 1.0, -2.0, 0.7])
+    nodes, middle = GripperPath(0.0, 0.1, p(t), p.deriv()(t), p.deriv(2)(t)).inputs
+    between = t[:-1] + 0.05
+    assert np.allclose(nodes[1], p(t))
+    for row, derivative in zip(middle[1:4], (p, p.deriv(), p.deriv(2)), strict=True):
+        assert np.allclose(row, derivative(between), atol=1e-3 if derivative is not p else 1e-12)
+
+
+def test_too_few_samples_are_refused_in_one_line():
+    with pytest.raises(InputError, match="3 samples"):
+        smoothed_path(TIME[:3], X[:3], DT)
