@@ -46,9 +46,12 @@ class TaskSettings:
     def settling_cost(self, length: float) -> TaskCost:
         """Load hanging at rest below the middle of the line."""
         return TaskCost(
-            target=(0.0, -length), position_weights=(1e4, 1e4), velocity_weights=(1e3, 1e3), gripper_velocity_weight=1e3, control_weight=0.1,
+            target=(0.0, -length),
+            position_weights=(1e4, 1e4),
+            velocity_weights=(1e4, 1e4),
+            gripper_velocity_weight=1e4,
             travel_weight=self.travel_weight,
-        )  # fmt: skip
+        )
 
 
 class TaskNode:

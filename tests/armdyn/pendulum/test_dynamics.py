@@ -22,6 +22,11 @@ def moving(t):
     return np.array([t, x, AMPLITUDE * OMEGA * np.cos(OMEGA * t), -(OMEGA**2) * x, 0.0, 0.0, 0.0])
 
 
+def still(t):
+    """A gripper that does not move."""
+    return np.array([t, 0, 0, 0, 0, 0, 0], dtype=float)
+
+
 def path(duration, dt=0.01, motion=moving):
     rows = np.array([motion(t) for t in np.arange(0.0, duration + dt / 2, dt)]).T
     return GripperPath(0.0, dt, rows[1], rows[2], rows[3])
@@ -50,7 +55,7 @@ def test_tension_is_the_textbook_formula_and_not_the_printed_one(dynamics):
 
 def test_small_swing_has_the_period_of_the_analytic_pendulum():
     run = Simulator(derive_dynamics(compose([])), "test").rollout(
-        path(20.0, motion=lambda t: np.array([t] + 6 * [0.0])), THETA, 0.02
+        path(20.0, motion=still), THETA, 0.02
     )
     angle = run.states[:, 0]
     up = np.flatnonzero((angle[:-1] < 0) & (angle[1:] >= 0))
@@ -60,9 +65,8 @@ def test_small_swing_has_the_period_of_the_analytic_pendulum():
 
 
 def test_energy_is_kept_without_friction():
-    still = path(30.0, motion=lambda t: np.array([t] + 6 * [0.0]))
     dynamics = derive_dynamics(compose([]))
-    states = Simulator(dynamics, "test").rollout(still, THETA, 1.2).states
+    states = Simulator(dynamics, "test").rollout(path(30.0, motion=still), THETA, 1.2).states
     energy = [float(dynamics.energy(s, np.zeros(7), THETA)) for s in states[::50]]
     assert np.ptp(energy) < 1e-6 * MASS * G * LENGTH
 
@@ -70,8 +74,7 @@ def test_energy_is_kept_without_friction():
 def test_drag_takes_the_energy_that_the_force_does_work_for():
     dynamics = derive_dynamics(compose([CATALOGUE["linear_drag"]]))
     theta = np.array([LENGTH, MASS, 0.02])
-    still = path(5.0, dt=0.005, motion=lambda t: np.array([t] + 6 * [0.0]))
-    states = Simulator(dynamics, "test_drag").rollout(still, theta, 1.0).states
+    states = Simulator(dynamics, "test_drag").rollout(path(5.0, dt=0.005, motion=still), theta, 1.0).states
     energy = np.array([float(dynamics.energy(s, np.zeros(7), theta)) for s in states])
     rate = np.array([float(dynamics.rate(s, np.zeros(7), theta)) for s in states])
     work = 0.02 * (LENGTH * rate) ** 2
@@ -80,13 +83,13 @@ def test_drag_takes_the_energy_that_the_force_does_work_for():
 
 
 def test_the_state_needs_no_gripper_acceleration(dynamics):
-    still = np.array([0.0, 0.1, 0.3, 0.0, 0.0, 0.0, 0.0])
-    jolted = still.copy()
+    gliding = np.array([0.0, 0.1, 0.3, 0.0, 0.0, 0.0, 0.0])
+    jolted = gliding.copy()
     jolted[3] = 50.0
     state = np.array([0.3, 0.004])
-    moved, also = (np.array(dynamics.derivative(state, w, THETA)) for w in (still, jolted))
+    moved, also = (np.array(dynamics.derivative(state, w, THETA)) for w in (gliding, jolted))
     assert np.array_equal(moved, also)
-    assert float(dynamics.tension(state, still, THETA)) != float(dynamics.tension(state, jolted, THETA))
+    assert float(dynamics.tension(state, gliding, THETA)) != float(dynamics.tension(state, jolted, THETA))
 
 
 def mujoco_pendulum():
