@@ -1,0 +1,197 @@
+"""`armdyn loadcell`: calibrate an HX711 load cell on a serial port, and watch it."""
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from pipeline.loadcell.calibration import Calibration
+    from pipeline.loadcell.emulator import EmulatedCell
+    from pipeline.loadcell.monitor import Monitor
+    from pipeline.loadcell.status import LoadCellStatus
+    from pipeline.loadcell.weights import Weight
+
+EMULATED = "emulated"
+PATIENCE = 2.0
+"""s without a sample that end a calibration: nothing moves meanwhile, and slow boards shall be calibrated too."""
+
+commands = typer.Typer(help="The load cell: an HX711 over a serial line.", no_args_is_help=True)
+
+Port = Annotated[str, typer.Argument(help="Serial port, such as /dev/ttyUSB0; 'emulated' tries it without hardware.")]
+Baud = Annotated[int, typer.Option(min=1, help="Baud rate of the microcontroller's program.")]
+Json = Annotated[Path | None, typer.Option("--json", help="The result as JSON; '-' is standard output.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands of this file."""
+    app.add_typer(commands, name="loadcell")
+
+
+@commands.command()
+def calibrate(
+    port: Port,
+    weights: Annotated[
+        str, typer.Option(help="Known weights, the empty cell first; '200 g +/- 0.1 g' says how well one is known.")
+    ] = "0 g, 100 g, 200 g",
+    out: Annotated[Path | None, typer.Option(help="Where to keep the result; your settings if not given.")] = None,
+    samples: Annotated[int, typer.Option(min=40, help="Samples per weight.")] = 200,
+    baud: Baud = 115200,
+    json_file: Json = None,
+) -> None:
+    """Find offset, scale and noise with known weights."""
+    import time
+    from datetime import datetime
+
+    from armdyn.pendulum.composition import STANDARD_GRAVITY
+    from pipeline.loadcell.calibration import default_path
+    from pipeline.loadcell.guide import calibrate as guided
+    from pipeline.loadcell.port import open_port
+    from pipeline.loadcell.reader import CountReader, count_limits
+    from pipeline.loadcell.show import calibration_json, calibration_table
+    from pipeline.loadcell.weights import parse_weights
+
+    listed = parse_weights(weights, STANDARD_GRAVITY)
+    # An emulated cell must not take the place of a real one's calibration.
+    target = out or default_path().with_name("loadcell-emulated.toml" if port == EMULATED else "loadcell.toml")
+    console = _console(json_file)
+    with _cell(port) as (name, emulated):
+
+        def ask(weight: "Weight") -> None:
+            what = "Leave the cell empty" if weight.force == 0.0 else f"Hang {weight.text}"
+            if emulated is None:
+                status.stop()  # its animation would overwrite the question
+                typer.prompt(f"{what}, let it come to rest, press Enter", default="", show_default=False, err=True)
+                status.start()
+            else:
+                console.print(f"{what} (emulated)")
+                emulated.hang(weight.force)
+                time.sleep(0.2)  # until what the cell sent before has gone through
+
+        def progress(weight: "Weight", count: int) -> None:
+            status.update(f"{weight.text}: {count} of {samples} samples")
+
+        with (
+            CountReader(open_port(name, baud), count_limits(silent_after=PATIENCE)) as reader,
+            console.status("waiting") as status,
+        ):
+            fit = guided(reader, listed, samples, ask, progress, time.sleep)
+            rate = reader.status().rate
+    source = f"armdyn loadcell calibrate {port}: {', '.join(weight.text for weight in listed)}; {samples} samples each"
+    calibration = fit.calibration(datetime.now().astimezone().replace(microsecond=0), source)
+    console.print(calibration_table(fit, calibration))
+    calibration.save(target)
+    if json_file is not None:
+        _write_json({**calibration_json(fit, rate), "file": str(target)}, json_file)
+    console.print(f"written to {target}", highlight=False, soft_wrap=True)
+
+
+@commands.command()
+def monitor(
+    port: Port,
+    calibration: Annotated[
+        Path | None, typer.Option(help="What 'armdyn loadcell calibrate' wrote; your settings if not given.")
+    ] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.1, help="End after this long; else with Ctrl-C.")] = None,
+    silent_after: Annotated[float, typer.Option(min=0.02, help="Seconds without a sample that are a fault.")] = 0.2,
+    baud: Baud = 115200,
+    json_file: Json = None,
+) -> None:
+    """Show forces and faults as they come; exit status 1 where the cell cannot be relied on at the end."""
+    from armdyn.errors import TaskFailedError
+    from pipeline.loadcell.calibration import Calibration, default_path
+    from pipeline.loadcell.cell import LoadCell
+    from pipeline.loadcell.faults import Fault
+    from pipeline.loadcell.show import monitor_json
+
+    console = _console(json_file)
+    with _cell(port) as (name, emulated):
+        if emulated is not None and calibration is None:
+            used = _calibration_of(emulated)
+        else:
+            used = Calibration.load(calibration or default_path())
+        with LoadCell(name, used, baud=baud, silent_after=silent_after) as cell:
+            seen, status, start = _watch(cell, console, seconds)
+    if json_file is not None:
+        _write_json({"port": port, **monitor_json(seen, status, start)}, json_file)
+    if not status.reliable:
+        worst = next(iter(status.active), Fault.SILENT)
+        raise TaskFailedError(f"{port}: {worst.value}")
+
+
+def _watch(cell: Any, console: "Console", seconds: float | None) -> tuple["Monitor", "LoadCellStatus", float]:
+    """Show the cell until `seconds` after its first sample, Ctrl-C, or its disconnection; gives the start time too."""
+    import time
+
+    from rich.live import Live
+
+    from pipeline.loadcell.faults import Fault
+    from pipeline.loadcell.monitor import Monitor
+    from pipeline.loadcell.show import monitor_table
+
+    seen, start = Monitor(), time.monotonic()
+    begin: float | None = None
+    status = cell.status()
+    with Live(console=console, refresh_per_second=10) as live:
+        try:
+            while status.connected:
+                time.sleep(0.05)
+                seen.add(cell.read(), cell.events())
+                status = cell.status()
+                live.update(monitor_table(seen, status, start))
+                now = time.monotonic()
+                if begin is None and (status.samples or Fault.SILENT in status.active):
+                    begin = now
+                if seconds is not None and begin is not None and now - begin >= seconds:
+                    break
+        except KeyboardInterrupt:
+            pass  # the usual way to end it
+        seen.add(cell.read(), cell.events())
+        live.update(monitor_table(seen, status, start))
+    return seen, status, start
+
+
+@contextmanager
+def _cell(port: str) -> "Iterator[tuple[str, EmulatedCell | None]]":
+    """Name of the port to open, and the emulated cell behind it where there is one."""
+    if port != EMULATED:
+        yield port, None
+        return
+    import numpy as np
+
+    from armdyn.pendulum.composition import STANDARD_GRAVITY
+    from pipeline.loadcell.emulator import EmulatedCell, swinging_load
+
+    load = swinging_load(mass=0.08, length=0.368, amplitude=0.3, gravity=STANDARD_GRAVITY)
+    with EmulatedCell(np.random.default_rng(), load) as cell:
+        yield cell.port, cell
+
+
+def _calibration_of(cell: "EmulatedCell") -> "Calibration":
+    from datetime import datetime
+
+    from pipeline.loadcell.calibration import Calibration
+
+    noise = cell.noise * abs(cell.scale)
+    return Calibration(cell.offset, 0.0, cell.scale, 0.0, noise, datetime.now().astimezone(), "emulated")
+
+
+def _console(json_file: Path | None) -> "Console":
+    from rich.console import Console
+
+    return Console(stderr=json_file == Path("-"))
+
+
+def _write_json(content: dict[str, Any], file: Path) -> None:
+    from armdyn.atomic import write_text
+
+    text = json.dumps(content)
+    if file == Path("-"):
+        typer.echo(text)
+    else:
+        write_text(file, text + "\n")

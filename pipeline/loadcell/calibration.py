@@ -1,0 +1,144 @@
+"""From counts to newtons: the stored calibration of one load cell with its HX711."""
+
+import math
+import os
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import TypeGuard
+
+from armdyn.atomic import write_text
+from armdyn.errors import InputError
+from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """force = scale (counts - offset).
+
+    Attributes:
+        offset: counts of the empty cell, with what always hangs on it.
+        offset_std: its standard deviation [counts].
+        scale: [N/count]; negative where a pull lowers the counts.
+        scale_std: its standard deviation [N/count].
+        noise: standard deviation of one sample [N].
+        date: when it was made.
+        source: how it was made.
+    """
+
+    offset: float
+    offset_std: float
+    scale: float
+    scale_std: float
+    noise: float
+    date: datetime
+    source: str
+
+    def __post_init__(self) -> None:
+        numbers = (self.offset, self.offset_std, self.scale, self.scale_std, self.noise)
+        if not all(math.isfinite(number) for number in numbers):
+            raise InputError("a number is not finite")
+        if not MINIMUM_COUNTS <= self.offset <= MAXIMUM_COUNTS:
+            raise InputError(f"offset {self.offset:g} is beyond the 24 bits of the HX711")
+        if self.scale == 0.0:
+            raise InputError("scale is zero")
+        if min(self.offset_std, self.scale_std) < 0.0 or self.noise <= 0.0:
+            raise InputError("a standard deviation is negative, or the noise is zero")
+
+    @property
+    def count_noise(self) -> float:
+        """Standard deviation of one sample [counts]."""
+        return self.noise / abs(self.scale)
+
+    def force(self, counts: float) -> float:
+        """Force [N] at these counts."""
+        return self.scale * (counts - self.offset)
+
+    def counts(self, force: float) -> float:
+        """Counts at this force [N]."""
+        return self.offset + force / self.scale
+
+    def save(self, path: Path) -> None:
+        """Write it to `path`, which is the old file or the whole new one at every moment.
+
+        Raises:
+            InputError: `path` cannot be written to.
+        """
+        import tomlkit
+
+        document = tomlkit.document()
+        document.add(tomlkit.comment("load cell with HX711: force = scale (counts - offset)"))
+        document.add("date", tomlkit.item(self.date))
+        document.add("source", tomlkit.item(self.source))
+        document.add("offset", _inline(value=self.offset, std=self.offset_std, unit="count"))
+        document.add("scale", _inline(value=self.scale, std=self.scale_std, unit="N/count"))
+        document.add("noise", _inline(value=self.noise, unit="N"))
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"cannot make the folder {path.parent}: {error.strerror}; choose another place") from error
+        write_text(path, tomlkit.dumps(document))
+
+    @classmethod
+    def load(cls, path: Path) -> "Calibration":
+        """Read what `save` wrote.
+
+        Raises:
+            InputError: it is missing or cannot be used; says to calibrate again.
+        """
+        remedy = "run 'armdyn loadcell calibrate PORT'"
+        try:
+            table = tomllib.loads(path.read_text(encoding="utf-8"))
+            return cls._from_table(table)
+        except FileNotFoundError as error:
+            raise InputError(f"{path}: there is no load cell calibration: {remedy}") from error
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read ({error.strerror}): {remedy}") from error
+        except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            raise InputError(f"{path}: the load cell calibration is not TOML ({error}): {remedy}") from error
+        except InputError as error:
+            raise InputError(f"{path}: the load cell calibration cannot be used, {error}: {remedy}") from error
+
+    @classmethod
+    def _from_table(cls, table: Mapping[str, object]) -> "Calibration":
+        date, source = table.get("date"), table.get("source")
+        if not isinstance(date, datetime):
+            raise InputError("date is missing or is no date with time")
+        if not isinstance(source, str):
+            raise InputError("source is missing or is no text")
+        offset, offset_std = _number(table, "offset", "count")
+        scale, scale_std = _number(table, "scale", "N/count")
+        noise, _ = _number(table, "noise", "N", with_std=False)
+        return cls(offset, offset_std, scale, scale_std, noise, date, source)
+
+
+def default_path() -> Path:
+    """Where the calibration is kept unless said otherwise: ``loadcell.toml`` among the user's settings."""
+    settings = os.environ.get("XDG_CONFIG_HOME")
+    return (Path(settings) if settings else Path.home() / ".config") / "armdyn" / "loadcell.toml"
+
+
+def _inline(**entries: float | str) -> object:
+    import tomlkit
+
+    table = tomlkit.inline_table()
+    table.update(entries)
+    return table
+
+
+def _number(table: Mapping[str, object], key: str, unit: str, with_std: bool = True) -> tuple[float, float]:
+    entry = table.get(key)
+    if not isinstance(entry, dict):
+        raise InputError(f"{key} is missing or is no table")
+    if entry.get("unit") != unit:
+        raise InputError(f"{key} is not in {unit}")
+    value, std = entry.get("value"), entry.get("std") if with_std else 0.0
+    if not (_is_number(value) and _is_number(std)):
+        raise InputError(f"{key} lacks a number")
+    return float(value), float(std)
+
+
+def _is_number(value: object) -> TypeGuard[float]:
+    return isinstance(value, int | float) and not isinstance(value, bool)  # to Python, true is an int

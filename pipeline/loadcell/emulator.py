@@ -1,0 +1,143 @@
+"""A load cell without hardware: what the microcontroller does, on a pseudo-terminal."""
+
+import contextlib
+import math
+import os
+import select
+import threading
+import time
+from collections.abc import Callable
+from types import TracebackType
+
+import numpy as np
+
+from armdyn.errors import InputError
+from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS, SEQUENCE_MODULUS, Reading, encode
+
+
+class EmulatedPort:
+    """The microcontroller's end of a serial line; `port` names the computer's end. Linux and macOS only."""
+
+    def __init__(self) -> None:
+        try:
+            import tty
+        except ImportError as error:
+            raise InputError("an emulated load cell needs the pseudo-terminals of Linux or macOS") from error
+        self._ours, self._theirs = os.openpty()
+        # Held open, so that what is sent before somebody listens is lost and not an error, as on a wire.
+        tty.setraw(self._theirs)
+        os.set_blocking(self._ours, False)
+        self.port = os.ttyname(self._theirs)
+        self._sequence = 0
+        self._plugged = True
+
+    def __enter__(self) -> "EmulatedPort":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.unplug()
+
+    def line(self, counts: int) -> bytes:
+        """The next conversion's line; it counts as made even if it is never sent."""
+        reading = Reading(self._sequence, min(max(counts, MINIMUM_COUNTS), MAXIMUM_COUNTS))
+        self._sequence = (self._sequence + 1) % SEQUENCE_MODULUS
+        return encode(reading)
+
+    def send(self, data: bytes, patience: float = 0.0) -> bool:
+        """Send bytes as they are; False, and the rest is lost, where nobody reads for `patience` [s]."""
+        while data and self._plugged:
+            _, ready, _ = select.select([], [self._ours], [], patience)
+            if not ready:
+                return False
+            with contextlib.suppress(BlockingIOError):
+                data = data[os.write(self._ours, data) :]
+        return not data
+
+    def unplug(self) -> None:
+        """Pull the cable; twice is once."""
+        if self._plugged:
+            self._plugged = False
+            os.close(self._ours)
+            os.close(self._theirs)
+
+
+class EmulatedCell:
+    """A cell with an HX711 and a microcontroller that sends its samples from a thread of its own.
+
+    Args:
+        rng: source of the noise.
+        force: what pulls; see `hang`.
+        offset: counts of the empty cell.
+        scale: [N/count]; a 1 kg cell of 1 mV/V by default.
+        noise: standard deviation of one sample [counts].
+        rate: samples per second.
+        clock: the cell's own [s].
+    """
+
+    def __init__(
+        self,
+        rng: np.random.Generator,
+        force: Callable[[float], float] | float = 0.0,
+        *,
+        offset: float = 84213.0,
+        scale: float = 5.6e-6,
+        noise: float = 40.0,
+        rate: float = 80.0,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._rng, self._clock = rng, clock
+        self.offset, self.scale, self.noise, self.rate = offset, scale, noise, rate
+        self.hang(force)
+        self._line = EmulatedPort()
+        self.port = self._line.port
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="emulated load cell", daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> "EmulatedCell":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.unplug()
+
+    def hang(self, force: Callable[[float], float] | float) -> None:
+        """From now on this pulls [N]: a constant, or a function of the cell's clock [s]."""
+        self._force: Callable[[float], float] = force if callable(force) else lambda _: force
+
+    def unplug(self) -> None:
+        """Pull the cable; twice is once."""
+        self._stop.set()
+        self._thread.join()
+        self._line.unplug()
+
+    def _run(self) -> None:
+        due = self._clock()
+        while not self._stop.wait(max(0.0, due - self._clock())):
+            counts = self.offset + self._force(due) / self.scale + self.noise * self._rng.standard_normal()
+            self._line.send(self._line.line(round(counts)))
+            due += 1.0 / self.rate
+
+
+def swinging_load(mass: float, length: float, amplitude: float, gravity: float) -> Callable[[float], float]:
+    r"""Pull of a load that swings freely by a small angle, as a function of time [s].
+
+    :math:`F = m g \cos\varphi + m l \dot\varphi^2` with :math:`\varphi = A \cos(\sqrt{g / l}\, t)`.
+
+    Args:
+        mass: [kg].
+        length: of the string [m].
+        amplitude: A [rad].
+        gravity: g [m/s^2].
+    """
+    frequency = math.sqrt(gravity / length)
+
+    def force(time: float) -> float:
+        angle = amplitude * math.cos(frequency * time)
+        rate = amplitude * frequency * math.sin(frequency * time)
+        return mass * (gravity * math.cos(angle) + length * rate**2)
+
+    return force

@@ -1,0 +1,162 @@
+"""A thread that reads a serial line, stamps what it reads and watches it."""
+
+import contextlib
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterable
+from types import TracebackType
+from typing import NamedTuple
+
+from pipeline.loadcell.decoder import Decoder
+from pipeline.loadcell.faults import Fault, FaultDetector, FaultEvent, FaultLimits, implausible_repeats
+from pipeline.loadcell.port import SerialLine
+from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS
+from pipeline.loadcell.stamps import ReceptionTimes
+from pipeline.loadcell.status import LoadCellStatus
+
+QUEUE = 1000
+"""Samples and events that wait to be taken; the oldest go first."""
+START_UP = 5.0
+"""s; a board with an Arduino boot loader takes about 2 s from the opening of its port to the first line."""
+SMALLEST_NOISE = 0.5
+"""Counts; assumed of a cell that is not calibrated. The HX711's own is about 40 (90 nV of 20 mV at 80 samples/s)."""
+
+
+def count_limits(noise: float = SMALLEST_NOISE, silent_after: float = 0.2) -> FaultLimits:
+    """What is in order for the counts of an HX711 with `noise` [counts]."""
+    repeats = implausible_repeats(noise, 1.0)
+    return FaultLimits(MINIMUM_COUNTS, MAXIMUM_COUNTS, repeats, silent_after, START_UP)
+
+
+class CountSample(NamedTuple):
+    """Counts and the time of their reception [s]."""
+
+    time: float
+    counts: int
+
+
+class CountReader:
+    """Reads conversions from an open line until it is closed or the line is gone.
+
+    Every method may be called from any thread. Use it as a context manager, or call `close`.
+
+    Args:
+        line: the open port; closed by `close`.
+        limits: what is in order, in counts.
+        clock: gives the time of reception [s].
+        queue: how many samples may wait to be taken.
+    """
+
+    def __init__(
+        self,
+        line: SerialLine,
+        limits: FaultLimits,
+        clock: Callable[[], float] = time.monotonic,
+        queue: int = QUEUE,
+    ) -> None:
+        self._line, self._clock = line, clock
+        self._lock = threading.Lock()
+        self._decoder, self._detector, self._times = Decoder(), FaultDetector(limits), ReceptionTimes()
+        self._samples: deque[CountSample] = deque(maxlen=queue)
+        self._events: deque[FaultEvent] = deque(maxlen=QUEUE)
+        self._counts: Counter[Fault] = Counter()
+        self._received = 0
+        self._overflowing = False
+        self._connected = True
+        self._detector.check(clock())
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="load cell", daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> "CountReader":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the thread, then let go of the port; what was received can still be taken."""
+        self._stop.set()
+        self._thread.join()
+        with contextlib.suppress(OSError):  # a port that is gone may refuse even that
+            self._line.close()
+        with self._lock:
+            self._connected = False
+
+    def read(self) -> list[CountSample]:
+        """Samples received since the last call, oldest first."""
+        with self._lock:
+            samples = list(self._samples)
+            self._samples.clear()
+            self._overflowing = False
+            return samples
+
+    def events(self) -> list[FaultEvent]:
+        """Faults that began or ended since the last call, oldest first."""
+        with self._lock:
+            self._watch()
+            events = list(self._events)
+            self._events.clear()
+            return events
+
+    def status(self) -> LoadCellStatus:
+        """How the line is doing now."""
+        with self._lock:
+            self._watch()
+            active = self._detector.active
+            if self._counts[Fault.DISCONNECTED]:
+                active = (Fault.DISCONNECTED, *active)
+            heard = bool(self._received) and Fault.SILENT not in active and self._connected
+            return LoadCellStatus(
+                connected=self._connected,
+                samples=self._received,
+                rate=self._times.rate if heard else 0.0,
+                latest=self._times.latest,
+                active=active,
+                counts={fault: self._counts[fault] for fault in Fault},
+            )
+
+    def _run(self) -> None:
+        try:
+            while not self._stop.is_set():
+                # A line that is gone raises here; on some systems only the question how much is waiting does.
+                data = self._line.read(max(1, self._line.in_waiting))
+                with self._lock:
+                    self._take(data)
+        except OSError:
+            with self._lock:
+                self._connected = False
+                self._note([FaultEvent(self._clock(), Fault.DISCONNECTED)])
+
+    def _take(self, data: bytes) -> None:
+        now = self._clock()
+        decoded = self._decoder.feed(data)
+        self._note(FaultEvent(now, fault, count=count) for fault, count in decoded.faults.items())
+        stamps = self._times.stamp(now, len(decoded.readings))
+        for stamp, reading in zip(stamps, decoded.readings, strict=True):
+            self._detector.sample(stamp, reading.counts)
+            self._queue(CountSample(stamp, reading.counts))
+        self._watch()
+
+    def _queue(self, sample: CountSample) -> None:
+        self._received += 1
+        if len(self._samples) == self._samples.maxlen:
+            self._counts[Fault.OVERFLOW] += 1
+            if not self._overflowing:
+                self._overflowing = True
+                self._events.append(FaultEvent(sample.time, Fault.OVERFLOW))
+        self._samples.append(sample)
+
+    def _watch(self) -> None:
+        if self._connected:
+            self._detector.check(self._clock())
+        self._note(self._detector.take_events())
+
+    def _note(self, events: Iterable[FaultEvent]) -> None:
+        for event in events:
+            self._events.append(event)
+            if event.began:
+                self._counts[event.fault] += event.count

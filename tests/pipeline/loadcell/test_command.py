@@ -1,0 +1,193 @@
+import io
+import json
+import sys
+import time
+import tomllib
+
+import numpy as np
+import pytest
+import typer
+
+from pipeline import cli
+from pipeline.loadcell.calibration import Calibration
+from pipeline.loadcell.cell import LoadCell
+from pipeline.loadcell.emulator import EmulatedCell, EmulatedPort
+from pipeline.loadcell.faults import Fault
+
+PATIENT = ["--silent-after", "30"]  # these tests run on busy machines
+
+
+@pytest.fixture
+def armdyn(monkeypatch, capsys, tmp_path):
+    """The command line, in this process, with settings of its own: exit status, standard output, standard error."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "settings"))
+    monkeypatch.setattr(cli, "COMMANDS", ("loadcell",))
+
+    def run(*arguments):
+        monkeypatch.setattr(cli, "app", typer.Typer())
+        monkeypatch.setattr(sys, "argv", ["armdyn", "loadcell", *map(str, arguments)])
+        with pytest.raises(SystemExit) as caught:
+            cli.main()
+        captured = capsys.readouterr()
+        return caught.value.code, captured.out, captured.err
+
+    return run
+
+
+class Operator(io.TextIOBase):
+    """Somebody who hangs the next weight and then presses Enter."""
+
+    def __init__(self, cell, forces):
+        self._cell, self._forces = cell, iter(forces)
+
+    def readline(self, _size=-1):
+        self._cell.hang(next(self._forces))
+        time.sleep(0.3)
+        return "\n"
+
+
+@pytest.fixture
+def source():
+    with EmulatedCell(np.random.default_rng(11), rate=400.0, scale=-7e-6) as cell:
+        yield cell
+
+
+def calibrated(armdyn, source, monkeypatch, forces, *options):
+    monkeypatch.setattr(sys, "stdin", Operator(source, forces))
+    return armdyn("calibrate", source.port, "--samples", 60, *options)
+
+
+def test_a_person_calibrates_a_cell_and_monitors_it(armdyn, source, monkeypatch, tmp_path):
+    status, out, err = calibrated(armdyn, source, monkeypatch, [0.0, 0.981, 1.962], "--json", tmp_path / "c.json")
+    assert status == 0, err
+    assert "Leave the cell empty" in err
+    assert "Hang 200 g" in err
+    file = tmp_path / "settings" / "armdyn" / "loadcell.toml"
+    assert f"written to {file}" in out
+    stored = tomllib.loads(file.read_text())
+    for name, true in (("offset", source.offset), ("scale", source.scale)):
+        assert abs(stored[name]["value"] - true) < 6 * stored[name]["std"]
+    result = json.loads((tmp_path / "c.json").read_text())
+    assert result["schema"] == "armdyn.loadcell_calibration/1"
+    assert result["scale"] == stored["scale"]
+    assert [weight["weight"] for weight in result["weights"]] == ["0 g", "100 g", "200 g"]
+
+    source.hang(0.5)
+    status, out, _ = armdyn("monitor", source.port, "--seconds", 0.5, "--json", "-", *PATIENT)
+    assert status == 0
+    seen = json.loads(out)
+    assert seen["schema"] == "armdyn.loadcell_monitor/1"
+    assert seen["reliable"]
+    assert seen["samples"] > 0
+    assert seen["force"]["mean"] == pytest.approx(0.5, abs=2e-3)
+    assert set(seen["faults"]) == {fault.name.lower() for fault in Fault}
+
+
+@pytest.mark.parametrize(
+    ("forces", "says"),
+    [
+        ([0.3, 0.3, 0.3], "was the weight changed"),
+        ([0.0, 1.962, 0.981], "do not follow the weights"),
+        ([0.0, 0.981, 3.0], "do not lie on a line"),
+        ([0.0, 0.981, -1e3], "end of its range"),
+    ],
+)
+def test_nonsense_is_refused_and_an_old_calibration_kept(armdyn, source, monkeypatch, tmp_path, forces, says):
+    out_file = tmp_path / "old.toml"
+    out_file.write_text("old")
+    status, _, err = calibrated(armdyn, source, monkeypatch, forces, "--out", out_file)
+    assert status == 1
+    assert says in err.splitlines()[-1]
+    assert out_file.read_text() == "old"
+
+
+def test_a_cable_pulled_during_calibration_ends_it(armdyn, source, monkeypatch):
+    class Clumsy(Operator):
+        def readline(self, _size=-1):
+            source.unplug()
+            return "\n"
+
+    monkeypatch.setattr(sys, "stdin", Clumsy(source, []))
+    status, _, err = armdyn("calibrate", source.port)
+    assert status == 1
+    assert err.endswith(f"armdyn: load cell: {Fault.DISCONNECTED.value}\n")
+
+
+def test_the_emulated_cell_can_be_calibrated_and_monitored_without_hardware(armdyn, tmp_path):
+    status, out, _ = armdyn("calibrate", "emulated", "--samples", 40, "--weights", "200 g", "--json", "-")
+    assert status == 0
+    file = tmp_path / "settings" / "armdyn" / "loadcell-emulated.toml"
+    assert json.loads(out)["file"] == str(file)
+    assert Calibration.load(file).source == "armdyn loadcell calibrate emulated: 0 g, 200 g; 40 samples each"
+    status, out, _ = armdyn("monitor", "emulated", "--seconds", 0.3, *PATIENT)
+    assert status == 0
+    assert "in order" in out
+
+
+def test_ctrl_c_ends_monitoring_in_the_usual_way(armdyn, monkeypatch, tmp_path):
+    read, calls = LoadCell.read, []
+
+    def interrupted(cell):
+        calls.append(cell)
+        if len(calls) == 5:
+            raise KeyboardInterrupt
+        return read(cell)
+
+    monkeypatch.setattr(LoadCell, "read", interrupted)
+    status, _, _ = armdyn("monitor", "emulated", "--json", tmp_path / "m.json", *PATIENT)
+    assert status == 0
+    assert json.loads((tmp_path / "m.json").read_text())["samples"] > 0
+
+
+def test_monitoring_ends_with_status_1_when_the_cable_is_pulled(armdyn, source, monkeypatch, tmp_path):
+    read, calls = LoadCell.read, []
+
+    def pulled(cell):
+        calls.append(cell)
+        if len(calls) == 10:
+            source.unplug()
+        return read(cell)
+
+    monkeypatch.setattr(LoadCell, "read", pulled)
+    arguments = ["--calibration", write_calibration(tmp_path), "--json", tmp_path / "m.json"]
+    status, _, err = armdyn("monitor", source.port, *arguments, *PATIENT)
+    assert status == 1
+    assert err == f"armdyn: {source.port}: {Fault.DISCONNECTED.value}\n"
+    seen = json.loads((tmp_path / "m.json").read_text())
+    assert seen["active"] == ["disconnected"]
+    assert seen["events"][-1]["sentence"] == Fault.DISCONNECTED.value
+
+
+def write_calibration(folder):
+    path = folder / "c.toml"
+    path.write_text(
+        'date = 2026-03-02T10:15:00Z\nsource = "test"\n'
+        'offset = {value = 84213.0, std = 1.0, unit = "count"}\n'
+        'scale = {value = -7e-6, std = 1e-10, unit = "N/count"}\nnoise = {value = 2.8e-4, unit = "N"}\n'
+    )
+    return path
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["monitor", "PORT"], "there is no load cell calibration: run 'armdyn loadcell calibrate PORT'"),
+        (["monitor", "/dev/ttyNONE", "--calibration", "FILE"], "/dev/ttyNONE: there is no such port"),
+        (["monitor", "PORT", "--calibration", "FOREIGN"], "run 'armdyn loadcell calibrate PORT'"),
+        (["monitor", "PORT", "--seconds", "0"], "--seconds"),
+        (["monitor"], "'port'"),
+        (["calibrate", "/dev/ttyNONE"], "there is no such port"),
+        (["calibrate", "PORT", "--weights", "heavy"], "neither a mass nor a force"),
+        (["calibrate", "PORT", "--samples", "3"], "--samples"),
+        (["calibrate", "PORT", "--baud", "0"], "--baud"),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(armdyn, tmp_path, arguments, says):
+    (tmp_path / "foreign.toml").write_text("name = 3")
+    with EmulatedPort() as wire:
+        places = {"PORT": wire.port, "FILE": write_calibration(tmp_path), "FOREIGN": tmp_path / "foreign.toml"}
+        status, out, err = armdyn(*(places.get(argument, argument) for argument in arguments))
+    assert status == 2
+    assert out == ""
+    assert len(err.splitlines()) == 1
+    assert says in err
