@@ -11,19 +11,20 @@ from armdyn.errors import InputError
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.variational import STATE_SIZE, VariationalStep
 
-COST_NAMES = ("x", "z", "vx", "vz", "w_x", "w_z", "w_vx", "w_vz", "w_gripper", "w_control", "w_travel")
+COST_NAMES = ("x", "z", "vx", "vz", "w_x", "w_z", "w_vx", "w_vz", "w_gripper_x", "w_gripper_v", "w_control", "w_travel")
 
 
 @dataclass(frozen=True)
 class TaskCost:
-    """1/2 |position - target|_P^2 + 1/2 |velocity|_Q^2 + 1/2 S v_gripper^2 at the end + dt/2 sum (R a^2 + W x_gripper^2).
+    """1/2 |position - target|_P^2 + 1/2 |velocity|_Q^2 + 1/2 |gripper|_S^2 at the end + dt/2 sum (R a^2 + W x_gripper^2).
 
     Attributes:
         target: (x, z) of the load relative to the gripper's start, z up, m.
         target_velocity: (x, z) m/s.
         position_weights: (x, z) 1/m^2.
         velocity_weights: (x, z) s^2/m^2.
-        gripper_velocity_weight: S, s^2/m^2; a load at rest below a moving gripper will not stay so.
+        gripper_weights: S on the gripper's position 1/m^2 and velocity s^2/m^2; a load at rest hangs on only where the
+            gripper is at rest above it.
         control_weight: R, s^3/m^2, > 0.
         travel_weight: W, 1/(m^2 s); keeps the gripper near the middle of its line.
     """
@@ -32,7 +33,7 @@ class TaskCost:
     target_velocity: tuple[float, float] = (0.0, 0.0)
     position_weights: tuple[float, float] = (1000.0, 1000.0)
     velocity_weights: tuple[float, float] = (100.0, 100.0)
-    gripper_velocity_weight: float = 0.0
+    gripper_weights: tuple[float, float] = (0.0, 0.0)
     control_weight: float = 0.1
     travel_weight: float = 0.0
 
@@ -43,14 +44,14 @@ class TaskCost:
             raise InputError(f"control weight {self.control_weight:g}: it must be positive, or the plan is not unique")
 
     def vector(self) -> np.ndarray:
-        """(11,) in the order of `COST_NAMES`."""
+        """(12,) in the order of `COST_NAMES`."""
         return np.array(
             [
                 *self.target,
                 *self.target_velocity,
                 *self.position_weights,
                 *self.velocity_weights,
-                self.gripper_velocity_weight,
+                *self.gripper_weights,
                 self.control_weight,
                 self.travel_weight,
             ]
@@ -152,8 +153,8 @@ def task_problem(variational: VariationalStep, name: str) -> DiscreteProblem:
     c = dict(zip(COST_NAMES, ca.vertsplit(p[thetas : size - 1]), strict=True))
     position, velocity = variational.load(s, t, dt, theta)
     arrival = (position[0] - c["x"], position[2] - c["z"], velocity[0] - c["vx"], velocity[2] - c["vz"])
-    error = ca.vertcat(*arrival, s[1])
-    weights = ca.vertcat(c["w_x"], c["w_z"], c["w_vx"], c["w_vz"], c["w_gripper"])
+    error = ca.vertcat(*arrival, s[0], s[1])
+    weights = ca.vertcat(c["w_x"], c["w_z"], c["w_vx"], c["w_vz"], c["w_gripper_x"], c["w_gripper_v"])
     effort = dt / 2 * (c["w_control"] * u**2 + c["w_travel"] * s[0] ** 2)
     at = (s, u, t, dt, theta)
     return DiscreteProblem(

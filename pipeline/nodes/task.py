@@ -49,7 +49,7 @@ class TaskSettings:
             target=(0.0, -length),
             position_weights=(1e4, 1e4),
             velocity_weights=(1e4, 1e4),
-            gripper_velocity_weight=1e4,
+            gripper_weights=(1e4, 1e4),
             travel_weight=self.travel_weight,
         )
 

@@ -73,7 +73,7 @@ def test_the_load_of_a_simulated_pendulum_arrives_where_the_plan_says(bare):
 
 def test_a_moving_load_can_be_brought_to_rest(bare):
     model, planner = bare
-    weights = {"position_weights": (1e4, 1e4), "velocity_weights": (1e4, 1e4), "gripper_velocity_weight": 1e4}
+    weights = {"position_weights": (1e4, 1e4), "velocity_weights": (1e4, 1e4), "gripper_weights": (1e4, 1e4)}
     cost = TaskCost((0.0, -0.368), **weights)
     plan = planner.plan(model, cost, SwingState(0.02, 0.1, 0.3, -0.5))
     assert abs(plan.angle[-1]) < 1e-2
