@@ -1,12 +1,13 @@
 """`armdyn loadcell`: calibrate an HX711 load cell on a serial port, and watch it."""
 
-import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from pipeline.commands.output import JsonOption, write_json
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -25,7 +26,6 @@ commands = typer.Typer(help="The load cell: an HX711 over a serial line.", no_ar
 
 Port = Annotated[str, typer.Argument(help="Serial port, such as /dev/ttyUSB0; 'emulated' tries it without hardware.")]
 Baud = Annotated[int, typer.Option(min=1, help="Baud rate of the microcontroller's program.")]
-Json = Annotated[Path | None, typer.Option("--json", help="The result as JSON; '-' is standard output.")]
 
 
 def register(app: typer.Typer) -> None:
@@ -42,7 +42,7 @@ def calibrate(
     out: Annotated[Path | None, typer.Option(help="Where to keep the result; your settings if not given.")] = None,
     samples: Annotated[int, typer.Option(min=40, help="Samples per weight.")] = 200,
     baud: Baud = 115200,
-    json_file: Json = None,
+    json_file: JsonOption = None,
 ) -> None:
     """Find offset, scale and noise with known weights."""
     import time
@@ -87,7 +87,7 @@ def calibrate(
     console.print(calibration_table(fit, calibration))
     calibration.save(target)
     if json_file is not None:
-        _write_json({**calibration_json(fit, rate), "file": str(target)}, json_file)
+        write_json({**calibration_json(fit, rate), "file": str(target)}, json_file)
     console.print(f"written to {target}", highlight=False, soft_wrap=True)
 
 
@@ -100,7 +100,7 @@ def monitor(
     seconds: Annotated[float | None, typer.Option(min=0.1, help="End after this long; else with Ctrl-C.")] = None,
     silent_after: Annotated[float, typer.Option(min=0.02, help="Seconds without a sample that are a fault.")] = 0.2,
     baud: Baud = 115200,
-    json_file: Json = None,
+    json_file: JsonOption = None,
 ) -> None:
     """Show forces and faults as they come; exit status 1 where the cell cannot be relied on at the end."""
     from armdyn.errors import TaskFailedError
@@ -118,7 +118,7 @@ def monitor(
         with LoadCell(name, used, baud=baud, silent_after=silent_after) as cell:
             seen, status, start = _watch(cell, console, seconds)
     if json_file is not None:
-        _write_json({"port": port, **monitor_json(seen, status, start)}, json_file)
+        write_json({"port": port, **monitor_json(seen, status, start)}, json_file)
     if not status.reliable:
         worst = next(iter(status.active), Fault.SILENT)
         raise TaskFailedError(f"{port}: {worst.value}")
@@ -185,13 +185,3 @@ def _console(json_file: Path | None) -> "Console":
     from rich.console import Console
 
     return Console(stderr=json_file == Path("-"))
-
-
-def _write_json(content: dict[str, Any], file: Path) -> None:
-    from armdyn.atomic import write_text
-
-    text = json.dumps(content)
-    if file == Path("-"):
-        typer.echo(text)
-    else:
-        write_text(file, text + "\n")
