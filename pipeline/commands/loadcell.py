@@ -137,6 +137,8 @@ def _watch(cell: Any, console: "Console", seconds: float | None) -> tuple["Monit
     seen, start = Monitor(), time.monotonic()
     begin: float | None = None
     status = cell.status()
+    if seconds is None:
+        console.print("Ctrl-C ends")
     with Live(console=console, refresh_per_second=10) as live:
         try:
             while status.connected:

@@ -35,7 +35,7 @@ def calibration_table(fit: CalibrationFit, calibration: Calibration) -> Renderab
 def monitor_table(seen: Monitor, status: LoadCellStatus, start: float) -> RenderableType:
     """What is to be seen while it runs; `start` is when it began [s]."""
     force, mean, std = seen.latest
-    table = Table(show_header=False, caption="Ctrl-C ends", min_width=60)
+    table = Table(show_header=False, min_width=60)
     table.add_row("force", f"{force:8.4f} N")
     table.add_row("last second", f"{mean:8.4f} N ± {1e3 * std:.2f} mN")
     table.add_row("rate", f"{status.rate:6.1f} Hz, {status.samples} samples")
