@@ -155,6 +155,8 @@ def _watch(cell: Any, console: "Console", seconds: float | None) -> tuple["Monit
             pass  # the usual way to end it
         seen.add(cell.read(), cell.events())
         live.update(monitor_table(seen, status, start))
+    if not console.is_terminal:
+        console.print()  # rich ends the last line of a live display only on a terminal
     return seen, status, start
 
 
