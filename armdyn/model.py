@@ -1,17 +1,17 @@
 """A model: a base, effects, parameters. Never changed in place."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
-from armdyn.effects.effect import Effect
+from armdyn.effects.effect import STAGES, Effect
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.parameter import Parameter, Prior
-from armdyn.run import Run
+from armdyn.run import Channel, Run
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,11 @@ class Model(ABC):
     effects: tuple[Effect, ...]
     parameters: Mapping[str, Parameter]
 
-    base = ""
+    base: ClassVar[str] = ""
+    first_window: ClassVar[float | None] = None
+    """s; shortest stretch of a run that a fit from afar starts with, doubling; None where any start will do."""
+    stages = STAGES
+    """What effects of this model may act on."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -64,8 +68,13 @@ class Model(ABC):
         """The model with one effect more, at its null value, where it changes nothing.
 
         Raises:
-            InputError: the model has it already.
+            InputError: the model has it already, or nothing that it could act on.
         """
+        if effect.acts_on not in self.stages:
+            raise InputError(
+                f"the effect '{effect.name}' acts on a {effect.acts_on}, which a model of the base '{self.base}' lacks: "
+                f"choose one that acts on {' or '.join(self.stages)}"
+            )
         if any(e.name == effect.name for e in self.effects):
             raise InputError(f"the model already has the effect '{effect.name}'")
         added = {p.name: p for p in effect.parameters()}
@@ -102,6 +111,45 @@ class Model(ABC):
     def with_fixed(self, *names: str) -> Self:
         """The model with these parameters held at their present values by every fit."""
         return self.with_parameters({name: replace(self._parameter(name), fitted=False) for name in names})
+
+    def with_candidates(self, effects: Iterable[Effect]) -> Self:
+        """The model with every one of `effects` that it lacks and can have, at its null value and not fitted."""
+        model = self
+        for effect in effects:
+            if model.lacks(effect):
+                had = set(model.names)
+                model = model.with_effect(effect)
+                model = model.with_fixed(*(name for name in model.names if name not in had))
+        return model
+
+    def lacks(self, effect: Effect) -> bool:
+        """Whether `with_effect` would add something."""
+        return effect.acts_on in self.stages and all(e.name != effect.name for e in self.effects)
+
+    def prepared(self, run: Run) -> Run:
+        """The run as this model is compared with it; prepare every run once, before its noise is estimated.
+
+        An arm low-passes and thins out the measured torques here, and does the same to what it predicts for the run
+        that it returns. Other models take runs as they are.
+
+        Raises:
+            InputError: the run cannot be compared with this model.
+        """
+        return run
+
+    def parts(self, effect: str) -> Mapping[str, tuple[str, ...]]:
+        """Names of an effect's parameters by the joint that they belong to, ``""`` where there is none."""
+        return {"": tuple(name for name in self.names if name.startswith(f"{effect}."))}
+
+    def initial_guess(self, run: Run) -> Mapping[str, float]:
+        """First guesses of the parameters that are one value per run."""
+        del run
+        return {}
+
+    def circumstances(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
+        """What a residual may depend on, such as the swing angle or a joint's speed, over the run's time."""
+        del run, theta
+        return {}
 
     def _parameter(self, name: str) -> Parameter:
         if name not in self.parameters:

@@ -83,12 +83,14 @@ class Quantity:
     upper: float = inf
     scope: Scope = "shared"
     summary: str = ""
+    spread: float | None = None
 
     def parameter(self, name: str) -> Parameter:
         """The parameter at its null value."""
         return Parameter(
             name=name, unit=self.unit, value=self.null, typical=self.typical, null=self.null,
             lower=self.lower, upper=self.upper, scope=self.scope, source=self.summary,
+            prior=None if self.spread is None else Prior(self.null, self.spread),
         )  # fmt: skip
 
 
@@ -101,6 +103,7 @@ def quantity(
     upper: float = inf,
     scope: Scope = "shared",
     summary: str = "",
+    spread: float | None = None,
 ) -> Any:  # the default value of an effect's argument, which is an expression when the effect is applied
     """Declare a parameter of an effect as the default value of its argument.
 
@@ -112,5 +115,7 @@ def quantity(
         upper: largest physical value.
         scope: ``"shared"`` by all runs or ``"per_run"``.
         summary: one phrase on what the number is.
+        spread: standard deviation, about the null value, of what nature has; it keeps a fit sound where a run does
+            not determine the number, such as the place of a mass of zero.
     """
-    return Quantity(unit, typical, null, lower, upper, scope, summary)
+    return Quantity(unit, typical, null, lower, upper, scope, summary, spread)

@@ -3,13 +3,13 @@
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 
-from armdyn.effects import gripper, load, sensor, string
+from armdyn.effects import gripper, joint, load, sensor, string
 from armdyn.effects.effect import Effect
 from armdyn.errors import UnknownNameError
 
 
 def _collect() -> Mapping[str, Effect]:
-    modules = (gripper, string, load, sensor)
+    modules = (gripper, string, load, sensor, joint)
     found = (item for module in modules for item in vars(module).values() if isinstance(item, Effect))
     return MappingProxyType({item.name: item for item in found})
 
@@ -20,10 +20,17 @@ CATALOGUE: Mapping[str, Effect] = _collect()
 def find(name: str, extra: Iterable[Effect] = ()) -> Effect:
     """The effect called `name`, from the catalogue or from a user's own effects.
 
+    Args:
+        name: ``"<effect>"``, or ``"<effect>:<joint>,<joint>"`` for one that acts on these joints only.
+        extra: a user's own effects.
+
     Raises:
         UnknownNameError: there is none; the message names the closest.
+        InputError: joints are given for an effect that does not act on joints.
     """
+    name, _, joints = name.partition(":")
     known = {**CATALOGUE, **{item.name: item for item in extra}}
     if name not in known:
         raise UnknownNameError("effect", name, known)
-    return known[name]
+    found = known[name]
+    return found.on(*(joint.strip() for joint in joints.split(","))) if joints else found

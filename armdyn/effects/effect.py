@@ -2,7 +2,7 @@
 
 import inspect
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, Literal, TypeVar
 
@@ -11,6 +11,9 @@ from armdyn.parameter import Parameter, Quantity
 
 Stage = Literal["gripper", "string", "load", "sensor", "joint"]
 STAGES: tuple[Stage, ...] = ("gripper", "string", "load", "sensor", "joint")
+Reach = Literal["every", "turning", "coupled", "last"]
+"""Joints that an effect on joints can act on: every one, those that turn, those whose neighbour towards the base is of
+the same kind, or the last one only."""
 Physics = TypeVar("Physics")
 
 
@@ -25,6 +28,8 @@ class Effect:
         summary: one sentence.
         source: where the equation comes from.
         function: ``(stage, **parameters) -> stage``, pure.
+        reach: joints that it can act on; for an effect on joints only.
+        joints: joints that it does act on, in the order of the arm; all within its reach where empty.
     """
 
     name: str
@@ -33,6 +38,23 @@ class Effect:
     summary: str
     source: str
     function: Callable[..., Any]
+    reach: Reach = "every"
+    joints: tuple[str, ...] = ()
+
+    @property
+    def label(self) -> str:
+        """``"<name>"``, or ``"<name>:<joint>,<joint>"`` where it acts on these joints only."""
+        return f"{self.name}:{','.join(self.joints)}" if self.joints else self.name
+
+    def on(self, *joints: str) -> "Effect":
+        """The same effect on these joints only, on all within its reach where none is given.
+
+        Raises:
+            InputError: it does not act on joints.
+        """
+        if joints and self.acts_on != "joint":
+            raise InputError(f"the effect '{self.name}' acts on the {self.acts_on}: leave out ':{','.join(joints)}'")
+        return replace(self, joints=joints)
 
     def apply(self, stage: Physics, parameters: Mapping[str, Any]) -> Physics:
         """The stage with this effect.
@@ -48,7 +70,9 @@ class Effect:
         return tuple(q.parameter(f"{self.name}.{short}") for short, q in self.quantities.items())
 
 
-def effect(name: str, acts_on: Stage, *, summary: str, source: str) -> Callable[[Callable[..., Physics]], Effect]:
+def effect(
+    name: str, acts_on: Stage, *, summary: str, source: str, reach: Reach = "every"
+) -> Callable[[Callable[..., Physics]], Effect]:
     """Make an `Effect` of a function whose first argument is the stage and whose others default to `quantity`.
 
     ```python
@@ -72,6 +96,6 @@ def effect(name: str, acts_on: Stage, *, summary: str, source: str) -> Callable[
                     f"effect '{name}': argument '{argument.name}' needs a default such as quantity(\"N\", typical=1.0)"
                 )
             quantities[argument.name] = argument.default
-        return Effect(name, acts_on, MappingProxyType(quantities), summary, source, function)
+        return Effect(name, acts_on, MappingProxyType(quantities), summary, source, function, reach)
 
     return make
