@@ -17,7 +17,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-COMMANDS = ("trial", "table", "ik")
+COMMANDS = ("trial", "table", "ik", "check", "loadcell")
 
 
 def _register() -> None:

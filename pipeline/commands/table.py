@@ -50,8 +50,8 @@ def table(
         console = Console(highlight=False)
         console.print(grid)
         console.print(
-            f"length {answer['mean']:.4f} m, standard deviation {1e3 * answer['std']:.2f} mm over all trials; the truth "
-            f"({result.length:g} m) within 3 reported standard deviations in {result.covered:.0%}"
+            f"length {answer['mean']:.4f} m, standard deviation {1e3 * answer['std']:.2f} mm over all trials; "
+            f"the truth ({result.length:g} m) within 3 reported standard deviations in {result.covered:.0%}"
         )
         console.print(BOX_NOTE)
         console.print(f"report {report}")

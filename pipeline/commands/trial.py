@@ -69,7 +69,8 @@ def trial(
         say = Console(highlight=False).print
         if result.estimates:
             say(
-                f"length  {result.length_estimate:.4f} m +/- {1e3 * result.length_std:.2f} mm  (true {length:g}, guess {guess:g})"
+                f"length {result.length_estimate:.4f} m +/- {1e3 * result.length_std:.2f} mm "
+                f"(true {length:g} m, guess {guess:g} m)"
             )
         say(f"[bold {'green' if result.success else 'red'}]{result.message}[/]")
         say(f"report {report}, recording {result.recording}")

@@ -111,7 +111,7 @@ class MeasurementNode:
                     f"the string has been slack since {self._pulled_at:.2f} s: move less, or hang a heavier load"
                 )
         found = self._detector.update(now, samples)
-        if found is not None and self.fault is None:
+        if found is not None and self.load_hangs and self.fault is None:
             self.fault = f"load cell at {now:.2f} s: {found.value}"
 
     def begin(self) -> None:

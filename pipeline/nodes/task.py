@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armdyn.control.task import SwingPlan, SwingState, TaskCost, TaskPlanner
+from armdyn.errors import TaskFailedError
 from armdyn.pendulum.model import PendulumModel
 from pipeline.motion import LineLimits, LineTrajectory, finish_over_box
 from pipeline.motion.reference import smooth_reference
@@ -13,6 +14,8 @@ from pipeline.nodes.drive import DriveNode
 
 DT = 0.01
 """Control cycle and step of the variational integrator, s."""
+PLAN_TOLERANCE = 0.004
+"""m that smoothing may move the gripper off its plan; the load then misses its target by about as much."""
 
 Check = Callable[[LineTrajectory, SwingPlan], None]
 """Raises `TaskFailedError` when a trajectory, with the swing that belongs to it, is not feasible."""
@@ -128,4 +131,12 @@ class TaskNode:
         v = np.gradient(plan.x, DT)
         v[-1] = plan.v[-1] + DT / 2 * plan.a[-1]  # the plan's speeds belong to the middle of each step
         motion = smooth_reference(plan.x, v, DT, self._limits, start=self._drive.state)
+        missed = np.abs(motion.s - plan.x)
+        if missed.max() > PLAN_TOLERANCE:
+            k = int(missed.argmax())
+            raise TaskFailedError(
+                f"the plan is not feasible: at {plan.time[k]:.2f} s it wants the gripper at {plan.x[k]:.3f} m with "
+                f"{v[k]:.2f} m/s, and within the line's range, speed and acceleration it comes no nearer than "
+                f"{1e3 * missed[k]:.0f} mm: choose a nearer target or more time"
+            )
         return LineTrajectory(motion.time[1:], motion.s[1:], motion.v[1:], motion.a[1:])

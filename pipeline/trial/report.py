@@ -117,12 +117,8 @@ def _swing(experiment: Experiment) -> SwingPicture | None:
             along(history.load[during]),
             history.load[during, 2] - line.origin[2],
         )
-    return SwingPicture(
-        planned,
-        executed,
-        BoxOutline(box.near_wall, box.width, box.rim, box.height),
-        experiment.settings.plant.load_radius,
-    )
+    outline = BoxOutline(box.near_wall, box.width, box.rim, box.height) if box else None
+    return SwingPicture(planned, executed, outline, experiment.settings.plant.load_radius)
 
 
 def _joints(experiment: Experiment) -> JointTrace:

@@ -1,0 +1,167 @@
+import os
+import signal
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from armdyn.errors import InputError, UnknownNameError
+from armdyn.run import read_run
+from pipeline.nodes.task import TaskSettings
+from pipeline.robot.settings import CellFault, FaultAt, PlantSettings
+from pipeline.trial import TrialSettings, run_trial
+from pipeline.trial.experiment import Experiment
+from pipeline.trial.report import report_of
+
+
+@pytest.fixture(scope="module")
+def learnt(tmp_path_factory):
+    experiment = Experiment(TrialSettings(length_guess=0.448, seed=3, out=tmp_path_factory.mktemp("trial")))
+    return experiment, experiment.run()
+
+
+def with_fault(fault, at=2.0):
+    plant = PlantSettings()
+    return replace(plant, cell=replace(plant.cell, faults=(FaultAt(fault, at),)))
+
+
+def stopped_within_limits(experiment):
+    """The arm ended at rest, and no commanded or measured joint speed passed its limit on the way."""
+    names, limits = experiment.description.joint_names, experiment.description.limits
+    velocity = np.column_stack([experiment.recorded[f"v.{n}"].value for n in names])
+    assert np.all(np.abs(velocity) <= limits.velocity + 0.1)  # five times the noise of a reading
+    assert experiment.drive.at_rest
+    assert abs(experiment.robot.gripper_truth().s_velocity) < 5e-3
+    assert np.abs(experiment.recorded["reference.v"].value[-1]) == 0.0
+
+
+def test_a_wrong_guess_is_corrected_and_the_load_lands(learnt):
+    _, result = learnt
+    assert result.success
+    assert result.feasible
+    assert abs(result.length_estimate - 0.368) < 1e-3
+    assert result.estimates[-1].std < 1e-3
+    assert result.minimum_tension > 0.0
+    assert result.peak.x < 0.2
+
+
+def test_json_holds_what_the_contract_names(learnt):
+    answer = learnt[1].as_json()
+    assert answer["schema"] == "armdyn.trial/1"
+    for key in (
+        "success",
+        "length_guess",
+        "length_true",
+        "length_estimate",
+        "length_std",
+        "minimum_tension",
+        "feasible",
+    ):
+        assert key in answer
+    assert set(answer["peak"]) == {"x", "v", "a", "swing_angle"}
+    assert set(answer["planning"]) >= {"iterations", "cost"}
+    assert set(answer["seconds"]) >= {"estimation_cycle", "estimator_update", "planning"}
+    assert all(len(entry) == 3 for entry in answer["estimates"])
+
+
+def test_the_recording_is_a_run_of_a_hanging_load(learnt):
+    experiment, result = learnt
+    run = read_run(result.recording)
+    csv = read_run(result.recording.with_suffix(".csv"))
+    assert set(csv.channels) == set(run.channels)
+    force = run.channels["load_force"]
+    swing_end = experiment.task.started + experiment.task.settings.duration
+    assert force.time[-1] < swing_end + 0.1  # what came after the load was let down is kept elsewhere
+    assert force.value.min() > 0.0
+    assert run.known["mass"].value == pytest.approx(0.08)
+
+
+def test_the_report_is_one_file_that_tells_the_verdict(learnt, tmp_path):
+    experiment, result = learnt
+    report_of(experiment, result).write(tmp_path / "report.html")
+    page = (tmp_path / "report.html").read_text()
+    assert "load came to rest in the box" in page
+    assert "The box is not the paper" in page
+
+
+def test_the_same_seed_gives_the_same_trial():
+    first, second = (run_trial(TrialSettings(seed=5, estimation_time=2.0)) for _ in range(2))
+    assert first.length_estimate == second.length_estimate
+    assert first.success == second.success
+
+
+@pytest.mark.parametrize(("guess", "lands"), [(0.308, False), (0.348, False), (0.368, True), (0.408, False)])
+def test_without_estimation_only_a_right_guess_lands(guess, lands):
+    assert run_trial(TrialSettings(length_guess=guess, estimate=False, seed=2)).success is lands
+
+
+@pytest.mark.parametrize("guess", [0.15, 0.9])
+def test_estimation_converges_from_far_away(guess):
+    result = run_trial(TrialSettings(length_guess=guess, seed=4))
+    assert abs(result.length_estimate - 0.368) < 1e-3
+    assert result.success
+
+
+@pytest.mark.parametrize(
+    ("fault", "says"),
+    [
+        (CellFault.UNPLUGGED, "no sample"),
+        (CellFault.FROZEN, "repeated"),
+        (CellFault.SATURATED, "end of the cell's range"),
+    ],
+)
+def test_a_failing_load_cell_stops_the_arm_and_keeps_the_recording(fault, says, tmp_path):
+    experiment = Experiment(TrialSettings(plant=with_fault(fault), out=tmp_path))
+    result = experiment.run()
+    assert not result.success
+    assert result.stopped
+    assert says in result.message
+    assert experiment.robot.time < 4.0
+    stopped_within_limits(experiment)
+    assert read_run(tmp_path / "trial.mcap").channels["gripper_x"].time[-1] > 2.0
+
+
+def test_a_slack_string_stops_the_swing():
+    experiment = Experiment(TrialSettings(length_guess=0.328, estimate=False, seed=1))
+    result = experiment.run()
+    assert "slack" in result.message
+    stopped_within_limits(experiment)
+
+
+def test_an_estimate_that_is_too_uncertain_is_not_used():
+    experiment = Experiment(TrialSettings(estimation_time=1.2, certain_enough=1e-3))
+    result = experiment.run()
+    assert "did not converge" in result.message
+    assert experiment.task.swing is None
+    stopped_within_limits(experiment)
+
+
+def test_an_infeasible_plan_never_moves_the_arm():
+    far = TaskSettings(target_x=1.5, travel_weight=0.0)
+    experiment = Experiment(TrialSettings(length_guess=0.368, estimate=False, task=far))
+    result = experiment.run()
+    assert not result.success
+    assert result.stopped
+    assert experiment.task.started is None
+    assert np.abs(experiment.recorded["reference.x"].value).max() == 0.0
+
+
+def test_ctrl_c_brings_the_arm_to_rest_and_keeps_the_recording(tmp_path):
+    experiment = Experiment(TrialSettings(out=tmp_path))
+    experiment._progress = lambda what, _share: os.kill(os.getpid(), signal.SIGINT) if what == "settling" else None
+    result = experiment.run()
+    assert "interrupted" in result.message
+    stopped_within_limits(experiment)
+    assert read_run(tmp_path / "trial.mcap").channels["load_force"].time[-1] > 5.0
+
+
+@pytest.mark.parametrize("guess", [0.0, -0.3, 10.0, float("nan")])
+def test_impossible_guesses_are_refused_in_one_line(guess):
+    with pytest.raises(InputError, match="length guess") as caught:
+        TrialSettings(length_guess=guess)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_unknown_hidden_effect_is_answered_with_the_closest():
+    with pytest.raises(UnknownNameError, match="did you mean 'quadratic_drag'"):
+        run_trial(TrialSettings(hidden={"quadratic_drg": None}))
