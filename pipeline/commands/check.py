@@ -119,6 +119,8 @@ def _write_report(result: "FeasibilityReport", trajectory: Path, file: Path) -> 
 
 
 def _print(result: "FeasibilityReport", report: Path | None) -> None:
+    from pipeline.motion.feasibility.report import in_words
+
     typer.echo(result.sentence)
     for violation in result.violations[:SHOWN]:
         typer.echo(f"  {violation}")
@@ -126,7 +128,7 @@ def _print(result: "FeasibilityReport", report: Path | None) -> None:
         typer.echo(f"  ... and {len(result.violations) - SHOWN} more")
     worst: dict[str, tuple[float, str]] = {}
     for margin in result.margins:
-        text = f"{margin.joint}: {margin.value:.4g} of {margin.bound:.4g} {margin.unit} at {margin.time:.3f} s"
+        text = f"{margin.joint}: {margin.value:.4g} of {margin.bound:.4g}{in_words(margin.unit)} at {margin.time:.3f} s"
         worst[margin.limit] = max(worst.get(margin.limit, (-1.0, "")), (margin.used, text))
     typer.echo("\nclosest to each limit")
     for limit, (used, text) in worst.items():

@@ -26,6 +26,9 @@ FINISH_SPEED_SHARE = 0.70
 HEADROOM = 0.999
 """Share of the limits that is planned with, so that they also hold between the instants that are looked at."""
 
+SLOWEST = 0.02
+"""Share of the highest speed below which a move is no longer looked for [1]."""
+
 STEP = 5e-3
 """Spacing of the positions at which the speed limit may be met or left [m]."""
 
@@ -91,18 +94,26 @@ def point_to_point(start: LineState, s_end: float, limits: LineLimits, dt: float
         raise InputError(f"move to s = {s_end} m: the cycle must be longer than 0 s, not {dt}")
     tight = limits.scaled(HEADROOM, HEADROOM)
     planner, target = LinePlanner(limits.jerk), LineState(s_end)
-    acceleration = tight.lowest_acceleration(min(start.s, s_end), max(start.s, s_end))
-    direct = planner.to_state(start, target, float(tight.speed.max()), acceleration)
-    if direct is not None and direct.respects(tight):
-        return _sampled([direct], target, dt)
-    moves = _ridden(planner, start, target, tight), _slower(planner, start, target, tight, acceleration)
-    pieces = min(filter(None, moves), key=lambda move: sum(piece.duration for piece in move), default=None)
+    guard = Guard(tight, planner)
+    pieces = _fastest(planner, guard, start, target, tight) if guard.stop(start) is not None else None
     if pieces is None:
         raise TaskFailedError(
             f"move to s = {s_end:.4g} m: there is none within the limits from s = {start.s:.4g} m, "
             f"v = {start.v:.4g} m/s, a = {start.a:.4g} m/s^2: start slower, or further from the line's ends"
         )
     return _sampled(pieces, target, dt)
+
+
+def _fastest(
+    planner: LinePlanner, guard: Guard, start: LineState, target: LineState, limits: LineLimits
+) -> list[JerkProfile | Ride] | None:
+    """The shortest in time of the moves that fit."""
+    acceleration = _acceleration(guard, start, target)
+    direct = planner.to_state(start, target, guard.lookup.highest_speed, acceleration)
+    if direct is not None and guard.allows(direct):
+        return [direct]
+    moves = _ridden(planner, start, target, limits), _slower(planner, guard, start, target, acceleration)
+    return min(filter(None, moves), key=lambda move: sum(piece.duration for piece in move), default=None)
 
 
 def _ridden(planner: LinePlanner, start: LineState, target: LineState, limits: LineLimits) -> list[JerkProfile | Ride]:
@@ -122,8 +133,7 @@ def _ridden(planner: LinePlanner, start: LineState, target: LineState, limits: L
         """The motion with which the whole takes the shortest time, and the place that belongs to it."""
         shortest, place, chosen = np.inf, 0, None
         for k, (begin, end) in enumerate(zip(begins, ends, strict=True)):
-            acceleration = guard.lookup.acceleration(min(begin.s, end.s), max(begin.s, end.s))
-            motion = planner.to_state(begin, end, speed, acceleration)
+            motion = planner.to_state(begin, end, speed, _acceleration(guard, begin, end))
             if motion is None or motion.duration + riding[k] >= shortest:
                 continue
             if guard.allows(motion):
@@ -147,16 +157,25 @@ def _ridden(planner: LinePlanner, start: LineState, target: LineState, limits: L
     return [up, ride, down]
 
 
+def _acceleration(guard: Guard, begin: LineState, end: LineState) -> float:
+    """What is allowed wherever a move comes by: who moves away from the end first comes to where one can stop."""
+    stop = guard.stop(begin)
+    reached = begin.s, end.s, begin.s if stop is None else stop.end.s
+    return guard.lookup.acceleration(min(reached), max(reached))
+
+
 def _slower(
-    planner: LinePlanner, start: LineState, target: LineState, limits: LineLimits, acceleration: float
+    planner: LinePlanner, guard: Guard, start: LineState, target: LineState, acceleration: float
 ) -> list[JerkProfile | Ride]:
     """The move at the highest constant speed that fits, by bisection; empty where there is none."""
     best: list[JerkProfile | Ride] = []
-    fits, fails = 0.0, float(limits.speed.max())
+    fits, fails = 0.0, guard.lookup.highest_speed
     for _ in range(12):
         speed = 0.5 * (fits + fails)
+        if speed < SLOWEST * guard.lookup.highest_speed:
+            break
         motion = planner.to_state(start, target, speed, acceleration)
-        if motion is not None and motion.respects(limits):
+        if motion is not None and guard.allows(motion):
             best, fits = [motion], speed
         else:
             fails = speed

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import clarabel
@@ -22,6 +22,9 @@ Array = NDArray[np.float64]
 
 HEADROOM = 0.999
 """Share of the limits that is planned with, for what happens between the linearised limits and between samples."""
+
+EASY = 0.95
+"""Share of the limits for the first motion: its jerk changes within a sample, which the program's cannot."""
 
 ROUNDS = 12
 """Most times that the limits are linearised about the last solution."""
@@ -102,10 +105,12 @@ def smooth_reference(
     if not (np.all(np.isfinite(s_ref)) and np.all(np.isfinite(v_ref)) and np.isfinite(dt) and dt > 0.0):
         raise InputError("reference: positions, speeds and the time step must be finite, the step greater than 0")
     tight = limits.scaled(HEADROOM, HEADROOM)
+    easy = replace(limits.scaled(EASY, EASY), jerk=EASY * limits.jerk)
+    guard = Guard(easy, LinePlanner(easy.jerk))
     if start is None:
-        start = Guard(tight, LinePlanner(limits.jerk)).drawn_back(LineState(float(s_ref[0]), float(v_ref[0])))
+        start = guard.drawn_back(LineState(float(s_ref[0]), float(v_ref[0])))
     program = _Program(s_ref, v_ref, dt, tight, start, end, torque, weights or Weights())
-    s, v, a = _followed(s_ref, v_ref, dt, limits, start)
+    s, v, a = _followed(s_ref, v_ref, dt, limits if guard.stop(start) is None else easy, start)
     for k in range(ROUNDS):
         before, trust = s, TRUST * NARROWING[1] ** max(k - NARROWING[0], 0)
         # From a first motion that misses the end, the program may have to go further than it should trust.

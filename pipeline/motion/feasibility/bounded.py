@@ -12,6 +12,12 @@ from pipeline.motion.trajectory import read_only
 TOLERANCE = 1e-6
 """Share of a limit by which a value may be beyond it: rounding of a recording with seven digits."""
 
+SMALL = 1e-3
+"""Size of a bound below which rounding no longer shrinks with it, in the bound's unit."""
+
+APART = 0.05
+"""Time for which a limit must be kept between two violations, to count them as two [s]."""
+
 
 @dataclass(frozen=True)
 class Bounded:
@@ -91,13 +97,14 @@ class Bounded:
         return [(int(np.argmin(margin[:, k])), int(k)) for k in bounded]
 
     def violations(self) -> list[tuple[int, int]]:
-        """Sample and column of the worst sample of every stretch beyond a bound."""
-        found = []
+        """Sample and column of the worst sample of every stretch beyond a bound; stretches `APART` are two."""
         scale = np.where(np.isfinite(self.lower), np.abs(self.lower), 0.0)
         scale = np.maximum(scale, np.where(np.isfinite(self.upper), np.abs(self.upper), 0.0))
-        beyond = self.margin < -TOLERANCE * np.maximum(scale, 1e-3)
+        margin = self.margin
+        beyond = margin < -TOLERANCE * np.maximum(scale, SMALL)
+        found = []
         for k, column in enumerate(beyond.T):
-            edges = np.flatnonzero(np.diff(np.concatenate([[False], column, [False]]).astype(int)))
-            for first, last in edges.reshape(-1, 2):
-                found.append((int(first + np.argmin(self.margin[first:last, k])), k))
+            samples = np.flatnonzero(column)
+            stretches = np.split(samples, np.flatnonzero(np.diff(self.time[samples]) > APART) + 1)
+            found += [(int(stretch[np.argmin(margin[stretch, k])]), k) for stretch in stretches if stretch.size]
         return found

@@ -12,6 +12,11 @@ from pipeline.motion.feasibility.bounded import Bounded
 SCHEMA = "armdyn.check/1"
 
 
+def in_words(unit: str) -> str:
+    """A unit as it stands behind a number: nothing for a pure number."""
+    return "" if unit == "1" else f" {unit}"
+
+
 @dataclass(frozen=True)
 class Violation:
     """One limit that is broken, where it is broken most.
@@ -33,7 +38,8 @@ class Violation:
     unit: str
 
     def __str__(self) -> str:
-        value = f"{self.value:.4g} {self.unit} (limit {self.bound:.4g} {self.unit})"
+        unit = in_words(self.unit)
+        value = f"{self.value:.4g}{unit} (limit {self.bound:.4g}{unit})"
         return f"{self.limit.replace('_', ' ')} of {self.joint} is {value} at {self.time:.3f} s"
 
 
@@ -122,7 +128,7 @@ class FeasibilityReport:
             m = self.tightest
             return (
                 f"Feasible: the tightest limit is the {m.limit.replace('_', ' ')} of {m.joint}, "
-                f"{m.value:.4g} of {m.bound:.4g} {m.unit} at {m.time:.3f} s."
+                f"{m.value:.4g} of {m.bound:.4g}{in_words(m.unit)} at {m.time:.3f} s."
             )
         more = f", and {len(self.violations) - 1} more" if len(self.violations) > 1 else ""
         return f"Not feasible: the {self.violations[0]}{more}."

@@ -1,0 +1,274 @@
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import ik
+import urdf
+from armdyn.errors import InputError, TaskFailedError
+from pipeline.motion.feasibility import (
+    CheckSettings,
+    JointTorque,
+    LineTorque,
+    Obstacle,
+    Swing,
+    box_and_table,
+    check_joints,
+    check_line,
+)
+from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
+
+DT = 0.01
+PLAIN = CheckSettings(collision=False)
+
+
+def line_sine(
+    amplitude: float, frequency: float, centre: float = 0.0, dt: float = DT, last: float = 2.0
+) -> LineTrajectory:
+    w, t = 2 * np.pi * frequency, np.arange(0.0, last, dt)
+    return LineTrajectory(
+        t, centre + amplitude * np.sin(w * t), amplitude * w * np.cos(w * t), -amplitude * w**2 * np.sin(w * t)
+    )
+
+
+def joint_sines(robot: urdf.Robot, amplitude: np.ndarray, frequency: np.ndarray, dt: float = DT) -> JointTrajectory:
+    t = np.linspace(0.0, 1.0, round(1.0 / dt) + 1)[:, None]
+    w = 2 * np.pi * frequency
+    q, v, a = amplitude * np.sin(w * t), amplitude * w * np.cos(w * t), -amplitude * w**2 * np.sin(w * t)
+    return JointTrajectory(t[:, 0], robot.home + q, v, a, robot.joint_names)
+
+
+def broken(report: object) -> set[tuple[str, str]]:
+    return {(v.limit, v.joint) for v in report.violations}  # type: ignore[attr-defined]
+
+
+def test_a_slow_motion_along_the_line_is_feasible(robot: urdf.Robot, table: ik.LineTable) -> None:
+    report = check_line(table, robot, line_sine(0.15, 0.5))
+    assert report.feasible
+    assert report.sentence.startswith("Feasible")
+    limits = {margin.limit for margin in report.margins}
+    assert limits >= {
+        "line", "position", "velocity", "acceleration", "jerk", "torque", "singularity", "distance_off_line", "tilt",
+        "self_collision",
+    }  # fmt: skip
+
+
+def test_the_first_joint_to_be_too_fast_is_named_with_its_bound(robot: urdf.Robot, table: ik.LineTable) -> None:
+    report = check_line(table, robot, line_sine(0.25, 0.8), PLAIN)
+    fast = [violation for violation in report.violations if violation.limit == "velocity"]
+    assert {violation.joint for violation in fast} <= {"right_s0", "right_s1", "right_e0", "right_e1"}
+    assert all(abs(violation.value) > 1.5 and abs(violation.bound) == 1.5 for violation in fast)
+    with pytest.raises(TaskFailedError, match=r"swing: not feasible.* and \d+ more"):
+        report.require_feasible("swing")
+
+
+def test_leaving_the_line_is_a_violation_of_the_line(robot: urdf.Robot, table: ik.LineTable) -> None:
+    report = check_line(table, robot, line_sine(0.1, 0.2, centre=0.5), PLAIN)
+    violation = next(v for v in report.violations if v.limit == "line")
+    assert violation.value == pytest.approx(0.6, abs=1e-3)
+    assert violation.bound == pytest.approx(0.55)
+
+
+@pytest.mark.parametrize(("column", "limit"), [(0, "position"), (1, "velocity"), (2, "acceleration")])
+def test_one_sample_beyond_a_limit_is_found_at_its_time(robot: urdf.Robot, column: int, limit: str) -> None:
+    still = np.repeat(robot.home[None], 50, axis=0)
+    q, v, a = still.copy(), 0 * still, 0 * still
+    (q, v, a)[column][20, 3] = {"position": 2.7, "velocity": 1.6, "acceleration": -21.0}[limit]
+    report = check_joints(robot, JointTrajectory(DT * np.arange(50), q, v, a, robot.joint_names), PLAIN)
+    violation = next(found for found in report.violations if found.limit == limit and found.joint == "right_e1")
+    assert violation.time == pytest.approx(0.2, abs=DT)
+
+
+def test_a_jump_is_found_though_the_speed_columns_deny_it(robot: urdf.Robot) -> None:
+    q = np.repeat(robot.home[None], 50, axis=0)
+    q[25:, 0] += 0.1
+    report = check_joints(robot, JointTrajectory(DT * np.arange(50), q, 0 * q, 0 * q, robot.joint_names), PLAIN)
+    violation = next(v for v in report.violations if v.limit == "velocity")
+    assert (violation.joint, violation.value) == ("right_s0", pytest.approx(10.0))
+
+
+@settings(max_examples=40, deadline=None)
+@given(data=st.data())
+def test_the_check_agrees_with_brute_force_at_ten_times_the_sampling(robot: urdf.Robot, data: st.DataObject) -> None:
+    amplitude = np.array(data.draw(st.lists(st.floats(0.01, 0.4), min_size=7, max_size=7)))
+    frequency = np.array(data.draw(st.lists(st.floats(0.1, 2.5), min_size=7, max_size=7)))
+    report = check_joints(robot, joint_sines(robot, amplitude, frequency), PLAIN)
+    fine = joint_sines(robot, amplitude, frequency, DT / 10)
+    limits, model, data_ = robot.limits, robot.model, robot.model.createData()
+    tau = np.array([pin.rnea(model, data_, *row) for row in zip(fine.q, fine.v, fine.a, strict=True)])
+    tau += model.damping * fine.v
+    brute = {
+        "position": np.min(np.minimum(fine.q - limits.lower, limits.upper - fine.q), axis=0),
+        "velocity": limits.velocity - np.max(np.abs(fine.v), axis=0),
+        "acceleration": limits.acceleration - np.max(np.abs(fine.a), axis=0),
+        "jerk": limits.jerk - np.max(np.abs(np.gradient(fine.a, DT / 10, axis=0)), axis=0),
+        "torque": limits.effort - np.max(np.abs(tau), axis=0),
+    }
+    scale = {
+        "position": limits.upper - limits.lower, "velocity": limits.velocity, "acceleration": limits.acceleration,
+        "jerk": limits.jerk, "torque": limits.effort,
+    }  # fmt: skip
+    for name, expected in brute.items():
+        margins = np.array([m.margin for m in report.margins if m.limit == name])
+        # At 2.5 Hz a peak between two samples at 100 Hz is at most 0.3 % above them; a difference lags by as much.
+        reached = np.abs(scale[name] - expected)
+        assert np.all(np.abs(margins - expected) <= 1e-3 * scale[name] + 0.006 * reached)
+        clear = np.abs(expected) > 1e-3 * scale[name] + 0.006 * reached
+        wrong = {m for limit, m in broken(report) if limit == name}
+        assert {robot.joint_names[k] for k in np.flatnonzero(clear & (expected < 0))} <= wrong
+        assert wrong <= {robot.joint_names[k] for k in np.flatnonzero(~clear | (expected < 0))}
+
+
+def test_renaming_or_reordering_joints_is_refused(robot: urdf.Robot) -> None:
+    motion = joint_sines(robot, np.full(7, 0.1), np.full(7, 0.5))
+    with pytest.raises(InputError, match="its joints are"):
+        check_joints(robot, replace(motion, joint_names=robot.joint_names[::-1]))
+
+
+def test_a_start_where_the_arm_is_not_is_refused(robot: urdf.Robot, table: ik.LineTable) -> None:
+    motion, here = line_sine(0.1, 0.5), table.posture(0.0).q
+    assert check_line(table, robot, motion, PLAIN, at=here).feasible
+    elsewhere = here + np.array([0, 0, 0, 0.1, 0, 0, 0])
+    report = check_line(table, robot, motion, PLAIN, at=elsewhere)
+    assert broken(report) == {("start", "right_e1")}
+    with pytest.raises(InputError, match="finite joint positions"):
+        check_line(table, robot, motion, PLAIN, at=here[:6])
+
+
+def test_a_joint_motion_off_the_line_is_seen_only_where_the_line_is_asked_for(
+    robot: urdf.Robot, table: ik.LineTable
+) -> None:
+    q = np.repeat(table.posture(0.1).q[None], 30, axis=0)
+    q[:, 3] += 0.01 * np.sin(np.linspace(0.0, np.pi, 30)) ** 2
+    motion = JointTrajectory(DT * np.arange(30), q, np.gradient(q, DT, axis=0), 0 * q, robot.joint_names)
+    assert check_joints(robot, motion, PLAIN).feasible
+    report = check_joints(robot, motion, PLAIN, line=robot.line)
+    assert {limit for limit, _ in broken(report)} == {"distance_off_line", "tilt"}
+
+
+def test_a_stretched_arm_is_singular(robot: urdf.Robot) -> None:
+    motion = JointTrajectory(np.array([0.0, 0.1]), *np.zeros((3, 2, 7)), robot.joint_names)
+    asked = replace(PLAIN, singular_value=0.05)
+    assert ("singularity", robot.tool_frame) in broken(check_joints(robot, motion, asked))
+
+
+def test_gravity_torques_are_the_slope_of_the_potential_energy(robot: urdf.Robot) -> None:
+    mass, torque, h = 0.5, JointTorque(robot, load_mass=0.5), 1e-6
+    data = robot.model.createData()
+
+    def energy(q: np.ndarray) -> float:
+        arm = float(pin.computePotentialEnergy(robot.model, data, q))
+        return arm + mass * 9.81 * float(robot.tool_pose(q).translation[2])
+
+    rng = np.random.default_rng(0)
+    for _ in range(10):
+        q = rng.uniform(robot.limits.lower, robot.limits.upper)
+        slope = [(energy(q + h * e) - energy(q - h * e)) / (2 * h) for e in np.eye(7)]
+        tau = torque(q[None], np.zeros((1, 7)), np.zeros((1, 7)))[0]
+        assert tau == pytest.approx(slope, abs=1e-6)
+
+
+def test_damping_and_springs_and_extra_torques_count(robot: urdf.Robot) -> None:
+    q, v = robot.home[None], np.full((1, 7), 0.5)
+    none = np.zeros((1, 7))
+    still, moving = JointTorque(robot)(q, none, none), JointTorque(robot)(q, v, none)
+    coriolis = pin.rnea(robot.model, robot.model.createData(), q[0], v[0], none[0])
+    assert moving[0] - coriolis == pytest.approx(0.7 * v[0])
+    sprung = replace(robot, springs=(urdf.Spring("right_s1", -8.0, -35.0, False, "a test"),))
+    spring = JointTorque(sprung, springs=True)(q, none, none) - still
+    assert spring[0, 1] == pytest.approx(8.0 * np.sin(q[0, 1]) + 35.0 * np.cos(q[0, 1]))
+    assert np.count_nonzero(spring) == 1
+    assert JointTorque(sprung)(q, none, none) == pytest.approx(still)
+    extra = JointTorque(robot, extra=(lambda _q, v, _a: -2.0 * v,))(q, v, none)
+    assert extra - moving == pytest.approx(2.0 * v)
+
+
+@pytest.mark.parametrize("mass", [-1.0, float("nan")])
+def test_what_is_no_mass_is_refused(robot: urdf.Robot, mass: float) -> None:
+    with pytest.raises(InputError, match="mass"):
+        JointTorque(robot, load_mass=mass)
+
+
+def test_torques_along_the_line_are_those_of_the_joints(robot: urdf.Robot, table: ik.LineTable) -> None:
+    torque, nodes = JointTorque(robot, load_mass=0.1), slice(0, None, 100)
+    line = LineTorque.of(
+        table.s[nodes], table.q[nodes], table.dq_ds[nodes], table.d2q_ds2[nodes], torque, robot.limits.effort
+    )
+    rng = np.random.default_rng(1)
+    v, a = rng.normal(0.0, [[0.5], [5.0]], (2, line.s.size))
+    expected = torque(*table.joint_motion(line.s, v, a))
+    found = line.inertia * a[:, None] + line.coriolis * v[:, None] ** 2 + line.damping * v[:, None] + line.gravity
+    assert found == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_heavy_load_breaks_the_torque_and_the_spring_mends_it(robot: urdf.Robot, table: ik.LineTable) -> None:
+    motion = line_sine(0.05, 0.2, centre=0.45)
+    heavy = replace(PLAIN, load_mass=2.5)
+    assert broken(check_line(table, robot, motion, heavy)) == {("torque", "right_s1")}
+    sprung = replace(robot, springs=(urdf.Spring("right_s1", 0.0, -35.0, False, "a test: it carries the arm"),))
+    assert check_line(table, sprung, motion, replace(heavy, springs=True)).feasible
+
+
+def test_a_block_in_the_way_is_hit_however_thin(robot: urdf.Robot, table: ik.LineTable) -> None:
+    line = robot.line
+    sheet = Obstacle("sheet", line.position(0.2), np.array([0.3, 0.002, 0.3]), np.eye(3))
+    motion = line_sine(0.25, 0.3)
+    report = check_line(table, robot, motion, CheckSettings(obstacles=(sheet,)))
+    assert not report.feasible
+    assert all(v.limit == "collision" and "sheet" in v.joint for v in report.violations)
+    assert min(v.value for v in report.violations) <= 0.0
+    beside = replace(sheet, centre=line.position(0.2) + np.array([0.0, 0.0, -0.6]))
+    assert check_line(table, robot, motion, CheckSettings(obstacles=(beside,))).feasible
+
+
+def test_the_box_of_the_task_is_not_in_the_way(robot: urdf.Robot, table: ik.LineTable) -> None:
+    box = box_and_table(robot.line, near_wall=0.355, width=0.3, depth=0.24, rim=0.285, height=0.095, wall=0.004)
+    report = check_line(table, robot, line_sine(0.2, 0.3, centre=0.25), CheckSettings(obstacles=box))
+    assert report.feasible, report.sentence
+    raised = box_and_table(robot.line, near_wall=0.355, width=0.3, depth=0.24, rim=-0.05, height=0.095, wall=0.004)
+    report = check_line(table, robot, line_sine(0.2, 0.3, centre=0.25), CheckSettings(obstacles=raised))
+    assert any(v.limit == "collision" and "box" in v.joint for v in report.violations)
+
+
+def test_an_arm_turned_into_its_own_body_collides(robot: urdf.Robot) -> None:
+    inside = np.array([1.6, 0.9, 0.0, 2.4, 0.0, 1.5, 0.0])
+    q = np.linspace(robot.home, inside, 400)
+    motion = JointTrajectory(DT * np.arange(400), q, np.gradient(q, DT, axis=0), 0 * q, robot.joint_names)
+    report = check_joints(robot, motion, CheckSettings())
+    assert any(v.limit == "self_collision" for v in report.violations)
+
+
+def swing(motion: LineTrajectory, angle: np.ndarray, tension: np.ndarray, length: float = 0.368) -> Swing:
+    return Swing(motion.time, angle, tension, length, least_tension=0.05)
+
+
+def test_a_slack_string_is_named(robot: urdf.Robot, table: ik.LineTable) -> None:
+    motion = line_sine(0.1, 0.5)
+    taut = np.full(len(motion), 0.8)
+    assert check_line(table, robot, motion, PLAIN, swing(motion, 0 * taut, taut)).feasible
+    slack = taut.copy()
+    slack[120] = 0.01
+    report = check_line(table, robot, motion, PLAIN, swing(motion, 0 * taut, slack))
+    assert broken(report) == {("tension", "string")}
+    assert report.violations[0].time == pytest.approx(1.2)
+
+
+def test_a_load_that_swings_over_the_hand_is_seen(robot: urdf.Robot, table: ik.LineTable) -> None:
+    motion = line_sine(0.02, 0.5)
+    taut, over = np.full(len(motion), 0.8), np.linspace(0.0, np.pi, len(motion))
+    report = check_line(table, robot, motion, CheckSettings(), swing(motion, over, taut, length=0.15))
+    assert {limit for limit, _ in broken(report)} == {"swing_clearance"}
+    low = check_line(table, robot, motion, CheckSettings(), swing(motion, 0.15 * over, taut, length=0.368))
+    assert low.feasible, low.sentence
+
+
+def test_json_is_that_of_the_contract(robot: urdf.Robot, table: ik.LineTable) -> None:
+    content = check_line(table, robot, line_sine(0.25, 0.8), PLAIN).to_json()
+    assert content["schema"] == "armdyn.check/1"
+    assert content["feasible"] is False
+    assert set(content["violations"][0]) == {"limit", "joint", "time", "value", "bound", "unit"}
+    assert set(content["margins"]["velocity"]) == set(robot.joint_names)
+    assert min(content["margins"]["velocity"].values()) < 0.0

@@ -1,0 +1,106 @@
+import numpy as np
+import pytest
+
+import ik
+import urdf
+from armdyn.errors import InputError, TaskFailedError
+from pipeline.motion import LineLimits, LineSmoother, LineState
+from pipeline.motion.feasibility import CheckSettings, JointTorque, LineTorque, check_line
+from pipeline.motion.reference import smooth_reference
+
+from .lines import DT, baxter_limits, is_one_motion, worst_excess
+
+LIMITS = baxter_limits()
+TIME = DT * np.arange(201)
+
+INFEASIBLE = {
+    "too fast": 0.3 * np.sin(2 * np.pi * 0.8 * TIME),
+    "steps": 0.2 * np.sign(np.sin(2 * np.pi * 0.7 * TIME)),
+    "beyond the ends": 0.8 * np.sin(2 * np.pi * 0.4 * TIME),
+    "noise": np.random.default_rng(0).normal(0.0, 0.1, TIME.size),
+}
+
+
+def speeds(s: np.ndarray) -> np.ndarray:
+    return np.gradient(s, DT)
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def test_a_feasible_reference_stays_as_it_is() -> None:
+    w = 2 * np.pi * 0.4
+    s, v = 0.15 * np.sin(w * TIME), 0.15 * w * np.cos(w * TIME)
+    start = LineState(0.0, float(v[0]), 0.0)
+    motion = smooth_reference(s, v, DT, LIMITS, start=start)
+    assert np.max(np.abs(motion.s - s)) < 1e-5
+    assert np.max(np.abs(motion.v - v)) < 1e-3
+
+
+@pytest.mark.parametrize("name", INFEASIBLE)
+def test_an_infeasible_reference_becomes_one_motion_within_the_limits(name: str) -> None:
+    s = INFEASIBLE[name]
+    motion = smooth_reference(s, speeds(s), DT, LIMITS)
+    assert worst_excess(LIMITS, motion) < 1e-9
+    assert is_one_motion(list(motion), LIMITS.jerk, DT)
+
+
+@pytest.mark.parametrize("name", ["too fast", "steps", "beyond the ends"])
+def test_no_online_scheme_comes_nearer_to_an_infeasible_reference(name: str) -> None:
+    s = INFEASIBLE[name]
+    motion = smooth_reference(s, speeds(s), DT, LIMITS)
+    targets = [LineState(*map(float, row)) for row in zip(s, speeds(s), 0 * s, strict=True)]
+    smoother = LineSmoother(LIMITS, DT, motion.start)
+    online = [smoother.state, *(smoother.update(targets[k : k + 50]) for k in range(1, len(targets)))]
+    assert rms(motion.s - s) < rms(np.array(online)[:, 0] - s)
+
+
+def test_start_and_end_are_kept() -> None:
+    s = np.linspace(0.0, 0.25, TIME.size)
+    start, end = LineState(0.02, 0.1, 0.5), LineState(0.3)
+    motion = smooth_reference(s, speeds(s), DT, LIMITS, start=start, end=end)
+    assert motion.start == pytest.approx(start, abs=1e-8)
+    assert motion.end == pytest.approx(end, abs=1e-8)
+
+
+def test_joint_torques_are_kept(robot: urdf.Robot, table: ik.LineTable) -> None:
+    limits = LineLimits.from_table(table)
+    nodes = slice(None, None, 20)
+    load, strength = JointTorque(robot, load_mass=0.3), 0.8 * robot.limits.effort
+    torque = LineTorque.of(table.s[nodes], table.q[nodes], table.dq_ds[nodes], table.d2q_ds2[nodes], load, strength)
+    s = INFEASIBLE["steps"]
+    worst = {}
+    for name, given in (("without", None), ("with", torque)):
+        motion = smooth_reference(s, speeds(s), DT, limits, torque=given)
+        tau = load(*table.joint_motion(motion.s, motion.v, motion.a))
+        worst[name] = float(np.max(np.abs(tau) / strength))
+    assert worst["without"] > 1.05
+    assert worst["with"] < 1.0
+
+
+def test_an_end_that_cannot_be_reached_in_time_is_refused() -> None:
+    s = np.zeros(20)
+    with pytest.raises(TaskFailedError, match="more time"):
+        smooth_reference(s, s, DT, LIMITS, end=LineState(0.5))
+
+
+@pytest.mark.parametrize(
+    ("s", "v"),
+    [
+        (np.zeros(10), np.zeros(9)),
+        (np.zeros(3), np.zeros(3)),
+        (np.full(10, np.nan), np.zeros(10)),
+        (np.zeros((5, 2)), np.zeros((5, 2))),
+    ],
+)
+def test_what_is_no_reference_is_refused(s: np.ndarray, v: np.ndarray) -> None:
+    with pytest.raises(InputError, match="reference"):
+        smooth_reference(s, v, DT, LIMITS)
+
+
+def test_the_smoothed_reference_passes_the_feasibility_check(robot: urdf.Robot, table: ik.LineTable) -> None:
+    s = INFEASIBLE["too fast"]
+    motion = smooth_reference(s, speeds(s), DT, LineLimits.from_table(table))
+    report = check_line(table, robot, motion, CheckSettings(collision=False))
+    assert {violation.limit for violation in report.violations} <= {"torque"}
