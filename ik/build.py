@@ -13,9 +13,9 @@ from armdyn.errors import InputError
 from ik.branch import Branch
 from ik.chain import Chain
 from ik.errors import UnreachableError
+from ik.free import plan_free
 from ik.path import LinePath, Path
 from ik.pathfile import UNASKED
-from ik.plan import plan_branch
 from ik.reach import survey
 from ik.selfmotion import Wish
 from ik.table import LineTable, PathTable
@@ -109,21 +109,10 @@ def _content(robot: Robot, path: Path, wish: Wish, spacing: float, progress: Pro
 def _plan(robot: Robot, chain: Chain, path: Path, wish: Wish) -> tuple[Branch, Array, Array]:
     """The best branch within the limits that touches nothing, or the reason why there is none."""
     collisions = CollisionModel(robot)
-
-    def free(q: Array) -> bool:
-        return collisions.touching(q) is None
-
-    why = ""
-    # Checking every sampled posture for collisions costs more than the rest: only where the best branch touches.
-    for allowed in (None, free):
-        try:
-            branch, s, q = plan_branch(robot, chain, path, wish, allowed)
-        except UnreachableError as error:
-            why = str(error)
-            break
-        why = _objection(robot, collisions, s, q)
-        if not why:
-            return branch, s, q
+    try:
+        return plan_free(robot, chain, path, wish, collisions)
+    except UnreachableError as error:
+        why = str(error)
     misses = survey(robot, path, np.linspace(path.s_min, path.s_max, SURVEYED), collisions)
     if misses:
         raise UnreachableError(
@@ -135,20 +124,6 @@ def _plan(robot: Robot, chain: Chain, path: Path, wish: Wish) -> tuple[Branch, A
         f"robot '{robot.name}': every target on the path can be held, but not on one smooth course: {why}; "
         "move or shorten the path, or choose another home posture"
     )
-
-
-def _objection(robot: Robot, collisions: CollisionModel, s: Array, q: Array) -> str:
-    """What is wrong with postures (k, n) along a line, or nothing."""
-    margin = robot.limits.margin(q)
-    if margin.min() < 0:
-        node, joint = divmod(int(margin.argmin()), margin.shape[1])
-        beyond = f"{-margin[node, joint]:.3f} rad or m beyond its limit"
-        return f"at s = {s[node]:.3f} m joint '{robot.joint_names[joint]}' would be {beyond}"
-    for at, posture in zip(s, q, strict=True):
-        touching = collisions.touching(posture)
-        if touching is not None:
-            return f"at s = {at:.3f} m {touching[0]} would touch {touching[1]}"
-    return ""
 
 
 def default_path(robot: Robot) -> File:

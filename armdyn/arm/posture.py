@@ -1,0 +1,209 @@
+r"""An arm at one posture in closed form: gravity, inertia, Coriolis, energy, regressor, and what its tool can do.
+
+All of it comes from the equation of motion
+
+    M(q) \ddot q + C(q, \dot q) \dot q + g(q) + d \dot q = \tau,
+
+d being the viscous damping of the URDF's joints, which Pinocchio's own algorithms leave out.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import linprog
+
+from armdyn.errors import InputError
+from urdf import Robot
+from urdf.robot import read_only
+
+Array = NDArray[np.float64]
+
+LOOKS_LIKE_DEGREES = 2 * np.pi  # rad beyond a limit's side: nobody means so many radians
+PER_LINK = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")  # kg, kg m, kg m^2 about the joint
+
+
+@dataclass(frozen=True)
+class Ellipsoid:
+    """Where the tool's speed or force ends when the joints use all that they have, in the Euclidean norm.
+
+    Attributes:
+        axes: unit vectors in the base frame, the columns of (3, 3).
+        lengths: semi-axes, (3,) [m/s or N], the largest first.
+        along: largest value straight along the base's x, y and z, by the limits joint by joint, (3,) [m/s or N].
+    """
+
+    axes: Array
+    lengths: Array
+    along: Array
+
+
+@dataclass(frozen=True)
+class ArmPosture:
+    """The dynamics of an arm at one posture; n joints.
+
+    Attributes:
+        q: positions, (n,) [rad or m].
+        v: velocities, (n,) [rad/s or m/s].
+        tool_position: tool point in the base frame, (3,) [m].
+        tool_rotation: of the tool frame, (3, 3).
+        margin: distance of each joint to its nearer position limit, (n,) [rad or m].
+        gravity: torque that holds the arm, (n,) [N m or N].
+        springs: what the robot's known springs add to the motors' torque, (n,) [N m].
+        inertia: M, (n, n) [kg m^2, kg m or kg].
+        coriolis: C, (n, n) [N m s]; C v is the torque that the velocities take.
+        damping: d, (n,) [N m s/rad or N s/m].
+        kinetic_energy: [J].
+        potential_energy: of gravity, 0 where every centre of mass is at the base's height [J].
+        regressor: Y with tau - d v = Y p at these q, v and zero acceleration, (n, 10 n).
+        parameters: p, ten numbers per link as in `PER_LINK`, (10 n,) [kg, kg m, kg m^2].
+        jacobian: of the tool point in base axes, linear rows first, (6, n) [m/rad or 1, 1 or 0].
+        manipulability: Yoshikawa's measure for shifting the tool; 0 at a singularity.
+        speed: what the joints' velocity limits let the tool point reach; its orientation is free.
+        force: what the torque limits, less gravity, let the tool point exert at rest.
+    """
+
+    q: Array
+    v: Array
+    tool_position: Array
+    tool_rotation: Array
+    margin: Array
+    gravity: Array
+    springs: Array
+    inertia: Array
+    coriolis: Array
+    damping: Array
+    kinetic_energy: float
+    potential_energy: float
+    regressor: Array
+    parameters: Array
+    jacobian: Array
+    manipulability: float
+    speed: Ellipsoid
+    force: Ellipsoid
+
+
+def arm_posture(robot: Robot, q: ArrayLike | None = None, v: ArrayLike | None = None) -> ArmPosture:
+    """Evaluate an arm at one posture.
+
+    Args:
+        robot: the arm.
+        q: positions, (n,) [rad or m]; home if not given.
+        v: velocities, (n,) [rad/s or m/s]; rest if not given.
+
+    Raises:
+        InputError: a value is missing, not finite, or outside the position limits.
+    """
+    model, data = robot.model, robot.model.createData()
+    at = np.array(robot.home) if q is None else _checked(robot, q, "position")
+    rate = np.zeros(model.nv) if v is None else _checked(robot, v, "velocity")
+    _check_limits(robot, at)
+    still = np.zeros(model.nv)
+    pose = robot.tool_pose(at)
+    gravity = pin.computeGeneralizedGravity(model, data, at).copy()
+    springs = np.zeros(model.nv)
+    for spring in robot.springs:
+        joint = robot.joint_names.index(spring.joint)
+        springs[joint] += spring.torque(at[joint])
+    upper = np.triu(pin.crba(model, data, at).reshape(model.nv, model.nv))  # of a single joint it is flat
+    jacobian = _tool_jacobian(robot, data, at)
+    linear = jacobian[:3]
+    volume = float(np.linalg.det(linear @ linear.T)) if model.nv >= 3 else 0.0
+    return ArmPosture(
+        q=read_only(at),
+        v=read_only(rate),
+        tool_position=read_only(pose.translation),
+        tool_rotation=read_only(pose.rotation),
+        margin=read_only(robot.limits.margin(at)),
+        gravity=read_only(gravity),
+        springs=read_only(springs),
+        inertia=read_only(upper + np.triu(upper, 1).T),
+        coriolis=read_only(pin.computeCoriolisMatrix(model, data, at, rate).reshape(model.nv, model.nv)),
+        damping=read_only(model.damping),
+        kinetic_energy=float(pin.computeKineticEnergy(model, data, at, rate)),
+        potential_energy=float(pin.computePotentialEnergy(model, data, at)),
+        regressor=read_only(pin.computeJointTorqueRegressor(model, data, at, rate, still).reshape(model.nv, -1)),
+        parameters=read_only(np.concatenate([inertia.toDynamicParameters() for inertia in list(model.inertias)[1:]])),
+        jacobian=read_only(jacobian),
+        manipulability=float(np.sqrt(max(0.0, volume))),
+        speed=_speed(linear, robot.limits.velocity),
+        force=_force(linear, robot.limits.effort, gravity),
+    )
+
+
+def _speed(linear: Array, limits: Array) -> Ellipsoid:
+    """The image of the ball |q' / limit| <= 1, and the largest speeds straight along x, y and z of the box."""
+    axes, lengths, _ = np.linalg.svd(linear * limits)
+    along = np.empty(3)
+    for axis in range(3):
+        # Largest t with J q' = t e and |q'| <= limits: a linear program in (q', t).
+        direction = np.zeros((3, 1))
+        direction[axis] = -1.0
+        solution = linprog(
+            np.append(np.zeros(len(limits)), -1.0),
+            A_eq=np.hstack((linear, direction)),
+            b_eq=np.zeros(3),
+            bounds=[*((-limit, limit) for limit in limits), (0.0, None)],
+        )
+        along[axis] = -solution.fun if solution.success else 0.0
+    full = np.zeros(3)
+    full[: len(lengths)] = lengths
+    return Ellipsoid(read_only(axes), read_only(full), read_only(along))
+
+
+def _force(linear: Array, limits: Array, gravity: Array) -> Ellipsoid:
+    """Forces f with |J^T f / (limit - |gravity|)| <= 1, and the largest along +x, +y and +z joint by joint.
+
+    Semi-axes are infinite in a direction that the structure holds without any torque.
+    """
+    left = np.maximum(limits - np.abs(gravity), 0.0)
+    scaled = linear.T / np.maximum(left, 1e-12)[:, None]
+    _, values, axes = np.linalg.svd(scaled)
+    full = np.zeros(3)
+    full[: len(values)] = values
+    with np.errstate(divide="ignore"):
+        lengths = np.where(full > 1e-12, 1.0 / full, np.inf)
+        # Torque J^T f + g within the limits: each joint bounds t from its own side.
+        push = linear.T
+        room = np.where(push > 0, limits[:, None] - gravity[:, None], limits[:, None] + gravity[:, None])
+        along = np.where(np.abs(push) > 1e-12, np.maximum(room, 0.0) / np.maximum(np.abs(push), 1e-300), np.inf)
+    order = np.argsort(lengths)[::-1]
+    return Ellipsoid(read_only(axes.T[:, order]), read_only(lengths[order]), read_only(along.min(axis=0)))
+
+
+def _tool_jacobian(robot: Robot, data: pin.Data, q: Array) -> Array:
+    jacobian = pin.computeFrameJacobian(
+        robot.model, data, q, robot.tool_frame_id, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    ).reshape(6, robot.model.nv)
+    lever = robot.tool_pose(q).rotation @ robot.tool_offset
+    jacobian[:3] += np.cross(jacobian[3:].T, lever).T
+    return np.asarray(jacobian, dtype=np.float64)
+
+
+def _checked(robot: Robot, values: ArrayLike, kind: str) -> Array:
+    array = np.atleast_1d(np.asarray(values, dtype=np.float64))
+    if array.shape != (len(robot.joint_names),):
+        raise InputError(
+            f"robot '{robot.name}': {array.size} numbers for the {kind} of its {len(robot.joint_names)} joints; "
+            f"give one for each of {', '.join(robot.joint_names)}"
+        )
+    if not np.isfinite(array).all():
+        name = robot.joint_names[int(np.argmin(np.isfinite(array)))]
+        raise InputError(f"robot '{robot.name}': the {kind} of joint '{name}' is not a finite number; correct it")
+    return array
+
+
+def _check_limits(robot: Robot, q: Array) -> None:
+    margin = robot.limits.margin(q)
+    if margin.min() >= -1e-9:
+        return
+    joint = int(margin.argmin())
+    message = (
+        f"robot '{robot.name}': joint '{robot.joint_names[joint]}' at {q[joint]:g} is outside its limits "
+        f"{robot.limits.lower[joint]:g} to {robot.limits.upper[joint]:g}"
+    )
+    inside = robot.limits.margin(np.deg2rad(q)).min() >= 0
+    if inside and np.abs(q).max() > LOOKS_LIKE_DEGREES:
+        raise InputError(f"{message}; these look like degrees: give radians")
+    raise InputError(f"{message}; choose a posture within them")

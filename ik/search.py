@@ -1,0 +1,231 @@
+"""Find a line for an arm: where it can move its tool fast, far from every limit, without touching anything."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ik.chain import Chain
+from ik.errors import UnreachableError
+from ik.free import plan_free
+from ik.path import LinePath
+from ik.selfmotion import Wish
+from ik.solver import Solver
+from ik.torque import TorqueRows
+from urdf import CollisionModel, Line, Robot
+
+Array = NDArray[np.float64]
+
+GRID = 0.1  # m between the targets of the first look
+REACHABLE_STARTS = 3  # per target of the first look
+ROWS = 8  # of the best rows that are planned
+STARTS = 3  # different postures from which each of them is planned
+STEPS = (0.05, 0.025, 0.0125)  # m by which the best line is then moved
+WANTED_MARGIN = 0.5  # rad; more counts no more
+WHOLE = 0.3  # what speed off the core counts
+AMBITION = 3.0  # m/s asked of the core while searching: more than any arm gives
+KEPT = 0.97  # share of the speed found that is asked for in the end: leaves room for joint margin
+LOOKS = 9  # targets on a line that must be reachable at all
+
+
+class Found(NamedTuple):
+    """A line and what it is worth."""
+
+    line: Line
+    home: Array  # (n,), the posture at s = 0 that picks the branch
+    core_speed: float  # m/s, least on the core
+    whole_speed: float  # m/s, least on the whole line
+    joint_margin: float  # rad or m
+    clearance: float  # m to whatever is closest; nan until it is measured
+    torque: tuple[float, float]  # largest share of a torque limit at rest, without and with springs
+    score: float
+
+
+@dataclass(frozen=True)
+class Demand:
+    """What line is looked for.
+
+    Attributes:
+        direction: unit vector of growing s in the base frame, (3,).
+        rotation: orientation of the tool, (3, 3); None for the right-angled one nearest to that at home.
+        s_min: first line coordinate [m].
+        s_max: last line coordinate [m].
+        core: the stretch on which speed matters most [m].
+    """
+
+    direction: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    rotation: Array | None = None
+    s_min: float = -0.25
+    s_max: float = 0.25
+    core: tuple[float, float] = (-0.15, 0.15)
+
+
+def search_line(robot: Robot, demand: Demand | None = None, progress: Callable[[str], None] | None = None) -> Found:
+    """Vary distance, height and centre of a line; maximise usable speed and joint margin.
+
+    The score is (least speed on the core + 0.3 least speed on the line) * min(1, margin / 0.5 rad); lines that touch
+    something, or on which some joint cannot hold the arm still, with or without springs, are out.
+
+    Only lines in front of the base, to the right of somebody who looks along the direction, are looked at. First the
+    reachable targets of a grid, then plans of the most promising rows of it, then smaller and smaller moves
+    of the best one.
+
+    Args:
+        robot: the arm; its home posture is one of the starts.
+        demand: what is looked for.
+        progress: told what is being done.
+
+    Raises:
+        UnreachableError: no line of this length and direction can be followed.
+    """
+    demand, say = demand or Demand(), progress or (lambda _: None)
+    search = _Search(robot, demand)
+    say("looking where the tool can be held")
+    origins = search.promising()
+    best: Found | None = None
+    for number, origin in enumerate(origins):
+        for start in search.starts(origin):
+            found = search.judge(origin, start)
+            if found is not None and (best is None or found.score > best.score):
+                best = found
+        say(f"row {number + 1} of {len(origins)}: {_sentence(best)}")
+    if best is None:
+        raise UnreachableError(
+            f"robot '{robot.name}': no line of {demand.s_max - demand.s_min:g} m along {demand.direction} was found; "
+            "ask for a shorter one or another orientation of the tool"
+        )
+    for step in STEPS:
+        improved = True
+        while improved:
+            improved = False
+            for move in search.moves(step):
+                found = search.judge(best.line.origin + move, best.home)
+                if found is not None and found.score > best.score + 1e-3:
+                    best, improved = found, True
+            say(f"steps of {1e3 * step:g} mm: {_sentence(best)}")
+    return search.settle(best)
+
+
+def upright_rotation(rotation: Array) -> Array:
+    """The orientation with right angles to the base's axes that is nearest to a given one, (3, 3)."""
+    nearest = np.zeros((3, 3))
+    left = np.abs(rotation)
+    for _ in range(3):
+        row, column = np.unravel_index(left.argmax(), left.shape)
+        nearest[row, column] = np.sign(rotation[row, column])
+        left[row, :] = left[:, column] = -1.0
+    if np.linalg.det(nearest) < 0:  # the weakest of the three choices was the wrong one
+        weakest = int(np.abs((nearest * rotation).sum(axis=0)).argmin())
+        nearest[:, weakest] *= -1.0
+    return nearest + 0.0
+
+
+class _Search:
+    def __init__(self, robot: Robot, demand: Demand) -> None:
+        self.robot, self.demand = robot, demand
+        self.chain, self.solver, self.collisions = Chain.of(robot), Solver(robot), CollisionModel(robot)
+        self.direction = np.array(demand.direction) / np.linalg.norm(demand.direction)
+        up = np.array([0.0, 0.0, 1.0]) if abs(self.direction[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
+        self.across = np.cross(self.direction, up) / np.linalg.norm(np.cross(self.direction, up))
+        self.up = np.cross(self.across, self.direction)
+        given = demand.rotation
+        self.rotation = upright_rotation(robot.tool_pose(robot.home).rotation) if given is None else given
+
+    def line(self, origin: Array, core_speed: float = AMBITION) -> Line:
+        demand = self.demand
+        return Line(origin, self.direction, self.rotation, demand.s_min, demand.s_max, demand.core, core_speed)
+
+    def promising(self) -> list[Array]:
+        """Origins of lines whose targets can all be reached, the fastest at a first look first."""
+        frame = np.stack((self.across, self.direction, self.up))
+        postures = np.random.default_rng(0).uniform(
+            self.robot.limits.lower, self.robot.limits.upper, (4000, self.chain.joints)
+        )
+        corners = frame @ self.chain.motion(postures).position
+        corners[0] = np.maximum(corners[0], GRID)
+        axes = [np.arange(low, high, GRID) for low, high in zip(corners.min(axis=1), corners.max(axis=1), strict=True)]
+        grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+        speed = self._first_look(grid.reshape(-1, 3) @ frame).reshape(grid.shape[:3])
+        scores, origins = [], []
+        looks = np.linspace(self.demand.s_min, self.demand.s_max, LOOKS)
+        for (i, j, k), centre in np.ndenumerate(np.broadcast_to(axes[1][:, None], (len(axes[0]), *grid.shape[1:3]))):
+            along = np.interp(centre + looks, axes[1], speed[i, :, k], left=0.0, right=0.0)
+            if along.min() > 0 and speed[i, j, k] > 0:
+                scores.append(along.mean())
+                origins.append(grid[i, j, k] @ frame)
+        chosen: list[Array] = []
+        for index in np.argsort(scores)[::-1]:
+            # Not all of them neighbours of the same place.
+            if all(np.linalg.norm(origins[index] - other) > 1.2 * GRID for other in chosen):
+                chosen.append(origins[index])
+            if len(chosen) == ROWS:
+                break
+        return chosen
+
+    def starts(self, origin: Array) -> list[Array]:
+        """Postures at s = 0 to plan from, as different as can be."""
+        found = self.solver.postures(self.rotation, origin)
+        found = found[self.robot.limits.margin(found).min(axis=1) > 0]
+        chosen = [self.robot.home]
+        while len(found) and len(chosen) < STARTS:
+            distance = np.min([np.abs(found - other).max(axis=1) for other in chosen], axis=0)
+            chosen.append(found[int(distance.argmax())])
+        return chosen
+
+    def moves(self, step: float) -> Iterator[Array]:
+        """Small moves to both sides along the three axes."""
+        for axis in (self.up, self.across, self.direction):
+            yield step * axis
+            yield -step * axis
+
+    def judge(self, origin: Array, home: Array, core_speed: float = AMBITION) -> Found | None:
+        """What a line is worth; None where it cannot be used."""
+        line = self.line(origin, core_speed)
+        path, wish = LinePath(line), Wish(line.core, line.core_speed)
+        try:
+            branch, s, q = plan_free(replace(self.robot, home=home), self.chain, path, wish, self.collisions)
+        except UnreachableError:
+            return None
+        rate, bending, _ = branch.derivatives(self.chain, path, s, q)
+        limits = self.robot.limits
+        hold = TorqueRows.of(self.robot, q, rate, bending)
+        without, helped = (
+            float((np.abs(hold.torque(0.0, 0.0, springs)) / limits.effort).max()) for springs in (False, True)
+        )
+        if max(without, helped) > 1.0:
+            return None
+        speed = 1.0 / np.abs(rate / limits.velocity).max(axis=1)
+        core, whole, margin = float(speed[wish.in_core(s)].min()), float(speed.min()), float(limits.margin(q).min())
+        score = (core + WHOLE * whole) * min(1.0, margin / WANTED_MARGIN)
+        centre = q[int(np.abs(s).argmin())]
+        return Found(line, centre, core, whole, margin, float("nan"), (without, helped), score)
+
+    def settle(self, best: Found) -> Found:
+        """Ask for a little less than the best speed, and measure how close the arm comes to anything."""
+        origin, home = np.round(best.line.origin, 4), np.round(best.home, 3)
+        core_speed = float(np.floor(1e3 * KEPT * best.core_speed) / 1e3)
+        found = self.judge(origin, home, core_speed) or best._replace(line=self.line(best.line.origin, core_speed))
+        path = LinePath(found.line)
+        wish = Wish(found.line.core, core_speed)
+        _, _, q = plan_free(replace(self.robot, home=home), self.chain, path, wish, self.collisions)
+        clearance = min(self.collisions.clearance(posture).distance for posture in q)
+        return found._replace(home=home, clearance=clearance)
+
+    def _first_look(self, position: Array) -> Array:
+        """Speed along the direction in some posture at each target, (k,) [m/s]; 0 where none was found."""
+        rotation = np.broadcast_to(self.rotation, (len(position), 3, 3))
+        answers = self.solver.solve(rotation, position, starts=REACHABLE_STARTS, tolerance=1e-6)
+        jacobian = self.chain.jacobian(self.chain.motion(answers.q)).transpose(2, 0, 1)
+        twist = np.concatenate((self.direction, np.zeros(3)))
+        rate = np.linalg.pinv(jacobian, rcond=1e-6) @ twist
+        speed = 1.0 / np.maximum(np.abs(rate / self.robot.limits.velocity).max(axis=1), 1e-6)
+        return np.where(answers.reached, speed, 0.0)
+
+
+def _sentence(found: Found | None) -> str:
+    if found is None:
+        return "none yet"
+    where = ", ".join(f"{value:.3f}" for value in found.line.origin)
+    return f"{found.core_speed:.2f} m/s with {found.joint_margin:.2f} rad at ({where}) m"

@@ -1,0 +1,57 @@
+"""Options that say which robot a command is about."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from urdf import Robot
+
+RobotOption = Annotated[
+    str, typer.Option(help="Name of a known robot, or a settings file of one's own (.toml) that names its URDF.")
+]
+UrdfOption = Annotated[
+    Path | None, typer.Option("--urdf", help="A URDF file, in place of --robot; its longest chain is the arm.")
+]
+JointsOption = Annotated[str | None, typer.Option(help="The arm's joints from base to tool, separated by commas.")]
+ToolOption = Annotated[str | None, typer.Option(help="The link that carries the tool.")]
+MeshesOption = Annotated[
+    bool,
+    typer.Option(
+        "--meshes/--no-meshes", help="Whether every mesh must be there; without, missing shapes are left out."
+    ),
+]
+
+
+def which_robot(robot: str, urdf_file: Path | None, joints: str | None, tool: str | None, meshes: bool) -> "Robot":
+    """The robot that the options choose.
+
+    Raises:
+        InputError: its description is unknown or cannot be used.
+    """
+    from armdyn.errors import InputError
+    from urdf import UrdfError, load
+
+    names = None if joints is None else [name.strip() for name in joints.split(",") if name.strip()]
+    try:
+        return load(robot if urdf_file is None else urdf_file, joints=names, tool=tool, meshes=meshes)
+    except UrdfError as error:
+        raise InputError(str(error).replace("load the robot without its missing meshes", "add --no-meshes")) from error
+
+
+def numbers(text: str, option: str) -> list[float]:
+    """Numbers separated by commas.
+
+    Raises:
+        InputError: one of them is not a number.
+    """
+    from armdyn.errors import InputError
+
+    values = []
+    for part in text.split(","):
+        try:
+            values.append(float(part))
+        except ValueError as error:
+            raise InputError(f"{option}: '{part.strip()}' is not a number; give numbers separated by commas") from error
+    return values

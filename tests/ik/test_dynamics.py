@@ -1,0 +1,164 @@
+"""Pinocchio's model of every known arm against MuJoCo, and the closed form that users see against both."""
+
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import urdf
+from armdyn.arm.posture import arm_posture
+from armdyn.errors import InputError
+
+STATES = 200
+ROBOTS = ("baxter", "ur5", "panda", "talos_arm")
+
+
+def in_mujoco(robot: urdf.Robot) -> mujoco.MjModel:
+    """The arm's URDF in MuJoCo without shapes, every other joint fixed, with the URDF's damping."""
+    root = ElementTree.fromstring(robot.urdf_xml)
+    for link in root.findall("link"):
+        for shape in [*link.findall("visual"), *link.findall("collision")]:
+            link.remove(shape)
+        inertial = link.find("inertial")
+        if inertial is not None and float(inertial.find("mass").get("value")) == 0.0:
+            link.remove(inertial)
+    for joint in root.findall("joint"):
+        if joint.get("name") not in robot.joint_names:
+            joint.set("type", "fixed")
+            for mimic in joint.findall("mimic"):
+                joint.remove(mimic)
+    compiler = {"fusestatic": "false", "balanceinertia": "false", "boundmass": "0", "boundinertia": "0"}
+    ElementTree.SubElement(ElementTree.SubElement(root, "mujoco"), "compiler", compiler)
+    plant = mujoco.MjModel.from_xml_string(ElementTree.tostring(root, encoding="unicode"))
+    plant.dof_frictionloss[:] = 0.0  # dry friction has no place in Pinocchio's algorithms
+    return plant
+
+
+@pytest.fixture(scope="module", params=ROBOTS)
+def arm(request):
+    robot = urdf.load(request.param)
+    return robot, in_mujoco(robot)
+
+
+@pytest.fixture(scope="module")
+def states(arm):
+    robot, _ = arm
+    rng, joints = np.random.default_rng(11), robot.model.nv
+    limits = robot.limits
+    q = rng.uniform(limits.lower, limits.upper, (STATES, joints))
+    return q, rng.uniform(-1, 1, (2, STATES, joints)) * np.array([limits.velocity, limits.acceleration])[:, None]
+
+
+def relative(one: np.ndarray, other: np.ndarray) -> float:
+    return float(np.abs(one - other).max() / np.abs(other).max())
+
+
+def test_tool_poses_agree(arm, states) -> None:
+    robot, plant = arm
+    data = mujoco.MjData(plant)
+    for q in states[0]:
+        data.qpos[:] = q
+        mujoco.mj_kinematics(plant, data)
+        tool, pose = data.body(robot.tool_frame), robot.tool_pose(q)
+        rotation = tool.xmat.reshape(3, 3)
+        assert np.abs(tool.xpos + rotation @ robot.tool_offset - pose.translation).max() < 1e-12
+        assert np.abs(rotation - pose.rotation).max() < 1e-12
+
+
+def test_torques_agree_with_the_same_damping(arm, states) -> None:
+    robot, plant = arm
+    data, own = mujoco.MjData(plant), robot.model.createData()
+    for q, v, a in zip(states[0], *states[1], strict=True):
+        data.qpos[:], data.qvel[:], data.qacc[:] = q, v, a
+        mujoco.mj_inverse(plant, data)
+        torque = pin.rnea(robot.model, own, q, v, a) + robot.model.damping * v
+        assert relative(torque, data.qfrc_inverse) < 1e-10
+
+
+def test_accelerations_agree_with_the_same_damping(arm, states) -> None:
+    robot, plant = arm
+    data, own = mujoco.MjData(plant), robot.model.createData()
+    for q, v, share in zip(states[0], states[1][0], states[1][1], strict=True):
+        torque = 0.3 * robot.limits.effort * np.sign(share)
+        data.qpos[:], data.qvel[:], data.qfrc_applied[:] = q, v, torque
+        mujoco.mj_forward(plant, data)
+        own_answer = pin.aba(robot.model, own, q, v, torque - robot.model.damping * v)
+        assert relative(own_answer, data.qacc) < 1e-10
+
+
+def test_the_closed_form_is_mujocos_equation_of_motion(arm, states) -> None:
+    robot, plant = arm
+    data, full = mujoco.MjData(plant), np.zeros((plant.nv, plant.nv))
+    for q, v in zip(states[0][:20], states[1][0], strict=False):
+        shown = arm_posture(robot, q, v)
+        data.qpos[:], data.qvel[:] = q, v
+        mujoco.mj_forward(plant, data)
+        mujoco.mj_fullM(plant, data, full)
+        assert relative(shown.inertia, full) < 1e-10
+        assert relative(shown.coriolis @ v + shown.gravity, data.qfrc_bias) < 1e-10
+        assert relative(shown.regressor @ shown.parameters, data.qfrc_bias) < 1e-10
+        assert shown.damping * v == pytest.approx(-data.qfrc_passive, abs=1e-12)
+        mujoco.mj_energyPos(plant, data)
+        mujoco.mj_energyVel(plant, data)
+        assert shown.kinetic_energy == pytest.approx(data.energy[1], rel=1e-10)
+        rest = arm_posture(robot, states[0][0])
+        data.qpos[:] = states[0][0]
+        before = data.energy[0]
+        mujoco.mj_kinematics(plant, data)
+        mujoco.mj_comPos(plant, data)
+        mujoco.mj_energyPos(plant, data)
+        assert shown.potential_energy - rest.potential_energy == pytest.approx(before - data.energy[0], abs=1e-9)
+
+
+def test_gravity_is_the_gradient_of_the_potential_energy(arm) -> None:
+    robot, _ = arm
+    step = 1e-6
+    for joint, expected in enumerate(arm_posture(robot).gravity):
+        moved = [robot.home + side * step * np.eye(len(robot.home))[joint] for side in (1, -1)]
+        ahead, behind = (arm_posture(robot, q).potential_energy for q in moved)
+        assert (ahead - behind) / (2 * step) == pytest.approx(expected, abs=1e-6)
+
+
+def test_the_speed_ellipsoid_holds_every_speed_of_the_unit_ball(baxter) -> None:
+    shown = arm_posture(baxter)
+    rng = np.random.default_rng(0)
+    rates = rng.normal(size=(500, 7))
+    rates *= baxter.limits.velocity / np.linalg.norm(rates, axis=1)[:, None]
+    speeds = shown.speed.axes.T @ shown.jacobian[:3] @ rates.T
+    size = np.linalg.norm(speeds / shown.speed.lengths[:, None], axis=0)
+    assert size.max() <= 1.0 + 1e-12
+    assert size.max() > 0.9
+
+
+def test_the_largest_speed_along_an_axis_leaves_no_joint_faster_than_its_limit(baxter) -> None:
+    shown = arm_posture(baxter)
+    # Its dual: the least of |J^T w|_1 over w with w_y = 1, by brute force over a grid.
+    w = np.stack(np.meshgrid(np.linspace(-3, 3, 301), 1.0, np.linspace(-3, 3, 301)), axis=-1).reshape(-1, 3)
+    bound = (np.abs(w @ shown.jacobian[:3]) * baxter.limits.velocity).sum(axis=1).min()
+    assert shown.speed.along[1] == pytest.approx(bound, rel=2e-2)
+    assert shown.speed.along[1] <= bound + 1e-9
+
+
+def test_the_largest_force_puts_one_joint_at_its_torque_limit(baxter) -> None:
+    shown = arm_posture(baxter)
+    for axis in range(3):
+        force = np.zeros(3)
+        force[axis] = shown.force.along[axis]
+        torque = shown.gravity + shown.jacobian[:3].T @ force
+        assert (np.abs(torque) / baxter.limits.effort).max() == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("q", "sentence"),
+    [
+        ([0.0] * 6, "6 numbers for the position of its 7 joints"),
+        ([0.0, 0.0, float("nan"), 0.0, 0.0, 0.0, 0.0], "position of joint 'right_e0' is not a finite number"),
+        ([0.0, 5.0, 0.0, 0.0, 0.0, 0.0, 0.0], "joint 'right_s1' at 5 is outside its limits"),
+        ([0.0, -30.0, 40.0, 90.0, 0.0, 0.0, 0.0], "these look like degrees: give radians"),
+    ],
+)
+def test_postures_that_cannot_be_are_refused(baxter, q: list[float], sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        arm_posture(baxter, q)
