@@ -9,7 +9,7 @@ backtracking. Both accept a step only when the cost falls by a share of what its
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -132,12 +132,6 @@ class LeastSquares:
             hessian[np.ix_(mine, mine)] += scaled.T @ scaled
         return Expansion(cost, gradient, hessian)
 
-    def free(self, values: np.ndarray, gradient: np.ndarray) -> np.ndarray:
-        """(p,) bool: False for a parameter on a bound that the gradient pushes it against."""
-        below = (values <= self.lower) & (gradient > 0)
-        above = (values >= self.upper) & (gradient < 0)
-        return ~(below | above)
-
     def _scaled_measurement(self, run: Run) -> tuple[np.ndarray, np.ndarray]:
         """(n,) measured values over their noise, and (n,) one over the noise, in the order of the prediction."""
         channels = self.model.predicted_channels(run)
@@ -147,6 +141,25 @@ class LeastSquares:
         weights = [np.full(len(run.channels[name].value), 1.0 / self.noise[name]) for name in channels]
         weight = np.concatenate(weights)
         return np.concatenate([run.channels[name].value for name in channels]) * weight, weight
+
+
+class Cost(Protocol):
+    """What `descend` minimises: bounds, and the cost expanded around a point."""
+
+    lower: np.ndarray
+    upper: np.ndarray
+
+    def evaluate(self, values: np.ndarray) -> Expansion:
+        """Cost, gradient and Gauss-Newton Hessian at (p,) values."""
+
+
+class Descent(NamedTuple):
+    """Where a descent ended: (p,) values, the cost around them, evaluations spent, and why it ended."""
+
+    values: np.ndarray
+    at: Expansion
+    evaluations: int
+    outcome: Outcome
 
 
 def levenberg_marquardt(
@@ -160,11 +173,18 @@ def levenberg_marquardt(
         most_steps: after these it counts as not converged.
         tolerance: converged when the next step is shorter, in standard deviations of each parameter.
     """
-    values = np.clip(problem.start() if start is None else start, problem.lower, problem.upper)
+    begin = problem.start() if start is None else start
+    values, at, evaluations, outcome = descend(problem, begin, most_steps=most_steps, tolerance=tolerance)
+    return _estimate(problem, values, at, evaluations, outcome)
+
+
+def descend(problem: Cost, start: np.ndarray, *, most_steps: int = 50, tolerance: float = 1e-2) -> Descent:
+    """The iteration of `levenberg_marquardt`, with the same arguments, on any cost."""
+    values = np.clip(start, problem.lower, problem.upper)
     at = problem.evaluate(values)
     evaluations, damping, outcome = 1, 0.0, Outcome.OUT_OF_STEPS
     for _ in range(most_steps):
-        free = problem.free(values, at.gradient)
+        free = off_bounds(problem, values, at.gradient)
         step, size = _newton_step(at, free, 0.0)
         if size < tolerance:
             outcome = Outcome.CONVERGED
@@ -179,11 +199,18 @@ def levenberg_marquardt(
                 break
             damping = max(10.0 * damping, 1e-3)
             if damping > 1e9:
-                return _estimate(problem, values, at, evaluations, Outcome.STALLED)
+                return Descent(values, at, evaluations, Outcome.STALLED)
             step, _ = _newton_step(at, free, damping)
         values, at = trial, after
         damping = damping / 10 if damping > 1e-6 else 0.0
-    return _estimate(problem, values, at, evaluations, outcome)
+    return Descent(values, at, evaluations, outcome)
+
+
+def off_bounds(problem: Cost, values: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+    """(p,) bool: False for a parameter on a bound that the gradient pushes it against."""
+    below = (values <= problem.lower) & (gradient > 0)
+    above = (values >= problem.upper) & (gradient < 0)
+    return ~(below | above)
 
 
 def gradient_descent(
@@ -197,7 +224,7 @@ def gradient_descent(
     at = problem.evaluate(values)
     evaluations, length, outcome = 1, 0.0, Outcome.OUT_OF_STEPS
     for _ in range(most_steps):
-        free = problem.free(values, at.gradient)
+        free = off_bounds(problem, values, at.gradient)
         if _newton_step(at, free, 0.0)[1] < tolerance:
             outcome = Outcome.CONVERGED
             break
@@ -241,7 +268,7 @@ def _newton_step(at: Expansion, free: np.ndarray, damping: float) -> tuple[np.nd
 
 
 def _estimate(problem: LeastSquares, values: np.ndarray, at: Expansion, evaluations: int, outcome: Outcome) -> Estimate:
-    free = problem.free(values, at.gradient)
+    free = off_bounds(problem, values, at.gradient)
     information = Information(problem.names, at.hessian)
     return Estimate(
         names=problem.names,

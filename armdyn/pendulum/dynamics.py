@@ -34,8 +34,9 @@ OUTPUTS = ("load_force", "swing_angle", "swing_rate")
 class Dynamics:
     """Functions of state s = (phi, P), input w = (t, x, v, a, z, vz, az) and parameters theta.
 
-    The gripper moves along its line with x, v, a and, where its height is measured, up and down with z, vz, az. Where the load also swings across the line, s ends in the three moments of `transverse`; where something yields, w
-    ends in the gripper's jerk and the output in an impulse, kg m/s, whose time derivative adds to the force.
+    The gripper moves along its line with x, v, a and, where its height is measured, up and down with z, vz, az. Where
+    the load also swings across the line, s ends in the three moments of `transverse`; where something yields, w ends in
+    the gripper's jerk and the output in an impulse, kg m/s, whose time derivative adds to the force.
 
     Attributes:
         names: parameters in the order of theta.
@@ -184,8 +185,11 @@ def derive_dynamics(
 def _initial(
     phi: Expression, p: Expression, momentum: Expression, w: Expression, theta: Expression, start: list[Expression]
 ) -> ca.Function:
-    """State from angle and p. Where the inertia depends on the tension, and so on the momentum, one step of fixed-point
-    iteration from the inertia at the given p is exact to second order in the compliance."""
+    """State from angle and p.
+
+    Where the inertia depends on the tension, and so on the momentum, one step of fixed-point iteration is exact to
+    second order in the compliance.
+    """
     state = ca.vertcat(*start)
     if ca.depends_on(state, momentum):
         rigid = ca.substitute(state[1], momentum, ca.SX(0))

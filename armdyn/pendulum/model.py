@@ -20,10 +20,12 @@ from armdyn.pendulum.readout import lagged, sampled
 from armdyn.pendulum.simulate import Rollout, Simulator
 from armdyn.pendulum.trailing import TrailingPath
 from armdyn.pendulum.variational import VariationalStep, derive_variational
-from armdyn.run import Run
+from armdyn.run import Channel, Run
 
 FINEST_GRID, COARSEST_GRID = 0.005, 0.01
 """s; at 0.01 s a Runge-Kutta step of a 0.15 m pendulum is exact to 1e-7."""
+FIRST_STRETCH = 0.05
+"""s over which the first angles are averaged for a guess of angle and rate."""
 INITIAL = ("initial_angle", "initial_rate")
 
 
@@ -38,6 +40,8 @@ class PendulumModel(Model):
     tension: TensionFormula = "exact"
 
     base = "pendulum"
+    first_window = 0.75
+    stages = ("gripper", "string", "load", "sensor")
 
     @cached_property
     def physics_names(self) -> tuple[str, ...]:
@@ -101,6 +105,30 @@ class PendulumModel(Model):
             first += len(time)
         joined = np.concatenate(blocks)
         return Prediction(channels, slices, np.concatenate(stamps), joined[:, 0], joined[:, 1:][:, columns])
+
+    def initial_guess(self, run: Run) -> Mapping[str, float]:
+        """Angle and rate at the start where an angle was measured; see `Model.initial_guess`."""
+        if "swing_angle" not in run.channels:
+            return {}
+        angle = run.channels["swing_angle"]
+        near = angle.time <= angle.time[0] + FIRST_STRETCH
+        if near.sum() < 3:
+            near = np.arange(len(angle)) < 3
+        slope, start = np.polyfit(angle.time[near] - angle.time[0], angle.value[near], 1)
+        path = run_path(run)
+        speed = float(path.v[0]) / self.value("length") * float(np.cos(start))
+        return {"initial_angle": float(start), "initial_rate": float(slope) - speed}
+
+    def circumstances(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
+        """Swing angle and rate as predicted, and the gripper's motion; see `Model.circumstances`."""
+        path = run_path(run)
+        outputs = self.rollout(path, theta, ("swing_angle", "swing_rate")).outputs
+        time = path.start + path.dt * np.arange(len(path.x))
+        found = {"swing_angle": Channel(time, outputs[:, 0], "rad"), "swing_rate": Channel(time, outputs[:, 1], "rad/s")}
+        if "gripper_x" in run.channels:
+            found["gripper_x"] = Channel(time, path.x, "m")
+            found["gripper_a"] = Channel(time, path.a, "m/s^2")
+        return found
 
     def _read_force(self, signal: np.ndarray, time: np.ndarray, path: GripperPath, physics: np.ndarray) -> np.ndarray:
         """(n, 1 + p) of the load cell: signal and derivatives through lag and delay, to the sample times."""
@@ -205,7 +233,8 @@ def _recorded_path(run: Run) -> GripperPath:
         height = np.vstack([smooth.x, smooth.v, smooth.a])
     given = [run.channels[n] for n in ("gripper_v", "gripper_a") if n in run.channels]
     if len(given) == 2:
-        return GripperPath(float(grid[0]), dt, *(np.interp(grid, c.time, c.value) for c in (x, *given)), height)
+        position, speed, acceleration = (np.interp(grid, c.time, c.value) for c in (x, *given))
+        return GripperPath(float(grid[0]), dt, position, speed, acceleration, height)
     along = smoothed_path(x.time, x.value, dt, exact=run.noise.get("gripper_x") == 0.0)
     return GripperPath(along.start, dt, along.x, along.v, along.a, height)
 

@@ -1,0 +1,152 @@
+"""One fit of a model to runs, with what is known of its quality."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from armdyn.identify.estimator import until
+from armdyn.identify.least_squares import Outcome
+from armdyn.identify.problem import Block, Problem
+from armdyn.run import Run
+
+GROSS = 20.0
+"""Chi2 per sample beyond which derivatives at the present fit say little about a distant minimum."""
+DEPENDENT = 1e-5
+"""A sensitivity of which the others leave less than this share cannot be told from them."""
+SETTLED_WINDOW = 3.0
+"""s; shorter windows tell friction and creep too little to be fitted in them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A minimum of the cost.
+
+    Attributes:
+        problem: model, runs, noise.
+        free: (P,) bool, the unknowns that were fitted.
+        values: (P,) of all unknowns.
+        blocks: residuals and derivatives there.
+        outcome: why the descent ended.
+    """
+
+    problem: Problem
+    free: np.ndarray
+    values: np.ndarray
+    blocks: tuple[Block, ...]
+    outcome: Outcome
+
+    @property
+    def samples(self) -> int:
+        """Number of measured samples."""
+        return sum(len(block.residual) for block in self.blocks)
+
+    @cached_property
+    def chi2(self) -> float:
+        """Sum of squared residuals over the noise, without priors."""
+        return float(sum(block.residual @ block.residual for block in self.blocks))
+
+    @property
+    def cost(self) -> float:
+        """Chi2 with the priors' share."""
+        prior = self.problem.prior_weight * (self.problem.prior_mean - self.values)
+        return self.chi2 + float(prior @ prior)
+
+    @property
+    def chi2_per_sample(self) -> float:
+        """1 when only noise is left."""
+        return self.chi2 / self.samples
+
+    @property
+    def bic(self) -> float:
+        """Bayesian information criterion (Schwarz 1978), with the noise as assumed."""
+        constant = sum(len(b.residual) * np.log(2 * np.pi * b.noise**2) for b in self.blocks)
+        return float(self.cost + constant + self.free.sum() * np.log(self.samples))
+
+    @property
+    def at_bound(self) -> tuple[str, ...]:
+        """Fitted unknowns that ended on a physical bound other than their null value."""
+        p = self.problem
+        on = self.free & ((self.values <= p.lower) | (self.values >= p.upper)) & (self.values != p.null)
+        return tuple(c.name for c, bound in zip(p.columns, on, strict=True) if bound)
+
+    def rmse(self) -> dict[str, float]:
+        """Root mean square residual by channel, in its unit."""
+        return channel_rmse(self.blocks)
+
+
+def channel_rmse(blocks: Sequence[Block]) -> dict[str, float]:
+    """Root mean square residual by channel, in its unit."""
+    result = {}
+    for channel in dict.fromkeys(block.channel for block in blocks):
+        misfits = np.concatenate([block.misfit for block in blocks if block.channel == channel])
+        result[channel] = float(np.sqrt(np.mean(misfits**2)))
+    return result
+
+
+def fit(problem: Problem, free: np.ndarray, start: np.ndarray, *, windows: bool = False) -> Fit:
+    """Minimise over the unknowns `free`.
+
+    Args:
+        problem: model, runs, noise.
+        free: (P,) bool.
+        start: (P,).
+        windows: fit the first second, then longer and longer stretches, so that the start may be far off: a cold
+            start on a long recording falls into one of many minima.
+    """
+    values = start
+    if windows:
+        for window in _windows(problem):
+            cut = Problem(problem.model, [_first(run, window) for run in problem.runs], problem.noise)
+            these = free if window >= SETTLED_WINDOW else free & (problem.per_run | _is_base(problem))
+            these = these & determined(cut, these, values)
+            values = cut.fit(these, values, most_steps=15, tolerance=0.1).values
+    found = problem.fit(free, values)
+    return Fit(problem, free, found.values, tuple(problem.blocks(found.values)), found.outcome)
+
+
+def determined(problem: Problem, free: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """(P,) bool: those of `free` that the runs, with the priors, tell from all the others before them.
+
+    Unknowns of the base come first, so that of two which cannot be told apart the base's is kept.
+    """
+    blocks = problem.blocks(values)
+    rows = np.vstack([*(b.sensitivities for b in blocks), np.diag(problem.prior_weight)]) * problem.typical
+    norms = np.linalg.norm(rows, axis=0)
+    kept = np.zeros(len(free), dtype=bool)
+    basis = np.empty((len(rows), 0))
+    for j in np.flatnonzero(free & (norms > 1e-9)):
+        column = rows[:, j] / norms[j]
+        for _ in range(2):  # twice is enough (Parlett, The Symmetric Eigenvalue Problem, §6.9)
+            column = column - basis @ (basis.T @ column)
+        rest = np.linalg.norm(column)
+        if rest > DEPENDENT:
+            basis = np.column_stack([basis, column / rest])
+            kept[j] = True
+    return kept
+
+
+def _is_base(problem: Problem) -> np.ndarray:
+    return np.array(["." not in column.parameter.name for column in problem.columns])
+
+
+def _windows(problem: Problem) -> list[float]:
+    longest = max(_end(run) - _begin(run) for run in problem.runs)
+    result, window = [], problem.model.first_window
+    while window is not None and window < 0.9 * longest:
+        result.append(window)
+        window *= 2
+    return result
+
+
+def _first(run: Run, window: float) -> Run:
+    return until(run, _begin(run) + window)
+
+
+def _begin(run: Run) -> float:
+    return float(min(channel.time[0] for channel in run.channels.values()))
+
+
+def _end(run: Run) -> float:
+    return float(max(channel.time[-1] for channel in run.channels.values()))

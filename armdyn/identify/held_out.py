@@ -1,0 +1,74 @@
+"""How well a fitted model predicts whole runs that took no part in the fit."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from armdyn.identify.fit import GROSS, Fit, determined, fit
+from armdyn.identify.problem import Block, Problem
+from armdyn.run import Run
+
+
+def held_out_blocks(found: Fit, held_out: Sequence[Run]) -> list[Block] | None:
+    """Residuals of held-out runs; where none are given, of every training run predicted from the others.
+
+    Only what belongs to a single run, such as how the load swung at its start, is fitted to a held-out run.
+
+    Returns:
+        None when there is a single run and so nothing to hold out.
+    """
+    runs = found.problem.runs
+    if held_out:
+        return [block for run in held_out for block in _predicted(found, found.values, run)]
+    if len(runs) < 2:
+        return None
+    blocks: list[Block] = []
+    for left_out in runs:
+        others = Problem(found.problem.model, [r for r in runs if r is not left_out], found.problem.noise)
+        free, start = _transferred(found, found.values, others)
+        free = free & determined(others, free, start)
+        rest = others.fit(free, start, most_steps=8, tolerance=0.1)
+        blocks += _predicted(Fit(others, free, rest.values, (), rest.outcome), rest.values, left_out, found)
+    return blocks
+
+
+def chi2_of(blocks: Sequence[Block]) -> float:
+    """Sum of squared residuals over the noise."""
+    return float(sum(block.residual @ block.residual for block in blocks))
+
+
+def _predicted(found: Fit, values: np.ndarray, run: Run, whole: Fit | None = None) -> tuple[Block, ...]:
+    """Residuals of one run; where it was part of the fit `whole`, its own unknowns start from there."""
+    alone = Problem(found.problem.model, [run], found.problem.noise)
+    free, start = _transferred(found, values, alone)
+    if whole is not None:
+        start = np.where(alone.per_run, _transferred(whole, whole.values, alone)[1], start)
+    free = free & alone.per_run
+    if not free.any():
+        return tuple(alone.blocks(start))
+    near = fit(alone, free, start)
+    if near.chi2_per_sample < GROSS:
+        return near.blocks
+    return min(near, fit(alone, free, alone.start() * free + start * ~free, windows=True), key=lambda f: f.cost).blocks
+
+
+def _transferred(found: Fit, values: np.ndarray, target: Problem) -> tuple[np.ndarray, np.ndarray]:
+    """What is free and where it starts in another problem with the same model."""
+    by_key = {_key(found.problem, i): i for i in range(len(values))}
+    by_parameter = {c.parameter.name: i for i, c in enumerate(found.problem.columns)}
+    free, start = np.zeros(len(target.columns), dtype=bool), target.start()
+    for j, column in enumerate(target.columns):
+        i = by_key.get(_key(target, j))
+        if i is not None:
+            free[j], start[j] = found.free[i], values[i]
+        elif column.parameter.name in by_parameter:  # a run that was not there: its own start stays a guess
+            other = by_parameter[column.parameter.name]
+            free[j] = found.free[other]
+            if column.run is None or found.problem.columns[other].run is None:
+                start[j] = values[other]
+    return free, start
+
+
+def _key(problem: Problem, i: int) -> tuple[str, str | None]:
+    column = problem.columns[i]
+    return column.parameter.name, None if column.run is None else problem.runs[column.run].name

@@ -1,0 +1,126 @@
+"""Where a model fails: the stretches of time, angle, rate or joint speed in which the residual is far above the noise."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from armdyn.identify.fit import Fit
+from armdyn.identify.problem import Block
+from armdyn.run import Channel
+
+BINS = 16
+TIME_BINS = 30
+SIGNIFICANT = 5.0
+"""Standard deviations by which a bin's chi2 must exceed what noise gives."""
+MOST = 12
+FAR_ABOVE = 1.5
+"""Times the whole run's chi2 per sample that a stretch must reach to be worth naming."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """A range in which the model fails.
+
+    Attributes:
+        channel: whose residual.
+        run: name of the run; ``""`` where all runs are taken together.
+        against: what the range is in: ``"time"``, ``"swing_angle"``, ``"v.right_s1"``, ``"run"``, ...
+        start: lower end.
+        end: upper end.
+        unit: of both.
+        chi2_per_sample: there; 1 is noise.
+        share: of the channel's whole misfit that lies there.
+    """
+
+    channel: str
+    run: str
+    against: str
+    start: float
+    end: float
+    unit: str
+    chi2_per_sample: float
+    share: float
+
+
+def localise(fit: Fit) -> tuple[Place, ...]:
+    """The worst places first; empty where nothing stands out of the noise."""
+    problem = fit.problem
+    circumstances = [problem.model.circumstances(run, problem.theta(i, fit.values)) for i, run in enumerate(problem.runs)]
+    by_name = {run.name: found for run, found in zip(problem.runs, circumstances, strict=True)}
+    places: list[Place] = []
+    for channel in dict.fromkeys(block.channel for block in fit.blocks):
+        blocks = [block for block in fit.blocks if block.channel == channel]
+        total = sum(float(b.residual @ b.residual) for b in blocks)
+        samples = sum(len(b.residual) for b in blocks)
+        overall = total / samples
+        if (total - samples) / np.sqrt(2 * samples) < SIGNIFICANT:
+            continue
+        found = _over_runs(blocks, overall) if len(blocks) > 1 else []
+        for block in blocks:
+            found += _bins(channel, block.run, "time", "s", block.time, block.residual**2, TIME_BINS, even=True)
+        joint = channel.partition(".")[2]
+        for name in dict.fromkeys(n for b in blocks for n in by_name[b.run]):
+            if joint and not name.endswith(f".{joint}"):
+                continue
+            found += _against(channel, name, [(b, by_name[b.run][name]) for b in blocks if name in by_name[b.run]])
+        places += [_with_share(p, total) for p in found if p.chi2_per_sample > FAR_ABOVE * overall or p.against == "run"]
+    return tuple(sorted(places, key=lambda p: -p.chi2_per_sample)[:MOST])
+
+
+def _against(channel: str, name: str, pairs: Sequence[tuple[Block, Channel]]) -> list[Place]:
+    at = np.concatenate([np.interp(b.time, c.time, c.value) for b, c in pairs])
+    square = np.concatenate([b.residual**2 for b, _ in pairs])
+    unit = pairs[0][1].unit
+    found = _bins(channel, "", name, unit, at, square, BINS, even=False)
+    if name.startswith("v.") or name == "swing_rate":
+        moving = np.abs(at) > 0.05 * np.max(np.abs(at), initial=0.0)
+        means = [float(np.mean(square[moving & (sign * at > 0)], initial=0.0)) if np.any(moving & (sign * at > 0)) else 0.0
+                 for sign in (-1, 1)]  # fmt: skip
+        if min(means) > 0 and max(means) > 2 * min(means):
+            worse = int(np.argmax(means))
+            bounds = (float(at.min()), 0.0) if worse == 0 else (0.0, float(at.max()))
+            found.append(Place(channel, "", f"sign of {name}", *bounds, unit, means[worse], 0.0))
+    return found
+
+
+def _over_runs(blocks: Sequence[Block], overall: float) -> list[Place]:
+    means = [float(np.mean(b.residual**2)) for b in blocks]
+    return [
+        Place(b.channel, b.run, "run", float(b.time[0]), float(b.time[-1]), "s", mean, 0.0)
+        for b, mean in zip(blocks, means, strict=True)
+        if mean > FAR_ABOVE * overall
+    ]
+
+
+def _bins(
+    channel: str, run: str, against: str, unit: str, at: np.ndarray, square: np.ndarray, bins: int, *, even: bool
+) -> list[Place]:
+    """Ranges of neighbouring bins that stand out; bins are equally wide, or hold equally many samples."""
+    if np.ptp(at) <= 0:
+        return []
+    edges = np.linspace(at.min(), at.max(), bins + 1) if even else np.unique(np.quantile(at, np.linspace(0, 1, bins + 1)))
+    if len(edges) < 3:
+        return []
+    index = np.clip(np.searchsorted(edges, at, side="right") - 1, 0, len(edges) - 2)
+    counts = np.bincount(index, minlength=len(edges) - 1)
+    sums = np.bincount(index, weights=square, minlength=len(edges) - 1)
+    overall = float(square.mean())
+    mean = sums / np.maximum(counts, 1)
+    failing = (sums - counts > SIGNIFICANT * np.sqrt(2 * np.maximum(counts, 1))) & (mean > FAR_ABOVE * overall)
+    places, first = [], None
+    for i, fails in enumerate([*failing, False]):
+        if fails and first is None:
+            first = i
+        elif not fails and first is not None:
+            level = float(sums[first:i].sum() / counts[first:i].sum())
+            # the share is that of the run's misfit until the caller knows the channel's
+            places.append(Place(channel, run, against, float(edges[first]), float(edges[i]), unit, level,
+                                float(sums[first:i].sum())))  # fmt: skip
+            first = None
+    return places
+
+
+def _with_share(place: Place, total: float) -> Place:
+    return Place(place.channel, place.run, place.against, place.start, place.end, place.unit, place.chi2_per_sample,
+                 min(1.0, place.share / total))  # fmt: skip

@@ -1,0 +1,89 @@
+"""How noisy a channel is, whether what is left is white, and how to whiten what is not."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.stats import chi2
+
+from armdyn.identify.problem import Block
+
+LAGS = 20
+"""Lags of the whiteness test."""
+ORDER = 4
+"""Order of the autoregression that whitens coloured noise."""
+
+
+def third_difference_std(time: np.ndarray, value: np.ndarray) -> float:
+    """Standard deviation of white noise on smooth samples.
+
+    A third difference of white noise has variance 20 sigma^2 and removes any parabola; groups of four samples across a
+    gap are left out. For coloured noise it is too small. 0 where there are fewer than eight even samples.
+    """
+    if len(value) < 8:
+        return 0.0
+    step = np.diff(time)
+    even = np.abs(step - np.median(step)) < 0.2 * np.median(step)
+    usable = even[:-2] & even[1:-1] & even[2:]
+    differences = np.diff(value, 3)[usable]
+    if len(differences) < 5:
+        return 0.0
+    return float(np.sqrt(np.mean(differences**2) / 20.0))
+
+
+def autocorrelation(residual: np.ndarray, lags: int) -> np.ndarray:
+    """(lags,) sample autocorrelation at lags 1, 2, ..."""
+    centred = residual - residual.mean()
+    total = float(centred @ centred)
+    if total == 0.0:
+        return np.zeros(lags)
+    return np.array([float(centred[k:] @ centred[:-k]) for k in range(1, lags + 1)]) / total
+
+
+def ljung_box(residual: np.ndarray, lags: int = LAGS) -> float:
+    """Probability that white noise is as correlated as (n,) `residual` (Ljung & Box, Biometrika 65, 1978)."""
+    n = len(residual)
+    lags = min(lags, n // 5)
+    if lags < 1:
+        return 1.0
+    rho = autocorrelation(residual, lags)
+    q = n * (n + 2) * float(np.sum(rho**2 / (n - np.arange(1, lags + 1))))
+    return float(chi2.sf(q, lags))
+
+
+def autoregression(residuals: Sequence[np.ndarray], order: int = ORDER) -> np.ndarray:
+    """(order,) coefficients of e_t = sum a_k e_{t-k} + white, by Yule-Walker over several stretches.
+
+    Yule-Walker's estimate is always stable (Box, Jenkins & Reinsel, Time Series Analysis, §7.3).
+    """
+    products = np.zeros(order + 1)
+    for residual in residuals:
+        for k in range(min(order + 1, len(residual))):
+            products[k] += float(residual[k:] @ residual[: len(residual) - k])
+    if products[0] <= 0.0:
+        return np.zeros(order)
+    index = np.abs(np.subtract.outer(np.arange(order), np.arange(order)))
+    matrix = products[index] + 1e-9 * products[0] * np.eye(order)
+    return np.linalg.solve(matrix, products[1:])
+
+
+def whitened(rows: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+    """(n, ...) rows filtered by 1 - sum a_k z^-k; the first rows, whose past is unknown, are left out."""
+    order = len(coefficients)
+    if len(rows) <= order:
+        return rows
+    result = rows[order:].copy()
+    for k, a in enumerate(coefficients, start=1):
+        result -= a * rows[order - k : len(rows) - k]
+    return result
+
+
+def whitening(blocks: Sequence[Block]) -> dict[str, tuple[np.ndarray, float]]:
+    """Per channel: coefficients of the autoregression, and the standard deviation of what it leaves (in units of the
+    assumed noise)."""
+    found = {}
+    for channel in dict.fromkeys(block.channel for block in blocks):
+        stretches = [block.residual for block in blocks if block.channel == channel]
+        coefficients = autoregression(stretches)
+        left = np.concatenate([whitened(stretch, coefficients) for stretch in stretches])
+        found[channel] = coefficients, float(np.sqrt(np.mean(left**2)))
+    return found

@@ -1,0 +1,111 @@
+"""Recordings made ready to be held against a model: checked, thinned, their noise known."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from armdyn.errors import InputError
+from armdyn.identify.noise import third_difference_std
+from armdyn.identify.problem import Noise
+from armdyn.model import Model
+from armdyn.run import Channel, Run
+
+HIGHEST_RATE = 125.0
+"""Hz; what is sampled faster is averaged in groups: a swing, or an arm under load, holds nothing above."""
+LARGEST_SAMPLE_COUNT = 5_000_000
+SMALLEST_NOISE = 1e-6
+"""Of a channel's range; a quantised signal may show no noise at all."""
+
+
+def prepared(model: Model, runs: Sequence[Run], held_out: Sequence[Run] = ()) -> tuple[list[Run], list[Run]]:
+    """Training and held-out runs, checked and thinned.
+
+    Raises:
+        InputError: a run is in both, a signal is constant or too short, or there is nothing that the model predicts.
+    """
+    if not runs:
+        raise InputError("no run given: give at least one recording")
+    _check_distinct(runs, held_out)
+    named = _with_distinct_names([*runs, *held_out])
+    ready = [_ready(model, run) for run in named]
+    return ready[: len(runs)], ready[len(runs) :]
+
+
+def noise_of_runs(model: Model, runs: Sequence[Run]) -> dict[tuple[str, str], float]:
+    """Standard deviation by run and channel: as stated beside the recording, else from third differences."""
+    noise: dict[tuple[str, str], float] = {}
+    for run in runs:
+        for name in model.predicted_channels(run):
+            channel = run.channels[name]
+            floor = SMALLEST_NOISE * float(np.ptp(channel.value))
+            stated = run.noise.get(name)
+            estimate = third_difference_std(channel.time, channel.value) if stated is None else stated
+            noise[run.name, name] = max(estimate, floor, 1e-12)
+    return noise
+
+
+def stated_noise(model: Model, runs: Sequence[Run]) -> bool:
+    """Whether the noise of every channel that is compared is stated beside the recording."""
+    return all(name in run.noise for run in runs for name in model.predicted_channels(run))
+
+
+def joint_noise(noise: Noise, channel: str) -> float:
+    """Root mean square over the runs of a channel's noise."""
+    return float(np.sqrt(np.mean([std**2 for (_, name), std in noise.items() if name == channel])))
+
+
+def thinned(run: Run, highest_rate: float = HIGHEST_RATE) -> Run:
+    """The run with channels that were sampled faster averaged in groups, at the groups' mean times.
+
+    Averaging k samples shifts nothing in time and lowers white noise by sqrt(k).
+    """
+    channels, noise = {}, dict(run.noise)
+    for name, channel in run.channels.items():
+        interval = float(np.median(np.diff(channel.time))) if len(channel) > 1 else np.inf
+        group = int(1.0 / (highest_rate * interval) + 1e-6) if interval > 0 else 1
+        if group < 2 or len(channel) < 4 * group:
+            channels[name] = channel
+            continue
+        n = len(channel) // group * group
+        time, value = (a[:n].reshape(-1, group).mean(axis=1) for a in (channel.time, channel.value))
+        channels[name] = Channel(time, value, channel.unit)
+        if name in noise:
+            noise[name] /= np.sqrt(group)
+    return replace(run, channels=channels, noise=noise)
+
+
+def _ready(model: Model, run: Run) -> Run:
+    longest = max((len(channel) for channel in run.channels.values()), default=0)
+    if longest > LARGEST_SAMPLE_COUNT:
+        raise InputError(f"{run.source or run.name}: {longest} samples are too many: cut it or record at a lower rate")
+    for name in model.predicted_channels(run):
+        run.require_informative(name)
+    return thinned(run)
+
+
+def _check_distinct(runs: Sequence[Run], held_out: Sequence[Run]) -> None:
+    seen: dict[object, str] = {}
+    for i, run in enumerate([*runs, *held_out]):
+        identity = run.source.resolve() if run.source is not None else id(run)
+        role = "a training run" if i < len(runs) else "a held-out run"
+        if identity in seen:
+            where = run.source or run.name
+            if seen[identity] == role:
+                raise InputError(f"{where}: is given twice: name every run once")
+            raise InputError(f"{where}: is a held-out run and also a training run: name it in one place")
+        seen[identity] = role
+
+
+def _with_distinct_names(runs: Sequence[Run]) -> list[Run]:
+    """Runs named by file, and by folder as well where the same name occurs twice."""
+    names = [run.name for run in runs]
+    result = []
+    for i, run in enumerate(runs):
+        if names.count(run.name) > 1:
+            folder = run.source.resolve().parent.name if run.source is not None else str(i + 1)
+            run = replace(run, name=f"{folder}/{run.name}")
+        result.append(run)
+    if len({run.name for run in result}) < len(result):
+        result = [replace(run, name=f"{i + 1}:{run.name}") for i, run in enumerate(result)]
+    return result

@@ -1,0 +1,211 @@
+"""Runs, a model and a noise as one least-squares problem, any of whose parameters can be freed.
+
+A diagnosis asks for many fits that differ only in what is free. The residuals and their derivatives with respect to
+every parameter are therefore evaluated together, and a fit selects its columns.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armdyn.errors import InputError
+from armdyn.identify.least_squares import Descent, Expansion, descend
+from armdyn.model import Model
+from armdyn.parameter import Parameter, Prior
+from armdyn.run import Run
+from armdyn.units import Known
+
+REMEMBERED = 3
+Noise = Mapping[tuple[str, str], float]
+"""Standard deviation by run and channel, in the channel's unit."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """One unknown: a parameter of all runs, or of one.
+
+    Attributes:
+        name: ``"length"`` or ``"initial_angle[a.csv]"``.
+        parameter: with its bounds and prior.
+        index: of the parameter in the model's vector.
+        run: position of the run it belongs to, None for all.
+    """
+
+    name: str
+    parameter: Parameter
+    index: int
+    run: int | None
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """The samples of one channel in one run.
+
+    Attributes:
+        run: name of the run.
+        channel: name of the channel.
+        time: (n,) s.
+        residual: (n,) measured minus predicted, in units of `noise`.
+        sensitivities: (n, P) derivatives of the prediction over `noise`, one column per unknown.
+        noise: standard deviation, in the channel's unit.
+    """
+
+    run: str
+    channel: str
+    time: np.ndarray
+    residual: np.ndarray
+    sensitivities: np.ndarray
+    noise: float
+
+    @property
+    def misfit(self) -> np.ndarray:
+        """(n,) measured minus predicted, in the channel's unit."""
+        return self.residual * self.noise
+
+
+class Problem:
+    """A model held against runs.
+
+    Args:
+        model: its values are the start; parameters of scope ``"per_run"`` are one unknown for each run.
+        runs: recordings with different names.
+        noise: by run and channel.
+
+    Values `known` of a run are priors: one for all runs where they agree, else one for each run.
+    """
+
+    def __init__(self, model: Model, runs: Sequence[Run], noise: Noise) -> None:
+        if not runs:
+            raise InputError("nothing to fit: give at least one run")
+        self.model, self.runs, self.noise = model, tuple(runs), noise
+        differing = {name for name in model.names if len({_stated(run, name) for run in runs}) > 1}
+        columns: list[Column] = []
+        for index, parameter in enumerate(model.parameters.values()):
+            if parameter.scope == "shared" and parameter.name not in differing:
+                columns.append(Column(parameter.name, _informed(parameter, runs[0]), index, None))
+        for i, run in enumerate(runs):
+            guess = model.initial_guess(run)
+            for index, parameter in enumerate(model.parameters.values()):
+                if parameter.scope == "shared" and parameter.name not in differing:
+                    continue
+                own = replace(parameter, scope="per_run")
+                if parameter.name in guess and parameter.fitted:
+                    own = own.with_value(float(np.clip(guess[parameter.name], own.lower, own.upper)))
+                name = parameter.name if len(runs) == 1 else f"{parameter.name}[{run.name}]"
+                columns.append(Column(name, _informed(own, run), index, i))
+        self.columns = tuple(columns)
+        parameters = [c.parameter for c in columns]
+        self.lower = np.array([p.lower for p in parameters])
+        self.upper = np.array([p.upper for p in parameters])
+        self.typical = np.array([p.typical for p in parameters])
+        self.null = np.array([p.null for p in parameters])
+        self.fitted = np.array([p.fitted for p in parameters])
+        self.prior_mean = np.array([p.prior.mean if p.prior else 0.0 for p in parameters])
+        self.prior_weight = np.array([1.0 / p.prior.std if p.prior else 0.0 for p in parameters])
+        self._remembered: dict[bytes, list[Block]] = {}
+        self._of_run = [
+            np.array([next(j for j, c in enumerate(columns) if c.index == k and c.run in (None, i)) for k in _range(model)])
+            for i in range(len(runs))
+        ]
+
+    def start(self) -> np.ndarray:
+        """(P,) values of the model and first guesses."""
+        return np.array([c.parameter.value for c in self.columns])
+
+    def of(self, names: Sequence[str]) -> np.ndarray:
+        """(P,) bool: the unknowns of these parameters."""
+        wanted = {self.model.names.index(name) for name in names}
+        return np.array([c.index in wanted for c in self.columns])
+
+    @property
+    def per_run(self) -> np.ndarray:
+        """(P,) bool: the unknowns that belong to one run."""
+        return np.array([c.run is not None for c in self.columns])
+
+    def theta(self, run: int, values: np.ndarray) -> np.ndarray:
+        """(p,) the model's parameter vector in one run."""
+        return values[self._of_run[run]]
+
+    def blocks(self, values: np.ndarray) -> list[Block]:
+        """Residuals and derivatives at (P,) values; the last few points are remembered."""
+        key = values.tobytes()
+        if key not in self._remembered:
+            while len(self._remembered) >= REMEMBERED:
+                del self._remembered[next(iter(self._remembered))]
+            self._remembered[key] = self._blocks(values)
+        return self._remembered[key]
+
+    def _blocks(self, values: np.ndarray) -> list[Block]:
+        found = []
+        for i, run in enumerate(self.runs):
+            prediction = self.model.predict(run, self.theta(i, values))
+            for channel, rows in prediction.slices.items():
+                noise = self.noise[run.name, channel]
+                sensitivities = np.zeros((rows.stop - rows.start, len(self.columns)))
+                sensitivities[:, self._of_run[i]] = prediction.sensitivities[rows] / noise
+                residual = (run.channels[channel].value - prediction.values[rows]) / noise
+                found.append(Block(run.name, channel, prediction.time[rows], residual, sensitivities, noise))
+        return found
+
+    def expansion(self, values: np.ndarray, free: np.ndarray) -> Expansion:
+        """Cost around (P,) `values`, over the unknowns `free`."""
+        prior = self.prior_weight * (self.prior_mean - values)
+        cost = float(prior @ prior) / 2
+        gradient = -(self.prior_weight * prior)[free]
+        hessian = np.diag(self.prior_weight[free] ** 2)
+        for block in self.blocks(values):
+            sensitivities = block.sensitivities[:, free]
+            cost += float(block.residual @ block.residual) / 2
+            gradient -= sensitivities.T @ block.residual
+            hessian += sensitivities.T @ sensitivities
+        return Expansion(cost, gradient, hessian)
+
+    def fit(self, free: np.ndarray, start: np.ndarray, *, most_steps: int = 30, tolerance: float = 0.02) -> Descent:
+        """Minimise over the unknowns `free`, (P,) bool, the others staying at `start`; the result holds all."""
+        part = _Part(self, free, start)
+        found = descend(part, start[free], most_steps=most_steps, tolerance=tolerance)
+        return found._replace(values=part.whole(found.values))
+
+
+class _Part:
+    """A problem of which only some unknowns are free."""
+
+    def __init__(self, problem: Problem, free: np.ndarray, start: np.ndarray) -> None:
+        self._problem, self._free, self._start = problem, free, start
+        self.lower, self.upper = problem.lower[free], problem.upper[free]
+
+    def whole(self, values: np.ndarray) -> np.ndarray:
+        everything = self._start.copy()
+        everything[self._free] = values
+        return everything
+
+    def evaluate(self, values: np.ndarray) -> Expansion:
+        whole = self.whole(values)
+        at = self._problem.expansion(whole, self._free)
+        if not np.isfinite(at.cost):
+            return Expansion(np.inf, np.zeros(len(values)), np.eye(len(values)))
+        return at
+
+
+def _range(model: Model) -> range:
+    return range(len(model.names))
+
+
+def _stated(run: Run, name: str) -> Known | None:
+    return run.known.get(name)
+
+
+def _informed(parameter: Parameter, run: Run) -> Parameter:
+    """The parameter with what was measured by hand for this run."""
+    known = run.known.get(parameter.name)
+    if known is None:
+        return parameter
+    if not parameter.lower <= known.value <= parameter.upper:
+        raise InputError(
+            f"{run.name}: known {parameter.name} = {known.value:g} {known.unit} is outside its physical range "
+            f"{parameter.lower:g} to {parameter.upper:g} {parameter.unit}: measure it again"
+        )
+    if known.std is None:
+        return replace(parameter, value=known.value, fitted=False, prior=None)
+    return replace(parameter, value=known.value, prior=Prior(known.value, known.std))

@@ -1,0 +1,110 @@
+r"""What an effect would bring, from derivatives at the present fit alone.
+
+With r the residual and J the derivatives of everything fitted, Q = orth(J), an effect with derivatives d lowers the
+chi2 by about (d' r)^2 / (d' d), d' = d - Q Q^T d: Rao's score test (Rao 1948; Silvey, Statistical Inference, §7.4).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from armdyn.identify.fit import Fit
+from armdyn.identify.problem import Block, Problem
+
+IDENTIFIABLE = 1e-3
+"""An effect of whose derivatives the fitted parameters leave less than this share cannot be seen in these runs."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect that could be added.
+
+    Attributes:
+        effect: its name.
+        joints: where, for an arm.
+        names: of its parameters.
+    """
+
+    effect: str
+    joints: tuple[str, ...]
+    names: tuple[str, ...]
+
+    @property
+    def label(self) -> str:
+        """For a person: the name, with the joints."""
+        return f"{self.effect}:{','.join(self.joints)}" if self.joints else self.effect
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """What one candidate promises.
+
+    Attributes:
+        candidate: which.
+        drop: predicted fall of chi2, respecting the bounds.
+        independence: share of its derivatives that the fitted parameters leave, 0 to 1.
+        same_as: the fitted parameters that imitate it, where the independence is below `IDENTIFIABLE`.
+        signature: (N,) unit vector of what it would change in the residual beyond the fitted parameters.
+    """
+
+    candidate: Candidate
+    drop: float
+    independence: float
+    same_as: tuple[str, ...]
+    signature: np.ndarray
+
+
+def stacked(problem: Problem, blocks: Sequence[Block], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(N + P,) residuals and (N + P, P) derivatives of all blocks, with the priors as further samples."""
+    residual = np.concatenate([*(b.residual for b in blocks), problem.prior_weight * (problem.prior_mean - values)])
+    return residual, np.vstack([*(b.sensitivities for b in blocks), np.diag(problem.prior_weight)])
+
+
+def scores(fit: Fit, candidates: Sequence[Candidate]) -> list[Score]:
+    """Every candidate's promise at a fit, the largest drop first."""
+    problem = fit.problem
+    residual, jacobian = stacked(problem, fit.blocks, fit.values)
+    scaled = jacobian * problem.typical
+    Q, R = np.linalg.qr(scaled[:, fit.free])
+    residual = residual - Q @ (Q.T @ residual)
+    found = []
+    for candidate in candidates:
+        columns = np.flatnonzero(problem.of(candidate.names))
+        found.append(_score(fit, candidate, columns, scaled[:, columns], Q, R, residual))
+    return sorted(found, key=lambda score: -score.drop)
+
+
+def _score(
+    fit: Fit,
+    candidate: Candidate,
+    columns: np.ndarray,
+    directions: np.ndarray,
+    Q: np.ndarray,
+    R: np.ndarray,
+    residual: np.ndarray,
+) -> Score:
+    problem = fit.problem
+    norms = np.linalg.norm(directions, axis=0)
+    seen = directions[:, norms > 0]
+    nothing = Score(candidate, 0.0, 0.0, (), np.zeros(len(residual)))
+    if seen.shape[1] == 0:
+        return nothing
+    shares = Q.T @ seen
+    left = seen - Q @ shares
+    independence = float(np.max(np.linalg.norm(left, axis=0) / norms[norms > 0]))
+    if independence < IDENTIFIABLE:
+        weights = np.abs(np.linalg.solve(R, shares[:, 0]) * np.linalg.norm(R, axis=0))
+        names = [c.name for c, f in zip(problem.columns, fit.free, strict=True) if f]
+        imitators = tuple(n for n, w in zip(names, weights, strict=True) if w > 0.3 * weights.max())
+        return Score(candidate, 0.0, independence, imitators, nothing.signature)
+    step = np.zeros(len(norms))
+    step[norms > 0] = np.linalg.lstsq(left, residual, rcond=1e-6)[0]
+    target = fit.values[columns] + step * problem.typical[columns]
+    allowed = (target >= problem.lower[columns]) & (target <= problem.upper[columns])
+    inside = left[:, allowed[norms > 0]]
+    if inside.shape[1] == 0:
+        return Score(candidate, 0.0, independence, (), nothing.signature)
+    change = inside @ np.linalg.lstsq(inside, residual, rcond=1e-6)[0]
+    size = float(np.linalg.norm(change))
+    return Score(candidate, size**2, independence, (), change / size if size > 0 else nothing.signature)

@@ -1,0 +1,228 @@
+"""What can be said of an effect that is in no catalogue: dynamics or sensor, on what it depends, its frequency."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.signal import lombscargle
+
+from armdyn.identify.evidence import p_value, whitening_of
+from armdyn.identify.fit import Fit
+from armdyn.identify.noise import whitened
+from armdyn.identify.problem import Problem
+from armdyn.run import Channel, Run
+
+MOST_TERMS = 3
+SIGNIFICANCE = 1e-3
+SEGMENT = 1.5
+"""s; in so short a stretch a free start absorbs missing dynamics, but no sensor error."""
+FREQUENCIES = 600
+
+
+@dataclass(frozen=True)
+class Term:
+    """One term of a sparse model of the residual.
+
+    Attributes:
+        channel: whose residual.
+        expression: such as ``"sign(swing_rate)"``.
+        share: of the squared residual that it explains.
+        p_value: probability of that by chance, times the number of terms tried.
+    """
+
+    channel: str
+    expression: str
+    share: float
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Tone:
+    """The strongest frequency of a residual: Hz, amplitude in the channel's unit, and probability by chance."""
+
+    channel: str
+    frequency: float
+    amplitude: float
+    unit: str
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """What is known of an effect outside the catalogue.
+
+    Attributes:
+        absorbed: share of the misfit that free initial states in short segments absorb, 0 to 1; None where the model
+            has no initial states.
+        terms: best first.
+        tones: of the channels that have one.
+    """
+
+    absorbed: float | None
+    terms: tuple[Term, ...]
+    tones: tuple[Tone, ...]
+
+    @property
+    def significant(self) -> bool:
+        """Whether there is structure that coloured noise would not have."""
+        return bool(self.terms or self.tones)
+
+    @property
+    def sentence(self) -> str:
+        """For a person."""
+        parts = []
+        if self.absorbed is not None:
+            if self.absorbed > 0.7:
+                parts.append(f"it behaves like missing dynamics ({100 * self.absorbed:.0f} % vanish with a free state)")
+            elif self.absorbed < 0.4:
+                parts.append(f"it behaves like a sensor error ({100 * self.absorbed:.0f} % vanish with a free state)")
+            else:
+                parts.append(f"dynamics or sensor: undecided ({100 * self.absorbed:.0f} % vanish with a free state)")
+        if self.terms:
+            parts.append("it depends on " + ", ".join(term.expression for term in self.terms))
+        if self.tones:
+            parts.append("strongest at " + ", ".join(f"{tone.frequency:.2f} Hz" for tone in self.tones))
+        return "; ".join(parts)
+
+
+def characterise(fit: Fit) -> Unknown:
+    """Describe what a fit leaves."""
+    return Unknown(absorbed_share(fit), sparse_terms(fit), tones(fit))
+
+
+def absorbed_share(fit: Fit) -> float | None:
+    """Share of the misfit that vanishes when every `SEGMENT` starts with a state of its own."""
+    problem = fit.problem
+    model = problem.model
+    own = [p.name for p in model.parameters.values() if p.scope == "per_run" and "." not in p.name]
+    if not own or fit.chi2_per_sample < 1.05:
+        return None
+    left = samples = 0.0
+    for i, run in enumerate(problem.runs):
+        theta = problem.theta(i, fit.values)
+        settled = model.with_parameters(
+            {name: replace(p, value=float(np.clip(v, p.lower, p.upper)), fitted=name in own, scope="per_run" if name in own else "shared")
+             for (name, p), v in zip(model.parameters.items(), theta, strict=True)}
+        )  # fmt: skip
+        states = model.circumstances(run, theta)
+        for piece in segments(run):
+            noise = {(piece.name, channel): problem.noise[run.name, channel] for channel in piece.channels if (run.name, channel) in problem.noise}
+            alone = Problem(settled, [piece], noise)
+            start = alone.start()
+            begin = min(c.time[0] for c in piece.channels.values())
+            for j, column in enumerate(alone.columns):
+                if column.parameter.name == "initial_angle" and "swing_angle" in states:
+                    start[j] = np.interp(begin, states["swing_angle"].time, states["swing_angle"].value)
+                if column.parameter.name == "initial_rate" and "swing_rate" in states:
+                    start[j] = np.interp(begin, states["swing_rate"].time, states["swing_rate"].value)
+            free = alone.of(own)
+            found = alone.fit(free, start, most_steps=6, tolerance=0.1)
+            left += sum(float(b.residual @ b.residual) for b in alone.blocks(found.values))
+            samples += sum(len(b.residual) for b in alone.blocks(found.values)) - free.sum()
+    excess = fit.chi2 - fit.samples
+    return float(np.clip((fit.chi2 - left * fit.samples / max(samples, 1.0)) / excess, 0.0, 1.0)) if excess > 0 else None
+
+
+def segments(run: Run) -> list[Run]:
+    """A run in pieces of `SEGMENT`; a piece with too few samples is left out."""
+    begin = min(c.time[0] for c in run.channels.values())
+    end = max(c.time[-1] for c in run.channels.values())
+    pieces = []
+    for k in range(int((end - begin) / SEGMENT)):
+        lower, upper = begin + k * SEGMENT, begin + (k + 1) * SEGMENT
+        channels = {
+            name: Channel(c.time[inside], c.value[inside], c.unit)
+            for name, c in run.channels.items()
+            if np.count_nonzero(inside := (c.time >= lower) & (c.time < upper)) >= 12
+        }
+        if len(channels) == len(run.channels):
+            pieces.append(Run(f"{run.name}#{k}", channels, {}, run.noise))
+    return pieces
+
+
+def sparse_terms(fit: Fit) -> tuple[Term, ...]:
+    """Orthogonal matching pursuit of the whitened residual over functions of the circumstances."""
+    problem, whitening = fit.problem, whitening_of(fit)
+    states = {run.name: problem.model.circumstances(run, problem.theta(i, fit.values)) for i, run in enumerate(problem.runs)}
+    found: list[Term] = []
+    for channel in dict.fromkeys(block.channel for block in fit.blocks):
+        coefficients, std = whitening[channel]
+        blocks = [b for b in fit.blocks if b.channel == channel]
+        names = set.intersection(*(set(states[b.run]) for b in blocks))
+        joint = channel.partition(".")[2]
+        if joint:
+            names = {n for n in names if n.endswith(f".{joint}")}
+        library = _library({n: [np.interp(b.time, states[b.run][n].time, states[b.run][n].value) for b in blocks] for n in sorted(names)})
+        if not library:
+            continue
+        y = np.concatenate([whitened(b.residual, coefficients) for b in blocks]) / std
+        fitted = np.concatenate([whitened(b.sensitivities[:, fit.free], coefficients) for b in blocks])
+        columns = {e: np.concatenate([whitened(v, coefficients) for v in values]) for e, values in library.items()}
+        total = float(y @ y)
+        basis = np.linalg.qr(fitted)[0]
+        for _ in range(MOST_TERMS):
+            y = y - basis @ (basis.T @ y)
+            best, gain, direction = "", 0.0, np.zeros(len(y))
+            for expression, column in columns.items():
+                rest = column - basis @ (basis.T @ column)
+                size = float(np.linalg.norm(rest))
+                if size > 1e-3 * np.linalg.norm(column) and (drop := float(rest @ y) ** 2 / size**2) > gain:
+                    best, gain, direction = expression, drop, rest / size
+            p = min(1.0, len(columns) * p_value(gain, 1))
+            if not best or p > SIGNIFICANCE:
+                break
+            found.append(Term(channel, best, gain / total, p))
+            basis = np.column_stack([basis, direction])
+    return tuple(sorted(found, key=lambda term: -term.share)[:MOST_TERMS])
+
+
+def tones(fit: Fit) -> tuple[Tone, ...]:
+    """The strongest frequency of each channel's whitened residual, where it is stronger than noise makes one."""
+    whitening = whitening_of(fit)
+    found = []
+    for channel in dict.fromkeys(block.channel for block in fit.blocks):
+        coefficients, std = whitening[channel]
+        blocks = [b for b in fit.blocks if b.channel == channel]
+        interval = float(np.median(np.concatenate([np.diff(b.time) for b in blocks])))
+        longest = max(float(b.time[-1] - b.time[0]) for b in blocks)
+        frequencies = np.linspace(2.0 / longest, 0.45 / interval, FREQUENCIES * 4)
+        order = len(coefficients)
+        power = np.zeros(len(frequencies))
+        for b in blocks:
+            power += lombscargle(b.time[order:], whitened(b.residual, coefficients) / std, 2 * np.pi * frequencies)
+        best = int(np.argmax(power))
+        p = min(1.0, len(frequencies) * p_value(2 * float(power[best]), 2 * len(blocks)))
+        if p < SIGNIFICANCE:
+            raw = np.concatenate([b.misfit for b in blocks])
+            time = np.concatenate([b.time for b in blocks])
+            wave = 2 * np.pi * frequencies[best] * time
+            amplitude = 2 * np.hypot(np.mean(raw * np.cos(wave)), np.mean(raw * np.sin(wave)))
+            unit = next(run.channels[channel].unit for run in fit.problem.runs if channel in run.channels)
+            found.append(Tone(channel, float(frequencies[best]), float(amplitude), unit, p))
+    return tuple(found)
+
+
+def _library(signals: dict[str, Sequence[np.ndarray]]) -> dict[str, list[np.ndarray]]:
+    """Functions of one and of two signals, each a list of arrays, one per run; scaled signals keep powers apart."""
+    scale = {n: max(float(np.max(np.abs(v), initial=0.0)) for v in values) or 1.0 for n, values in signals.items()}
+    library: dict[str, list[np.ndarray]] = {}
+    for name, values in signals.items():
+        unit = [v / scale[name] for v in values]
+        width = 0.02
+        for label, function in (
+            (f"{name}", lambda u: u), (f"{name}^2", lambda u: u**2), (f"{name}^3", lambda u: u**3),
+            (f"|{name}| {name}", lambda u: np.abs(u) * u), (f"sign({name})", lambda u: np.tanh(u / width)),
+            (f"[{name} > 0]", lambda u: (u > 0).astype(float)),
+        ):  # fmt: skip
+            library[label] = [function(u) for u in unit]
+    rates = [n for n in signals if n == "swing_rate" or n.startswith("v.")]
+    places = [n for n in signals if n in ("swing_angle", "gripper_x") or n.startswith("q.")]
+    for rate in rates:
+        for place in places:
+            library[f"[{place} > 0] sign({rate})"] = [
+                (p > 0) * np.tanh(r / scale[rate] / 0.02) for p, r in zip(signals[place], signals[rate], strict=True)
+            ]
+            library[f"{place} {rate}"] = [
+                p * r / scale[rate] / scale[place] for p, r in zip(signals[place], signals[rate], strict=True)
+            ]
+    return {e: v for e, v in library.items() if all(np.all(np.isfinite(x)) for x in v) and any(np.ptp(x) > 0 for x in v)}
