@@ -123,8 +123,8 @@ class MeasurementNode:
         """What was measured since `begin`, the gripper's path smoothed; time counts from there."""
         force = self._force.since(self._start, "N")
         raw = self._gripper.since(self._start, "m")
-        along = self._path.extend(raw.value[self._smoothed :])
+        x, v, a = self._path.extend(raw.value[self._smoothed :])
         height = self._rise.extend(self._height.since(self._start, "m").value[self._smoothed :])
         self._smoothed = len(raw.value)
-        path = GripperPath(float(raw.time[0]), self.period, *along, height)
+        path = GripperPath(float(raw.time[0]), self.period, x, v, a, height)
         return GrowingRun("trial", {"gripper_x": raw, "load_force": force}, noise=self._noise, path=path)

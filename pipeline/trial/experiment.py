@@ -123,10 +123,10 @@ class Experiment:
             self._run("settling", 0.5, c.task.settling + 2.0, lambda: self.task.idle)
             self._run("calm", 0.65, CALM)
         self.task.throw(self.estimator.model)
-        self._run("swinging", 0.7, c.task.duration + 1.0, self._swing_ends)
+        self._run("swing", 0.7, c.task.duration + 1.0, self._swing_ends)
         self.measurement.load_hangs = False
-        self._run("finishing over the box", 0.9, 3.0, lambda: self.task.idle)
-        self._run("looking", 0.95, LOOK)
+        self._run("finish", 0.9, 3.0, lambda: self.task.idle)
+        self._run("look", 0.95, LOOK)
         if self.robot.load_in_box():
             return "the load came to rest in the box"
         return "the load missed the box"
@@ -233,7 +233,7 @@ class Experiment:
 
     def _peaks(self) -> Peaks:
         """Largest magnitudes while learning, or in the swing where nothing was learnt."""
-        wanted = "learning the length" if self.settings.estimate else "swinging"
+        wanted = "learning the length" if self.settings.estimate else "swing"
         phase = next((p for p in self.phases if p.name == wanted), None)
         if phase is None:
             return Peaks(0.0, 0.0, 0.0, 0.0)

@@ -84,11 +84,12 @@ def _force(experiment: Experiment) -> ForceTrace | None:
     if len(recorded) < 2:
         return None
     predicted = np.full(len(recorded), np.nan)
-    if experiment.estimator.start is not None:
-        model, run = experiment.estimator.model, experiment.measurement.run()
-        prediction = model.predict(run, model.theta())
-        first = len(recorded) - len(prediction.values)
-        predicted[max(first, 0) :] = prediction.values[max(-first, 0) :]
+    start = experiment.estimator.start
+    if start is not None:
+        model = experiment.estimator.model
+        values = model.predict(experiment.measurement.run(), model.theta()).values
+        first = int(np.searchsorted(recorded.time, start - 1e-9))
+        predicted[first:] = values[: len(recorded) - first]
     return ForceTrace(recorded.time, recorded.value, predicted, noise=experiment.settings.force_noise)
 
 

@@ -1,0 +1,14 @@
+#!/usr/bin/env bash
+# Makes the pictures of the README; needs `armdyn` and `chromium` on the path.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+shoot() { # page, picture, height
+    chromium --headless --no-sandbox --disable-gpu --hide-scrollbars --window-size="1280,$3" --virtual-time-budget=8000 \
+        --screenshot="$2" "file://$1" 2>/dev/null
+}
+mkdir -p docs/pictures
+armdyn trial --picture --out "$work/trial"
+cp "$work/trial/swing.png" docs/pictures/swing.png
+shoot "$work/trial/report.html" "$PWD/docs/pictures/trial_report.png" 1560
