@@ -16,7 +16,7 @@ COST_NAMES = ("x", "z", "vx", "vz", "w_x", "w_z", "w_vx", "w_vz", "w_gripper_x",
 
 @dataclass(frozen=True)
 class TaskCost:
-    """1/2 |position - target|_P^2 + 1/2 |velocity|_Q^2 + 1/2 |gripper|_S^2 at the end + dt/2 sum (R a^2 + W x_gripper^2).
+    """1/2 (|position - target|_P^2 + |velocity|_Q^2 + |gripper|_S^2) at the end, dt/2 sum (R a^2 + W x_gripper^2).
 
     Attributes:
         target: (x, z) of the load relative to the gripper's start, z up, m.
