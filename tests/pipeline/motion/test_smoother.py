@@ -217,11 +217,7 @@ def lines(draw: st.DrawFn) -> LineLimits:
     return LineLimits(s, rng.uniform(0.2, 1.5, count), rng.uniform(3.0, 15.0, count), float(rng.uniform(50.0, 500.0)))
 
 
-@settings(max_examples=300, deadline=None)
-@given(limits=lines(), reference=references(), at=st.floats(0.0, 1.0), ahead=st.integers(0, 20))
-def test_no_reference_makes_the_tool_exceed_a_limit(
-    limits: LineLimits, reference: list[LineState], at: float, ahead: int
-) -> None:
+def stays_within(limits: LineLimits, reference: list[LineState], at: float, ahead: int) -> None:
     smoother = LineSmoother(limits, DT, LineState(limits.s_min + at * (limits.s_max - limits.s_min)))
     states = [smoother.state]
     for k in range(len(reference)):
@@ -234,3 +230,23 @@ def test_no_reference_makes_the_tool_exceed_a_limit(
     for _ in range(300):
         smoother.stop()
     assert smoother.at_rest
+
+
+anything = given(limits=lines(), reference=references(), at=st.floats(0.0, 1.0), ahead=st.integers(0, 20))
+
+
+@settings(max_examples=150, deadline=None)
+@anything
+def test_no_reference_makes_the_tool_exceed_a_limit(
+    limits: LineLimits, reference: list[LineState], at: float, ahead: int
+) -> None:
+    stays_within(limits, reference, at, ahead)
+
+
+@pytest.mark.slow
+@settings(max_examples=1000, deadline=None)
+@anything
+def test_none_of_a_thousand_references_makes_the_tool_exceed_a_limit(
+    limits: LineLimits, reference: list[LineState], at: float, ahead: int
+) -> None:
+    stays_within(limits, reference, at, ahead)
