@@ -20,7 +20,7 @@ ExtraTorque = Callable[[Array, Array, Array], Array]
 class JointTorque:
     """Motor torques for a motion of the arm.
 
-    ``tau = RNEA(q, v, a) + d v - tau_spring(q) - tau_extra(q, v, a)``, with the load as a point mass at the tool point
+    ``tau = RNEA(q, v, a) + d v + tau_spring(q) - tau_extra(q, v, a)``, with the load as a point mass at the tool point
     and the viscous damping d of the URDF, which Pinocchio's RNEA leaves out.
 
     Args:
@@ -69,7 +69,7 @@ class JointTorque:
         tau = np.array([pin.rnea(self._model, self._data, *row) for row in zip(q, v, a, strict=True)])
         tau = tau.reshape(len(q), self._model.nv) + self.damping * v
         for joint, spring in self._springs:
-            tau[:, joint] -= spring.torque(q[:, joint])
+            tau[:, joint] += spring.torque(q[:, joint])
         for extra in self._extra:
             tau -= np.array([extra(*row) for row in zip(q, v, a, strict=True)])
         return tau

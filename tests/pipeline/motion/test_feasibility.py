@@ -177,7 +177,7 @@ def test_damping_and_springs_and_extra_torques_count(robot: urdf.Robot) -> None:
     still, moving = JointTorque(robot)(q, none, none), JointTorque(robot)(q, v, none)
     coriolis = pin.rnea(robot.model, robot.model.createData(), q[0], v[0], none[0])
     assert moving[0] - coriolis == pytest.approx(0.7 * v[0])
-    sprung = replace(robot, springs=(urdf.Spring("right_s1", -8.0, -35.0, False, "a test"),))
+    sprung = replace(robot, springs=(urdf.Spring("right_s1", 8.0, 35.0, False, "a test"),))
     spring = JointTorque(sprung, springs=True)(q, none, none) - still
     assert spring[0, 1] == pytest.approx(8.0 * np.sin(q[0, 1]) + 35.0 * np.cos(q[0, 1]))
     assert np.count_nonzero(spring) == 1
@@ -208,7 +208,7 @@ def test_a_heavy_load_breaks_the_torque_and_the_spring_mends_it(robot: urdf.Robo
     motion = line_sine(0.05, 0.2, centre=0.45)
     heavy = replace(PLAIN, load_mass=2.5)
     assert broken(check_line(table, robot, motion, heavy)) == {("torque", "right_s1")}
-    sprung = replace(robot, springs=(urdf.Spring("right_s1", 0.0, -35.0, False, "a test: it carries the arm"),))
+    sprung = replace(robot, springs=(urdf.Spring("right_s1", 0.0, 35.0, False, "a test: it carries the arm"),))
     assert check_line(table, sprung, motion, replace(heavy, springs=True)).feasible
 
 
