@@ -27,7 +27,6 @@ Array = NDArray[np.float64]
 
 SPACING = 0.0005  # m between nodes: fourth-order differences of the nodes then agree with q' to 1e-9
 SURVEYED = 86  # targets looked at when a path cannot be followed
-POSE = 6  # equations that hold a tool in place
 Progress = Callable[[str], None]
 
 
@@ -74,11 +73,6 @@ def _content(robot: Robot, path: Path, wish: Wish, spacing: float, progress: Pro
     """Everything that a table holds."""
     say = progress or (lambda _: None)
     chain = Chain.of(robot)
-    if chain.joints < POSE:
-        raise InputError(
-            f"robot '{robot.name}': {chain.joints} joints cannot hold a tool in place and orientation; "
-            "choose an arm of at least six"
-        )
     say("planning the branch")
     branch, coarse, guess = _plan(robot, chain, path, wish)
     say("solving the nodes")

@@ -15,6 +15,8 @@ from urdf import Robot
 
 Array = NDArray[np.float64]
 
+POSE = 6  # equations that hold a tool in place
+
 
 @dataclass(frozen=True)
 class Motion:
@@ -52,9 +54,14 @@ class Chain:
         """The chain from the base of a robot to its tool point.
 
         Raises:
-            InputError: the arm branches, or has a joint with more than one axis.
+            InputError: the arm branches, has a joint with more than one axis, or too few joints to hold a tool.
         """
         model = robot.model
+        if model.nv < POSE:
+            raise InputError(
+                f"robot '{robot.name}': {model.nv} joints cannot hold a tool in place and orientation; "
+                "choose an arm of at least six"
+            )
         data = model.createData()
         if model.nq != model.nv or model.nv != model.njoints - 1 or list(model.parents)[1:] != list(range(model.nv)):
             raise InputError(f"robot '{robot.name}': the arm is not a chain of one-axis joints; list such joints only")

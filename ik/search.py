@@ -25,7 +25,7 @@ STARTS = 3  # different postures from which each of them is planned
 STEPS = (0.05, 0.025, 0.0125)  # m by which the best line is then moved
 WANTED_MARGIN = 0.5  # rad; more counts no more
 WHOLE = 0.3  # what speed off the core counts
-AMBITION = 3.0  # m/s asked of the core while searching: more than any arm gives
+AMBITIONS = (3.0, 0.8, 0.3)  # m/s asked of the core while searching, the next where the one before breaks a limit
 KEPT = 0.97  # share of the speed found that is asked for in the end: leaves room for joint margin
 LOOKS = 9  # targets on a line that must be reachable at all
 
@@ -87,7 +87,7 @@ def search_line(robot: Robot, demand: Demand | None = None, progress: Callable[[
     best: Found | None = None
     for number, origin in enumerate(origins):
         for start in search.starts(origin):
-            found = search.judge(origin, start)
+            found = search.try_out(origin, start)
             if found is not None and (best is None or found.score > best.score):
                 best = found
         say(f"row {number + 1} of {len(origins)}: {_sentence(best)}")
@@ -101,7 +101,7 @@ def search_line(robot: Robot, demand: Demand | None = None, progress: Callable[[
         while improved:
             improved = False
             for move in search.moves(step):
-                found = search.judge(best.line.origin + move, best.home)
+                found = search.try_out(best.line.origin + move, best.home)
                 if found is not None and found.score > best.score + 1e-3:
                     best, improved = found, True
             say(f"steps of {1e3 * step:g} mm: {_sentence(best)}")
@@ -133,7 +133,7 @@ class _Search:
         given = demand.rotation
         self.rotation = upright_rotation(robot.tool_pose(robot.home).rotation) if given is None else given
 
-    def line(self, origin: Array, core_speed: float = AMBITION) -> Line:
+    def line(self, origin: Array, core_speed: float) -> Line:
         demand = self.demand
         return Line(origin, self.direction, self.rotation, demand.s_min, demand.s_max, demand.core, core_speed)
 
@@ -180,8 +180,16 @@ class _Search:
             yield step * axis
             yield -step * axis
 
-    def judge(self, origin: Array, home: Array, core_speed: float = AMBITION) -> Found | None:
-        """What a line is worth; None where it cannot be used."""
+    def try_out(self, origin: Array, home: Array) -> Found | None:
+        """What a line is worth at the highest ambition that it can bear; None where it cannot be used."""
+        for core_speed in AMBITIONS:
+            found = self.judge(origin, home, core_speed)
+            if found is not None:
+                return found
+        return None
+
+    def judge(self, origin: Array, home: Array, core_speed: float) -> Found | None:
+        """What a line is worth when this speed is asked of its core; None where it cannot be used."""
         line = self.line(origin, core_speed)
         path, wish = LinePath(line), Wish(line.core, line.core_speed)
         try:

@@ -122,6 +122,22 @@ class Solver:
         q, error = self._descend(turned, placed, self._library[nearest], TOLERANCE)
         return q[np.abs(error).max(axis=0) < TOLERANCE]
 
+    def descend(self, rotation: Array, position: Array, q: Array) -> tuple[Array, Array]:
+        """Postures from one guess per target.
+
+        Args:
+            rotation: orientations of the tool, (k, 3, 3).
+            position: positions of the tool point, (k, 3) [m].
+            q: guesses, (k, n).
+
+        Returns:
+            Postures, (k, n), and the largest component of what each misses its target by, (k,) [m or rad].
+        """
+        start = np.clip(q, self._lower, self._upper) if self._limited else q
+        turned, placed = np.ascontiguousarray(rotation.transpose(1, 2, 0)), np.ascontiguousarray(position.T)
+        found, error = self._descend(turned, placed, start, TOLERANCE)
+        return found, np.abs(error).max(axis=0)
+
     def _descend(self, rotation: Array, position: Array, q: Array, tolerance: float) -> tuple[Array, Array]:
         """Iterate until every target is met or the patience is over; met targets leave the batch."""
         final, errors = q.copy(), np.full((6, len(q)), np.inf)

@@ -17,7 +17,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-COMMANDS = ("trial", "table", "ik", "check", "loadcell")
+COMMANDS = ("trial", "table", "ik", "arm", "check", "loadcell")
 
 
 def _register() -> None:

@@ -58,7 +58,7 @@ def infer(
         said.append(f"the tool was taken to be at link '{tool}'; name a link to choose another")
     settings = Settings(
         text=f"{path.name} {joints} {tool}",
-        name=path.stem,
+        name=path.name,
         distribution="",
         urdf_file=str(path),
         srdf_file=None,

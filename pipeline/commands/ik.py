@@ -1,15 +1,31 @@
-"""`armdyn ik`: build the SE(3) IK and Jacobian table of a line, and show it."""
+"""`armdyn ik`: find a line, build and show SE(3) IK and Jacobian tables of paths and volumes."""
 
-import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-if TYPE_CHECKING:
-    from ik import LineTable
+from pipeline.commands.ik_text import as_settings, found_json, summary, table_json
+from pipeline.commands.ik_volume import volume
+from pipeline.commands.output import JsonOption, write_json
+from pipeline.commands.which_robot import (
+    JointsOption,
+    MeshesOption,
+    RobotOption,
+    ToolOption,
+    UrdfOption,
+    exactly,
+    tool_rotation,
+    which_robot,
+)
 
-commands = typer.Typer(help="The SE(3) IK and Jacobian table of the line.", no_args_is_help=True)
+if TYPE_CHECKING:
+    from ik import PathTable
+    from ik.search import Demand, Found
+    from urdf import Robot
+
+commands = typer.Typer(help="SE(3) IK and Jacobian tables of lines, paths and volumes.", no_args_is_help=True)
+commands.command()(volume)
 
 
 def register(app: typer.Typer) -> None:
@@ -19,115 +35,115 @@ def register(app: typer.Typer) -> None:
 
 @commands.command()
 def build(
-    robot: Annotated[str, typer.Option(help="Name of the robot.")] = "baxter",
-    out: Annotated[Path | None, typer.Option(help="Where to write the table; the cache if not given.")] = None,
-    json_file: Annotated[
-        Path | None, typer.Option("--json", help="What was built, as JSON; '-' is standard output.")
+    robot: RobotOption = "baxter",
+    urdf_file: UrdfOption = None,
+    joints: JointsOption = None,
+    tool: ToolOption = None,
+    meshes: MeshesOption = True,
+    path: Annotated[
+        Path | None, typer.Option(help="A path file (TOML: line, circle or spline) in place of the robot's own line.")
     ] = None,
+    search: Annotated[
+        bool, typer.Option("--search", help="Find a line first: fast, far from joint limits, free of collision.")
+    ] = False,
+    extent: Annotated[str, typer.Option(help="With --search: first and last line coordinate [m].")] = "-0.25,0.25",
+    core: Annotated[str, typer.Option(help="With --search: where speed matters most [m].")] = "-0.15,0.15",
+    direction: Annotated[str, typer.Option(help="With --search: direction of the line in the base frame.")] = "0,1,0",
+    tool_rpy: Annotated[
+        str | None,
+        typer.Option(
+            help="With --search: the tool's roll, pitch, yaw [rad]; the right angles nearest to home if not given."
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Where to write the table; the cache if not given, for a robot's own line.")
+    ] = None,
+    json_file: JsonOption = None,
 ) -> None:
-    """Build the table of a robot's line."""
-    from armdyn.errors import InputError
-    from ik.build import build_line_table, default_path
-    from urdf import UrdfError, load
+    """Build the table of a robot's line, of a path, or of a line that is searched for."""
+    from dataclasses import replace
 
-    try:
-        arm = load(robot)
-        table = build_line_table(arm, progress=lambda stage: typer.echo(f"{stage} ...", err=True))
-    except UrdfError as error:
-        raise InputError(str(error)) from error
-    target = out or default_path(arm)
-    table.save(target)
+    from armdyn.errors import InputError
+    from ik.build import build_line_table, build_path_table, default_path
+    from ik.pathfile import read_path
+
+    if search and path is not None:
+        raise InputError("--search and --path exclude each other; choose one")
+    arm = which_robot(robot, urdf_file, joints, tool, meshes)
+    target, found = out, None
+    table: PathTable
+    if search:
+        found = _search(arm, _demand(extent, core, direction, tool_rpy))
+        arm = replace(arm, home=found.home, given_line=found.line)
+        table = build_line_table(arm, progress=_say)
+    elif path is not None:
+        if target is None:
+            raise InputError("--path: the cache keeps only a robot's own line; say where to write the table with --out")
+        table = build_path_table(arm, read_path(path), progress=_say)
+    else:
+        table = build_line_table(arm, progress=_say)
+        target = target or default_path(arm)
+    if target is not None:
+        table.save(target)
     if json_file is not None:
-        _write_json({**_as_json(table), "file": str(target)}, json_file)
+        extra = {} if target is None else {"file": str(target)}
+        write_json({**table_json(table), **extra, **({} if found is None else {"found": found_json(found)})}, json_file)
     if json_file != Path("-"):
-        typer.echo(_summary(table))
-        typer.echo(f"written to {target}")
+        typer.echo(summary(table))
+        if found is not None:
+            typer.echo(as_settings(found))
+        if target is not None:
+            typer.echo(f"written to {target}")
 
 
 @commands.command()
 def show(
     file: Annotated[Path, typer.Argument(help="A table that 'armdyn ik build' wrote.")],
-    json_file: Annotated[
-        Path | None, typer.Option("--json", help="The whole table as JSON; '-' is standard output.")
-    ] = None,
+    json_file: JsonOption = None,
     report: Annotated[Path | None, typer.Option(help="Joint curves, margins and limits as one HTML page.")] = None,
 ) -> None:
-    """Print what a table holds."""
+    """Print what a table holds, and plot it."""
     from armdyn.errors import InputError
-    from ik import LineTable
+    from ik import PathTable
     from urdf import UrdfError, known_robots, load
 
-    table, arm = LineTable.load(file), None
+    table, arm = PathTable.load(file), None
     if table.robot_name in known_robots():
         try:
             arm = load(table.robot_name)
         except UrdfError as error:
             raise InputError(str(error)) from error
-        table = LineTable.load(file, arm)
+        table = PathTable.load(file, arm)
     if report is not None:
         from pipeline.report.ik import ik_report
 
         ik_report(table, arm, command=f"armdyn ik show {file} --report {report}").write(report)
     if json_file is not None:
-        _write_json(_as_json(table), json_file)
+        write_json(table_json(table), json_file)
     if json_file != Path("-"):
-        typer.echo(_summary(table))
+        typer.echo(summary(table))
 
 
-def _as_json(table: "LineTable") -> dict[str, Any]:
-    """The table in the form of the contract; tool poses are the targets of the tool point."""
-    from scipy.spatial.transform import Rotation
-
-    quaternion = Rotation.from_matrix(table.line.rotation).as_quat().tolist()
-    return {
-        "schema": "armdyn.ik/1",
-        "robot": table.robot_name,
-        "joints": list(table.joint_names),
-        "tool_link": table.tool_frame,
-        "tool_offset": table.tool_offset.tolist(),
-        "s": table.s.tolist(),
-        "q": table.q.tolist(),
-        "dq_ds": table.dq_ds.tolist(),
-        "tool_position": table.line.position(table.s).tolist(),
-        "tool_quaternion": [quaternion] * len(table.s),
-        "speed_limit": table.speed_limit.tolist(),
-        "joint_margin": table.joint_margin,
-    }
+def _say(stage: str) -> None:
+    typer.echo(f"{stage} ...", err=True)
 
 
-def _summary(table: "LineTable") -> str:
-    import numpy as np
+def _search(arm: "Robot", demand: "Demand") -> "Found":
+    from ik.search import search_line
 
-    line = table.line
-    core = table.speed_limit_at(np.linspace(*line.core, 401))
-    rows = [
-        f"robot        {table.robot_name}: {', '.join(table.joint_names)}",
-        f"tool         {table.tool_frame}, point {_numbers(table.tool_offset)} m in it",
-        f"line         {_numbers(line.origin)} m + s {_numbers(line.direction)}",
-        f"range        s = {line.s_min:g} to {line.s_max:g} m",
-        f"nodes        {len(table.s)}, {1e3 * (table.s[1] - table.s[0]):g} mm apart",
-        f"joint margin {table.joint_margin:.3f} rad",
-        f"core speed   {core.min():.3f} m/s for s = {line.core[0]:g} to {line.core[1]:g} m",
-        "",
-        "     s [m]  speed limit [m/s]  acceleration limit [m/s^2]",
-    ]
-    for s in np.linspace(line.s_min, line.s_max, 18):
-        rows.append(f"  {s:8.3f}  {table.speed_limit_at(s):17.3f}  {table.acceleration_limit_at(s):26.2f}")
-    return "\n".join(rows)
+    return search_line(arm, demand, progress=_say)
 
 
-def _numbers(values: Any) -> str:
-    return "(" + ", ".join(f"{value:g}" for value in values) + ")"
-
-
-def _write_json(content: dict[str, Any], file: Path) -> None:
+def _demand(extent: str, core: str, direction: str, tool_rpy: str | None) -> "Demand":
     from armdyn.errors import InputError
+    from ik.search import Demand
 
-    text = json.dumps(content)
-    if file == Path("-"):
-        typer.echo(text)
-        return
-    try:
-        file.write_text(text + "\n", encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{file}: cannot be written ({error.strerror}); choose another file") from error
+    first, last = exactly(2, extent, "--extent")
+    low, high = exactly(2, core, "--core")
+    x, y, z = exactly(3, direction, "--direction")
+    if not first <= low < high <= last:
+        raise InputError(f"--core: {core} m does not lie within --extent {extent} m; give low,high inside it")
+    if not abs(x) + abs(y) + abs(z) > 0:
+        raise InputError("--direction: 0,0,0 points nowhere; give another")
+    rotation = None if tool_rpy is None else tool_rotation(tool_rpy)
+    return Demand(direction=(x, y, z), rotation=rotation, s_min=first, s_max=last, core=(low, high))

@@ -1,7 +1,7 @@
 """Options that say which robot a command is about."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -55,3 +55,26 @@ def numbers(text: str, option: str) -> list[float]:
         except ValueError as error:
             raise InputError(f"{option}: '{part.strip()}' is not a number; give numbers separated by commas") from error
     return values
+
+
+def exactly(count: int, text: str, option: str) -> list[float]:
+    """So many numbers separated by commas.
+
+    Raises:
+        InputError: one of them is not a number, or there are more or fewer.
+    """
+    from armdyn.errors import InputError
+
+    values = numbers(text, option)
+    if len(values) != count:
+        raise InputError(f"{option}: '{text}' has {len(values)} numbers; give {count}, separated by commas")
+    return values
+
+
+def tool_rotation(rpy: str) -> Any:
+    """Orientation of the tool, (3, 3), from its roll, pitch and yaw [rad]."""
+    import numpy as np
+    import pinocchio as pin
+
+    # Rounded, so that right angles are exact.
+    return np.round(pin.rpy.rpyToMatrix(*exactly(3, rpy, "--tool-rpy")), 15) + 0.0

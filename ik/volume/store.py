@@ -1,0 +1,195 @@
+"""A volume on disk: a zarr group that can be written block by block and read slab by slab."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from armdyn.errors import InputError
+from ik.errors import StaleTableError
+from ik.volume.grid import BLOCK, Block, Grid, Status
+from urdf import Robot
+
+if TYPE_CHECKING:
+    import zarr
+
+Array = NDArray[np.float64]
+
+FORMAT = 1  # raise it when a change of the code makes other volumes out of the same robot
+MISSING = "volumes need zarr: run 'pip install armdyn[volume]'"
+
+
+@dataclass(frozen=True)
+class VolumeTable:
+    """An IK table over a volume; n joints, m orientations.
+
+    Attributes:
+        path: the zarr directory.
+        robot_name: whose joints these are.
+        joint_names: from base to tool.
+        grid: the targets.
+        q: postures, (m, x, y, z, n) [rad or m], read from disk where they are indexed; nan where unreachable.
+        status: what became of each target, (m, x, y, z), see `Status`.
+        skeleton: postures on the coarse grid from which the blocks were seeded.
+        done: which blocks are finished, (m, blocks along x, y, z).
+    """
+
+    path: Path
+    robot_name: str
+    joint_names: tuple[str, ...]
+    grid: Grid
+    q: "zarr.Array[Any]"
+    status: "zarr.Array[Any]"
+    skeleton: Array
+    done: "zarr.Array[Any]"
+
+    @classmethod
+    def create(cls, path: Path, robot: Robot, grid: Grid, skeleton: Array, extra: dict[str, Any]) -> Self:
+        """Make an empty volume.
+
+        Args:
+            path: the zarr directory; must not exist.
+            robot: the arm.
+            grid: the targets.
+            skeleton: postures on the coarse grid, (m, x, y, z, n).
+            extra: settings that a volume which is continued must share.
+
+        Raises:
+            InputError: zarr is missing, or the directory exists or cannot be written.
+        """
+        zarr = _zarr()
+        if path.exists():
+            raise InputError(f"{path}: exists already; choose another directory, or remove it")
+        shape = (len(grid.rotations), *grid.counts)
+        edges = tuple(min(BLOCK, count) for count in grid.counts)
+        blocks = tuple(-(-count // BLOCK) for count in grid.counts)
+        try:
+            group = zarr.create_group(path)
+            group.create_array(
+                "q", shape=(*shape, len(robot.joint_names)), chunks=(1, *edges, len(robot.joint_names)),
+                dtype="float64", fill_value=float("nan"),
+            )  # fmt: skip
+            group.create_array("status", shape=shape, chunks=(1, *edges), dtype="uint8", fill_value=0)
+            group.create_array("done", shape=(shape[0], *blocks), chunks=(1, 1, 1, 1), dtype="uint8", fill_value=0)
+            group.create_array("skeleton", data=skeleton)
+            # Last, so that a directory with it is complete.
+            group.attrs["armdyn"] = {
+                "format": FORMAT,
+                "robot": robot.name,
+                "joints": list(robot.joint_names),
+                "tool_frame": robot.tool_frame,
+                "tool_offset": robot.tool_offset.tolist(),
+                "fingerprint": robot.fingerprint,
+                "grid": grid.describe(),
+                "extra": extra,
+            }
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written ({error.strerror}); choose another directory") from error
+        return cls.open(path, robot)
+
+    @classmethod
+    def open(cls, path: str | Path, robot: Robot | None = None, extra: dict[str, Any] | None = None) -> Self:
+        """Open a volume.
+
+        Args:
+            path: the zarr directory.
+            robot: whose volume it must be; None accepts any.
+            extra: settings that it must have been built with; None accepts any.
+
+        Raises:
+            InputError: zarr is missing, or there is no such directory.
+            StaleTableError: it is no volume, or of another robot or other settings.
+        """
+        zarr, source = _zarr(), Path(path)
+        rebuild = "build it again with 'armdyn ik volume'"
+        if not source.is_dir():
+            raise InputError(f"{source}: there is no such volume; {rebuild}")
+        try:
+            group = zarr.open_group(source, mode="r+")
+            about = group.attrs["armdyn"]
+            if about["format"] != FORMAT:
+                raise StaleTableError(f"{source}: another version of armdyn wrote it; {rebuild}")
+            table = cls(
+                path=source,
+                robot_name=about["robot"],
+                joint_names=tuple(about["joints"]),
+                grid=Grid.of(about["grid"]),
+                q=group["q"],
+                status=group["status"],
+                skeleton=np.asarray(group["skeleton"][:]),
+                done=group["done"],
+            )
+        except (KeyError, OSError, TypeError, ValueError) as error:
+            raise StaleTableError(f"{source}: not an IK volume, or damaged; {rebuild}") from error
+        if robot is not None and about["robot"] != robot.name:
+            raise StaleTableError(f"{source}: the volume is of '{about['robot']}', not '{robot.name}'; {rebuild}")
+        if robot is not None and about["fingerprint"] != robot.fingerprint:
+            raise StaleTableError(f"{source}: the URDF or the settings of '{robot.name}' have changed; {rebuild}")
+        if extra is not None and about["extra"] != extra:
+            raise StaleTableError(f"{source}: it was built with {about['extra']}, not with {extra}; {rebuild}")
+        return table
+
+    def write(self, block: Block, q: Array, status: NDArray[np.uint8]) -> None:
+        """Write a block; it counts as done only when all of it is on disk."""
+        at = (block.rotation, *block.slices)
+        self.q[at] = q
+        self.status[at] = status
+        self.done[(block.rotation, *(start // BLOCK for start, _ in block.ranges))] = 1
+
+    def missing(self) -> list[Block]:
+        """Blocks that are not done."""
+        done = np.asarray(self.done[:])
+        return [
+            block
+            for block in self.grid.blocks()
+            if not done[(block.rotation, *(start // BLOCK for start, _ in block.ranges))]
+        ]
+
+    def nearest(self, position: ArrayLike, rotation: int = 0) -> Array:
+        """Postures of the targets nearest to positions, (k, n) for positions (k, 3) [m]; nan where unreachable.
+
+        Args:
+            position: in the robot's base frame.
+            rotation: number of the orientation.
+
+        Raises:
+            InputError: a position is outside the volume by more than half a step, or there is no such orientation.
+        """
+        points = np.atleast_2d(np.asarray(position, dtype=np.float64))
+        step = (self.grid.high - self.grid.low) / (np.array(self.grid.counts) - 1)
+        place = (points - self.grid.low) / step
+        if not 0 <= rotation < len(self.grid.rotations):
+            raise InputError(f"volume: orientation {rotation} is none of its {len(self.grid.rotations)}")
+        if not np.all((place >= -0.5) & (place <= np.array(self.grid.counts) - 0.5)):
+            raise InputError(f"volume: a position is outside {self.grid.low.tolist()} to {self.grid.high.tolist()} m")
+        index = np.rint(place).astype(int)
+        return np.array([self.q[(rotation, *at)] for at in index])
+
+    def reached(self) -> float:
+        """Share of targets that are reached and touch nothing."""
+        return float(np.mean(np.asarray(self.status[:]) == Status.REACHED))
+
+    def apart(self, limit: float = 0.2) -> float:
+        """Share of neighbouring pairs of reached targets of which some joint differs by more than `limit` [rad]."""
+        pairs = jumps = 0
+        for rotation in range(len(self.grid.rotations)):
+            # Slab by slab along x, each with the first plane of the next, so that the whole need not fit into memory.
+            for start in range(0, self.grid.counts[0], BLOCK):
+                q = np.asarray(self.q[rotation, start : start + BLOCK + 1])
+                q = np.where((np.asarray(self.status[rotation, start : start + BLOCK + 1]) == 1)[..., None], q, np.nan)
+                for axis in range(3):
+                    inner = q if axis == 0 else q[:BLOCK]
+                    step = np.abs(np.diff(inner, axis=axis)).max(axis=-1)
+                    pairs += int((~np.isnan(step)).sum())
+                    jumps += int((step > limit).sum())
+        return jumps / max(1, pairs)
+
+
+def _zarr() -> Any:
+    try:
+        import zarr
+    except ImportError as error:
+        raise InputError(MISSING) from error
+    return zarr

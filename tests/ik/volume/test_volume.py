@@ -1,0 +1,149 @@
+"""IK over a grid: right, on one branch, resumable, refused where it does not belong."""
+
+import numpy as np
+import pytest
+
+import ik.volume.build as building
+from armdyn.errors import InputError
+from ik.errors import StaleTableError, UnreachableError
+from ik.volume import Grid, Status, VolumeTable, build_volume
+from ik.volume.run import in_processes
+
+
+@pytest.fixture(scope="module")
+def volume(baxter, small, tmp_path_factory):
+    return build_volume(baxter, small, tmp_path_factory.mktemp("volume") / "small.zarr").table
+
+
+def test_every_reached_posture_holds_its_target_within_the_limits_by_yourdfpy(volume, baxter, small, yourdf) -> None:
+    rng = np.random.default_rng(0)
+    status, q = np.asarray(volume.status[:]), np.asarray(volume.q[:])
+    positions = small.positions()
+    chosen = rng.permutation(np.argwhere(status == Status.REACHED))[:150]
+    for rotation, x, y, z in chosen:
+        yourdf.update_cfg(dict(zip(baxter.joint_names, q[rotation, x, y, z], strict=True)))
+        pose = yourdf.get_transform(baxter.tool_frame, "base")
+        tool = pose[:3, 3] + pose[:3, :3] @ baxter.tool_offset
+        assert np.abs(tool - positions[x, y, z]).max() < 1e-8
+        assert np.abs(pose[:3, :3] - small.rotations[rotation]).max() < 1e-8
+    reached = q[status == Status.REACHED]
+    assert baxter.limits.margin(reached).min() >= -1e-9
+    assert np.isnan(q[status == Status.UNREACHABLE]).all()
+
+
+def test_neighbours_are_on_one_branch(volume) -> None:
+    assert volume.apart() < 0.01
+    assert volume.reached() > 0.4
+
+
+def test_the_share_of_neighbours_apart_is_that_of_all_pairs(volume) -> None:
+    q = np.asarray(volume.q[:])
+    steps = [np.abs(np.diff(q, axis=axis)).max(axis=-1).ravel() for axis in (1, 2, 3)]
+    steps = np.concatenate(steps)
+    steps = steps[~np.isnan(steps)]
+    assert volume.apart(0.05) == pytest.approx(np.mean(steps > 0.05), rel=1e-12)
+
+
+def test_what_is_given_up_is_out_of_reach_for_a_search_from_anywhere(volume, baxter, small) -> None:
+    from ik.solver import Solver
+
+    status = np.asarray(volume.status[:])
+    missed = np.argwhere(status == Status.UNREACHABLE)
+    chosen = np.random.default_rng(1).permutation(missed)[:300]
+    position = small.positions()[chosen[:, 1], chosen[:, 2], chosen[:, 3]]
+    answers = Solver(baxter).solve(small.rotations[chosen[:, 0]], position)
+    assert answers.reached.mean() < 0.25  # what can be held on another branch only is not on this one
+
+
+def test_an_interrupted_build_is_continued_and_ends_the_same(volume, baxter, small, tmp_path, monkeypatch) -> None:
+    path, calls = tmp_path / "halted.zarr", []
+
+    def interrupted(done: int, _total: int) -> None:
+        calls.append(done)
+        if len(calls) == 4:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        build_volume(baxter, small, path, progress=interrupted)
+    monkeypatch.setattr(building, "build_skeleton", None)  # it is read, not built again
+    report = build_volume(baxter, small, path)
+    assert report.resumed > 0
+    assert report.solved < small.targets
+    assert np.array_equal(np.asarray(report.table.q[:]), np.asarray(volume.q[:]), equal_nan=True)
+    again = build_volume(baxter, small, path)
+    assert again.solved == 0
+
+
+def test_a_pool_of_processes_gives_the_same(volume, baxter, small, tmp_path) -> None:
+    report = build_volume(baxter, small, tmp_path / "pool.zarr", processes=2)
+    assert np.array_equal(np.asarray(report.table.q[:]), np.asarray(volume.q[:]), equal_nan=True)
+
+
+def test_a_pool_whose_worker_dies_starts_again(tmp_path) -> None:
+    blocks = Grid(np.zeros(3), np.ones(3), (50, 50, 25), np.eye(3)[None]).blocks()
+    solver = DiesOnce(str(tmp_path / "died"))
+    assert sorted(block for block, _ in in_processes(solver, blocks, 2)) == sorted(blocks)
+    assert (tmp_path / "died").exists()
+
+
+class DiesOnce:
+    """Stands in for a solver: ends its process without a word the first time it is asked."""
+
+    def __init__(self, mark: str) -> None:
+        self.mark = mark
+
+    def __call__(self, block):
+        import os
+        from pathlib import Path
+
+        if not Path(self.mark).exists():
+            Path(self.mark).touch()
+            os._exit(1)
+        return block.rotation
+
+
+def test_collisions_are_told_where_they_are_asked_for(baxter, tmp_path) -> None:
+    near = Grid(np.array([0.3, -0.5, -0.3]), np.array([0.5, -0.1, 0.0]), (8, 12, 8), baxter.line.rotation[None])
+    table = build_volume(baxter, near, tmp_path / "near.zarr", collisions=True).table
+    status = np.asarray(table.status[:])
+    collisions = building.CollisionModel(baxter)
+    for index in np.argwhere(status != Status.UNREACHABLE)[::7]:
+        touches = collisions.touching(np.asarray(table.q[tuple(index)])) is not None
+        assert touches == (status[tuple(index)] == Status.TOUCHING)
+    with pytest.raises(StaleTableError, match="was built with"):
+        build_volume(baxter, near, table.path)
+
+
+def test_the_nearest_target_is_looked_up(volume, small) -> None:
+    point = small.positions()[5, 20, 10]
+    assert np.array_equal(volume.nearest(point + 0.002)[0], volume.q[0, 5, 20, 10], equal_nan=True)
+    with pytest.raises(InputError, match="a position is outside"):
+        volume.nearest([2.0, 0.0, 0.0])
+    with pytest.raises(InputError, match="orientation 2 is none of its 2"):
+        volume.nearest(point, 2)
+
+
+def test_a_volume_of_other_settings_or_targets_is_refused(volume, baxter, other, small, tmp_path) -> None:
+    with pytest.raises(StaleTableError, match="settings of 'baxter' have changed"):
+        VolumeTable.open(volume.path, other)
+    with pytest.raises(InputError, match="holds a volume of other targets"):
+        build_volume(baxter, Grid(small.low, small.high, (10, 10, 10), small.rotations), volume.path)
+    with pytest.raises(InputError, match="there is no such volume"):
+        VolumeTable.open(tmp_path / "none.zarr")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(StaleTableError, match="not an IK volume"):
+        VolumeTable.open(tmp_path / "empty")
+
+
+def test_a_volume_far_away_is_out_of_reach(baxter, tmp_path) -> None:
+    far = Grid(np.array([3.0, 3.0, 3.0]), np.array([3.2, 3.2, 3.2]), (4, 4, 4), baxter.line.rotation[None])
+    with pytest.raises(UnreachableError, match="no target of the volume can be held"):
+        build_volume(baxter, far, tmp_path / "far.zarr")
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "counts"), [([0, 0, 0], [1, 1, 0], (3, 3, 3)), ([0, 0, 0], [1, 1, 1], (3, 1, 3))]
+)
+def test_grids_that_span_nothing_are_refused(low, high, counts) -> None:
+    with pytest.raises(InputError, match="volume: "):
+        Grid(np.array(low), np.array(high), counts, np.eye(3)[None])
