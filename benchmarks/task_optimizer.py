@@ -7,7 +7,7 @@ Construction is not counted in the solve time and is printed beside it. crocoddy
 
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import chdir, contextmanager
 from dataclasses import dataclass
 from functools import cache
 from time import perf_counter
@@ -97,10 +97,18 @@ def nlp_solver(state: Callable[[], problem.Program], plugin: str, options: Mappi
 
 @contextmanager
 def machine_code() -> Iterator[dict[str, Any]]:
-    """Options with which CasADi translates a solver's functions to C and compiles them for this machine."""
-    with tempfile.TemporaryDirectory() as scratch:
-        flags = ["-O3", "-march=native", "-ffast-math"]
-        yield {"jit": True, "compiler": "shell", "jit_options": {"flags": flags, "directory": f"{scratch}/"}}
+    """Options with which CasADi translates a solver's functions to C and compiles them for this machine.
+
+    CasADi writes the files where the program stands, and removes them when the solver goes; so it stands elsewhere.
+    """
+    flags = ["-O3", "-march=native", "-ffast-math"]
+    with tempfile.TemporaryDirectory() as scratch, chdir(scratch):
+        yield {
+            "jit": True,
+            "jit_cleanup": False,
+            "compiler": "shell",
+            "jit_options": {"flags": flags, "cleanup": False},
+        }
 
 
 def rivals(code: Mapping[str, Any] | None) -> dict[str, Solver]:
@@ -132,17 +140,18 @@ def rivals(code: Mapping[str, Any] | None) -> dict[str, Solver]:
 
 
 def run(rounds: int, in_c: bool) -> Outcome:
-    with machine_code() as code, bench.without_compiler() as elsewhere:
-        return _run(rounds, code if in_c else None, elsewhere(armdyn_once))
-
-
-def _run(rounds: int, code: Mapping[str, Any] | None, armdyn_vm: bench.Contender) -> Outcome:
-    # A function of its own: CasADi removes its C files when the solvers go, which must be before their directory goes.
-    solvers = {OURS: armdyn_solver(), **rivals(code)}
+    solvers = {OURS: armdyn_solver()}
+    if in_c:
+        with machine_code() as code:
+            solvers |= rivals(code)
+    else:
+        solvers |= rivals(None)
     answers = {name: solver.solve() for name, solver in solvers.items()}
-    seconds = bench.race({OURS_VM: armdyn_vm, **{k: bench.timed(s.solve) for k, s in solvers.items()}}, rounds)
+    with bench.without_compiler() as elsewhere:
+        contenders = {name: bench.timed(solver.solve) for name, solver in solvers.items()}
+        seconds = bench.race({**contenders, OURS_VM: elsewhere(armdyn_once)}, rounds)
     construction = {name: solver.construction for name, solver in solvers.items()}
-    return Outcome({OURS_VM: answers[OURS], **answers}, construction, seconds)
+    return Outcome({**answers, OURS_VM: answers[OURS]}, construction, seconds)
 
 
 def main() -> int:
