@@ -31,6 +31,8 @@ SHORTEST_STEP = 2.0**-20
 class DiscreteProblem:
     """Symbolic pieces of ``sum_k l(s_k, u_k) + m(s_N)`` subject to ``s_{k+1} = f(s_k, u_k)``.
 
+    Costs that are squares of residuals are taken by Gauss and Newton in the quasi-Newton steps, exactly in Newton's.
+
     The last argument p holds every number that may change between solves.
 
     Attributes:
@@ -40,7 +42,8 @@ class DiscreteProblem:
         step: ``(s, u, t, p) -> s_next``.
         linearised: ``(s, u, t, p, s_next) -> A (n, n), B (n,)``.
         curvature: ``(s, u, t, p, s_next, costate) -> (n+1, n+1)``.
-        running: ``(s, u, t, p) -> ()``, with a positive second derivative in u.
+        running: ``(s, u, t, p) -> ()``, convex, with a positive second derivative in u.
+        running_residual: ``(s, t, p) -> (r,)``; |residual|^2 / 2 is added to `running`, convex or not.
         terminal_residual: ``(s, t, p) -> (m,)``; the cost at the end is m = |residual|^2 / 2.
     """
 
@@ -51,6 +54,7 @@ class DiscreteProblem:
     linearised: ca.Function
     curvature: ca.Function
     running: ca.Function
+    running_residual: ca.Function
     terminal_residual: ca.Function
 
 
@@ -210,7 +214,8 @@ def _projection(problem: DiscreteProblem, steps: int) -> ca.Function:
     )  # fmt: skip
     u = mu - ca.dot(K, s - alpha)
     following = problem.step(s, u, t, p)
-    stage = ca.Function("stage", [s, cost, alpha, mu, K, t, p], [following, cost + problem.running(s, u, t, p), u])
+    running = problem.running(s, u, t, p) + ca.sumsqr(problem.running_residual(s, t, p)) / 2
+    stage = ca.Function("stage", [s, cost, alpha, mu, K, t, p], [following, cost + running, u])
     over = stage.mapaccum("over", steps, 2)
     s0, te, P = ca.MX.sym("s0", n), ca.MX.sym("te"), ca.MX.sym("p", m)
     curves = [
@@ -233,7 +238,9 @@ def _backward(problem: DiscreteProblem, steps: int) -> ca.Function:
     z = ca.vertcat(s, u)
     A, B = problem.linearised(s, u, t, p, following)
     second, gradient = ca.hessian(problem.running(s, u, t, p), z)
-    second = second + newton * problem.curvature(s, u, t, p, following, r)
+    squares, square_gradient, square_curvature = _squares(problem.running_residual(s, t, p), z)
+    gradient = gradient + square_gradient
+    second = second + squares + newton * (square_curvature - squares + problem.curvature(s, u, t, p, following, r))
     VA, VB = V @ A, V @ B
     H = second[n, n] + ca.dot(B, VB)
     slope = gradient[n] + ca.dot(B, r)
@@ -250,9 +257,7 @@ def _backward(problem: DiscreteProblem, steps: int) -> ca.Function:
 
     se, te = ca.SX.sym("s", n), ca.SX.sym("t")
     residual = problem.terminal_residual(se, te, p)
-    slope_of_residual = ca.jacobian(residual, se)
-    exact, end_gradient = ca.hessian(ca.sumsqr(residual) / 2, se)
-    gauss_newton = slope_of_residual.T @ slope_of_residual
+    gauss_newton, end_gradient, exact = _squares(residual, se)
     terminal = ca.Function(
         "terminal",
         [se, te, p, newton],
@@ -269,6 +274,13 @@ def _backward(problem: DiscreteProblem, steps: int) -> ca.Function:
     )[2:]  # fmt: skip
     K, k, H = (output[:, back] for output in outputs[:3])
     return ca.Function("backward", [X, U, T, end, P, flag], [K, k, H, outputs[3], outputs[4]])
+
+
+def _squares(residual: ca.SX, variables: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Gauss-Newton Hessian, gradient and exact Hessian of |residual|^2 / 2."""
+    slope = ca.jacobian(residual, variables)
+    exact, gradient = ca.hessian(ca.sumsqr(residual) / 2, variables)
+    return slope.T @ slope, gradient, exact
 
 
 def _forward(n: int, steps: int) -> ca.Function:

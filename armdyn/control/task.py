@@ -1,6 +1,6 @@
 """The task: swing the load to a point with a wanted velocity, by moving the gripper along its line."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import casadi as ca
@@ -11,7 +11,10 @@ from armdyn.errors import InputError
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.variational import STATE_SIZE, VariationalStep
 
-COST_NAMES = ("x", "z", "vx", "vz", "w_x", "w_z", "w_vx", "w_vz", "w_gripper_x", "w_gripper_v", "w_control", "w_travel")
+COST_NAMES = (
+    *("x", "z", "vx", "vz", "w_x", "w_z", "w_vx", "w_vz", "w_gripper_x", "w_gripper_v", "w_control", "w_travel"),
+    *("wall_x", "wall_z", "w_wall", "clearance"),
+)
 
 
 @dataclass(frozen=True)
@@ -27,6 +30,9 @@ class TaskCost:
             gripper is at rest above it.
         control_weight: R, s^3/m^2, > 0.
         travel_weight: W, 1/(m^2 s); keeps the gripper near the middle of its line.
+        wall: (x, z) of an edge that the load must clear, from the gripper's start, m; None for none.
+        clearance: distance from that edge to the load's centre that costs nothing, m.
+        wall_weight: cost of a square metre inside, 1/(m^2 s).
     """
 
     target: tuple[float, float]
@@ -36,6 +42,9 @@ class TaskCost:
     gripper_weights: tuple[float, float] = (0.0, 0.0)
     control_weight: float = 0.1
     travel_weight: float = 0.0
+    wall: tuple[float, float] | None = None
+    clearance: float = 0.0
+    wall_weight: float = 1e6
 
     def __post_init__(self) -> None:
         if not np.all(np.isfinite(self.vector())):
@@ -44,7 +53,7 @@ class TaskCost:
             raise InputError(f"control weight {self.control_weight:g}: it must be positive, or the plan is not unique")
 
     def vector(self) -> np.ndarray:
-        """(12,) in the order of `COST_NAMES`."""
+        """(16,) in the order of `COST_NAMES`."""
         return np.array(
             [
                 *self.target,
@@ -54,6 +63,9 @@ class TaskCost:
                 *self.gripper_weights,
                 self.control_weight,
                 self.travel_weight,
+                *(self.wall or (0.0, 0.0)),
+                self.wall_weight if self.wall else 0.0,
+                self.clearance,
             ]
         )
 
@@ -124,8 +136,18 @@ class TaskPlanner:
         theta = model.physics_theta()
         time = self.dt * np.arange(self.steps + 1)
         initial = np.array([start.x, start.v, start.angle, start.rate])
-        parameters = np.concatenate([theta, cost.vector(), [self.dt]])
-        solution = self._optimizer.solve(initial, time, parameters, guess, tolerance=tolerance)
+
+        def solve(of: TaskCost, start_from: np.ndarray | None) -> Solution:
+            parameters = np.concatenate([theta, of.vector(), [self.dt]])
+            return self._optimizer.solve(initial, time, parameters, start_from, tolerance=tolerance)
+
+        # The wall makes the problem non-convex: from the free optimum the plan is bent round it, not replaced.
+        free = solve(replace(cost, wall=None), guess)
+        solution = free
+        if cost.wall:
+            bent = solve(cost, free.controls)
+            steps, seconds = free.iterations + bent.iterations, free.seconds + bent.seconds
+            solution = replace(bent, iterations=steps, seconds=seconds)
         s, u = solution.states, solution.controls
         parameter_columns = np.tile(theta[:, None], (1, self.steps + 1))
         step = np.full((1, self.steps + 1), self.dt)
@@ -156,6 +178,8 @@ def task_problem(variational: VariationalStep, name: str) -> DiscreteProblem:
     error = ca.vertcat(*arrival, s[0], s[1])
     weights = ca.vertcat(c["w_x"], c["w_z"], c["w_vx"], c["w_vz"], c["w_gripper_x"], c["w_gripper_v"])
     effort = dt / 2 * (c["w_control"] * u**2 + c["w_travel"] * s[0] ** 2)
+    from_edge = ca.sqrt((position[0] - c["wall_x"]) ** 2 + (position[2] - c["wall_z"]) ** 2 + 1e-12)
+    inside = ca.sqrt(dt * c["w_wall"]) * ca.fmax(0, c["clearance"] - from_edge)
     at = (s, u, t, dt, theta)
     return DiscreteProblem(
         name=f"swing_{name}",
@@ -167,5 +191,6 @@ def task_problem(variational: VariationalStep, name: str) -> DiscreteProblem:
             "d2f", [s, u, t, p, following, costate], [variational.curvature(*at, following, costate)]
         ),
         running=ca.Function("running", [s, u, t, p], [effort]),
+        running_residual=ca.Function("inside", [s, t, p], [inside]),
         terminal_residual=ca.Function("end", [s, t, p], [ca.sqrt(weights) * error]),
     )

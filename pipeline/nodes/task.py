@@ -33,6 +33,9 @@ class TaskSettings:
         duration: of the swing, s.
         settling: time to bring the load to rest before it, s.
         finish_x: where the gripper comes to rest over the box, m.
+        wall_x: near wall of the box, along the line, m.
+        wall_below: its rim, below the line, m.
+        clearance: that the load's centre should keep from that rim, m.
     """
 
     target_x: float = 0.45
@@ -41,10 +44,18 @@ class TaskSettings:
     duration: float = 5.0
     settling: float = 3.0
     finish_x: float = 0.46
+    wall_x: float = 0.355
+    wall_below: float = 0.285
+    clearance: float = 0.021
 
     def swing_cost(self) -> TaskCost:
         """Load at the target, at rest, at the end."""
-        return TaskCost(target=(self.target_x, -self.target_below), travel_weight=self.travel_weight)
+        return TaskCost(
+            target=(self.target_x, -self.target_below),
+            travel_weight=self.travel_weight,
+            wall=(self.wall_x, -self.wall_below),
+            clearance=self.clearance,
+        )
 
     def settling_cost(self, length: float) -> TaskCost:
         """Load hanging at rest below the middle of the line."""
