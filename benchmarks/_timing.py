@@ -1,20 +1,15 @@
-"""Side-by-side timing for the benchmarks. Import it before numpy: it keeps BLAS to one thread.
+"""Side-by-side timing for the benchmarks.
 
 The machine's speed drifts with what else runs on it, so the contenders take turns (A B A B ...) in one process run and
 are compared round by round. Ratios are what is claimed; milliseconds are printed for orientation only.
 """
-
-import os
-
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
-os.environ["OMP_NUM_THREADS"] = "1"
-os.environ["MKL_NUM_THREADS"] = "1"
 
 import argparse
 import gc
 import importlib.metadata
 import json
 import multiprocessing
+import os
 import platform
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -133,16 +128,16 @@ def rounds_of(options: argparse.Namespace) -> int:
     return options.rounds or (quick if options.quick else full)
 
 
-def print_table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """A table whose first column is text and whose others are numbers."""
+def print_table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], texts: int = 1) -> None:
+    """A table whose first `texts` columns are text and whose others are numbers."""
     widths = [max(len(row[i]) for row in (headings, *rows)) for i in range(len(headings))]
     print(f"\n{title}")
     for row in (headings, ["-" * width for width in widths], *rows):
-        first, *others = (
-            cell.ljust(width) if i == 0 else cell.rjust(width)
+        cells = (
+            cell.ljust(width) if i < texts else cell.rjust(width)
             for i, (cell, width) in enumerate(zip(row, widths, strict=True))
         )
-        print("  ".join([first, *others]).rstrip())
+        print("  ".join(cells).rstrip())
 
 
 def conclude(claims: Sequence[Claim], results: Mapping[str, Any], path: Path | None) -> int:

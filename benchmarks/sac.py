@@ -5,12 +5,16 @@
 The rival computes the same discretised cost and the same actions from hand-written equations and derivatives.
 """
 
+import os
+
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy is loaded
+
 from functools import cache
 
-import _timing as bench  # first: it keeps BLAS to one thread
+import _timing as bench
 import numpy as np
-from _truth import Pendulum
-from _vanilla_sac import VanillaControl
+from _numpy_sac import NumpyControl
+from _pendulum import Pendulum
 
 from armdyn.control.sac import SacAction, SacSettings, SacState, SequentialActionControl
 from armdyn.pendulum.model import PendulumModel, pendulum_model
@@ -54,7 +58,7 @@ def difference(ours: np.ndarray | float, other: np.ndarray | float) -> float:
     return float(np.max(np.abs(np.subtract(ours, other))) / np.max(np.abs(other)))
 
 
-def disagreement(rival: VanillaControl) -> dict[str, float]:
+def disagreement(rival: NumpyControl) -> dict[str, float]:
     """Largest relative differences between the implementations over all states."""
     control, model, states = armdyn_control()
     rng = np.random.default_rng(1)
@@ -102,7 +106,7 @@ def main() -> int:
     rounds = bench.rounds_of(options)
     _, _, states = armdyn_control()
     settings = SacSettings()
-    rival = VanillaControl(LENGTH, MASS, settings)
+    rival = NumpyControl(LENGTH, MASS, settings)
     vectors = [state.vector() for state in states]
     differences, gradient_error = disagreement(rival), finite_difference_error(2 if options.quick else STATES)
     with bench.without_compiler() as elsewhere:

@@ -5,16 +5,21 @@
 Construction is not counted in the solve time and is printed beside it. crocoddyl takes part where it is installed.
 """
 
+import os
+
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy is loaded
+
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import chdir, contextmanager
 from dataclasses import dataclass
 from functools import cache
+from importlib.util import find_spec
 from time import perf_counter
 from typing import Any
 
-import _timing as bench  # first: it keeps BLAS to one thread
-import _trajectory as problem
+import _problem_ta as problem
+import _timing as bench
 import casadi as ca
 import numpy as np
 
@@ -127,11 +132,11 @@ def rivals(code: Mapping[str, Any] | None) -> dict[str, Solver]:
             "fatrop, variational, C": nlp_solver(lambda: problem.mapped(midpoint), "fatrop", code),
             "fatrop, RK4, C": nlp_solver(lambda: problem.mapped(zero_order), "fatrop", code),
         }
-    try:
-        from _trajectory_fddp import fddp
-    except ImportError:
+    if find_spec("crocoddyl") is None:
         print("crocoddyl is not installed: FDDP is left out (pip install 'armdyn[bench]')")
         return ready
+    from _fddp import fddp
+
     for name, staged in (("FDDP, variational", midpoint), ("FDDP, RK4", zero_order)):
         started = perf_counter()
         solve = fddp(staged)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import casadi as ca
 import crocoddyl
 import numpy as np
-from _trajectory import DT, STEPS, Staged
+from _problem_ta import DT, STEPS, Staged
 
 from armdyn.codegen import Buffered, compiled
 

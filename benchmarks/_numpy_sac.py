@@ -8,7 +8,7 @@ from math import cos, sin
 from typing import TypeVar
 
 import numpy as np
-from _truth import GRAVITY
+from _pendulum import GRAVITY
 
 from armdyn.control.sac import SacSettings
 
@@ -16,7 +16,7 @@ State = tuple[float, ...]
 Number = TypeVar("Number", float, np.ndarray)
 
 
-class VanillaControl:
+class NumpyControl:
     """Chooses needles for a bare pendulum of a length (m) and a mass (kg)."""
 
     def __init__(self, length: float, mass: float, settings: SacSettings) -> None:

@@ -1,0 +1,104 @@
+"""What the estimator's benchmark estimates: recordings, models and starts, for armdyn and its rivals alike."""
+
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from _pendulum import Pendulum, sum_of_cosines
+from _rival_fits import NAMES, Data, Fit, over_windows
+
+from armdyn.effects.catalogue import CATALOGUE
+from armdyn.identify.estimator import WINDOWS, Estimator, estimate_recorded
+from armdyn.identify.least_squares import Estimate
+from armdyn.pendulum.model import PendulumModel, pendulum_model
+from armdyn.run import Channel, Run
+
+MOTION = sum_of_cosines((0.04, 0.012), (0.6, 1.15))
+TIME = 0.01 * np.arange(1, 1001)
+NOISE = 0.01
+LENGTH, MASS = 0.368, 0.1
+TRUTH = dict(zip(NAMES, (LENGTH, 0.1003, 0.008, 0.01, 0.008), strict=True))
+"""Of the run in which everything is fitted."""
+KNOWN = {"mass": (0.1, 0.001), "drag": (0.0, 0.01), "bias": (0.0, 0.02), "delay": (0.01, 0.01)}
+OUR_NAMES = ("length", "mass", "linear_drag.coefficient", "sensor_bias.force", "sensor_delay.time")
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One thing to estimate.
+
+    Attributes:
+        data: with the start.
+        run: the same for armdyn.
+        model: the same for armdyn.
+        windows: whether it starts far off and so over growing windows.
+    """
+
+    data: Data
+    run: Run
+    model: PendulumModel
+    windows: bool
+
+    def ours(self) -> Estimate:
+        """By armdyn."""
+        if self.windows:
+            return estimate_recorded(self.model, self.run, {"load_force": NOISE})
+        return Estimator(self.model, {"load_force": NOISE}).update(self.run)
+
+    def theirs(self, fit: Fit) -> np.ndarray:
+        """By a rival: the free parameters."""
+        return over_windows(fit, self.data, WINDOWS) if self.windows else fit(self.data)
+
+
+def recording(force: np.ndarray) -> Run:
+    """The gripper's path, known from 0 on, with a force at each of `TIME`."""
+    t = np.insert(TIME, 0, 0.0)
+    path = {"gripper_x": (MOTION.x, "m"), "gripper_v": (MOTION.v, "m/s"), "gripper_a": (MOTION.a, "m/s^2")}
+    channels = {name: Channel(t, signal(t), unit) for name, (signal, unit) in path.items()}
+    return Run("benchmark", {**channels, "load_force": Channel(TIME, force, "N")}, noise={"gripper_x": 0.0})
+
+
+def simple_model(length: float, mass: float = MASS) -> PendulumModel:
+    return pendulum_model(length, mass).with_fixed("mass", "initial_angle", "initial_rate")
+
+
+def full_model(length: float) -> PendulumModel:
+    model = pendulum_model(length, MASS).with_fixed("initial_angle", "initial_rate")
+    for name in ("linear_drag", "sensor_bias", "sensor_delay"):
+        model = model.with_effect(CATALOGUE[name])
+    for name, ours in zip(NAMES, OUR_NAMES, strict=True):
+        if name in KNOWN:
+            model = model.with_prior(ours, *KNOWN[name])
+    return model
+
+
+def length_force(data: Path | None) -> np.ndarray:
+    """(1000,) N of the run in which only the length is unknown."""
+    if data is not None and data.exists():
+        return np.loadtxt(data, delimiter=",", skiprows=1)[:, 6]
+    return Pendulum(LENGTH, MASS).simulate(MOTION, TIME)[1] + NOISE * np.random.default_rng(0).normal(size=len(TIME))
+
+
+def full_force() -> np.ndarray:
+    """(1000,) N of the run in which everything is unknown."""
+    pendulum = Pendulum(TRUTH["length"], TRUTH["mass"], TRUTH["drag"])
+    late = np.maximum(TIME - TRUTH["delay"], 0.0)
+    force = pendulum.simulate(MOTION, late)[1] + TRUTH["bias"]
+    return force + NOISE * np.random.default_rng(0).normal(size=len(TIME))
+
+
+@cache
+def scenarios(data: Path | None) -> dict[str, Scenario]:
+    found = {}
+    for label, offset, windows in (("2 mm off", 0.002, False), ("20 % off", 0.2 * LENGTH, True)):
+        guess = LENGTH + offset
+        start = np.array([guess, MASS, 0.0, 0.0, 0.0])
+        force = length_force(data)
+        alone = Data(TIME, force, NOISE, MOTION, {}, ("length",), start)
+        found[f"length, {label}"] = Scenario(alone, recording(force), simple_model(guess), windows)
+        start = np.array([guess, *(KNOWN[name][0] for name in NAMES[1:])])
+        force = full_force()
+        everything = Data(TIME, force, NOISE, MOTION, KNOWN, NAMES, start)
+        found[f"five parameters, {label}"] = Scenario(everything, recording(force), full_model(guess), windows)
+    return found
