@@ -10,7 +10,9 @@ from armdyn.errors import InputError
 
 ORDER = 4
 """Order of the differences that are penalised: piecewise-constant jerk costs nothing at the limit."""
-SEARCH = np.logspace(-2, 10, 25)
+WEAKEST = 1.0 / (2.0 * np.sin(0.1 * np.pi)) ** 8
+"""Halves what moves at a tenth of the sampling rate: faster than that no gripper moves, but an encoder's steps do."""
+SEARCH = WEAKEST * np.logspace(0, 8, 17)
 """Smoothing strengths that are tried, in samples^8; neighbours are a factor of 3.2 apart."""
 CHOOSE_EVERY, CHOOSE_FROM = 100, 300
 """Samples after which the strength for a growing path is chosen anew, and from how many of the last."""
