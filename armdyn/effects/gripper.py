@@ -60,7 +60,7 @@ def gripper_bob(
     gripper: Gripper,
     curvature: Expression = quantity("1/m", typical=0.5, lower=-20.0, upper=20.0, summary="height = curvature x^2"),
 ) -> Gripper:
-    """z = k x^2."""
+    """Height z = k x^2."""
     return gripper.with_position(gripper.position + ca.vertcat(0, 0, curvature * gripper.position[0] ** 2))
 
 

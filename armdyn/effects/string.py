@@ -46,7 +46,7 @@ def string_elasticity(
     string: String,
     compliance: Expression = quantity("m/N", typical=2e-3, lower=0.0, upper=0.1, summary="stretch per tension"),
 ) -> String:
-    """l = l0 + c T."""
+    """Length l = l0 + c T."""
     return string.with_compliance(compliance)
 
 
@@ -74,5 +74,5 @@ def string_creep(
     string: String,
     rate: Expression = quantity("m/s", typical=1e-4, lower=-0.01, upper=0.01, summary="growth of the length"),
 ) -> String:
-    """l = l0 + r t, t from the start of the run."""
+    """Length l = l0 + r t, t from the start of the run."""
     return string.with_length(string.length + rate * string.time)

@@ -28,7 +28,7 @@ class Weighed:
     Attributes:
         cost: c.
         samples: N after whitening.
-        count: number of fitted unknowns.
+        count: number of fitted unknowns of which the runs tell more than the prior.
         values: (P,) the generalised least-squares estimate.
         covariance: (P, P) of it; zero for what was not fitted.
     """
@@ -66,8 +66,11 @@ def weighed(fit: Fit, whitening: Whitening) -> Weighed:
         gradient += sensitivities.T @ residual
         cost += float(residual @ residual)
         samples += len(residual)
+    learnt = int(np.sum(np.diag(information) > 2 * problem.prior_weight[free] ** 2))
     scale = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
-    on_bound = (fit.values <= problem.lower)[free] & (gradient < 0) | (fit.values >= problem.upper)[free] & (gradient > 0)
+    on_bound = (fit.values <= problem.lower)[free] & (gradient < 0) | (fit.values >= problem.upper)[free] & (
+        gradient > 0
+    )
     moving = ~on_bound
     values, covariance = fit.values.copy(), np.zeros((len(fit.free), len(fit.free)))
     if moving.any():
@@ -81,7 +84,7 @@ def weighed(fit: Fit, whitening: Whitening) -> Weighed:
         here = free[moving]
         values[here] = np.clip(fit.values[here] + step, problem.lower[here], problem.upper[here])
         covariance[np.ix_(here, here)] = inverse
-    return Weighed(cost, samples, len(free), values, covariance)
+    return Weighed(cost, samples, learnt, values, covariance)
 
 
 def p_value(drop: float, count: int, *, one_sided: bool = False) -> float:

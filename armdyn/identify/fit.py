@@ -85,7 +85,9 @@ def channel_rmse(blocks: Sequence[Block]) -> dict[str, float]:
     return result
 
 
-def fit(problem: Problem, free: np.ndarray, start: np.ndarray, *, windows: bool = False) -> Fit:
+def fit(
+    problem: Problem, free: np.ndarray, start: np.ndarray, *, windows: bool = False, most_steps: int = 30
+) -> Fit:
     """Minimise over the unknowns `free`.
 
     Args:
@@ -94,6 +96,7 @@ def fit(problem: Problem, free: np.ndarray, start: np.ndarray, *, windows: bool 
         start: (P,).
         windows: fit the first second, then longer and longer stretches, so that the start may be far off: a cold
             start on a long recording falls into one of many minima.
+        most_steps: of the last fit.
     """
     values = start
     if windows:
@@ -102,7 +105,7 @@ def fit(problem: Problem, free: np.ndarray, start: np.ndarray, *, windows: bool 
             these = free if window >= SETTLED_WINDOW else free & (problem.per_run | _is_base(problem))
             these = these & determined(cut, these, values)
             values = cut.fit(these, values, most_steps=15, tolerance=0.1).values
-    found = problem.fit(free, values)
+    found = problem.fit(free, values, most_steps=most_steps)
     return Fit(problem, free, found.values, tuple(problem.blocks(found.values)), found.outcome)
 
 
@@ -111,19 +114,17 @@ def determined(problem: Problem, free: np.ndarray, values: np.ndarray) -> np.nda
 
     Unknowns of the base come first, so that of two which cannot be told apart the base's is kept.
     """
-    blocks = problem.blocks(values)
-    rows = np.vstack([*(b.sensitivities for b in blocks), np.diag(problem.prior_weight)]) * problem.typical
-    norms = np.linalg.norm(rows, axis=0)
+    index = np.flatnonzero(free)
+    typical = problem.typical[index]
+    gram = problem.expansion(values, free).hessian * np.outer(typical, typical)
+    norms = np.sqrt(np.diag(gram))
     kept = np.zeros(len(free), dtype=bool)
-    basis = np.empty((len(rows), 0))
-    for j in np.flatnonzero(free & (norms > 1e-9)):
-        column = rows[:, j] / norms[j]
-        for _ in range(2):  # twice is enough (Parlett, The Symmetric Eigenvalue Problem, §6.9)
-            column = column - basis @ (basis.T @ column)
-        rest = np.linalg.norm(column)
-        if rest > DEPENDENT:
-            basis = np.column_stack([basis, column / rest])
-            kept[j] = True
+    factor = np.empty((0, len(index)))  # rows of the Cholesky factor of what has been kept
+    for j in np.flatnonzero(norms > 1e-9 * np.max(norms, initial=0.0)):
+        rest = gram[j] - factor[:, j] @ factor
+        if rest[j] > (DEPENDENT * norms[j]) ** 2:
+            factor = np.vstack([factor, rest / np.sqrt(rest[j])])
+            kept[index[j]] = True
     return kept
 
 

@@ -1,4 +1,4 @@
-"""Where a model fails: the stretches of time, angle, rate or joint speed in which the residual is far above the noise."""
+"""Where a model fails: stretches of time, angle, rate or joint speed whose residual is far above the noise."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -46,7 +46,9 @@ class Place:
 def localise(fit: Fit) -> tuple[Place, ...]:
     """The worst places first; empty where nothing stands out of the noise."""
     problem = fit.problem
-    circumstances = [problem.model.circumstances(run, problem.theta(i, fit.values)) for i, run in enumerate(problem.runs)]
+    circumstances = [
+        problem.model.circumstances(run, problem.theta(i, fit.values)) for i, run in enumerate(problem.runs)
+    ]
     by_name = {run.name: found for run, found in zip(problem.runs, circumstances, strict=True)}
     places: list[Place] = []
     for channel in dict.fromkeys(block.channel for block in fit.blocks):
@@ -64,7 +66,9 @@ def localise(fit: Fit) -> tuple[Place, ...]:
             if joint and not name.endswith(f".{joint}"):
                 continue
             found += _against(channel, name, [(b, by_name[b.run][name]) for b in blocks if name in by_name[b.run]])
-        places += [_with_share(p, total) for p in found if p.chi2_per_sample > FAR_ABOVE * overall or p.against == "run"]
+        places += [
+            _with_share(p, total) for p in found if p.chi2_per_sample > FAR_ABOVE * overall or p.against == "run"
+        ]
     return tuple(sorted(places, key=lambda p: -p.chi2_per_sample)[:MOST])
 
 
@@ -75,13 +79,16 @@ def _against(channel: str, name: str, pairs: Sequence[tuple[Block, Channel]]) ->
     found = _bins(channel, "", name, unit, at, square, BINS, even=False)
     if name.startswith("v.") or name == "swing_rate":
         moving = np.abs(at) > 0.05 * np.max(np.abs(at), initial=0.0)
-        means = [float(np.mean(square[moving & (sign * at > 0)], initial=0.0)) if np.any(moving & (sign * at > 0)) else 0.0
-                 for sign in (-1, 1)]  # fmt: skip
+        means = [_mean(square[moving & (sign * at > 0)]) for sign in (-1, 1)]
         if min(means) > 0 and max(means) > 2 * min(means):
             worse = int(np.argmax(means))
             bounds = (float(at.min()), 0.0) if worse == 0 else (0.0, float(at.max()))
             found.append(Place(channel, "", f"sign of {name}", *bounds, unit, means[worse], 0.0))
     return found
+
+
+def _mean(values: np.ndarray) -> float:
+    return float(values.mean()) if len(values) else 0.0
 
 
 def _over_runs(blocks: Sequence[Block], overall: float) -> list[Place]:
@@ -99,7 +106,9 @@ def _bins(
     """Ranges of neighbouring bins that stand out; bins are equally wide, or hold equally many samples."""
     if np.ptp(at) <= 0:
         return []
-    edges = np.linspace(at.min(), at.max(), bins + 1) if even else np.unique(np.quantile(at, np.linspace(0, 1, bins + 1)))
+    edges = (
+        np.linspace(at.min(), at.max(), bins + 1) if even else np.unique(np.quantile(at, np.linspace(0, 1, bins + 1)))
+    )
     if len(edges) < 3:
         return []
     index = np.clip(np.searchsorted(edges, at, side="right") - 1, 0, len(edges) - 2)

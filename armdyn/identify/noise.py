@@ -79,7 +79,8 @@ def whitened(rows: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
 
 def whitening(blocks: Sequence[Block]) -> dict[str, tuple[np.ndarray, float]]:
     """Per channel: coefficients of the autoregression, and the standard deviation of what it leaves (in units of the
-    assumed noise)."""
+    assumed noise).
+    """
     found = {}
     for channel in dict.fromkeys(block.channel for block in blocks):
         stretches = [block.residual for block in blocks if block.channel == channel]

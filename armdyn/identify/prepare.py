@@ -7,12 +7,9 @@ import numpy as np
 
 from armdyn.errors import InputError
 from armdyn.identify.noise import third_difference_std
-from armdyn.identify.problem import Noise
 from armdyn.model import Model
-from armdyn.run import Channel, Run
+from armdyn.run import Run
 
-HIGHEST_RATE = 125.0
-"""Hz; what is sampled faster is averaged in groups: a swing, or an arm under load, holds nothing above."""
 LARGEST_SAMPLE_COUNT = 5_000_000
 SMALLEST_NOISE = 1e-6
 """Of a channel's range; a quantised signal may show no noise at all."""
@@ -50,38 +47,13 @@ def stated_noise(model: Model, runs: Sequence[Run]) -> bool:
     return all(name in run.noise for run in runs for name in model.predicted_channels(run))
 
 
-def joint_noise(noise: Noise, channel: str) -> float:
-    """Root mean square over the runs of a channel's noise."""
-    return float(np.sqrt(np.mean([std**2 for (_, name), std in noise.items() if name == channel])))
-
-
-def thinned(run: Run, highest_rate: float = HIGHEST_RATE) -> Run:
-    """The run with channels that were sampled faster averaged in groups, at the groups' mean times.
-
-    Averaging k samples shifts nothing in time and lowers white noise by sqrt(k).
-    """
-    channels, noise = {}, dict(run.noise)
-    for name, channel in run.channels.items():
-        interval = float(np.median(np.diff(channel.time))) if len(channel) > 1 else np.inf
-        group = int(1.0 / (highest_rate * interval) + 1e-6) if interval > 0 else 1
-        if group < 2 or len(channel) < 4 * group:
-            channels[name] = channel
-            continue
-        n = len(channel) // group * group
-        time, value = (a[:n].reshape(-1, group).mean(axis=1) for a in (channel.time, channel.value))
-        channels[name] = Channel(time, value, channel.unit)
-        if name in noise:
-            noise[name] /= np.sqrt(group)
-    return replace(run, channels=channels, noise=noise)
-
-
 def _ready(model: Model, run: Run) -> Run:
     longest = max((len(channel) for channel in run.channels.values()), default=0)
     if longest > LARGEST_SAMPLE_COUNT:
         raise InputError(f"{run.source or run.name}: {longest} samples are too many: cut it or record at a lower rate")
     for name in model.predicted_channels(run):
         run.require_informative(name)
-    return thinned(run)
+    return model.prepared(run)
 
 
 def _check_distinct(runs: Sequence[Run], held_out: Sequence[Run]) -> None:

@@ -100,14 +100,16 @@ class Problem:
         self.upper = np.array([p.upper for p in parameters])
         self.typical = np.array([p.typical for p in parameters])
         self.null = np.array([p.null for p in parameters])
-        self.fitted = np.array([p.fitted for p in parameters])
+        self.fitted = np.array([p.fitted for p in parameters], dtype=bool)
         self.prior_mean = np.array([p.prior.mean if p.prior else 0.0 for p in parameters])
         self.prior_weight = np.array([1.0 / p.prior.std if p.prior else 0.0 for p in parameters])
         self._remembered: dict[bytes, list[Block]] = {}
-        self._of_run = [
-            np.array([next(j for j, c in enumerate(columns) if c.index == k and c.run in (None, i)) for k in _range(model)])
-            for i in range(len(runs))
-        ]
+        self._of_run = [self._places(i) for i in range(len(self.runs))]
+
+    def _places(self, run: int) -> np.ndarray:
+        """(p,) position among the unknowns of every parameter of the model in one run."""
+        here = {c.index: j for j, c in enumerate(self.columns) if c.run in (None, run)}
+        return np.array([here[k] for k in range(len(self.model.names))], dtype=int)
 
     def start(self) -> np.ndarray:
         """(P,) values of the model and first guesses."""
@@ -116,12 +118,12 @@ class Problem:
     def of(self, names: Sequence[str]) -> np.ndarray:
         """(P,) bool: the unknowns of these parameters."""
         wanted = {self.model.names.index(name) for name in names}
-        return np.array([c.index in wanted for c in self.columns])
+        return np.array([c.index in wanted for c in self.columns], dtype=bool)
 
     @property
     def per_run(self) -> np.ndarray:
         """(P,) bool: the unknowns that belong to one run."""
-        return np.array([c.run is not None for c in self.columns])
+        return np.array([c.run is not None for c in self.columns], dtype=bool)
 
     def theta(self, run: int, values: np.ndarray) -> np.ndarray:
         """(p,) the model's parameter vector in one run."""
@@ -186,10 +188,6 @@ class _Part:
         if not np.isfinite(at.cost):
             return Expansion(np.inf, np.zeros(len(values)), np.eye(len(values)))
         return at
-
-
-def _range(model: Model) -> range:
-    return range(len(model.names))
 
 
 def _stated(run: Run, name: str) -> Known | None:

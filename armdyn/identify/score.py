@@ -4,7 +4,7 @@ With r the residual and J the derivatives of everything fitted, Q = orth(J), an 
 chi2 by about (d' r)^2 / (d' d), d' = d - Q Q^T d: Rao's score test (Rao 1948; Silvey, Statistical Inference, §7.4).
 """
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,6 +34,17 @@ class Candidate:
     def label(self) -> str:
         """For a person: the name, with the joints."""
         return f"{self.effect}:{','.join(self.joints)}" if self.joints else self.effect
+
+    def on(self, joints: Sequence[str]) -> "Candidate":
+        """The same effect on some of its joints."""
+        names = tuple(n for n in self.names if any(n.endswith(f"[{joint}]") for joint in joints))
+        return Candidate(self.effect, tuple(joints), names)
+
+    def without(self, taken: Set[str]) -> "Candidate":
+        """What is left of it when these parameters are in the model already."""
+        names = tuple(n for n in self.names if n not in taken)
+        joints = tuple(j for j in self.joints if any(n.endswith(f"[{j}]") for n in names))
+        return Candidate(self.effect, joints, names)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,8 +111,8 @@ def _score(
         return Score(candidate, 0.0, independence, imitators, nothing.signature)
     step = np.zeros(len(norms))
     step[norms > 0] = np.linalg.lstsq(left, residual, rcond=1e-6)[0]
-    target = fit.values[columns] + step * problem.typical[columns]
-    allowed = (target >= problem.lower[columns]) & (target <= problem.upper[columns])
+    values = fit.values[columns]
+    allowed = np.where(step < 0, values > problem.lower[columns], values < problem.upper[columns])
     inside = left[:, allowed[norms > 0]]
     if inside.shape[1] == 0:
         return Score(candidate, 0.0, independence, (), nothing.signature)

@@ -8,7 +8,6 @@ import numpy as np
 
 from armdyn.identify.evidence import Weighed, Whitening, p_value
 from armdyn.identify.fit import GROSS, Fit
-from armdyn.identify.held_out import chi2_of
 from armdyn.identify.noise import whitened
 from armdyn.identify.problem import Block
 from armdyn.identify.score import Candidate, Score
@@ -22,6 +21,13 @@ SIGNIFICANCE = 0.01
 """Probability of adding a superfluous effect, over the whole catalogue."""
 TIE = 6.0
 """Difference of evidence below which effects count as tied: above it the first was right in 320 of 320."""
+CLOSE = 2.0
+"""Chi2 per sample at which a fit has certainly found the right minimum."""
+THOROUGH = 6
+NEARLY = 0.9
+"""Share of the best effect's gain at which a simpler one is preferred: dry friction before asymmetric dry friction."""
+UNHARMED = 3.0
+"""By how much the whitened cost of held-out runs may rise by chance."""
 PAIRED = 5
 """Best single effects that are tried in pairs."""
 
@@ -38,7 +44,7 @@ class Option:
         delta_bic: BIC without minus BIC with it, whitened; larger is better.
         p_value: probability that superfluous effects lower the cost as much, times the number that were tried.
         held_out_gain: fall of the whitened cost of held-out runs; None where none was held out or it was not tried.
-        held_out_fell: whether the held-out error fell; None likewise.
+        held_out_fell: whether it fell, or rose no more than by chance; None likewise.
         held_out: residuals there.
     """
 
@@ -76,8 +82,21 @@ class Ranking:
 
     @property
     def best(self) -> Option | None:
-        """The best that is accepted."""
-        return next((option for option in self.options if option.accepted), None)
+        """The best that is accepted, or one with fewer unknowns that does nearly as much: the rest can come later."""
+        accepted = [option for option in self.options if option.accepted]
+        if not accepted:
+            return None
+        first = accepted[0]
+        enough = NEARLY * (self.present.cost - first.weighed.cost)
+        tied = self.tied_with(first)
+        simpler = [
+            option
+            for option in accepted
+            if _complexity(option) < _complexity(first)
+            and _same_joints(option, first)
+            and (option in tied or self.present.cost - option.weighed.cost > enough)
+        ]
+        return min(simpler, key=lambda o: (*_complexity(o), o.weighed.cost), default=first)
 
     def tied_with(self, option: Option) -> tuple[Option, ...]:
         """Options that these runs cannot tell from this one."""
@@ -121,8 +140,18 @@ def compare(
         tried: number of effects that the best was chosen from.
         exchange: the additions replace something: they must win by a clear margin, and need no p-value.
     """
+    additions = list(additions)
     fits = [study.fit_with((*effects, *added), now) for added in additions]
+    if now.chi2_per_sample > GROSS and fits and min(f.chi2_per_sample for f in fits) > CLOSE:
+        # Far from the truth the nearest minimum may be the wrong one: the best few get other starts as well.
+        for i in sorted(range(len(fits)), key=lambda i: fits[i].cost)[:THOROUGH]:
+            fits[i] = study.fit_thoroughly((*effects, *additions[i]), now)
     compared, whitening = study.weighed([now, *fits])
+    sparse = [_needed(study, added, w) for added, w in zip(additions, compared[1:], strict=True)]
+    if sparse != list(additions):
+        additions = list(dict.fromkeys(a for a in sparse if a))
+        fits = [study.fit_with((*effects, *added), now) for added in additions]
+        compared, whitening = study.weighed([now, *fits])
     present, others = compared[0], compared[1:]
     options = []
     for added, found, weight in zip(additions, fits, others, strict=True):
@@ -150,7 +179,7 @@ def confirmed(study: Study, now: Fit, ranking: Ranking) -> Ranking:
     reference = study.held_out_blocks(now) if worth else None
     if reference is None:
         return ranking
-    before, before_error = _cost(reference, ranking.whitening), chi2_of(reference)
+    before = _cost(reference, ranking.whitening)
     best = worth[0].delta_bic
     options, evidence = [], []
     for option in ranking.options:
@@ -164,7 +193,9 @@ def confirmed(study: Study, now: Fit, ranking: Ranking) -> Ranking:
         options.append(
             Option(
                 option.added, option.effects, option.fit, option.weighed, option.delta_bic, option.p_value,
-                held_out_gain=gain, held_out_fell=chi2_of(blocks) < before_error, held_out=tuple(blocks),
+                held_out_gain=gain,
+                held_out_fell=gain > -UNHARMED,
+                held_out=tuple(blocks),
             )
         )  # fmt: skip
         # Runs that were given to be held out add to the evidence; runs held out in turn are in it already.
@@ -190,6 +221,29 @@ def superfluous(study: Study, now: Fit, effects: Sequence[Candidate], kept: Sequ
     return Option((removable[best],), rest, fits[best], compared[best + 1], gains[best], 1.0)
 
 
+def _needed(study: Study, added: tuple[Candidate, ...], weight: Weighed) -> tuple[Candidate, ...]:
+    """The candidates on those joints only whose parameters differ from null by more than their number is worth."""
+    kept = []
+    for candidate in added:
+        if not candidate.joints:
+            kept.append(candidate)
+            continue
+        joints = []
+        for joint in candidate.joints:
+            columns = np.flatnonzero(study.problem.of(candidate.on([joint]).names))
+            covariance = weight.covariance[np.ix_(columns, columns)]
+            moved = weight.values[columns] - study.problem.null[columns]
+            free = np.diag(covariance) > 0
+            if not free.any():
+                continue
+            wald = float(moved[free] @ np.linalg.pinv(covariance[np.ix_(free, free)], hermitian=True) @ moved[free])
+            if wald > free.sum() * np.log(weight.samples):
+                joints.append(joint)
+        if joints:
+            kept.append(candidate if len(joints) == len(candidate.joints) else candidate.on(joints))
+    return tuple(kept)
+
+
 def _cost(blocks: Sequence[Block], whitening: Whitening) -> float:
     total = 0.0
     for block in blocks:
@@ -197,6 +251,15 @@ def _cost(blocks: Sequence[Block], whitening: Whitening) -> float:
         left = whitened(block.residual, coefficients) / std
         total += float(left @ left)
     return total
+
+
+def _complexity(option: Option) -> tuple[int, int]:
+    """Number of unknowns that were fitted, and of those that the added effects have."""
+    return option.weighed.count, sum(len(c.names) for c in option.added)
+
+
+def _same_joints(one: Option, other: Option) -> bool:
+    return {j for c in one.added for j in c.joints} == {j for c in other.added for j in c.joints}
 
 
 def _alike(one: Option, other: Option) -> bool:

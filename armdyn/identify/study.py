@@ -1,19 +1,21 @@
 """A model, runs and a catalogue: every fit that a diagnosis or a repair asks for, each done once."""
 
-from collections.abc import Iterable, Sequence
-from functools import lru_cache
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from armdyn.effects.effect import Effect
 from armdyn.identify.evidence import Weighed, Whitening, weighed, whitening_of
-from armdyn.identify.fit import GROSS, Fit, determined, fit
+from armdyn.identify.fit import Fit, determined, fit
 from armdyn.identify.held_out import held_out_blocks
 from armdyn.identify.prepare import noise_of_runs, prepared, stated_noise
 from armdyn.identify.problem import Block, Problem
 from armdyn.identify.score import Candidate, Score, scores
 from armdyn.model import Model
 from armdyn.run import Run
+
+QUICK_STEPS = 8
+"""A candidate that needs more steps than this is no small correction of the present fit."""
 
 
 class Study:
@@ -31,40 +33,34 @@ class Study:
         InputError: see `prepare.prepared`.
     """
 
-    def __init__(
-        self, model: Model, runs: Sequence[Run], held_out: Sequence[Run], catalogue: Iterable[Effect]
-    ) -> None:
+    def __init__(self, model: Model, runs: Sequence[Run], held_out: Sequence[Run], catalogue: Sequence[Effect]) -> None:
         self.model = model
         self.runs, self.held_out = prepared(model, runs, held_out)
         everything = [*self.runs, *self.held_out]
         self.noise = noise_of_runs(model, everything)
         self.noise_is_stated = stated_noise(model, everything)
-        extended = model.with_candidates(catalogue)
+        self.effects = {effect.name: effect for effect in (*catalogue, *model.effects)}
+        extended = model.with_candidates(self.effects.values())
         self.problem = Problem(extended, self.runs, self.noise)
-        self.candidates = tuple(
-            Candidate(effect.name, tuple(j for j in extended.parts(effect.name) if j),
-                      tuple(n for names in extended.parts(effect.name).values() for n in names))
+        self.present = tuple(_candidate(effect.name, model.parts(effect.name)) for effect in model.effects)
+        given = set(model.names)
+        absent = (
+            (effect.name, {j: ns for j, ns in extended.parts(effect.name).items() if not set(ns) <= given})
             for effect in extended.effects
-        )  # fmt: skip
-        self._of_effect = {c.effect: self.problem.of(c.names) for c in self.candidates}
+        )
+        self.candidates = tuple(_candidate(name, parts) for name, parts in absent if parts)
         self._fits: dict[tuple[Candidate, ...], Fit] = {}
-        self._held_out: dict[int, list[Block] | None] = {}
+        self._held_out: dict[int, tuple[Fit, list[Block] | None]] = {}
         self._first: Fit | None = None
-
-    @property
-    def present(self) -> tuple[Candidate, ...]:
-        """The effects that the given model has."""
-        names = {effect.name for effect in self.model.effects}
-        return tuple(c for c in self.candidates if c.effect in names)
 
     def first(self) -> Fit:
         """The fit of the model as given."""
         if self._first is None:
             alone = Problem(self.model, self.runs, self.noise)
             start = alone.start()
-            free = alone.fitted & determined(alone, alone.fitted, start)
+            free = determined(alone, alone.fitted, start)
             found = fit(alone, free, start, windows=True)
-            again = alone.fitted & determined(alone, alone.fitted, found.values)
+            again = determined(alone, alone.fitted, found.values)
             if np.any(again != free):
                 found = fit(alone, again, found.values)
             values, mask = self.problem.start(), np.zeros(len(self.problem.columns), dtype=bool)
@@ -76,31 +72,34 @@ class Study:
         return self._first
 
     def fit_with(self, effects: Sequence[Candidate], near: Fit) -> Fit:
-        """The model's base with exactly these effects, started from the fit `near` and, where that is bad, afresh."""
+        """The model's base with exactly these effects, started from the fit `near`."""
         key = self._key(effects)
         if key not in self._fits:
             free, start = self._released(effects, near)
-            starts = [start]
-            if near.chi2_per_sample > GROSS:
-                starts.append(self._pushed(effects, start, near))
-            best = min((fit(self.problem, free, s) for s in starts), key=lambda f: f.cost)
-            if best.chi2_per_sample > GROSS:
-                afresh = fit(self.problem, free, self._pushed(effects, self._cold(), near), windows=True)
-                best = min(best, afresh, key=lambda f: f.cost)
-            self._fits[key] = best
+            self._fits[key] = fit(self.problem, free, start, most_steps=QUICK_STEPS)
         return self._fits[key]
 
+    def fit_thoroughly(self, effects: Sequence[Candidate], near: Fit) -> Fit:
+        """As `fit_with`, and from other starts: effects at a typical size, near the fit and afresh over windows."""
+        best = self.fit_with(effects, near)
+        free, start = self._released(effects, near)
+        for begin, windows in ((self._pushed(effects, start, near), False), (self._cold(effects, near), True)):
+            other = fit(self.problem, free, begin, windows=windows, most_steps=2 * QUICK_STEPS)
+            best = min(best, other, key=lambda f: f.cost)
+        self._fits[self._key(effects)] = best
+        return best
+
     def scores(self, at: Fit, effects: Sequence[Candidate]) -> list[Score]:
-        """Promises of the effects that are not among `effects`."""
-        return scores(at, [c for c in self.candidates if c not in effects])
+        """Promises of what is not among `effects`; an effect may be there on some joints and promise more on others."""
+        taken = {name for c in effects for name in c.names}
+        left = (c.without(taken) for c in (*self.candidates, *self.present))
+        return scores(at, [c for c in left if c.names])
 
     def held_out_blocks(self, found: Fit) -> list[Block] | None:
         """Residuals of runs that took no part; see `held_out.held_out_blocks`."""
-        key = id(found)
-        if key not in self._held_out:
-            self._held_out[key] = held_out_blocks(found, self.held_out)
-            self._keep_alive = (*getattr(self, "_keep_alive", ()), found)
-        return self._held_out[key]
+        if id(found) not in self._held_out:  # the fit is kept with its answer, so that its id stays its own
+            self._held_out[id(found)] = found, held_out_blocks(found, self.held_out)
+        return self._held_out[id(found)][1]
 
     def weighed(self, fits: Sequence[Fit]) -> tuple[list[Weighed], Whitening]:
         """Fits under the whitening that the best of them asks for."""
@@ -117,40 +116,34 @@ class Study:
     def _released(self, effects: Sequence[Candidate], near: Fit) -> tuple[np.ndarray, np.ndarray]:
         """What is free with these effects, and values near a fit; other effects are at their null values."""
         values = near.values.copy()
-        free = self.problem.fitted.copy()
-        for candidate in self.candidates:
-            mask = self._of_effect[candidate.effect]
-            if candidate in effects:
-                wanted = mask & ~self._held_fixed
-                free |= wanted
-            else:
-                free &= ~mask
-                values[mask] = self.problem.null[mask]
+        wanted = self.problem.of([name for c in effects for name in c.names])
+        every = self.problem.of([name for c in (*self.candidates, *self.present) for name in c.names])
+        fixed = self.problem.of([name for c in self.present for name in c.names]) & ~self.problem.fitted
+        free = (self.problem.fitted & ~every) | (wanted & ~fixed)
+        values[every & ~wanted] = self.problem.null[every & ~wanted]
         known_slopes = near.values if near.problem is self.problem else values
-        return free & determined(self.problem, free, known_slopes), values
-
-    @property
-    def _held_fixed(self) -> np.ndarray:
-        """Parameters of present effects that the user fixed."""
-        mask = np.zeros(len(self.problem.columns), dtype=bool)
-        for candidate in self.present:
-            mask |= self._of_effect[candidate.effect] & ~self.problem.fitted
-        return mask
+        return determined(self.problem, free, known_slopes), values
 
     def _pushed(self, effects: Sequence[Candidate], start: np.ndarray, near: Fit) -> np.ndarray:
         """Effects that are at null start at a typical size, those that were fitted without the others at half."""
         values = start.copy()
         for candidate in effects:
-            mask = self._of_effect[candidate.effect]
+            mask = self.problem.of(candidate.names)
             at_null = mask & (values == self.problem.null)
             fitted_before = mask & near.free & ~at_null
-            values[at_null] = np.clip(self.problem.null + self.problem.typical, self.problem.lower, self.problem.upper)[at_null]
+            values[at_null] = np.clip(self.problem.null + self.problem.typical, self.problem.lower, self.problem.upper)[
+                at_null
+            ]
             values[fitted_before] *= 0.5
         return values
 
-    def _cold(self) -> np.ndarray:
-        return self.problem.start()
+    def _cold(self, effects: Sequence[Candidate], near: Fit) -> np.ndarray:
+        return self._pushed(effects, self.problem.start(), near)
 
     @staticmethod
     def _key(effects: Sequence[Candidate]) -> tuple[Candidate, ...]:
-        return tuple(sorted(effects, key=lambda c: c.effect))
+        return tuple(sorted(effects, key=lambda c: c.label))
+
+
+def _candidate(effect: str, parts: Mapping[str, tuple[str, ...]]) -> Candidate:
+    return Candidate(effect, tuple(joint for joint in parts if joint), tuple(n for ns in parts.values() for n in ns))

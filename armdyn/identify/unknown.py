@@ -106,7 +106,11 @@ def absorbed_share(fit: Fit) -> float | None:
         )  # fmt: skip
         states = model.circumstances(run, theta)
         for piece in segments(run):
-            noise = {(piece.name, channel): problem.noise[run.name, channel] for channel in piece.channels if (run.name, channel) in problem.noise}
+            noise = {
+                (piece.name, channel): problem.noise[run.name, channel]
+                for channel in piece.channels
+                if (run.name, channel) in problem.noise
+            }
             alone = Problem(settled, [piece], noise)
             start = alone.start()
             begin = min(c.time[0] for c in piece.channels.values())
@@ -120,7 +124,9 @@ def absorbed_share(fit: Fit) -> float | None:
             left += sum(float(b.residual @ b.residual) for b in alone.blocks(found.values))
             samples += sum(len(b.residual) for b in alone.blocks(found.values)) - free.sum()
     excess = fit.chi2 - fit.samples
-    return float(np.clip((fit.chi2 - left * fit.samples / max(samples, 1.0)) / excess, 0.0, 1.0)) if excess > 0 else None
+    return (
+        float(np.clip((fit.chi2 - left * fit.samples / max(samples, 1.0)) / excess, 0.0, 1.0)) if excess > 0 else None
+    )
 
 
 def segments(run: Run) -> list[Run]:
@@ -143,7 +149,9 @@ def segments(run: Run) -> list[Run]:
 def sparse_terms(fit: Fit) -> tuple[Term, ...]:
     """Orthogonal matching pursuit of the whitened residual over functions of the circumstances."""
     problem, whitening = fit.problem, whitening_of(fit)
-    states = {run.name: problem.model.circumstances(run, problem.theta(i, fit.values)) for i, run in enumerate(problem.runs)}
+    states = {
+        run.name: problem.model.circumstances(run, problem.theta(i, fit.values)) for i, run in enumerate(problem.runs)
+    }
     found: list[Term] = []
     for channel in dict.fromkeys(block.channel for block in fit.blocks):
         coefficients, std = whitening[channel]
@@ -152,7 +160,12 @@ def sparse_terms(fit: Fit) -> tuple[Term, ...]:
         joint = channel.partition(".")[2]
         if joint:
             names = {n for n in names if n.endswith(f".{joint}")}
-        library = _library({n: [np.interp(b.time, states[b.run][n].time, states[b.run][n].value) for b in blocks] for n in sorted(names)})
+        library = _library(
+            {
+                n: [np.interp(b.time, states[b.run][n].time, states[b.run][n].value) for b in blocks]
+                for n in sorted(names)
+            }
+        )
         if not library:
             continue
         y = np.concatenate([whitened(b.residual, coefficients) for b in blocks]) / std
@@ -208,10 +221,9 @@ def _library(signals: dict[str, Sequence[np.ndarray]]) -> dict[str, list[np.ndar
     library: dict[str, list[np.ndarray]] = {}
     for name, values in signals.items():
         unit = [v / scale[name] for v in values]
-        width = 0.02
         for label, function in (
             (f"{name}", lambda u: u), (f"{name}^2", lambda u: u**2), (f"{name}^3", lambda u: u**3),
-            (f"|{name}| {name}", lambda u: np.abs(u) * u), (f"sign({name})", lambda u: np.tanh(u / width)),
+            (f"|{name}| {name}", lambda u: np.abs(u) * u), (f"sign({name})", lambda u: np.tanh(u / 0.02)),
             (f"[{name} > 0]", lambda u: (u > 0).astype(float)),
         ):  # fmt: skip
             library[label] = [function(u) for u in unit]
@@ -225,4 +237,6 @@ def _library(signals: dict[str, Sequence[np.ndarray]]) -> dict[str, list[np.ndar
             library[f"{place} {rate}"] = [
                 p * r / scale[rate] / scale[place] for p, r in zip(signals[place], signals[rate], strict=True)
             ]
-    return {e: v for e, v in library.items() if all(np.all(np.isfinite(x)) for x in v) and any(np.ptp(x) > 0 for x in v)}
+    return {
+        e: v for e, v in library.items() if all(np.all(np.isfinite(x)) for x in v) and any(np.ptp(x) > 0 for x in v)
+    }

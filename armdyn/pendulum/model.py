@@ -21,6 +21,7 @@ from armdyn.pendulum.simulate import Rollout, Simulator
 from armdyn.pendulum.trailing import TrailingPath
 from armdyn.pendulum.variational import VariationalStep, derive_variational
 from armdyn.run import Channel, Run
+from armdyn.thinning import thinned
 
 FINEST_GRID, COARSEST_GRID = 0.005, 0.01
 """s; at 0.01 s a Runge-Kutta step of a 0.15 m pendulum is exact to 1e-7."""
@@ -106,6 +107,18 @@ class PendulumModel(Model):
         joined = np.concatenate(blocks)
         return Prediction(channels, slices, np.concatenate(stamps), joined[:, 0], joined[:, 1:][:, columns])
 
+    def without_null_effects(self, values: Mapping[str, float]) -> "PendulumModel":
+        """The model without the effects that change nothing at these values."""
+        model = self
+        for effect in self.effects:
+            if all(values[p.name] == p.null for p in effect.parameters()):
+                model = model.without_effect(effect.name)
+        return model
+
+    def prepared(self, run: Run) -> Run:
+        """See `Model.prepared`."""
+        return thinned(run)
+
     def initial_guess(self, run: Run) -> Mapping[str, float]:
         """Angle and rate at the start where an angle was measured; see `Model.initial_guess`."""
         if "swing_angle" not in run.channels:
@@ -122,9 +135,15 @@ class PendulumModel(Model):
     def circumstances(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
         """Swing angle and rate as predicted, and the gripper's motion; see `Model.circumstances`."""
         path = run_path(run)
-        outputs = self.rollout(path, theta, ("swing_angle", "swing_rate")).outputs
+        values = dict(zip(self.names, theta.tolist(), strict=True))
+        lean = self.without_null_effects(values)
+        channels = ("swing_angle", "swing_rate")
+        outputs = lean.rollout(path, np.array([values[name] for name in lean.names]), channels).outputs
         time = path.start + path.dt * np.arange(len(path.x))
-        found = {"swing_angle": Channel(time, outputs[:, 0], "rad"), "swing_rate": Channel(time, outputs[:, 1], "rad/s")}
+        found = {
+            "swing_angle": Channel(time, outputs[:, 0], "rad"),
+            "swing_rate": Channel(time, outputs[:, 1], "rad/s"),
+        }
         if "gripper_x" in run.channels:
             found["gripper_x"] = Channel(time, path.x, "m")
             found["gripper_a"] = Channel(time, path.a, "m/s^2")

@@ -1,0 +1,158 @@
+"""Hold a model against runs: fit what is free, and say how well it does, how noisy the channels are, where it fails."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from armdyn.identify.evidence import weighed, whitening_of
+from armdyn.identify.fit import Fit, channel_rmse
+from armdyn.identify.held_out import chi2_of
+from armdyn.identify.localise import Place, localise
+from armdyn.identify.noise import ljung_box
+from armdyn.identify.study import Study
+from armdyn.identify.unknown import absorbed_share
+from armdyn.identify.whiteness import Remainder, remainder
+
+NOT_WHITE = 0.01
+
+
+@dataclass(frozen=True)
+class FittedParameter:
+    """One fitted value.
+
+    Attributes:
+        value: in `unit`.
+        std: standard deviation in `unit`; None where the parameter was not fitted.
+        unit: SI.
+        fitted: whether the fit could change it.
+    """
+
+    value: float
+    std: float | None
+    unit: str
+    fitted: bool
+
+
+@dataclass(frozen=True)
+class ChannelQuality:
+    """How well one channel is predicted.
+
+    Attributes:
+        unit: of the errors.
+        noise_std: of one sample.
+        rmse: over the training runs.
+        held_out_rmse: over runs that took no part; None where there is a single run.
+        chi2_per_sample: 1 where only noise is left.
+        white: probability that white noise is as correlated as the residual.
+    """
+
+    unit: str
+    noise_std: float
+    rmse: float
+    held_out_rmse: float | None
+    chi2_per_sample: float
+    white: float
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """A model held against runs.
+
+    Attributes:
+        fit: the minimum, with all residuals.
+        parameters: of the model, by name, with the run in brackets where a value belongs to one run.
+        channels: by name.
+        remainder: what is left, in numbers.
+        places: where it fails.
+        absorbed: share of the misfit that behaves like missing dynamics, 0 to 1; None where that cannot be said.
+        intervals_hold: whether the standard deviations can be trusted.
+        at_bound: parameters that ended on a physical bound.
+        undetermined: parameters that these runs say nothing about.
+    """
+
+    fit: Fit
+    parameters: dict[str, FittedParameter]
+    channels: dict[str, ChannelQuality]
+    remainder: Remainder
+    places: tuple[Place, ...]
+    absorbed: float | None
+    intervals_hold: bool
+    at_bound: tuple[str, ...]
+    undetermined: tuple[str, ...]
+
+    @property
+    def explained(self) -> bool:
+        """Whether nothing is left to explain."""
+        return not self.remainder.fails
+
+    @property
+    def sentence(self) -> str:
+        """For a person."""
+        chi2 = self.fit.chi2_per_sample
+        if self.explained:
+            return f"The model explains these runs: χ² per sample {chi2:.2f}, what is left is noise."
+        text = f"Something is left to explain: χ² per sample {chi2:.3g}"
+        if self.places:
+            worst = self.places[0]
+            text += f"; worst against {worst.against} from {worst.start:.3g} to {worst.end:.3g} {worst.unit}"
+            text += f" in {worst.run}" if worst.run else ""
+        if self.absorbed is not None:
+            text += "; it behaves like " + ("missing dynamics" if self.absorbed > 0.55 else "a sensor error")
+        return text + "."
+
+
+def compare(study: Study) -> Comparison:
+    """Fit the model of a study as it is and look at what is left."""
+    fit = study.first()
+    return comparison(study, fit, remainder(fit, study.scores(fit, study.present)))
+
+
+def comparison(study: Study, fit: Fit, left: Remainder, *, absorbed: bool = True) -> Comparison:
+    """What there is to say about one fit; `absorbed` = False leaves out the slow question dynamics or sensor."""
+    held_out = study.held_out_blocks(fit)
+    held_out_rmse = channel_rmse(held_out) if held_out is not None else {}
+    rmse, channels = fit.rmse(), {}
+    for channel, error in rmse.items():
+        blocks = [block for block in fit.blocks if block.channel == channel]
+        samples = sum(len(block.residual) for block in blocks)
+        channels[channel] = ChannelQuality(
+            unit=next(run.channels[channel].unit for run in study.runs if channel in run.channels),
+            noise_std=float(np.sqrt(np.mean([block.noise**2 for block in blocks]))),
+            rmse=error,
+            held_out_rmse=held_out_rmse.get(channel),
+            chi2_per_sample=chi2_of(blocks) / samples,
+            white=min(ljung_box(block.residual) for block in blocks),
+        )
+    ends = set(fit.at_bound)
+    return Comparison(
+        fit=fit,
+        parameters=fitted_parameters(study, fit),
+        channels=channels,
+        remainder=left,
+        places=localise(fit),
+        absorbed=absorbed_share(fit) if absorbed and left.fails else None,
+        intervals_hold=not left.fails and all(c.white > NOT_WHITE / len(channels) for c in channels.values()),
+        at_bound=tuple(sorted(ends)),
+        undetermined=tuple(
+            c.name
+            for c, wanted, free in zip(study.problem.columns, study.problem.fitted, fit.free, strict=True)
+            if wanted and not free
+        ),
+    )
+
+
+def fitted_parameters(study: Study, fit: Fit) -> dict[str, FittedParameter]:
+    """Values and standard deviations of the model's parameters, without effects at their null values.
+
+    The standard deviations are those of generalised least squares: they count correlation of the noise in.
+    """
+    covariance = weighed(fit, whitening_of(fit)).covariance
+    present = {name for c in study.candidates for name in c.names}
+    result = {}
+    for i, column in enumerate(study.problem.columns):
+        absent = column.parameter.name in present and not fit.free[i] and fit.values[i] == study.problem.null[i]
+        if absent:
+            continue
+        std = float(np.sqrt(covariance[i, i])) if fit.free[i] else None
+        result[column.name] = FittedParameter(float(fit.values[i]), std, column.parameter.unit, bool(fit.free[i]))
+    return result

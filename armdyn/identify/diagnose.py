@@ -1,0 +1,170 @@
+"""Which effect is missing, with an honest verdict."""
+
+from dataclasses import dataclass
+
+from armdyn.identify.compare import Comparison, FittedParameter, comparison, fitted_parameters
+from armdyn.identify.fit import channel_rmse
+from armdyn.identify.remedies import remedies
+from armdyn.identify.search import Progress, Search, Step, search
+from armdyn.identify.select import Option, Ranking
+from armdyn.identify.study import Study
+from armdyn.identify.unknown import Unknown, characterise
+from armdyn.identify.verdict import Verdict
+
+EXPLAINED_SHARE = 0.9
+"""Share of the misfit that the catalogue must explain; with less, something that it lacks is the larger part."""
+MOST_NAMED = 8
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """One effect that may be missing.
+
+    Attributes:
+        effect: its name.
+        joints: where, for an arm.
+        delta_bic: BIC without minus BIC with it; larger is better.
+        p_value: of it being superfluous, times the number of effects tried.
+        rmse: by channel, with the effect.
+        held_out_rmse: likewise on held-out runs; empty where it was not tried on them.
+        parameters: of the effect.
+        tied_with: effects that these runs cannot tell from it.
+    """
+
+    effect: str
+    joints: tuple[str, ...]
+    delta_bic: float
+    p_value: float
+    rmse: dict[str, float]
+    held_out_rmse: dict[str, float]
+    parameters: dict[str, FittedParameter]
+    tied_with: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What is missing.
+
+    Attributes:
+        verdict: in one word.
+        sentence: for a person.
+        comparison: of the model as given.
+        suspects: best first.
+        unseen: effects that cannot be seen in these runs, with the parameters that imitate them.
+        remedies: what would tell tied effects apart.
+        unknown: what is known of an effect outside the catalogue; None where there is none.
+        search: the steps that led here.
+    """
+
+    verdict: Verdict
+    sentence: str
+    comparison: Comparison
+    suspects: tuple[Suspect, ...]
+    unseen: dict[str, tuple[str, ...]]
+    remedies: tuple[str, ...]
+    unknown: Unknown | None
+    search: Search
+
+
+def diagnose(study: Study, progress: Progress | None = None) -> Diagnosis:
+    """Find out what is missing from the model of a study."""
+    found = search(study, progress, most_steps=3)
+    start, last = found.steps[0], found.last
+    unseen = {s.candidate.effect: s.same_as for s in study.scores(start.fit, start.effects) if s.same_as}
+    suspects = _suspects(study, found)
+    unknown = characterise(last.fit) if last.remainder.fails else None
+    verdict = judge(study, found, unknown)
+    advice: tuple[str, ...] = ()
+    if verdict is Verdict.CANNOT_TELL_APART:
+        advice = remedies([found.steps[1].added[0].effect, *(t.effect for t in found.steps[1].tied)])
+    return Diagnosis(
+        verdict=verdict,
+        sentence=_sentence(verdict, found, unknown, advice),
+        comparison=comparison(study, start.fit, start.remainder),
+        suspects=suspects,
+        unseen=unseen,
+        remedies=advice,
+        unknown=unknown,
+        search=found,
+    )
+
+
+def judge(study: Study, found: Search, unknown: Unknown | None) -> Verdict:
+    """The verdict on a finished search."""
+    start, last = found.steps[0], found.last
+    if not start.remainder.fails:
+        return Verdict.EXPLAINED
+    beyond = last.remainder.fails and unknown is not None and (unknown.significant or _above_stated_noise(study, last))
+    if len(found.steps) == 1:
+        return Verdict.UNKNOWN_EFFECT if beyond else Verdict.EXPLAINED
+    if beyond and explained_share(start, last) < EXPLAINED_SHARE:
+        return Verdict.UNKNOWN_EFFECT
+    return Verdict.CANNOT_TELL_APART if found.steps[1].tied else Verdict.EFFECT_MISSING
+
+
+def explained_share(start: Step, last: Step) -> float:
+    """Share of the misfit above the noise that the added effects explain."""
+    before, after = (max(step.fit.chi2_per_sample - 1.0, 0.0) for step in (start, last))
+    return 1.0 - after / before if before > 0 else 1.0
+
+
+def _above_stated_noise(study: Study, last: Step) -> bool:
+    return study.noise_is_stated and last.remainder.z > 5.0 and last.fit.chi2_per_sample > 1.1
+
+
+def _suspects(study: Study, found: Search) -> tuple[Suspect, ...]:
+    ranking = found.first_ranking
+    if ranking is None:
+        return ()
+    worth = [o for o in ranking.options if o.delta_bic > 0][:MOST_NAMED]
+    suspects = [_suspect(study, ranking, option) for option in worth]
+    # What the search added first leads, also where it was a pair or was chosen for its held-out error.
+    if len(found.steps) > 1:
+        added = [c.effect for c in found.steps[1].added]
+        suspects.sort(key=lambda s: added.index(s.effect) if s.effect in added else len(added))
+    return tuple(suspects)
+
+
+def _suspect(study: Study, ranking: Ranking, option: Option) -> Suspect:
+    candidate = option.added[0]
+    everything = fitted_parameters(study, option.fit)
+    own = {n: p for n, p in everything.items() if n.startswith(f"{candidate.effect}.")}
+    return Suspect(
+        effect=candidate.effect,
+        joints=candidate.joints,
+        delta_bic=ranking.evidence[ranking.options.index(option)],
+        p_value=option.p_value,
+        rmse=option.fit.rmse(),
+        held_out_rmse=channel_rmse(option.held_out) if option.held_out is not None else {},
+        parameters=own,
+        tied_with=tuple(o.added[0].effect for o in ranking.tied_with(option)),
+    )
+
+
+def _sentence(verdict: Verdict, found: Search, unknown: Unknown | None, advice: tuple[str, ...]) -> str:
+    start, last = found.steps[0], found.last
+    chi2 = f"χ² per sample {start.fit.chi2_per_sample:.3g}"
+    if verdict is Verdict.EXPLAINED:
+        if start.remainder.fails:
+            return f"{Verdict.EXPLAINED.value[:-1]}, and the noise is coloured ({chi2})."
+        return f"{Verdict.EXPLAINED.value[:-1]} ({chi2})."
+    if verdict is Verdict.UNKNOWN_EFFECT:
+        known = unknown.sentence if unknown is not None else ""
+        text = f"{verdict.value[:-1]} ({chi2})" + (f": {known}" if known else "")
+        if len(found.steps) > 1:
+            text += f"; {_names(found)} would explain {100 * explained_share(start, last):.0f} % of it"
+        return text + "."
+    first = found.steps[1]
+    if verdict is Verdict.CANNOT_TELL_APART:
+        tied = ", ".join([first.added[0].label, *(t.label for t in first.tied)])
+        return f"Something is missing, and these runs cannot tell which: {tied}. To find out: {'; '.join(advice)}."
+    text = f"{_names(found)} {'is' if len(last.effects) - len(start.effects) == 1 else 'are'} missing: "
+    text += f"χ² per sample falls from {start.fit.chi2_per_sample:.3g} to {last.fit.chi2_per_sample:.3g}."
+    if unknown is not None and unknown.significant:
+        text += f" Something is left beyond that{': ' + unknown.sentence if unknown.sentence else ''}."
+    return text
+
+
+def _names(found: Search) -> str:
+    given = found.steps[0].effects
+    return " and ".join(e.label for e in found.last.effects if e not in given)

@@ -1,0 +1,172 @@
+"""Add what is missing until the runs are explained, and keep the ladder that shows the error falling."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+from armdyn.effects.effect import Effect
+from armdyn.errors import InputError
+from armdyn.identify.compare import Comparison, comparison
+from armdyn.identify.diagnose import explained_share, judge
+from armdyn.identify.fit import Fit, channel_rmse
+from armdyn.identify.search import Progress, Search, Step, search
+from armdyn.identify.study import Study
+from armdyn.identify.unknown import Unknown, characterise
+from armdyn.identify.verdict import Verdict
+from armdyn.identify.whiteness import remainder
+from armdyn.model import Model
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One step of the ladder.
+
+    Attributes:
+        added: names of the effects that came in; empty for the model as given.
+        joints: where, for an arm.
+        removed: names of the effects that went out.
+        tied_with: effects that these runs cannot tell from the one added.
+        rmse: by channel, on the training runs.
+        held_out_rmse: by channel, on held-out runs; empty where there is a single run.
+        chi2_per_sample: 1 when only noise is left.
+        bic: with the noise as assumed.
+    """
+
+    added: tuple[str, ...]
+    joints: tuple[str, ...]
+    removed: tuple[str, ...]
+    tied_with: tuple[str, ...]
+    rmse: dict[str, float]
+    held_out_rmse: dict[str, float]
+    chi2_per_sample: float
+    bic: float
+
+
+@dataclass(frozen=True, eq=False)
+class Repair:
+    """A repaired model.
+
+    Attributes:
+        verdict: of the model after the repair.
+        sentence: for a person.
+        model: with the effects and their fitted values.
+        ladder: the model as given first.
+        before: the model as given, against the runs.
+        after: the repaired model, against the runs.
+        unknown: what is left, where something is.
+    """
+
+    verdict: Verdict
+    sentence: str
+    model: Model
+    ladder: tuple[Rung, ...]
+    before: Comparison
+    after: Comparison
+    unknown: Unknown | None
+
+
+def repair(study: Study, progress: Progress | None = None) -> Repair:
+    """Diagnose and add until nothing is left to explain or nothing in the catalogue helps."""
+    return _concluded(study, search(study, progress))
+
+
+def add(study: Study, wanted: Iterable[Effect]) -> Repair:
+    """Add these effects, one after the other, whether or not the runs ask for them."""
+    effects, now = study.present, study.first()
+    steps = [Step((), (), (), effects, now, remainder(now, study.scores(now, effects)))]
+    for effect in wanted:
+        found = next((c for c in study.candidates if c.effect == effect.name), None)
+        if found is None:
+            raise InputError(f"the model already has the effect '{effect.name}'")
+        candidate = found.on(effect.joints) if effect.joints else found
+        effects = (*effects, candidate)
+        now = study.fit_with(effects, now)
+        steps.append(Step((candidate,), (), (), effects, now, remainder(now, study.scores(now, effects))))
+    return _concluded(study, Search(tuple(steps), None))
+
+
+def _concluded(study: Study, found: Search) -> Repair:
+    start, last = found.steps[0], found.last
+    unknown = characterise(last.fit) if last.remainder.fails else None
+    verdict = _verdict(study, found, unknown)
+    return Repair(
+        verdict=verdict,
+        sentence=_sentence(verdict, found, unknown),
+        model=fitted_model(study, last),
+        ladder=tuple(_rung(study, step) for step in found.steps),
+        before=comparison(study, start.fit, start.remainder, absorbed=False),
+        after=comparison(study, last.fit, last.remainder, absorbed=False),
+        unknown=unknown,
+    )
+
+
+def fitted_model(study: Study, step: Step) -> Model:
+    """The model with a step's effects and fitted values; what belongs to one run returns to its start."""
+    model = study.model
+    for candidate in study.present:
+        if candidate not in step.effects:
+            model = model.without_effect(candidate.label)
+    for candidate in step.effects:
+        if candidate not in study.present:
+            effect = study.effects[candidate.effect]
+            model = model.with_effect(effect.on(*candidate.joints) if candidate.joints else effect)
+    fitted = _values(study, step.fit)
+    changed = {}
+    for name, parameter in model.parameters.items():
+        if name in fitted and parameter.scope == "shared":
+            value, std, free = fitted[name]
+            changed[name] = replace(parameter, value=value, std=std, fitted=parameter.fitted or free)
+    return model.with_parameters(changed)
+
+
+def _values(study: Study, fit: Fit) -> dict[str, tuple[float, float | None, bool]]:
+    """By parameter: value, standard deviation, whether it was fitted; of the first run where runs differ."""
+    from armdyn.identify.compare import fitted_parameters
+
+    described = fitted_parameters(study, fit)
+    result: dict[str, tuple[float, float | None, bool]] = {}
+    for column in study.problem.columns:
+        name = column.parameter.name
+        if column.name in described and name not in result:
+            found = described[column.name]
+            result[name] = (found.value, found.std, found.fitted)
+    return result
+
+
+def _rung(study: Study, step: Step) -> Rung:
+    held_out = study.held_out_blocks(step.fit)
+    return Rung(
+        added=tuple(c.effect for c in step.added),
+        joints=tuple(dict.fromkeys(j for c in step.added for j in c.joints)),
+        removed=tuple(c.effect for c in step.removed),
+        tied_with=tuple(c.effect for c in step.tied),
+        rmse=step.fit.rmse(),
+        held_out_rmse=channel_rmse(held_out) if held_out is not None else {},
+        chi2_per_sample=step.fit.chi2_per_sample,
+        bic=step.fit.bic,
+    )
+
+
+def _verdict(study: Study, found: Search, unknown: Unknown | None) -> Verdict:
+    """After a repair: explained, or what still stands in the way."""
+    if not found.last.remainder.fails:
+        return Verdict.EXPLAINED
+    if len(found.steps) > 1 and (unknown is None or not unknown.significant):
+        return Verdict.EXPLAINED
+    return judge(study, Search(found.steps[-1:], None), unknown)
+
+
+def _sentence(verdict: Verdict, found: Search, unknown: Unknown | None) -> str:
+    start, last = found.steps[0], found.last
+    added = [e.label for e in last.effects if e not in start.effects]
+    text = f"Added {' and '.join(added)}: " if added else "Nothing added: "
+    text += f"χ² per sample {start.fit.chi2_per_sample:.3g}"
+    if added:
+        text += f" → {last.fit.chi2_per_sample:.3g}"
+    ties = {t.effect for step in found.steps for t in step.tied}
+    if ties:
+        text += f"; these runs cannot tell {', '.join(sorted(ties))} from what was added"
+    if verdict is Verdict.EXPLAINED:
+        return text + "; what is left is noise."
+    share = explained_share(start, last) if added else 0.0
+    text += f"; {100 * (1 - share):.2g} % of the misfit is left and nothing in the catalogue explains it"
+    return text + (f" ({unknown.sentence})." if unknown is not None and unknown.sentence else ".")
