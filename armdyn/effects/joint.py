@@ -1,1 +1,227 @@
-"""Effects that act on the joints of an arm."""
+"""Effects that act on the joints of an arm: the drive, the link that it moves, the torque sensor.
+
+Every joint has parameters of its own, ``"<effect>.<quantity>[<joint>]"``. Units and typical sizes are written for a
+joint that turns with an effort limit of 50 N m; they are adapted to joints that slide and to stronger or weaker ones.
+"""
+
+import casadi as ca
+
+from armdyn.arm.physics import Expression, Joint
+from armdyn.effects.effect import effect
+from armdyn.parameter import quantity
+
+
+@effect(
+    "joint_viscous_friction",
+    acts_on="joint",
+    summary="Friction in proportion to the joint's speed.",
+    source="Siciliano, Sciavicco, Villani & Oriolo, Robotics, 2009, §7.1",
+)
+def joint_viscous_friction(
+    joint: Joint,
+    coefficient: Expression = quantity("N m s/rad", typical=2.0, lower=0.0, summary="torque per speed"),
+) -> Joint:
+    """Tau = c v."""
+    return joint.with_torque(coefficient * joint.velocity)
+
+
+@effect(
+    "joint_coulomb_friction",
+    acts_on="joint",
+    summary="Dry friction of constant size against the motion.",
+    source="Coulomb 1785; Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica 30, 1994",
+)
+def joint_coulomb_friction(
+    joint: Joint,
+    torque: Expression = quantity("N m", typical=1.0, lower=0.0, summary="size of the friction"),
+) -> Joint:
+    """Tau = f sign(v)."""
+    return joint.with_torque(torque * joint.direction)
+
+
+@effect(
+    "joint_asymmetric_friction",
+    acts_on="joint",
+    summary="Dry friction of one size in the positive and of another in the negative direction.",
+    source="Armstrong-Hélouvry, Control of Machines with Friction, 1991; with f+ = f- it is joint_coulomb_friction",
+)
+def joint_asymmetric_friction(
+    joint: Joint,
+    positive: Expression = quantity("N m", typical=1.0, lower=0.0, summary="friction when v > 0"),
+    negative: Expression = quantity("N m", typical=1.0, lower=0.0, summary="friction when v < 0"),
+) -> Joint:
+    """Tau = f+ for v > 0, -f- for v < 0."""
+    return joint.with_torque((positive * (1 + joint.direction) - negative * (1 - joint.direction)) / 2)
+
+
+@effect(
+    "joint_stribeck_friction",
+    acts_on="joint",
+    summary="Additional dry friction near standstill, fading with speed.",
+    source="Stribeck 1902; Bo & Pavelescu, Wear 82, 1982",
+)
+def joint_stribeck_friction(
+    joint: Joint,
+    torque: Expression = quantity("N m", typical=1.0, lower=0.0, summary="additional friction at standstill"),
+    speed: Expression = quantity(
+        "rad/s", typical=0.1, null=0.1, lower=0.005, upper=2.0, spread=0.1, summary="speed at which 1/e of it is left"
+    ),
+) -> Joint:
+    """Tau = f sign(v) exp(-(v/v_s)^2)."""
+    return joint.with_torque(torque * joint.direction * ca.exp(-((joint.velocity / speed) ** 2)))
+
+
+@effect(
+    "joint_load_friction",
+    acts_on="joint",
+    summary="Dry friction in proportion to the torque that the joint transmits.",
+    source="Hamon, Gautier & Garrec, Dynamic Identification of Robots with a Dry Friction Model Depending on Load and "
+    "Velocity, IROS 2010, without its dependence on speed",
+)
+def joint_load_friction(
+    joint: Joint,
+    coefficient: Expression = quantity(
+        "1", typical=0.05, lower=0.0, upper=1.0, summary="friction per transmitted torque"
+    ),
+) -> Joint:
+    """Tau = mu |tau_load| sign(v)."""
+    return joint.with_torque(coefficient * ca.fabs(joint.load) * joint.direction)
+
+
+@effect(
+    "rotor_inertia",
+    acts_on="joint",
+    summary="The rotor turns with the joint, seen through the gears.",
+    source="Siciliano, Sciavicco, Villani & Oriolo, Robotics, 2009, §7.1: gear ratio squared times the rotor's inertia",
+)
+def rotor_inertia(
+    joint: Joint,
+    inertia: Expression = quantity("kg m^2", typical=0.1, lower=0.0, summary="behind the gears"),
+) -> Joint:
+    """Tau = I a."""
+    return joint.with_torque(inertia * joint.acceleration)
+
+
+@effect(
+    "torque_offset",
+    acts_on="joint",
+    summary="The torque sensor reads a constant too much.",
+    source="offset error: JCGM 200 (VIM), §4.20",
+)
+def torque_offset(
+    joint: Joint,
+    torque: Expression = quantity("N m", typical=0.5, summary="reading without torque"),
+) -> Joint:
+    """Tau_measured = tau + b."""
+    return joint.with_offset(torque)
+
+
+@effect(
+    "torque_gain",
+    acts_on="joint",
+    summary="The torque sensor, or the motor's torque constant, is wrong by a constant share.",
+    source="sensitivity error: JCGM 200 (VIM), §4.12",
+)
+def torque_gain(
+    joint: Joint,
+    error: Expression = quantity("1", typical=0.05, lower=-0.9, upper=5.0, summary="share that is read too much"),
+) -> Joint:
+    """Tau_measured = (1 + e) tau."""
+    return joint.with_gain(1 + error)
+
+
+@effect(
+    "torque_delay",
+    acts_on="joint",
+    summary="The torque's samples arrive late by a constant time.",
+    source="pure dead time: Åström & Murray, Feedback Systems, 2008, §9.2",
+)
+def torque_delay(
+    joint: Joint,
+    time: Expression = quantity("s", typical=0.01, lower=0.0, upper=0.5, summary="how late"),
+) -> Joint:
+    """Tau_measured(t) = tau(t - T)."""
+    return joint.with_delay(time)
+
+
+@effect(
+    "gravity_spring",
+    acts_on="joint",
+    summary="A spring, such as one that carries the arm's weight, adds to the effort of the joint.",
+    source="spring of zero free length between link and frame: Herder, Energy-free Systems, TU Delft, 2001",
+    reach="turning",
+)
+def gravity_spring(
+    joint: Joint,
+    sine: Expression = quantity("N m", typical=10.0, summary="factor of sin q"),
+    cosine: Expression = quantity("N m", typical=10.0, summary="factor of cos q"),
+) -> Joint:
+    """Tau = s sin(q) + c cos(q)."""
+    return joint.with_torque(sine * ca.sin(joint.position) + cosine * ca.cos(joint.position))
+
+
+@effect(
+    "joint_coupling",
+    acts_on="joint",
+    summary="The joint and its neighbour towards the base share a transmission: each feels the other's motion.",
+    source="coupled wrist of the Stäubli TX40: Gautier, Janot & Vandanjon, IEEE T-CST 21(2), 2013",
+    reach="coupled",
+)
+def joint_coupling(
+    joint: Joint,
+    viscous: Expression = quantity("N m s/rad", typical=0.5, summary="torque on each per speed of the other"),
+    inertia: Expression = quantity("kg m^2", typical=0.05, summary="torque on each per acceleration of the other"),
+) -> Joint:
+    """Tau_i = c v_j + I a_j, tau_j = c v_i + I a_i."""
+    own = viscous * joint.velocity + inertia * joint.acceleration
+    other = viscous * joint.inner.velocity + inertia * joint.inner.acceleration
+    return joint.with_torque(other).with_inner_torque(own)
+
+
+@effect(
+    "payload",
+    acts_on="joint",
+    summary="The last link carries a small heavy thing that its description does not know.",
+    source="Khalil, Gautier & Lemoine, Identification of the Payload Inertial Parameters of Industrial Manipulators, "
+    "ICRA 2007, for a point mass",
+    reach="last",
+)
+def payload(
+    joint: Joint,
+    mass: Expression = quantity("kg", typical=1.0, lower=0.0, summary="of what is carried"),
+    x: Expression = quantity("m", typical=0.1, spread=0.2, summary="where it is, in the last joint's frame"),
+    y: Expression = quantity("m", typical=0.1, spread=0.2, summary="where it is, in the last joint's frame"),
+    z: Expression = quantity("m", typical=0.1, spread=0.2, summary="where it is, in the last joint's frame"),
+) -> Joint:
+    """J = J_link + m p p', p = (x, y, z, 1)."""
+    return joint.with_link(joint.link.with_point_mass(mass, ca.vertcat(x, y, z)))
+
+
+@effect(
+    "link_inertia",
+    acts_on="joint",
+    summary="The moved link's mass is not distributed as described: more of it, elsewhere, farther out; always a body.",
+    source="log-Cholesky parameters of the pseudo-inertia, relative to the described one: Rucker & Wensing, IEEE RA-L "
+    "7(2), 2022",
+)
+def link_inertia(
+    joint: Joint,
+    mass: Expression = quantity("1", typical=0.3, lower=-7.0, upper=7.0, spread=0.5, summary="log of the mass ratio"),
+    stretch_x: Expression = quantity("1", typical=0.3, lower=-5.0, upper=5.0, spread=0.5, summary="log of the extent"),
+    stretch_y: Expression = quantity("1", typical=0.3, lower=-5.0, upper=5.0, spread=0.5, summary="log of the extent"),
+    stretch_z: Expression = quantity("1", typical=0.3, lower=-5.0, upper=5.0, spread=0.5, summary="log of the extent"),
+    shear_xy: Expression = quantity("1", typical=0.3, spread=0.5, summary="shear, in extents of the link"),
+    shear_xz: Expression = quantity("1", typical=0.3, spread=0.5, summary="shear, in extents of the link"),
+    shear_yz: Expression = quantity("1", typical=0.3, spread=0.5, summary="shear, in extents of the link"),
+    shift_x: Expression = quantity("1", typical=0.3, spread=0.5, summary="of the centre of mass, in extents"),
+    shift_y: Expression = quantity("1", typical=0.3, spread=0.5, summary="of the centre of mass, in extents"),
+    shift_z: Expression = quantity("1", typical=0.3, spread=0.5, summary="of the centre of mass, in extents"),
+) -> Joint:
+    """J = U L L' U', J_described = U U', L = e^(mass/2) [[e^stretch, shear, shift], [0, ..., 1]]."""
+    rows = [
+        ca.horzcat(ca.exp(stretch_x), shear_xy, shear_xz, shift_x),
+        ca.horzcat(0, ca.exp(stretch_y), shear_yz, shift_y),
+        ca.horzcat(0, 0, ca.exp(stretch_z), shift_z),
+        ca.horzcat(0, 0, 0, 1),
+    ]
+    return joint.with_link(joint.link.deformed(ca.exp(mass / 2) * ca.vertcat(*rows)))

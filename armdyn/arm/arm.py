@@ -1,0 +1,144 @@
+"""Which arm: its joints, their kinds, and what its URDF says of their links."""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+import urdf
+from armdyn.arm.inertia import shape
+from armdyn.arm.rigid import described_parameters
+from armdyn.effects.effect import Reach
+from armdyn.errors import InputError
+from armdyn.parameter import Parameter, Quantity
+
+USUAL_EFFORT = 50.0
+"""N m; the effort limit of the joint for which an effect's typical sizes are written."""
+METRES_PER_RADIAN = 0.1
+"""What counts as much for a joint that slides as a radian for one that turns."""
+
+
+@dataclass(frozen=True, eq=False)
+class Arm:
+    """An arm as described.
+
+    Attributes:
+        robot: from its URDF, reduced to the arm's joints.
+        named: whether the robot is known by name, so that no path is needed to find it again.
+    """
+
+    robot: urdf.Robot
+    named: bool
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names from base to tool."""
+        return self.robot.joint_names
+
+    @property
+    def model(self) -> pin.Model:
+        """For Pinocchio."""
+        return self.robot.model
+
+    @cached_property
+    def slides(self) -> tuple[bool, ...]:
+        """Per joint: whether it slides rather than turns."""
+        return tuple("P" in joint.shortname().removeprefix("JointModel") for joint in list(self.model.joints)[1:])
+
+    @cached_property
+    def described(self) -> np.ndarray:
+        """(nj, 10) inertial parameters of the moved links."""
+        return described_parameters(self.model)
+
+    @cached_property
+    def shapes(self) -> np.ndarray:
+        """(nj, 4, 4) triangular factor of each moved link's pseudo-inertia."""
+        return np.array([shape(p, float(self.described[:, 0].max())) for p in self.described])
+
+    def parent(self, joint: int) -> int:
+        """Index of the next joint towards the base, -1 for none."""
+        return int(self.model.parents[joint + 1]) - 1
+
+    def within(self, reach: Reach) -> tuple[str, ...]:
+        """Joints that an effect with this reach can act on."""
+        indices = range(len(self.joints))
+        chosen: Mapping[Reach, Iterable[int]] = {
+            "every": indices,
+            "turning": (i for i in indices if not self.slides[i]),
+            "coupled": (i for i in indices if self.parent(i) >= 0 and self.slides[i] == self.slides[self.parent(i)]),
+            "last": indices[-1:],
+        }
+        return tuple(self.joints[i] for i in chosen[reach])
+
+    def parameter(self, quantity: Quantity, name: str, joint: str) -> Parameter:
+        """A parameter of an effect on one joint, in the units of that joint and of the size that it has there.
+
+        Args:
+            quantity: as written for a joint that turns with an effort of 50 N m.
+            name: ``"<effect>.<quantity>"``.
+            joint: which.
+        """
+        i = self.joints.index(joint)
+        effort = float(self.robot.limits.effort[i])
+        torque, angle = _powers(quantity.unit)
+        strength = effort / USUAL_EFFORT if np.isfinite(effort) and effort > 0 else 1.0
+        length = METRES_PER_RADIAN if self.slides[i] else 1.0
+        scale = strength**torque * length**angle
+        adapted = replace(
+            quantity,
+            unit=_sliding_unit(quantity.unit) if self.slides[i] else quantity.unit,
+            typical=quantity.typical * scale,
+            null=quantity.null * scale,
+            lower=quantity.lower * scale,
+            upper=quantity.upper * scale,
+            spread=None if quantity.spread is None else quantity.spread * scale,
+        )
+        return adapted.parameter(f"{name}[{joint}]")
+
+
+def find_arm(
+    urdf_path: str | Path | None = None,
+    robot: str | None = None,
+    joints: Sequence[str] | None = None,
+    tool: str | None = None,
+) -> Arm:
+    """The arm of a URDF or of a known robot; joints that are not named stay where their zero is.
+
+    Raises:
+        InputError: not exactly one of both is given, or the description cannot be used.
+    """
+    if (urdf_path is None) == (robot is None):
+        raise InputError("an arm needs its URDF or a known robot's name: give one of urdf and robot")
+    if urdf_path is not None and not Path(urdf_path).exists():
+        raise InputError(f"{urdf_path}: no such URDF file")
+    chosen = None if joints is None else tuple(joints)
+    if chosen is not None and len(chosen) == 0:
+        raise InputError("an arm needs at least one joint: name some, or leave them out to take all of the arm")
+    try:
+        found = urdf.load(str(robot or urdf_path), joints=chosen, tool=tool, meshes=False)
+    except urdf.UrdfError as error:
+        raise InputError(str(error)) from error
+    return Arm(found, named=robot is not None)
+
+
+def _powers(unit: str) -> tuple[int, int]:
+    """How a unit scales with the size of torques and of angles: ``"N m s/rad"`` is torque^1 angle^-1."""
+    if unit == "kg m^2":
+        return 1, -1
+    numerator, _, denominator = unit.partition("/")
+    return int("N m" in numerator) - int("N m" in denominator), _radians(numerator) - _radians(denominator)
+
+
+def _radians(text: str) -> int:
+    return sum(int(power or 1) for power in re.findall(r"\brad(?:\^(\d+))?", text))
+
+
+def _sliding_unit(unit: str) -> str:
+    """The unit for a joint that slides."""
+    if unit == "kg m^2":
+        return "kg"
+    return re.sub(r"\brad\b", "m", re.sub(r"\bN m\b", "N", unit))

@@ -1,0 +1,165 @@
+"""One joint with any effects, as the functions that a prediction needs.
+
+What is linear in its parameter, with a factor that only the motion decides, is kept apart and evaluated once per run.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from armdyn.arm.inertia import inertial_parameters
+from armdyn.arm.physics import Expression, Joint, Link, Neighbour
+from armdyn.codegen import Buffered
+from armdyn.effects.effect import Effect
+from armdyn.errors import InputError
+
+INPUTS = ("time", "position", "velocity", "acceleration", "direction", "load", "inner q", "inner v", "inner a")
+LOAD = INPUTS.index("load")
+
+
+class Term:
+    """A torque over time: linear columns times their parameters, and the rest.
+
+    Args:
+        expression: of inputs and parameters.
+        inputs: (9,) symbols in the order of `INPUTS`.
+        theta: (k,) symbols.
+
+    Attributes:
+        linear: indices of the parameters with columns of their own.
+        nonlinear: indices of the other parameters that the term depends on.
+        loaded: whether it depends on the load.
+        empty: whether it is always zero.
+    """
+
+    def __init__(self, expression: Expression, inputs: Expression, theta: Expression) -> None:
+        derivative = ca.jacobian(expression, theta)
+        state = ca.vertcat(theta, inputs[LOAD])
+        used = [i for i in range(theta.numel()) if derivative[0, i].nnz()]
+        self.linear = tuple(i for i in used if not ca.depends_on(derivative[0, i], state))
+        self.nonlinear = tuple(i for i in used if i not in self.linear)
+        rest = ca.substitute(expression, _part(theta, self.linear), ca.SX.zeros(len(self.linear)))
+        rest = ca.simplify(rest)
+        self.loaded = bool(ca.depends_on(expression, inputs[LOAD]))
+        self.has_rest = bool(self.nonlinear) or not rest.is_zero()
+        self.empty = not self.linear and not self.has_rest
+        columns = ca.densify(_part(derivative.T, self.linear))
+        self._columns = _OverTime(ca.Function("columns", [inputs, theta], [columns]))
+        outputs = [rest, *(ca.jacobian(rest, theta)[0, i] for i in self.nonlinear), ca.jacobian(rest, inputs[LOAD])]
+        self._rest = _OverTime(ca.Function("rest", [inputs, theta], [ca.densify(ca.vertcat(*outputs))]))
+
+    def columns(self, inputs: np.ndarray, size: int) -> np.ndarray:
+        """(n, linear) columns over (9, n) inputs; `size` is the number of parameters."""
+        if not self.linear:
+            return np.zeros((inputs.shape[1], 0))
+        return self._columns(inputs, np.zeros(size)).T
+
+    def rest(self, inputs: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """(n, 2 + nonlinear) over (9, n) inputs: the rest, its derivatives by `nonlinear`, that by the load."""
+        return self._rest(inputs, theta).T
+
+
+class _OverTime:
+    """A function of inputs and parameters, evaluated at all samples of a run in one call."""
+
+    def __init__(self, function: ca.Function) -> None:
+        self._function = function
+        self._sized = lru_cache(maxsize=8)(self._build)
+
+    def _build(self, n: int) -> Buffered:
+        inputs = ca.MX.sym("w", self._function.size1_in(0), n)
+        theta = ca.MX.sym("theta", self._function.numel_in(1))
+        return Buffered(ca.Function("all", [inputs, theta], [self._function.map(n)(inputs, ca.repmat(theta, 1, n))]))
+
+    def __call__(self, inputs: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """(m, n) for (9, n) inputs and (k,) parameters."""
+        return self._sized(inputs.shape[1])(inputs, theta)[0].copy()
+
+
+@dataclass(frozen=True, eq=False)
+class JointFunctions:
+    """One joint with its effects.
+
+    Attributes:
+        names: ``"<effect>.<quantity>"`` in the order of theta (k,).
+        null: (k,) values at which the effects are absent.
+        torque: beyond the load.
+        inner_torque: on the inner neighbour's drive.
+        offset: of the sensor's reading.
+        sensor: ``theta -> gain, delay`` and their derivatives, (2,) and (2, k).
+        link: ``(shape (4, 4), theta) -> (10,), (10, k)`` inertial parameters and their derivatives; None where no
+            effect acts on the link.
+        delayed: whether the delay depends on parameters.
+    """
+
+    names: tuple[str, ...]
+    null: np.ndarray
+    torque: Term
+    inner_torque: Term
+    offset: Term
+    sensor: ca.Function
+    link: ca.Function | None
+    delayed: bool
+
+
+def compose_joint(effects: Sequence[Effect]) -> JointFunctions:
+    """Apply `effects`, in the order given, to a joint.
+
+    Raises:
+        InputError: an effect lets gain, delay or link change with the motion.
+    """
+    # The same effect on other joints is another object with the same function.
+    return _composed(tuple(_Applied(e.name, e.function, *_quantities(e)) for e in effects))
+
+
+class _Applied(NamedTuple):
+    name: str
+    function: Callable[..., Any]
+    quantities: tuple[str, ...]
+    null: tuple[float, ...]
+
+
+def _quantities(effect: Effect) -> tuple[tuple[str, ...], tuple[float, ...]]:
+    return tuple(effect.quantities), tuple(q.null for q in effect.quantities.values())
+
+
+@lru_cache(maxsize=256)
+def _composed(effects: tuple[_Applied, ...]) -> JointFunctions:
+    names = tuple(f"{e.name}.{short}" for e in effects for short in e.quantities)
+    theta = ca.SX.sym("theta", len(names))
+    by_name = dict(zip(names, ca.vertsplit(theta), strict=True)) if names else {}
+    inputs, shape = ca.SX.sym("w", len(INPUTS)), ca.SX.sym("U", 4, 4)
+    time, q, v, a, direction, load, *inner = ca.vertsplit(inputs)
+    zero, one = ca.SX(0), ca.SX(1)
+    joint = Joint(
+        time, q, v, a, direction, load, Neighbour(*inner), Link(shape, ca.SX(4, 4)), zero, zero, one, zero, zero
+    )
+    for e in effects:
+        joint = e.function(joint, **{short: by_name[f"{e.name}.{short}"] for short in e.quantities})
+    parameters = inertial_parameters(joint.link.pseudo_inertia)
+    sensor = ca.vertcat(joint.gain, joint.delay)
+    if ca.depends_on(ca.vertcat(parameters, sensor), inputs):
+        raise InputError(
+            f"effects {', '.join(e.name for e in effects)}: gain, delay and link of a joint can depend on parameters "
+            "only: write what changes with the motion as a torque or an offset"
+        )
+    link = ca.Function("link", [shape, theta], [ca.densify(parameters), ca.densify(ca.jacobian(parameters, theta))])
+    return JointFunctions(
+        names=names,
+        null=np.array([null for e in effects for null in e.null]),
+        torque=Term(joint.torque, inputs, theta),
+        inner_torque=Term(joint.inner_torque, inputs, theta),
+        offset=Term(joint.offset, inputs, theta),
+        sensor=ca.Function("sensor", [theta], [ca.densify(sensor), ca.densify(ca.jacobian(sensor, theta))]),
+        link=link if ca.depends_on(parameters, theta) else None,
+        delayed=bool(ca.depends_on(joint.delay, theta)),
+    )
+
+
+def _part(vector: Expression, indices: Sequence[int]) -> Expression:
+    """The entries `indices` of a symbolic vector."""
+    return ca.vertcat(*(vector[i] for i in indices)) if indices else ca.SX(0, 1)

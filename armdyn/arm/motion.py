@@ -1,0 +1,119 @@
+"""How an arm moved in a run: positions smoothed with the noise that they have, and differentiated."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.special import erf
+
+from armdyn.errors import InputError
+from armdyn.run import Run
+from armdyn.smoothing import FEWEST, ORDERS, Choice, Curve, Rates, best_smoothing, derivative_noise, smoothed
+
+SHARPEST = 1e-3
+"""Of a joint's speed: the least noise that its velocity is taken to have."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Positions, velocities and accelerations at some times.
+
+    Attributes:
+        time: (n,) s.
+        q: (n, nj) rad or m.
+        v: (n, nj) per s.
+        a: (n, nj) per s^2.
+        direction: (n, nj) expected sign of v, given how well it is known.
+    """
+
+    time: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    direction: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class JointCurve:
+    """One joint's path.
+
+    Attributes:
+        curve: position over time, rad or m.
+        choice: how the measured position was smoothed.
+        interval: between its samples, s.
+        speed_noise: standard deviation of its smoothed velocity, rad/s or m/s.
+    """
+
+    curve: Curve
+    choice: Choice
+    interval: float
+    speed_noise: float
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredMotion:
+    """The paths of all joints, good from `start` to `end` s."""
+
+    joints: tuple[JointCurve, ...]
+    start: float
+    end: float
+
+    def at(self, time: np.ndarray) -> Motion:
+        """The motion at (n,) times; outside the recording the arm is where it was at its end."""
+        inside = np.clip(time, self.start, self.end)
+        q, v, a = (np.column_stack([j.curve(inside, k)[:, 0] for j in self.joints]) for k in range(3))
+        noise = np.array([j.speed_noise for j in self.joints])
+        # The expected sign of a velocity that is known with normal noise.
+        return Motion(time, q, v, a, erf(v / (np.sqrt(2.0) * noise)))
+
+
+@lru_cache(maxsize=64)
+def measured_motion(run: Run, joints: tuple[str, ...]) -> MeasuredMotion:
+    """Smooth the recorded motion of `joints`.
+
+    Measured velocities and accelerations are used where they agree with the positions.
+
+    Raises:
+        InputError: a joint's position was not recorded, or hardly.
+    """
+    curves = []
+    start, end = -np.inf, np.inf
+    for name in joints:
+        if f"q.{name}" not in run.channels:
+            raise InputError(
+                f"{run.source or run.name}: holds no 'q.{name}', the position of a joint of the arm: record it, or "
+                "choose the arm's joints without it"
+            )
+        q = run.channels[f"q.{name}"]
+        if len(q) < FEWEST:
+            raise InputError(
+                f"{run.source or run.name}: 'q.{name}' has {len(q)} samples, at least {FEWEST} are needed: "
+                "record longer"
+            )
+        start, end = max(start, float(q.time[0])), min(end, float(q.time[-1]))
+        curves.append(_joint_curve(run, name))
+    if not start < end:
+        raise InputError(
+            f"{run.source or run.name}: the joints' positions were recorded at different times: record again"
+        )
+    return MeasuredMotion(tuple(curves), start, end)
+
+
+def _joint_curve(run: Run, name: str) -> JointCurve:
+    q = run.channels[f"q.{name}"]
+    interval = float((q.time[-1] - q.time[0]) / (len(q) - 1))
+    choice = best_smoothing(q.time, q.value, ORDERS)
+    curve = smoothed(q.time, q.value, choice, _rates(run, name))
+    speed = float(np.sqrt(np.mean(curve(q.time, 1) ** 2)))
+    noise = max(derivative_noise(choice, interval, 1), SHARPEST * speed, np.finfo(float).tiny)
+    return JointCurve(curve, choice, interval, noise)
+
+
+def _rates(run: Run, name: str) -> Sequence[Rates]:
+    found = []
+    for derivative, kind in ((1, "v"), (2, "a")):
+        channel = run.channels.get(f"{kind}.{name}")
+        if channel is not None and len(channel) >= FEWEST:
+            found.append(Rates(channel.time, channel.value, derivative))
+    return found

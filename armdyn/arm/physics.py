@@ -1,0 +1,117 @@
+"""The symbolic physics of one joint of an arm, as effects see and change it.
+
+Each stage is an immutable bundle of CasADi expressions, scalar unless a shape is given. Units are written for a joint
+that turns; one that slides has N for N m, m for rad and kg for kg m^2.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
+
+import casadi as ca
+
+Expression: TypeAlias = Any  # a casadi.SX, which carries no type information
+
+
+@dataclass(frozen=True)
+class Link:
+    """The link that a joint moves, as a distribution of mass.
+
+    Its pseudo-inertia is J = sum_i m_i p_i p_i' over its particles, p = (x, y, z, 1) in the frame of the joint: it
+    holds the ten inertial parameters, and is positive definite exactly when some body has them (Wensing, Kim & Slotine,
+    IEEE RA-L 3, 2018).
+
+    Attributes:
+        shape: (4, 4) upper triangular U, J = U U' of the link itself, kg^1/2 m and kg^1/2.
+        carried: (4, 4) pseudo-inertia of what is fixed to it, kg m^2, kg m and kg.
+    """
+
+    shape: Expression
+    carried: Expression
+
+    @property
+    def pseudo_inertia(self) -> Expression:
+        """(4, 4) J."""
+        return self.shape @ self.shape.T + self.carried
+
+    def deformed(self, deformation: Expression) -> "Link":
+        """Deform the link by an upper triangular affine map (4, 4), in the frame in which J is the identity."""
+        return replace(self, shape=self.shape @ deformation)
+
+    def with_point_mass(self, mass: Expression, position: Expression) -> "Link":
+        """Fix a mass, kg, to the point (3,) m in the frame of the joint."""
+        point = ca.vertcat(position, 1)
+        return replace(self, carried=self.carried + mass * point @ point.T)
+
+
+@dataclass(frozen=True)
+class Neighbour:
+    """The next joint towards the base.
+
+    Attributes:
+        position: rad.
+        velocity: rad/s.
+        acceleration: rad/s^2.
+    """
+
+    position: Expression
+    velocity: Expression
+    acceleration: Expression
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One joint, its drive and its torque sensor.
+
+    Attributes:
+        time: s since the start of the run.
+        position: rad.
+        velocity: rad/s.
+        acceleration: rad/s^2.
+        direction: sign of the velocity, its expected value where the velocity is uncertain, -1 to 1.
+        load: torque that the rigid bodies ask of the joint, N m.
+        inner: the next joint towards the base.
+        link: the link that the joint moves.
+        torque: what the drive gives beyond `load`, N m.
+        inner_torque: what the inner neighbour's drive gives beyond its own, N m.
+        gain: the sensor's reading per torque.
+        offset: its reading without torque, N m.
+        delay: how late it is, s.
+    """
+
+    time: Expression
+    position: Expression
+    velocity: Expression
+    acceleration: Expression
+    direction: Expression
+    load: Expression
+    inner: Neighbour
+    link: Link
+    torque: Expression
+    inner_torque: Expression
+    gain: Expression
+    offset: Expression
+    delay: Expression
+
+    def with_torque(self, torque: Expression) -> "Joint":
+        """Let the drive give this much more, N m: positive where friction opposes a positive velocity."""
+        return replace(self, torque=self.torque + torque)
+
+    def with_inner_torque(self, torque: Expression) -> "Joint":
+        """Let the inner neighbour's drive give this much more, N m."""
+        return replace(self, inner_torque=self.inner_torque + torque)
+
+    def with_link(self, link: Link) -> "Joint":
+        """Move another link."""
+        return replace(self, link=link)
+
+    def with_gain(self, gain: Expression) -> "Joint":
+        """Multiply the sensor's reading; `gain` depends on parameters only."""
+        return replace(self, gain=self.gain * gain)
+
+    def with_offset(self, offset: Expression) -> "Joint":
+        """Add to the sensor's reading, N m."""
+        return replace(self, offset=self.offset + offset)
+
+    def with_delay(self, time: Expression) -> "Joint":
+        """Let the sensor's reading arrive later, s; `time` depends on parameters only."""
+        return replace(self, delay=self.delay + time)

@@ -1,0 +1,52 @@
+"""What is worked out once per recording and kept, whatever the effects and parameters of the model."""
+
+from functools import lru_cache
+
+import numpy as np
+
+from armdyn.arm.arm import Arm
+from armdyn.arm.motion import measured_motion
+from armdyn.arm.prediction import ChannelPredictor, Stretch
+from armdyn.arm.prepared import PreparedRun, interior, prepare
+from armdyn.arm.sampling import LowPassed, Sampler, Unfiltered
+from armdyn.run import Channel, Run
+
+
+def original(run: Run) -> Run:
+    """The recording that a prepared run was made of; any other run is its own."""
+    return run.original if isinstance(run, PreparedRun) and run.original is not None else run
+
+
+@lru_cache(maxsize=64)
+def prepared(run: Run, arm: Arm, measured: tuple[str, ...]) -> PreparedRun:
+    """See `prepare`."""
+    return prepare(run, arm.model, arm.joints, measured)
+
+
+@lru_cache(maxsize=512)
+def predictor(arm: Arm, run: Run, channel: Channel, name: str) -> ChannelPredictor:
+    """What predicts the samples of a torque channel called `name`; filtered as the run was, where it was."""
+    joint = arm.joints.index(name.removeprefix("tau."))
+    sampler: Sampler
+    if isinstance(run, PreparedRun) and run.original is not None:
+        stretch = _stretch(run.original, arm, name, True)
+        sampler = LowPassed(stretch.motion.time, run.cutoffs[name], channel.time)
+    else:
+        stretch = _stretch(run, arm, name, False)
+        sampler = Unfiltered(channel.time)
+    return ChannelPredictor(stretch, sampler, joint)
+
+
+@lru_cache(maxsize=64)
+def _stretch(run: Run, arm: Arm, name: str, without_ends: bool) -> Stretch:
+    """The motion at the stamps of a channel; channels that were sampled together share it."""
+    channel = run.channels[name]
+    for other in run.channels:
+        if other == name:
+            break
+        if other.startswith("tau.") and np.array_equal(run.channels[other].time, channel.time):
+            return _stretch(run, arm, other, without_ends)
+    motion = measured_motion(run, arm.joints)
+    time = channel.time[interior(channel, motion)] if without_ends else channel.time
+    start = min(float(c.time[0]) for c in run.channels.values())
+    return Stretch(arm.model, motion.at(time), time - start)

@@ -1,0 +1,101 @@
+"""How much to smooth: the cut-off, the order and the noise under which the samples are most probable."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from armdyn.smoothing.spline import ORDER, UNDISTORTED, LowPass, Samples
+
+ORDERS = (4, 3, 5, 6)
+HIGHEST = 0.3
+"""Highest cut-off that is tried, as a share of the sampling rate."""
+COARSER = 4
+"""Factor between the knot intervals of two searches."""
+TRIED = 12
+DOUBT = 20.0
+"""By how much, in twice the log-likelihood, another order must be more probable than the preferred one."""
+
+
+class Choice(NamedTuple):
+    """How a signal is smoothed: cut-off in Hz, standard deviation of its noise, and order."""
+
+    cutoff: float
+    noise: float
+    order: int = ORDER
+
+
+def best_smoothing(time: np.ndarray, values: np.ndarray, orders: Sequence[int] = (ORDER,)) -> Choice:
+    """The smoothing under which a signal is most probable.
+
+    Args:
+        time: (n,) s.
+        values: (n,); a constant has no noise.
+        orders: to choose from, the one that is preferred first.
+    """
+    span = float(np.std(values))
+    if span == 0.0:
+        return Choice(2.0 / float(time[-1] - time[0]), 0.0, orders[0])
+    scaled = values[:, None] / span  # so that orders, which leave more or less free, can be compared
+    first = _best_cutoff(time, scaled, orders[0])
+    best, best_score = first, -np.inf
+    if len(orders) > 1:
+        others = [_best_cutoff(time, scaled, order, around=first.cutoff) for order in orders[1:]]
+        step = UNDISTORTED / max(choice.cutoff for choice in (first, *others))
+        best_score = _score(Samples(time, step, first.order), first.cutoff, scaled) - DOUBT
+        for choice in others:
+            score = _score(Samples(time, step, choice.order), choice.cutoff, scaled)
+            if score < best_score:
+                best, best_score = choice, score
+    return best._replace(noise=best.noise * span)
+
+
+def _best_cutoff(time: np.ndarray, values: np.ndarray, order: int, around: float | None = None) -> Choice:
+    """The most probable cut-off for one order, of all or of those near one."""
+    samples = Samples(time, None if around is None else 0.05 / around, order)
+    slowest = 2.0 / float(time[-1] - time[0])
+    low, high = (
+        (samples.lowest, HIGHEST / samples.interval)
+        if around is None
+        else (0.4 * around, min(2.0 * around, HIGHEST / samples.interval))
+    )
+    tried = TRIED if around is None else TRIED // 2
+    while True:
+        cutoffs = np.geomspace(max(low, slowest), max(high, 2.0 * slowest), tried)
+        scores = [_score(samples, cutoff, values) for cutoff in cutoffs]
+        best = int(np.argmin(scores))
+        if best > 0 or low <= slowest or samples.size < 8 * COARSER or around is not None:
+            break
+        samples = Samples(time, COARSER * samples.step, order)
+        low, high = samples.lowest, UNDISTORTED / samples.step
+    cutoff = _vertex(cutoffs, scores, best)
+    return Choice(cutoff, float(LowPass(samples, cutoff).evidence(values)[1][0]), order)
+
+
+def derivative_noise(choice: Choice, interval: float, derivative: int) -> float:
+    """Standard deviation of a smoothed signal's derivative, in 1/s^k.
+
+    sigma^2 dt 2 int (2 pi f)^(2k) / (1 + (f/f_c)^2m) df: the spectrum of what the samples leave unknown.
+
+    Args:
+        choice: see `best_smoothing`.
+        interval: between samples, s.
+        derivative: k < m.
+    """
+    integral = np.pi / (2 * choice.order) / np.sin((2 * derivative + 1) * np.pi / (2 * choice.order))
+    spread = np.sqrt(2.0 * interval * choice.cutoff * integral) * (2.0 * np.pi * choice.cutoff) ** derivative
+    return float(choice.noise * spread)
+
+
+def _score(samples: Samples, cutoff: float, values: np.ndarray) -> float:
+    return float(np.sum(LowPass(samples, cutoff).evidence(values)[0]))
+
+
+def _vertex(cutoffs: np.ndarray, scores: Sequence[float], best: int) -> float:
+    """Minimum of the parabola, over the logarithm, through the best and its neighbours."""
+    if not 0 < best < len(cutoffs) - 1:
+        return float(cutoffs[best])
+    left, middle, right = scores[best - 1], scores[best], scores[best + 1]
+    bend = left - 2.0 * middle + right
+    shift = 0.5 * (left - right) / bend if bend > 0.0 else 0.0
+    return float(cutoffs[best] * (cutoffs[1] / cutoffs[0]) ** shift)

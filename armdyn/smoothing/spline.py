@@ -1,0 +1,204 @@
+r"""Smoothing and differentiation of noisy samples at any stamps, without phase shift, by splines that know their noise.
+
+A curve x(t) of quintic B-splines minimises (Eilers & Marx, Statistical Science 11, 1996)
+
+    sum_i (y_i - x(t_i))^2 + lambda |D^m c|^2,      D^m c = m-th differences of its coefficients.
+
+Far from the ends this is a low-pass of zero phase with the amplitude 1/(1 + (f/f_c)^2m). The cut-off f_c is the one
+under which the samples are most probable (restricted maximum likelihood, x being a random walk in its derivative
+m - 1; Wahba, Annals of Statistics 13, 1985), which finds the standard deviation of the noise at the same time. It lies
+where signal and noise are equally strong. The order m can be chosen in the same way: a planned motion has a high one,
+one that friction and servo disturb a low one.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import comb
+
+import numpy as np
+from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.sparse import csr_matrix
+
+from armdyn.errors import InputError
+
+DEGREE = 5
+ORDER = 4
+"""Order of the differences that are penalised, where none is chosen: piecewise-constant jerk costs nothing."""
+FEWEST = 8
+"""Samples below which there is nothing to smooth."""
+STRONGEST = 1e10
+"""Largest lambda that is tried: beyond, the equations lose too many digits and coarser knots are as good."""
+STRONG = 1e4
+"""Lambda from which a solution is refined once."""
+UNDISTORTED = 0.125
+"""Cut-off, per knot interval, up to which differences of coefficients are as good as derivatives."""
+WHITE = 0.896
+"""Sampled at twice this share of the cut-off, white noise that was low-passed with order 4 is white again: there
+|amplitude|^2 is 1/2."""
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """One or more splines over the same knots.
+
+    Attributes:
+        start: first time, s.
+        step: knot interval, s.
+        coefficients: (N, m).
+    """
+
+    start: float
+    step: float
+    coefficients: np.ndarray
+
+    def __call__(self, time: np.ndarray, derivative: int = 0) -> np.ndarray:
+        """(n, m) values, or derivatives in 1/s^k, at (n,) times in s; beyond the ends the end pieces go on."""
+        return np.asarray(
+            basis_matrix(time, self.start, self.step, len(self.coefficients), derivative) @ self.coefficients
+        )
+
+
+def basis_matrix(time: np.ndarray, start: float, step: float, size: int, derivative: int = 0) -> csr_matrix:
+    """(n, size) values of uniform quintic B-splines, or of a derivative, at (n,) times."""
+    position = (np.asarray(time, dtype=float) - start) / step
+    first = np.clip(np.floor(position).astype(int), 0, size - DEGREE - 1)
+    values = np.vander(position - first, DEGREE + 1, increasing=True) @ (_pieces(derivative) / step**derivative)
+    columns = first[:, None] + np.arange(DEGREE + 1)
+    pointer = np.arange(0, values.size + 1, DEGREE + 1)
+    return csr_matrix((values.ravel(), columns.ravel(), pointer), shape=(len(position), size))
+
+
+def _pieces(derivative: int) -> np.ndarray:
+    """(6, 6) monomial coefficients, by row, of the six splines that are not zero on one interval of length 1."""
+    pieces = np.array(
+        [
+            [1, 26, 66, 26, 1, 0],
+            [-5, -50, 0, 50, 5, 0],
+            [10, 20, -60, 20, 10, 0],
+            [-10, 20, 0, -20, 10, 0],
+            [5, -20, 30, -20, 5, 0],
+            [-1, 5, -10, 10, -5, 1],
+        ]
+    ) / 120.0  # fmt: skip
+    for _ in range(derivative):
+        pieces = np.vstack([np.arange(1, DEGREE + 1)[:, None] * pieces[1:], np.zeros(DEGREE + 1)])
+    return pieces
+
+
+class Samples:
+    """Stamps at which something was sampled, with a spline basis over them.
+
+    Args:
+        time: (n,) s, increasing.
+        step: knot interval, s; the mean interval of the stamps when not given, and never less.
+        order: of the differences that are penalised.
+
+    Raises:
+        InputError: fewer than `FEWEST` stamps.
+    """
+
+    def __init__(self, time: np.ndarray, step: float | None = None, order: int = ORDER) -> None:
+        if len(time) < FEWEST:
+            raise InputError(f"{len(time)} samples cannot be smoothed: {FEWEST} or more are needed, record longer")
+        self.time, self.order = time, order
+        self.interval = float((time[-1] - time[0]) / (len(time) - 1))
+        self.start = float(time[0])
+        self.step = self.interval if step is None else max(step, self.interval)
+        self.size = int(np.ceil((time[-1] - time[0]) / self.step - 1e-9)) + DEGREE
+        self.matrix = basis_matrix(time, self.start, self.step, self.size)
+
+    @cached_property
+    def normal(self) -> np.ndarray:
+        """(b, N) lower bands of B' B."""
+        return self.bands(self.matrix)
+
+    @cached_property
+    def penalty(self) -> np.ndarray:
+        """(b, N) lower bands of D' D."""
+        stencil, rows = _stencil(self.order), self.size - self.order
+        bands = np.zeros_like(self.normal)
+        for offset in range(self.order + 1):
+            for j in range(self.order + 1 - offset):
+                bands[offset, j : j + rows] += stencil[j] * stencil[j + offset]
+        return bands
+
+    @property
+    def penalty_determinant(self) -> float:
+        """Logarithm of det(D D'): the number of plane partitions in a box (MacMahon 1916)."""
+        i, j = np.arange(1, self.size - self.order + 1)[:, None], np.arange(1, self.order + 1)
+        return float(np.sum(np.log1p(self.order / (i + j - 1))))
+
+    def bands(self, matrix: csr_matrix) -> np.ndarray:
+        """(b, N) lower bands of M' M, for M with six neighbouring entries per row."""
+        values = matrix.data.reshape(-1, DEGREE + 1)
+        first = matrix.indices[:: DEGREE + 1]
+        bands = np.zeros((max(DEGREE, self.order) + 1, self.size))
+        for a in range(DEGREE + 1):
+            for b in range(a, DEGREE + 1):
+                bands[b - a] += np.bincount(first + a, values[:, a] * values[:, b], self.size)
+        return bands
+
+    def strength(self, cutoff: float) -> float:
+        """Lambda that halves the amplitude at `cutoff`, Hz."""
+        return float((2.0 * np.pi * cutoff * self.step) ** (-2 * self.order) * self.step / self.interval)
+
+    @property
+    def lowest(self) -> float:
+        """Cut-off under `STRONGEST`, Hz."""
+        return float((STRONGEST * self.interval / self.step) ** (-0.5 / self.order) / (2.0 * np.pi * self.step))
+
+
+class LowPass:
+    """The smoothing of samples with one cut-off; linear, the same for every signal, of zero phase.
+
+    Args:
+        samples: where the signals are sampled.
+        cutoff: frequency of half the amplitude, Hz.
+    """
+
+    def __init__(self, samples: Samples, cutoff: float) -> None:
+        self.samples, self.cutoff = samples, cutoff
+        self.strength = samples.strength(cutoff)
+        self.factor = cholesky_banded(samples.normal + self.strength * samples.penalty, lower=True, check_finite=False)
+
+    def curve(self, values: np.ndarray) -> Curve:
+        """Smooth curves through (n,) or (n, m) values."""
+        columns = values.reshape(len(values), -1)
+        # Without its first value a constant is zero exactly, and a position loses no digits to its offset.
+        offset = columns[:1].copy()
+        columns = columns - offset
+        B, order = self.samples.matrix, self.samples.order
+        c = cho_solve_banded((self.factor, True), B.T @ columns, check_finite=False)
+        if self.strength > STRONG:
+            missing = B.T @ (columns - B @ c) - self.strength * _differences_transposed(
+                np.diff(c, order, axis=0), order
+            )
+            c = c + cho_solve_banded((self.factor, True), missing, check_finite=False)
+        return Curve(self.samples.start, self.samples.step, c + offset)
+
+    def evidence(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How probable (n, m) values are under this cut-off and order.
+
+        Returns:
+            (m,) minus twice the restricted log-likelihood, up to a constant, and (m,) standard deviation of the noise.
+        """
+        samples, order = self.samples, self.samples.order
+        c = self.curve(values).coefficients
+        misfit = values - samples.matrix @ c
+        total = np.sum(misfit**2, axis=0) + self.strength * np.sum(np.diff(c, order, axis=0) ** 2, axis=0)
+        known = len(values) - order
+        determinant = 2.0 * np.sum(np.log(self.factor[0])) - (samples.size - order) * np.log(self.strength)
+        variance = np.maximum(total / known, np.finfo(float).tiny)
+        return known * np.log(variance) + determinant - samples.penalty_determinant, np.sqrt(variance)
+
+
+def _stencil(order: int) -> np.ndarray:
+    return np.array([(-1.0) ** k * comb(order, k) for k in range(order + 1)])
+
+
+def _differences_transposed(differences: np.ndarray, order: int) -> np.ndarray:
+    """(N, m) D' d for (N - order, m) d."""
+    result = np.zeros((len(differences) + order, differences.shape[1]))
+    for j, weight in enumerate((-1.0) ** order * _stencil(order)):
+        result[j : j + len(differences)] += weight * differences
+    return result

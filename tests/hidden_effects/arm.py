@@ -1,0 +1,279 @@
+"""Recordings of Baxter's right arm with physics that the model does not know.
+
+Rigid bodies are MuJoCo's; what happens in the joints and sensors is written here in plain numpy, with a sharp sign
+where armdyn has a smooth one. Nothing of armdyn is used but the container of a recording.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from xml.etree import ElementTree as ET
+
+import mujoco
+import numpy as np
+
+import urdf
+from armdyn.run import Channel, Run
+
+JOINTS = ("right_s0", "right_s1", "right_e0", "right_e1", "right_w0", "right_w1", "right_w2")
+LAST_LINK = "right_wrist"
+POSITION_NOISE = 4e-4  # rad, of the encoders
+EFFORT_NOISE = np.array([0.08, 0.08, 0.08, 0.08, 0.04, 0.04, 0.04])  # N m
+SHARE = np.array([1.0, 1.0, 1.0, 1.0, 0.3, 0.3, 0.3])  # the wrist's drives are smaller
+CENTRE = np.array([0.1, -0.5, 0.2, 1.3, 0.0, 0.5, 0.0])  # rad
+SWING = np.array([0.7, 0.5, 0.9, 0.7, 1.0, 0.8, 1.2])  # rad, within the position limits
+FASTEST = np.array([1.1, 1.0, 1.1, 1.1, 2.0, 2.0, 2.5])  # rad/s, within the velocity limits
+PERIOD, HARMONICS = 10.0, 5  # s
+STRIBECK_SPEED = 0.1  # rad/s
+PAYLOAD_PLACE = (0.02, -0.01, 0.15)  # m, in the frame of the last joint
+SPRING = (8.2, 35.3)  # N m, sine and cosine, on right_s1
+
+
+def _per_joint(name: str, sizes: Sequence[float]) -> dict[str, float]:
+    return {f"{name}[{joint}]": float(size) for joint, size in zip(JOINTS, sizes, strict=True)}
+
+
+_SIGNS = np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0, -1.0])
+REALISTIC: Mapping[str, Mapping[str, float]] = {
+    "joint_viscous_friction": _per_joint("coefficient", 2.0 * SHARE),
+    "joint_coulomb_friction": _per_joint("torque", 1.0 * SHARE),
+    "joint_asymmetric_friction": _per_joint("positive", 1.5 * SHARE) | _per_joint("negative", 0.7 * SHARE),
+    "joint_stribeck_friction": _per_joint("torque", 1.0 * SHARE),
+    "joint_load_friction": _per_joint("coefficient", np.full(7, 0.08)),
+    "rotor_inertia": _per_joint("inertia", np.array([0.3, 0.3, 0.2, 0.2, 0.05, 0.05, 0.05])),
+    "torque_offset": _per_joint("torque", 0.5 * SHARE * _SIGNS),
+    "torque_gain": _per_joint("error", 0.08 * _SIGNS),
+    "torque_delay": _per_joint("time", np.full(7, 0.02)),
+    "gravity_spring": {"sine[right_s1]": SPRING[0], "cosine[right_s1]": SPRING[1]},
+    "joint_coupling": {"viscous[right_w2]": 0.3, "inertia[right_w2]": 0.05},
+    "payload": {"mass[right_w2]": 0.8},
+    "link_inertia": _per_joint("mass", np.array([0.1, 0.3, -0.2, 0.25, -0.2, 0.3, 0.2])),
+}
+"""Parameters by effect at a realistic size, by ``"<quantity>[<joint>]"``; places and speeds are the constants above."""
+OUTSIDE = ("cogging", "backlash_spring", "warming_up")
+"""Physics that armdyn's catalogue lacks."""
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """A motion as a Fourier series, (7,) joints and (h,) harmonics; it repeats after `PERIOD`."""
+
+    sine: np.ndarray
+    cosine: np.ndarray
+    omega: np.ndarray = field(default_factory=lambda: 2.0 * np.pi * np.arange(1, HARMONICS + 1) / PERIOD)
+
+    def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(n, 7) positions, velocities and accelerations."""
+        s, c, w = np.sin(np.outer(time, self.omega)), np.cos(np.outer(time, self.omega)), self.omega
+        q = CENTRE + s @ self.sine.T + c @ self.cosine.T
+        v = (c * w) @ self.sine.T - (s * w) @ self.cosine.T
+        a = -(s * w**2) @ self.sine.T - (c * w**2) @ self.cosine.T
+        return q, v, a
+
+
+def excitation(rng: np.random.Generator) -> Excitation:
+    """A random motion as large as positions and velocities allow."""
+    weight = 1.0 / np.arange(1, HARMONICS + 1) ** 0.5
+    raw = Excitation(rng.standard_normal((7, HARMONICS)) * weight, rng.standard_normal((7, HARMONICS)) * weight)
+    time = np.linspace(0.0, PERIOD, 400)
+    q, v, _ = raw.at(time)
+    scale = np.minimum(SWING / np.abs(q - CENTRE).max(axis=0), FASTEST / np.abs(v).max(axis=0))[:, None]
+    return Excitation(raw.sine * scale, raw.cosine * scale)
+
+
+def generate(
+    effect: str | Sequence[str] | None,
+    size: float,
+    seed: int,
+    *,
+    recording: int = 0,
+    duration: float = 15.0,
+    rate: float = 100.0,
+    colour: float = 0.0,
+    noise: float = 1.0,
+    jitter: float = 0.0,
+    rates: bool = False,
+    stated: bool = True,
+) -> Run:
+    """One recording of the right arm.
+
+    Args:
+        effect: the hidden physics, by the catalogue's names or of `OUTSIDE`; several at once; None for none.
+        size: 1 for realistic.
+        seed: of motion and noise, together with `recording`.
+        recording: number of the recording: another motion, the same physics.
+        duration: s.
+        rate: samples per second.
+        colour: correlation of the effort's noise from one sample to the next, an AR(1) process.
+        noise: factor of all noise.
+        jitter: of the stamps, as a share of the interval.
+        rates: whether velocities are recorded, with 0.015 rad/s of noise.
+        stated: whether the recording states the noise of its efforts.
+    """
+    names = (effect,) if isinstance(effect, str) else tuple(effect or ())
+    rng = np.random.default_rng([seed, recording])
+    time = np.arange(round(duration * rate)) / rate
+    time = time + jitter / rate * rng.uniform(-0.5, 0.5, len(time))
+    motion = excitation(rng)
+    q, v, _ = motion.at(time)
+    effort = _effort(names, size, motion, time)
+    effort = effort + noise * EFFORT_NOISE * _coloured(rng, effort.shape, colour)
+    q = q + noise * POSITION_NOISE * rng.standard_normal(q.shape)
+    channels = {f"q.{joint}": Channel(time, q[:, i], "rad") for i, joint in enumerate(JOINTS)}
+    if rates:
+        v = v + noise * 0.015 * rng.standard_normal(v.shape)
+        channels |= {f"v.{joint}": Channel(time, v[:, i], "rad/s") for i, joint in enumerate(JOINTS)}
+    channels |= {f"tau.{joint}": Channel(time, effort[:, i], "N m") for i, joint in enumerate(JOINTS)}
+    known = {f"tau.{joint}": float(s) for joint, s in zip(JOINTS, noise * EFFORT_NOISE, strict=True)} if stated else {}
+    return Run(f"seed {seed}, recording {recording}", channels, noise=known)
+
+
+def true_parameters(effect: str, size: float) -> dict[str, float]:
+    """The hidden effect's parameters under the names of armdyn's models."""
+    exact = {f"{effect}.{name}": size * value for name, value in REALISTIC[effect].items()}
+    if effect == "joint_stribeck_friction":
+        exact |= {f"{effect}.speed[{joint}]": STRIBECK_SPEED for joint in JOINTS}
+    if effect == "payload":
+        exact |= {f"{effect}.{axis}[right_w2]": p for axis, p in zip("xyz", PAYLOAD_PLACE, strict=True)}
+    return exact
+
+
+def _sizes(effect: str, quantity: str, size: float) -> np.ndarray:
+    known = REALISTIC[effect]
+    return size * np.array([known.get(f"{quantity}[{joint}]", 0.0) for joint in JOINTS])
+
+
+def _effort(names: Sequence[str], size: float, motion: Excitation, time: np.ndarray) -> np.ndarray:
+    """(n, 7) what the efforts read without noise."""
+    late = _sizes("torque_delay", "time", size) if "torque_delay" in names else np.zeros(7)
+    reading = np.empty((len(time), 7))
+    for delay in np.unique(late):
+        columns = late == delay
+        reading[:, columns] = _torque(names, size, motion, time - delay)[:, columns]
+    if "torque_gain" in names:
+        reading = reading * (1.0 + _sizes("torque_gain", "error", size))
+    if "torque_offset" in names:
+        reading = reading + _sizes("torque_offset", "torque", size)
+    if "warming_up" in names:
+        reading = reading + size * 0.8 * SHARE * np.exp(-time / 5.0)[:, None]
+    return reading
+
+
+def _torque(names: Sequence[str], size: float, motion: Excitation, time: np.ndarray) -> np.ndarray:
+    """(n, 7) torques of the drives."""
+    q, v, a = motion.at(time)
+    payload = size * REALISTIC["payload"]["mass[right_w2]"] if "payload" in names else 0.0
+    heavier = tuple(_sizes("link_inertia", "mass", size).tolist()) if "link_inertia" in names else None
+    load = rigid_torque(q, v, a, payload, heavier)
+    total = load.copy()
+    sign = np.sign(v)
+    if "joint_viscous_friction" in names:
+        total += _sizes("joint_viscous_friction", "coefficient", size) * v
+    if "joint_coulomb_friction" in names:
+        total += _sizes("joint_coulomb_friction", "torque", size) * sign
+    if "joint_asymmetric_friction" in names:
+        positive, negative = (_sizes("joint_asymmetric_friction", part, size) for part in ("positive", "negative"))
+        total += np.where(v > 0.0, positive, -negative)
+    if "joint_stribeck_friction" in names:
+        total += _sizes("joint_stribeck_friction", "torque", size) * sign * np.exp(-((v / STRIBECK_SPEED) ** 2))
+    if "joint_load_friction" in names:
+        total += _sizes("joint_load_friction", "coefficient", size) * np.abs(load) * sign
+    if "rotor_inertia" in names:
+        total += _sizes("rotor_inertia", "inertia", size) * a
+    if "gravity_spring" in names:
+        total[:, 1] += size * (SPRING[0] * np.sin(q[:, 1]) + SPRING[1] * np.cos(q[:, 1]))
+    if "joint_coupling" in names:
+        viscous, inertia = (size * x for x in REALISTIC["joint_coupling"].values())
+        total[:, 5] += viscous * v[:, 6] + inertia * a[:, 6]
+        total[:, 6] += viscous * v[:, 5] + inertia * a[:, 5]
+    if "cogging" in names:
+        total += size * 0.8 * SHARE * np.sin(14.0 * q + np.arange(7))
+    if "backlash_spring" in names:
+        total += size * 3.0 * SHARE * np.maximum(q - CENTRE - 0.2, 0.0) ** 2
+    return total
+
+
+def _coloured(rng: np.random.Generator, shape: tuple[int, int], colour: float) -> np.ndarray:
+    """(n, 7) noise of unit standard deviation."""
+    white = rng.standard_normal(shape)
+    for k in range(1, len(white)):
+        white[k] = colour * white[k - 1] + np.sqrt(1.0 - colour**2) * white[k]
+    return white
+
+
+def rigid_torque(
+    q: np.ndarray, v: np.ndarray, a: np.ndarray, payload: float = 0.0, heavier: Sequence[float] | None = None
+) -> np.ndarray:
+    """(n, 7) torques of rigid bodies by MuJoCo's inverse dynamics, all other joints at zero.
+
+    Args:
+        q: (n, 7) rad.
+        v: (n, 7) rad/s.
+        a: (n, 7) rad/s^2.
+        payload: kg at `PAYLOAD_PLACE`.
+        heavier: (7,) logarithm of each link's mass ratio; inertias grow alike.
+    """
+    model, moved = _mujoco(payload > 0.0)
+    position = [model.joint(name).qposadr[0] for name in JOINTS]
+    dof = [model.joint(name).dofadr[0] for name in JOINTS]
+    mass, inertia = model.body_mass.copy(), model.body_inertia.copy()
+    if payload > 0.0:
+        model.body_mass[model.body("payload").id] = payload
+    if heavier is not None:
+        for joint, ratio in zip(JOINTS, heavier, strict=True):
+            model.body_mass[moved[joint]] *= np.exp(ratio)
+            model.body_inertia[moved[joint]] *= np.exp(ratio)
+    data = mujoco.MjData(model)
+    torque = np.empty_like(q)
+    for i in range(len(q)):
+        data.qpos[position], data.qvel[dof], data.qacc[dof] = q[i], v[i], a[i]
+        mujoco.mj_inverse(model, data)
+        torque[i] = data.qfrc_inverse[dof]
+    model.body_mass[:], model.body_inertia[:] = mass, inertia
+    return torque
+
+
+@lru_cache(maxsize=2)
+def _mujoco(with_payload: bool) -> tuple[mujoco.MjModel, dict[str, list[int]]]:
+    """Baxter in MuJoCo, without friction; and by joint the bodies that are fixed to the link that it moves."""
+    root = ET.fromstring(urdf.load("baxter").urdf_xml)
+    for link in root.findall("link"):
+        for kind in ("visual", "collision"):
+            for element in link.findall(kind):
+                link.remove(element)
+    extension = ET.SubElement(root, "mujoco")
+    ET.SubElement(extension, "compiler", fusestatic="false", discardvisual="false")
+    if with_payload:
+        _attach_payload(root)
+    model = mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"))
+    model.dof_damping[:] = 0.0
+    model.dof_frictionloss[:] = 0.0
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    moved: dict[str, list[int]] = {joint: [] for joint in JOINTS}
+    for body in range(1, model.nbody):
+        carrier = body
+        while carrier and model.body_jntnum[carrier] == 0:
+            carrier = model.body_parentid[carrier]
+        # Links beyond the arm's last joint, fingers for one, count to the link that carries them.
+        while carrier and model.joint(model.body_jntadr[carrier]).name.startswith("r_gripper"):
+            carrier = model.body_parentid[carrier]
+            while carrier and model.body_jntnum[carrier] == 0:
+                carrier = model.body_parentid[carrier]
+        name = model.joint(model.body_jntadr[carrier]).name if carrier else ""
+        if name in moved and model.body(body).name != "payload":
+            moved[name].append(body)
+    return model, moved
+
+
+def _attach_payload(root: ET.Element) -> None:
+    last = next(j for j in root.findall("joint") if j.get("name") == JOINTS[-1])
+    parent = last.find("child")
+    link = ET.SubElement(root, "link", name="payload")
+    inertial = ET.SubElement(link, "inertial")
+    ET.SubElement(inertial, "mass", value="1.0")
+    ET.SubElement(inertial, "origin", xyz="0 0 0")
+    ET.SubElement(inertial, "inertia", ixx="1e-9", iyy="1e-9", izz="1e-9", ixy="0", ixz="0", iyz="0")
+    joint = ET.SubElement(root, "joint", name="payload_fixed", type="fixed")
+    ET.SubElement(joint, "parent", link=str(parent.get("link") if parent is not None else ""))
+    ET.SubElement(joint, "child", link="payload")
+    ET.SubElement(joint, "origin", xyz=" ".join(map(str, PAYLOAD_PLACE)))
