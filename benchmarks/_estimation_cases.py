@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from _pendulum import Pendulum, sum_of_cosines
-from _rival_fits import NAMES, Data, Fit, over_windows
+from _rival_fits import NAMES, Data, Fit, over_windows, with_floats
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.estimator import WINDOWS, Estimator, estimate_recorded
@@ -20,6 +20,8 @@ NOISE = 0.01
 LENGTH, MASS = 0.368, 0.1
 TRUTH = dict(zip(NAMES, (LENGTH, 0.1003, 0.008, 0.01, 0.008), strict=True))
 """Of the run in which everything is fitted."""
+FIXED = {"mass": MASS, "drag": 0.0, "bias": 0.0, "delay": 0.0}
+"""What is not fitted where only the length is."""
 KNOWN = {"mass": (0.1, 0.001), "drag": (0.0, 0.01), "bias": (0.0, 0.02), "delay": (0.01, 0.01)}
 OUR_NAMES = ("length", "mass", "linear_drag.coefficient", "sensor_bias.force", "sensor_delay.time")
 
@@ -60,10 +62,12 @@ def recording(force: np.ndarray) -> Run:
 
 
 def simple_model(length: float, mass: float = MASS) -> PendulumModel:
+    """Only the length is fitted."""
     return pendulum_model(length, mass).with_fixed("mass", "initial_angle", "initial_rate")
 
 
 def full_model(length: float) -> PendulumModel:
+    """Length, mass, drag, bias and delay are fitted."""
     model = pendulum_model(length, MASS).with_fixed("initial_angle", "initial_rate")
     for name in ("linear_drag", "sensor_bias", "sensor_delay"):
         model = model.with_effect(CATALOGUE[name])
@@ -74,8 +78,8 @@ def full_model(length: float) -> PendulumModel:
 
 
 def length_force(data: Path | None) -> np.ndarray:
-    """(1000,) N of the run in which only the length is unknown."""
-    if data is not None and data.exists():
+    """(1000,) N of the run in which only the length is unknown; column 7 of a recording of `MOTION` at `TIME`."""
+    if data is not None:
         return np.loadtxt(data, delimiter=",", skiprows=1)[:, 6]
     return Pendulum(LENGTH, MASS).simulate(MOTION, TIME)[1] + NOISE * np.random.default_rng(0).normal(size=len(TIME))
 
@@ -90,15 +94,24 @@ def full_force() -> np.ndarray:
 
 @cache
 def scenarios(data: Path | None) -> dict[str, Scenario]:
-    found = {}
-    for label, offset, windows in (("2 mm off", 0.002, False), ("20 % off", 0.2 * LENGTH, True)):
-        guess = LENGTH + offset
-        start = np.array([guess, MASS, 0.0, 0.0, 0.0])
-        force = length_force(data)
-        alone = Data(TIME, force, NOISE, MOTION, {}, ("length",), start)
-        found[f"length, {label}"] = Scenario(alone, recording(force), simple_model(guess), windows)
-        start = np.array([guess, *(KNOWN[name][0] for name in NAMES[1:])])
-        force = full_force()
-        everything = Data(TIME, force, NOISE, MOTION, KNOWN, NAMES, start)
-        found[f"five parameters, {label}"] = Scenario(everything, recording(force), full_model(guess), windows)
-    return found
+    """The length alone and everything: from the estimate half a second earlier, from 2 mm off and from 20 % off."""
+    return {
+        f"{what}, {where}": scenario
+        for what, everything in (("length", False), ("five parameters", True))
+        for where, scenario in _starts(full_force() if everything else length_force(data), everything).items()
+    }
+
+
+def _starts(force: np.ndarray, everything: bool) -> dict[str, Scenario]:
+    run, make = recording(force), full_model if everything else simple_model
+    free, known = (NAMES, KNOWN) if everything else (("length",), {})
+    values = np.array([LENGTH + 0.002, *(known.get(name, (fixed, 0.0))[0] for name, fixed in FIXED.items())])
+    near = Data(TIME, force, NOISE, MOTION, known, free, values)
+    earlier = with_floats(near.until(TIME[-1] - 0.5))
+    warm = make(LENGTH).with_values({OUR_NAMES[i]: float(v) for i, v in zip(near.columns, earlier, strict=True)})
+    far = near.with_start(np.array([1.2 * LENGTH, *values[near.columns[1:]]]))
+    return {
+        "0.5 s later": Scenario(near.with_start(earlier), run, warm, False),
+        "2 mm off": Scenario(near, run, make(LENGTH + 0.002), False),
+        "20 % off": Scenario(far, run, make(1.2 * LENGTH), True),
+    }
