@@ -1,13 +1,10 @@
-"""A model as a TOML file: base, effects, parameters and the history of what was added; the only state there is."""
+"""Model files: readable TOML, the only state that is kept between commands."""
 
-import math
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, get_args
-
-import tomlkit
+from typing import TYPE_CHECKING, Any
 
 from armdyn import atomic
 from armdyn.effects.catalogue import find
@@ -15,175 +12,228 @@ from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.model import Model
 from armdyn.parameter import Parameter, Prior
-from armdyn.pendulum.dynamics import TensionFormula
-from armdyn.pendulum.model import PendulumModel, pendulum_model
-from armdyn.units import si_factor
+from armdyn.units import parse_quantity, si_factor
+
+if TYPE_CHECKING:
+    from armdyn.pendulum.model import PendulumModel
 
 BASES = ("pendulum", "arm")
-TOP_LEVEL = ("base", "effects", "parameters", "history", "tension", "urdf", "robot", "joints", "tool")
-FIELDS = ("value", "std", "unit", "fitted", "prior", "prior_std")
+KEYS = ("base", "effects", "parameters", "history", "tension", "urdf", "robot", "joints", "tool")
+FIELDS = ("value", "std", "unit", "fitted", "prior")
 
 
 @dataclass(frozen=True)
 class ModelFile:
-    """What a model file holds.
+    """A model and how it came to be.
 
     Attributes:
         model: with its effects and parameters.
-        history: one entry per change, as in the file; the error falling.
-        place: entries that say which robot it is (``urdf``, ``robot``, ``joints``), as in the file.
+        description: keys that say which arm it is; empty for a pendulum.
+        history: one entry per change, as in the contract.
     """
 
     model: Model
+    description: Mapping[str, Any]
     history: tuple[Mapping[str, Any], ...] = ()
-    place: Mapping[str, Any] | None = None
-
-    def changed(self, model: Model, entries: Iterable[Mapping[str, Any]]) -> "ModelFile":
-        """The file with another model and more history."""
-        return replace(self, model=model, history=(*self.history, *entries))
 
 
-def read_model(path: Path | str, extra: Iterable[Effect] = ()) -> Model:
+def read_model(path: Path, extra: Iterable[Effect] = ()) -> Model:
     """The model in a file; see `read_model_file`."""
     return read_model_file(path, extra).model
 
 
-def read_model_file(path: Path | str, extra: Iterable[Effect] = ()) -> ModelFile:
+def read_model_file(path: Path, extra: Iterable[Effect] = ()) -> ModelFile:
     """Read a model file.
 
     Args:
-        path: of the TOML file.
-        extra: a user's own effects.
+        path: TOML.
+        extra: a user's own effects, which the model may have.
 
     Raises:
         InputError: names the file, the field, what is wrong and what to do.
-        UnknownNameError: an effect or parameter that does not exist; the message names the closest.
     """
-    path = Path(path)
+    if path.is_dir():
+        raise InputError(f"{path} is a directory: give the model's file")
     try:
-        content = tomllib.loads(path.read_text())
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file: make one with 'armdyn new pendulum {path}'") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as a model file: {_reason(error)}") from error
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: is no TOML: {error}") from error
-    for key in content:
-        if key not in TOP_LEVEL:
-            raise InputError(str(UnknownNameError(f"entry of {path}", key, TOP_LEVEL)))
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such file: make one with 'armdyn new pendulum {path}'") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: is not TOML: {error}") from error
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
     try:
-        model = _with_effects(_base(path, content), content.get("effects", []), tuple(extra))
-        return ModelFile(
-            model=_with_parameters(path, model, content.get("parameters", {})),
-            history=tuple(content.get("history", ())),
-            place={key: content[key] for key in ("urdf", "robot", "joints", "tool") if key in content},
-        )
+        return _parsed(table, path.parent, tuple(extra))
     except InputError as error:
-        text = str(error)
-        raise InputError(text if text.startswith(str(path)) else f"{path}: {text}") from error
+        raise InputError(f"{path}: {error}") from error
 
 
-def write_model_file(file: ModelFile, path: Path | str) -> None:
+def write_model_file(path: Path, file: ModelFile) -> None:
     """Write a model file in one step.
 
     Raises:
-        InputError: it cannot be written.
+        InputError: the directory is missing or cannot be written to.
     """
+    if path.is_dir():
+        raise InputError(f"{path} is a directory: give the file to write")
+    atomic.write_text(path, model_text(file))
+
+
+def model_text(file: ModelFile) -> str:
+    """The model file as TOML."""
+    import tomlkit
+
     model = file.model
     document = tomlkit.document()
     document["base"] = model.base
-    for key, value in (file.place or {}).items():
+    for key, value in file.description.items():
         document[key] = value
-    if isinstance(model, PendulumModel) and model.tension != "exact":
-        document["tension"] = model.tension
+    tension = getattr(model, "tension", "exact")
+    if tension != "exact":
+        document["tension"] = tension
     document["effects"] = [effect.label for effect in model.effects]
     parameters = tomlkit.table()
     for name, parameter in model.parameters.items():
-        parameters[name] = _entry(parameter)
+        if parameter.scope == "per_run":
+            continue
+        entry = tomlkit.inline_table()
+        entry["value"] = float(parameter.value)
+        if parameter.std is not None:
+            entry["std"] = float(parameter.std)
+        entry["unit"] = parameter.unit
+        entry["fitted"] = parameter.fitted
+        if parameter.prior is not None and _is_own_prior(parameter):
+            entry["prior"] = f"{parameter.prior.mean!r} +/- {parameter.prior.std!r}"
+        parameters[name] = entry
     document["parameters"] = parameters
     if file.history:
-        history = tomlkit.aot()
-        for entry in file.history:
-            history.append(tomlkit.item({k: v for k, v in _plain(entry).items() if v is not None}))
-        document["history"] = history
-    atomic.write_text(Path(path), tomlkit.dumps(document))
+        entries = tomlkit.aot()
+        for change in file.history:
+            item = tomlkit.table()
+            for key, value in change.items():
+                if value is None:
+                    continue
+                if isinstance(value, Mapping):
+                    inner = tomlkit.inline_table()
+                    for k, v in value.items():
+                        inner[k] = v
+                    item[key] = inner
+                else:
+                    item[key] = list(value) if isinstance(value, tuple) else value
+            entries.append(item)
+        document["history"] = entries
+    return tomlkit.dumps(document)
 
 
-def _base(path: Path, content: Mapping[str, Any]) -> Model:
-    base = content.get("base")
-    if base == "pendulum":
-        tension = content.get("tension", "exact")
-        if tension not in get_args(TensionFormula):
-            raise UnknownNameError("tension formula", str(tension), get_args(TensionFormula))
-        return pendulum_model(0.3, 0.1, tension=tension)
-    if base == "arm":
-        from armdyn.arm.model import arm_model
+def base_pendulum(known: Mapping[str, str] | None = None) -> "PendulumModel":
+    """A bare pendulum with what is known of it.
 
-        urdf = content.get("urdf")
-        if urdf is not None and not Path(urdf).is_absolute():
-            urdf = path.parent / urdf  # a model file and its URDF travel together
-        return arm_model(urdf, content.get("robot"), content.get("joints"), tool=content.get("tool"))
-    if base is None:
-        raise InputError('has no base: write base = "pendulum" or base = "arm"')
-    raise UnknownNameError("base", str(base), BASES)
+    Args:
+        known: such as ``{"mass": "80 g +/- 0.4 g"}``; without a standard deviation a value is only a first guess.
 
+    Raises:
+        InputError: an unknown name, unit or value.
+    """
+    from armdyn.pendulum.model import pendulum_model
 
-def _with_effects(model: Model, names: object, extra: tuple[Effect, ...]) -> Model:
-    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        raise InputError('effects must be a list of names, such as effects = ["quadratic_drag"]')
-    for name in names:
-        model = model.with_effect(find(name, extra))
+    model = pendulum_model(0.35, 0.1)
+    settable = [name for name, p in model.parameters.items() if p.scope == "shared"]
+    for name, text in (known or {}).items():
+        if name not in settable:
+            raise UnknownNameError("parameter", name, settable)
+        parameter = model.parameters[name]
+        try:
+            value = parse_quantity(text, parameter.unit)
+        except InputError as error:
+            raise InputError(f"{name}: {error}") from error
+        if not parameter.lower <= value.value <= parameter.upper:
+            raise InputError(
+                f"{name}: '{text}' is outside its physical range {parameter.lower:g} to {parameter.upper:g} "
+                f"{parameter.unit}"
+            )
+        model = (
+            model.with_values({name: value.value})
+            if value.std is None
+            else model.with_prior(name, value.value, value.std)
+        )
     return model
 
 
-def _with_parameters(path: Path, model: Model, entries: Mapping[str, Any]) -> Model:
-    changed = {}
-    for name, entry in entries.items():
-        if name not in model.parameters:
-            raise UnknownNameError("parameter", name, model.names)
-        parameter = model.parameters[name]
-        if not isinstance(entry, Mapping) or "value" not in entry:
-            raise InputError(f"{path}: [parameters] {name}: write {{ value = 0.1, unit = \"{parameter.unit}\" }}")
-        for key in entry:
-            if key not in FIELDS:
-                raise UnknownNameError(f"field of parameter {name}", key, FIELDS)
-        unit = entry.get("unit", parameter.unit)
-        scale = si_factor(unit, parameter.unit) if unit != parameter.unit else 1.0
-        numbers = {key: _number(path, name, key, entry[key]) * scale for key in FIELDS if key in entry and key[0] in "vsp"}
-        prior = Prior(numbers.get("prior", numbers["value"]), numbers["prior_std"]) if "prior_std" in numbers else None
-        null = numbers["value"] if parameter.null == parameter.value and "." not in name else parameter.null
-        changed[name] = replace(
-            parameter,
-            value=numbers["value"],
-            null=null,
-            std=numbers.get("std"),
-            fitted=bool(entry.get("fitted", parameter.fitted)),
-            prior=prior,
+def _is_own_prior(parameter: Parameter) -> bool:
+    return "." not in parameter.name
+
+
+def _parsed(table: Mapping[str, Any], folder: Path, extra: Sequence[Effect]) -> ModelFile:
+    for key in table:
+        if key not in KEYS:
+            raise UnknownNameError("key", key, KEYS)
+    base = table.get("base")
+    if base not in BASES:
+        raise UnknownNameError("base", str(base), BASES)
+    model, description = _base(table, folder)
+    effects = table.get("effects", [])
+    if not isinstance(effects, list) or not all(isinstance(name, str) for name in effects):
+        raise InputError('effects: write a list of names, such as effects = ["linear_drag"]')
+    for name in effects:
+        model = model.with_effect(find(name, extra))
+    parameters = table.get("parameters", {})
+    if not isinstance(parameters, dict):
+        raise InputError("[parameters]: write a table")
+    changed = {name: _parameter(model, name, entry) for name, entry in parameters.items()}
+    history = table.get("history", [])
+    if not isinstance(history, list):
+        raise InputError("[[history]]: write a list of tables")
+    return ModelFile(model.with_parameters(changed), description, tuple(history))
+
+
+def _base(table: Mapping[str, Any], folder: Path) -> tuple[Model, dict[str, Any]]:
+    if table["base"] == "pendulum":
+        from armdyn.pendulum.model import pendulum_model
+
+        tension = table.get("tension", "exact")
+        if tension not in ("exact", "printed"):
+            raise UnknownNameError("tension formula", str(tension), ("exact", "printed"))
+        return pendulum_model(0.35, 0.1, tension=tension), {}
+    from armdyn.arm.model import arm_model
+
+    description = {key: table[key] for key in ("urdf", "robot", "joints", "tool") if key in table}
+    if ("urdf" in description) == ("robot" in description):
+        raise InputError('an arm needs either urdf = "path" or robot = "baxter"')
+    urdf = description.get("urdf")
+    if urdf is not None and not Path(urdf).is_absolute():
+        urdf = folder / urdf
+    return arm_model(
+        urdf, description.get("robot"), description.get("joints"), tool=description.get("tool")
+    ), description
+
+
+def _parameter(model: Model, name: str, entry: Any) -> Parameter:
+    shared = [n for n, p in model.parameters.items() if p.scope == "shared"]
+    if name not in shared:
+        raise UnknownNameError("parameter", name, shared)
+    if not isinstance(entry, dict) or "value" not in entry:
+        raise InputError(f'parameter {name}: write it as {{ value = 1.0, unit = "{model.parameters[name].unit}" }}')
+    for field in entry:
+        if field not in FIELDS:
+            raise UnknownNameError(f"field of parameter {name}", field, FIELDS)
+    parameter = model.parameters[name]
+    factor = si_factor(str(entry["unit"]), parameter.unit) if "unit" in entry else 1.0
+    try:
+        value = float(entry["value"]) * factor
+        std = float(entry["std"]) * factor if "std" in entry else None
+    except (TypeError, ValueError) as error:
+        raise InputError(f"parameter {name}: value and std are numbers") from error
+    fitted = entry.get("fitted", parameter.fitted)
+    if not isinstance(fitted, bool):
+        raise InputError(f"parameter {name}: fitted is true or false")
+    prior = parameter.prior
+    if "prior" in entry:
+        known = (
+            parse_quantity(f"{entry['prior']} {parameter.unit}", parameter.unit)
+            if isinstance(entry["prior"], str)
+            else None
         )
-    return model.with_parameters(changed)
-
-
-def _number(path: Path, name: str, key: str, value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise InputError(f"{path}: [parameters] {name}: {key} = {value} is not a finite number: write a plain number")
-    return float(value)
-
-
-def _entry(parameter: Parameter) -> Any:
-    entry = tomlkit.inline_table()
-    entry["value"] = parameter.value
-    if parameter.std is not None and math.isfinite(parameter.std):
-        entry["std"] = parameter.std
-    entry["unit"] = parameter.unit
-    entry["fitted"] = parameter.fitted
-    if parameter.prior is not None:
-        entry["prior"], entry["prior_std"] = parameter.prior.mean, parameter.prior.std
-    return entry
-
-
-def _plain(entry: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: dict(value) if isinstance(value, Mapping) else value for key, value in entry.items()}
-
-
-def _reason(error: Exception) -> str:
-    return getattr(error, "strerror", None) or str(error)
+        if known is None or known.std is None:
+            raise InputError(f'parameter {name}: write its prior as "0.08 +/- 0.0004", in {parameter.unit}')
+        prior = Prior(known.value, known.std)
+    return replace(parameter, value=value, std=std, fitted=fitted, prior=prior)

@@ -85,9 +85,7 @@ def channel_rmse(blocks: Sequence[Block]) -> dict[str, float]:
     return result
 
 
-def fit(
-    problem: Problem, free: np.ndarray, start: np.ndarray, *, windows: bool = False, most_steps: int = 30
-) -> Fit:
+def fit(problem: Problem, free: np.ndarray, start: np.ndarray, *, windows: bool = False, most_steps: int = 30) -> Fit:
     """Minimise over the unknowns `free`.
 
     Args:

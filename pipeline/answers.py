@@ -1,0 +1,157 @@
+"""Answers of compare, diagnose, repair and add in the form of the contract."""
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from armdyn.identify.compare import Comparison, FittedParameter
+from armdyn.identify.diagnose import Diagnosis, Suspect
+from armdyn.identify.localise import Place
+from armdyn.identify.repair import Repair, Rung
+from armdyn.identify.study import Study
+from armdyn.identify.unknown import Unknown
+
+
+def comparison_answer(study: Study, found: Comparison) -> dict[str, Any]:
+    """JSON of `compare`."""
+    return {
+        "schema": "armdyn.comparison/1",
+        "model": model_answer(study),
+        "explained": found.explained,
+        "sentence": found.sentence,
+        **fit_answer(found),
+    }
+
+
+def diagnosis_answer(study: Study, found: Diagnosis) -> dict[str, Any]:
+    """JSON of `diagnose`."""
+    return {
+        "schema": "armdyn.diagnosis/1",
+        "model": model_answer(study),
+        "verdict": found.verdict.key,
+        "sentence": found.sentence,
+        **fit_answer(found.comparison),
+        "candidates": [_suspect(suspect) for suspect in found.suspects],
+        "remedies": list(found.remedies),
+        "cannot_be_seen": {name: list(imitators) for name, imitators in found.unseen.items()},
+        "unknown": unknown_answer(found.unknown),
+    }
+
+
+def repair_answer(found: Repair) -> dict[str, Any]:
+    """JSON of `repair` and `add`."""
+    return {
+        "schema": "armdyn.repair/1",
+        "verdict": found.verdict.key,
+        "sentence": found.sentence,
+        "effects": [effect.name for effect in found.model.effects],
+        **fit_answer(found.after),
+        "steps": [rung_answer(rung) for rung in found.ladder],
+        "unknown": unknown_answer(found.unknown),
+    }
+
+
+def model_answer(study: Study) -> dict[str, Any]:
+    """Base and effects of the model as given."""
+    return {"base": study.model.base, "effects": [effect.name for effect in study.model.effects]}
+
+
+def fit_answer(found: Comparison) -> dict[str, Any]:
+    """Parameters, channels and places of one fit."""
+    return {
+        "parameters": parameters_answer(found.parameters),
+        "intervals_hold": found.intervals_hold,
+        "at_bound": list(found.at_bound),
+        "not_determined": list(found.undetermined),
+        "channels": {
+            name: {
+                "unit": c.unit,
+                "noise_std": number(c.noise_std),
+                "rmse": number(c.rmse),
+                "held_out_rmse": number(c.held_out_rmse),
+                "chi2_per_sample": number(c.chi2_per_sample),
+                "whiteness_p_value": number(c.white),
+            }
+            for name, c in found.channels.items()
+        },
+        "behaves_like_dynamics": number(found.absorbed),
+        "where": [_place(place) for place in found.places],
+    }
+
+
+def parameters_answer(parameters: Mapping[str, FittedParameter]) -> dict[str, Any]:
+    """Values, standard deviations and units by name."""
+    return {
+        name: {"value": number(p.value), "std": number(p.std), "unit": p.unit, "fitted": p.fitted}
+        for name, p in parameters.items()
+    }
+
+
+def rung_answer(rung: Rung) -> dict[str, Any]:
+    """One step of the ladder."""
+    return {
+        "added": _one_or_list(rung.added),
+        "joints": list(rung.joints),
+        "removed": list(rung.removed),
+        "tied_with": list(rung.tied_with),
+        "rmse": errors(rung.rmse),
+        "held_out_rmse": errors(rung.held_out_rmse),
+        "chi2_per_sample": number(rung.chi2_per_sample),
+        "bic": number(rung.bic),
+    }
+
+
+def unknown_answer(found: Unknown | None) -> dict[str, Any] | None:
+    """What is known of an effect outside the catalogue."""
+    if found is None:
+        return None
+    return {
+        "sentence": found.sentence,
+        "behaves_like_dynamics": number(found.absorbed),
+        "terms": [{"channel": t.channel, "expression": t.expression, "share": number(t.share)} for t in found.terms],
+        "frequencies": [
+            {"channel": t.channel, "frequency": number(t.frequency), "amplitude": number(t.amplitude), "unit": t.unit}
+            for t in found.tones
+        ],
+    }
+
+
+def errors(by_channel: Mapping[str, float]) -> dict[str, float | None]:
+    """Errors by channel."""
+    return {name: number(value) for name, value in by_channel.items()}
+
+
+def number(value: float | None) -> float | None:
+    """A finite float, or null."""
+    return float(value) if value is not None and math.isfinite(value) else None
+
+
+def _suspect(suspect: Suspect) -> dict[str, Any]:
+    return {
+        "effect": suspect.effect,
+        "joints": list(suspect.joints),
+        "delta_bic": number(suspect.delta_bic),
+        "p_value": number(suspect.p_value),
+        "rmse": errors(suspect.rmse),
+        "held_out_rmse": errors(suspect.held_out_rmse),
+        "parameters": parameters_answer(suspect.parameters),
+        "tied_with": list(suspect.tied_with),
+    }
+
+
+def _place(place: Place) -> dict[str, Any]:
+    return {
+        "channel": place.channel,
+        "run": place.run,
+        "against": place.against,
+        "from": number(place.start),
+        "to": number(place.end),
+        "unit": place.unit,
+        "chi2_per_sample": number(place.chi2_per_sample),
+        "share": number(place.share),
+    }
+
+
+def _one_or_list(names: Iterable[str]) -> Any:
+    """Null, a name, or several joined by `` + `` where they only help together."""
+    return " + ".join(names) or None

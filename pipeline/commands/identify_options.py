@@ -1,0 +1,140 @@
+"""What compare, diagnose, add and repair have in common: arguments, reading, the words on the screen."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NamedTuple
+
+import typer
+
+if TYPE_CHECKING:
+    from armdyn.effects.effect import Effect
+    from armdyn.identify.compare import Comparison
+    from armdyn.identify.repair import Rung
+    from armdyn.identify.study import Study
+    from armdyn.model_file import ModelFile
+
+ModelArgument = Annotated[Path, typer.Argument(metavar="M.toml", help="Model file.")]
+RunsArgument = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Recordings to fit: CSV or MCAP.")]
+HeldOutOption = Annotated[
+    list[Path] | None,
+    typer.Option("--held-out", help="A recording that takes no part in the fit; give the option once for each."),
+]
+EffectsOption = Annotated[Path | None, typer.Option("--effects", help="Python file with effects of your own.")]
+ReportOption = Annotated[Path | None, typer.Option("--report", help="Write one offline HTML file.")]
+OutputOption = Annotated[
+    Path | None, typer.Option("--output", help="Where the repaired model goes; over the old one when not given.")
+]
+
+
+class Given(NamedTuple):
+    """What was read: the model's file, the effects to choose from, the study."""
+
+    file: "ModelFile"
+    catalogue: "tuple[Effect, ...]"
+    study: "Study"
+
+
+def read_study(model: Path, runs: list[Path], held_out: list[Path] | None, effects: Path | None) -> Given:
+    """Read everything that a study needs.
+
+    Raises:
+        InputError: something cannot be used.
+    """
+    from armdyn.effects.catalogue import CATALOGUE
+    from armdyn.effects.user import load_effects
+    from armdyn.identify.study import Study
+    from armdyn.model_file import read_model_file
+    from armdyn.run import read_run
+
+    own = load_effects(effects) if effects is not None else ()
+    file = read_model_file(model, own)
+    catalogue = tuple(e for e in (*CATALOGUE.values(), *own) if e.acts_on in file.model.stages)
+    study = Study(file.model, [read_run(run) for run in runs], [read_run(run) for run in held_out or ()], catalogue)
+    return Given(file, catalogue, study)
+
+
+def check_outputs(*files: Path | None) -> None:
+    """Refuse early what could not be written at the end.
+
+    Raises:
+        InputError: a directory is missing, or is given in place of a file.
+    """
+    from armdyn.errors import InputError
+
+    for file in files:
+        if file is None or file == Path("-"):
+            continue
+        if file.is_dir():
+            raise InputError(f"{file} is a directory: give the file to write")
+        if not file.absolute().parent.is_dir():
+            raise InputError(f"cannot write {file}: there is no directory {file.parent}; choose another place")
+
+
+@contextmanager
+def spinner() -> Iterator[Callable[[str], None]]:
+    """Say on standard error what is going on, until the block ends."""
+    from rich.console import Console
+
+    with Console(stderr=True).status("reading") as status:
+        yield status.update
+
+
+def say_fit(found: "Comparison") -> None:
+    """Print parameters, channels and places."""
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(highlight=False)
+    table = Table("parameter", "value", "std", "unit", box=None, header_style="dim")
+    for name, p in found.parameters.items():
+        table.add_row(name, f"{p.value:.6g}", "fixed" if p.std is None else f"{p.std:.2g}", p.unit)
+    if found.parameters:
+        console.print(table)
+    channels = Table("channel", "noise", "rmse", "held out", "χ²/sample", box=None, header_style="dim")
+    for name, c in found.channels.items():
+        held_out = "–" if c.held_out_rmse is None else f"{c.held_out_rmse:.4g} {c.unit}"
+        channels.add_row(
+            name, f"{c.noise_std:.3g} {c.unit}", f"{c.rmse:.4g} {c.unit}", held_out, f"{c.chi2_per_sample:.4g}"
+        )
+    console.print(channels)
+    if not found.intervals_hold:
+        console.print("[yellow]The residual is not white: the standard deviations do not hold as intervals.[/]")
+    for name in found.at_bound:
+        console.print(f"[yellow]{name} ended on its physical bound: it may stand in for something else.[/]")
+    for name in found.undetermined:
+        console.print(f"[dim]{name} was not fitted: these runs say nothing about it.[/]")
+
+
+def say_places(found: "Comparison", most: int = 6) -> None:
+    """Print where the model fails."""
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    for place in found.places[:most]:
+        run = f" in {place.run}" if place.run else ""
+        console.print(
+            f"  {place.channel}{run}: {place.against} {place.start:.3g} to {place.end:.3g} {place.unit}, "
+            f"χ² per sample {place.chi2_per_sample:.3g}"
+        )
+
+
+def say_ladder(ladder: "tuple[Rung, ...]") -> None:
+    """Print the error falling."""
+    from rich.console import Console
+    from rich.table import Table
+
+    channels = list(ladder[0].rmse)
+    heads = [text for c in channels for text in (f"{c} rmse", "held out")]
+    table = Table("step", *heads, "χ²/sample", "BIC", box=None, header_style="dim")
+    for rung in ladder:
+        name = "+ " + " + ".join(rung.added) if rung.added else "as given" if not rung.removed else ""
+        name += f" [{', '.join(rung.joints)}]".replace("[", "\\[") if rung.joints else ""
+        name += "".join(f" − {removed}" for removed in rung.removed)
+        name += f" (or {', '.join(rung.tied_with)})" if rung.tied_with else ""
+        cells = []
+        for channel in channels:
+            held_out = rung.held_out_rmse.get(channel)
+            cells += [f"{rung.rmse[channel]:.4g}", "–" if held_out is None else f"{held_out:.4g}"]
+        table.add_row(name, *cells, f"{rung.chi2_per_sample:.4g}", f"{rung.bic:.6g}")
+    Console(highlight=False).print(table)
