@@ -6,15 +6,12 @@ The data are 10 s at 100 Hz below a gripper that moves with .04 (1 - cos 2 pi .6
 a recording of that motion where one is found, else simulated by scipy from equations of the benchmark's own.
 """
 
-import os
-
-os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy is loaded
+import _timing as bench  # isort: skip
 
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-import _timing as bench
 import numpy as np
 from _closed_loop import learn
 from _estimation_cases import LENGTH, MASS, MOTION, NOISE, OUR_NAMES, TIME, recording, scenarios, simple_model

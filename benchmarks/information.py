@@ -7,16 +7,13 @@ at 100 Hz sees a load of 0.08 kg. The Cramer-Rao bound is of the length alone, a
 uncertain as a trial allows. Nothing is timed here.
 """
 
-import os
-
-os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy is loaded
+import _timing as bench  # isort: skip
 
 import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import _timing as bench
 import numpy as np
 from _closed_loop import DT, held, learn, recording
 from _pendulum import Pendulum

@@ -5,13 +5,10 @@
 The rival computes the same discretised cost and the same actions from hand-written equations and derivatives.
 """
 
-import os
-
-os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy is loaded
+import _timing as bench  # isort: skip
 
 from functools import cache
 
-import _timing as bench
 import numpy as np
 from _numpy_sac import NumpyControl
 from _pendulum import Pendulum

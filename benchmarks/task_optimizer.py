@@ -5,9 +5,7 @@
 Construction is not counted in the solve time and is printed beside it. crocoddyl takes part where it is installed.
 """
 
-import os
-
-os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy is loaded
+import _timing as bench  # isort: skip
 
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
@@ -19,7 +17,6 @@ from time import perf_counter
 from typing import Any
 
 import _problem_ta as problem
-import _timing as bench
 import casadi as ca
 import numpy as np
 
