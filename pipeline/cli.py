@@ -17,7 +17,10 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-COMMANDS = ("trial", "table", "ik", "arm", "check", "loadcell")
+COMMANDS = (
+    *("trial", "table", "new", "effects", "compare", "diagnose", "add", "repair"),
+    *("ik", "arm", "check", "loadcell"),
+)
 
 
 def _register() -> None:

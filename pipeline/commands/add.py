@@ -1,6 +1,5 @@
 """`armdyn add`: add one effect, refit, show the error fall."""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer

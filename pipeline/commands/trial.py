@@ -79,9 +79,8 @@ def trial(
 
 
 def _pendulum(file: Path) -> "PendulumModel":
-    from armdyn.model_file import read_model
-
     from armdyn.errors import InputError
+    from armdyn.model_file import read_model
     from armdyn.pendulum.model import PendulumModel
 
     model = read_model(file)
