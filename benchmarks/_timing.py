@@ -1,7 +1,7 @@
 """Side-by-side timing for the benchmarks.
 
-Import it first: it keeps BLAS to one thread, and has this directory searched last, because a benchmark here has the name
-of the package that it measures.
+Import it first: it keeps BLAS to one thread, and has this directory searched last, because a benchmark here has the
+name of the package that it measures.
 
 The machine's speed drifts with what else runs on it, so the contenders take turns (A B A B ...) in one process run and
 are compared round by round. Ratios are what is claimed; milliseconds are printed for orientation only.

@@ -1,0 +1,52 @@
+"""Each benchmark runs in a few seconds with --quick, finds no wrong answer and writes what it found."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+
+
+def run(script: str, tmp_path: Path, *options: str) -> dict:
+    results = tmp_path / "results.json"
+    command = [sys.executable, str(BENCHMARKS / script), *options, "--json", str(results)]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "[MISSED]" not in done.stdout
+    assert [entry.name for entry in tmp_path.iterdir()] == ["results.json"], "it leaves files where it is run"
+    return json.loads(results.read_text())
+
+
+def test_optimisers_find_the_same_swing(tmp_path: Path) -> None:
+    rows = run("task_optimizer.py", tmp_path, "--quick")["rows"]
+    assert {"armdyn", "armdyn, no C compiler", "IPOPT, as stated", "fatrop, RK4"} <= {row["solver"] for row in rows}
+    for row in rows:
+        assert row["cost"] == pytest.approx(row["best_cost"], abs=1e-6), row["solver"]
+
+
+def test_estimators_find_the_same_length_at_the_bound(tmp_path: Path) -> None:
+    found = run("estimator.py", tmp_path, "--quick")
+    assert max(row["off"] for row in found["rows"] if row["off"] is not None) < 0.02
+    assert found["efficiency"]["paired"] > 0.9
+    assert {row["guess"] for row in found["convergence"]} == {0.15}
+
+
+def test_action_control_agrees_with_plain_numpy(tmp_path: Path) -> None:
+    found = run("sac.py", tmp_path, "--quick")
+    assert max(found["differences"].values()) < 1e-9
+    assert found["gradient_error"] < 1e-6
+
+
+def test_action_control_tells_more_than_a_generic_chirp(tmp_path: Path) -> None:
+    found = run("information.py", tmp_path, "--quick")
+    assert found["sac"]["full_bound"] < 5e-4
+    assert found["sac"]["x"] < 0.2
+    assert found["same_peak"]["chirp 0.2-2 Hz"]["information"] < 0.1 * found["sac"]["information"]
+
+
+def test_length_is_learnt_on_the_simulated_robot(tmp_path: Path) -> None:
+    trials = run("length.py", tmp_path, "--quick")["trials"]
+    assert all(abs(trial["error"]) < 5e-3 for trial in trials)
