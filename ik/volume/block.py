@@ -13,6 +13,7 @@ Array = NDArray[np.float64]
 
 TOLERANCE = 1e-9  # m and rad
 NEWTON = 8  # steps; three are enough wherever the skeleton is smooth
+PATIENCE, HOPEFUL = 4, 1e-2  # after so many steps a target that is further off, in m or rad, is given up
 BATCH = 4096  # targets at once: what the caches hold
 APART = 1.5  # rad between corners of a cell of the skeleton that are not to be mixed
 
@@ -71,11 +72,11 @@ class BlockSolver:
             error = np.concatenate((position - motion.position, rotation_error(rotation, motion.rotation)))
             done = np.abs(error).max(axis=0) < TOLERANCE
             final[active[done]], reached[active[done]] = q[done], True
-            if done.all() or step == NEWTON:
+            going = ~done if step < PATIENCE else ~done & (np.abs(error).max(axis=0) < HOPEFUL)
+            if not going.any() or step == NEWTON:
                 break
             jacobian = self.chain.jacobian(motion).transpose(2, 0, 1)
-            if done.any():
-                going = ~done
+            if not going.all():
                 active, q, error, position = active[going], q[going], error[:, going], position[:, going]
                 jacobian = jacobian[going]
             transposed = jacobian.transpose(0, 2, 1)

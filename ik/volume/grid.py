@@ -20,8 +20,8 @@ SKELETON = 0.06  # m between the targets of the coarse skeleton; postures bend l
 class Status(IntEnum):
     """What became of a target."""
 
-    UNREACHABLE = 0
-    REACHED = 1  # on the branch of its neighbours
+    UNREACHABLE = 0  # within the joint limits on the branch of its neighbours
+    REACHED = 1
     TOUCHING = 2  # reached, but the arm touches something there
 
 

@@ -16,6 +16,8 @@ Flags = NDArray[np.bool_]
 TOLERANCE = 1e-9  # m and rad
 NEXT = 0.7  # rad between neighbours of the skeleton that still belong together
 SWEEPS = 30  # of smoothing; more change nothing
+PARTS = 8  # branches beside the first; each has a border on which postures jump, and later ones are small
+COLD_STARTS = 4  # per target that no wave reached
 CENTRING = 0.05  # share of the way to the middle of the joints' ranges per sweep, against creeping to a limit
 
 
@@ -81,7 +83,7 @@ def _neighbours(counts: tuple[int, int, int]) -> NDArray[np.intp]:
 
 
 def _mean(q: Array, neighbours: NDArray[np.intp]) -> Array:
-    """Mean posture of the solved neighbours, (k, n); nan where there is none."""
+    """Mean posture of the solved ones among neighbours (k, 6), (k, n); nan where there is none."""
     around = np.where((neighbours >= 0)[:, :, None], q[neighbours], np.nan)
     solved = ~np.isnan(around)
     return np.asarray(
@@ -92,33 +94,33 @@ def _mean(q: Array, neighbours: NDArray[np.intp]) -> Array:
 def _spread(solver: Solver, rotation: Array, position: Array, q: Array, neighbours: NDArray[np.intp]) -> Array:
     """Solve what is unsolved, outwards from what is solved; where that ends, from the library of postures."""
     q = q.copy()
-    tried: Array = np.full(len(q), -1)
-    cold_done = False
+    tried = np.full(len(q), -1)
+    cold: Array | None = None
+    parts = 0
     while True:
-        mean = _mean(q, neighbours)
         count = ((neighbours >= 0) & ~np.isnan(q[neighbours][:, :, 0])).sum(axis=1)
         # A target is tried again when more of its neighbours are solved than the last time.
         wave = np.flatnonzero(np.isnan(q[:, 0]) & (count > tried) & (count > 0))
         if len(wave):
             tried[wave] = count[wave]
-            found, error = solver.descend(rotation[wave], position[wave], mean[wave])
-            good = (error < TOLERANCE) & (np.abs(found - mean[wave]).max(axis=1) < NEXT)
+            mean = _mean(q, neighbours[wave])
+            found, error = solver.descend(rotation[wave], position[wave], mean)
+            good = (error < TOLERANCE) & (np.abs(found - mean).max(axis=1) < NEXT)
             q[wave[good]] = found[good]
             continue
-        if cold_done:
-            return q
-        left = np.flatnonzero(np.isnan(q[:, 0]))
-        answers = solver.solve(rotation[left], position[left], starts=4)
-        reached = left[answers.reached]
-        if not len(reached):
-            return q
-        # One posture starts the next part, the one closest to what is solved; the waves do the rest.
         known = ~np.isnan(q[:, 0])
-        centre = np.nanmean(q, axis=0) if known.any() else answers.q[answers.reached][0]
-        first = int(np.abs(answers.q[answers.reached] - centre).max(axis=1).argmin())
-        q[reached[first]] = answers.q[answers.reached][first]
-        tried[:] = -1
-        cold_done = len(reached) < 2 or known.sum() > 0.98 * len(q)
+        if cold is None:
+            cold = np.full_like(q, np.nan)
+            answers = solver.solve(rotation[~known], position[~known], starts=COLD_STARTS)
+            cold[~known] = np.where(answers.reached[:, None], answers.q, np.nan)
+        left = np.flatnonzero(~known & ~np.isnan(cold[:, 0]))
+        if not len(left) or parts == PARTS:
+            return q
+        # The posture closest to what is solved starts the next part; the waves do the rest.
+        centre = np.mean(q[known], axis=0) if known.any() else cold[left[0]]
+        first = left[int(np.abs(cold[left] - centre).max(axis=1).argmin())]
+        q[first] = cold[first]
+        parts += 1
 
 
 def _smooth(
