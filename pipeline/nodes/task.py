@@ -53,7 +53,7 @@ class TaskSettings:
         return TaskCost(
             target=(self.target_x, -self.target_below),
             travel_weight=self.travel_weight,
-            wall=(self.wall_x, -self.wall_below),
+            wall=(self.wall_x, -self.wall_below) if self.clearance > 0 else None,
             clearance=self.clearance,
         )
 
