@@ -19,6 +19,8 @@ from armdyn.errors import InputError
 
 INPUTS = ("time", "position", "velocity", "acceleration", "direction", "load", "inner q", "inner v", "inner a")
 LOAD = INPUTS.index("load")
+BLOCK = 512
+"""Samples per evaluation; a run of any length is a sequence of blocks, the last one padded."""
 
 
 class Term:
@@ -59,25 +61,83 @@ class Term:
         return self._columns(inputs, np.zeros(size)).T
 
     def rest(self, inputs: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """(n, 2 + nonlinear) over (9, n) inputs: the rest, its derivatives by `nonlinear`, that by the load."""
+        """(n, 2 + nonlinear) over (9, n) inputs: the rest, its derivatives by `nonlinear`, that by the load.
+
+        It depends on the entries `nonlinear` of (k,) `theta` only.
+        """
         return self._rest(inputs, theta).T
 
 
 class _OverTime:
-    """A function of inputs and parameters, evaluated at all samples of a run in one call."""
+    """A function of inputs and parameters, evaluated at all samples of a run, block by block."""
 
     def __init__(self, function: ca.Function) -> None:
-        self._function = function
-        self._sized = lru_cache(maxsize=8)(self._build)
-
-    def _build(self, n: int) -> Buffered:
-        inputs = ca.MX.sym("w", self._function.size1_in(0), n)
-        theta = ca.MX.sym("theta", self._function.numel_in(1))
-        return Buffered(ca.Function("all", [inputs, theta], [self._function.map(n)(inputs, ca.repmat(theta, 1, n))]))
+        self._rows = function.size1_out(0)
+        inputs = ca.MX.sym("w", function.size1_in(0), BLOCK)
+        theta = ca.MX.sym("theta", function.numel_in(1))
+        whole = [function.map(BLOCK)(inputs, ca.repmat(theta, 1, BLOCK))]
+        self._block = Buffered(ca.Function("block", [inputs, theta], whole))
+        self._padded = np.zeros((function.size1_in(0), BLOCK))
 
     def __call__(self, inputs: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """(m, n) for (9, n) inputs and (k,) parameters."""
-        return self._sized(inputs.shape[1])(inputs, theta)[0].copy()
+        n = inputs.shape[1]
+        result = np.empty((self._rows, n))
+        for first in range(0, n, BLOCK):
+            block = inputs[:, first : first + BLOCK]
+            width = block.shape[1]
+            if width < BLOCK:
+                self._padded[:, :width] = block
+                block = self._padded
+            result[:, first : first + width] = self._block(block, theta)[0][:, :width]
+        return result
+
+
+class LinkFunction:
+    """Inertial parameters of a link that effects have deformed or loaded.
+
+    Args:
+        parameters: (10,) expression of `shape` and `theta`.
+        shape: (4, 4) symbols.
+        theta: (k,) symbols.
+        null: (k,) values at which the effects are absent.
+    """
+
+    def __init__(self, parameters: Expression, shape: Expression, theta: Expression, null: np.ndarray) -> None:
+        outputs = [ca.densify(parameters), ca.densify(ca.jacobian(parameters, theta))]
+        self._function = Buffered(ca.Function("link", [shape, theta], outputs))
+        self._null = null
+
+    def change(self, shape: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(10,) what the effects add to the described link with the factor `shape`, and (10, k) its derivatives."""
+        # The described link is what the same function gives at the null values: no effect, no change at all.
+        described = self._function(shape, self._null)[0][:, 0].copy()
+        parameters, derivatives = self._function(shape, theta)
+        return parameters[:, 0] - described, derivatives.copy()
+
+
+class SensorFunction:
+    """Gain and delay of a torque sensor, and their derivatives.
+
+    Args:
+        expression: (2,) of `theta`.
+        theta: (k,) symbols.
+
+    Attributes:
+        scaled: whether the gain depends on parameters.
+        delayed: whether the delay does.
+    """
+
+    def __init__(self, expression: Expression, theta: Expression) -> None:
+        self._function = Buffered(
+            ca.Function("sensor", [theta], [ca.densify(expression), ca.densify(ca.jacobian(expression, theta))])
+        )
+        self.scaled, self.delayed = (bool(ca.depends_on(expression[i], theta)) for i in range(2))
+
+    def at(self, theta: np.ndarray) -> tuple[float, float, np.ndarray]:
+        """Gain, delay in s, and (2, k) their derivatives."""
+        values, derivatives = self._function(theta)
+        return float(values[0, 0]), float(values[1, 0]), derivatives.copy()
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,24 +146,19 @@ class JointFunctions:
 
     Attributes:
         names: ``"<effect>.<quantity>"`` in the order of theta (k,).
-        null: (k,) values at which the effects are absent.
         torque: beyond the load.
         inner_torque: on the inner neighbour's drive.
         offset: of the sensor's reading.
-        sensor: ``theta -> gain, delay`` and their derivatives, (2,) and (2, k).
-        link: ``(shape (4, 4), theta) -> (10,), (10, k)`` inertial parameters and their derivatives; None where no
-            effect acts on the link.
-        delayed: whether the delay depends on parameters.
+        sensor: its gain and delay.
+        link: None where no effect acts on the link.
     """
 
     names: tuple[str, ...]
-    null: np.ndarray
     torque: Term
     inner_torque: Term
     offset: Term
-    sensor: ca.Function
-    link: ca.Function | None
-    delayed: bool
+    sensor: SensorFunction
+    link: LinkFunction | None
 
 
 def compose_joint(effects: Sequence[Effect]) -> JointFunctions:
@@ -147,16 +202,14 @@ def _composed(effects: tuple[_Applied, ...]) -> JointFunctions:
             f"effects {', '.join(e.name for e in effects)}: gain, delay and link of a joint can depend on parameters "
             "only: write what changes with the motion as a torque or an offset"
         )
-    link = ca.Function("link", [shape, theta], [ca.densify(parameters), ca.densify(ca.jacobian(parameters, theta))])
+    null = np.array([null for e in effects for null in e.null])
     return JointFunctions(
         names=names,
-        null=np.array([null for e in effects for null in e.null]),
         torque=Term(joint.torque, inputs, theta),
         inner_torque=Term(joint.inner_torque, inputs, theta),
         offset=Term(joint.offset, inputs, theta),
-        sensor=ca.Function("sensor", [theta], [ca.densify(sensor), ca.densify(ca.jacobian(sensor, theta))]),
-        link=link if ca.depends_on(parameters, theta) else None,
-        delayed=bool(ca.depends_on(joint.delay, theta)),
+        sensor=SensorFunction(sensor, theta),
+        link=LinkFunction(parameters, shape, theta, null) if ca.depends_on(parameters, theta) else None,
     )
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -11,9 +12,6 @@ from armdyn.arm.composition import LOAD, JointFunctions, Term
 from armdyn.arm.motion import Motion
 from armdyn.arm.rigid import inverse_dynamics, torque_regressor
 from armdyn.arm.sampling import Sampler
-
-Derivatives = dict[int, np.ndarray]
-"""By joint: derivatives by its parameters, one column for each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,9 +38,14 @@ class Stretch:
         """(n, nj, nj, 10) torques per inertial parameter."""
         return torque_regressor(self.model, self.motion)
 
+    @cached_property
+    def parents(self) -> tuple[int, ...]:
+        """(nj,) index of each joint's neighbour towards the base, -1 for none."""
+        return tuple(int(parent) - 1 for parent in list(self.model.parents)[1:])
+
     def parent(self, joint: int) -> int:
         """Index of the next joint towards the base, -1 for none."""
-        return int(self.model.parents[joint + 1]) - 1
+        return self.parents[joint]
 
     def carries(self, joint: int, link: int) -> bool:
         """Whether the link that joint `link` moves hangs on `joint`."""
@@ -75,14 +78,45 @@ class Links:
 
     def __init__(self, functions: Sequence[JointFunctions], theta: Sequence[np.ndarray], shapes: np.ndarray) -> None:
         self.change: dict[int, np.ndarray] = {}
-        self.derivatives: Derivatives = {}
+        self.derivatives: dict[int, np.ndarray] = {}
         for i, (joint, values, shape) in enumerate(zip(functions, theta, list(shapes), strict=True)):
             if joint.link is not None:
-                parameters, derivatives = joint.link(shape, values)
-                # The described link is what the same function gives at the null values: no effect, no change at all.
-                described, _ = joint.link(shape, joint.null)
-                self.change[i] = np.asarray(parameters - described).ravel()
-                self.derivatives[i] = np.asarray(derivatives)
+                self.change[i], self.derivatives[i] = joint.link.change(shape, values)
+
+
+class Signal:
+    """Coefficients of a torque while its parts are added up, with its derivatives by the joints that matter.
+
+    Args:
+        size: N.
+        widths: number of parameters by joint.
+
+    Attributes:
+        value: (N,).
+        derivatives: (N, sum of the widths).
+        columns: by joint, where its parameters are.
+    """
+
+    def __init__(self, size: int, widths: dict[int, int]) -> None:
+        self.value = np.zeros(size)
+        self.columns: dict[int, slice] = {}
+        last = 0
+        for joint, width in widths.items():
+            self.columns[joint] = slice(last, last + width)
+            last += width
+        self.derivatives = np.zeros((size, last))
+
+    def by(self, joint: int) -> np.ndarray:
+        """(N, k) view of the derivatives by a joint's parameters."""
+        return self.derivatives[:, self.columns[joint]]
+
+
+class _Rest(NamedTuple):
+    """What a term that is not linear came to last: for which parameters, and the coefficients."""
+
+    key: bytes
+    coefficients: np.ndarray
+    slopes: dict[int, np.ndarray]
 
 
 class ChannelPredictor:
@@ -98,14 +132,16 @@ class ChannelPredictor:
         self._stretch, self._sampler, self._joint = stretch, sampler, joint
         self._described = sampler.coefficients(stretch.described[:, [joint]])[:, 0]
         self._on_time = sampler.matrix(0.0)
+        self._slope_on_time = sampler.matrix(0.0, 1)
         self._inputs = cache(stretch.inputs)
         self._link = cache(lambda link: sampler.coefficients(stretch.regressor[:, joint, link]))
         self._linear: dict[Term, np.ndarray] = {}
+        self._rests: dict[Term, _Rest] = {}
 
     def predict(
         self, functions: Sequence[JointFunctions], theta: Sequence[np.ndarray], links: Links
-    ) -> tuple[np.ndarray, Derivatives]:
-        """Samples (n,) of the channel, and their derivatives (n, k) by the parameters of each joint that matters.
+    ) -> tuple[np.ndarray, dict[int, np.ndarray]]:
+        """Samples (n,) of the channel, and by joint that matters their derivatives (n, k) by its parameters.
 
         Args:
             functions: of all joints.
@@ -113,76 +149,77 @@ class ChannelPredictor:
             links: at these parameters.
         """
         j, own = self._joint, functions[self._joint]
-        sensor, by_sensor = (np.asarray(x) for x in own.sensor(theta[j]))
-        gain, delay = float(sensor[0, 0]), float(sensor[1, 0])
-        torque, by_torque = self._drive(functions, theta, links)
-        offset, by_offset = self._term(own.offset, j, theta[j], links)
-        reading = gain * torque + offset
-        derivatives = {i: gain * d for i, d in by_torque.items()}
-        _add(derivatives, by_offset)
-        _add(derivatives, {j: np.outer(torque, by_sensor[0])})
+        outer = [
+            i for i in range(len(functions)) if self._stretch.parent(i) == j and not functions[i].inner_torque.empty
+        ]
+        carried = [i for i in links.change if self._stretch.carries(j, i)]
+        loading = [i for k in outer for i in links.change if self._stretch.carries(k, i)]
+        widths = {i: len(theta[i]) for i in dict.fromkeys((j, *outer, *carried, *loading))}
+        total = Signal(len(self._described), widths)
+        total.value += self._described
+        self._add(total, own.torque, j, theta[j], links)
+        for i in carried:
+            columns = self._link(i)
+            total.value += columns @ links.change[i]
+            total.by(i)[:] += columns @ links.derivatives[i]
+        for i in outer:
+            self._add(total, functions[i].inner_torque, i, theta[i], links)
+        gain, delay, by_sensor = own.sensor.at(theta[j])
+        torque = total.value
+        if own.sensor.scaled:
+            total.derivatives *= gain
+            total.by(j)[:] += np.outer(torque, by_sensor[0])
+            total.value = gain * torque
+        self._add(total, own.offset, j, theta[j], links)
+        return self._sampled(total, delay, by_sensor[1] if own.sensor.delayed else None)
+
+    def _sampled(
+        self, total: Signal, delay: float, by_delay: np.ndarray | None
+    ) -> tuple[np.ndarray, dict[int, np.ndarray]]:
         matrix = self._on_time if delay == 0.0 else self._sampler.matrix(delay)
-        sampled = {i: np.asarray(matrix @ d) for i, d in derivatives.items()}
-        if own.delayed:
-            slope = self._sampler.matrix(delay, 1) @ reading
-            _add(sampled, {j: -np.outer(slope, by_sensor[1])})
-        return np.asarray(matrix @ reading), sampled
+        sampled = np.asarray(matrix @ total.derivatives)
+        derivatives = {i: sampled[:, columns] for i, columns in total.columns.items()}
+        if by_delay is not None:
+            slope = (self._slope_on_time if delay == 0.0 else self._sampler.matrix(delay, 1)) @ total.value
+            derivatives[self._joint] -= np.outer(slope, by_delay)
+        return np.asarray(matrix @ total.value), derivatives
 
-    def _drive(
-        self, functions: Sequence[JointFunctions], theta: Sequence[np.ndarray], links: Links
-    ) -> tuple[np.ndarray, Derivatives]:
-        """Coefficients (N,) of the drive's torque, and (N, k) of its derivatives."""
-        j = self._joint
-        torque, derivatives = self._term(functions[j].torque, j, theta[j], links)
-        total = self._described + torque
-        for i, change in links.change.items():
-            if self._stretch.carries(j, i):
-                columns = self._link(i)
-                total = total + columns @ change
-                _add(derivatives, {i: columns @ links.derivatives[i]})
-        for i, outer in enumerate(functions):
-            if self._stretch.parent(i) == j and not outer.inner_torque.empty:
-                torque, more = self._term(outer.inner_torque, i, theta[i], links)
-                total = total + torque
-                _add(derivatives, more)
-        return total, derivatives
-
-    def _term(self, term: Term, joint: int, theta: np.ndarray, links: Links) -> tuple[np.ndarray, Derivatives]:
-        """Coefficients (N,) of a term of a joint's functions, and (N, k) of its derivatives."""
-        size, count = len(self._described), len(theta)
-        value, by_own = np.zeros(size), np.zeros((size, count))
+    def _add(self, total: Signal, term: Term, joint: int, theta: np.ndarray, links: Links) -> None:
+        """Add a term of a joint's functions."""
         if term.empty:
-            return value, {joint: by_own}
+            return
         if term not in self._linear:
-            self._linear[term] = self._sampler.coefficients(term.columns(self._inputs(joint), count))
-        columns = self._linear[term]
-        linear, nonlinear = list(term.linear), list(term.nonlinear)
-        value = columns @ theta[linear]
-        by_own[:, linear] = columns
-        derivatives = {joint: by_own}
+            self._linear[term] = self._sampler.coefficients(term.columns(self._inputs(joint), len(theta)))
+        own = total.by(joint)
+        for column, i in zip(self._linear[term].T, term.linear, strict=True):
+            # One after the other, so that one more with a factor of zero changes no digit.
+            total.value += column * theta[i]
+            own[:, i] += column
         if term.has_rest:
-            inputs = self._loaded_inputs(joint, links) if term.loaded else self._inputs(joint)
-            rest = term.rest(inputs, theta)
-            coefficients = self._sampler.coefficients(rest[:, :-1])
-            value = value + coefficients[:, 0]
-            by_own[:, nonlinear] = coefficients[:, 1:]
-            per_load = rest[:, -1]
-            if term.loaded and per_load.any():
-                for i, change in links.derivatives.items():
-                    if self._stretch.carries(joint, i):
-                        # Ten columns however many parameters there are.
-                        slopes = self._sampler.coefficients(per_load[:, None] * self._stretch.regressor[:, joint, i])
-                        _add(derivatives, {i: slopes @ change})
-        return value, derivatives
+            rest = self._rest(term, joint, theta, links)
+            total.value += rest.coefficients[:, 0]
+            for column, i in zip(rest.coefficients[:, 1:].T, term.nonlinear, strict=True):
+                own[:, i] += column
+            for i, slopes in rest.slopes.items():
+                total.by(i)[:] += slopes @ links.derivatives[i]
 
-    def _loaded_inputs(self, joint: int, links: Links) -> np.ndarray:
-        inputs = self._inputs(joint).copy()
-        for i, change in links.change.items():
-            if change.any() and self._stretch.carries(joint, i):
-                inputs[LOAD] += self._stretch.regressor[:, joint, i] @ change
-        return inputs
-
-
-def _add(total: Derivatives, more: Derivatives) -> None:
-    for i, d in more.items():
-        total[i] = total[i] + d if i in total else d
+    def _rest(self, term: Term, joint: int, theta: np.ndarray, links: Links) -> _Rest:
+        """Most fits leave most of these parameters alone, so that the last answer often still holds."""
+        carried = [i for i in links.change if self._stretch.carries(joint, i)] if term.loaded else []
+        key = b"".join([theta[list(term.nonlinear)].tobytes(), *(links.change[i].tobytes() for i in carried)])
+        last = self._rests.get(term)
+        if last is not None and last.key == key:
+            return last
+        inputs = self._inputs(joint)
+        if term.loaded:
+            inputs = inputs.copy()
+            for i in carried:
+                inputs[LOAD] += self._stretch.regressor[:, joint, i] @ links.change[i]
+        rest = term.rest(inputs, theta)
+        per_load, slopes = rest[:, -1:], {}
+        if per_load.any():
+            for i in carried:  # ten columns for a link, however many parameters it has
+                slopes[i] = self._sampler.coefficients(per_load * self._stretch.regressor[:, joint, i])
+        found = _Rest(key, self._sampler.coefficients(rest[:, :-1]), slopes)
+        self._rests[term] = found
+        return found
