@@ -102,7 +102,7 @@ def fit(problem: Problem, free: np.ndarray, start: np.ndarray, *, windows: bool 
             cut = Problem(problem.model, [_first(run, window) for run in problem.runs], problem.noise)
             these = free if window >= SETTLED_WINDOW else free & (problem.per_run | _is_base(problem))
             these = these & determined(cut, these, values)
-            values = cut.fit(these, values, most_steps=15, tolerance=0.1).values
+            values = cut.fit(these, values, most_steps=8, tolerance=0.3).values
     found = problem.fit(free, values, most_steps=most_steps)
     return Fit(problem, free, found.values, tuple(problem.blocks(found.values)), found.outcome)
 

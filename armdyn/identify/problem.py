@@ -184,8 +184,9 @@ class _Part:
 
     def evaluate(self, values: np.ndarray) -> Expansion:
         whole = self.whole(values)
-        at = self._problem.expansion(whole, self._free)
-        if not np.isfinite(at.cost):
+        with np.errstate(all="ignore"):  # a diverging simulation is an infinite cost, and the step is shortened
+            at = self._problem.expansion(whole, self._free)
+        if not (np.isfinite(at.cost) and np.all(np.isfinite(at.hessian)) and np.all(np.isfinite(at.gradient))):
             return Expansion(np.inf, np.zeros(len(values)), np.eye(len(values)))
         return at
 

@@ -1,13 +1,14 @@
 """Which effect to add next: refit what promises most, rank by evidence, accept what held-out runs confirm."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
 from armdyn.identify.evidence import Weighed, Whitening, p_value
 from armdyn.identify.fit import GROSS, Fit
+from armdyn.identify.held_out import chi2_of
 from armdyn.identify.noise import whitened
 from armdyn.identify.problem import Block
 from armdyn.identify.score import Candidate, Score
@@ -23,7 +24,12 @@ TIE = 6.0
 """Difference of evidence below which effects count as tied: above it the first was right in 320 of 320."""
 CLOSE = 2.0
 """Chi2 per sample at which a fit has certainly found the right minimum."""
-THOROUGH = 6
+THOROUGH = 4
+LEAST_SHARE = 0.25
+"""Far above the noise, each effect must explain this share of the misfit that is left: where something large is
+missing, a small gain cannot be attributed."""
+AT_FLOOR = 2.0
+"""Chi2 per sample of held-out runs below which they cannot improve by much more than chance."""
 NEARLY = 0.9
 """Share of the best effect's gain at which a simpler one is preferred: dry friction before asymmetric dry friction."""
 UNHARMED = 3.0
@@ -46,6 +52,8 @@ class Option:
         held_out_gain: fall of the whitened cost of held-out runs; None where none was held out or it was not tried.
         held_out_fell: whether it fell, or rose no more than by chance; None likewise.
         held_out: residuals there.
+        share: of the misfit above the noise that it explains.
+        far: whether the model without it is far above the noise.
     """
 
     added: tuple[Candidate, ...]
@@ -54,6 +62,8 @@ class Option:
     weighed: Weighed
     delta_bic: float
     p_value: float
+    share: float
+    far: bool
     held_out_gain: float | None = None
     held_out_fell: bool | None = None
     held_out: tuple[Block, ...] | None = None
@@ -61,7 +71,8 @@ class Option:
     @property
     def accepted(self) -> bool:
         """Significant, worth its unknowns, and confirmed by held-out runs where there are any."""
-        return self.p_value < SIGNIFICANCE and self.delta_bic > 0 and self.held_out_fell is not False
+        attributable = not self.far or self.share > LEAST_SHARE * len(self.added)
+        return self.p_value < SIGNIFICANCE and self.delta_bic > 0 and self.held_out_fell is not False and attributable
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,6 +178,8 @@ def compare(
                 weighed=weight,
                 delta_bic=present.bic - weight.bic,
                 p_value=min(1.0, tried * p_value(drop, extra, one_sided=bounded)),
+                share=(now.cost - found.cost) / max(now.cost - now.samples, 1e-9),
+                far=now.chi2_per_sample > GROSS,
             )
         )
     options.sort(key=lambda o: -o.delta_bic)
@@ -190,14 +203,9 @@ def confirmed(study: Study, now: Fit, ranking: Ranking) -> Ranking:
             evidence.append(option.delta_bic)
             continue
         gain = before - _cost(blocks, ranking.whitening)
-        options.append(
-            Option(
-                option.added, option.effects, option.fit, option.weighed, option.delta_bic, option.p_value,
-                held_out_gain=gain,
-                held_out_fell=gain > -UNHARMED,
-                held_out=tuple(blocks),
-            )
-        )  # fmt: skip
+        error, samples = chi2_of(blocks), sum(len(block.residual) for block in blocks)
+        fell = error < chi2_of(reference) or (error < AT_FLOOR * samples and gain > -UNHARMED)
+        options.append(replace(option, held_out_gain=gain, held_out_fell=fell, held_out=tuple(blocks)))
         # Runs that were given to be held out add to the evidence; runs held out in turn are in it already.
         evidence.append(option.delta_bic + (gain if study.held_out else 0.0))
     order = sorted(range(len(options)), key=lambda i: -evidence[i])
@@ -218,7 +226,7 @@ def superfluous(study: Study, now: Fit, effects: Sequence[Candidate], kept: Sequ
     if gains[best] <= 0:
         return None
     rest = tuple(e for e in effects if e is not removable[best])
-    return Option((removable[best],), rest, fits[best], compared[best + 1], gains[best], 1.0)
+    return Option((removable[best],), rest, fits[best], compared[best + 1], gains[best], 1.0, 0.0, False)
 
 
 def _needed(study: Study, added: tuple[Candidate, ...], weight: Weighed) -> tuple[Candidate, ...]:

@@ -34,7 +34,10 @@ class Composition:
         readings: ``(t, tension, phi, rate, theta) -> force N, angle rad, rate rad/s``.
         timing: ``theta -> lag, delay of the load cell, lag of the gripper``, s.
         compliance: ``theta -> (2,)`` of the string and of the gripper, m/N.
+        string_weight: ``theta -> (3,)`` mass of the string times gravity, N, in the frame of the line.
+        string_mass: ``theta -> ()`` kg.
         transverse: ``theta -> (3,)`` swing across the line at the start, see `physics.Load`.
+        heavy: whether the string has mass.
         yields: whether string or gripper give way to the tension.
         crosses: whether the load swings across the line as well.
         trails: whether the gripper trails its measured position.
@@ -48,7 +51,10 @@ class Composition:
     readings: ca.Function
     timing: ca.Function
     compliance: ca.Function
+    string_weight: ca.Function
+    string_mass: ca.Function
     transverse: ca.Function
+    heavy: bool
     yields: bool
     crosses: bool
     trails: bool
@@ -106,7 +112,10 @@ def compose(effects: Sequence[Effect]) -> Composition:
         readings=ca.Function("readings", [t, tension, phi, rate, theta], [sensor.force, sensor.angle, sensor.rate]),
         timing=ca.Function("timing", [theta], [sensor.lag, sensor.delay, gripper.lag]),
         compliance=ca.Function("compliance", [theta], [ca.densify(compliance)]),
+        string_weight=ca.Function("string_weight", [theta], [-STANDARD_GRAVITY * string.mass * up]),
+        string_mass=ca.Function("string_mass", [theta], [string.mass]),
         transverse=ca.Function("transverse", [theta], [ca.densify(load.transverse)]),
+        heavy=not string.mass.is_zero(),
         yields=not compliance.is_zero(),
         crosses=not load.transverse.is_zero(),
         trails=not gripper.lag.is_zero(),

@@ -8,7 +8,8 @@ so that a measured gripper path is differentiated once. The string's tension is 
 
     T = dL/drho - d/dt dL/drho' + Q_rho,
 
-and only there the acceleration enters. For the bare pendulum T = m (g cos phi + l phi'^2 + u sin phi).
+and only there the acceleration enters. For the bare pendulum T = m (g cos phi + l phi'^2 + u sin phi). A string with
+mass is pulled at its upper end by all of it, m_s [e . (g - g'') / 2 + l phi'^2 / 6] more; that is what the cell feels.
 (Goldstein, Classical Mechanics, 3rd ed., §2.4 for constraint forces, §8.1 for momenta.)
 """
 
@@ -131,6 +132,11 @@ def derive_dynamics(
     in_plane = on_string(ca.gradient(lagrangian, stretch) + ca.dot(ca.jacobian(q, stretch), force)) - along_motion(
         radial, rate_of_rate
     )
+    if composition.heavy:
+        # The constraint force counts the string by its stretching; the upper end carries all of it.
+        string_mass, weight = composition.string_mass(theta), composition.string_weight(theta)
+        half = on_string(ca.dot(weight - string_mass * along_motion(gd, rate_of_rate), direction(phi)) / 2)
+        in_plane += half + on_string(string_mass * (length + stretch) * rate**2 / 6)
     rate_of_state = (momentum - b) / M
 
     s, w = [phi, momentum], [t, x, v, a, z, vz, az]
