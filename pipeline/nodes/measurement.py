@@ -1,6 +1,8 @@
 """The measurement node: joints and load cell in, one recording out, and an eye on the load cell."""
 
+from collections import deque
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 
@@ -16,6 +18,8 @@ from pipeline.robot.protocol import JointState, Robot
 SLACK_FORCE = 0.02
 """N; a string that pulls less than this for `SLACK_TIME` has gone slack (an 80 g load pulls 0.78 N at rest)."""
 SLACK_TIME = 0.05
+WAIT = 2 * SLACK_TIME
+"""s that samples wait before they are recorded."""
 LINE_CHANNELS = {"gripper_x": "m", "gripper_z": "m", "load_force": "N"}
 
 
@@ -55,7 +59,8 @@ class MeasurementNode:
     """Reads the robot at 100 Hz.
 
     The recording is one of a hanging load: once the load is let down (`load_hangs` is False) what is measured goes to
-    channels called ``landing.*``, so that the recording can be held against a pendulum as it is.
+    channels called ``landing.*``, so that the recording can be held against a pendulum as it is. Samples wait until it
+    is known that the string did not go slack with them.
 
     Attributes:
         load_hangs: False once the load may touch the box and the string go slack.
@@ -80,6 +85,7 @@ class MeasurementNode:
         self._joints = description.joint_names
         self._gripper, self._height, self._force = _Series.empty(), _Series.empty(), _Series.empty()
         self._pulled_at: float | None = None
+        self._waiting: deque[tuple[str, float, float]] = deque()
         self.begin()
         self.load_hangs = True
         self.fault: str | None = None
@@ -93,26 +99,42 @@ class MeasurementNode:
         self.gripper = along
         self._gripper.append(state.time, along)
         self._height.append(state.time, height)
-        record = self._recorder.record
-        place = "" if self.load_hangs else "landing."
-        record(f"{place}gripper_x", state.time, along)
-        record(f"{place}gripper_z", state.time, height)
+        record, wait = self._recorder.record, self._waiting.append
+        wait(("gripper_x", state.time, along))
+        wait(("gripper_z", state.time, height))
         for prefix, values in (("q", state.q), ("v", state.v), ("tau", state.tau)):
             for name, value in zip(self._joints, values, strict=True):
                 record(f"{prefix}.{name}", state.time, float(value))
         samples = self._robot.load_cell()
         for sample in samples:
             self._force.append(sample.time, sample.force)
-            record(f"{place}load_force", sample.time, sample.force)
+            wait(("load_force", sample.time, sample.force))
             if sample.force > SLACK_FORCE or self._pulled_at is None or not self.load_hangs:
                 self._pulled_at = sample.time
             elif sample.time - self._pulled_at > SLACK_TIME and self.fault is None:
                 self.fault = (
                     f"the string has been slack since {self._pulled_at:.2f} s: move less, or hang a heavier load"
                 )
+                self.let_down(self._pulled_at)
+        self._record_until(now - WAIT)
         found = self._detector.update(now, samples)
         if found is not None and self.load_hangs and self.fault is None:
             self.fault = f"load cell at {now:.2f} s: {found.value}"
+
+    def let_down(self, time: float) -> None:
+        """From `time` s on the load hangs no more: what follows is recorded as landing."""
+        self._record_until(time)
+        self.load_hangs = False
+
+    def finish(self) -> None:
+        """Record what still waits."""
+        self._record_until(inf)
+
+    def _record_until(self, time: float) -> None:
+        place = "" if self.load_hangs else "landing."
+        while self._waiting and self._waiting[0][1] <= time:
+            name, stamp, value = self._waiting.popleft()
+            self._recorder.record(f"{place}{name}", stamp, value)
 
     def begin(self) -> None:
         """The run for the estimator starts now, with the load at rest."""

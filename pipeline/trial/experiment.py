@@ -89,6 +89,7 @@ class Experiment:
             except (_StopError, TaskFailedError) as reason:
                 message, stopped = str(reason), True
                 self._come_to_rest()
+            self.measurement.finish()
             success = not stopped and self.robot.load_in_box()
             return self._result(success, message, stopped, recorder)
 
@@ -126,7 +127,7 @@ class Experiment:
             self._run("calm", 0.65, CALM)
         self.task.throw(self.estimator.model)
         self._run("swing", 0.7, c.task.duration + 1.0, self._swing_ends)
-        self.measurement.load_hangs = False
+        self.measurement.let_down(self.robot.time)
         self._run("finish", 0.9, 3.0, lambda: self.task.idle)
         self._run("look", 0.95, LOOK)
         if self.robot.load_in_box():
