@@ -16,6 +16,8 @@ from armdyn.identify.study import Study
 from armdyn.identify.whiteness import Remainder, remainder
 
 MOST_STEPS = 8
+HALF = 0.5
+"""Share of the misfit; far above the noise, a single effect that explains less is weighed against pairs."""
 RIVALS = 3
 """Of each step, how many runners-up are tried in exchange at the end."""
 
@@ -71,10 +73,11 @@ def search(study: Study, progress: Progress | None = None, *, most_steps: int = 
         ranking = rank(study, now, effects, promised)
         first = first or ranking
         chosen, tied = ranking.best, _tied(ranking, ranking.best)
-        if chosen is None:
+        if chosen is None or (chosen.far and chosen.share < HALF and previous is not None):
             say("trying pairs")
-            chosen = _pair(study, now, effects, ranking, previous)
-            tied = ()
+            pair = _pair(study, now, effects, ranking, previous)
+            if pair is not None and (chosen is None or pair.fit.cost < chosen.fit.cost):
+                chosen, tied = pair, ()
         if chosen is None:
             break
         rivals += [o.added[0] for o in ranking.options[: RIVALS + 1]]

@@ -28,6 +28,8 @@ THOROUGH = 4
 LEAST_SHARE = 0.25
 """Far above the noise, each effect must explain this share of the misfit that is left: where something large is
 missing, a small gain cannot be attributed."""
+CLEARLY = 0.05
+"""Far above the noise, share by which the chi2 of held-out runs must fall."""
 AT_FLOOR = 2.0
 """Chi2 per sample of held-out runs below which they cannot improve by much more than chance."""
 NEARLY = 0.9
@@ -128,8 +130,13 @@ def rank(study: Study, now: Fit, effects: Sequence[Candidate], promised: Sequenc
 
 def rank_pairs(study: Study, now: Fit, effects: Sequence[Candidate], singles: Ranking) -> Ranking:
     """Pairs of the best single effects and of the present ones, each pair in place of the effect added last."""
-    pool = list(dict.fromkeys([*(o.added[0] for o in singles.options[:PAIRED])]))
-    return compare(study, now, effects, list(combinations(pool, 2)), tried=len(pool) * (len(pool) - 1) // 2 * 10)
+    pool: list[Option] = []
+    for option in singles.options:
+        twin = any(abs(option.weighed.cost - other.weighed.cost) < 1.0 for other in pool)  # they do exactly the same
+        if not twin and len(pool) < PAIRED:
+            pool.append(option)
+    pairs = [(a.added[0], b.added[0]) for a, b in combinations(pool, 2)]
+    return compare(study, now, effects, pairs, tried=10 * len(pairs))
 
 
 def compare(
@@ -152,11 +159,12 @@ def compare(
         exchange: the additions replace something: they must win by a clear margin, and need no p-value.
     """
     additions = list(additions)
-    fits = [study.fit_with((*effects, *added), now) for added in additions]
+    fits = [study.fit_with((*effects, *added), _nearest(study, now, effects, added)) for added in additions]
     if now.chi2_per_sample > GROSS and fits and min(f.chi2_per_sample for f in fits) > CLOSE:
         # Far from the truth the nearest minimum may be the wrong one: the best few get other starts as well.
         for i in sorted(range(len(fits)), key=lambda i: fits[i].cost)[:THOROUGH]:
-            fits[i] = study.fit_thoroughly((*effects, *additions[i]), now)
+            near = _nearest(study, now, effects, additions[i])
+            fits[i] = study.fit_thoroughly((*effects, *additions[i]), near)
     compared, whitening = study.weighed([now, *fits])
     sparse = [_needed(study, added, w) for added, w in zip(additions, compared[1:], strict=True)]
     if sparse != list(additions):
@@ -186,6 +194,13 @@ def compare(
     return confirmed(study, now, Ranking(tuple(options), tuple(o.delta_bic for o in options), whitening, present))
 
 
+def _nearest(study: Study, now: Fit, effects: Sequence[Candidate], added: Sequence[Candidate]) -> Fit:
+    """Where a fit with several additions starts: from the best fit with one of them."""
+    if len(added) == 1:
+        return now
+    return min((study.fit_with((*effects, c), now) for c in added), key=lambda f: f.cost)
+
+
 def confirmed(study: Study, now: Fit, ranking: Ranking) -> Ranking:
     """The ranking with the best options tried on held-out runs."""
     worth = [o for o in ranking.options if o.p_value < SIGNIFICANCE and o.delta_bic > 0]
@@ -204,7 +219,8 @@ def confirmed(study: Study, now: Fit, ranking: Ranking) -> Ranking:
             continue
         gain = before - _cost(blocks, ranking.whitening)
         error, samples = chi2_of(blocks), sum(len(block.residual) for block in blocks)
-        fell = error < chi2_of(reference) or (error < AT_FLOOR * samples and gain > -UNHARMED)
+        ahead = chi2_of(reference) * (1.0 - (CLEARLY if option.far else 0.0))
+        fell = error < ahead or (error < AT_FLOOR * samples and gain > -UNHARMED)
         options.append(replace(option, held_out_gain=gain, held_out_fell=fell, held_out=tuple(blocks)))
         # Runs that were given to be held out add to the evidence; runs held out in turn are in it already.
         evidence.append(option.delta_bic + (gain if study.held_out else 0.0))

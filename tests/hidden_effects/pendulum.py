@@ -58,9 +58,9 @@ class Setup:
 
 
 def gripper_motion(rng: np.random.Generator, duration: float) -> Callable[[np.ndarray], np.ndarray]:
-    """A multisine from rest within about 0.1 m; returns x, v, a at times, (3, n)."""
+    """A multisine from rest, within about 0.2 m, that swings the load by 0.2 to 0.6 rad; returns x, v, a at times, (3, n)."""
     frequencies = rng.uniform(0.25, 1.3, 4)
-    amplitudes = rng.uniform(0.3, 1.0, 4) * np.array([0.03, 0.02, 0.015, 0.01]) * rng.choice([-1, 1], 4)
+    amplitudes = rng.uniform(0.3, 1.0, 4) * np.array([0.06, 0.04, 0.03, 0.02]) * rng.choice([-1, 1], 4)
     amplitudes *= np.where(np.abs(frequencies - 0.82) < 0.15, 0.3, 1.0)  # not at the resonance
     w = 2 * np.pi * frequencies
 
