@@ -112,9 +112,9 @@ def efficiency(draws: int) -> Efficiency:
     plain = bound / float(np.mean(error**2))
     excess = error**2 - linear**2
     paired = bound / (bound + float(np.mean(excess)))
-    spread = float(np.std(excess, ddof=1)) / np.sqrt(draws) / bound
+    spread = float(np.std(excess, ddof=1) / np.sqrt(draws)) / bound
     return Efficiency(
-        plain, plain * np.sqrt(2 / draws), paired, paired**2 * spread, float(np.sqrt(bound)), float(np.mean(error))
+        plain, plain * float(np.sqrt(2 / draws)), paired, paired**2 * spread, float(np.sqrt(bound)), float(np.mean(error))
     )
 
 
