@@ -114,7 +114,12 @@ def efficiency(draws: int) -> Efficiency:
     paired = bound / (bound + float(np.mean(excess)))
     spread = float(np.std(excess, ddof=1) / np.sqrt(draws)) / bound
     return Efficiency(
-        plain, plain * float(np.sqrt(2 / draws)), paired, paired**2 * spread, float(np.sqrt(bound)), float(np.mean(error))
+        plain,
+        plain * float(np.sqrt(2 / draws)),
+        paired,
+        paired**2 * spread,
+        float(np.sqrt(bound)),
+        float(np.mean(error)),
     )
 
 
