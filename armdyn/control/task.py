@@ -7,7 +7,7 @@ import casadi as ca
 import numpy as np
 
 from armdyn.control.projection import DiscreteProblem, ProjectionOptimizer, Solution
-from armdyn.errors import InputError
+from armdyn.errors import InputError, TaskFailedError
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.variational import STATE_SIZE, VariationalStep
 
@@ -15,6 +15,9 @@ COST_NAMES = (
     *("x", "z", "vx", "vz", "w_x", "w_z", "w_vx", "w_vz", "w_gripper_x", "w_gripper_v", "w_control", "w_travel"),
     *("wall_x", "wall_z", "w_wall", "clearance"),
 )
+
+CONTINUATION = (0.0, 0.2, 0.4, 0.7, 1.0)
+"""Shares of the effects' values through which a plan is followed where it is not found at once."""
 
 
 @dataclass(frozen=True)
@@ -137,12 +140,21 @@ class TaskPlanner:
         time = self.dt * np.arange(self.steps + 1)
         initial = np.array([start.x, start.v, start.angle, start.rate])
 
-        def solve(of: TaskCost, start_from: np.ndarray | None) -> Solution:
-            parameters = np.concatenate([theta, of.vector(), [self.dt]])
+        def solve(of: TaskCost, start_from: np.ndarray | None, values: np.ndarray = theta) -> Solution:
+            parameters = np.concatenate([values, of.vector(), [self.dt]])
             return self._optimizer.solve(initial, time, parameters, start_from, tolerance=tolerance)
 
         # The wall makes the problem non-convex: from the free optimum the plan is bent round it, not replaced.
-        free = solve(replace(cost, wall=None), guess)
+        without_wall = replace(cost, wall=None)
+        try:
+            free = solve(without_wall, guess)
+        except TaskFailedError:
+            # Strong friction hides the way from rest: it is found with the effects growing from nothing.
+            null = np.array([model.parameters[n].null if "." in n else model.value(n) for n in self._names])
+            controls = guess
+            for share in CONTINUATION:
+                free = solve(without_wall, controls, null + share * (theta - null))
+                controls = free.controls
         solution = free
         if cost.wall:
             bent = solve(cost, free.controls)

@@ -1,0 +1,60 @@
+"""A run against the model: measured and predicted, and what is left, with the stretches where it fails."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from armdyn.identify.fit import Fit
+from armdyn.identify.localise import Place
+from armdyn.identify.problem import Block
+from pipeline.report.section import Chart, Section
+from pipeline.report.sections.over_time import add_band, stacked
+from pipeline.report.text import number
+from pipeline.report.theme import MEASURED, MODEL, Phase
+
+MOST_POINTS = 3000
+"""Per trace; more makes the page heavy and the picture no clearer."""
+
+
+@dataclass(frozen=True)
+class FitSection(Section):
+    """Every channel of every run over time."""
+
+    title: ClassVar[str] = "Measured and predicted"
+
+    fit: Fit
+    places: Sequence[Place]
+
+    def sentence(self) -> str:
+        """What is shaded."""
+        shaded = any(place.against == "time" for place in self.places)
+        return "Shaded: where the residual is far above the noise." if shaded else "No stretch of time stands out."
+
+    def charts(self) -> Sequence[Chart]:
+        """One figure per channel and run."""
+        return [self._chart(block) for block in self.fit.blocks]
+
+    def _chart(self, block: Block) -> Chart:
+        run = next(run for run in self.fit.problem.runs if run.name == block.run)
+        channel = run.channels[block.channel]
+        measured = np.interp(block.time, channel.time, channel.value)
+        every = slice(None, None, max(1, len(block.time) // MOST_POINTS))
+        phases = [
+            Phase("", place.start, place.end)
+            for place in self.places
+            if place.against == "time" and place.run == block.run and place.channel == block.channel
+        ]
+        title = f"{block.channel} [{channel.unit}]"
+        figure = stacked([title, f"residual [{channel.unit}]"], [0.6, 0.4], phases, 400)
+        figure.update_layout(xaxis_range=[float(block.time[0]), float(block.time[-1])])
+        time = block.time[every]
+        figure.add_scatter(x=time, y=measured[every], name="measured", **MEASURED)
+        figure.add_scatter(x=time, y=(measured - block.misfit)[every], name="predicted", **MODEL)
+        band = np.full(2, 2 * block.noise)
+        ends = block.time[[0, -1]]
+        add_band(figure, ends, 0 * band, band, "± 2 std of the noise", axis="y2")
+        figure.add_scatter(x=time, y=block.misfit[every], yaxis="y2", showlegend=False, name="residual", **MEASURED)
+        rms = float(np.sqrt(np.mean(block.misfit**2)))
+        return Chart(figure, f"{block.run}: residual {number(rms, channel.unit)} rms.")

@@ -1,0 +1,67 @@
+"""The error falling as effects are added."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import plotly.graph_objects as go
+
+from armdyn.identify.repair import Rung
+from pipeline.report.section import Chart, Section, Table
+from pipeline.report.theme import BLUE, ORANGE
+
+
+@dataclass(frozen=True)
+class LadderSection(Section):
+    """χ² per sample and the errors of every step, on training and on held-out runs."""
+
+    title: ClassVar[str] = "The error falling"
+
+    ladder: Sequence[Rung]
+
+    def sentence(self) -> str:
+        """From where to where."""
+        first, last = self.ladder[0], self.ladder[-1]
+        fall = f"{first.chi2_per_sample:.4g} → {last.chi2_per_sample:.4g}"
+        return f"χ² per sample {fall} in {len(self.ladder) - 1} steps."
+
+    def charts(self) -> Sequence[Chart]:
+        """Root of the summed squared errors per step, against that of the model as given."""
+        steps = [step_name(rung) for rung in self.ladder]
+        figure = go.Figure(layout={"height": 340})
+        for name, colour, values in (
+            ("training", BLUE, [rung.rmse for rung in self.ladder]),
+            ("held out", ORANGE, [rung.held_out_rmse for rung in self.ladder]),
+        ):
+            if not values[0]:
+                continue
+            share = [float(np.sqrt(np.mean([(v[c] / values[0][c]) ** 2 for c in values[0]]))) for v in values]
+            figure.add_scatter(
+                x=steps, y=share, mode="lines+markers", name=name, line={"color": colour, "shape": "hv", "width": 2}
+            )
+        figure.update_yaxes(title_text="rms error / error as given", type="log")
+        figure.update_xaxes(automargin=True)
+        return [Chart(figure, "Several channels: the root mean square of their shares.")]
+
+    def tables(self) -> Sequence[Table]:
+        """A row per step."""
+        rows = [
+            [
+                step_name(rung),
+                ", ".join(f"{v:.4g}" for v in rung.rmse.values()),
+                ", ".join(f"{v:.4g}" for v in rung.held_out_rmse.values()) or "–",
+                f"{rung.chi2_per_sample:.4g}",
+                f"{rung.bic:.1f}",
+                ", ".join(rung.tied_with),
+            ]
+            for rung in self.ladder
+        ]
+        return [Table(["step", "rms error", "held out", "χ² per sample", "BIC", "cannot be told from"], rows)]
+
+
+def step_name(rung: Rung) -> str:
+    """Such as ``+ quadratic_drag − linear_drag``."""
+    parts = [f"+ {name}" for name in rung.added] + [f"− {name}" for name in rung.removed]
+    text = " ".join(parts) or "as given"
+    return f"{text} ({', '.join(rung.joints)})" if rung.joints else text
