@@ -29,7 +29,7 @@ class LadderSection(Section):
     def charts(self) -> Sequence[Chart]:
         """Root of the summed squared errors per step, against that of the model as given."""
         steps = [step_name(rung) for rung in self.ladder]
-        figure = go.Figure(layout={"height": 340})
+        figure = go.Figure(layout={"height": 150 + 34 * len(steps)})
         for name, colour, values in (
             ("training", BLUE, [rung.rmse for rung in self.ladder]),
             ("held out", ORANGE, [rung.held_out_rmse for rung in self.ladder]),
@@ -38,10 +38,10 @@ class LadderSection(Section):
                 continue
             share = [float(np.sqrt(np.mean([(v[c] / values[0][c]) ** 2 for c in values[0]]))) for v in values]
             figure.add_scatter(
-                x=steps, y=share, mode="lines+markers", name=name, line={"color": colour, "shape": "hv", "width": 2}
+                x=share, y=steps, mode="lines+markers", name=name, line={"color": colour, "shape": "vh", "width": 2}
             )
-        figure.update_yaxes(title_text="rms error / error as given", type="log")
-        figure.update_xaxes(automargin=True)
+        figure.update_xaxes(title_text="rms error / error as given", type="log")
+        figure.update_yaxes(automargin=True, autorange="reversed")
         return [Chart(figure, "Several channels: the root mean square of their shares.")]
 
     def tables(self) -> Sequence[Table]:
