@@ -36,6 +36,8 @@ FEWEST = 20
 class PreparedRun(Run):
     """A run whose torques were low-passed; `ArmModel.predict` filters its prediction for it in the same way.
 
+    Its `noise` is that of the thinned torques, estimated where the recording states none.
+
     Attributes:
         original: the recording.
         cutoffs: Hz by torque channel.
@@ -82,8 +84,9 @@ def prepare(run: Run, model: pin.Model, joints: tuple[str, ...], measured: tuple
         low = LowPass(Samples(stamps, UNDISTORTED / cutoff), cutoff).curve(raw.value[keep])
         channels[name] = Channel(time, low(time)[:, 0], raw.unit)
         cutoffs[name] = cutoff
-        if name in noise and len(time) < len(stamps):
-            noise[name] *= float(np.sqrt(interval / np.median(np.diff(time))))
+        # Thinned samples vary too much to show their noise; the recording at its own rate does.
+        kept = min(interval / float(np.median(np.diff(time))), 1.0)
+        noise[name] = noise.get(name, choice.noise) * float(np.sqrt(kept))
     for i, joint in enumerate(joints):
         channels |= _smooth_channels(run.channels[f"q.{joint}"], joint, motion.joints[i].curve)
     return PreparedRun(run.name, channels, run.known, noise, run.description, run.source, run.warnings, run, cutoffs)

@@ -197,19 +197,24 @@ def payload(
     return joint.with_link(joint.link.with_point_mass(mass, ca.vertcat(x, y, z)))
 
 
+def _extent(stretch: Expression) -> Expression:
+    """1 + s to first order, positive for every s; its square grows like 4 s, so that a fit needs few steps."""
+    return ca.sqrt(2 * stretch + ca.sqrt(1 + 4 * stretch**2))
+
+
 @effect(
     "link_inertia",
     acts_on="joint",
     summary="The moved link's mass is not distributed as described: more of it, elsewhere, farther out; always a body.",
-    source="log-Cholesky parameters of the pseudo-inertia, relative to the described one: Rucker & Wensing, IEEE RA-L "
-    "7(2), 2022",
+    source="Cholesky parameters of the pseudo-inertia, relative to the described one: Rucker & Wensing, IEEE RA-L 7, "
+    "2022",
 )
 def link_inertia(
     joint: Joint,
-    mass: Expression = quantity("1", typical=0.3, lower=-7.0, upper=7.0, spread=0.5, summary="log of the mass ratio"),
-    stretch_x: Expression = quantity("1", typical=0.3, lower=-5.0, upper=5.0, spread=0.5, summary="log of the extent"),
-    stretch_y: Expression = quantity("1", typical=0.3, lower=-5.0, upper=5.0, spread=0.5, summary="log of the extent"),
-    stretch_z: Expression = quantity("1", typical=0.3, lower=-5.0, upper=5.0, spread=0.5, summary="log of the extent"),
+    mass: Expression = quantity("1", typical=0.3, lower=-7.0, upper=7.0, spread=2.0, summary="log of the mass ratio"),
+    stretch_x: Expression = quantity("1", typical=0.3, spread=0.5, summary="growth of the link's extent"),
+    stretch_y: Expression = quantity("1", typical=0.3, spread=0.5, summary="growth of the link's extent"),
+    stretch_z: Expression = quantity("1", typical=0.3, spread=0.5, summary="growth of the link's extent"),
     shear_xy: Expression = quantity("1", typical=0.3, spread=0.5, summary="shear, in extents of the link"),
     shear_xz: Expression = quantity("1", typical=0.3, spread=0.5, summary="shear, in extents of the link"),
     shear_yz: Expression = quantity("1", typical=0.3, spread=0.5, summary="shear, in extents of the link"),
@@ -217,11 +222,11 @@ def link_inertia(
     shift_y: Expression = quantity("1", typical=0.3, spread=0.5, summary="of the centre of mass, in extents"),
     shift_z: Expression = quantity("1", typical=0.3, spread=0.5, summary="of the centre of mass, in extents"),
 ) -> Joint:
-    """J = U L L' U', J_described = U U', L = e^(mass/2) [[e^stretch, shear, shift], [0, ..., 1]]."""
+    """J = e^mass U L L' U', J_described = U U', L = [[extent, shear, shift], [0, ..., 1]]."""
     rows = [
-        ca.horzcat(ca.exp(stretch_x), shear_xy, shear_xz, shift_x),
-        ca.horzcat(0, ca.exp(stretch_y), shear_yz, shift_y),
-        ca.horzcat(0, 0, ca.exp(stretch_z), shift_z),
+        ca.horzcat(_extent(stretch_x), shear_xy, shear_xz, shift_x),
+        ca.horzcat(0, _extent(stretch_y), shear_yz, shift_y),
+        ca.horzcat(0, 0, _extent(stretch_z), shift_z),
         ca.horzcat(0, 0, 0, 1),
     ]
     return joint.with_link(joint.link.deformed(ca.exp(mass / 2) * ca.vertcat(*rows)))
