@@ -188,11 +188,11 @@ class SequentialActionControl:
 
     def _within_speed(self, schedule: np.ndarray, v: float) -> np.ndarray:
         limit, dt = self.settings.largest_speed, self.settings.dt
-        kept = np.empty_like(schedule)
-        for k, a in enumerate(schedule):
-            kept[k] = np.clip(a, (min(-limit, v) - v) / dt, (max(limit, v) - v) / dt)
-            v += dt * kept[k]
-        return kept
+        kept = []
+        for a in schedule.tolist():  # Python's own floats: numpy takes ten times as long for one number
+            kept.append(min(max(a, (min(-limit, v) - v) / dt), (max(limit, v) - v) / dt))
+            v += dt * kept[-1]
+        return np.array(kept)
 
 
 def needle(size: float, start: float, end: float, steps: int, dt: float) -> np.ndarray:

@@ -1,7 +1,6 @@
 """The estimator node: the length from everything measured since the motion began, twice a second."""
 
 from dataclasses import dataclass
-from math import sqrt
 from time import perf_counter
 
 from armdyn.identify.estimator import Estimator
@@ -72,9 +71,7 @@ class EstimatorNode:
         begun = perf_counter()
         estimate = self._estimator.update(run)
         seconds = perf_counter() - begun
-        # What noise alone does not explain (friction, stretch, the arm's own shaking) widens the interval.
-        unexplained = max(1.0, 2.0 * estimate.cost / len(run.channels["load_force"]))
-        std = estimate.std("length") * sqrt(unexplained)
+        std = estimate.std("length") * self._estimator.widening(run)
         entry = LengthEstimate(now, estimate.value("length"), std, estimate.outcome, seconds)
         self.history.append(entry)
         self._recorder.record("estimate.length", now, entry.value)
