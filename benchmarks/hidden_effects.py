@@ -100,7 +100,13 @@ def clean(seeds: int, **settings: float) -> Iterator[dict]:
         runs, _, _ = recordings(2000 + seed, {}, **settings)
         found = diagnose(study_of(runs))
         first = found.suspects[0].effect if found.suspects else ""
-        yield {"what": "none", "seed": seed, "verdict": found.verdict.key, "false": found.verdict.key != "explained", "first": first}
+        yield {
+            "what": "none",
+            "seed": seed,
+            "verdict": found.verdict.key,
+            "false": found.verdict.key != "explained",
+            "first": first,
+        }
 
 
 def pairs(seeds: int) -> Iterator[dict]:

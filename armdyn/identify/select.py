@@ -220,7 +220,9 @@ def confirmed(study: Study, now: Fit, ranking: Ranking) -> Ranking:
         gain = before - _cost(blocks, ranking.whitening)
         error, samples = chi2_of(blocks), sum(len(block.residual) for block in blocks)
         ahead = chi2_of(reference) * (1.0 - (CLEARLY if option.far else 0.0))
-        fell = error < ahead or (error < AT_FLOOR * samples and gain > -UNHARMED)
+        # Near the noise a model fitted to fewer runs predicts worse for being less certain, not for being wrong.
+        harmless = gain > -UNHARMED or not study.held_out
+        fell = error < ahead or (error < AT_FLOOR * samples and harmless)
         options.append(replace(option, held_out_gain=gain, held_out_fell=fell, held_out=tuple(blocks)))
         # Runs that were given to be held out add to the evidence; runs held out in turn are in it already.
         evidence.append(option.delta_bic + (gain if study.held_out else 0.0))

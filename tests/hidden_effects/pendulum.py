@@ -21,7 +21,7 @@ G = 9.81
 REALISTIC: Mapping[str, float] = {
     "gripper_lag": 0.02, "gripper_compliance": 5e-3, "gripper_scale": 0.03, "gripper_bob": 0.5, "path_tilt": 0.02,
     "pivot_viscous_friction": 1e-3, "pivot_coulomb_friction": 1e-3, "string_elasticity": 2e-3, "string_mass": 5e-3,
-    "string_creep": 1e-4, "linear_drag": 5e-3, "quadratic_drag": 1e-2, "wind": 0.01, "load_inertia": 4e-4,
+    "string_creep": 2e-4, "linear_drag": 5e-3, "quadratic_drag": 1e-2, "wind": 0.01, "load_inertia": 4e-4,
     "out_of_plane_swing": 0.15, "sensor_bias": 0.02, "sensor_gain": 0.03, "sensor_drift": 1e-3, "sensor_lag": 0.02,
     "sensor_delay": 0.01, "vertical_sensing_axis": 1.0, "cross_axis_sensitivity": 0.02, "sensor_nonlinearity": 0.05,
 }  # fmt: skip

@@ -1,0 +1,14 @@
+import pytest
+
+from armdyn import codegen
+
+
+@pytest.fixture(scope="module", autouse=True)
+def virtual_machine():
+    """Two dozen formulations on short runs: compiling them would take longer than running them."""
+    patch = pytest.MonkeyPatch()
+    patch.setenv(codegen.SWITCH, "0")
+    codegen.compiler.cache_clear()
+    yield
+    patch.undo()
+    codegen.compiler.cache_clear()

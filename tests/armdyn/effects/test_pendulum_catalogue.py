@@ -1,0 +1,95 @@
+"""Every effect on the pendulum: absent at null, exact derivatives, and the physics of equations written apart."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from armdyn.effects.catalogue import CATALOGUE
+from armdyn.pendulum.model import pendulum_model
+from armdyn.run import Channel, Run
+
+PATH = Path(__file__).parents[2] / "hidden_effects/pendulum.py"
+SPEC = importlib.util.spec_from_file_location("hidden_pendulum", PATH)
+hidden_pendulum = sys.modules.setdefault("hidden_pendulum", importlib.util.module_from_spec(SPEC))
+SPEC.loader.exec_module(hidden_pendulum)
+
+PENDULUM = [name for name, effect in CATALOGUE.items() if effect.acts_on != "joint"]
+AGREEMENT = dict.fromkeys(hidden_pendulum.REALISTIC, 2e-5) | {
+    "gripper_lag": 1e-3,  # the lag starts from rest there, from a steady motion here
+    "gripper_compliance": 1e-3,  # slow manifold against a light carriage that rings at first
+    "string_elasticity": 1e-3,
+    "out_of_plane_swing": 1e-3,
+    "sensor_lag": 1e-3,
+}
+"""N; the noise of a good load cell is 3e-3."""
+
+
+def short_run(duration=2.0):
+    t = np.arange(0.0, duration, 0.01)
+    x = 0.06 * (1 - np.cos(2 * np.pi * 0.6 * t)) + 0.02 * (1 - np.cos(2 * np.pi * 1.15 * t))
+    channels = {"gripper_x": Channel(t, x, "m")}
+    for name, unit in (("load_force", "N"), ("swing_angle", "rad"), ("swing_rate", "rad/s")):
+        channels[name] = Channel(t, 0 * t, unit)
+    return Run("a.csv", channels, {}, {"gripper_x": 0.0})
+
+
+RUN = short_run()
+BASE = pendulum_model(0.368, 0.08).with_values({"initial_angle": 0.2, "initial_rate": 0.1})
+
+
+@pytest.mark.parametrize("name", PENDULUM)
+def test_an_effect_at_null_changes_nothing_to_the_last_digit(name):
+    model = BASE.with_effect(CATALOGUE[name])
+    assert np.array_equal(model.predict(RUN, model.theta()).values, BASE.predict(RUN, BASE.theta()).values)
+
+
+@pytest.mark.parametrize("name", PENDULUM)
+def test_sensitivities_match_finite_differences(name):
+    effect = CATALOGUE[name]
+    model = BASE.with_effect(effect)
+    model = model.with_values({p.name: 0.7 * p.typical for p in effect.parameters()})
+    theta = model.theta()
+    exact = model.predict(RUN, theta).sensitivities
+    for i, parameter in enumerate(model.parameters.values()):
+        step = np.zeros(len(theta))
+        step[i] = 1e-5 * parameter.typical
+        finite = (model.predict(RUN, theta + step).values - model.predict(RUN, theta - step).values) / (2 * step[i])
+        assert np.max(np.abs(exact[:, i] - finite)) < 1e-6 * max(np.max(np.abs(finite)), 1e-9), parameter.name
+
+
+@pytest.mark.parametrize("name", hidden_pendulum.REALISTIC)
+def test_an_effect_is_the_physics_of_equations_written_apart(name):
+    size = hidden_pendulum.REALISTIC[name]
+    setup = hidden_pendulum.Setup(hidden={name: size}, force_noise=0.0, start=(0.02, 0.03), duration=4.0)
+    run = hidden_pendulum.record("a.csv", setup, np.random.default_rng(5))
+    first = CATALOGUE[name].parameters()[0].name
+    value = size**2 if name == "out_of_plane_swing" else size
+    model = pendulum_model(0.368, 0.08, [CATALOGUE[name]])
+    model = model.with_values({"initial_angle": 0.02, "initial_rate": 0.03, first: value})
+    error = run.channels["load_force"].value - model.predict(run, model.theta()).values
+    without = pendulum_model(0.368, 0.08).with_values({"initial_angle": 0.02, "initial_rate": 0.03})
+    change = run.channels["load_force"].value - without.predict(run, without.theta()).values
+    assert np.sqrt(np.mean(error**2)) < min(AGREEMENT[name], 0.2 * np.sqrt(np.mean(change**2)))
+
+
+@settings(max_examples=8, deadline=None)
+@given(order=st.permutations(["sensor_bias", "sensor_gain", "linear_drag"]))
+def test_the_order_in_which_effects_are_added_does_not_matter(order):
+    values = {"sensor_bias.force": 0.1, "sensor_gain.error": 0.05, "linear_drag.coefficient": 0.01}
+    model = pendulum_model(0.368, 0.08, [CATALOGUE[name] for name in order]).with_values(values)
+    sorted_model = pendulum_model(0.368, 0.08, [CATALOGUE[name] for name in sorted(order)]).with_values(values)
+    assert np.array_equal(
+        model.predict(RUN, model.theta()).values, sorted_model.predict(RUN, sorted_model.theta()).values
+    )
+
+
+def test_the_upper_end_of_a_heavy_string_carries_load_and_string():
+    model = pendulum_model(0.4, 0.1, [CATALOGUE["string_mass"]]).with_values({"string_mass.mass": 0.02})
+    t = np.arange(0.0, 1.0, 0.01)
+    run = Run("rest.csv", {"load_force": Channel(t, 0 * t, "N")})
+    assert np.allclose(model.predict(run, model.theta()).values, 0.12 * 9.81, atol=1e-12)

@@ -1,0 +1,38 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from armdyn.effects.user import load_effects
+from armdyn.errors import InputError
+from armdyn.pendulum.model import pendulum_model
+from armdyn.run import Channel, Run
+
+EXAMPLE = Path(__file__).parents[3] / "examples/my_effects.py"
+
+
+def test_the_documented_example_simulates_and_has_derivatives():
+    (magnet,) = load_effects(EXAMPLE)
+    model = pendulum_model(0.368, 0.08, [magnet]).with_values({"initial_angle": 0.2})
+    t = np.arange(0.0, 1.0, 0.01)
+    run = Run("a.csv", {"load_force": Channel(t, 0 * t, "N")})
+    prediction = model.predict(run, model.theta())
+    column = prediction.sensitivities[:, model.names.index("magnet.strength")]
+    assert np.max(np.abs(column)) > 0.1
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("x = 1\n", "defines no effect"),
+        ("import nothing_of_this_name\n", "line 1"),
+        ("def f(:\n", "line 1"),
+        ("from armdyn.effects.effect import effect\n@effect('drag', acts_on='lod', summary='', source='')\ndef f(a): ...\n",
+         "acts on 'lod'"),
+    ],
+)  # fmt: skip
+def test_a_bad_file_is_refused_in_one_line(tmp_path, text, message):
+    path = tmp_path / "mine.py"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message):
+        load_effects(path)
