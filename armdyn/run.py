@@ -115,6 +115,8 @@ def read_run(path: Path | str, recover: bool = False) -> Run:
         InputError: names the file, the row, column or field, what is wrong and what to do.
     """
     path = Path(path)
+    if path.is_dir():  # also ".", which has no suffix to change
+        raise InputError(f"{path} is a directory: give the recording's file")
     warnings: tuple[str, ...] = ()
     sidecar_path = path.with_suffix(".toml")
     if path.suffix.lower() == ".mcap":

@@ -97,7 +97,8 @@ def judge(study: Study, found: Search, unknown: Unknown | None) -> Verdict:
     beyond = last.remainder.fails and unknown is not None and (unknown.significant or _above_stated_noise(study, last))
     if len(found.steps) == 1:
         return Verdict.UNKNOWN_EFFECT if beyond else Verdict.EXPLAINED
-    if beyond and explained_share(start, last) < EXPLAINED_SHARE:
+    # Anything can be imitated by enough effects: only the first two steps count.
+    if beyond and explained_share(start, found.steps[:3][-1]) < EXPLAINED_SHARE:
         return Verdict.UNKNOWN_EFFECT
     return Verdict.CANNOT_TELL_APART if found.steps[1].tied else Verdict.EFFECT_MISSING
 

@@ -78,9 +78,7 @@ def whitened(rows: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
 
 
 def whitening(blocks: Sequence[Block]) -> dict[str, tuple[np.ndarray, float]]:
-    """Per channel: coefficients of the autoregression, and the standard deviation of what it leaves (in units of the
-    assumed noise).
-    """
+    """Per channel: coefficients of the autoregression, and the standard deviation of what it leaves over the noise."""
     found = {}
     for channel in dict.fromkeys(block.channel for block in blocks):
         stretches = [block.residual for block in blocks if block.channel == channel]

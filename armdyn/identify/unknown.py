@@ -101,9 +101,16 @@ def absorbed_share(fit: Fit) -> float | None:
     for i, run in enumerate(problem.runs):
         theta = problem.theta(i, fit.values)
         settled = model.with_parameters(
-            {name: replace(p, value=float(np.clip(v, p.lower, p.upper)), fitted=name in own, scope="per_run" if name in own else "shared")
-             for (name, p), v in zip(model.parameters.items(), theta, strict=True)}
-        )  # fmt: skip
+            {
+                name: replace(
+                    p,
+                    value=float(np.clip(v, p.lower, p.upper)),
+                    fitted=name in own,
+                    scope="per_run" if name in own else "shared",
+                )
+                for (name, p), v in zip(model.parameters.items(), theta, strict=True)
+            }
+        )
         states = model.circumstances(run, theta)
         for piece in segments(run):
             noise = {

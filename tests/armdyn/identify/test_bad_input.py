@@ -1,0 +1,106 @@
+"""Bad input to the commands: one line, exit status 2, nothing written."""
+
+import numpy as np
+import pytest
+
+from pipeline.cli import main
+
+GOOD = "time [s],gripper_x [m],load_force [N]\n" + "".join(
+    f"{0.01 * i:.2f},{0.05 * np.sin(0.03 * i):.6f},{0.8 + 0.01 * np.sin(0.05 * i) + 0.001 * ((i * 7919) % 13 - 6):.6f}\n"
+    for i in range(300)
+)
+LINES = GOOD.splitlines(keepends=True)
+
+
+def changed(old, new, count=1):
+    return GOOD.replace(old, new, count)
+
+
+BAD_RUNS = {
+    "unknown unit": (changed("[N]", "[banana]"), "banana"),
+    "wrong dimension": (changed("load_force [N]", "load_force [kg]"), "another kind"),
+    "no time": (changed("time [s]", "swing_angle [rad]"), "time"),
+    "nothing to predict": (changed("load_force [N]", "gripper_v [m/s]"), "nothing to compare"),
+    "time goes back": ("".join([*LINES[:5], LINES[3], *LINES[5:]]), "time does not increase"),
+    "all missing": (LINES[0] + "".join(line.rsplit(",", 1)[0] + ",nan\n" for line in LINES[1:]), "no number"),
+    "constant": (LINES[0] + "".join(line.rsplit(",", 1)[0] + ",0.8\n" for line in LINES[1:]), "throughout"),
+    "two samples": ("".join(LINES[:3]), "samples"),
+    "huge values": (LINES[0] + "".join(line.rsplit(",", 1)[0] + ",1e9\n" for line in LINES[1:]), "beyond"),
+    "cut off": (GOOD[:-12], "cut off"),
+}
+
+
+@pytest.fixture
+def armdyn(monkeypatch, capfd):
+    """Run the command in this process; gives exit status, standard output, standard error."""
+
+    def run(*arguments, cwd):
+        monkeypatch.chdir(cwd)
+        monkeypatch.setattr("sys.argv", ["armdyn", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            main()
+        written = capfd.readouterr()
+        return end.value.code, written.out, written.err
+
+    return run
+
+
+@pytest.fixture
+def place(tmp_path):
+    (tmp_path / "m.toml").write_text('base = "pendulum"\neffects = []\n')
+    (tmp_path / "good.csv").write_text(GOOD)
+    return tmp_path
+
+
+def refused(result, expected, place, before):
+    status, out, err = result
+    assert status == 2, err
+    assert err.strip().count("\n") == 0
+    assert expected in err
+    assert sorted(p.name for p in place.iterdir()) == before
+    assert out == ""
+
+
+@pytest.mark.parametrize("case", BAD_RUNS)
+def test_a_bad_recording_is_refused(armdyn, place, case):
+    text, expected = BAD_RUNS[case]
+    (place / "bad.csv").write_text(text)
+    before = sorted(p.name for p in place.iterdir())
+    result = armdyn("repair", "m.toml", "bad.csv", "--output", "n.toml", "--json", "-", cwd=place)
+    refused(result, expected, place, before)
+
+
+@pytest.mark.parametrize(
+    ("model", "expected"),
+    [
+        ('base = "pendulum"\neffects = ["quadratic_dragg"]\n', "did you mean 'quadratic_drag'"),
+        ('base = "pendulum"\n[parameters]\nlenght = { value = 1.0 }\n', "did you mean 'length'"),
+        ('base = "pendulm"\n', "did you mean 'pendulum'"),
+        ("base = \n", "not TOML"),
+        ('base = "pendulum"\n[parameters]\nlength = { value = -1.0 }\n', "physical range"),
+    ],
+)
+def test_a_bad_model_file_is_refused(armdyn, place, model, expected):
+    (place / "m.toml").write_text(model)
+    before = sorted(p.name for p in place.iterdir())
+    refused(armdyn("compare", "m.toml", "good.csv", cwd=place), expected, place, before)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("diagnose", "m.toml", "good.csv", "--held-out", "good.csv"), "held-out run"),
+        (("diagnose", "m.toml", "."), "is a directory"),
+        (("diagnose", "m.toml", "absent.csv"), "no such file"),
+        (("add", "m.toml", "linear_dragg", "good.csv"), "did you mean 'linear_drag'"),
+        (("repair", "m.toml", "good.csv", "--output", "nowhere/n.toml"), "no directory"),
+        (("new", "pendulum", "n.toml", "--set", "mass=80"), "has no unit"),
+        (("new", "pendulum", "n.toml", "--set", "masss=80 g"), "did you mean 'mass'"),
+        (("new", "arm", "n.toml"), "either --urdf"),
+        (("new", "arm", "n.toml", "--robot", "baxter", "--joints", "right_s7"), "right_s7"),
+        (("effects", "--effects", "absent.py"), "no such file"),
+    ],
+)
+def test_bad_arguments_are_refused(armdyn, place, arguments, expected):
+    before = sorted(p.name for p in place.iterdir())
+    refused(armdyn(*arguments, cwd=place), expected, place, before)
