@@ -72,7 +72,7 @@ class Model(ABC):
         """
         if effect.acts_on not in self.stages:
             raise InputError(
-                f"the effect '{effect.name}' acts on a {effect.acts_on}, which a model of the base '{self.base}' lacks: "
+                f"the effect '{effect.name}' acts on a {effect.acts_on}, which a model of base '{self.base}' lacks: "
                 f"choose one that acts on {' or '.join(self.stages)}"
             )
         if any(e.name == effect.name for e in self.effects):

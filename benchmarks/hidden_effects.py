@@ -119,9 +119,13 @@ def pairs(seeds: int) -> Iterator[dict]:
             tied = {t for rung in found.ladder for t in rung.tied_with}
             held_out = [c.chi2_per_sample for c in found.after.channels.values()]
             yield {
-                "what": f"{one}+{two}", "seed": seed, "exact": names == {one, two},
-                "honest": names == {one, two} or {one, two} <= names | tied, "found": sorted(names), "chi2": held_out[0],
-            }  # fmt: skip
+                "what": f"{one}+{two}",
+                "seed": seed,
+                "exact": names == {one, two},
+                "honest": names == {one, two} or {one, two} <= names | tied,
+                "found": sorted(names),
+                "chi2": held_out[0],
+            }
 
 
 def outside(seeds: int) -> Iterator[dict]:
@@ -129,8 +133,14 @@ def outside(seeds: int) -> Iterator[dict]:
         for seed in range(seeds):
             runs, _, _ = recordings(4000 + seed, {name: size})
             found = diagnose(study_of(runs))
-            yield {"what": name, "seed": seed, "flagged": found.verdict.key == "unknown_effect", "verdict": found.verdict.key,
-                   "sentence": found.sentence, "chi2": found.comparison.fit.chi2_per_sample}  # fmt: skip
+            yield {
+                "what": name,
+                "seed": seed,
+                "flagged": found.verdict.key == "unknown_effect",
+                "verdict": found.verdict.key,
+                "sentence": found.sentence,
+                "chi2": found.comparison.fit.chi2_per_sample,
+            }
 
 
 def share(rows: list[dict], key: str) -> str:

@@ -35,8 +35,8 @@ def load_effects(path: Path) -> tuple[Effect, ...]:
         where = f", line {line}" if line else ""
         raise InputError(f"{path}{where}: {type(error).__name__}: {error}") from error
     found = tuple(item for item in vars(module).values() if isinstance(item, Effect) and item.name not in CATALOGUE)
-    clashing = [n for n, item in vars(module).items() if isinstance(item, Effect) and item is not CATALOGUE.get(item.name)
-                and item.name in CATALOGUE]  # fmt: skip
+    own = {n: item for n, item in vars(module).items() if isinstance(item, Effect) and item not in CATALOGUE.values()}
+    clashing = [n for n, item in own.items() if item.name in CATALOGUE]
     if clashing:
         raise InputError(f"{path}: '{clashing[0]}' has the name of an effect of the catalogue: give it another")
     if not found:

@@ -48,7 +48,6 @@ class Estimator(Generic[ModelT]):
         self.model = self.model.with_values(dict(zip(self.estimate.names, self.estimate.values.tolist(), strict=True)))
         return self.estimate
 
-
     def widening(self, run: Run) -> float:
         """Factor on the standard deviations for what white noise of the assumed size does not explain, at least 1.
 

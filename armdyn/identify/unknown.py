@@ -1,6 +1,6 @@
 """What can be said of an effect that is in no catalogue: dynamics or sensor, on what it depends, its frequency."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -228,11 +228,15 @@ def _library(signals: dict[str, Sequence[np.ndarray]]) -> dict[str, list[np.ndar
     library: dict[str, list[np.ndarray]] = {}
     for name, values in signals.items():
         unit = [v / scale[name] for v in values]
-        for label, function in (
-            (f"{name}", lambda u: u), (f"{name}^2", lambda u: u**2), (f"{name}^3", lambda u: u**3),
-            (f"|{name}| {name}", lambda u: np.abs(u) * u), (f"sign({name})", lambda u: np.tanh(u / 0.02)),
-            (f"[{name} > 0]", lambda u: (u > 0).astype(float)),
-        ):  # fmt: skip
+        shapes: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+            f"{name}": lambda u: u,
+            f"{name}^2": lambda u: u**2,
+            f"{name}^3": lambda u: u**3,
+            f"|{name}| {name}": lambda u: np.abs(u) * u,
+            f"sign({name})": lambda u: np.tanh(u / 0.02),
+            f"[{name} > 0]": lambda u: (u > 0).astype(float),
+        }
+        for label, function in shapes.items():
             library[label] = [function(u) for u in unit]
     rates = [n for n in signals if n == "swing_rate" or n.startswith("v.")]
     places = [n for n in signals if n in ("swing_angle", "gripper_x") or n.startswith("q.")]

@@ -139,7 +139,7 @@ class PendulumModel(Model):
         lean = self.without_null_effects(values)
         channels = ("swing_angle", "swing_rate")
         outputs = lean.rollout(path, np.array([values[name] for name in lean.names]), channels).outputs
-        time = path.start + path.dt * np.arange(len(path.x))
+        time = np.asarray(path.start + path.dt * np.arange(len(path.x)), dtype=np.float64)
         found = {
             "swing_angle": Channel(time, outputs[:, 0], "rad"),
             "swing_rate": Channel(time, outputs[:, 1], "rad/s"),

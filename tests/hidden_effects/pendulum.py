@@ -58,7 +58,7 @@ class Setup:
 
 
 def gripper_motion(rng: np.random.Generator, duration: float) -> Callable[[np.ndarray], np.ndarray]:
-    """A multisine from rest, within about 0.2 m, that swings the load by 0.2 to 0.6 rad; returns x, v, a at times, (3, n)."""
+    """A multisine from rest, within about 0.2 m, that swings the load by 0.2 to 0.6 rad; x, v, a (3, n) at times."""
     frequencies = rng.uniform(0.25, 1.3, 4)
     amplitudes = rng.uniform(0.3, 1.0, 4) * np.array([0.06, 0.04, 0.03, 0.02]) * rng.choice([-1, 1], 4)
     amplitudes *= np.where(np.abs(frequencies - 0.82) < 0.15, 0.3, 1.0)  # not at the resonance
@@ -184,10 +184,7 @@ def simulate(setup: Setup, motion: Callable, time: np.ndarray) -> dict[str, np.n
         n = (q - p) / r0
         del side
         pull = (best - g[0]) / give  # = T n_x
-        if abs(n[0]) < 1e-9:
-            tension = m * G
-        else:
-            tension = pull / n[0]
+        tension = m * G if abs(n[0]) < 1e-9 else pull / n[0]
         rate = float((v - gv) @ np.array([n[2], 0.0, -n[0]])) / r0
         return (forces(t, q, v, n, rate) - tension * n) / m, float(tension)
 

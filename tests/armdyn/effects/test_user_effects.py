@@ -27,8 +27,11 @@ def test_the_documented_example_simulates_and_has_derivatives():
         ("x = 1\n", "defines no effect"),
         ("import nothing_of_this_name\n", "line 1"),
         ("def f(:\n", "line 1"),
-        ("from armdyn.effects.effect import effect\n@effect('drag', acts_on='lod', summary='', source='')\ndef f(a): ...\n",
-         "acts on 'lod'"),
+        (
+            "from armdyn.effects.effect import effect\n"
+            "@effect('drag', acts_on='lod', summary='', source='')\ndef f(a): ...\n",
+            "acts on 'lod'",
+        ),
     ],
 )  # fmt: skip
 def test_a_bad_file_is_refused_in_one_line(tmp_path, text, message):

@@ -6,7 +6,8 @@ import pytest
 from pipeline.cli import main
 
 GOOD = "time [s],gripper_x [m],load_force [N]\n" + "".join(
-    f"{0.01 * i:.2f},{0.05 * np.sin(0.03 * i):.6f},{0.8 + 0.01 * np.sin(0.05 * i) + 0.001 * ((i * 7919) % 13 - 6):.6f}\n"
+    f"{0.01 * i:.2f},{0.05 * np.sin(0.03 * i):.6f},"
+    f"{0.8 + 0.01 * np.sin(0.05 * i) + 0.001 * ((i * 7919) % 13 - 6):.6f}\n"
     for i in range(300)
 )
 LINES = GOOD.splitlines(keepends=True)
