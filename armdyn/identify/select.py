@@ -263,7 +263,9 @@ def _needed(study: Study, added: tuple[Candidate, ...], weight: Weighed) -> tupl
             if not free.any():
                 continue
             wald = float(moved[free] @ np.linalg.pinv(covariance[np.ix_(free, free)], hermitian=True) @ moved[free])
-            if wald > free.sum() * np.log(weight.samples):
+            prior = study.problem.prior_weight[columns]
+            learnt = max(1, int(np.sum(free & (np.diag(covariance) * prior**2 < 0.5))))
+            if wald > learnt * np.log(weight.samples):
                 joints.append(joint)
         if joints:
             kept.append(candidate if len(joints) == len(candidate.joints) else candidate.on(joints))
