@@ -36,23 +36,32 @@ def best_smoothing(time: np.ndarray, values: np.ndarray, orders: Sequence[int] =
     span = float(np.std(values))
     if span == 0.0:
         return Choice(2.0 / float(time[-1] - time[0]), 0.0, orders[0])
-    scaled = values[:, None] / span  # so that orders, which leave more or less free, can be compared
-    first = _best_cutoff(time, scaled, orders[0])
+    scaled = values / span  # so that orders, which leave more or less free, can be compared
+    rounding = resolution(scaled) / np.sqrt(12.0)
+    first = _best_cutoff(time, scaled, rounding, orders[0])
     best, best_score = first, -np.inf
     if len(orders) > 1:
-        others = [_best_cutoff(time, scaled, order, around=first.cutoff) for order in orders[1:]]
+        others = [_best_cutoff(time, scaled, rounding, order, around=first.cutoff) for order in orders[1:]]
         step = UNDISTORTED / max(choice.cutoff for choice in (first, *others))
-        best_score = _score(Samples(time, step, first.order), first.cutoff, scaled) - DOUBT
+        best_score = _score(Samples(time, step, first.order), first.cutoff, scaled, rounding) - DOUBT
         for choice in others:
-            score = _score(Samples(time, step, choice.order), choice.cutoff, scaled)
+            score = _score(Samples(time, step, choice.order), choice.cutoff, scaled, rounding)
             if score < best_score:
                 best, best_score = choice, score
     return best._replace(noise=best.noise * span)
 
 
-def _best_cutoff(time: np.ndarray, values: np.ndarray, order: int, around: float | None = None) -> Choice:
+def resolution(values: np.ndarray) -> float:
+    """Step of an encoder or of a file's digits: the smallest difference between (n,) values that is no rounding."""
+    differences = np.diff(np.unique(values))
+    return float(np.min(differences[differences > 1e-9 * np.ptp(values)], initial=np.ptp(values)))
+
+
+def _best_cutoff(
+    time: np.ndarray, values: np.ndarray, least_noise: float, order: int, around: float | None = None
+) -> Choice:
     """The most probable cut-off for one order, of all or of those near one."""
-    samples = Samples(time, None if around is None else 0.05 / around, order)
+    samples = Samples(time, None if around is None else 0.5 * UNDISTORTED / around, order)
     slowest = 2.0 / float(time[-1] - time[0])
     low, high = (
         (samples.lowest, HIGHEST / samples.interval)
@@ -62,14 +71,14 @@ def _best_cutoff(time: np.ndarray, values: np.ndarray, order: int, around: float
     tried = TRIED if around is None else TRIED // 2
     while True:
         cutoffs = np.geomspace(max(low, slowest), max(high, 2.0 * slowest), tried)
-        scores = [_score(samples, cutoff, values) for cutoff in cutoffs]
+        scores = [_score(samples, cutoff, values, least_noise) for cutoff in cutoffs]
         best = int(np.argmin(scores))
         if best > 0 or low <= slowest or samples.size < 8 * COARSER or around is not None:
             break
         samples = Samples(time, COARSER * samples.step, order)
         low, high = samples.lowest, UNDISTORTED / samples.step
     cutoff = _vertex(cutoffs, scores, best)
-    return Choice(cutoff, float(LowPass(samples, cutoff).evidence(values)[1][0]), order)
+    return Choice(cutoff, LowPass(samples, cutoff).evidence(values, least_noise)[1], order)
 
 
 def derivative_noise(choice: Choice, interval: float, derivative: int) -> float:
@@ -87,8 +96,8 @@ def derivative_noise(choice: Choice, interval: float, derivative: int) -> float:
     return float(choice.noise * spread)
 
 
-def _score(samples: Samples, cutoff: float, values: np.ndarray) -> float:
-    return float(np.sum(LowPass(samples, cutoff).evidence(values)[0]))
+def _score(samples: Samples, cutoff: float, values: np.ndarray, least_noise: float) -> float:
+    return LowPass(samples, cutoff).evidence(values, least_noise)[0]
 
 
 def _vertex(cutoffs: np.ndarray, scores: Sequence[float], best: int) -> float:

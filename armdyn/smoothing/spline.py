@@ -176,20 +176,25 @@ class LowPass:
             c = c + cho_solve_banded((self.factor, True), missing, check_finite=False)
         return Curve(self.samples.start, self.samples.step, c + offset)
 
-    def evidence(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How probable (n, m) values are under this cut-off and order.
+    def evidence(self, values: np.ndarray, least_noise: float = 0.0) -> tuple[float, float]:
+        """How probable (n,) values are under this cut-off and order.
+
+        Args:
+            values: (n,).
+            least_noise: that they have at least, such as what rounding leaves.
 
         Returns:
-            (m,) minus twice the restricted log-likelihood, up to a constant, and (m,) standard deviation of the noise.
+            Minus twice the restricted log-likelihood, up to a constant, and the standard deviation of the noise.
         """
         samples, order = self.samples, self.samples.order
-        c = self.curve(values).coefficients
-        misfit = values - samples.matrix @ c
-        total = np.sum(misfit**2, axis=0) + self.strength * np.sum(np.diff(c, order, axis=0) ** 2, axis=0)
+        c = self.curve(values).coefficients[:, 0]
+        misfit, roughness = values - samples.matrix @ c, np.diff(c, order)
+        total = float(misfit @ misfit + self.strength * (roughness @ roughness))
         known = len(values) - order
-        determinant = 2.0 * np.sum(np.log(self.factor[0])) - (samples.size - order) * np.log(self.strength)
-        variance = np.maximum(total / known, np.finfo(float).tiny)
-        return known * np.log(variance) + determinant - samples.penalty_determinant, np.sqrt(variance)
+        determinant = 2.0 * float(np.sum(np.log(self.factor[0]))) - (samples.size - order) * np.log(self.strength)
+        variance = max(total / known, least_noise**2, np.finfo(float).tiny)
+        score = known * np.log(variance) + total / variance + determinant - samples.penalty_determinant
+        return float(score), float(np.sqrt(variance))
 
 
 def _stencil(order: int) -> np.ndarray:

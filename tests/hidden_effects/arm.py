@@ -81,6 +81,11 @@ def excitation(rng: np.random.Generator) -> Excitation:
     return Excitation(raw.sine * scale, raw.cosine * scale)
 
 
+def motion(seed: int, recording: int = 0) -> Excitation:
+    """The motion of a recording."""
+    return excitation(np.random.default_rng([seed, recording, 1]))
+
+
 def generate(
     effect: str | Sequence[str] | None,
     size: float,
@@ -114,9 +119,9 @@ def generate(
     rng = np.random.default_rng([seed, recording])
     time = np.arange(round(duration * rate)) / rate
     time = time + jitter / rate * rng.uniform(-0.5, 0.5, len(time))
-    motion = excitation(rng)
-    q, v, _ = motion.at(time)
-    effort = _effort(names, size, motion, time)
+    path = motion(seed, recording)
+    q, v, _ = path.at(time)
+    effort = _effort(names, size, path, time)
     effort = effort + noise * EFFORT_NOISE * _coloured(rng, effort.shape, colour)
     q = q + noise * POSITION_NOISE * rng.standard_normal(q.shape)
     channels = {f"q.{joint}": Channel(time, q[:, i], "rad") for i, joint in enumerate(JOINTS)}
@@ -143,13 +148,13 @@ def _sizes(effect: str, quantity: str, size: float) -> np.ndarray:
     return size * np.array([known.get(f"{quantity}[{joint}]", 0.0) for joint in JOINTS])
 
 
-def _effort(names: Sequence[str], size: float, motion: Excitation, time: np.ndarray) -> np.ndarray:
+def _effort(names: Sequence[str], size: float, path: Excitation, time: np.ndarray) -> np.ndarray:
     """(n, 7) what the efforts read without noise."""
     late = _sizes("torque_delay", "time", size) if "torque_delay" in names else np.zeros(7)
     reading = np.empty((len(time), 7))
     for delay in np.unique(late):
         columns = late == delay
-        reading[:, columns] = _torque(names, size, motion, time - delay)[:, columns]
+        reading[:, columns] = _torque(names, size, path, time - delay)[:, columns]
     if "torque_gain" in names:
         reading = reading * (1.0 + _sizes("torque_gain", "error", size))
     if "torque_offset" in names:
@@ -159,9 +164,9 @@ def _effort(names: Sequence[str], size: float, motion: Excitation, time: np.ndar
     return reading
 
 
-def _torque(names: Sequence[str], size: float, motion: Excitation, time: np.ndarray) -> np.ndarray:
+def _torque(names: Sequence[str], size: float, path: Excitation, time: np.ndarray) -> np.ndarray:
     """(n, 7) torques of the drives."""
-    q, v, a = motion.at(time)
+    q, v, a = path.at(time)
     payload = size * REALISTIC["payload"]["mass[right_w2]"] if "payload" in names else 0.0
     heavier = tuple(_sizes("link_inertia", "mass", size).tolist()) if "link_inertia" in names else None
     load = rigid_torque(q, v, a, payload, heavier)

@@ -1,0 +1,158 @@
+"""Every effect on an arm: absent at null, exact derivatives, and the physics of a generator that shares no code."""
+
+import numpy as np
+import pytest
+from derivatives import assert_jacobian
+from hidden_effects.arm import REALISTIC, generate, true_parameters
+
+from armdyn.arm.inertia import is_physical
+from armdyn.arm.overlap import imitated_share
+from armdyn.effects.catalogue import find
+
+from .conftest import JOINT_EFFECTS, chi2_per_sample, fitted, residuals
+
+
+@pytest.fixture(scope="module")
+def short(baxter):
+    """A short run, as recorded and prepared."""
+    run = generate(None, 1.0, 0, duration=4.0)
+    return {"as recorded": run, "prepared": baxter.prepared(run)}
+
+
+def moved(model, seed=0):
+    """Parameters away from their null values and inside their bounds."""
+    rng = np.random.default_rng(seed)
+    parameters = list(model.parameters.values())
+    return np.array([p.value + rng.uniform(0.2, 0.8) * p.typical for p in parameters])
+
+
+@pytest.mark.parametrize("kind", ["as recorded", "prepared"])
+@pytest.mark.parametrize("name", JOINT_EFFECTS)
+def test_an_effect_at_null_changes_nothing_to_the_last_digit(baxter, short, name, kind):
+    friction = baxter.with_effect(find("joint_viscous_friction:right_s0"))
+    friction = friction.with_values({"joint_viscous_friction.coefficient[right_s0]": 1.7})
+    for model in (baxter, friction):
+        extended = model.with_effect(find(name))
+        before, after = (m.predict(short[kind], m.theta()).values for m in (model, extended))
+        assert np.array_equal(before, after)
+
+
+def test_all_effects_together_at_null_change_nothing_to_the_last_digit(baxter, short):
+    everything = baxter.with_candidates([find(name) for name in JOINT_EFFECTS])
+    assert len(everything.names) > 150
+    before, after = (m.predict(short["prepared"], m.theta()).values for m in (baxter, everything))
+    assert np.array_equal(before, after)
+
+
+@pytest.mark.parametrize("kind", ["as recorded", "prepared"])
+@pytest.mark.parametrize("name", JOINT_EFFECTS)
+def test_sensitivities_match_finite_differences(baxter, short, name, kind):
+    model = baxter.with_effect(find(name))
+    theta = moved(model)
+    exact = model.predict(short[kind], theta).sensitivities
+    columns = np.arange(len(theta)) if len(theta) < 30 else np.random.default_rng(0).choice(len(theta), 20, False)
+
+    def predicted(part):
+        whole = theta.copy()
+        whole[columns] = part
+        return model.predict(short[kind], whole).values
+
+    steps = 1e-4 * np.array([model.parameters[model.names[i]].typical for i in columns])
+    assert_jacobian(predicted, theta[columns], exact[:, columns], steps, 2e-5)
+
+
+def test_sensitivities_of_effects_that_act_on_each_other_match_finite_differences(baxter, short):
+    names = ["joint_load_friction", "link_inertia", "payload", "torque_gain", "torque_delay", "joint_coupling"]
+    model = baxter.with_candidates([find(name) for name in names])
+    theta = moved(model, seed=1)
+    exact = model.predict(short["prepared"], theta).sensitivities
+    columns = np.random.default_rng(2).choice(len(theta), 25, False)
+
+    def predicted(part):
+        whole = theta.copy()
+        whole[columns] = part
+        return model.predict(short["prepared"], whole).values
+
+    steps = 1e-4 * np.array([model.parameters[model.names[i]].typical for i in columns])
+    assert_jacobian(predicted, theta[columns], exact[:, columns], steps, 1e-4)
+
+
+@pytest.mark.parametrize("name", JOINT_EFFECTS)
+def test_torques_are_those_of_the_generator(baxter, name):
+    run = generate(name, 1.0, 3, duration=8.0, noise=0.0)
+    model = baxter.with_effect(find(name)).with_values(true_parameters(name, 1.0))
+    time = run.channels["tau.right_s0"].time
+    inside = (time > 0.5) & (time < 7.5)
+    for channel, residual in residuals(model, run).items():
+        largest = np.abs(run.channels[channel].value).max()
+        # A sharp sign differs from a smooth one within a few samples of a turning point.
+        assert np.quantile(np.abs(residual[inside]), 0.97) < 1e-3 * largest, channel
+
+
+@pytest.mark.parametrize("name", JOINT_EFFECTS)
+def test_a_hidden_effect_is_recovered_from_noisy_runs(baxter, name):
+    runs = [baxter.prepared(generate(name, 1.0, 7, recording=k)) for k in range(3)]
+    model, estimate = fitted(baxter.with_effect(find(name)), runs[:2], tolerance=0.05)
+    assert chi2_per_sample(model, runs[2]) < 0.02 * chi2_per_sample(baxter, runs[2])
+    assert chi2_per_sample(model, runs[2]) < 1.8
+    for parameter, true in true_parameters(name, 1.0).items():
+        allowed = 5 * estimate.std(parameter) + 0.03 * abs(true)
+        assert abs(model.value(parameter) - true) < allowed, parameter
+
+
+def test_the_generator_covers_the_catalogue():
+    assert set(REALISTIC) == set(JOINT_EFFECTS)
+
+
+def test_friction_is_never_negative(baxter):
+    run = generate("joint_viscous_friction", -1.0, 0)  # a drive that pushes
+    model, estimate = fitted(baxter.with_effect(find("joint_viscous_friction")), [baxter.prepared(run)])
+    assert all(model.value(name) >= 0.0 for name in model.names)
+    assert set(estimate.at_bound) == set(model.names)
+
+
+def test_links_stay_bodies_whatever_the_parameters(baxter):
+    model = baxter.with_effect(find("link_inertia"))
+    rng = np.random.default_rng(0)
+    for size in (0.3, 3.0, 30.0):
+        theta = np.clip(size * rng.standard_normal(len(model.names)), -6.9, 6.9)
+        changed = model.with_values(dict(zip(model.names, theta, strict=True)))
+        assert all(is_physical(p) for p in changed.link_parameters().values())
+
+
+def test_the_mass_parameter_is_the_logarithm_of_the_mass_ratio(baxter):
+    model = baxter.with_effect(find("link_inertia:right_e0"))
+    heavier = model.with_values({"link_inertia.mass[right_e0]": np.log(2.0)})
+    before, after = (m.link_parameters()["right_e0"] for m in (model, heavier))
+    assert after == pytest.approx(2.0 * before, rel=1e-3)
+
+
+def test_a_payload_adds_its_mass_where_it_is(baxter):
+    model = baxter.with_effect(find("payload"))
+    names = [f"payload.{q}[right_w2]" for q in ("mass", "x", "y", "z")]
+    loaded = model.with_values(dict(zip(names, (2.0, 0.1, 0.0, 0.3), strict=True)))
+    gained = loaded.link_parameters()["right_w2"] - baxter.link_parameters()["right_w2"]
+    assert gained == pytest.approx([2.0, 0.2, 0.0, 0.6, 0.18, 0.0, 0.2, -0.06, 0.0, 0.02])
+
+
+def test_link_inertias_cannot_swallow_a_gravity_spring_of_real_size(baxter):
+    runs = [baxter.prepared(generate("gravity_spring", 1.0, 5, recording=k)) for k in range(2)]
+    springs, _ = fitted(baxter.with_effect(find("gravity_spring")), runs)
+    links, _ = fitted(baxter.with_effect(find("link_inertia")), runs, most_steps=60)
+    assert chi2_per_sample(springs, runs[1]) < 1.5
+    assert chi2_per_sample(links, runs[1]) > 30 * chi2_per_sample(springs, runs[1])
+
+
+def test_gravity_springs_cannot_swallow_wrong_link_inertias(baxter):
+    runs = [baxter.prepared(generate("link_inertia", 1.0, 5, recording=k)) for k in range(2)]
+    springs, _ = fitted(baxter.with_effect(find("gravity_spring")), runs)
+    assert chi2_per_sample(springs, runs[1]) > 100
+
+
+def test_the_overlap_of_a_spring_and_a_links_moment_is_reported(baxter):
+    run = baxter.prepared(generate(None, 1.0, 5))
+    spring, links, friction = find("gravity_spring:right_s1"), find("link_inertia"), find("joint_viscous_friction")
+    for parameter, share in imitated_share(baxter, [run], run.noise, spring, links).items():
+        assert share > 0.99, parameter
+    for parameter, share in imitated_share(baxter, [run], run.noise, spring, friction).items():
+        assert share < 0.9, parameter

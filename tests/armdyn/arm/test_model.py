@@ -1,0 +1,319 @@
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hidden_effects.arm import JOINTS, OUTSIDE, generate, motion
+
+from armdyn.arm.model import arm_model
+from armdyn.effects.catalogue import find
+from armdyn.effects.effect import effect
+from armdyn.errors import InputError, UnknownNameError
+from armdyn.parameter import quantity
+from armdyn.run import Channel, Run
+
+from . import urdfs
+from .conftest import chi2_per_sample, fitted, residuals
+
+
+def load(tmp_path, chain, **settings):
+    path = tmp_path / "arm.urdf"
+    path.write_text(urdfs.chain(chain))
+    return arm_model(urdf=path, **settings)
+
+
+def recorded(joints, units, torque, n=1000, seed=0, name="a.csv"):
+    """A run of joints on smooth random paths; `torque(q=, v=, a=)` gives (n, nj)."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(n) / 100
+    w = 2 * np.pi * np.array([0.2, 0.5, 0.9])
+    c = 0.3 * rng.standard_normal((len(joints), 3))
+    q, v, a = (
+        c @ (s * wave(np.outer(w, t)))
+        for s, wave in (
+            (np.ones((3, 1)), np.sin),
+            (w[:, None], np.cos),
+            (-(w[:, None] ** 2), np.sin),
+        )
+    )
+    tau = torque(q=q.T, v=v.T, a=a.T)
+    channels = {f"q.{j}": Channel(t, q[i], u) for i, (j, u) in enumerate(zip(joints, units, strict=True))}
+    force = {"m": "N", "rad": "N m"}
+    channels |= {
+        f"tau.{j}": Channel(t, tau[:, i] + 1e-3 * rng.standard_normal(n), force[u])
+        for i, (j, u) in enumerate(zip(joints, units, strict=True))
+    }
+    return Run(name, channels)
+
+
+def test_a_sliding_joint_has_units_of_its_own(tmp_path):
+    model = load(tmp_path, urdfs.SLIDE)
+    for name in ("joint_viscous_friction", "rotor_inertia", "joint_coulomb_friction", "joint_stribeck_friction"):
+        model = model.with_effect(find(name))
+    units = {name: p.unit for name, p in model.parameters.items()}
+    assert units == {
+        "joint_viscous_friction.coefficient[slide]": "N s/m",
+        "rotor_inertia.inertia[slide]": "kg",
+        "joint_coulomb_friction.torque[slide]": "N",
+        "joint_stribeck_friction.torque[slide]": "N",
+        "joint_stribeck_friction.speed[slide]": "m/s",
+    }
+
+
+def test_a_slide_is_identified(tmp_path):
+    run = recorded(["slide"], ["m"], lambda v, a, **_: 5.0 * a + 30.0 * v + 4.0 * np.sign(v) - 1.0)
+    model = load(tmp_path, urdfs.SLIDE)
+    for name in ("rotor_inertia", "joint_viscous_friction", "joint_coulomb_friction", "torque_offset"):
+        model = model.with_effect(find(name))
+    found, _ = fitted(model, [model.prepared(run)])
+    assert list(found.theta()) == pytest.approx([3.0, 30.0, 4.0, -1.0], rel=2e-3)  # the URDF has 2 kg of the 5
+
+
+def test_sliding_and_continuous_joints_go_together(tmp_path):
+    g, m, r = 9.81, 2.0, 0.1
+
+    def torque(q, v, a):
+        # A lift that carries an arm on a horizontal axis: by Lagrange, z_com = z - r sin(turn).
+        lift = 2 * m * (a[:, 0] + g) - m * r * (a[:, 1] * np.cos(q[:, 1]) - v[:, 1] ** 2 * np.sin(q[:, 1]))
+        turn = (m * r**2 + 0.02) * a[:, 1] - m * r * np.cos(q[:, 1]) * (a[:, 0] + g)
+        return np.column_stack([lift, turn])
+
+    model = load(tmp_path, urdfs.MIXED)
+    run = recorded(["lift", "turn"], ["m", "rad"], torque)
+    inside = slice(50, -50)
+    for name, residual in residuals(model, run).items():
+        assert np.abs(residual[inside]).max() < 6e-3, name
+
+
+def test_locked_joints_stay_at_zero(tmp_path):
+    elbow = load(tmp_path, urdfs.DOUBLE, joints=["elbow"])
+    assert elbow.joints == ("elbow",)
+    run = recorded(["elbow"], ["rad"], lambda q, a, **_: 0.04 * a - 2.0 * 9.81 * 0.1 * np.cos(q))
+    assert np.abs(residuals(elbow, run)["tau.elbow"][50:-50]).max() < 6e-3
+
+
+def test_effects_on_some_joints_are_extended_and_removed_joint_by_joint(baxter):
+    model = baxter.with_effect(find("joint_viscous_friction:right_s1,right_w0"))
+    assert model.effects[0].label == "joint_viscous_friction:right_s1,right_w0"
+    assert tuple(model.parts("joint_viscous_friction")) == ("right_s1", "right_w0")
+    assert model.lacks(find("joint_viscous_friction"))
+    assert not model.lacks(find("joint_viscous_friction:right_s1"))
+    whole = model.with_effect(find("joint_viscous_friction"))
+    assert whole.effects[0].label == "joint_viscous_friction"
+    assert len(whole.names) == 7
+    less = whole.without_effect("joint_viscous_friction:right_s0")
+    assert "joint_viscous_friction.coefficient[right_s0]" not in less.names
+    assert len(less.names) == 6
+    assert less.without_effect("joint_viscous_friction").effects == ()
+
+
+def test_only_the_named_joints_feel_an_effect(baxter):
+    run = generate(None, 1.0, 0, duration=3.0)
+    model = baxter.with_effect(find("torque_offset:right_e1")).with_values({"torque_offset.torque[right_e1]": 2.0})
+    before, after = (m.predict(run, m.theta()) for m in (baxter, model))
+    for channel, rows in before.slices.items():
+        change = after.values[rows] - before.values[rows]
+        assert change == pytest.approx(np.full(len(change), 2.0 if channel == "tau.right_e1" else 0.0))
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("joint_viscous_friction:right_s9", "unknown joint of the arm 'right_s9': did you mean 'right_s"),
+        ("payload:right_s0", "cannot act on joint 'right_s0': it acts on the last joint"),
+        ("joint_coupling:right_s0", "neighbour towards the base"),
+        ("sensor_bias", "acts on a sensor, which a model of base 'arm' lacks"),
+        ("torque_offset", "already has the effect 'torque_offset'"),
+    ],
+)
+def test_effects_that_do_not_fit_are_refused(baxter, name, message):
+    model = baxter.with_effect(find("torque_offset"))
+    with pytest.raises(InputError, match=message):
+        model.with_effect(find(name))
+
+
+def test_a_pendulum_refuses_effects_on_joints():
+    from armdyn.pendulum.model import pendulum_model
+
+    with pytest.raises(InputError, match="acts on a joint, which a model of base 'pendulum' lacks"):
+        pendulum_model(0.4, 0.1).with_effect(find("joint_viscous_friction"))
+
+
+def test_joints_in_a_name_are_for_effects_on_joints():
+    with pytest.raises(InputError, match="leave out ':right_s0'"):
+        find("linear_drag:right_s0")
+
+
+def test_typical_sizes_grow_with_the_effort_of_the_joint(baxter):
+    model = baxter.with_effect(find("joint_coulomb_friction"))
+    shoulder, wrist = (
+        model.parameters[f"joint_coulomb_friction.torque[{j}]"].typical for j in ("right_s0", "right_w0")
+    )
+    assert shoulder / wrist == pytest.approx(50.0 / 15.0)
+
+
+def test_a_users_own_effect_takes_ten_lines(baxter):
+    import casadi as ca
+
+    @effect("cogging", acts_on="joint", summary="The motor's teeth pull.", source="a data sheet")
+    def cogging(
+        joint,
+        sine=quantity("N m", typical=0.5),
+        cosine=quantity("N m", typical=0.5),
+    ):
+        angle = 14 * joint.position
+        return joint.with_torque(sine * ca.sin(angle) + cosine * ca.cos(angle))
+
+    assert "cogging" in OUTSIDE
+    runs = [baxter.prepared(generate("cogging", 1.0, 3, recording=k)) for k in range(2)]
+    found, _ = fitted(baxter.with_effect(cogging), runs)
+    assert chi2_per_sample(found, runs[1]) < 0.05 * chi2_per_sample(baxter, runs[1])
+    amplitude = np.hypot(found.value("cogging.sine[right_s0]"), found.value("cogging.cosine[right_s0]"))
+    assert amplitude == pytest.approx(0.8, rel=0.1)
+
+
+def test_an_effect_whose_gain_changes_with_the_motion_is_refused(baxter):
+    @effect("odd", acts_on="joint", summary="", source="")
+    def odd(joint, share=quantity("1", typical=0.1)):
+        return joint.with_gain(1 + share * joint.position)
+
+    model = baxter.with_effect(odd)
+    with pytest.raises(InputError, match="can depend on parameters only"):
+        model.predict(generate(None, 1.0, 0, duration=2.0), model.theta())
+
+
+def without(run, *names):
+    return replace(run, channels={name: c for name, c in run.channels.items() if name not in names})
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda r: without(r, "q.right_e0"), "holds no 'q.right_e0'"),
+        (lambda r: without(r, *(f"tau.{j}" for j in JOINTS)), "holds no torque of right_s0"),
+        (
+            lambda r: replace(r, channels={**r.channels, "tau.right_s0": _constant(r)}),
+            "'tau.right_s0' is 1 N m throughout",
+        ),
+        (lambda r: replace(r, channels={**r.channels, "tau.right_s0": _later(r)}), "were not recorded together"),
+    ],
+)
+def test_runs_that_cannot_be_compared_are_refused(baxter, change, message):
+    with pytest.raises(InputError, match=message):
+        baxter.prepared(change(generate(None, 1.0, 0, duration=2.0)))
+
+
+def test_a_position_in_the_wrong_unit_is_refused(tmp_path):
+    run = recorded(["slide"], ["rad"], lambda a, **_: a)
+    with pytest.raises(InputError, match="is in rad, but the joint slides"):
+        load(tmp_path, urdfs.SLIDE).prepared(run)
+
+
+def _constant(run):
+    time = run.channels["tau.right_s0"].time
+    return Channel(time, np.ones(len(time)), "N m")
+
+
+def _later(run):
+    c = run.channels["tau.right_s0"]
+    return Channel(c.time + 100.0, c.value, c.unit)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({}, "give one of urdf and robot"),
+        ({"urdf": "nowhere.urdf"}, "nowhere.urdf: no such URDF file"),
+        ({"robot": "baxtr"}, "did you mean 'baxter'"),
+        ({"robot": "baxter", "joints": ["right_s9"]}, "no joint 'right_s9'"),
+        ({"robot": "baxter", "joints": []}, "at least one joint"),
+    ],
+)
+def test_arms_that_do_not_exist_are_refused(settings, message):
+    with pytest.raises(InputError, match=message):
+        arm_model(**settings)
+
+
+def test_a_missing_torque_channel_leaves_the_others(baxter):
+    run = without(generate(None, 1.0, 0, duration=3.0), "tau.right_e0")
+    assert baxter.predicted_channels(run) == tuple(f"tau.{j}" for j in JOINTS if j != "right_e0")
+    assert len(baxter.predict(run, baxter.theta()).channels) == 6
+
+
+def test_without_joints_unknown_names_are_reported(baxter):
+    with pytest.raises(UnknownNameError, match="unknown effect of this model"):
+        baxter.without_effect("payload")
+
+
+# Preparation
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_true_model_leaves_the_noise_that_the_prepared_run_states(baxter, seed):
+    run = baxter.prepared(generate(None, 1.0, seed, stated=seed > 0))
+    samples = sum(len(run.channels[c]) for c in baxter.predicted_channels(run))
+    assert chi2_per_sample(baxter, run) == pytest.approx(1.0, abs=4 * np.sqrt(2 / samples))
+
+
+def test_low_passing_both_sides_leaves_friction_unbiased(baxter):
+    from armdyn.arm import prepared
+
+    run = generate("joint_coulomb_friction", 3.0, 2)
+    model = baxter.with_effect(find("joint_coulomb_friction:right_s0"))
+    only = {**{f"q.{j}": run.channels[f"q.{j}"] for j in JOINTS}, "tau.right_s0": run.channels["tau.right_s0"]}
+    ready = model.prepared(replace(run, channels=only))
+    assert ready.cutoffs["tau.right_s0"] < 3.0  # Hz; the steps of the friction are far faster
+    found, estimate = fitted(model, [ready])
+    assert found.value(model.names[0]) == pytest.approx(3.0, abs=5 * estimate.std(model.names[0]))
+    assert prepared.MARGIN < 1.0
+
+
+def test_uneven_stamps_and_a_gap_change_little(baxter):
+    model = baxter.with_effect(find("joint_viscous_friction"))
+    run = generate("joint_viscous_friction", 1.0, 4, jitter=0.6)
+    time = run.channels["q.right_s0"].time
+    kept = (time < 5.0) | (time > 5.4)
+    gappy = replace(run, channels={n: Channel(c.time[kept], c.value[kept], c.unit) for n, c in run.channels.items()})
+    ready = model.prepared(gappy)
+    found, _ = fitted(model, [ready])
+    assert found.value("joint_viscous_friction.coefficient[right_s0]") == pytest.approx(2.0, rel=0.01)
+    assert chi2_per_sample(found, ready) < 1.6
+
+
+def test_recorded_velocities_improve_the_smoothed_ones(baxter):
+    errors = []
+    for rates in (True, False):
+        run = baxter.prepared(generate(None, 1.0, 6, rates=rates))
+        v = run.channels["v.right_s0"]
+        inside = (v.time > 1.0) & (v.time < 14.0)
+        errors.append(np.std((v.value - motion(6).at(v.time)[1][:, 0])[inside]))
+    assert errors[0] < errors[1] < 2e-3
+
+
+def test_preparing_twice_is_preparing_once(baxter):
+    run = generate(None, 1.0, 0, duration=3.0)
+    once = baxter.prepared(run)
+    assert baxter.prepared(once) is once
+    assert baxter.prepared(run) is once
+
+
+def test_a_renamed_or_copied_prepared_run_is_predicted_alike(baxter):
+    run = baxter.prepared(generate(None, 1.0, 0, duration=3.0))
+    expected = baxter.predict(run, baxter.theta()).values
+    for other in (replace(run, name="other"), pickle.loads(pickle.dumps(run))):
+        assert np.array_equal(baxter.predict(other, baxter.theta()).values, expected)
+
+
+def test_part_of_a_prepared_run_is_predicted_as_in_the_whole(baxter):
+    run = baxter.prepared(generate(None, 1.0, 0, duration=4.0))
+    whole = baxter.predict(run, baxter.theta())
+    cut = {n: Channel(c.time[5:15], c.value[5:15], c.unit) for n, c in run.channels.items() if n.startswith("tau.")}
+    part = baxter.predict(replace(run, channels={**run.channels, **cut}), baxter.theta())
+    for name in part.channels:
+        assert part.values[part.slices[name]] == pytest.approx(whole.values[whole.slices[name]][5:15])
+
+
+def test_circumstances_are_the_joints_motion(baxter):
+    found = baxter.circumstances(baxter.prepared(generate(None, 1.0, 0, duration=3.0)), baxter.theta())
+    assert {f"{kind}.{joint}" for kind in "qva" for joint in JOINTS} == set(found)
+    assert found["v.right_s0"].unit == "rad/s"

@@ -1,0 +1,82 @@
+import numpy as np
+import pinocchio as pin
+import pytest
+from hidden_effects.arm import CENTRE, JOINTS, rigid_torque
+
+import urdf
+from armdyn.arm.inertia import inertial_parameters, is_physical, pseudo_inertia, shape
+from armdyn.arm.motion import Motion
+from armdyn.arm.rigid import base_parameters, described_parameters, inverse_dynamics, torque_regressor
+
+from . import urdfs
+
+
+def random_motion(n, seed=0):
+    rng = np.random.default_rng(seed)
+    q, v, a = CENTRE + 0.7 * rng.standard_normal((n, 7)), rng.standard_normal((n, 7)), 3 * rng.standard_normal((n, 7))
+    return Motion(np.arange(n), q, v, a, np.sign(v))
+
+
+def test_torques_are_those_of_mujoco(baxter):
+    motion = random_motion(200)
+    ours = inverse_dynamics(baxter.arm.model, motion)
+    theirs = rigid_torque(motion.q, motion.v, motion.a)
+    assert baxter.joints == JOINTS
+    assert np.abs(ours - theirs).max() < 1e-10 * np.abs(theirs).max()
+
+
+def test_torques_are_linear_in_the_inertial_parameters(baxter):
+    motion = random_motion(50)
+    model = baxter.arm.model
+    regressor = torque_regressor(model, motion)
+    torque = np.einsum("njlk,lk->nj", regressor, described_parameters(model))
+    assert torque == pytest.approx(inverse_dynamics(model, motion), abs=1e-10)
+
+
+def test_base_parameters_give_the_same_torques(baxter):
+    model = baxter.arm.model
+    found = base_parameters(model)
+    regressor = torque_regressor(model, random_motion(100, seed=3)).reshape(-1, 70)
+    reduced = regressor[:, found.independent]
+    assert reduced @ found.combination == pytest.approx(regressor, abs=1e-8 * np.abs(regressor).max())
+
+
+@pytest.mark.parametrize(
+    ("joints", "count"),
+    [
+        (urdfs.SLIDE, 1),  # the mass
+        (urdfs.PENDULUM, 3),  # I, m x, m z
+        (urdfs.DOUBLE, 6),  # the same of the outer link; I + m2 l^2, m x + m2 l, m z of the inner one
+    ],
+)
+def test_base_parameters_are_as_many_as_by_hand(tmp_path, joints, count):
+    path = tmp_path / "arm.urdf"
+    path.write_text(urdfs.chain(joints))
+    assert len(base_parameters(urdf.load(path).model).independent) == count
+
+
+def test_pseudo_inertia_gives_back_the_inertial_parameters():
+    inertia = pin.Inertia.Random()
+    parameters = np.asarray(inertia.toDynamicParameters())
+    J = pseudo_inertia(parameters)
+    assert np.asarray(inertial_parameters(_constant(J))).ravel() == pytest.approx(parameters)
+    assert is_physical(parameters)
+    U = shape(parameters, float(inertia.mass))
+    assert np.allclose(np.triu(U), U)
+    assert pytest.approx(J, abs=1e-4 * np.abs(J).max()) == U @ U.T
+
+
+@pytest.mark.parametrize("parameters", [np.zeros(10), np.array([2.0, 0.2, 0, 0, 0, 0, 0, 0, 0, 0])])
+def test_a_link_without_extent_or_mass_can_be_deformed(parameters):
+    U = shape(parameters, 5.0)
+    assert np.linalg.eigvalsh(U @ U.T)[0] > 0
+
+
+def test_a_negative_mass_is_not_physical():
+    assert not is_physical(np.array([-1.0, 0, 0, 0, 0.1, 0, 0.1, 0, 0, 0.1]))
+
+
+def _constant(matrix):
+    import casadi as ca
+
+    return ca.DM(matrix)

@@ -1,0 +1,23 @@
+"""Small arms as URDF text."""
+
+
+def chain(joints):
+    """URDF of a chain; each joint is (name, type, axis, origin xyz), each link has 2 kg 0.1 m along its x axis."""
+    parts = ['<robot name="chain"><link name="base"/>']
+    parent = "base"
+    for name, kind, axis, origin in joints:
+        limit = '<limit lower="-2" upper="2" effort="100" velocity="2"/>'
+        parts.append(
+            f'<link name="{name}_link"><inertial><origin xyz="0.1 0 0"/><mass value="2"/>'
+            '<inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+            f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{name}_link"/>'
+            f'<origin xyz="{origin}"/><axis xyz="{axis}"/>{limit}</joint>'
+        )
+        parent = f"{name}_link"
+    return "\n".join([*parts, "</robot>"])
+
+
+SLIDE = [("slide", "prismatic", "1 0 0", "0 0 0")]
+PENDULUM = [("swing", "revolute", "0 1 0", "0 0 0")]
+DOUBLE = [*PENDULUM, ("elbow", "revolute", "0 1 0", "0.3 0 0")]
+MIXED = [("lift", "prismatic", "0 0 1", "0 0 0"), ("turn", "continuous", "0 1 0", "0 0 0.2")]
