@@ -1,5 +1,6 @@
 """What compare, diagnose, add and repair have in common: arguments, reading, the words on the screen."""
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -83,12 +84,13 @@ def spinner() -> Iterator[Callable[[str], None]]:
 def say_fit(found: "Comparison") -> None:
     """Print parameters, channels and places."""
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
     console = Console(highlight=False)
     table = Table("parameter", "value", "std", "unit", box=None, header_style="dim")
     for name, p in found.parameters.items():
-        table.add_row(name, f"{p.value:.6g}", "fixed" if p.std is None else f"{p.std:.2g}", p.unit)
+        table.add_row(escape(name), f"{p.value:.6g}", "fixed" if p.std is None else f"{p.std:.2g}", p.unit)
     if found.parameters:
         console.print(table)
     channels = Table("channel", "noise", "rmse", "held out", "χ²/sample", box=None, header_style="dim")
@@ -101,9 +103,9 @@ def say_fit(found: "Comparison") -> None:
     if not found.intervals_hold:
         console.print("[yellow]The residual is not white: the standard deviations do not hold as intervals.[/]")
     for name in found.at_bound:
-        console.print(f"[yellow]{name} ended on its physical bound: it may stand in for something else.[/]")
+        console.print(f"[yellow]{escape(name)} ended on its physical bound: it may stand in for something else.[/]")
     for name in found.undetermined:
-        console.print(f"[dim]{name} was not fitted: these runs say nothing about it.[/]")
+        console.print(f"[dim]{escape(name)} was not fitted: these runs say nothing about it.[/]")
 
 
 def say_places(found: "Comparison", most: int = 6) -> None:
@@ -120,21 +122,23 @@ def say_places(found: "Comparison", most: int = 6) -> None:
 
 
 def say_ladder(ladder: "tuple[Rung, ...]") -> None:
-    """Print the error falling."""
+    """Print the error falling; three channels or more, such as an arm's joints, as the root of their summed squares."""
     from rich.console import Console
     from rich.table import Table
 
     channels = list(ladder[0].rmse)
-    heads = [text for c in channels for text in (f"{c} rmse", "held out")]
+    together = len(channels) > 2
+    heads = ["total rmse", "held out"] if together else [h for c in channels for h in (f"{c} rmse", "held out")]
     table = Table("step", *heads, "χ²/sample", "BIC", box=None, header_style="dim")
     for rung in ladder:
         name = "+ " + " + ".join(rung.added) if rung.added else "as given" if not rung.removed else ""
-        name += f" [{', '.join(rung.joints)}]".replace("[", "\\[") if rung.joints else ""
+        name += f" on {', '.join(rung.joints)}" if rung.joints else ""
         name += "".join(f" − {removed}" for removed in rung.removed)
         name += f" (or {', '.join(rung.tied_with)})" if rung.tied_with else ""
-        cells = []
-        for channel in channels:
-            held_out = rung.held_out_rmse.get(channel)
-            cells += [f"{rung.rmse[channel]:.4g}", "–" if held_out is None else f"{held_out:.4g}"]
+        errors = [(rung.rmse[c], rung.held_out_rmse.get(c)) for c in channels]
+        if together:
+            held = [e for _, e in errors if e is not None]
+            errors = [(math.hypot(*(e for e, _ in errors)), math.hypot(*held) if held else None)]
+        cells = [f"{e:.4g}" if e is not None else "–" for pair in errors for e in pair]
         table.add_row(name, *cells, f"{rung.chi2_per_sample:.4g}", f"{rung.bic:.6g}")
     Console(highlight=False).print(table)
