@@ -4,7 +4,7 @@ What is linear in its parameter, with a factor that only the motion decides, is 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -13,14 +13,13 @@ import numpy as np
 
 from armdyn.arm.inertia import inertial_parameters
 from armdyn.arm.physics import Expression, Joint, Link, Neighbour
+from armdyn.arm.vectorised import OverTime
 from armdyn.codegen import Buffered
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
 
 INPUTS = ("time", "position", "velocity", "acceleration", "direction", "load", "inner q", "inner v", "inner a")
 LOAD = INPUTS.index("load")
-BLOCK = 512
-"""Samples per evaluation; a run of any length is a sequence of blocks, the last one padded."""
 
 
 class Term:
@@ -49,10 +48,9 @@ class Term:
         self.loaded = bool(ca.depends_on(expression, inputs[LOAD]))
         self.has_rest = bool(self.nonlinear) or not rest.is_zero()
         self.empty = not self.linear and not self.has_rest
-        columns = ca.densify(_part(derivative.T, self.linear))
-        self._columns = _OverTime(ca.Function("columns", [inputs, theta], [columns]))
+        self._columns = OverTime(_part(derivative.T, self.linear), inputs, theta)
         outputs = [rest, *(ca.jacobian(rest, theta)[0, i] for i in self.nonlinear), ca.jacobian(rest, inputs[LOAD])]
-        self._rest = _OverTime(ca.Function("rest", [inputs, theta], [ca.densify(ca.vertcat(*outputs))]))
+        self._rest = OverTime(ca.vertcat(*outputs), inputs, theta)
 
     def columns(self, inputs: np.ndarray, size: int) -> np.ndarray:
         """(n, linear) columns over (9, n) inputs; `size` is the number of parameters."""
@@ -66,31 +64,6 @@ class Term:
         It depends on the entries `nonlinear` of (k,) `theta` only.
         """
         return self._rest(inputs, theta).T
-
-
-class _OverTime:
-    """A function of inputs and parameters, evaluated at all samples of a run, block by block."""
-
-    def __init__(self, function: ca.Function) -> None:
-        self._rows = function.size1_out(0)
-        inputs = ca.MX.sym("w", function.size1_in(0), BLOCK)
-        theta = ca.MX.sym("theta", function.numel_in(1))
-        whole = [function.map(BLOCK)(inputs, ca.repmat(theta, 1, BLOCK))]
-        self._block = Buffered(ca.Function("block", [inputs, theta], whole))
-        self._padded = np.zeros((function.size1_in(0), BLOCK))
-
-    def __call__(self, inputs: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """(m, n) for (9, n) inputs and (k,) parameters."""
-        n = inputs.shape[1]
-        result = np.empty((self._rows, n))
-        for first in range(0, n, BLOCK):
-            block = inputs[:, first : first + BLOCK]
-            width = block.shape[1]
-            if width < BLOCK:
-                self._padded[:, :width] = block
-                block = self._padded
-            result[:, first : first + width] = self._block(block, theta)[0][:, :width]
-        return result
 
 
 class LinkFunction:
@@ -146,7 +119,7 @@ class JointFunctions:
 
     Attributes:
         names: ``"<effect>.<quantity>"`` in the order of theta (k,).
-        torque: beyond the load.
+        torque: beyond the load; what is not linear has a term for each effect, so that it is evaluated when needed.
         inner_torque: on the inner neighbour's drive.
         offset: of the sensor's reading.
         sensor: its gain and delay.
@@ -154,7 +127,7 @@ class JointFunctions:
     """
 
     names: tuple[str, ...]
-    torque: Term
+    torque: tuple[Term, ...]
     inner_torque: Term
     offset: Term
     sensor: SensorFunction
@@ -189,12 +162,17 @@ def _composed(effects: tuple[_Applied, ...]) -> JointFunctions:
     by_name = dict(zip(names, ca.vertsplit(theta), strict=True)) if names else {}
     inputs, shape = ca.SX.sym("w", len(INPUTS)), ca.SX.sym("U", 4, 4)
     time, q, v, a, direction, load, *inner = ca.vertsplit(inputs)
-    zero, one = ca.SX(0), ca.SX(1)
+    zero, one, before = ca.SX(0), ca.SX(1), ca.SX.sym("torque")
     joint = Joint(
         time, q, v, a, direction, load, Neighbour(*inner), Link(shape, ca.SX(4, 4)), zero, zero, one, zero, zero
     )
+    added = []
     for e in effects:
+        joint = replace(joint, torque=before)
         joint = e.function(joint, **{short: by_name[f"{e.name}.{short}"] for short in e.quantities})
+        added.append(ca.substitute(joint.torque, before, 0))
+        if not ca.is_equal(ca.jacobian(joint.torque, before), one):
+            raise InputError(f"effect '{e.name}': what it does to the joint's torque must be added, by 'with_torque'")
     parameters = inertial_parameters(joint.link.pseudo_inertia)
     sensor = ca.vertcat(joint.gain, joint.delay)
     if ca.depends_on(ca.vertcat(parameters, sensor), inputs):
@@ -205,12 +183,20 @@ def _composed(effects: tuple[_Applied, ...]) -> JointFunctions:
     null = np.array([null for e in effects for null in e.null])
     return JointFunctions(
         names=names,
-        torque=Term(joint.torque, inputs, theta),
+        torque=_terms(added, inputs, theta),
         inner_torque=Term(joint.inner_torque, inputs, theta),
         offset=Term(joint.offset, inputs, theta),
         sensor=SensorFunction(sensor, theta),
         link=LinkFunction(parameters, shape, theta, null) if ca.depends_on(parameters, theta) else None,
     )
+
+
+def _terms(added: Sequence[Expression], inputs: Expression, theta: Expression) -> tuple[Term, ...]:
+    """One term for all that is linear, and one for each expression that is not."""
+    terms = [Term(expression, inputs, theta) for expression in added]
+    linear = [expression for expression, term in zip(added, terms, strict=True) if not term.has_rest]
+    rest = [term for term in terms if term.has_rest]
+    return (Term(sum(linear, ca.SX(0)), inputs, theta), *rest)
 
 
 def _part(vector: Expression, indices: Sequence[int]) -> Expression:

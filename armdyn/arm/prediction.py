@@ -157,7 +157,8 @@ class ChannelPredictor:
         widths = {i: len(theta[i]) for i in dict.fromkeys((j, *outer, *carried, *loading))}
         total = Signal(len(self._described), widths)
         total.value += self._described
-        self._add(total, own.torque, j, theta[j], links)
+        for term in own.torque:
+            self._add(total, term, j, theta[j], links)
         for i in carried:
             columns = self._link(i)
             total.value += columns @ links.change[i]
