@@ -1,9 +1,9 @@
 """A run of an arm made ready for comparison: torques low-passed where noise takes over, and thinned until white again.
 
 Measured and predicted torques pass the same filter, as in the parallel filtering of Gautier (ICRA 1997), so that
-filtering biases nothing. The cut-off of a joint is 0.7 times the lowest of three frequencies: where its measured
-torque, and where its measured position, has as much noise as signal, and where the noise of the positions,
-differentiated twice and multiplied by the inertias, reaches that of the torque sensor.
+filtering biases nothing. The cut-off of a joint lies below three frequencies: where its measured torque has as much
+noise as signal, where the noise of the positions, differentiated twice and multiplied by the inertias, reaches that of
+the torque sensor (both with a margin of 0.7), and where the measured position has as much noise as signal.
 """
 
 from collections.abc import Mapping
@@ -78,8 +78,8 @@ def prepare(run: Run, model: pin.Model, joints: tuple[str, ...], measured: tuple
         # Spectra, in (N m)^2/Hz: of the torque sensor, and of what positions bring in per (2 pi f)^4.
         sensor, brought_in = choice.noise**2 * interval, position_noise[j]
         crossing = (sensor / brought_in) ** 0.25 / (2.0 * np.pi) if brought_in > 0 and sensor > 0 else np.inf
-        lowest = min(choice.cutoff, motion.joints[j].choice.cutoff, crossing)
-        cutoff = _enough(MARGIN * lowest, stamps)
+        lowest = min(MARGIN * choice.cutoff, MARGIN * crossing, motion.joints[j].choice.cutoff)
+        cutoff = _enough(float(lowest), stamps)
         time = _thinned(stamps, cutoff)
         low = LowPass(Samples(stamps, UNDISTORTED / cutoff), cutoff).curve(raw.value[keep])
         channels[name] = Channel(time, low(time)[:, 0], raw.unit)
