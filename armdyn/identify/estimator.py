@@ -17,8 +17,6 @@ METHODS: Mapping[str, Callable[..., Estimate]] = {
     "gradient_descent": gradient_descent,
 }
 MOST_LAGS = 50
-CLOSE_ENOUGH = 0.05
-"""Standard deviations to the minimum at which an update ends: the next one, half a second later, goes on from there."""
 WINDOWS = (0.75, 1.5, 3.0, 6.0)
 """s; a recorded run is fitted over these windows first, each from the last one's result."""
 
@@ -46,7 +44,7 @@ class Estimator(Generic[ModelT]):
     def update(self, run: Run) -> Estimate:
         """Estimate from all data so far; `model` then holds the new values."""
         problem = LeastSquares(self.model, [run], self.noise)
-        self.estimate = self._minimise(problem, tolerance=CLOSE_ENOUGH)
+        self.estimate = self._minimise(problem)
         self.model = self.model.with_values(dict(zip(self.estimate.names, self.estimate.values.tolist(), strict=True)))
         return self.estimate
 
