@@ -11,6 +11,7 @@ import urdf
 from armdyn.errors import InputError, TaskFailedError
 from pipeline.motion.feasibility import (
     CheckSettings,
+    FeasibilityReport,
     JointTorque,
     LineTorque,
     Obstacle,
@@ -41,8 +42,8 @@ def joint_sines(robot: urdf.Robot, amplitude: np.ndarray, frequency: np.ndarray,
     return JointTrajectory(t[:, 0], robot.home + q, v, a, robot.joint_names)
 
 
-def broken(report: object) -> set[tuple[str, str]]:
-    return {(v.limit, v.joint) for v in report.violations}  # type: ignore[attr-defined]
+def broken(report: FeasibilityReport) -> set[tuple[str, str]]:
+    return {(v.limit, v.joint) for v in report.violations}
 
 
 def test_a_slow_motion_along_the_line_is_feasible(robot: urdf.Robot, table: ik.LineTable) -> None:

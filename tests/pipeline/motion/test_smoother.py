@@ -3,6 +3,7 @@ import socket
 
 import numpy as np
 import pytest
+import ruckig
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -160,8 +161,8 @@ def test_no_intermediate_waypoint_and_no_network_is_ever_used(monkeypatch: pytes
         def __init__(self, dofs: int) -> None:
             self._real = real(dofs)
 
-        def calculate(self, parameters: object, trajectory: object) -> object:
-            seen.append(len(parameters.intermediate_positions))  # type: ignore[attr-defined]
+        def calculate(self, parameters: ruckig.InputParameter, trajectory: ruckig.Trajectory) -> object:
+            seen.append(len(parameters.intermediate_positions))
             return self._real.calculate(parameters, trajectory)
 
     monkeypatch.setattr(planner.ruckig, "Ruckig", Watched)
