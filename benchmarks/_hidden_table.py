@@ -1,0 +1,145 @@
+"""What the tables of hidden effects share: cases run by processes, answers judged, shares printed.
+
+A row is a dictionary. Its truth values under the keys of `SHARES` become columns of the table; `seconds` (wall) and
+`cpu` become a line on time; `pull` is (estimate - truth) / std and `held_out` the chi2 per sample of held-out runs.
+"""
+
+import argparse
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+
+from armdyn.identify.diagnose import Diagnosis
+from armdyn.identify.fit import Fit
+from armdyn.identify.held_out import chi2_of
+from armdyn.identify.study import Study
+
+Row = dict[str, Any]
+SHARES = ("named", "honest", "joints", "tie", "alone", "false", "exact", "flagged")
+GOOD_HELD_OUT = 1.1
+"""Chi2 per sample of held-out runs up to which a repair counts as complete."""
+
+
+def parser(description: str | None, what: str, seeds: int) -> argparse.ArgumentParser:
+    """Options that every table has."""
+    made = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    made.add_argument("--seeds", type=int, default=seeds, help="of each kind")
+    made.add_argument("--first-seed", type=int, default=0)
+    made.add_argument("--processes", type=int, default=1)
+    made.add_argument("--what", default=what, help="kinds of cases, with commas")
+    made.add_argument("--only", default="", help="effects, with commas")
+    made.add_argument("--json", type=Path, default=None, help="every row")
+    return made
+
+
+def answered(case: Callable[..., Row], arguments: Sequence[tuple[Any, ...]], processes: int) -> Iterator[Row]:
+    """Rows of `case(*arguments)`, in order; `case` is a function of a module, so that processes can find it."""
+    if processes == 1:
+        yield from (case(*given) for given in arguments)
+        return
+    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+        yield from pool.map(case, *zip(*arguments, strict=True))
+
+
+def judged(found: Diagnosis, truth: str) -> Row:
+    """Right first name; that or an honest tie that contains it; whether a tie was reported; nothing else named."""
+    first = found.suspects[0] if found.suspects else None
+    if first is None or found.verdict.key not in ("effect_missing", "cannot_tell_apart"):
+        return {"named": False, "honest": False, "tie": False, "alone": False}
+    tie = found.verdict.key == "cannot_tell_apart"
+    named = first.effect == truth
+    last = found.search.last
+    return {
+        "named": named,
+        "honest": named or (tie and truth in first.tied_with),
+        "tie": tie,
+        "alone": len(last.effects) == len(found.search.steps[0].effects) + 1,
+    }
+
+
+def held_out_chi2(study: Study, fit: Fit) -> float | None:
+    """Chi2 per sample of whole runs held out in turn; None where there is nothing to hold out."""
+    blocks = study.held_out_blocks(fit)
+    if not blocks:
+        return None
+    return chi2_of(blocks) / sum(len(block.residual) for block in blocks)
+
+
+def table(title: str, rows: Sequence[Row]) -> None:
+    """Print one kind of cases: a line for each thing hidden, then all of them."""
+    print(f"\n{title}: {len(rows)} cases")
+    for name in dict.fromkeys(row["what"] for row in rows):
+        mine = [row for row in rows if row["what"] == name]
+        columns = [f"{key} {_share(mine, key)}" for key in SHARES if key in mine[0]]
+        print(f"  {name:44s}" + "  ".join([*columns, *_good(mine)]), flush=True)
+    for key in SHARES:
+        if any(key in row for row in rows):
+            print(f"  all: {key} {_share(rows, key)}")
+    untied = [row for row in rows if row.get("tie") is False and "named" in row]
+    if untied:
+        print(f"  where no tie was reported: named {_share(untied, 'named')} of {len(untied)}")
+    for key, text in (("pull", "true value of the effect's parameter"), ("length_pull", "true length")):
+        pulls = np.array([abs(row[key]) for row in rows if row.get(key) is not None])
+        if len(pulls):
+            print(f"  {text} within 3 std: {100 * np.mean(pulls < 3):.1f} % of {len(pulls)}")
+    held_out = np.array([row["held_out"] for row in rows if row.get("held_out") is not None])
+    if len(held_out):
+        good = 100 * np.mean(held_out <= GOOD_HELD_OUT)
+        print(
+            f"  held-out chi2 per sample <= {GOOD_HELD_OUT}: {good:.1f} % of {len(held_out)}, worst {max(held_out):.3g}"
+        )
+    for key, text in (("seconds", "wall"), ("cpu", "processor")):
+        taken = np.array([row[key] for row in rows if key in row])
+        if len(taken):
+            print(
+                f"  {text} seconds: median {np.median(taken):.2f}, 95 % {np.percentile(taken, 95):.2f}, "
+                f"worst {np.max(taken):.2f}; above 2: {100 * np.mean(taken > 2):.0f} %", flush=True,
+            )  # fmt: skip
+
+
+def missed(row: Row) -> bool:
+    """Whether a row is worth a line of its own."""
+    return bool(row.get("false")) or any(row.get(key) is False for key in ("honest", "exact", "flagged"))
+
+
+def save(path: Path | None, everything: Mapping[str, Sequence[Row]]) -> None:
+    """Every row as JSON, where a file is asked for."""
+    if path is not None:
+        path.write_text(json.dumps(everything, indent=1, default=_plain))
+
+
+def run(
+    kinds: Mapping[str, tuple[Callable[..., Row], Sequence[tuple[Any, ...]]]], processes: int, path: Path | None
+) -> None:
+    """Answer and print kinds of cases, each a function and what to call it with; the file grows kind by kind."""
+    everything: dict[str, list[Row]] = {}
+    for kind, (case, arguments) in kinds.items():
+        rows = everything[kind] = []
+        for row in answered(case, arguments, processes):
+            rows.append(row)
+            if missed(row):
+                print("   miss:", {k: v for k, v in row.items() if k not in ("seconds", "cpu")}, flush=True)
+        table(kind, rows)
+        save(path, everything)
+
+
+def _share(rows: Sequence[Row], key: str) -> str:
+    values = [bool(row[key]) for row in rows if key in row]
+    return f"{100 * np.mean(values):5.1f} %" if values else "  –"
+
+
+def _good(rows: Sequence[Row]) -> list[str]:
+    values = [row["held_out"] <= GOOD_HELD_OUT for row in rows if row.get("held_out") is not None]
+    return [f"held out {100 * np.mean(values):5.1f} %"] if values else []
+
+
+def _plain(value: object) -> object:
+    return value.item() if isinstance(value, np.generic) else str(value)
