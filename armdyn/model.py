@@ -1,7 +1,7 @@
 """A model: a base, effects, parameters. Never changed in place."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import ClassVar, Self
@@ -125,6 +125,14 @@ class Model(ABC):
     def lacks(self, effect: Effect) -> bool:
         """Whether `with_effect` would add something."""
         return effect.acts_on in self.stages and all(e.name != effect.name for e in self.effects)
+
+    def holding(self, needed: Collection[str]) -> Self:
+        """A model that may lack effects which are not `needed`, where it is cheaper to evaluate without them.
+
+        At the null values of what it lacks it predicts the same; its parameters keep their order.
+        """
+        del needed
+        return self
 
     def prepared(self, run: Run) -> Run:
         """The run as this model is compared with it; prepare every run once, before its noise is estimated.

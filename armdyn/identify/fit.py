@@ -27,7 +27,7 @@ class Fit:
         problem: model, runs, noise.
         free: (P,) bool, the unknowns that were fitted.
         values: (P,) of all unknowns.
-        blocks: residuals and derivatives there.
+        blocks: residuals there, and derivatives with respect to what is free.
         outcome: why the descent ended.
     """
 
@@ -104,7 +104,7 @@ def fit(problem: Problem, free: np.ndarray, start: np.ndarray, *, windows: bool 
             these = these & determined(cut, these, values)
             values = cut.fit(these, values, most_steps=8, tolerance=0.3).values
     found = problem.fit(free, values, most_steps=most_steps)
-    return Fit(problem, free, found.values, tuple(problem.blocks(found.values)), found.outcome)
+    return Fit(problem, free, found.values, tuple(problem.blocks(found.values, free)), found.outcome)
 
 
 def determined(problem: Problem, free: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -45,7 +45,7 @@ def _predicted(found: Fit, values: np.ndarray, run: Run, whole: Fit | None = Non
         start = np.where(alone.per_run, _transferred(whole, whole.values, alone)[1], start)
     free = free & alone.per_run
     if not free.any():
-        return tuple(alone.blocks(start))
+        return tuple(alone.blocks(start, free))
     near = fit(alone, free, start)
     if near.chi2_per_sample < GROSS:
         return near.blocks

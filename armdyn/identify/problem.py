@@ -103,8 +103,14 @@ class Problem:
         self.fitted = np.array([p.fitted for p in parameters], dtype=bool)
         self.prior_mean = np.array([p.prior.mean if p.prior else 0.0 for p in parameters])
         self.prior_weight = np.array([1.0 / p.prior.std if p.prior else 0.0 for p in parameters])
-        self._remembered: dict[bytes, list[Block]] = {}
+        self._whole: dict[tuple[bytes, frozenset[str]], list[Block]] = {}
+        self._partial: dict[tuple[bytes, frozenset[str]], list[Block]] = {}
         self._of_run = [self._places(i) for i in range(len(self.runs))]
+        self._of_effect = {
+            effect.name: np.array([c.parameter.name.startswith(f"{effect.name}.") for c in columns], dtype=bool)
+            for effect in model.effects
+        }
+        self._lean: dict[frozenset[str], tuple[frozenset[str], Model, np.ndarray]] = {}
 
     def _places(self, run: int) -> np.ndarray:
         """(p,) position among the unknowns of every parameter of the model in one run."""
@@ -129,23 +135,47 @@ class Problem:
         """(p,) the model's parameter vector in one run."""
         return values[self._of_run[run]]
 
-    def blocks(self, values: np.ndarray) -> list[Block]:
-        """Residuals and derivatives at (P,) values; the last few points are remembered."""
-        key = values.tobytes()
-        if key not in self._remembered:
-            while len(self._remembered) >= REMEMBERED:
-                del self._remembered[next(iter(self._remembered))]
-            self._remembered[key] = self._blocks(values)
-        return self._remembered[key]
+    def blocks(self, values: np.ndarray, wanted: np.ndarray | None = None) -> list[Block]:
+        """Residuals and derivatives at (P,) values; the last few points are remembered.
 
-    def _blocks(self, values: np.ndarray) -> list[Block]:
+        Args:
+            values: (P,).
+            wanted: (P,) bool, unknowns whose derivatives are needed, all where it is not given; the others may be 0.
+        """
+        needed = frozenset(
+            name
+            for name, columns in self._of_effect.items()
+            if wanted is None or np.any(columns & (wanted | (values != self.null)))
+        )
+        held, model, places = self._holding(needed)
+        key = values.tobytes(), held
+        everything = key[0], frozenset(self._of_effect)
+        if everything in self._whole:  # it serves every fit that starts there, so it is not crowded out by them
+            return self._whole[everything]
+        memory = self._whole if key == everything else self._partial
+        if key not in memory:
+            while len(memory) >= REMEMBERED:
+                del memory[next(iter(memory))]
+            memory[key] = self._blocks(values, model, places)
+        return memory[key]
+
+    def _holding(self, needed: frozenset[str]) -> tuple[frozenset[str], Model, np.ndarray]:
+        """The effects of the model to evaluate, the model, and (q,) where its parameters are in the whole one's."""
+        if needed not in self._lean:
+            model = self.model.holding(needed)
+            place = {name: i for i, name in enumerate(self.model.names)}
+            places = np.array([place[name] for name in model.names], dtype=int)
+            self._lean[needed] = frozenset(e.name for e in model.effects), model, places
+        return self._lean[needed]
+
+    def _blocks(self, values: np.ndarray, model: Model, places: np.ndarray) -> list[Block]:
         found = []
         for i, run in enumerate(self.runs):
-            prediction = self.model.predict(run, self.theta(i, values))
+            prediction = model.predict(run, self.theta(i, values)[places])
             for channel, rows in prediction.slices.items():
                 noise = self.noise[run.name, channel]
                 sensitivities = np.zeros((rows.stop - rows.start, len(self.columns)))
-                sensitivities[:, self._of_run[i]] = prediction.sensitivities[rows] / noise
+                sensitivities[:, self._of_run[i][places]] = prediction.sensitivities[rows] / noise
                 residual = (run.channels[channel].value - prediction.values[rows]) / noise
                 found.append(Block(run.name, channel, prediction.time[rows], residual, sensitivities, noise))
         return found
@@ -156,7 +186,7 @@ class Problem:
         cost = float(prior @ prior) / 2
         gradient = -(self.prior_weight * prior)[free]
         hessian = np.diag(self.prior_weight[free] ** 2)
-        for block in self.blocks(values):
+        for block in self.blocks(values, free):
             sensitivities = block.sensitivities[:, free]
             cost += float(block.residual @ block.residual) / 2
             gradient -= sensitivities.T @ block.residual

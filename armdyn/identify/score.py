@@ -75,7 +75,7 @@ def stacked(problem: Problem, blocks: Sequence[Block], values: np.ndarray) -> tu
 def scores(fit: Fit, candidates: Sequence[Candidate]) -> list[Score]:
     """Every candidate's promise at a fit, the largest drop first."""
     problem = fit.problem
-    residual, jacobian = stacked(problem, fit.blocks, fit.values)
+    residual, jacobian = stacked(problem, problem.blocks(fit.values), fit.values)
     scaled = jacobian * problem.typical
     Q, R = np.linalg.qr(scaled[:, fit.free])
     residual = residual - Q @ (Q.T @ residual)

@@ -70,7 +70,7 @@ class Study:
             place = {column.name: i for i, column in enumerate(self.problem.columns)}
             for column, value, is_free in zip(alone.columns, found.values, found.free, strict=True):
                 values[place[column.name]], mask[place[column.name]] = value, is_free
-            self._first = Fit(self.problem, mask, values, tuple(self.problem.blocks(values)), found.outcome)
+            self._first = Fit(self.problem, mask, values, tuple(self.problem.blocks(values, mask)), found.outcome)
             self._fits[self._key(self.present)] = self._first
         return self._first
 
@@ -94,7 +94,7 @@ class Study:
             )  # fmt: skip
             if other.cost < 0.999 * best.cost:
                 values = transferred(other.values, lean.problem, self.problem)
-                best = Fit(self.problem, free, values, tuple(self.problem.blocks(values)), other.outcome)
+                best = Fit(self.problem, free, values, tuple(self.problem.blocks(values, free)), other.outcome)
         self._fits[self._key(effects)] = best
         return best
 

@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import lombscargle
 
 from armdyn.identify.evidence import p_value, whitening_of
 from armdyn.identify.fit import Fit
@@ -17,6 +16,8 @@ SIGNIFICANCE = 1e-3
 SEGMENT = 1.5
 """s; in so short a stretch a free start absorbs missing dynamics, but no sensor error."""
 FREQUENCIES = 600
+CHUNK = 200
+"""Frequencies that are looked at together."""
 
 
 @dataclass(frozen=True)
@@ -128,8 +129,8 @@ def absorbed_share(fit: Fit) -> float | None:
                     start[j] = np.interp(begin, states["swing_rate"].time, states["swing_rate"].value)
             free = alone.of(own)
             found = alone.fit(free, start, most_steps=6, tolerance=0.1)
-            left += sum(float(b.residual @ b.residual) for b in alone.blocks(found.values))
-            samples += sum(len(b.residual) for b in alone.blocks(found.values)) - free.sum()
+            left += sum(float(b.residual @ b.residual) for b in alone.blocks(found.values, free))
+            samples += sum(len(b.residual) for b in alone.blocks(found.values, free)) - free.sum()
     excess = fit.chi2 - fit.samples
     return (
         float(np.clip((fit.chi2 - left * fit.samples / max(samples, 1.0)) / excess, 0.0, 1.0)) if excess > 0 else None
@@ -209,7 +210,7 @@ def tones(fit: Fit) -> tuple[Tone, ...]:
         order = len(coefficients)
         power = np.zeros(len(frequencies))
         for b in blocks:
-            power += lombscargle(b.time[order:], whitened(b.residual, coefficients) / std, 2 * np.pi * frequencies)
+            power += periodogram(b.time[order:], whitened(b.residual, coefficients) / std, frequencies)
         best = int(np.argmax(power))
         p = min(1.0, len(frequencies) * p_value(2 * float(power[best]), 2 * len(blocks)))
         if p < SIGNIFICANCE:
@@ -220,6 +221,28 @@ def tones(fit: Fit) -> tuple[Tone, ...]:
             unit = next(run.channels[channel].unit for run in fit.problem.runs if channel in run.channels)
             found.append(Tone(channel, float(frequencies[best]), float(amplitude), unit, p))
     return tuple(found)
+
+
+def periodogram(time: np.ndarray, value: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
+    """(F,) half the fall of |value|^2 when a sine and a cosine are fitted; the samples need not be even.
+
+    Scargle, Astrophys. J. 263 (1982), from the normal equations of each frequency.
+
+    Args:
+        time: (n,) s.
+        value: (n,).
+        frequencies: (F,) Hz.
+    """
+    power = np.empty(len(frequencies))
+    for first in range(0, len(frequencies), CHUNK):
+        part = slice(first, first + CHUNK)
+        phase = 2 * np.pi * np.multiply.outer(frequencies[part], time)
+        sine, cosine = np.sin(phase), np.cos(phase)
+        s, c = sine @ value, cosine @ value
+        ss, sc = np.einsum("fn,fn->f", sine, sine), np.einsum("fn,fn->f", sine, cosine)
+        cc = len(time) - ss
+        power[part] = (cc * s**2 - 2 * sc * s * c + ss * c**2) / np.maximum(2 * (ss * cc - sc**2), np.finfo(float).tiny)
+    return power
 
 
 def _library(signals: dict[str, Sequence[np.ndarray]]) -> dict[str, list[np.ndarray]]:

@@ -1,6 +1,6 @@
 """The pendulum as a model: what a load cell and an angle sensor should have read in a run."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from types import MappingProxyType
@@ -115,6 +115,19 @@ class PendulumModel(Model):
                 model = model.without_effect(effect.name)
         return model
 
+    def holding(self, needed: Collection[str]) -> "PendulumModel":
+        """See `Model.holding`; what swings across the line costs most, then what gives way or trails."""
+        present = {effect: _burden(effect) for effect in self.effects}
+        worst = max((burden for effect, burden in present.items() if effect.name in needed), default=None)
+        kept = [effect for effect, burden in present.items() if worst is not None and burden <= worst]
+        if len(kept) == len(self.effects):
+            return self
+        model = self
+        for effect in present:
+            if effect not in kept:
+                model = model.without_effect(effect.name)
+        return model
+
     def prepared(self, run: Run) -> Run:
         """See `Model.prepared`."""
         return thinned(run)
@@ -201,6 +214,13 @@ def _formulation(effects: tuple[Effect, ...], tension: TensionFormula) -> _Formu
 
 def _dependent(expression: Expression, theta: Expression) -> tuple[int, ...]:
     return tuple(i for i, depends in enumerate(ca.which_depends(expression, theta, 1, False)) if depends)
+
+
+@lru_cache(maxsize=256)
+def _burden(effect: Effect) -> int:
+    """How much an effect adds to every step of a simulation: 2 for further states, 1 for further inputs, else 0."""
+    composition = compose([effect])
+    return 2 if composition.crosses else int(composition.yields or composition.trails)
 
 
 @lru_cache(maxsize=64)
