@@ -43,7 +43,7 @@ class DiscreteProblem:
         linearised: ``(s, u, t, p, s_next) -> A (n, n), B (n,)``.
         curvature: ``(s, u, t, p, s_next, costate) -> (n+1, n+1)``.
         running: ``(s, u, t, p) -> ()``, convex, with a positive second derivative in u.
-        running_residual: ``(s, t, p) -> (r,)``; |residual|^2 / 2 is added to `running`, convex or not.
+        running_residual: ``(s, u, t, p) -> (r,)``; |residual|^2 / 2 is added to `running`, convex or not.
         terminal_residual: ``(s, t, p) -> (m,)``; the cost at the end is m = |residual|^2 / 2.
     """
 
@@ -214,7 +214,7 @@ def _projection(problem: DiscreteProblem, steps: int) -> ca.Function:
     )  # fmt: skip
     u = mu - ca.dot(K, s - alpha)
     following = problem.step(s, u, t, p)
-    running = problem.running(s, u, t, p) + ca.sumsqr(problem.running_residual(s, t, p)) / 2
+    running = problem.running(s, u, t, p) + ca.sumsqr(problem.running_residual(s, u, t, p)) / 2
     stage = ca.Function("stage", [s, cost, alpha, mu, K, t, p], [following, cost + running, u])
     over = stage.mapaccum("over", steps, 2)
     s0, te, P = ca.MX.sym("s0", n), ca.MX.sym("te"), ca.MX.sym("p", m)
@@ -238,7 +238,7 @@ def _backward(problem: DiscreteProblem, steps: int) -> ca.Function:
     z = ca.vertcat(s, u)
     A, B = problem.linearised(s, u, t, p, following)
     second, gradient = ca.hessian(problem.running(s, u, t, p), z)
-    squares, square_gradient, square_curvature = _squares(problem.running_residual(s, t, p), z)
+    squares, square_gradient, square_curvature = _squares(problem.running_residual(s, u, t, p), z)
     gradient = gradient + square_gradient
     second = second + squares + newton * (square_curvature - squares + problem.curvature(s, u, t, p, following, r))
     VA, VB = V @ A, V @ B

@@ -8,16 +8,23 @@ import numpy as np
 
 from armdyn.control.projection import DiscreteProblem, ProjectionOptimizer, Solution
 from armdyn.errors import InputError, TaskFailedError
+from armdyn.pendulum.composition import STANDARD_GRAVITY
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.variational import STATE_SIZE, VariationalStep
 
 COST_NAMES = (
     *("x", "z", "vx", "vz", "w_x", "w_z", "w_vx", "w_vz", "w_gripper_x", "w_gripper_v", "w_control", "w_travel"),
-    *("wall_x", "wall_z", "w_wall", "clearance"),
+    *("wall_x", "wall_z", "w_wall", "clearance", "least_tension", "w_slack"),
+    *("reach_least", "reach_most", "w_reach"),
 )
 
 CONTINUATION = (0.0, 0.2, 0.4, 0.7, 1.0)
 """Shares of the effects' values through which a plan is followed where it is not found at once."""
+
+
+ROOF_SLOPE, ROUND = 1.0, 0.005
+"""What the load must stay above is a roof over the wall, with this slope and rounded (m) at its ridge: a wall as thin
+as it is would push a load that passes through it to the side, and a fast one passes it between two nodes."""
 
 
 @dataclass(frozen=True)
@@ -33,9 +40,13 @@ class TaskCost:
             gripper is at rest above it.
         control_weight: R, s^3/m^2, > 0.
         travel_weight: W, 1/(m^2 s); keeps the gripper near the middle of its line.
-        wall: (x, z) of an edge that the load must clear, from the gripper's start, m; None for none.
-        clearance: distance from that edge to the load's centre that costs nothing, m.
-        wall_weight: cost of a square metre inside, 1/(m^2 s).
+        wall: (x, z) of the top of a wall that the load must pass over, from the gripper's start, m; None for none.
+        clearance: height over it of the load's centre that costs nothing, m; less is allowed to both sides of the wall.
+        wall_weight: cost of a square metre below that, 1/(m^2 s).
+        least_tension: share of the load's weight that the string should pull with at least; None for no such wish.
+        slack_weight: cost of a weight's square below that, 1/s.
+        reach: least and largest x of the gripper, m; None for a line without ends.
+        reach_weight: cost of a square metre beyond, 1/(m^2 s).
     """
 
     target: tuple[float, float]
@@ -48,6 +59,10 @@ class TaskCost:
     wall: tuple[float, float] | None = None
     clearance: float = 0.0
     wall_weight: float = 1e6
+    least_tension: float | None = None
+    slack_weight: float = 1e4
+    reach: tuple[float, float] | None = None
+    reach_weight: float = 1e5
 
     def __post_init__(self) -> None:
         if not np.all(np.isfinite(self.vector())):
@@ -56,7 +71,7 @@ class TaskCost:
             raise InputError(f"control weight {self.control_weight:g}: it must be positive, or the plan is not unique")
 
     def vector(self) -> np.ndarray:
-        """(16,) in the order of `COST_NAMES`."""
+        """(21,) in the order of `COST_NAMES`."""
         return np.array(
             [
                 *self.target,
@@ -69,18 +84,23 @@ class TaskCost:
                 *(self.wall or (0.0, 0.0)),
                 self.wall_weight if self.wall else 0.0,
                 self.clearance,
+                self.least_tension or 0.0,
+                0.0 if self.least_tension is None else self.slack_weight,
+                *(self.reach or (0.0, 0.0)),
+                self.reach_weight if self.reach else 0.0,
             ]
         )
 
 
 @dataclass(frozen=True)
 class SwingState:
-    """Where a swing starts: the gripper (m, m/s) and the string (rad, rad/s)."""
+    """Where a swing starts: the gripper (m, m/s), the string (rad, rad/s), and when, for what changes with time (s)."""
 
     x: float = 0.0
     v: float = 0.0
     angle: float = 0.0
     rate: float = 0.0
+    time: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -88,7 +108,7 @@ class SwingPlan:
     """A planned swing, one entry per node.
 
     Attributes:
-        time: (N+1,) s.
+        time: (N+1,) s from the swing's start.
         x: (N+1,) gripper, m.
         v: (N+1,) gripper, m/s, over the interval that ends at the node.
         a: (N+1,) gripper, m/s^2, the last repeated.
@@ -137,26 +157,27 @@ class TaskPlanner:
             raise InputError("this planner was built for a model with other effects: build a new one")
         start = start or SwingState()
         theta = model.physics_theta()
-        time = self.dt * np.arange(self.steps + 1)
-        initial = np.array([start.x, start.v, start.angle, start.rate])
+        time = start.time + self.dt * np.arange(self.steps + 1)
+        lag = float(self._variational.lag(theta))
+        initial = np.array([start.x - lag * start.v, start.v, start.angle, start.rate])
 
         def solve(of: TaskCost, start_from: np.ndarray | None, values: np.ndarray = theta) -> Solution:
             parameters = np.concatenate([values, of.vector(), [self.dt]])
             return self._optimizer.solve(initial, time, parameters, start_from, tolerance=tolerance)
 
-        # The wall makes the problem non-convex: from the free optimum the plan is bent round it, not replaced.
-        without_wall = replace(cost, wall=None)
+        # What the plan must keep off makes the problem non-convex: the free optimum is bent round it, not replaced.
+        unhindered = replace(cost, wall=None, least_tension=None, reach=None)
         try:
-            free = solve(without_wall, guess)
+            free = solve(unhindered, guess)
         except TaskFailedError:
             # Strong friction hides the way from rest: it is found with the effects growing from nothing.
             null = np.array([model.parameters[n].null if "." in n else model.value(n) for n in self._names])
             controls = guess
             for share in CONTINUATION:
-                free = solve(without_wall, controls, null + share * (theta - null))
+                free = solve(unhindered, controls, null + share * (theta - null))
                 controls = free.controls
         solution = free
-        if cost.wall:
+        if cost != unhindered:
             bent = solve(cost, free.controls)
             steps, seconds = free.iterations + bent.iterations, free.seconds + bent.seconds
             solution = replace(bent, iterations=steps, seconds=seconds)
@@ -166,10 +187,23 @@ class TaskPlanner:
         N = self.steps
         tension = self._tension(s[:, :-1], u[None], time[None, :-1], step[:, :N], parameter_columns[:, :N], s[:, 1:])
         load, _ = self._load(s, time[None], step, parameter_columns)
+        x, v, a = _ahead_of(s[0], s[1], u, lag, self.dt)
         return SwingPlan(
-            time=time, x=s[0].copy(), v=s[1].copy(), a=np.append(u, u[-1]), angle=s[2].copy(), rate=s[3].copy(),
+            time=time - start.time, x=x, v=v, a=a, angle=s[2].copy(), rate=s[3].copy(),
             tension=np.asarray(tension).ravel(), load=np.asarray(load)[[0, 2]].T.copy(), solution=solution,
         )  # fmt: skip
+
+
+def _ahead_of(
+    x: np.ndarray, v: np.ndarray, u: np.ndarray, lag: float, dt: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The gripper's positions, backward velocities and accelerations (N+1,) that are trailed by x: x + lag x'."""
+    a = np.append(u, u[-1])
+    if lag == 0.0:
+        return x.copy(), v.copy(), a
+    lead = x + lag * (v + dt / 2 * a)
+    backward = np.diff(lead, prepend=lead[0] - dt * v[0]) / dt
+    return lead, backward, np.append(np.diff(backward), backward[-1] - backward[-2]) / dt
 
 
 @lru_cache(maxsize=8)
@@ -190,9 +224,16 @@ def task_problem(variational: VariationalStep, name: str) -> DiscreteProblem:
     error = ca.vertcat(*arrival, s[0], s[1])
     weights = ca.vertcat(c["w_x"], c["w_z"], c["w_vx"], c["w_vz"], c["w_gripper_x"], c["w_gripper_v"])
     effort = dt / 2 * (c["w_control"] * u**2 + c["w_travel"] * s[0] ** 2)
-    from_edge = ca.sqrt((position[0] - c["wall_x"]) ** 2 + (position[2] - c["wall_z"]) ** 2 + 1e-12)
-    inside = ca.sqrt(dt * c["w_wall"]) * ca.fmax(0, c["clearance"] - from_edge)
+    aside = ca.sqrt((position[0] - c["wall_x"]) ** 2 + ROUND**2) - ROUND
+    roof = c["wall_z"] + c["clearance"] - ROOF_SLOPE * aside
+    inside = ca.sqrt(dt * c["w_wall"]) * ca.fmax(0, roof - position[2])
     at = (s, u, t, dt, theta)
+    # The pull hardly depends on where exactly the next node is, so that the extrapolated one will do.
+    onward = ca.vertcat(s[0] + dt * (s[1] + dt * u), s[1] + dt * u, s[2] + dt * s[3], s[3])
+    weight = STANDARD_GRAVITY * theta[variational.names.index("mass")]
+    slack = c["least_tension"] - variational.tension(*at, onward) / weight
+    loose = ca.sqrt(dt * c["w_slack"]) * ca.fmax(0, slack)
+    beyond = ca.sqrt(dt * c["w_reach"]) * ca.fmax(0, ca.fmax(s[0] - c["reach_most"], c["reach_least"] - s[0]))
     return DiscreteProblem(
         name=f"swing_{name}",
         states=STATE_SIZE,
@@ -203,6 +244,6 @@ def task_problem(variational: VariationalStep, name: str) -> DiscreteProblem:
             "d2f", [s, u, t, p, following, costate], [variational.curvature(*at, following, costate)]
         ),
         running=ca.Function("running", [s, u, t, p], [effort]),
-        running_residual=ca.Function("inside", [s, t, p], [inside]),
+        running_residual=ca.Function("kept_off", [s, u, t, p], [ca.vertcat(inside, loose, beyond)]),
         terminal_residual=ca.Function("end", [s, t, p], [ca.sqrt(weights) * error]),
     )

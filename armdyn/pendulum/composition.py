@@ -122,22 +122,24 @@ def compose(effects: Sequence[Effect]) -> Composition:
     )
 
 
-def quasi_static(composition: Composition) -> tuple[ca.Function, ca.Function]:
-    """Attachment and length of a composition whose lag and compliance are treated to first order, for planning.
+def quasi_static(composition: Composition, *, trailing: bool) -> tuple[ca.Function, ca.Function]:
+    """Attachment and length of a composition whose lag and compliance are treated to first order, for control.
 
-    The gripper trails by lag times velocity, and what yields does so under the weight's component along the string.
+    The gripper trails by lag times velocity if `trailing`, and what yields does so under the weight's component along
+    the string.
 
     Returns:
         ``(t, x, v, z, phi, theta) -> (3,)`` and ``(t, phi, theta) -> ()``, as in `Composition`.
     """
-    if not (composition.yields or composition.trails):
+    trailing = trailing and composition.trails
+    if not (composition.yields or trailing):
         return composition.attachment, composition.length
     t, x, v, z, phi = (ca.SX.sym(s) for s in ("t", "x", "v", "z", "phi"))
     theta = ca.SX.sym("theta", len(composition.names))
     string, gripper = ca.vertsplit(composition.compliance(theta))
     pull = STANDARD_GRAVITY * theta[composition.names.index("mass")] * ca.cos(phi)
     _, _, lag = composition.timing(theta)
-    position = composition.attachment(t, x - lag * v, v, z, phi, theta)
+    position = composition.attachment(t, x - lag * v if trailing else x, v, z, phi, theta)
     position -= ca.vertcat(gripper * pull * ca.sin(phi), 0, 0)
     length = composition.length(t, phi, theta) + string * pull
     return (

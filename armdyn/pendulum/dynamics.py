@@ -82,7 +82,9 @@ def derive_dynamics(
         planar: for control: two states, seven inputs; lag and compliance to first order, no swing across the line.
     """
     yields, crosses = composition.yields and not planar, composition.crosses and not planar
-    attachment, string = quasi_static(composition) if planar else (composition.attachment, composition.length)
+    attachment, string = composition.attachment, composition.length
+    if planar:
+        attachment, string = quasi_static(composition, trailing=True)
     theta = ca.SX.sym("theta", len(composition.names))
     mass = theta[composition.names.index("mass")]
     t, x, v, a, z, vz, az = (ca.SX.sym(name) for name in INPUTS)

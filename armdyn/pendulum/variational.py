@@ -36,6 +36,7 @@ class VariationalStep:
         curvature: ``(s, u, t, dt, theta, s_next, p) -> (5, 5)`` Hessian of p' s_next(s, u) with respect to (s, u).
         tension: ``(s, u, t, dt, theta, s_next) -> ()`` N at node k.
         load: ``(s, t, dt, theta) -> position (3,), velocity (3,)``, the velocity over the interval that ends at s.
+        lag: ``theta -> ()`` s; x is where the string hangs, which trails the gripper by this.
     """
 
     names: tuple[str, ...]
@@ -44,12 +45,13 @@ class VariationalStep:
     curvature: ca.Function
     tension: ca.Function
     load: ca.Function
+    lag: ca.Function
 
 
 def derive_variational(composition: Composition) -> VariationalStep:
     """The integrator and its exact first and second derivatives.
 
-    Lag and compliance enter to first order (`quasi_static`); a swing across the line is left out.
+    Compliance enters to first order (`quasi_static`); a swing across the line is left out.
     """
     theta = ca.SX.sym("theta", len(composition.names))
     s, u, t, dt = ca.SX.sym("s", STATE_SIZE), ca.SX.sym("u"), ca.SX.sym("t"), ca.SX.sym("dt")
@@ -59,7 +61,7 @@ def derive_variational(composition: Composition) -> VariationalStep:
     x, v, phi, rate = ca.vertsplit(s)
     v_next = v + dt * u
     x_next = x + dt * v_next
-    attachment, string = quasi_static(composition)
+    attachment, string = quasi_static(composition, trailing=False)
 
     def node(time: Expression, position: Expression, velocity: Expression, angle: Expression) -> Expression:
         return attachment(time, position, velocity, 0, angle, theta), string(time, angle, theta), angle
@@ -78,7 +80,6 @@ def derive_variational(composition: Composition) -> VariationalStep:
         return dt * (kinetic - potential), displaced, dt * ca.vertcat(force, torque)
 
     g_h, l_h, _ = node(t, x, v, here)
-    # The gripper's velocity one node back is not in the state; the scheme needs it only for a lagging gripper.
     past = interval(node(t - dt, x - dt * v, v, before), (g_h, l_h + stretch, here), t - dt / 2)
     ahead = interval((g_h, l_h + stretch, here), node(t + dt, x_next, v_next, after), t + dt / 2)
 
@@ -132,6 +133,7 @@ def derive_variational(composition: Composition) -> VariationalStep:
         curvature=ca.Function("curvature", [*arguments, s_next, p], [curvature]),
         tension=ca.Function("tension", [*arguments, s_next], [at(balance(stretch), s_next[2]) / dt]),
         load=ca.Function("load", [s, t, dt, theta], [q_now, (q_now - q_before) / dt]),
+        lag=ca.Function("lag", [theta], [composition.timing(theta)[2]]),
     )
 
 

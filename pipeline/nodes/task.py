@@ -1,7 +1,7 @@
 """The task node: plans the swing with the estimated length, has it checked, and plays it open loop."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +16,8 @@ DT = 0.01
 """Control cycle and step of the variational integrator, s."""
 PLAN_TOLERANCE = 0.004
 """m that smoothing may move the gripper off its plan; the load then misses its target by about as much."""
+END_MARGIN = 0.01
+"""m that plans stay away from the ends of the line."""
 
 Check = Callable[[LineTrajectory, SwingPlan], None]
 """Raises `TaskFailedError` when a trajectory, with the swing that belongs to it, is not feasible."""
@@ -35,7 +37,9 @@ class TaskSettings:
         finish_x: where the gripper comes to rest over the box, m.
         wall_x: near wall of the box, along the line, m.
         wall_below: its rim, below the line, m.
-        clearance: that the load's centre should keep from that rim, m.
+        cautious: whether the plan minds the wall, a slack string and the ends of the line; the paper's does not.
+        clearance: height over that rim at which the load's centre should pass, m.
+        least_tension: share of the load's weight with which the string should stay taut.
     """
 
     target_x: float = 0.45
@@ -46,15 +50,21 @@ class TaskSettings:
     finish_x: float = 0.46
     wall_x: float = 0.355
     wall_below: float = 0.285
-    clearance: float = 0.021
+    cautious: bool = True
+    clearance: float = 0.025
+    least_tension: float = 0.1
 
-    def swing_cost(self) -> TaskCost:
+    def swing_cost(self, limits: LineLimits) -> TaskCost:
         """Load at the target, at rest, at the end."""
-        return TaskCost(
-            target=(self.target_x, -self.target_below),
-            travel_weight=self.travel_weight,
-            wall=(self.wall_x, -self.wall_below) if self.clearance > 0 else None,
+        cost = TaskCost(target=(self.target_x, -self.target_below), travel_weight=self.travel_weight)
+        if not self.cautious:
+            return cost
+        return replace(
+            cost,
+            wall=(self.wall_x, -self.wall_below),
             clearance=self.clearance,
+            least_tension=self.least_tension,
+            reach=(float(limits.s[0]) + END_MARGIN, float(limits.s[-1]) - END_MARGIN),
         )
 
     def settling_cost(self, length: float) -> TaskCost:
@@ -122,12 +132,17 @@ class TaskNode:
 
         self._request = carry_out
 
-    def throw(self, model: PendulumModel) -> None:
-        """Ask for the swing into the box, from rest."""
+    def throw(self, model: PendulumModel, begun: float | None) -> None:
+        """Ask for the swing into the box, from rest.
+
+        Args:
+            model: with the present estimate.
+            begun: when the model's time began, s; now if not given.
+        """
 
         def carry_out(now: float) -> None:
-            start = SwingState(x=self._drive.state.s)
-            self.swing = self._swing_planner.plan(model, self.settings.swing_cost(), start)
+            start = SwingState(x=self._drive.state.s, time=0.0 if begun is None else now - begun)
+            self.swing = self._swing_planner.plan(model, self.settings.swing_cost(self._limits), start)
             swing = self._feasible(self.swing)
             finish = finish_over_box(swing.end, self.settings.finish_x, self._limits, DT)
             self.trajectory = swing.then(finish)

@@ -106,7 +106,7 @@ class Experiment:
         self.drive = DriveNode(self.robot, self.table, smoother, gate, self.measurement, recorder)
         self.sac = SacNode(self.measurement, self.estimator, self.drive)
         # Without an estimate the planner is the paper's, which knows no box: that is what Table I compares with.
-        task = c.task if c.estimate or c.model else replace(c.task, clearance=0.0)
+        task = c.task if c.estimate or c.model else replace(c.task, cautious=False)
         self.task = TaskNode(model, self.drive, limits, self._check, task)
         self.nodes: list[Node] = [self.measurement, self.estimator, self.sac, self.task, self.drive]
         self.scheduler = Scheduler(SimulatedClock(self.robot), self.nodes)
@@ -125,7 +125,7 @@ class Experiment:
             self.task.settle(self.estimator.model, self._swing_state)
             self._run("settling", 0.5, c.task.settling + 2.0, lambda: self.task.idle)
             self._run("calm", 0.65, CALM)
-        self.task.throw(self.estimator.model)
+        self.task.throw(self.estimator.model, self.estimator.start)
         self._run("swing", 0.7, c.task.duration + 1.0, self._swing_ends)
         self.measurement.let_down(self.robot.time)
         self._run("finish", 0.9, 3.0, lambda: self.task.idle)
@@ -191,7 +191,7 @@ class Experiment:
         state = model.rollout(path, model.theta(), channels=("load_force",)).states[-1]
         now = np.array([self.robot.time, here.s, here.v, here.a, 0.0, 0.0, 0.0])
         rate = float(model.dynamics().rate(state, now, model.physics_theta()))
-        return SwingState(here.s, here.v, float(state[0]), rate)
+        return SwingState(here.s, here.v, float(state[0]), rate, self.robot.time - path.start)
 
     def _check(self, trajectory: LineTrajectory, plan: SwingPlan) -> None:
         """Refuse a motion that the arm cannot do; the box is left out where the load is meant to go in."""

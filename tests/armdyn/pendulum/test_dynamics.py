@@ -54,9 +54,7 @@ def test_tension_is_the_textbook_formula_and_not_the_printed_one(dynamics):
 
 
 def test_small_swing_has_the_period_of_the_analytic_pendulum():
-    run = Simulator(derive_dynamics(compose([])), "test").rollout(
-        path(20.0, motion=still), THETA, 0.02
-    )
+    run = Simulator(derive_dynamics(compose([])), "test").rollout(path(20.0, motion=still), THETA, 0.02)
     angle = run.states[:, 0]
     up = np.flatnonzero((angle[:-1] < 0) & (angle[1:] >= 0))
     crossings = 0.01 * (up - angle[up] / (angle[up + 1] - angle[up]))
