@@ -17,6 +17,9 @@ DEPENDENT = 1e-5
 """A sensitivity of which the others leave less than this share cannot be told from them."""
 SETTLED_WINDOW = 3.0
 """s; shorter windows tell friction and creep too little to be fitted in them."""
+GROWTHS = (1.5, 2.0, 1.25)
+"""Factors from one stretch to the next, tried until the misfit is not gross: where much is missing from the model the
+minimum moves as the stretch grows, and which steps follow it is luck."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,15 +99,33 @@ def fit(problem: Problem, free: np.ndarray, start: np.ndarray, *, windows: bool 
             start on a long recording falls into one of many minima.
         most_steps: of the last fit.
     """
-    values = start
-    if windows:
-        for window in _windows(problem):
-            cut = Problem(problem.model, [_first(run, window) for run in problem.runs], problem.noise)
-            these = free if window >= SETTLED_WINDOW else free & (problem.per_run | _is_base(problem))
-            these = these & determined(cut, these, values)
-            values = cut.fit(these, values, most_steps=8, tolerance=0.3).values
-    found = problem.fit(free, values, most_steps=most_steps)
+    if not windows:
+        return _descended(problem, free, start, most_steps)
+    best: Fit | None = None
+    for growth in GROWTHS:
+        found = _descended(problem, free, _followed(problem, free, start, growth), most_steps)
+        best = found if best is None or found.cost < best.cost else best
+        if best.chi2_per_sample < GROSS:
+            break
+    assert best is not None
+    return best
+
+
+def _descended(problem: Problem, free: np.ndarray, start: np.ndarray, most_steps: int) -> Fit:
+    found = problem.fit(free, start, most_steps=most_steps)
     return Fit(problem, free, found.values, tuple(problem.blocks(found.values, free)), found.outcome)
+
+
+def _followed(problem: Problem, free: np.ndarray, start: np.ndarray, growth: float) -> np.ndarray:
+    """(P,) the minimum over the first second, followed while the stretch grows."""
+    values = start
+    for window in _windows(problem, growth):
+        cut = Problem(problem.model, [_first(run, window) for run in problem.runs], problem.noise)
+        cut.hold_near(values)
+        these = free if window >= SETTLED_WINDOW else free & (problem.per_run | _is_base(problem))
+        these = these & determined(cut, these, values)
+        values = cut.fit(these, values, most_steps=8, tolerance=0.3).values
+    return values
 
 
 def determined(problem: Problem, free: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -130,12 +151,12 @@ def _is_base(problem: Problem) -> np.ndarray:
     return np.array(["." not in column.parameter.name for column in problem.columns])
 
 
-def _windows(problem: Problem) -> list[float]:
+def _windows(problem: Problem, growth: float) -> list[float]:
     longest = max(_end(run) - _begin(run) for run in problem.runs)
     result, window = [], problem.model.first_window
     while window is not None and window < 0.9 * longest:
         result.append(window)
-        window *= 2
+        window *= growth
     return result
 
 

@@ -121,6 +121,12 @@ class Problem:
         """(P,) values of the model and first guesses."""
         return np.array([c.parameter.value for c in self.columns])
 
+    def hold_near(self, values: np.ndarray) -> None:
+        """Take (P,) values as known to a typical size where nothing better is: for runs that hardly tell anything."""
+        free = self.prior_weight == 0.0
+        self.prior_mean = np.where(free, values, self.prior_mean)
+        self.prior_weight = np.where(free, 1.0 / self.typical, self.prior_weight)
+
     def of(self, names: Sequence[str]) -> np.ndarray:
         """(P,) bool: the unknowns of these parameters."""
         wanted = {self.model.names.index(name) for name in names}
