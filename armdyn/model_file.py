@@ -93,6 +93,7 @@ def model_text(file: ModelFile) -> str:
         document["tension"] = tension
     document["effects"] = [effect.label for effect in model.effects]
     parameters = tomlkit.table()
+    usual = {p.name: p.prior for effect in model.effects for p in effect.parameters()}
     for name, parameter in model.parameters.items():
         if parameter.scope == "per_run":
             continue
@@ -102,7 +103,7 @@ def model_text(file: ModelFile) -> str:
             entry["std"] = float(parameter.std)
         entry["unit"] = parameter.unit
         entry["fitted"] = parameter.fitted
-        if parameter.prior is not None and _is_own_prior(parameter):
+        if parameter.prior is not None and parameter.prior != usual.get(name):
             entry["prior"] = f"{parameter.prior.mean!r} +/- {parameter.prior.std!r}"
         parameters[name] = entry
     document["parameters"] = parameters
@@ -157,10 +158,6 @@ def base_pendulum(known: Mapping[str, str] | None = None) -> "PendulumModel":
             else model.with_prior(name, value.value, value.std)
         )
     return model
-
-
-def _is_own_prior(parameter: Parameter) -> bool:
-    return "." not in parameter.name
 
 
 def _parsed(table: Mapping[str, Any], folder: Path, extra: Sequence[Effect]) -> ModelFile:

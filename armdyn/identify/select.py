@@ -26,8 +26,10 @@ CLOSE = 2.0
 """Chi2 per sample at which a fit has certainly found the right minimum."""
 THOROUGH = 4
 LEAST_SHARE = 0.25
-"""Far above the noise, each effect must explain this share of the misfit that is left: where something large is
-missing, a small gain cannot be attributed."""
+"""Each effect must explain this share of what is left above the noise: errors of the measured motion and effects that
+are missing still leave a residual that small gains only happen to look like."""
+BY_CHANCE = 3.0
+"""Standard deviations by which a chi2 exceeds the number of samples by chance."""
 CLEARLY = 0.05
 """Far above the noise, share by which the chi2 of held-out runs must fall."""
 AT_FLOOR = 2.0
@@ -73,7 +75,7 @@ class Option:
     @property
     def accepted(self) -> bool:
         """Significant, worth its unknowns, and confirmed by held-out runs where there are any."""
-        attributable = not self.far or self.share > LEAST_SHARE * len(self.added)
+        attributable = self.share > LEAST_SHARE * len(self.added)
         return self.p_value < SIGNIFICANCE and self.delta_bic > 0 and self.held_out_fell is not False and attributable
 
 
@@ -172,6 +174,7 @@ def compare(
         fits = [study.fit_with((*effects, *added), now) for added in additions]
         compared, whitening = study.weighed([now, *fits])
     present, others = compared[0], compared[1:]
+    certain_noise = now.samples + BY_CHANCE * np.sqrt(2.0 * now.samples)
     options = []
     for added, found, weight in zip(additions, fits, others, strict=True):
         drop, extra = present.cost - weight.cost, max(1, weight.count - present.count)
@@ -186,7 +189,7 @@ def compare(
                 weighed=weight,
                 delta_bic=present.bic - weight.bic,
                 p_value=min(1.0, tried * p_value(drop, extra, one_sided=bounded)),
-                share=(now.cost - found.cost) / max(now.cost - now.samples, 1e-9),
+                share=(now.cost - found.cost) / max(now.cost - certain_noise, 1e-9),
                 far=now.chi2_per_sample > GROSS,
             )
         )

@@ -7,6 +7,7 @@ from types import MappingProxyType
 
 import casadi as ca
 import numpy as np
+from scipy.optimize import brentq
 
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
@@ -28,6 +29,8 @@ FINEST_GRID, COARSEST_GRID = 0.005, 0.01
 FIRST_STRETCH = 0.05
 """s over which the first angles are averaged for a guess of angle and rate."""
 INITIAL = ("initial_angle", "initial_rate")
+STEEPEST = 1.5
+"""rad; no load hangs at rest beyond."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +68,21 @@ class PendulumModel(Model):
     def variational(self) -> VariationalStep:
         """Discrete variational equations, for planning."""
         return _variational(natural_order(self.effects))
+
+    def rest_angle(self) -> float:
+        """Angle at which the load hangs at rest below a gripper at rest, rad: not 0 in wind or on a tilted line.
+
+        Raises:
+            InputError: it cannot hang at rest.
+        """
+        dynamics, theta, still = self.dynamics(), self.physics_theta(), np.zeros(7)
+
+        def moment(angle: float) -> float:
+            return float(dynamics.derivative(np.array([angle, 0.0]), still, theta)[1])
+
+        if not moment(-STEEPEST) > 0.0 > moment(STEEPEST):
+            raise InputError("the load of this model does not come to rest below the gripper: check its effects")
+        return float(brentq(moment, -STEEPEST, STEEPEST, xtol=1e-12))
 
     def rollout(self, path: GripperPath, theta: np.ndarray, channels: tuple[str, ...] = OUTPUTS) -> Rollout:
         """Simulate `channels` along a gripper path; `theta` (p,) in the order of `names`."""

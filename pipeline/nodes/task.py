@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from math import cos, sin
 
 import numpy as np
 
@@ -67,10 +68,10 @@ class TaskSettings:
             reach=(float(limits.s[0]) + END_MARGIN, float(limits.s[-1]) - END_MARGIN),
         )
 
-    def settling_cost(self, length: float) -> TaskCost:
-        """Load hanging at rest below the middle of the line."""
+    def settling_cost(self, length: float, angle: float) -> TaskCost:
+        """Load hanging at rest below the middle of the line, at an angle that is not 0 in wind."""
         return TaskCost(
-            target=(0.0, -length),
+            target=(-length * sin(angle), -length * cos(angle)),
             position_weights=(1e4, 1e4),
             velocity_weights=(1e4, 1e4),
             gripper_weights=(1e4, 1e4),
@@ -125,7 +126,8 @@ class TaskNode:
         """
 
         def carry_out(_now: float) -> None:
-            plan = self._settle_planner.plan(model, self.settings.settling_cost(model.value("length")), state())
+            cost = self.settings.settling_cost(model.value("length"), model.rest_angle())
+            plan = self._settle_planner.plan(model, cost, state())
             trajectory = self._feasible(plan)
             self._check(trajectory, plan)
             self._drive.play(trajectory)
@@ -141,7 +143,8 @@ class TaskNode:
         """
 
         def carry_out(now: float) -> None:
-            start = SwingState(x=self._drive.state.s, time=0.0 if begun is None else now - begun)
+            elapsed = 0.0 if begun is None else now - begun
+            start = SwingState(self._drive.state.s, angle=model.rest_angle(), time=elapsed)
             self.swing = self._swing_planner.plan(model, self.settings.swing_cost(self._limits), start)
             swing = self._feasible(self.swing)
             finish = finish_over_box(swing.end, self.settings.finish_x, self._limits, DT)

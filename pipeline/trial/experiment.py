@@ -15,6 +15,7 @@ from armdyn.control.task import SwingPlan, SwingState
 from armdyn.errors import TaskFailedError
 from armdyn.identify.estimator import Estimator
 from armdyn.identify.least_squares import Outcome
+from armdyn.model_file import ModelFile, write_model_file
 from armdyn.pendulum.model import run_path
 from armdyn.run import Known
 from pipeline.loadcell.faults import FaultDetector, FaultLimits
@@ -210,6 +211,8 @@ class Experiment:
 
     def _result(self, success: bool, message: str, stopped: bool, recorder: Recorder) -> TrialResult:
         c, history, swing = self.settings, self.estimator.history, self.task.swing
+        if c.out is not None:
+            write_model_file(c.out / "model.toml", ModelFile(self.estimator.model, {}))
         names = (*channel_units(self.description.joint_names), *EXTRA_CHANNELS)
         self.recorded = {name: recorder.channel(name) for name in names}
         force = self.recorded["load_force"].value

@@ -14,6 +14,9 @@ NUISANCES: dict[str, tuple[str, float, float]] = {
 Ignoring them costs millimetres: 0.25 mm per ms of delay, 1 mm per 0.01 N of bias, 1 mm per 1 % of mass.
 """
 
+UPRIGHT, LEAN = 1e-3, 0.05
+"""rad; a load that hangs askew by more than the first does so with an uncertainty of the second."""
+
 
 def trial_model(settings: TrialSettings) -> PendulumModel:
     """The given model, or the bare pendulum, with the nuisances, the weighed mass and the guessed length.
@@ -31,6 +34,8 @@ def trial_model(settings: TrialSettings) -> PendulumModel:
         if all(effect.name != name for effect in given.effects):
             model = model.with_effect(CATALOGUE[name]).with_prior(parameter, mean, std)
     model = model.with_prior("mass", settings.mass, settings.mass_std)
-    return model.with_values({"length": settings.length_guess, "initial_angle": 0.0, "initial_rate": 0.0}).with_fixed(
-        "initial_angle", "initial_rate"
-    )
+    model = model.with_values({"length": settings.length_guess})
+    rest = model.rest_angle()
+    # The load hangs at rest at first; where an effect pulls it aside, how far is as uncertain as the effect.
+    model = model.with_values({"initial_angle": rest, "initial_rate": 0.0}).with_fixed("initial_rate")
+    return model.with_prior("initial_angle", rest, LEAN) if abs(rest) > UPRIGHT else model.with_fixed("initial_angle")

@@ -33,7 +33,7 @@ class TrialSettings:
         seed: of everything random in the simulation.
         plant: the simulated robot.
         task: the swing.
-        out: directory for recording and report; None keeps nothing.
+        out: directory for the recording, the model that the robot had, and the report; None keeps nothing.
         certain_enough: the largest standard deviation of the length with which the swing is tried, m.
     """
 
