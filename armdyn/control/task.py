@@ -94,7 +94,15 @@ class TaskCost:
 
 @dataclass(frozen=True)
 class SwingState:
-    """Where a swing starts: the gripper (m, m/s), the string (rad, rad/s), and when, for what changes with time (s)."""
+    """Where a swing starts: the string's upper end, its angle, and when, for what changes with time.
+
+    Attributes:
+        x: of the upper end, which trails a gripper with a lag, m.
+        v: m/s.
+        angle: rad.
+        rate: rad/s.
+        time: s since the model's time began.
+    """
 
     x: float = 0.0
     v: float = 0.0
@@ -159,7 +167,7 @@ class TaskPlanner:
         theta = model.physics_theta()
         time = start.time + self.dt * np.arange(self.steps + 1)
         lag = float(self._variational.lag(theta))
-        initial = np.array([start.x - lag * start.v, start.v, start.angle, start.rate])
+        initial = np.array([start.x, start.v, start.angle, start.rate])
 
         def solve(of: TaskCost, start_from: np.ndarray | None, values: np.ndarray = theta) -> Solution:
             parameters = np.concatenate([values, of.vector(), [self.dt]])

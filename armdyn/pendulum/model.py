@@ -90,10 +90,20 @@ class PendulumModel(Model):
         physics = np.array([values[name] for name in self.physics_names])
         formulation = self._formulation
         simulator = _simulator(formulation.dynamics, self.formulation, channels, formulation.trails)
-        if formulation.trails:
-            lag = float(formulation.timing(physics)[0][2])
-            return simulator.rollout(TrailingPath(path, lag), physics, values["initial_angle"], values["initial_rate"])
-        return simulator.rollout(path, physics, values["initial_angle"], values["initial_rate"])
+        hung_from = TrailingPath(path, self.gripper_lag(physics)) if formulation.trails else path
+        return simulator.rollout(hung_from, physics, values["initial_angle"], values["initial_rate"])
+
+    def gripper_lag(self, physics: np.ndarray) -> float:
+        """Time by which the string's upper end trails the measured gripper, s; `physics` as `physics_theta`."""
+        return float(self._formulation.timing(physics)[0][2])
+
+    def swing_at_the_end(self, path: GripperPath) -> tuple[float, float, float]:
+        """Speed of the string's upper end (m/s), angle (rad) and rate (rad/s) after a path, with the present values."""
+        physics, dynamics = self.physics_theta(), self._formulation.dynamics
+        state = self.rollout(path, self.theta(), channels=("load_force",)).states[-1]
+        hung_from = TrailingPath(path, self.gripper_lag(physics)) if self._formulation.trails else path
+        motion = np.append(hung_from.inputs[0][:, -1], hung_from.jerk[0][0, -1])[: dynamics.inputs]
+        return float(motion[2]), float(state[0]), float(dynamics.rate(state, motion, physics))
 
     def predicted_channels(self, run: Run) -> tuple[str, ...]:
         """See `Model.predicted_channels`."""

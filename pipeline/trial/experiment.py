@@ -189,10 +189,11 @@ class Experiment:
         """Gripper and load now, from the measured path and the latest estimate."""
         model, here = self.estimator.model, self.drive.state
         path = run_path(self.measurement.run())
-        state = model.rollout(path, model.theta(), channels=("load_force",)).states[-1]
-        now = np.array([self.robot.time, here.s, here.v, here.a, 0.0, 0.0, 0.0])
-        rate = float(model.dynamics().rate(state, now, model.physics_theta()))
-        return SwingState(here.s, here.v, float(state[0]), rate, self.robot.time - path.start)
+        speed, angle, rate = model.swing_at_the_end(path)
+        # A gripper that trails has its string behind, and at another speed, by what the lag says of the present speed.
+        lag = model.gripper_lag(model.physics_theta())
+        hung_at, at_speed = (here.s - lag * speed, speed) if lag else (here.s, here.v)
+        return SwingState(hung_at, at_speed, angle, rate, self.robot.time - path.start)
 
     def _check(self, trajectory: LineTrajectory, plan: SwingPlan) -> None:
         """Refuse a motion that the arm cannot do; the box is left out where the load is meant to go in."""
