@@ -9,6 +9,7 @@ and at the end each is exchanged for its rivals once.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from armdyn.identify.exchange import Beam, exchanged
 from armdyn.identify.fit import Fit
 from armdyn.identify.score import Candidate
 from armdyn.identify.select import Option, Ranking, compare, rank, rank_pairs, superfluous
@@ -68,6 +69,7 @@ def search(study: Study, progress: Progress | None = None, *, most_steps: int = 
     first: Ranking | None = None
     previous: Ranking | None = None
     rivals: list[Candidate] = []
+    beam: list[Beam] = []
     while steps[-1].remainder.fails and len(steps) <= most_steps:
         say(f"trying {min(len(promised), 9)} effects on {len(effects)} present")
         ranking = rank(study, now, effects, promised)
@@ -86,12 +88,18 @@ def search(study: Study, progress: Progress | None = None, *, most_steps: int = 
         effects, now = chosen.effects, chosen.fit
         while (less := superfluous(study, now, effects, (*study.present, *added))) is not None:
             removed, effects, now = (*removed, *less.added), less.effects, less.fit
+        if len(effects) > len(study.present) + 1 and not any(e.joints for e in effects):
+            better = exchanged(study, now, effects, beam)
+            effects, now, tied = better.effects, better.fit, better.tied
+            added = tuple(e for e in effects if e not in steps[-1].effects)
+            removed = tuple(e for e in steps[-1].effects if e not in effects)
         promised = study.scores(now, effects)
         steps.append(Step(added, removed, tied, effects, now, remainder(now, promised)))
         previous = ranking
-    exchanged = _exchanged(study, steps[-1], rivals)
-    if exchanged is not None:
-        steps.append(exchanged)
+        beam = [(o.effects, o.fit) for o in ranking.options if len(o.effects) == len(effects)]
+    last = _exchanged(study, steps[-1], rivals)
+    if last is not None:
+        steps.append(last)
     return Search(tuple(steps), first)
 
 

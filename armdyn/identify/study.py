@@ -82,6 +82,15 @@ class Study:
             self._fits[key] = fit(self.problem, free, start, most_steps=QUICK_STEPS)
         return self._fits[key]
 
+    def fit_from(self, effects: Sequence[Candidate], values: np.ndarray, near: Fit) -> Fit:
+        """As `fit_with`, started from (P,) values foretold; a fit that is there already is kept where it is as good."""
+        key = self._key(effects)
+        free, _ = self._released(effects, near)
+        found = fit(self.problem, free, values, most_steps=QUICK_STEPS)
+        if key not in self._fits or found.cost < self._fits[key].cost:
+            self._fits[key] = found
+        return self._fits[key]
+
     def fit_thoroughly(self, effects: Sequence[Candidate], near: Fit) -> Fit:
         """As `fit_with`, and from other starts: effects at a typical size, near the fit and afresh over windows."""
         best = self.fit_with(effects, near)
