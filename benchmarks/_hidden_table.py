@@ -1,7 +1,7 @@
 """What the tables of hidden effects share: cases run by processes, answers judged, shares printed.
 
 A row is a dictionary. Its truth values under the keys of `SHARES` become columns of the table; `seconds` (wall) and
-`cpu` become a line on time; `pull` is (estimate - truth) / std and `held_out` the chi2 per sample of held-out runs.
+`cpu` become a line on time; `pull` is (estimate - truth) / std; `held_out` and `in_turn` are chi2 per sample.
 """
 
 import argparse
@@ -9,6 +9,7 @@ import json
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -19,8 +20,11 @@ import numpy as np
 
 from armdyn.identify.diagnose import Diagnosis
 from armdyn.identify.fit import Fit
-from armdyn.identify.held_out import chi2_of
+from armdyn.identify.held_out import chi2_of, held_out_blocks
+from armdyn.identify.prepare import noise_of_runs
+from armdyn.identify.problem import Problem
 from armdyn.identify.study import Study
+from armdyn.run import Run
 
 Row = dict[str, Any]
 SHARES = ("named", "honest", "joints", "tie", "alone", "false", "exact", "flagged")
@@ -65,12 +69,17 @@ def judged(found: Diagnosis, truth: str) -> Row:
     }
 
 
-def held_out_chi2(study: Study, fit: Fit) -> float | None:
-    """Chi2 per sample of whole runs held out in turn; None where there is nothing to hold out."""
-    blocks = study.held_out_blocks(fit)
-    if not blocks:
-        return None
-    return chi2_of(blocks) / sum(len(block.residual) for block in blocks)
+def held_out_chi2(study: Study, fit: Fit, fresh: Sequence[Run]) -> Row:
+    """Chi2 per sample of runs that a fit has never seen, and of its own runs held out in turn.
+
+    The second fits again to fewer runs, so that it is the larger one where one run teaches little.
+    """
+    noise = noise_of_runs(study.model, fresh)
+    problem = replace(fit, problem=Problem(fit.problem.model, fit.problem.runs, {**fit.problem.noise, **noise}))
+    chi2 = {}
+    for key, blocks in (("held_out", held_out_blocks(problem, fresh)), ("in_turn", study.held_out_blocks(fit))):
+        chi2[key] = chi2_of(blocks) / sum(len(b.residual) for b in blocks) if blocks else None
+    return chi2
 
 
 def table(title: str, rows: Sequence[Row]) -> None:
@@ -90,12 +99,11 @@ def table(title: str, rows: Sequence[Row]) -> None:
         pulls = np.array([abs(row[key]) for row in rows if row.get(key) is not None])
         if len(pulls):
             print(f"  {text} within 3 std: {100 * np.mean(pulls < 3):.1f} % of {len(pulls)}")
-    held_out = np.array([row["held_out"] for row in rows if row.get("held_out") is not None])
-    if len(held_out):
-        good = 100 * np.mean(held_out <= GOOD_HELD_OUT)
-        print(
-            f"  held-out chi2 per sample <= {GOOD_HELD_OUT}: {good:.1f} % of {len(held_out)}, worst {max(held_out):.3g}"
-        )
+    for key, text in (("held_out", "a fresh run's"), ("in_turn", "runs held out in turn:")):
+        values = np.array([row[key] for row in rows if row.get(key) is not None])
+        if len(values):
+            good = f"{100 * np.mean(values <= GOOD_HELD_OUT):.1f} %"
+            print(f"  {text} chi2 per sample <= {GOOD_HELD_OUT}: {good} of {len(values)}, worst {max(values):.2f}")
     for key, text in (("seconds", "wall"), ("cpu", "processor")):
         taken = np.array([row[key] for row in rows if key in row])
         if len(taken):

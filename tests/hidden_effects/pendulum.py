@@ -8,6 +8,8 @@ with mass, adds its generalised inertia to the constrained direction.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from itertools import accumulate
+from math import cos, sin, sqrt, tanh
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -27,7 +29,8 @@ REALISTIC: Mapping[str, float] = {
 }  # fmt: skip
 """Sizes in SI units; `angle_offset` needs an angle sensor and is tested apart."""
 
-OUTSIDE = ("one_sided_rub", "hum", "magnet", "stick_gripper", "backlash_bias")
+OUTSIDE = ("one_sided_rub", "hum", "magnet", "sensor_play", "sensor_clipping")
+"""In N m, N, N, N, and in weights of the load."""
 
 
 @dataclass(frozen=True)
@@ -64,10 +67,12 @@ def gripper_motion(rng: np.random.Generator, duration: float) -> Callable[[np.nd
     amplitudes *= np.where(np.abs(frequencies - 0.82) < 0.15, 0.3, 1.0)  # not at the resonance
     w = 2 * np.pi * frequencies
 
-    def motion(t: np.ndarray) -> np.ndarray:
-        phase = np.multiply.outer(w, np.asarray(t, dtype=float))
-        x = amplitudes @ (1 - np.cos(phase))
-        return np.array([x, (amplitudes * w) @ np.sin(phase), (amplitudes * w**2) @ np.cos(phase)])
+    speeds, accelerations, whole = amplitudes * w, amplitudes * w**2, amplitudes.sum()
+
+    def motion(t: np.ndarray | float) -> np.ndarray:
+        phase = w * t if isinstance(t, float) else np.multiply.outer(w, t)
+        cosine = np.cos(phase)
+        return np.array([whole - amplitudes @ cosine, speeds @ np.sin(phase), accelerations @ cosine])
 
     del duration
     return motion
@@ -108,33 +113,34 @@ def simulate(setup: Setup, motion: Callable, time: np.ndarray) -> dict[str, np.n
     elastic, give = h.get("string_elasticity", 0.0), h.get("gripper_compliance", 0.0)
     gripper = _gripper(h, motion, setup.duration)
 
+    creep, tilt = h.get("string_creep", 0.0), h.get("path_tilt", 0.0)
+    steady = m * G * np.array([sin(tilt), 0.0, -cos(tilt)]) + np.array([h.get("wind", 0.0), 0.0, 0.0])
+    linear, quadratic = h.get("linear_drag", 0.0), h.get("quadratic_drag", 0.0)
+    viscous, coulomb = h.get("pivot_viscous_friction", 0.0), h.get("pivot_coulomb_friction", 0.0)
+    rub, magnet = h.get("one_sided_rub", 0.0), h.get("magnet", 0.0)
+
     def length(t: float) -> tuple[float, float]:
-        rate = h.get("string_creep", 0.0)
-        return l0 + rate * t, rate
+        return l0 + creep * t, creep
 
     def forces(t: float, q: np.ndarray, v: np.ndarray, n: np.ndarray, rate: float) -> np.ndarray:
-        speed = np.linalg.norm(v)
-        tilt = h.get("path_tilt", 0.0)
-        f = m * G * np.array([np.sin(tilt), 0.0, -np.cos(tilt)])
-        f = f - h.get("linear_drag", 0.0) * v - h.get("quadratic_drag", 0.0) * speed * v
-        f[0] += h.get("wind", 0.0)
-        r = length(t)[0]
-        torque = -h.get("pivot_viscous_friction", 0.0) * rate
-        torque -= h.get("pivot_coulomb_friction", 0.0) * np.tanh(rate / 0.01)
-        x_side = q[0]
-        torque -= h.get("one_sided_rub", 0.0) * (x_side > 0.03) * np.tanh(rate / 0.02)
-        across = np.array([n[2], 0.0, -n[0]])  # towards growing angle, for n = (-sin, 0, -cos)
-        f = f + torque / r * across
-        magnet = h.get("magnet", 0.0)
-        d = (q[0] - 0.02) / 0.03
-        f[0] -= magnet * d / (1 + d**2) ** 2
+        f = steady - (linear + quadratic * sqrt(v @ v)) * v
+        torque = -viscous * rate - coulomb * tanh(rate / 0.01)
+        if q[0] > 0.03:
+            torque -= rub * tanh(rate / 0.02)
+        if torque:
+            across = np.array([n[2], 0.0, -n[0]])  # towards growing angle, for n = (-sin, 0, -cos)
+            f = f + torque / length(t)[0] * across
+        if magnet:
+            d = (q[0] - 0.02) / 0.03
+            f[0] -= magnet * d / (1 + d**2) ** 2
         return f
 
     heavy, inertia = h.get("string_mass", 0.0), h.get("load_inertia", 0.0)
 
     def rate_of(q: np.ndarray, v: np.ndarray, g: np.ndarray, gv: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-        r = np.linalg.norm(q - g)
-        n = (q - g) / r
+        d = q - g
+        r = sqrt(d @ d)
+        n = d / r
         across = np.array([n[2], 0.0, -n[0]])
         return n, across, float((v - gv) @ across) / r
 
@@ -152,7 +158,7 @@ def simulate(setup: Setup, motion: Callable, time: np.ndarray) -> dict[str, np.n
         # |q - g|' = l', twice: n.(q'' - g'') + |(v - gv) across the string|^2 / r = 0 for a constant creep rate
         w = v - gv
         bend = (w @ w - (w @ n) ** 2) / r
-        stabilise = 40.0 * ((w @ n) - r_rate) + 400.0 * (np.linalg.norm(q - g) - r)
+        stabilise = 40.0 * ((w @ n) - r_rate) + 400.0 * ((q - g) @ n - r)
         if heavy or inertia:
             # In the plane: (m + ms/3 + I/l^2) acts across the string, m along it; the string's own terms by Lagrange.
             angular = (m + heavy / 3) * r**2 + inertia
@@ -171,7 +177,7 @@ def simulate(setup: Setup, motion: Callable, time: np.ndarray) -> dict[str, np.n
         damping = 0.25
         if elastic:
             n, _, rate = rate_of(q, v, g, gv)
-            stretch = np.linalg.norm(q - g) - r0
+            stretch = (q - g) @ n - r0
             critical = 2 * np.sqrt(m / elastic)
             tension = stretch / elastic + damping * critical * ((v - gv) @ n)
             return (forces(t, q, v, n, rate) - tension * n) / m, float(tension)
@@ -248,19 +254,19 @@ def _gripper(h: Mapping[str, float], motion: Callable, duration: float) -> Calla
         grid = np.arange(0.0, duration + 0.1, 0.001)
         x0 = motion(np.array([0.0]))[0]
         trailed = solve_ivp(
-            lambda t, z: (motion(np.array([t]))[0] - z) / lag, (0.0, grid[-1]), x0, "DOP853", t_eval=grid,
+            lambda t, z: (motion(t)[0] - z) / lag, (0.0, grid[-1]), x0, "DOP853", t_eval=grid,
             rtol=1e-10, atol=1e-12,
         ).y[0]  # fmt: skip
         spline = CubicSpline(grid, trailed)
 
-        def along(t: np.ndarray) -> np.ndarray:
+        def along(t: float) -> np.ndarray:
             x, v, _ = motion(t)
             z = spline(t)
             dz = (x - z) / lag
             return np.array([z, dz, (v - dz) / lag])
 
     def at(t: float) -> tuple[np.ndarray, ...]:
-        x, v, a = scale * along(np.array([t]))[:, 0]
+        x, v, a = (scale * along(float(t))).tolist()
         return (
             np.array([x, 0.0, bob * x**2]),
             np.array([v, 0.0, 2 * bob * x * v]),
@@ -279,6 +285,10 @@ def _sensor(setup: Setup, time: np.ndarray, truth: Mapping[str, np.ndarray]) -> 
     force = (1 + h.get("sensor_gain", 0.0)) * force
     force = force + h.get("sensor_bias", 0.0) + h.get("sensor_drift", 0.0) * time
     force = force + h.get("hum", 0.0) * np.sin(2 * np.pi * 6.3 * time)
+    if play := h.get("sensor_play", 0.0):  # the reading follows only when pushed by more than this
+        force = np.array(list(accumulate(force, lambda y, f: min(max(y, f - play), f + play))))
+    if clipping := h.get("sensor_clipping", 0.0):
+        force = np.minimum(force, clipping * setup.mass * G)
     lag, delay = h.get("sensor_lag", 0.0), h.get("sensor_delay", 0.0)
     if lag:
         spline = CubicSpline(time, force)
