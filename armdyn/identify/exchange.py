@@ -17,11 +17,11 @@ from itertools import combinations
 
 import numpy as np
 
-from armdyn.identify.evidence import whitening_of
+from armdyn.identify.evidence import Whitening, whitening_of
 from armdyn.identify.fit import Fit
 from armdyn.identify.noise import whitened
 from armdyn.identify.score import Candidate
-from armdyn.identify.select import TIE
+from armdyn.identify.select import TIE, gained
 from armdyn.identify.study import Study
 
 MOST_EXCHANGED = 2
@@ -77,16 +77,28 @@ def exchanged(study: Study, now: Fit, effects: Sequence[Candidate], beam: Sequen
     for _ in range(MOST_ROUNDS):
         promising = [o for o in (*promising, *_foretold(study, fit, here)) if set(o.effects) != set(here)]
         fits = [study.fit_from(option.effects, option.values, fit) for option in promising]
-        compared, _ = study.weighed([fit, *fits])
-        bic = np.array([weight.bic for weight in compared])
+        compared, whitening = study.weighed([fit, *fits])
+        behind = np.array([weight.bic - compared[0].bic for weight in compared[1:]])
         sets = [option.effects for option in promising]
-        rivals = [s for s, b in zip(sets, bic[1:], strict=True) if len(s) == len(here) and b - bic[0] < TIE]
-        best = int(np.argmin(bic))
-        if best == 0:
+        rivals = [s for s, b in zip(sets, behind, strict=True) if len(s) == len(here) and abs(b) < TIE]
+        for i in np.argsort(behind):
+            if behind[i] < 0 and _confirmed(study, fit, fits[i], whitening, float(behind[i])):
+                here, fit, promising = sets[i], fits[i], []
+                break
+        else:
             break
-        here, fit, promising = sets[best - 1], fits[best - 1], []
     tied = dict.fromkeys(c for rival in rivals for c in rival if c not in here)
     return Exchanged(here, fit, tuple(tied))
+
+
+def _confirmed(study: Study, now: Fit, other: Fit, whitening: Whitening, behind: float) -> bool:
+    """Whether held-out runs let another fit take the place of this one."""
+    before = study.held_out_blocks(now)
+    after = study.held_out_blocks(other)
+    if before is None or after is None:
+        return True
+    gain, fell = gained(study, before, after, whitening, far=False)
+    return fell and (not study.held_out or gain > behind)
 
 
 def _gone_on(study: Study, beam: Sequence[Beam]) -> list[_Foretold]:
@@ -148,7 +160,8 @@ class _Expansion:
 def _expansion(study: Study, fit: Fit) -> _Expansion:
     problem, whitening = study.problem, whitening_of(fit)
     prior = problem.prior_weight * (problem.prior_mean - fit.values)
-    cost, gradient, gram, samples = float(prior @ prior), problem.prior_weight * prior, np.diag(problem.prior_weight**2), 0
+    cost, samples = float(prior @ prior), 0
+    gradient, gram = problem.prior_weight * prior, np.diag(problem.prior_weight**2)
     for block in problem.blocks(fit.values):
         coefficients, std = whitening[block.channel]
         residual = whitened(block.residual, coefficients) / std

@@ -36,6 +36,7 @@ class Step:
         effects: all effects after it.
         fit: the minimum after it.
         remainder: what is left.
+        whole: whether `tied` counts for all effects together, not only for the one added.
     """
 
     added: tuple[Candidate, ...]
@@ -44,6 +45,7 @@ class Step:
     effects: tuple[Candidate, ...]
     fit: Fit
     remainder: Remainder
+    whole: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,12 +60,24 @@ class Search:
         """Where it ended."""
         return self.steps[-1]
 
+    @property
+    def tied(self) -> tuple[Candidate, ...]:
+        """Effects that these runs cannot tell from those that it ended with."""
+        found: dict[Candidate, None] = {}
+        for step in reversed(self.steps):
+            if any(effect in self.last.effects for effect in step.added):
+                found.update(dict.fromkeys(step.tied))
+            if step.whole:
+                break
+        return tuple(effect for effect in found if effect not in self.last.effects)
+
 
 def search(study: Study, progress: Progress | None = None, *, most_steps: int = MOST_STEPS) -> Search:
     """Run it; `progress` is told every step in a few words."""
     say = progress or (lambda _: None)
     say("fitting the model as it is")
     effects, now = study.present, study.first()
+    on_joints = any(c.joints for c in study.candidates)  # many unknowns each: their sets are too many to compare
     promised = study.scores(now, effects)
     steps = [Step((), (), (), effects, now, remainder(now, promised))]
     first: Ranking | None = None
@@ -75,7 +89,8 @@ def search(study: Study, progress: Progress | None = None, *, most_steps: int = 
         ranking = rank(study, now, effects, promised)
         first = first or ranking
         chosen, tied = ranking.best, _tied(ranking, ranking.best)
-        if chosen is None or (chosen.far and chosen.share < HALF and previous is not None):
+        small = chosen is not None and chosen.far and chosen.share < HALF
+        if chosen is None or (small and (previous is not None or not on_joints)):
             say("trying pairs")
             pair = _pair(study, now, effects, ranking, previous)
             if pair is not None and (chosen is None or pair.fit.cost < chosen.fit.cost):
@@ -88,13 +103,14 @@ def search(study: Study, progress: Progress | None = None, *, most_steps: int = 
         effects, now = chosen.effects, chosen.fit
         while (less := superfluous(study, now, effects, (*study.present, *added))) is not None:
             removed, effects, now = (*removed, *less.added), less.effects, less.fit
-        if len(effects) > len(study.present) + 1 and not any(e.joints for e in effects):
+        several = len(effects) > len(study.present) + 1 and not on_joints
+        if several:
             better = exchanged(study, now, effects, beam)
             effects, now, tied = better.effects, better.fit, better.tied
             added = tuple(e for e in effects if e not in steps[-1].effects)
             removed = tuple(e for e in steps[-1].effects if e not in effects)
         promised = study.scores(now, effects)
-        steps.append(Step(added, removed, tied, effects, now, remainder(now, promised)))
+        steps.append(Step(added, removed, tied, effects, now, remainder(now, promised), several))
         previous = ranking
         beam = [(o.effects, o.fit) for o in ranking.options if len(o.effects) == len(effects)]
     last = _exchanged(study, steps[-1], rivals)

@@ -161,7 +161,7 @@ def compare(
         exchange: the additions replace something: they must win by a clear margin, and need no p-value.
     """
     additions = list(additions)
-    fits = [study.fit_with((*effects, *added), _nearest(study, now, effects, added)) for added in additions]
+    fits = _raced(study, now, effects, additions)
     if now.chi2_per_sample > GROSS and fits and min(f.chi2_per_sample for f in fits) > CLOSE:
         # Far from the truth the nearest minimum may be the wrong one: the best few get other starts as well.
         for i in sorted(range(len(fits)), key=lambda i: fits[i].cost)[:THOROUGH]:
@@ -197,6 +197,19 @@ def compare(
     return confirmed(study, now, Ranking(tuple(options), tuple(o.delta_bic for o in options), whitening, present))
 
 
+def _raced(
+    study: Study, now: Fit, effects: Sequence[Candidate], additions: Sequence[tuple[Candidate, ...]]
+) -> list[Fit]:
+    """Fits with each addition; of more than `REFITTED` only the best so far are carried on to the end."""
+    starts = [_nearest(study, now, effects, added) for added in additions]
+    if len(additions) <= REFITTED:
+        return [study.fit_with((*effects, *a), near) for a, near in zip(additions, starts, strict=True)]
+    fits = [study.sketch((*effects, *a), near) for a, near in zip(additions, starts, strict=True)]
+    for i in sorted(range(len(fits)), key=lambda i: fits[i].cost)[:REFITTED]:
+        fits[i] = study.fit_with((*effects, *additions[i]), fits[i])
+    return fits
+
+
 def _nearest(study: Study, now: Fit, effects: Sequence[Candidate], added: Sequence[Candidate]) -> Fit:
     """Where a fit with several additions starts: from the best fit with one of them."""
     if len(added) == 1:
@@ -210,29 +223,39 @@ def confirmed(study: Study, now: Fit, ranking: Ranking) -> Ranking:
     reference = study.held_out_blocks(now) if worth else None
     if reference is None:
         return ranking
-    before = _cost(reference, ranking.whitening)
-    best = worth[0].delta_bic
+    best: float | None = None if not study.held_out else worth[0].delta_bic
     options, evidence = [], []
     for option in ranking.options:
-        tested = option in worth and (worth.index(option) < CONFIRMED or best - option.delta_bic < TIE)
+        # Runs held out in turn can only refuse an option: when one has passed, what is not tied with it is no matter.
+        near = best is None or best - option.delta_bic < TIE
+        tested = option in worth and (near or (bool(study.held_out) and worth.index(option) < CONFIRMED))
         blocks = study.held_out_blocks(option.fit) if tested else None
         if blocks is None:
             options.append(option)
             evidence.append(option.delta_bic)
             continue
-        gain = before - _cost(blocks, ranking.whitening)
-        error, samples = chi2_of(blocks), sum(len(block.residual) for block in blocks)
-        ahead = chi2_of(reference) * (1.0 - (CLEARLY if option.far else 0.0))
-        # Near the noise a model fitted to fewer runs predicts worse for being less certain, not for being wrong.
-        harmless = gain > -UNHARMED or not study.held_out
-        fell = error < ahead or (error < AT_FLOOR * samples and harmless)
+        gain, fell = gained(study, reference, blocks, ranking.whitening, far=option.far)
         options.append(replace(option, held_out_gain=gain, held_out_fell=fell, held_out=tuple(blocks)))
+        if best is None and options[-1].accepted:
+            best = option.delta_bic
         # Runs that were given to be held out add to the evidence; runs held out in turn are in it already.
         evidence.append(option.delta_bic + (gain if study.held_out else 0.0))
     order = sorted(range(len(options)), key=lambda i: -evidence[i])
     return Ranking(
         tuple(options[i] for i in order), tuple(evidence[i] for i in order), ranking.whitening, ranking.present
     )
+
+
+def gained(
+    study: Study, before: Sequence[Block], after: Sequence[Block], whitening: Whitening, *, far: bool
+) -> tuple[float, bool]:
+    """Fall of the whitened cost of held-out runs, and whether their error fell, or rose no more than by chance."""
+    gain = _cost(before, whitening) - _cost(after, whitening)
+    error, samples = chi2_of(after), sum(len(block.residual) for block in after)
+    ahead = chi2_of(before) * (1.0 - (CLEARLY if far else 0.0))
+    # Near the noise a model fitted to fewer runs predicts worse for being less certain, not for being wrong.
+    harmless = gain > -UNHARMED or not study.held_out
+    return gain, error < ahead or (error < AT_FLOOR * samples and harmless)
 
 
 def superfluous(study: Study, now: Fit, effects: Sequence[Candidate], kept: Sequence[Candidate]) -> Option | None:

@@ -17,6 +17,9 @@ from armdyn.run import Run
 QUICK_STEPS = 8
 """A candidate that needs more steps than this is no small correction of the present fit."""
 
+FIRST_STEPS = 3
+"""Steps after which hopeless candidates are left behind."""
+
 LONG = 4000
 """Samples beyond which it pays to derive a formulation of its own for a fit."""
 
@@ -82,6 +85,13 @@ class Study:
             self._fits[key] = fit(self.problem, free, start, most_steps=QUICK_STEPS)
         return self._fits[key]
 
+    def sketch(self, effects: Sequence[Candidate], near: Fit) -> Fit:
+        """As `fit_with`, after a few steps only; not kept."""
+        if (known := self._fits.get(self._key(effects))) is not None:
+            return known
+        free, start = self._released(effects, near)
+        return fit(self.problem, free, start, most_steps=FIRST_STEPS)
+
     def fit_from(self, effects: Sequence[Candidate], values: np.ndarray, near: Fit) -> Fit:
         """As `fit_with`, started from (P,) values foretold; a fit that is there already is kept where it is as good."""
         key = self._key(effects)
@@ -95,7 +105,7 @@ class Study:
         """As `fit_with`, and from other starts: effects at a typical size, near the fit and afresh over windows."""
         best = self.fit_with(effects, near)
         free, start = self._released(effects, near)
-        lean = self.lean(best)
+        lean = self.lean(best) if best.samples > LONG else best
         for begin, windows in ((self._pushed(effects, start, near), False), (self._cold(effects, near), True)):
             other = fit(
                 lean.problem, lean.free, transferred(begin, self.problem, lean.problem), windows=windows,
