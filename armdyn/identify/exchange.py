@@ -21,7 +21,7 @@ from armdyn.identify.evidence import Whitening, whitening_of
 from armdyn.identify.fit import Fit
 from armdyn.identify.noise import whitened
 from armdyn.identify.score import Candidate
-from armdyn.identify.select import TIE, gained
+from armdyn.identify.select import CLOSE, TIE, gained
 from armdyn.identify.study import Study
 
 MOST_EXCHANGED = 2
@@ -93,6 +93,8 @@ def exchanged(study: Study, now: Fit, effects: Sequence[Candidate], beam: Sequen
 
 def _confirmed(study: Study, now: Fit, other: Fit, whitening: Whitening, behind: float) -> bool:
     """Whether held-out runs let another fit take the place of this one."""
+    if not study.held_out and other.chi2_per_sample < CLOSE:
+        return True  # at the noise the likelihood is to be trusted, and one run alone may teach too little
     before = study.held_out_blocks(now)
     after = study.held_out_blocks(other)
     if before is None or after is None:

@@ -6,6 +6,7 @@ every parameter are therefore evaluated together, and a fit selects its columns.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 
 import numpy as np
 
@@ -106,10 +107,10 @@ class Problem:
         self._whole: dict[tuple[bytes, frozenset[str]], list[Block]] = {}
         self._partial: dict[tuple[bytes, frozenset[str]], list[Block]] = {}
         self._of_run = [self._places(i) for i in range(len(self.runs))]
-        self._of_effect = {
-            effect.name: np.array([c.parameter.name.startswith(f"{effect.name}.") for c in columns], dtype=bool)
-            for effect in model.effects
-        }
+        self._effects = tuple(effect.name for effect in model.effects)
+        self._of_effects = np.array(
+            [[c.parameter.name.startswith(f"{name}.") for c in columns] for name in self._effects], dtype=bool
+        ).reshape(len(self._effects), len(columns))
         self._lean: dict[frozenset[str], tuple[frozenset[str], Model, np.ndarray]] = {}
 
     def _places(self, run: int) -> np.ndarray:
@@ -148,14 +149,13 @@ class Problem:
             values: (P,).
             wanted: (P,) bool, unknowns whose derivatives are needed, all where it is not given; the others may be 0.
         """
-        needed = frozenset(
-            name
-            for name, columns in self._of_effect.items()
-            if wanted is None or np.any(columns & (wanted | (values != self.null)))
-        )
+        needed = frozenset(self._effects)
+        if wanted is not None:
+            concerned = (self._of_effects & (wanted | (values != self.null))).any(axis=1)
+            needed = frozenset(compress(self._effects, concerned))
         held, model, places = self._holding(needed)
         key = values.tobytes(), held
-        everything = key[0], frozenset(self._of_effect)
+        everything = key[0], frozenset(self._effects)
         if everything in self._whole:  # it serves every fit that starts there, so it is not crowded out by them
             return self._whole[everything]
         memory = self._whole if key == everything else self._partial

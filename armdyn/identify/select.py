@@ -167,6 +167,8 @@ def compare(
         for i in sorted(range(len(fits)), key=lambda i: fits[i].cost)[:THOROUGH]:
             near = _nearest(study, now, effects, additions[i])
             fits[i] = study.fit_thoroughly((*effects, *additions[i]), near)
+            if fits[i].chi2_per_sample < CLOSE:
+                break
     compared, whitening = study.weighed([now, *fits])
     sparse = [_needed(study, added, w) for added, w in zip(additions, compared[1:], strict=True)]
     if sparse != list(additions):

@@ -52,7 +52,7 @@ class PendulumModel(Model):
         """Parameters of the equations of motion and of the sensors, in the order of theta there."""
         return self._formulation.names
 
-    @property
+    @cached_property
     def formulation(self) -> str:
         """Identifier of the equations: two models that share it differ in numbers only."""
         return "_".join([self.tension, *(e.name for e in natural_order(self.effects))])
@@ -86,12 +86,12 @@ class PendulumModel(Model):
 
     def rollout(self, path: GripperPath, theta: np.ndarray, channels: tuple[str, ...] = OUTPUTS) -> Rollout:
         """Simulate `channels` along a gripper path; `theta` (p,) in the order of `names`."""
-        values = dict(zip(self.names, theta, strict=True))
-        physics = np.array([values[name] for name in self.physics_names])
+        physics = theta[self._order[1]]
+        initial = [float(theta[self.names.index(name)]) for name in INITIAL]
         formulation = self._formulation
         simulator = _simulator(formulation.dynamics, self.formulation, channels, formulation.trails)
         hung_from = TrailingPath(path, self.gripper_lag(physics)) if formulation.trails else path
-        return simulator.rollout(hung_from, physics, values["initial_angle"], values["initial_rate"])
+        return simulator.rollout(hung_from, physics, *initial)
 
     def gripper_lag(self, physics: np.ndarray) -> float:
         """Time by which the string's upper end trails the measured gripper, s; `physics` as `physics_theta`."""
@@ -117,8 +117,8 @@ class PendulumModel(Model):
         channels = self.predicted_channels(run)
         path = run_path(run)
         rollout = self.rollout(path, theta, channels)
-        columns = [(*self.physics_names, *INITIAL).index(name) for name in self.names]
-        physics = theta[[self.names.index(name) for name in self.physics_names]]
+        columns, places = self._order
+        physics = theta[places]
         blocks, slices, stamps, first = [], {}, [], 0
         for name in channels:
             row = channels.index(name)
@@ -206,7 +206,13 @@ class PendulumModel(Model):
             block[:, 1 + column] -= per_step / path.dt * derivative[1, column]
         return block
 
-    @property
+    @cached_property
+    def _order(self) -> tuple[list[int], list[int]]:
+        """Where the columns of a rollout are among `names`, and where the physics' parameters are."""
+        rollout = (*self.physics_names, *INITIAL)
+        return [rollout.index(name) for name in self.names], [self.names.index(name) for name in self.physics_names]
+
+    @cached_property
     def _formulation(self) -> "_Formulation":
         return _formulation(natural_order(self.effects), self.tension)
 
