@@ -121,8 +121,8 @@ def _suspects(study: Study, found: Search) -> tuple[Suspect, ...]:
     worth = [o for o in ranking.options if o.delta_bic > 0][:MOST_NAMED]
     suspects = [_suspect(study, ranking, option) for option in worth]
     # What the search ended with leads, also where it was found later or was chosen for its held-out error.
-    added = [c.effect for c in _added(found)]
-    suspects.sort(key=lambda s: added.index(s.effect) if s.effect in added else len(added))
+    added = {c.effect for c in _added(found)}
+    suspects.sort(key=lambda s: s.effect not in added)
     return tuple(suspects)
 
 
