@@ -59,10 +59,12 @@ class MeasurementNode:
     """Reads the robot at 100 Hz.
 
     The recording is one of a hanging load: once the load is let down (`load_hangs` is False) what is measured goes to
-    channels called ``landing.*``, so that the recording can be held against a pendulum as it is. Samples wait until it
-    is known that the string did not go slack with them.
+    channels called ``landing.*``, so that the recording can be held against a pendulum as it is; so does what is
+    measured once the load may touch the box (`hangs_until`). Samples wait until it is known that the string did not go
+    slack with them.
 
     Attributes:
+        hangs_until: when the load will come near the box, s.
         load_hangs: False once the load may touch the box and the string go slack.
         fault: a sentence once the load cell or the string has failed, else None.
         state: the latest reading of the joints.
@@ -87,7 +89,7 @@ class MeasurementNode:
         self._pulled_at: float | None = None
         self._waiting: deque[tuple[str, float, float]] = deque()
         self.begin()
-        self.load_hangs = True
+        self.load_hangs, self.hangs_until = True, inf
         self.fault: str | None = None
         self.state: JointState = robot.joint_state()
         self.gripper = self._sensor.locate(self.state.q)[0]
@@ -124,16 +126,16 @@ class MeasurementNode:
     def let_down(self, time: float) -> None:
         """From `time` s on the load hangs no more: what follows is recorded as landing."""
         self._record_until(time)
-        self.load_hangs = False
+        self.load_hangs, self.hangs_until = False, min(time, self.hangs_until)
 
     def finish(self) -> None:
         """Record what still waits."""
         self._record_until(inf)
 
     def _record_until(self, time: float) -> None:
-        place = "" if self.load_hangs else "landing."
         while self._waiting and self._waiting[0][1] <= time:
             name, stamp, value = self._waiting.popleft()
+            place = "" if stamp <= self.hangs_until else "landing."
             self._recorder.record(f"{place}{name}", stamp, value)
 
     def begin(self) -> None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import cos, sin
+from math import cos, inf, sin
 
 import numpy as np
 
@@ -17,6 +17,8 @@ DT = 0.01
 """Control cycle and step of the variational integrator, s."""
 PLAN_TOLERANCE = 0.004
 """m that smoothing may move the gripper off its plan; the load then misses its target by about as much."""
+NEAR_WALL = 0.05
+"""m; a load that swings otherwise than planned may touch the box when the plan is this near to it."""
 END_MARGIN = 0.01
 """m that plans stay away from the ends of the line."""
 
@@ -86,6 +88,7 @@ class TaskNode:
         swing: the plan of the last swing.
         trajectory: what the gripper was told to do in it, finish included.
         started: time at which the swing began, s.
+        near_box: time at which the load comes near the box, s; infinite while there is no swing.
     """
 
     name = "task"
@@ -101,6 +104,7 @@ class TaskNode:
         self.swing: SwingPlan | None = None
         self.trajectory: LineTrajectory | None = None
         self.started: float | None = None
+        self.near_box = inf
 
     @property
     def idle(self) -> bool:
@@ -150,10 +154,15 @@ class TaskNode:
             finish = finish_over_box(swing.end, self.settings.finish_x, self._limits, DT)
             self.trajectory = swing.then(finish)
             self._check(self.trajectory, self.swing)
-            self.started = now
+            self.started, self.near_box = now, now + self._approach(self.swing)
             self._drive.play(self.trajectory)
 
         self._request = carry_out
+
+    def _approach(self, swing: SwingPlan) -> float:
+        """Time in the swing from which the load may touch the box, s."""
+        close = swing.load[:, 0] > self.settings.wall_x - NEAR_WALL
+        return float(swing.time[int(close.argmax())]) if close.any() else float(swing.time[-1])
 
     def _feasible(self, plan: SwingPlan) -> LineTrajectory:
         """The motion within the limits of the line that is nearest to the plan, from the drive's present state."""

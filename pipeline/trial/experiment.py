@@ -182,6 +182,7 @@ class Experiment:
             )
 
     def _swing_ends(self) -> bool:
+        self.measurement.hangs_until = self.task.near_box
         swing, started = self.task.swing, self.task.started
         return swing is not None and started is not None and self.robot.time >= started + swing.time[-1] - DT / 2
 
