@@ -28,8 +28,8 @@ THOROUGH = 4
 LEAST_SHARE = 0.25
 """Each effect must explain this share of what is left above the noise: errors of the measured motion and effects that
 are missing still leave a residual that small gains only happen to look like."""
-BY_CHANCE = 3.0
-"""Standard deviations by which a chi2 exceeds the number of samples by chance."""
+BY_CHANCE = 1.0
+"""Standard deviations of chi2 by which it may exceed the number of samples before anything counts as left."""
 CLEARLY = 0.05
 """Far above the noise, share by which the chi2 of held-out runs must fall."""
 AT_FLOOR = 2.0
