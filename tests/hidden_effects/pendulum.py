@@ -215,9 +215,13 @@ def simulate(setup: Setup, motion: Callable, time: np.ndarray) -> dict[str, np.n
 
 
 def _compliant(setup: Setup, gripper: Callable, forces: Callable, time: np.ndarray) -> dict[str, np.ndarray]:
-    """A pendulum below a light carriage (2 g) on a spring and a damper: three Lagrangian coordinates less one."""
+    """A pendulum below a light carriage (2 g) on a spring: three Lagrangian coordinates less one.
+
+    A damper quiets the carriage's own vibration; in proportion to the load it would also brake the swing, which would
+    be another effect.
+    """
     give, m, r, carriage = setup.hidden["gripper_compliance"], setup.mass, setup.length, 2e-3
-    damping = 2 * 0.3 * np.sqrt((m + carriage) / give)
+    damping = 2 * 0.3 * np.sqrt(carriage / give)
 
     def parts(t: float, s: np.ndarray) -> tuple[np.ndarray, float]:
         p, angle, pv, rate = s
