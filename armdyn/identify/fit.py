@@ -88,7 +88,15 @@ def channel_rmse(blocks: Sequence[Block]) -> dict[str, float]:
     return result
 
 
-def fit(problem: Problem, free: np.ndarray, start: np.ndarray, *, windows: bool = False, most_steps: int = 30) -> Fit:
+def fit(
+    problem: Problem,
+    free: np.ndarray,
+    start: np.ndarray,
+    *,
+    windows: bool = False,
+    growths: Sequence[float] = GROWTHS,
+    most_steps: int = 30,
+) -> Fit:
     """Minimise over the unknowns `free`.
 
     Args:
@@ -97,12 +105,13 @@ def fit(problem: Problem, free: np.ndarray, start: np.ndarray, *, windows: bool 
         start: (P,).
         windows: fit the first second, then longer and longer stretches, so that the start may be far off: a cold
             start on a long recording falls into one of many minima.
+        growths: of the stretches.
         most_steps: of the last fit.
     """
     if not windows:
         return _descended(problem, free, start, most_steps)
     best: Fit | None = None
-    for growth in GROWTHS:
+    for growth in growths:
         found = _descended(problem, free, _followed(problem, free, start, growth), most_steps)
         best = found if best is None or found.cost < best.cost else best
         if best.chi2_per_sample < GROSS:

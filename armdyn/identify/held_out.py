@@ -47,7 +47,7 @@ def _predicted(found: Fit, values: np.ndarray, run: Run, whole: Fit | None = Non
     if not free.any():
         return tuple(alone.blocks(start, free))
     near = fit(alone, free, start)
-    if near.chi2_per_sample < GROSS:
+    if whole is not None or near.chi2_per_sample < GROSS:
         return near.blocks
     return min(near, fit(alone, free, alone.start() * free + start * ~free, windows=True), key=lambda f: f.cost).blocks
 

@@ -113,7 +113,7 @@ def search(study: Study, progress: Progress | None = None, *, most_steps: int = 
         steps.append(Step(added, removed, tied, effects, now, remainder(now, promised), several))
         previous = ranking
         beam = [(o.effects, o.fit) for o in ranking.options if len(o.effects) == len(effects)]
-    last = _exchanged(study, steps[-1], rivals)
+    last = _exchanged(study, steps[-1], rivals) if on_joints else None
     if last is not None:
         steps.append(last)
     return Search(tuple(steps), first)

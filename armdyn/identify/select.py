@@ -162,8 +162,10 @@ def compare(
     """
     additions = list(additions)
     fits = _raced(study, now, effects, additions)
-    if now.chi2_per_sample > GROSS and fits and min(f.chi2_per_sample for f in fits) > CLOSE:
-        # Far from the truth the nearest minimum may be the wrong one: the best few get other starts as well.
+    first = tuple(effects) == study.present and all(len(added) == 1 for added in additions)
+    if first and now.chi2_per_sample > GROSS and fits and min(f.chi2_per_sample for f in fits) > CLOSE:
+        # Far from the truth the nearest minimum may be the wrong one: the best few get other starts as well. Later fits
+        # start from these.
         for i in sorted(range(len(fits)), key=lambda i: fits[i].cost)[:THOROUGH]:
             near = _nearest(study, now, effects, additions[i])
             fits[i] = study.fit_thoroughly((*effects, *additions[i]), near)
@@ -225,12 +227,16 @@ def confirmed(study: Study, now: Fit, ranking: Ranking) -> Ranking:
     reference = study.held_out_blocks(now) if worth else None
     if reference is None:
         return ranking
-    best: float | None = None if not study.held_out else worth[0].delta_bic
+    best: float | None = None
     options, evidence = [], []
     for option in ranking.options:
         # Runs held out in turn can only refuse an option: when one has passed, what is not tied with it is no matter.
-        near = best is None or best - option.delta_bic < TIE
-        tested = option in worth and (near or (bool(study.held_out) and worth.index(option) < CONFIRMED))
+        if study.held_out:
+            tested = option in worth and (
+                worth.index(option) < CONFIRMED or worth[0].delta_bic - option.delta_bic < TIE
+            )
+        else:
+            tested = option in worth and option.accepted and (best is None or best - option.delta_bic < TIE)
         blocks = study.held_out_blocks(option.fit) if tested else None
         if blocks is None:
             options.append(option)

@@ -6,7 +6,7 @@ import numpy as np
 
 from armdyn.effects.effect import Effect
 from armdyn.identify.evidence import Weighed, Whitening, weighed, whitening_of
-from armdyn.identify.fit import Fit, determined, fit
+from armdyn.identify.fit import GROWTHS, Fit, determined, fit
 from armdyn.identify.held_out import held_out_blocks
 from armdyn.identify.prepare import noise_of_runs, prepared, stated_noise
 from armdyn.identify.problem import Block, Problem
@@ -109,7 +109,7 @@ class Study:
         for begin, windows in ((self._pushed(effects, start, near), False), (self._cold(effects, near), True)):
             other = fit(
                 lean.problem, lean.free, transferred(begin, self.problem, lean.problem), windows=windows,
-                most_steps=2 * QUICK_STEPS,
+                growths=GROWTHS[:1], most_steps=2 * QUICK_STEPS,
             )  # fmt: skip
             if other.cost < 0.999 * best.cost:
                 values = transferred(other.values, lean.problem, self.problem)
