@@ -7,13 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import lombscargle
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError
 from armdyn.identify.diagnose import diagnose
+from armdyn.identify.exchange import exchanged
 from armdyn.identify.noise import autoregression, ljung_box, third_difference_std, whitened
 from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
+from armdyn.identify.unknown import periodogram
 from armdyn.identify.verdict import Verdict
 from armdyn.pendulum.model import pendulum_model
 from armdyn.units import Known
@@ -105,3 +108,45 @@ def test_whitening_makes_an_autoregression_white():
         e[i] += 0.8 * e[i - 1]
     assert ljung_box(e) < 1e-10
     assert ljung_box(whitened(e, autoregression([e]))) > 1e-3
+
+
+def test_two_frictions_that_imitate_a_third_are_found():
+    hidden = {"pivot_coulomb_friction": 1e-3, "quadratic_drag": 0.01}
+    found = repair(study_of(recordings(hidden=hidden)))
+    assert {effect.name for effect in found.model.effects} == set(hidden)
+    assert found.verdict is Verdict.EXPLAINED
+
+
+def test_a_rub_on_one_side_is_in_no_catalogue():
+    found = diagnose(study_of(recordings(hidden={"one_sided_rub": 4e-3})))
+    assert found.verdict is Verdict.UNKNOWN_EFFECT
+    assert "nothing in the catalogue explains it" in found.sentence
+
+
+def test_the_foretold_minimum_of_a_small_change_is_the_refitted_one():
+    study = study_of(recordings(hidden={"sensor_bias": 0.02, "sensor_drift": 1e-3}))
+    by_name = {c.effect: c for c in study.candidates}
+    right = (by_name["sensor_bias"], by_name["sensor_drift"])
+    wrong = (by_name["sensor_bias"], by_name["string_creep"])
+    found = exchanged(study, study.fit_with(wrong, study.first()), wrong, [])
+    assert set(found.effects) == set(right)
+    assert found.fit.chi2_per_sample < 1.1
+
+
+def test_effects_at_null_are_left_out_without_a_trace():
+    study = study_of(recordings())
+    problem, first = study.problem, study.first()
+    base = problem.of(["length", "mass", "initial_angle", "initial_rate"])
+    lean, whole = problem.blocks(first.values, base), study_of(study.runs).problem.blocks(first.values)
+    for block, other in zip(lean, whole, strict=True):
+        assert block.residual == pytest.approx(other.residual, abs=1e-6)
+        assert block.sensitivities[:, base] == pytest.approx(other.sensitivities[:, base], rel=1e-6, abs=1e-6)
+
+
+def test_periodogram_of_uneven_samples_is_that_of_scipy():
+    rng = np.random.default_rng(2)
+    time, value = np.sort(rng.uniform(0, 15, 300)), rng.normal(size=300)
+    frequencies = np.linspace(0.2, 20.0, 450)
+    assert periodogram(time, value, frequencies) == pytest.approx(
+        lombscargle(time, value, 2 * np.pi * frequencies), rel=1e-8
+    )
