@@ -72,8 +72,11 @@ def judged(found: Diagnosis, truth: str) -> Row:
 def held_out_chi2(study: Study, fit: Fit, fresh: Sequence[Run]) -> Row:
     """Chi2 per sample of runs that a fit has never seen, and of its own runs held out in turn.
 
-    The second fits again to fewer runs, so that it is the larger one where one run teaches little.
+    The second fits again to fewer runs, so that it is the larger one where one run teaches little. Neither is asked for
+    where there is no fresh run.
     """
+    if not fresh:
+        return {}
     noise = noise_of_runs(study.model, fresh)
     problem = replace(fit, problem=Problem(fit.problem.model, fit.problem.runs, {**fit.problem.noise, **noise}))
     chi2 = {}

@@ -49,9 +49,9 @@ SETTINGS = {"clean": {}, "coloured": {"correlation": 0.8}, "encoder": {"encoder_
 
 
 def recordings(
-    seed: int, hidden: dict[str, float], keep: Path | None = None, **settings: float
+    seed: int, hidden: dict[str, float], keep: Path | None = None, *, count: int = 3, **settings: float
 ) -> tuple[list[Run], float, float]:
-    """Two runs to learn from and a third to predict, the true length and the true mass."""
+    """Two runs to learn from and a third to predict where `count` is 3, the true length and the true mass."""
     label = "+".join(f"{name}={size:g}" for name, size in (*hidden.items(), *settings.items()))
     file = None if keep is None else keep / f"{label or 'clean'}-{seed}.pickle"
     if file is not None and file.exists():
@@ -62,7 +62,7 @@ def recordings(
     weighed = Known(mass * (1 + 0.005 * rng.normal()), 0.005 * mass, "kg")
     measured = Known(length + 1e-3 * rng.normal(), 1e-3, "m")
     runs = []
-    for k in range(3):
+    for k in range(count):
         setup = hidden_pendulum.Setup(
             length=length, mass=mass, hidden=hidden, start=(0.02 * rng.normal(), 0.04 * rng.normal()), **settings
         )
@@ -95,7 +95,7 @@ def single(name: str, scale: float, seed: int, keep: Path | None) -> hidden_tabl
 
 def nothing(kind: str, seed: int, keep: Path | None) -> hidden_table.Row:
     """No effect is hidden: anything but `explained` is a false alarm."""
-    runs, length, _ = recordings(seed, {}, keep, **SETTINGS[kind])
+    runs, length, _ = recordings(seed, {}, keep, count=2, **SETTINGS[kind])
     study, found, row = _diagnosed(runs)
     row |= {"what": "none", "seed": seed, "false": found.verdict.key != "explained"}
     return row | {"length_pull": _length_pull(study, found, length)}
@@ -129,13 +129,12 @@ def pair(one: str, two: str, seed: int, keep: Path | None) -> hidden_table.Row:
 
 def outside(name: str, seed: int, keep: Path | None) -> hidden_table.Row:
     """Something is hidden that the catalogue lacks."""
-    runs, _, _ = recordings(seed, {name: OUTSIDE[name]}, keep)
+    runs, _, _ = recordings(seed, {name: OUTSIDE[name]}, keep, count=2)
     _, found, row = _diagnosed(runs)
     row |= {"what": name, "seed": seed, "flagged": found.verdict.key == "unknown_effect"}
     row["before"] = found.comparison.fit.chi2_per_sample
     row["ladder"] = [(step.fit.chi2_per_sample, [e.label for e in step.effects]) for step in found.search.steps]
     row["sentence"] = found.sentence
-    del row["held_out"], row["in_turn"]
     return row
 
 
@@ -169,7 +168,7 @@ def _length_pull(study: Study, found: Diagnosis, length: float) -> float | None:
 
 @cache
 def _warm() -> None:
-    diagnose(study_of(recordings(0, {})[0][:2]))
+    diagnose(study_of(recordings(0, {}, count=2)[0]))
 
 
 def main() -> None:
