@@ -164,6 +164,10 @@ class Model(ABC):
             raise UnknownNameError("parameter", name, self.names)
         return self.parameters[name]
 
+    def corrected(self) -> "Self | None":
+        """The model with the right formula where this one has one that is known to be wrong; None where it has none."""
+        return None
+
     @abstractmethod
     def predicted_channels(self, run: Run) -> tuple[str, ...]:
         """Channels of a run that this model predicts, in the order of the prediction.

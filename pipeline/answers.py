@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from armdyn.identify.compare import Comparison, FittedParameter
+from armdyn.identify.compare import Comparison, Correction, FittedParameter
 from armdyn.identify.diagnose import Diagnosis, Suspect
 from armdyn.identify.localise import Place
 from armdyn.identify.repair import Repair, Rung
@@ -20,6 +20,7 @@ def comparison_answer(study: Study, found: Comparison) -> dict[str, Any]:
         "explained": found.explained,
         "sentence": found.sentence,
         **fit_answer(found),
+        "correction": _correction(found.correction),
     }
 
 
@@ -124,6 +125,19 @@ def errors(by_channel: Mapping[str, float]) -> dict[str, float | None]:
 def number(value: float | None) -> float | None:
     """A finite float, or null."""
     return float(value) if value is not None and math.isfinite(value) else None
+
+
+def _correction(found: Correction | None) -> dict[str, Any] | None:
+    """What the right formula does, where the model has a wrong one."""
+    if found is None:
+        return None
+    return {
+        "sentence": found.sentence,
+        "chi2_per_sample": number(found.fit.chi2_per_sample),
+        "parameters": parameters_answer(found.parameters),
+        "wrong_chi2_per_sample": number(found.wrong.chi2_per_sample),
+        "where": [_place(place) for place in found.places],
+    }
 
 
 def _suspect(suspect: Suspect) -> dict[str, Any]:

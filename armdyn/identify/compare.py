@@ -1,6 +1,6 @@
 """Hold a model against runs: fit what is free, and say how well it does, how noisy the channels are, where it fails."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.held_out import chi2_of
 from armdyn.identify.localise import Place, localise
 from armdyn.identify.noise import ljung_box
+from armdyn.identify.problem import Problem
 from armdyn.identify.study import Study
 from armdyn.identify.unknown import absorbed_share
 from armdyn.identify.whiteness import Remainder, remainder
@@ -55,6 +56,33 @@ class ChannelQuality:
 
 
 @dataclass(frozen=True, eq=False)
+class Correction:
+    """What the right formula does where a model has one that is known to be wrong.
+
+    Attributes:
+        fit: of the model with the right formula.
+        parameters: of that.
+        wrong: the wrong formula at the right one's values: its error, nothing fitted to it.
+        places: where it fails.
+    """
+
+    fit: Fit
+    parameters: dict[str, FittedParameter]
+    wrong: Fit
+    places: tuple[Place, ...]
+
+    @property
+    def sentence(self) -> str:
+        """For a person."""
+        text = f"With the right formula χ² per sample is {self.fit.chi2_per_sample:.3g}; for the same motion and "
+        text += f"parameters the wrong one gives {self.wrong.chi2_per_sample:.3g}"
+        if self.places:
+            worst = self.places[0]
+            text += f", worst against {worst.against} from {worst.start:.3g} to {worst.end:.3g} {worst.unit}"
+        return text + "."
+
+
+@dataclass(frozen=True, eq=False)
 class Comparison:
     """A model held against runs.
 
@@ -68,6 +96,7 @@ class Comparison:
         intervals_hold: whether the standard deviations can be trusted.
         at_bound: parameters that ended on a physical bound.
         undetermined: parameters that these runs say nothing about.
+        correction: what the right formula does; None where the model has no wrong one.
     """
 
     fit: Fit
@@ -79,6 +108,7 @@ class Comparison:
     intervals_hold: bool
     at_bound: tuple[str, ...]
     undetermined: tuple[str, ...]
+    correction: Correction | None = None
 
     @property
     def explained(self) -> bool:
@@ -98,13 +128,27 @@ class Comparison:
             text += f" in {worst.run}" if worst.run else ""
         if self.absorbed is not None:
             text += "; it behaves like " + ("missing dynamics" if self.absorbed > 0.55 else "a sensor error")
-        return text + "."
+        return text + "." + (f" {self.correction.sentence}" if self.correction is not None else "")
 
 
 def compare(study: Study) -> Comparison:
     """Fit the model of a study as it is and look at what is left."""
     fit = study.first()
-    return comparison(study, fit, remainder(fit, study.scores(fit, study.present)))
+    found = comparison(study, fit, remainder(fit, study.scores(fit, study.present)))
+    return replace(found, correction=_correction(study))
+
+
+def _correction(study: Study) -> Correction | None:
+    right = study.model.corrected()
+    if right is None:
+        return None
+    others = Study(right, study.runs, study.held_out, [])
+    best = others.first()
+    problem = Problem(study.model, study.runs, study.noise)
+    wrong = Fit(problem, best.free, best.values, tuple(problem.blocks(best.values)), best.outcome)
+    # What is fastest shows best what is wrong: the time at which it fails says little of a formula.
+    places = tuple(place for place in localise(wrong) if place.against != "time")
+    return Correction(best, fitted_parameters(others, best), wrong, places)
 
 
 def comparison(study: Study, fit: Fit, left: Remainder, *, absorbed: bool = True) -> Comparison:

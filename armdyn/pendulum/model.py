@@ -1,7 +1,7 @@
 """The pendulum as a model: what a load cell and an angle sensor should have read in a run."""
 
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from types import MappingProxyType
 
@@ -159,6 +159,10 @@ class PendulumModel(Model):
     def prepared(self, run: Run) -> Run:
         """See `Model.prepared`."""
         return thinned(run)
+
+    def corrected(self) -> "PendulumModel | None":
+        """With the exact tension where it has the printed one; see `Model.corrected`."""
+        return replace(self, tension="exact") if self.tension == "printed" else None
 
     def initial_guess(self, run: Run) -> Mapping[str, float]:
         """Angle and rate at the start where an angle was measured; see `Model.initial_guess`."""

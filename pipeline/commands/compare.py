@@ -15,6 +15,7 @@ from pipeline.commands.identify_options import (
     check_outputs,
     read_study,
     say_fit,
+    say_parameters,
     say_places,
     spinner,
 )
@@ -53,4 +54,9 @@ def compare(
     if json_file != Path("-"):
         typer.echo(found.sentence)
         say_fit(found)
-        say_places(found)
+        say_places(found.places)
+        if found.correction is not None:
+            typer.echo("The right formula gives:")
+            say_parameters(found.correction.parameters)
+            typer.echo("For that motion the wrong one fails at:")
+            say_places(found.correction.places)

@@ -65,4 +65,4 @@ def diagnose(
     for name, imitators in found.unseen.items():
         console.print(f"[dim]{name} cannot be seen in these runs: {', '.join(imitators)} does the same.[/]")
     say_fit(found.comparison)
-    say_places(found.comparison)
+    say_places(found.comparison.places)

@@ -1,7 +1,7 @@
 """What compare, diagnose, add and repair have in common: arguments, reading, the words on the screen."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
@@ -10,7 +10,8 @@ import typer
 
 if TYPE_CHECKING:
     from armdyn.effects.effect import Effect
-    from armdyn.identify.compare import Comparison
+    from armdyn.identify.compare import Comparison, FittedParameter
+    from armdyn.identify.localise import Place
     from armdyn.identify.repair import Rung
     from armdyn.identify.study import Study
     from armdyn.model_file import ModelFile
@@ -82,17 +83,13 @@ def spinner() -> Iterator[Callable[[str], None]]:
 
 
 def say_fit(found: "Comparison") -> None:
-    """Print parameters, channels and places."""
+    """Print parameters and channels."""
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
     console = Console(highlight=False)
-    table = Table("parameter", "value", "std", "unit", box=None, header_style="dim")
-    for name, p in found.parameters.items():
-        table.add_row(escape(name), f"{p.value:.6g}", "fixed" if p.std is None else f"{p.std:.2g}", p.unit)
-    if found.parameters:
-        console.print(table)
+    say_parameters(found.parameters)
     channels = Table("channel", "noise", "rmse", "held out", "χ²/sample", box=None, header_style="dim")
     for name, c in found.channels.items():
         held_out = "–" if c.held_out_rmse is None else f"{c.held_out_rmse:.4g} {c.unit}"
@@ -108,12 +105,25 @@ def say_fit(found: "Comparison") -> None:
         console.print(f"[dim]{escape(name)} was not fitted: these runs say nothing about it.[/]")
 
 
-def say_places(found: "Comparison", most: int = 6) -> None:
+def say_parameters(parameters: "Mapping[str, FittedParameter]") -> None:
+    """Print values with their standard deviations."""
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table("parameter", "value", "std", "unit", box=None, header_style="dim")
+    for name, p in parameters.items():
+        table.add_row(escape(name), f"{p.value:.6g}", "fixed" if p.std is None else f"{p.std:.2g}", p.unit)
+    if parameters:
+        Console(highlight=False).print(table)
+
+
+def say_places(places: "Sequence[Place]", most: int = 6) -> None:
     """Print where the model fails."""
     from rich.console import Console
 
     console = Console(highlight=False)
-    for place in found.places[:most]:
+    for place in places[:most]:
         run = f" in {place.run}" if place.run else ""
         console.print(
             f"  {place.channel}{run}: {place.against} {place.start:.3g} to {place.end:.3g} {place.unit}, "

@@ -5,7 +5,7 @@ from armdyn.identify.study import Study
 from pipeline.report.page import KeyFigure, Level, Report
 from pipeline.report.section import Section
 from pipeline.report.sections.dependence import DependenceSection
-from pipeline.report.sections.fit import FitSection
+from pipeline.report.sections.fit import FitSection, FormulaSection
 from pipeline.report.sections.parameters import ParameterSection
 from pipeline.report.text import number
 
@@ -16,7 +16,7 @@ def comparison_report(study: Study, found: Comparison, command: str = "") -> Rep
         title="Compare: the model against recordings",
         level=Level.GOOD if found.explained else Level.CAUTION,
         verdict=found.sentence,
-        sections=fit_sections(found),
+        sections=[*fit_sections(found), *formula_sections(found)],
         subtitle=runs_of(study),
         key_figures=key_figures(found),
         command=command,
@@ -26,6 +26,14 @@ def comparison_report(study: Study, found: Comparison, command: str = "") -> Rep
 def fit_sections(found: Comparison) -> list[Section]:
     """What every report about a fit shows."""
     return [FitSection(found.fit, found.places), DependenceSection(found.fit), ParameterSection(found)]
+
+
+def formula_sections(found: Comparison) -> list[Section]:
+    """Where a formula that is known to be wrong fails; nothing where the model has none."""
+    if found.correction is None:
+        return []
+    wrong = found.correction.wrong
+    return [FormulaSection(wrong, found.correction.places), DependenceSection(wrong)]
 
 
 def key_figures(found: Comparison) -> list[KeyFigure]:

@@ -58,3 +58,15 @@ class FitSection(Section):
         figure.add_scatter(x=time, y=block.misfit[every], yaxis="y2", showlegend=False, name="residual", **MEASURED)
         rms = float(np.sqrt(np.mean(block.misfit**2)))
         return Chart(figure, f"{block.run}: residual {number(rms, channel.unit)} rms.")
+
+
+@dataclass(frozen=True)
+class FormulaSection(FitSection):
+    """A formula that is known to be wrong, at the motion and parameters that the right one finds."""
+
+    title: ClassVar[str] = "The wrong formula at the right motion"
+
+    def sentence(self) -> str:
+        """Where it fails."""
+        ranges = [f"{p.against} {p.start:.3g} to {p.end:.3g} {p.unit}" for p in self.places[:3]]
+        return "Nothing is fitted here. It fails most at " + "; ".join(ranges) + "." if ranges else "It does not fail."
