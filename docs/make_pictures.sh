@@ -12,7 +12,9 @@ mkdir -p docs/pictures
 armdyn trial --picture --out "$work/trial"
 cp "$work/trial/swing.png" docs/pictures/swing.png
 shoot "$work/trial/report.html" "$PWD/docs/pictures/trial_report.png" 1560
-armdyn trial --hidden quadratic_drag=0.03 --out "$work/drag"
-armdyn new pendulum "$work/model.toml" --set mass="80 g +/- 0.8 g"
-armdyn repair "$work/model.toml" "$work/drag/trial.csv" --output "$work/repaired.toml" --report "$work/repair.html"
+armdyn trial --hidden quadratic_drag=0.05 --picture --out "$work/miss" || true # it misses, which is what is shown
+cp "$work/miss/swing.png" docs/pictures/swing_missed.png
+armdyn repair "$work/miss/model.toml" "$work/miss/trial.csv" --output "$work/repaired.toml" --report "$work/repair.html"
 shoot "$work/repair.html" "$PWD/docs/pictures/repair_report.png" 1500
+armdyn trial --hidden quadratic_drag=0.05 --model "$work/repaired.toml" --picture --out "$work/land"
+cp "$work/land/swing.png" docs/pictures/swing_repaired.png

@@ -24,7 +24,8 @@ class LadderSection(Section):
         """From where to where."""
         first, last = self.ladder[0], self.ladder[-1]
         fall = f"{first.chi2_per_sample:.4g} → {last.chi2_per_sample:.4g}"
-        return f"χ² per sample {fall} in {len(self.ladder) - 1} steps."
+        steps = len(self.ladder) - 1
+        return f"χ² per sample {fall} in {steps} step{'' if steps == 1 else 's'}." if steps else "Nothing was added."
 
     def charts(self) -> Sequence[Chart]:
         """Root of the summed squared errors per step, against that of the model as given."""
@@ -42,7 +43,8 @@ class LadderSection(Section):
             )
         figure.update_xaxes(title_text="rms error / error as given", type="log")
         figure.update_yaxes(automargin=True, autorange="reversed")
-        return [Chart(figure, "Several channels: the root mean square of their shares.")]
+        several = len(self.ladder[0].rmse) > 1
+        return [Chart(figure, "Several channels: the root mean square of their shares." if several else "")]
 
     def tables(self) -> Sequence[Table]:
         """A row per step."""
