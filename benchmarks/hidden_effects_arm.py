@@ -1,0 +1,231 @@
+"""How often does `diagnose` find a hidden effect in the joints of an arm? Prints a table.
+
+    python benchmarks/hidden_effects_arm.py --seeds 20 --what single,tenth,clean,coloured,pairs,outside --processes 2
+
+Recordings come from `tests/hidden_effects/arm.py`, MuJoCo and numpy: Baxter's right arm, seven joints, two runs of
+15 s at 100 Hz with another random motion each, encoder noise 0.4 mrad, torque noise 0.08 N m (wrist 0.04), both runs
+with the noise of their torques stated. The whole catalogue is tried. The time of a diagnosis counts everything from
+the recordings on; a diagnosis of shorter runs before it counts as start-up.
+
+What counts as right:
+
+- `named`: the first name is the hidden effect's. Effects contain one another, and containing is not enough: Coulomb
+  friction is asymmetric friction with equal sizes, a payload is one way of changing the last link's inertia, and a
+  constant gain of one joint can stand for heavier links beyond it. The one with fewer unknowns was put in, the other
+  says more than is so: it counts as wrong unless the verdict is a tie that holds the truth.
+- The exception is asymmetric friction found as Coulomb friction and a torque offset together, on the same joints:
+  f+ (1 + s)/2 - f- (1 - s)/2 = s (f+ + f-)/2 + (f+ - f-)/2 is the same torque with the same number of unknowns.
+- `honest`: named, or the verdict is a tie and the tied effects hold the truth.
+- `joints`: where named, the joints are those that have the effect (at a tenth of the size some may not show).
+- A verdict that something unknown is missing counts as neither, whatever stands first.
+"""
+
+import argparse
+import importlib.util
+import json
+import multiprocessing
+import os
+import sys
+import time
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+
+from armdyn.arm.model import arm_model
+from armdyn.effects.catalogue import CATALOGUE
+from armdyn.identify.compare import fitted_parameters
+from armdyn.identify.diagnose import Diagnosis, diagnose
+from armdyn.identify.held_out import chi2_of
+from armdyn.identify.repair import repair
+from armdyn.identify.search import Step
+from armdyn.identify.study import Study
+from armdyn.run import Run
+
+_PATH = Path(__file__).parents[1] / "tests/hidden_effects/arm.py"
+_SPEC = importlib.util.spec_from_file_location("hidden_arm", _PATH)
+assert _SPEC is not None
+assert _SPEC.loader is not None
+hidden_arm = importlib.util.module_from_spec(_SPEC)
+sys.modules["hidden_arm"] = hidden_arm
+_SPEC.loader.exec_module(hidden_arm)
+
+JOINT = tuple(effect for effect in CATALOGUE.values() if effect.acts_on == "joint")
+PAIRS = (
+    ("joint_viscous_friction", "joint_coulomb_friction"), ("joint_coulomb_friction", "gravity_spring"),
+    ("payload", "joint_coulomb_friction"), ("torque_offset", "joint_viscous_friction"),
+    ("link_inertia", "joint_coulomb_friction"), ("gravity_spring", "torque_delay"),
+)  # fmt: skip
+SAME_TORQUE = {"joint_asymmetric_friction": ("joint_coulomb_friction", "torque_offset")}
+CASES = ("single", "tenth", "clean", "coloured", "pairs", "outside")
+
+
+def recordings(hidden: tuple[str, ...], size: float, seed: int, **settings: float) -> list[Run]:
+    return [hidden_arm.generate(hidden, size, seed, recording=k, **settings) for k in range(2)]
+
+
+def study_of(runs: list[Run]) -> Study:
+    """Against Baxter's arm as described, with the whole catalogue of joints."""
+    return Study(arm_model(robot="baxter"), runs, [], JOINT)
+
+
+def true_joints(effect: str) -> set[str]:
+    return {name.partition("[")[2].rstrip("]") for name in hidden_arm.true_parameters(effect, 1.0)}
+
+
+def judged(found: Diagnosis, truth: str) -> tuple[bool, bool, bool]:
+    """Right first name; right first name or an honest tie that contains it; the right joints with the right name."""
+    if not found.suspects or found.verdict.key not in ("effect_missing", "cannot_tell_apart"):
+        return False, False, False
+    first = found.suspects[0]
+    added = {c.effect: set(c.joints) for c in found.search.last.effects}
+    same = set(SAME_TORQUE.get(truth, ()))
+    if same and set(added) == same and len({frozenset(joints) for joints in added.values()}) == 1:
+        return True, True, set(first.joints) == true_joints(truth)
+    named = first.effect == truth
+    tie = found.verdict.key == "cannot_tell_apart" and truth in first.tied_with
+    return named, named or tie, named and added.get(truth, set(first.joints)) == true_joints(truth)
+
+
+def pulls(study: Study, last: Step, truth: str, size: float) -> dict[str, float]:
+    """By true parameter: the final model's error over its standard deviation."""
+    fitted = fitted_parameters(study, last.fit)
+    true = hidden_arm.true_parameters(truth, size)
+    return {
+        name: (found.value - true[name]) / found.std
+        for name, found in fitted.items()
+        if name in true and found.std
+    }  # fmt: skip
+
+
+def held_out_chi2(study: Study, last: Step) -> float:
+    """Per sample, whole runs held out in turn."""
+    blocks = study.held_out_blocks(last.fit)
+    assert blocks is not None
+    return chi2_of(blocks) / sum(len(block.residual) for block in blocks)
+
+
+def examine(kind: str, what: str, seed: int) -> dict:
+    """One case."""
+    hidden = () if what == "none" else tuple(what.split("+"))
+    size = 0.1 if kind == "tenth" else 1.0
+    row: dict = {"kind": kind, "what": what, "seed": seed}
+    runs = recordings(hidden, size, seed, colour=0.8 if kind == "coloured" else 0.0)
+    begun = time.perf_counter()
+    study = study_of(runs)
+    if kind == "pairs":
+        mended = repair(study)
+        names = [effect.name for effect in mended.model.effects]
+        tied = {t for rung in mended.ladder for t in rung.tied_with}
+        exact = set(names) == set(hidden)
+        return row | {
+            "seconds": time.perf_counter() - begun, "verdict": mended.verdict.key, "found": names,
+            "exact": exact, "honest": exact or set(hidden) <= {*names, *tied},
+            "last": mended.ladder[-1].chi2_per_sample,
+            "held_out": float(np.mean([(c.held_out_rmse or 0.0) ** 2 / c.noise_std**2
+                                       for c in mended.after.channels.values()])),
+        }  # fmt: skip
+    found = diagnose(study)
+    row["seconds"] = time.perf_counter() - begun
+    row |= {
+        "verdict": found.verdict.key,
+        "first": found.suspects[0].effect if found.suspects else "",
+        "joints_found": list(found.suspects[0].joints) if found.suspects else [],
+        "tied_with": list(found.suspects[0].tied_with) if found.suspects else [],
+        "steps": [[c.label for c in step.added] for step in found.search.steps[1:]],
+        "removed": [[c.label for c in step.removed] for step in found.search.steps[1:]],
+        "start": found.search.steps[0].fit.chi2_per_sample,
+        "last": found.search.last.fit.chi2_per_sample,
+        "sentence": found.sentence,
+    }
+    if kind in ("single", "tenth"):
+        named, honest, joints = judged(found, what)
+        row |= {"named": named, "honest": honest, "tie": found.verdict.key == "cannot_tell_apart"}
+        row["held_out"] = held_out_chi2(study, found.search.last)
+        if named:
+            row["joints"] = joints
+            row["pulls"] = pulls(study, found.search.last, what, size)
+    elif kind == "outside":
+        row["flagged"] = found.verdict.key == "unknown_effect"
+    else:
+        row["false"] = found.verdict.key != "explained"
+    return row
+
+
+def _task(case: tuple[str, str, int]) -> dict:
+    return examine(*case)
+
+
+def _started() -> None:
+    """Start-up of a process: compiled functions, parsed robots."""
+    diagnose(study_of(recordings(("joint_coulomb_friction",), 1.0, 0, duration=4.0)))
+
+
+def cases(kind: str, names: list[str], first: int, seeds: int) -> list[tuple[str, str, int]]:
+    what = {
+        "single": names, "tenth": names, "clean": ["none"], "coloured": ["none"],
+        "pairs": ["+".join(pair) for pair in PAIRS], "outside": list(hidden_arm.OUTSIDE),
+    }[kind]  # fmt: skip
+    return [(kind, name, seed) for seed in range(first, first + seeds) for name in what]
+
+
+def share(rows: list[dict], key: str) -> str:
+    values = [bool(row[key]) for row in rows if key in row]
+    return f"{100 * np.mean(values):5.1f} %" if values else "    –  "
+
+
+def show(kind: str, rows: list[dict]) -> None:
+    print(f"\n{kind}: {len(rows)} cases")
+    keys = [k for k in ("named", "honest", "tie", "joints", "false", "exact", "flagged") if any(k in r for r in rows)]
+    for name in dict.fromkeys(row["what"] for row in rows):
+        mine = [row for row in rows if row["what"] == name]
+        line = "  ".join(f"{key} {share(mine, key)}" for key in keys)
+        held = [row["held_out"] for row in mine if "held_out" in row]
+        if held:
+            line += f"  held-out chi2 {np.median(held):.3f}, worst {max(held):.3f}"
+        sizes = [abs(p) for row in mine for p in row.get("pulls", {}).values()]
+        if sizes:
+            line += f"  within 3 std {100 * np.mean(np.array(sizes) < 3):5.1f} % of {len(sizes)}"
+        line += f"  {np.median([row['seconds'] for row in mine]):.2f} s, worst {max(r['seconds'] for r in mine):.2f}"
+        print(f"  {name:26s}" + line)
+    for key in keys:
+        print(f"  all: {key} {share(rows, key)}")
+    untied = [row for row in rows if row.get("tie") is False]
+    if untied:
+        print(f"  where no tie was reported: named {share(untied, 'named')} of {len(untied)}")
+    held = np.array([row["held_out"] for row in rows if "held_out" in row])
+    if len(held):
+        print(f"  held-out chi2 per sample <= 1.1: {100 * np.mean(held <= 1.1):.1f} % of {len(held)}")
+    sizes = np.array([abs(p) for row in rows for p in row.get("pulls", {}).values()])
+    if len(sizes):
+        print(f"  true parameters within 3 std: {100 * np.mean(sizes < 3):.1f} % of {len(sizes)}")
+    seconds = [row["seconds"] for row in rows]
+    print(f"  seconds: median {np.median(seconds):.2f}, worst {np.max(seconds):.2f}", flush=True)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--what", default="single,clean", help=f"with commas, of {', '.join(CASES)}")
+    parser.add_argument("--only", default="", help="effects, with commas")
+    parser.add_argument("--json", type=Path, default=None)
+    given = parser.parse_args()
+    names = given.only.split(",") if given.only else list(hidden_arm.REALISTIC)
+    everything: dict[str, list[dict]] = {}
+    with multiprocessing.get_context("spawn").Pool(given.processes, initializer=_started) as pool:
+        for kind in given.what.split(","):
+            rows = everything[kind] = []
+            for row in pool.imap(_task, cases(kind, names, given.first_seed, given.seeds)):
+                rows.append(row)
+                if row.get("false") or row.get("honest") is False or row.get("flagged") is False:
+                    print("   miss:", {k: v for k, v in row.items() if k != "pulls"}, flush=True)
+                if given.json is not None:
+                    given.json.write_text(json.dumps(everything, indent=1, default=float))
+            show(kind, rows)
+
+
+if __name__ == "__main__":
+    main()
