@@ -145,6 +145,13 @@ class Model(ABC):
         """
         return run
 
+    def stated_noise(self, run: Run) -> Mapping[str, float]:
+        """Standard deviation that the noise of a channel can have at most, whatever its colour, where it is stated.
+
+        What `prepared` filters keeps all of its noise where that is as slow as the filter.
+        """
+        return run.noise
+
     def parts(self, effect: str) -> Mapping[str, tuple[str, ...]]:
         """Names of an effect's parameters by the joint that they belong to, ``""`` where there is none."""
         return {"": tuple(name for name in self.names if name.startswith(f"{effect}."))}

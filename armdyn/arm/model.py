@@ -1,6 +1,6 @@
 """The arm as a model: joint torques of a run, with exact sensitivities, for any composition of effects."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -111,6 +111,15 @@ class ArmModel(Model):
         found = [e.joints or self.arm.within(e.reach) for e in self.effects if e.name == effect]
         return found[0] if found else ()
 
+    def holding(self, needed: Collection[str]) -> Self:
+        """See `Model.holding`; every effect costs time, so that only those needed are kept."""
+        kept = tuple(effect for effect in self.effects if effect.name in needed)
+        if len(kept) == len(self.effects):
+            return self
+        names = {effect.name for effect in kept}
+        own = {n: p for n, p in self.parameters.items() if n.partition(".")[0] in names}
+        return replace(self, effects=kept, parameters=MappingProxyType(own))
+
     def parts(self, effect: str) -> Mapping[str, tuple[str, ...]]:
         """See `Model.parts`."""
         return {
@@ -160,6 +169,10 @@ class ArmModel(Model):
         if isinstance(run, PreparedRun):
             return run
         return recorded.prepared(run, self.arm, self.predicted_channels(run))
+
+    def stated_noise(self, run: Run) -> Mapping[str, float]:
+        """See `Model.stated_noise`."""
+        return recorded.original(run).noise
 
     def predict(self, run: Run, theta: np.ndarray) -> Prediction:
         """See `Model.predict`."""

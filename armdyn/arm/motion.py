@@ -64,8 +64,17 @@ class MeasuredMotion:
         inside = np.clip(time, self.start, self.end)
         q, v, a = (np.column_stack([j.curve(inside, k)[:, 0] for j in self.joints]) for k in range(3))
         noise = np.array([j.speed_noise for j in self.joints])
-        # The expected sign of a velocity that is known with normal noise.
-        return Motion(time, q, v, a, erf(v / (np.sqrt(2.0) * noise)))
+        return Motion(time, q, v, a, _expected_sign(v, noise))
+
+    def direction(self, joint: int, time: np.ndarray) -> np.ndarray:
+        """(n,) expected sign of one joint's velocity at (n,) times."""
+        path = self.joints[joint]
+        return _expected_sign(path.curve(np.clip(time, self.start, self.end), 1)[:, 0], path.speed_noise)
+
+
+def _expected_sign(velocity: np.ndarray, noise: np.ndarray | float) -> np.ndarray:
+    """Of a velocity that is known with normal noise."""
+    return np.asarray(erf(velocity / (np.sqrt(2.0) * noise)))
 
 
 @lru_cache(maxsize=64)

@@ -1,6 +1,6 @@
 """Torques of one run with exact derivatives: what does not depend on the parameters is computed once per run."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import NamedTuple
@@ -88,7 +88,7 @@ class Signal:
     """Coefficients of a torque while its parts are added up, with its derivatives by the joints that matter.
 
     Args:
-        size: N.
+        size: N, coefficients or samples.
         widths: number of parameters by joint.
 
     Attributes:
@@ -119,6 +119,28 @@ class _Rest(NamedTuple):
     slopes: dict[int, np.ndarray]
 
 
+class _Reduction:
+    """What signals at the stamps are reduced to, and what was reduced before.
+
+    Args:
+        reduce: linear map of (n, m) signals at the stamps to (N, m).
+        stretch: the motion at the stamps.
+        joint: index of the joint whose torque is predicted.
+    """
+
+    def __init__(self, reduce: Callable[[np.ndarray], np.ndarray], stretch: Stretch, joint: int) -> None:
+        self.reduce = reduce
+        self._stretch, self._joint = stretch, joint
+        self.link = cache(lambda link: reduce(stretch.regressor[:, joint, link]))
+        self.linear: dict[Term, np.ndarray] = {}
+        self.rests: dict[Term, _Rest] = {}
+
+    @cached_property
+    def described(self) -> np.ndarray:
+        """(N,) the torque of the arm as described."""
+        return self.reduce(self._stretch.described[:, [self._joint]])[:, 0]
+
+
 class ChannelPredictor:
     """Predicts the torque of one joint in one run.
 
@@ -130,13 +152,11 @@ class ChannelPredictor:
 
     def __init__(self, stretch: Stretch, sampler: Sampler, joint: int) -> None:
         self._stretch, self._sampler, self._joint = stretch, sampler, joint
-        self._described = sampler.coefficients(stretch.described[:, [joint]])[:, 0]
-        self._on_time = sampler.matrix(0.0)
-        self._slope_on_time = sampler.matrix(0.0, 1)
         self._inputs = cache(stretch.inputs)
-        self._link = cache(lambda link: sampler.coefficients(stretch.regressor[:, joint, link]))
-        self._linear: dict[Term, np.ndarray] = {}
-        self._rests: dict[Term, _Rest] = {}
+        on_time, self._slope_on_time = sampler.matrix(0.0), sampler.matrix(0.0, 1)
+        self._coefficients = _Reduction(sampler.coefficients, stretch, joint)
+        # Without a delay the samples are all that is asked for: a few of them for many coefficients.
+        self._samples = _Reduction(lambda signals: on_time @ sampler.coefficients(signals), stretch, joint)
 
     def predict(
         self, functions: Sequence[JointFunctions], theta: Sequence[np.ndarray], links: Links
@@ -148,6 +168,26 @@ class ChannelPredictor:
             theta: (k,) parameters of each joint.
             links: at these parameters.
         """
+        sensor = functions[self._joint].sensor
+        _, delay, by_sensor = sensor.at(theta[self._joint])
+        if delay == 0.0:
+            total = self._total(self._samples, functions, theta, links)
+            values, derivatives = total.value, {i: total.by(i) for i in total.columns}
+            if sensor.delayed:
+                slope = self._slope_on_time @ self._total(self._coefficients, functions, theta, links).value
+        else:
+            total = self._total(self._coefficients, functions, theta, links)
+            matrix, slope = self._sampler.matrix(delay), self._sampler.matrix(delay, 1) @ total.value
+            sampled = np.asarray(matrix @ total.derivatives)
+            values, derivatives = np.asarray(matrix @ total.value), {i: sampled[:, c] for i, c in total.columns.items()}
+        if sensor.delayed:
+            derivatives[self._joint] -= np.outer(slope, by_sensor[1])
+        return values, derivatives
+
+    def _total(
+        self, reduced: "_Reduction", functions: Sequence[JointFunctions], theta: Sequence[np.ndarray], links: Links
+    ) -> Signal:
+        """The sensor's reading without its delay."""
         j, own = self._joint, functions[self._joint]
         outer = [
             i for i in range(len(functions)) if self._stretch.parent(i) == j and not functions[i].inner_torque.empty
@@ -155,60 +195,51 @@ class ChannelPredictor:
         carried = [i for i in links.change if self._stretch.carries(j, i)]
         loading = [i for k in outer for i in links.change if self._stretch.carries(k, i)]
         widths = {i: len(theta[i]) for i in dict.fromkeys((j, *outer, *carried, *loading))}
-        total = Signal(len(self._described), widths)
-        total.value += self._described
+        total = Signal(len(reduced.described), widths)
+        total.value += reduced.described
         for term in own.torque:
-            self._add(total, term, j, theta[j], links)
+            self._add(total, term, j, theta[j], links, reduced)
         for i in carried:
-            columns = self._link(i)
+            columns = reduced.link(i)
             total.value += columns @ links.change[i]
             total.by(i)[:] += columns @ links.derivatives[i]
         for i in outer:
-            self._add(total, functions[i].inner_torque, i, theta[i], links)
-        gain, delay, by_sensor = own.sensor.at(theta[j])
+            self._add(total, functions[i].inner_torque, i, theta[i], links, reduced)
+        gain, _, by_sensor = own.sensor.at(theta[j])
         torque = total.value
         if own.sensor.scaled:
             total.derivatives *= gain
             total.by(j)[:] += np.outer(torque, by_sensor[0])
             total.value = gain * torque
-        self._add(total, own.offset, j, theta[j], links)
-        return self._sampled(total, delay, by_sensor[1] if own.sensor.delayed else None)
+        self._add(total, own.offset, j, theta[j], links, reduced)
+        return total
 
-    def _sampled(
-        self, total: Signal, delay: float, by_delay: np.ndarray | None
-    ) -> tuple[np.ndarray, dict[int, np.ndarray]]:
-        matrix = self._on_time if delay == 0.0 else self._sampler.matrix(delay)
-        sampled = np.asarray(matrix @ total.derivatives)
-        derivatives = {i: sampled[:, columns] for i, columns in total.columns.items()}
-        if by_delay is not None:
-            slope = (self._slope_on_time if delay == 0.0 else self._sampler.matrix(delay, 1)) @ total.value
-            derivatives[self._joint] -= np.outer(slope, by_delay)
-        return np.asarray(matrix @ total.value), derivatives
-
-    def _add(self, total: Signal, term: Term, joint: int, theta: np.ndarray, links: Links) -> None:
+    def _add(
+        self, total: Signal, term: Term, joint: int, theta: np.ndarray, links: Links, reduced: "_Reduction"
+    ) -> None:
         """Add a term of a joint's functions."""
         if term.empty:
             return
-        if term not in self._linear:
-            self._linear[term] = self._sampler.coefficients(term.columns(self._inputs(joint), len(theta)))
+        if term not in reduced.linear:
+            reduced.linear[term] = reduced.reduce(term.columns(self._inputs(joint), len(theta)))
         own = total.by(joint)
-        for column, i in zip(self._linear[term].T, term.linear, strict=True):
+        for column, i in zip(reduced.linear[term].T, term.linear, strict=True):
             # One after the other, so that one more with a factor of zero changes no digit.
             total.value += column * theta[i]
             own[:, i] += column
         if term.has_rest:
-            rest = self._rest(term, joint, theta, links)
+            rest = self._rest(term, joint, theta, links, reduced)
             total.value += rest.coefficients[:, 0]
             for column, i in zip(rest.coefficients[:, 1:].T, term.nonlinear, strict=True):
                 own[:, i] += column
             for i, slopes in rest.slopes.items():
                 total.by(i)[:] += slopes @ links.derivatives[i]
 
-    def _rest(self, term: Term, joint: int, theta: np.ndarray, links: Links) -> _Rest:
+    def _rest(self, term: Term, joint: int, theta: np.ndarray, links: Links, reduced: "_Reduction") -> _Rest:
         """Most fits leave most of these parameters alone, so that the last answer often still holds."""
         carried = [i for i in links.change if self._stretch.carries(joint, i)] if term.loaded else []
         key = b"".join([theta[list(term.nonlinear)].tobytes(), *(links.change[i].tobytes() for i in carried)])
-        last = self._rests.get(term)
+        last = reduced.rests.get(term)
         if last is not None and last.key == key:
             return last
         inputs = self._inputs(joint)
@@ -220,7 +251,7 @@ class ChannelPredictor:
         per_load, slopes = rest[:, -1:], {}
         if per_load.any():
             for i in carried:  # ten columns for a link, however many parameters it has
-                slopes[i] = self._sampler.coefficients(per_load * self._stretch.regressor[:, joint, i])
-        found = _Rest(key, self._sampler.coefficients(rest[:, :-1]), slopes)
-        self._rests[term] = found
+                slopes[i] = reduced.reduce(per_load * self._stretch.regressor[:, joint, i])
+        found = _Rest(key, reduced.reduce(rest[:, :-1]), slopes)
+        reduced.rests[term] = found
         return found

@@ -7,7 +7,7 @@ import numpy as np
 from armdyn.arm.arm import Arm
 from armdyn.arm.motion import measured_motion
 from armdyn.arm.prediction import ChannelPredictor, Stretch
-from armdyn.arm.prepared import PreparedRun, interior, prepare
+from armdyn.arm.prepared import PreparedRun, interior, prepare, settled
 from armdyn.arm.sampling import LowPassed, Sampler, Unfiltered
 from armdyn.run import Channel, Run
 
@@ -30,7 +30,9 @@ def predictor(arm: Arm, run: Run, channel: Channel, name: str) -> ChannelPredict
     sampler: Sampler
     if isinstance(run, PreparedRun) and run.original is not None:
         stretch = _stretch(run.original, arm, name, True)
-        sampler = LowPassed(stretch.motion.time, run.cutoffs[name], channel.time)
+        stamps, cutoff = stretch.motion.time, run.cutoffs[name]
+        known = settled(measured_motion(run.original, arm.joints), joint, stamps, cutoff)
+        sampler = LowPassed(stamps, cutoff, channel.time, known)
     else:
         stretch = _stretch(run, arm, name, False)
         sampler = Unfiltered(channel.time)

@@ -64,15 +64,17 @@ class LowPassed(Sampler):
         stamps: (n,) s.
         cutoff: of the low-pass, Hz.
         time: (k,) s of the samples.
+        used: (n,) bool, the stamps that the low-pass takes in; all when not given.
     """
 
-    def __init__(self, stamps: np.ndarray, cutoff: float, time: np.ndarray) -> None:
+    def __init__(self, stamps: np.ndarray, cutoff: float, time: np.ndarray, used: np.ndarray | None = None) -> None:
+        self._used = np.ones(len(stamps), dtype=bool) if used is None else used
         self.stamps, self._time = stamps, time
-        self._filter = LowPass(Samples(stamps, UNDISTORTED / cutoff), cutoff)
+        self._filter = LowPass(Samples(stamps[self._used], UNDISTORTED / cutoff), cutoff)
 
     def coefficients(self, signals: np.ndarray) -> np.ndarray:
         """See `Sampler.coefficients`."""
-        return self._filter.curve(signals).coefficients
+        return self._filter.curve(signals[self._used]).coefficients
 
     def matrix(self, delay: float, derivative: int = 0) -> csr_matrix:
         """See `Sampler.matrix`."""

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from armdyn.identify.compare import Comparison, FittedParameter, comparison, fitted_parameters
 from armdyn.identify.fit import channel_rmse
 from armdyn.identify.remedies import remedies
@@ -11,6 +13,7 @@ from armdyn.identify.select import Option, Ranking
 from armdyn.identify.study import Study
 from armdyn.identify.unknown import Unknown, characterise
 from armdyn.identify.verdict import Verdict
+from armdyn.identify.whiteness import LARGEST_Z
 
 EXPLAINED_SHARE = 0.97
 """Share of the misfit that the catalogue must explain: its effects are idealised, and may be off by a sixth of their
@@ -111,7 +114,15 @@ def explained_share(start: Step, last: Step) -> float:
 
 
 def _above_stated_noise(study: Study, last: Step) -> bool:
-    return study.noise_is_stated and last.remainder.z > 5.0 and last.fit.chi2_per_sample > 1.1
+    """Whether a channel's residual is larger than its noise as stated, whatever the colour of that."""
+    for channel in dict.fromkeys(block.channel for block in last.fit.blocks):
+        blocks = [b for b in last.fit.blocks if b.channel == channel]
+        stated = [study.stated_noise.get((b.run, channel)) for b in blocks]
+        chi2 = sum(float(b.misfit @ b.misfit) / s**2 for b, s in zip(blocks, stated, strict=True) if s)
+        samples = sum(len(b.residual) for b, s in zip(blocks, stated, strict=True) if s)
+        if chi2 > 1.1 * samples and chi2 - samples > LARGEST_Z * np.sqrt(2 * samples):
+            return True
+    return False
 
 
 def _suspects(study: Study, found: Search) -> tuple[Suspect, ...]:

@@ -10,7 +10,7 @@ from armdyn.identify.problem import Block
 LAGS = 20
 """Lags of the whiteness test."""
 ORDER = 4
-"""Order of the autoregression that whitens coloured noise."""
+"""Highest order of the autoregression that whitens coloured noise."""
 
 
 def third_difference_std(time: np.ndarray, value: np.ndarray) -> float:
@@ -66,6 +66,24 @@ def autoregression(residuals: Sequence[np.ndarray], order: int = ORDER) -> np.nd
     return np.linalg.solve(matrix, products[1:])
 
 
+def likeliest_autoregression(residuals: Sequence[np.ndarray]) -> np.ndarray:
+    """(0 to `ORDER`,) coefficients of the order with the lowest BIC; superfluous ones misjudge short runs.
+
+    The sum of four superfluous coefficients over 60 white samples is wrong by 0.25, and every standard deviation of a
+    constant with it.
+    """
+    samples = sum(len(residual) for residual in residuals)
+    best, lowest = np.zeros(0), np.inf
+    for order in range(ORDER + 1):
+        coefficients = autoregression(residuals, order) if order else np.zeros(0)
+        left = np.concatenate([whitened(residual, coefficients) for residual in residuals])
+        variance = max(float(np.mean(left**2)), np.finfo(float).tiny)
+        bic = samples * np.log(variance) + order * np.log(samples)
+        if bic < lowest:
+            best, lowest = coefficients, bic
+    return best
+
+
 def whitened(rows: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
     """(n, ...) rows filtered by 1 - sum a_k z^-k; the first rows, whose past is unknown, are left out."""
     order = len(coefficients)
@@ -82,7 +100,7 @@ def whitening(blocks: Sequence[Block]) -> dict[str, tuple[np.ndarray, float]]:
     found = {}
     for channel in dict.fromkeys(block.channel for block in blocks):
         stretches = [block.residual for block in blocks if block.channel == channel]
-        coefficients = autoregression(stretches)
+        coefficients = likeliest_autoregression(stretches)
         left = np.concatenate([whitened(stretch, coefficients) for stretch in stretches])
         found[channel] = coefficients, float(np.sqrt(np.mean(left**2)))
     return found

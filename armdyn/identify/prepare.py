@@ -42,9 +42,15 @@ def noise_of_runs(model: Model, runs: Sequence[Run]) -> dict[tuple[str, str], fl
     return noise
 
 
-def stated_noise(model: Model, runs: Sequence[Run]) -> bool:
-    """Whether the noise of every channel that is compared is stated beside the recording."""
-    return all(name in run.noise for run in runs for name in model.predicted_channels(run))
+def stated_noise(model: Model, runs: Sequence[Run]) -> dict[tuple[str, str], float]:
+    """By run and channel, where it is stated: standard deviation that the noise of what is compared has at most."""
+    stated = {run.name: model.stated_noise(run) for run in runs}
+    return {
+        (run.name, name): stated[run.name][name]
+        for run in runs
+        for name in model.predicted_channels(run)
+        if name in stated[run.name]
+    }
 
 
 def _ready(model: Model, run: Run) -> Run:

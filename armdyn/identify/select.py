@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from math import comb, prod
 
 import numpy as np
 
@@ -25,6 +26,7 @@ TIE = 6.0
 CLOSE = 2.0
 """Chi2 per sample at which a fit has certainly found the right minimum."""
 THOROUGH = 4
+LEADING = 2
 LEAST_SHARE = 0.25
 """Each effect must explain this share of what is left above the noise: errors of the measured motion and effects that
 are missing still leave a residual that small gains only happen to look like."""
@@ -35,7 +37,8 @@ CLEARLY = 0.05
 AT_FLOOR = 2.0
 """Chi2 per sample of held-out runs below which they cannot improve by much more than chance."""
 NEARLY = 0.9
-"""Share of the best effect's gain at which a simpler one is preferred: dry friction before asymmetric dry friction."""
+"""Share of the best effect's gain at which a simpler one is preferred, where the best leaves more unexplained than its
+further unknowns gain: dry friction before asymmetric dry friction."""
 UNHARMED = 3.0
 """By how much the whitened cost of held-out runs may rise by chance."""
 PAIRED = 5
@@ -103,13 +106,19 @@ class Ranking:
             return None
         first = accepted[0]
         enough = NEARLY * (self.present.cost - first.weighed.cost)
+        # What the best leaves unexplained may be what its further unknowns imitate; where it leaves only noise, they
+        # are needed.
+        unexplained = max(first.fit.cost - first.fit.samples, 0.0)
         tied = self.tied_with(first)
         simpler = [
             option
             for option in accepted
             if _complexity(option) < _complexity(first)
             and _same_joints(option, first)
-            and (option in tied or self.present.cost - option.weighed.cost > enough)
+            and (
+                option in tied
+                or (self.present.cost - option.weighed.cost > enough and option.fit.cost - first.fit.cost < unexplained)
+            )
         ]
         return min(simpler, key=lambda o: (*_complexity(o), o.weighed.cost), default=first)
 
@@ -158,7 +167,7 @@ def compare(
         effects: what the additions are added to.
         additions: each an effect or more.
         tried: number of effects that the best was chosen from.
-        exchange: the additions replace something: they must win by a clear margin, and need no p-value.
+        exchange: the additions replace something: their BIC must win by a clear margin, and they need no p-value.
     """
     additions = list(additions)
     fits = _raced(study, now, effects, additions)
@@ -171,19 +180,31 @@ def compare(
             fits[i] = study.fit_thoroughly((*effects, *additions[i]), near)
             if fits[i].chi2_per_sample < CLOSE:
                 break
+    # What leads, or would if it were not for its last steps, is followed to its minimum before it is judged.
+    for i in sorted(range(len(fits)), key=lambda i: fits[i].bic)[:LEADING]:
+        fits[i] = study.fit_to_the_end((*effects, *additions[i]), now)
     compared, whitening = study.weighed([now, *fits])
     sparse = [_needed(study, added, w) for added, w in zip(additions, compared[1:], strict=True)]
-    if sparse != list(additions):
-        additions = list(dict.fromkeys(a for a in sparse if a))
-        fits = [study.fit_with((*effects, *added), now) for added in additions]
+    if sparse != additions:
+        reduced = [
+            study.fit_with((*effects, *fewer), whole) if fewer else now
+            for fewer, whole in zip(sparse, fits, strict=True)
+        ]
+        compared, whitening = study.weighed([now, *reduced, *fits])
+        few, all_ = compared[1 : 1 + len(fits)], compared[1 + len(fits) :]
+        # Derivatives promise what fewer joints cost; where the refit does not keep that, all of them stay.
+        pairs = [
+            (fewer, small) if not fewer or less.bic <= more.bic else (added, big)
+            for fewer, small, less, added, big, more in zip(sparse, reduced, few, additions, fits, all_, strict=True)
+        ]
+        chosen = dict(pair for pair in pairs if pair[0])
+        additions, fits = list(chosen), list(chosen.values())
         compared, whitening = study.weighed([now, *fits])
     present, others = compared[0], compared[1:]
     certain_noise = now.samples + BY_CHANCE * np.sqrt(2.0 * now.samples)
     options = []
     for added, found, weight in zip(additions, fits, others, strict=True):
         drop, extra = present.cost - weight.cost, max(1, weight.count - present.count)
-        if exchange:
-            drop, extra = drop - TIE, 1
         bounded = bool(np.any(study.problem.lower[found.free] == study.problem.null[found.free]))
         options.append(
             Option(
@@ -192,8 +213,12 @@ def compare(
                 fit=found,
                 weighed=weight,
                 delta_bic=present.bic - weight.bic,
-                p_value=min(1.0, tried * p_value(drop, extra, one_sided=bounded)),
-                share=(now.cost - found.cost) / max(now.cost - certain_noise, 1e-9),
+                p_value=(0.0 if present.bic - weight.bic > TIE else 1.0)
+                if exchange
+                else min(1.0, tried * _selections(study, added) * p_value(drop, extra, one_sided=bounded)),
+                share=1.0
+                if exchange and now.chi2_per_sample < GROSS
+                else (now.cost - found.cost) / max(now.cost - certain_noise, 1e-9),
                 far=now.chi2_per_sample > GROSS,
             )
         )
@@ -282,28 +307,52 @@ def superfluous(study: Study, now: Fit, effects: Sequence[Candidate], kept: Sequ
 
 
 def _needed(study: Study, added: tuple[Candidate, ...], weight: Weighed) -> tuple[Candidate, ...]:
-    """The candidates on those joints only whose parameters differ from null by more than their number is worth."""
+    """The candidates on those joints only that are worth their unknowns.
+
+    Joints go one after the other, as long as the BIC falls. The cost of all that went counts together: each of two
+    neighbouring links may be superfluous as long as the other is free.
+    """
     kept = []
     for candidate in added:
         if not candidate.joints:
             kept.append(candidate)
             continue
-        joints = []
-        for joint in candidate.joints:
-            columns = np.flatnonzero(study.problem.of(candidate.on([joint]).names))
-            covariance = weight.covariance[np.ix_(columns, columns)]
-            moved = weight.values[columns] - study.problem.null[columns]
-            free = np.diag(covariance) > 0
-            if not free.any():
-                continue
-            wald = float(moved[free] @ np.linalg.pinv(covariance[np.ix_(free, free)], hermitian=True) @ moved[free])
-            prior = study.problem.prior_weight[columns]
-            learnt = max(1, int(np.sum(free & (np.diag(covariance) * prior**2 < 0.5))))
-            if wald > learnt * np.log(weight.samples):
-                joints.append(joint)
+        columns = {j: _moving(study, candidate.on([j]), weight) for j in candidate.joints}
+        joints = [j for j in candidate.joints if len(columns[j])]
+        gone = np.zeros(0, dtype=int)
+        saved = 0.0
+        while joints:
+            savings = [_saving(study, np.concatenate([gone, columns[j]]), weight) for j in joints]
+            best = int(np.argmax(savings))
+            if savings[best] <= saved:
+                break
+            saved = savings[best]
+            gone = np.concatenate([gone, columns[joints.pop(best)]])
         if joints:
             kept.append(candidate if len(joints) == len(candidate.joints) else candidate.on(joints))
     return tuple(kept)
+
+
+def _selections(study: Study, added: Sequence[Candidate]) -> int:
+    """Number of ways to choose as many joints as each effect has of those on which it could act."""
+    whole = {c.effect: len(c.joints) for c in (*study.candidates, *study.present)}
+    return prod(comb(max(whole[c.effect], len(c.joints)), len(c.joints)) for c in added)
+
+
+def _moving(study: Study, candidate: Candidate, weight: Weighed) -> np.ndarray:
+    """Indices of the candidate's unknowns that were fitted and are on no bound."""
+    columns = np.flatnonzero(study.problem.of(candidate.names))
+    return columns[np.diag(weight.covariance)[columns] > 0]
+
+
+def _saving(study: Study, columns: np.ndarray, weight: Weighed) -> float:
+    """By how much the BIC falls when these unknowns return to null and all others are fitted again (Wald)."""
+    covariance = weight.covariance[np.ix_(columns, columns)]
+    scale = np.sqrt(np.diag(covariance))
+    moved = (weight.values - study.problem.null)[columns] / scale
+    wald = float(moved @ np.linalg.pinv(covariance / np.outer(scale, scale), rcond=1e-12, hermitian=True) @ moved)
+    learnt = int(np.sum(scale**2 * study.problem.prior_weight[columns] ** 2 < 0.5))
+    return max(1, learnt) * float(np.log(weight.samples)) - wald
 
 
 def _cost(blocks: Sequence[Block], whitening: Whitening) -> float:

@@ -8,6 +8,7 @@ from armdyn.effects.effect import Effect
 from armdyn.identify.evidence import Weighed, Whitening, weighed, whitening_of
 from armdyn.identify.fit import GROWTHS, Fit, determined, fit
 from armdyn.identify.held_out import held_out_blocks
+from armdyn.identify.least_squares import Outcome
 from armdyn.identify.prepare import noise_of_runs, prepared, stated_noise
 from armdyn.identify.problem import Block, Problem
 from armdyn.identify.score import Candidate, Score, scores
@@ -16,7 +17,7 @@ from armdyn.run import Run
 
 QUICK_STEPS = 8
 """A candidate that needs more steps than this is no small correction of the present fit."""
-
+ALL_STEPS = 40
 FIRST_STEPS = 3
 """Steps after which hopeless candidates are left behind."""
 
@@ -44,7 +45,7 @@ class Study:
         self.runs, self.held_out = prepared(model, runs, held_out)
         everything = [*self.runs, *self.held_out]
         self.noise = noise_of_runs(model, everything)
-        self.noise_is_stated = stated_noise(model, everything)
+        self.stated_noise = stated_noise(model, everything)
         self.effects = {effect.name: effect for effect in (*catalogue, *model.effects)}
         extended = model.with_candidates(self.effects.values())
         self.problem = Problem(extended, self.runs, self.noise)
@@ -100,6 +101,14 @@ class Study:
         if key not in self._fits or found.cost < self._fits[key].cost:
             self._fits[key] = found
         return self._fits[key]
+
+    def fit_to_the_end(self, effects: Sequence[Candidate], near: Fit) -> Fit:
+        """As `fit_with`, however many steps it needs."""
+        found = self.fit_with(effects, near)
+        if found.outcome is Outcome.OUT_OF_STEPS:
+            found = fit(self.problem, found.free, found.values, most_steps=ALL_STEPS)
+            self._fits[self._key(effects)] = found
+        return found
 
     def fit_thoroughly(self, effects: Sequence[Candidate], near: Fit) -> Fit:
         """As `fit_with`, and from other starts: effects at a typical size, near the fit and afresh over windows."""
