@@ -28,7 +28,8 @@ class Weighed:
     Attributes:
         cost: c.
         samples: N after whitening.
-        count: number of fitted unknowns of which the runs tell more than the prior.
+        count: effective number of fitted unknowns, sum_i (1 - C_ii / prior variance): those that the runs determine
+            rather than the priors (MacKay, Neural Computation 4, 1992, eq. 4.9), rounded.
         values: (P,) the generalised least-squares estimate.
         covariance: (P, P) of it; zero for what was not fitted.
     """
@@ -66,7 +67,6 @@ def weighed(fit: Fit, whitening: Whitening) -> Weighed:
         gradient += sensitivities.T @ residual
         cost += float(residual @ residual)
         samples += len(residual)
-    learnt = int(np.sum(np.diag(information) > 2 * problem.prior_weight[free] ** 2))
     scale = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
     on_bound = (fit.values <= problem.lower)[free] & (gradient < 0) | (fit.values >= problem.upper)[free] & (
         gradient > 0
@@ -84,7 +84,9 @@ def weighed(fit: Fit, whitening: Whitening) -> Weighed:
         here = free[moving]
         values[here] = np.clip(fit.values[here] + step, problem.lower[here], problem.upper[here])
         covariance[np.ix_(here, here)] = inverse
-    return Weighed(cost, samples, learnt, values, covariance)
+    # What is on a bound counts as well: it could have moved.
+    determined = 1.0 - np.diag(covariance)[free] * problem.prior_weight[free] ** 2
+    return Weighed(cost, samples, round(float(np.sum(determined))), values, covariance)
 
 
 def p_value(drop: float, count: int, *, one_sided: bool = False) -> float:

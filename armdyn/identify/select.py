@@ -27,6 +27,7 @@ CLOSE = 2.0
 """Chi2 per sample at which a fit has certainly found the right minimum."""
 THOROUGH = 4
 LEADING = 2
+"""Options that are followed to their minimum."""
 LEAST_SHARE = 0.25
 """Each effect must explain this share of what is left above the noise: errors of the measured motion and effects that
 are missing still leave a residual that small gains only happen to look like."""
@@ -190,6 +191,9 @@ def compare(
             study.fit_with((*effects, *fewer), whole) if fewer else now
             for fewer, whole in zip(sparse, fits, strict=True)
         ]
+        for i in sorted(range(len(fits)), key=lambda i: reduced[i].bic)[:LEADING]:
+            if sparse[i]:
+                reduced[i] = study.fit_to_the_end((*effects, *sparse[i]), reduced[i])
         compared, whitening = study.weighed([now, *reduced, *fits])
         few, all_ = compared[1 : 1 + len(fits)], compared[1 + len(fits) :]
         # Derivatives promise what fewer joints cost; where the refit does not keep that, all of them stay.
@@ -351,8 +355,8 @@ def _saving(study: Study, columns: np.ndarray, weight: Weighed) -> float:
     scale = np.sqrt(np.diag(covariance))
     moved = (weight.values - study.problem.null)[columns] / scale
     wald = float(moved @ np.linalg.pinv(covariance / np.outer(scale, scale), rcond=1e-12, hermitian=True) @ moved)
-    learnt = int(np.sum(scale**2 * study.problem.prior_weight[columns] ** 2 < 0.5))
-    return max(1, learnt) * float(np.log(weight.samples)) - wald
+    determined = float(np.sum(1.0 - scale**2 * study.problem.prior_weight[columns] ** 2))
+    return determined * float(np.log(weight.samples)) - wald
 
 
 def _cost(blocks: Sequence[Block], whitening: Whitening) -> float:
