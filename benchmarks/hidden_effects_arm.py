@@ -120,8 +120,9 @@ def examine(kind: str, what: str, seed: int) -> dict:
         tied = {t for rung in mended.ladder for t in rung.tied_with}
         exact = set(names) == set(hidden)
         return row | {
-            "seconds": time.perf_counter() - begun, "cpu": time.process_time() - cpu, "verdict": mended.verdict.key, "found": names,
-            "exact": exact, "honest": exact or set(hidden) <= {*names, *tied},
+            "seconds": time.perf_counter() - begun, "cpu": time.process_time() - cpu,
+            "verdict": mended.verdict.key, "found": names, "exact": exact,
+            "honest": exact or set(hidden) <= {*names, *tied},
             "last": mended.ladder[-1].chi2_per_sample,
             "held_out": float(np.mean([(c.held_out_rmse or 0.0) ** 2 / c.noise_std**2
                                        for c in mended.after.channels.values()])),
@@ -187,7 +188,7 @@ def show(kind: str, rows: list[dict]) -> None:
         sizes = [abs(p) for row in mine for p in row.get("pulls", {}).values()]
         if sizes:
             line += f"  within 3 std {100 * np.mean(np.array(sizes) < 3):5.1f} % of {len(sizes)}"
-        line += f"  {np.median([row['seconds'] for row in mine]):.2f} s, worst {max(r['seconds'] for r in mine):.2f}"
+        line += f"  {np.median([row['cpu'] for row in mine]):.2f} s, worst {max(r['cpu'] for r in mine):.2f}"
         print(f"  {name:26s}" + line)
     for key in keys:
         print(f"  all: {key} {share(rows, key)}")
@@ -202,11 +203,8 @@ def show(kind: str, rows: list[dict]) -> None:
         print(f"  true parameters within 3 std: {100 * np.mean(sizes < 3):.1f} % of {len(sizes)}")
     seconds = [row["seconds"] for row in rows]
     cpu = [row["cpu"] for row in rows]
-    print(
-        f"  seconds: median {np.median(seconds):.2f}, worst {np.max(seconds):.2f}; of the processor {np.median(cpu):.2f}, "
-        f"worst {np.max(cpu):.2f}",
-        flush=True,
-    )
+    print(f"  seconds: median {np.median(seconds):.2f}, worst {np.max(seconds):.2f}")
+    print(f"  of the processor: median {np.median(cpu):.2f}, worst {np.max(cpu):.2f}", flush=True)
 
 
 def main() -> None:
