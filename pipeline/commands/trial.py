@@ -74,6 +74,8 @@ def trial(
             )
         say(f"[bold {'green' if result.success else 'red'}]{result.message}[/]")
         say(f"report {report}, recording {result.recording}")
+        if not result.success and result.estimates:
+            say(f"what the model lacks: armdyn repair {out / 'model.toml'} {out / 'trial.csv'} --output repaired.toml")
     if not result.success:
         raise typer.Exit(1)
 
