@@ -18,7 +18,7 @@ from pipeline.commands.identify_options import (
     say_places,
     spinner,
 )
-from pipeline.commands.output import JsonOption, write_json
+from pipeline.commands.output import JsonOption, to_screen, write_json
 
 
 def register(app: typer.Typer) -> None:
@@ -35,7 +35,6 @@ def diagnose(
     json_file: JsonOption = None,
 ) -> None:
     """Find out which physical effect is missing, with an honest verdict."""
-    from rich.console import Console
     from rich.table import Table
 
     from armdyn.identify.diagnose import diagnose as find_missing
@@ -54,7 +53,7 @@ def diagnose(
         write_json(diagnosis_answer(given.study, found), json_file)
     if json_file == Path("-"):
         return
-    console = Console(highlight=False)
+    console = to_screen()
     console.print(f"[bold]{found.verdict.key}[/]: {found.sentence}")
     if found.suspects:
         table = Table("effect", "ΔBIC", "p", "tied with", box=None, header_style="dim")

@@ -6,7 +6,7 @@ from typing import Any
 import typer
 
 from pipeline.commands.identify_options import EffectsOption
-from pipeline.commands.output import JsonOption, write_json
+from pipeline.commands.output import JsonOption, to_screen, write_json
 
 
 def register(app: typer.Typer) -> None:
@@ -16,8 +16,6 @@ def register(app: typer.Typer) -> None:
 
 def effects(effects_file: EffectsOption = None, json_file: JsonOption = None) -> None:
     """Show the physical effects that a model can have, with their parameters."""
-    from rich.console import Console
-
     from armdyn.effects.catalogue import CATALOGUE
     from armdyn.effects.effect import STAGES, Effect
     from armdyn.effects.user import load_effects
@@ -42,7 +40,7 @@ def effects(effects_file: EffectsOption = None, json_file: JsonOption = None) ->
         write_json({"schema": "armdyn.effects/1", "effects": [answer(effect) for effect in known]}, json_file)
     if json_file == Path("-"):
         return
-    console = Console(highlight=False)
+    console = to_screen()
     for stage in STAGES:
         console.print(f"[bold]{stage}[/]")
         for effect in (e for e in known if e.acts_on == stage):

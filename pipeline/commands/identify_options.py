@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
+from pipeline.commands.output import to_screen
+
 if TYPE_CHECKING:
     from armdyn.effects.effect import Effect
     from armdyn.identify.compare import Comparison, FittedParameter
@@ -15,6 +17,9 @@ if TYPE_CHECKING:
     from armdyn.identify.repair import Rung
     from armdyn.identify.study import Study
     from armdyn.model_file import ModelFile
+
+MOST_JOINTS = 3
+"""Joints that are named in a line; of more only the number, as the JSON has them all."""
 
 ModelArgument = Annotated[Path, typer.Argument(metavar="M.toml", help="Model file.")]
 RunsArgument = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Recordings to fit: CSV or MCAP.")]
@@ -84,11 +89,10 @@ def spinner() -> Iterator[Callable[[str], None]]:
 
 def say_fit(found: "Comparison") -> None:
     """Print parameters and channels."""
-    from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
-    console = Console(highlight=False)
+    console = to_screen()
     say_parameters(found.parameters)
     channels = Table("channel", "noise", "rmse", "held out", "χ²/sample", box=None, header_style="dim")
     for name, c in found.channels.items():
@@ -107,7 +111,6 @@ def say_fit(found: "Comparison") -> None:
 
 def say_parameters(parameters: "Mapping[str, FittedParameter]") -> None:
     """Print values with their standard deviations."""
-    from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
@@ -115,14 +118,12 @@ def say_parameters(parameters: "Mapping[str, FittedParameter]") -> None:
     for name, p in parameters.items():
         table.add_row(escape(name), f"{p.value:.6g}", "fixed" if p.std is None else f"{p.std:.2g}", p.unit)
     if parameters:
-        Console(highlight=False).print(table)
+        to_screen().print(table)
 
 
 def say_places(places: "Sequence[Place]", most: int = 6) -> None:
     """Print where the model fails."""
-    from rich.console import Console
-
-    console = Console(highlight=False)
+    console = to_screen()
     for place in places[:most]:
         run = f" in {place.run}" if place.run else ""
         console.print(
@@ -133,16 +134,18 @@ def say_places(places: "Sequence[Place]", most: int = 6) -> None:
 
 def say_ladder(ladder: "tuple[Rung, ...]") -> None:
     """Print the error falling; three channels or more, such as an arm's joints, as the root of their summed squares."""
-    from rich.console import Console
-    from rich.table import Table
+    from rich.table import Column, Table
 
     channels = list(ladder[0].rmse)
     together = len(channels) > 2
     heads = ["total rmse", "held out"] if together else [h for c in channels for h in (f"{c} rmse", "held out")]
-    table = Table("step", *heads, "χ²/sample", "BIC", box=None, header_style="dim")
+    columns = [Column(head, overflow="fold") for head in ("step", *heads, "χ²/sample", "BIC")]
+    table = Table(*columns, box=None, header_style="dim")
     for rung in ladder:
         name = "+ " + " + ".join(rung.added) if rung.added else "as given" if not rung.removed else ""
-        name += f" on {', '.join(rung.joints)}" if rung.joints else ""
+        if rung.joints:
+            few = len(rung.joints) <= MOST_JOINTS
+            name += f" on {', '.join(rung.joints)}" if few else f" on {len(rung.joints)} joints"
         name += "".join(f" − {removed}" for removed in rung.removed)
         name += f" (or {', '.join(rung.tied_with)})" if rung.tied_with else ""
         errors = [(rung.rmse[c], rung.held_out_rmse.get(c)) for c in channels]
@@ -151,4 +154,4 @@ def say_ladder(ladder: "tuple[Rung, ...]") -> None:
             errors = [(math.hypot(*(e for e, _ in errors)), math.hypot(*held) if held else None)]
         cells = [f"{e:.4g}" if e is not None else "–" for pair in errors for e in pair]
         table.add_row(name, *cells, f"{rung.chi2_per_sample:.4g}", f"{rung.bic:.6g}")
-    Console(highlight=False).print(table)
+    to_screen().print(table)

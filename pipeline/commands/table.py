@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from pipeline.commands.output import JsonOption, write_json
+from pipeline.commands.output import JsonOption, to_screen, write_json
 
 
 def register(app: typer.Typer) -> None:
@@ -22,7 +22,6 @@ def table(
     json_file: JsonOption = None,
 ) -> None:
     """Table I of the paper: nine guesses of the length, with and without estimation."""
-    from rich.console import Console
     from rich.table import Table as Grid
 
     from pipeline.commands.progress import phase_progress
@@ -47,7 +46,7 @@ def table(
         for row in rows:
             mean = sum(row.length_estimates) / len(row.length_estimates)
             grid.add_row(f"{row.length_guess:.3f}", f"{row.without:.0%}", f"{row.with_estimation:.0%}", f"{mean:.4f}")
-        console = Console(highlight=False)
+        console = to_screen()
         console.print(grid)
         console.print(
             f"length {answer['mean']:.4f} m, standard deviation {1e3 * answer['std']:.2f} mm over all trials; "

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipeline.commands.output import JsonOption, write_json
+from pipeline.commands.output import JsonOption, to_screen, write_json
 
 if TYPE_CHECKING:
     from armdyn.pendulum.model import PendulumModel
@@ -40,8 +40,6 @@ def trial(
     json_file: JsonOption = None,
 ) -> None:
     """Learn the string's length, plan the swing, put the load into the box."""
-    from rich.console import Console
-
     from pipeline.commands.hidden import parse_hidden
     from pipeline.commands.progress import phase_progress
     from pipeline.trial.experiment import Experiment
@@ -66,7 +64,7 @@ def trial(
     if json_file is not None:
         write_json(result.as_json(), json_file)
     if json_file != Path("-"):
-        say = Console(highlight=False).print
+        say = to_screen().print
         if result.estimates:
             say(
                 f"length {result.length_estimate:.4f} m +/- {1e3 * result.length_std:.2f} mm "
