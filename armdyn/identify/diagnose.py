@@ -167,9 +167,9 @@ def _sentence(verdict: Verdict, found: Search, unknown: Unknown | None, advice: 
             text += f"; {_names(found)} would explain {100 * explained_share(start, last):.0f} % of it"
         return text + "."
     if verdict is Verdict.CANNOT_TELL_APART:
-        added, tied = _added(found), ", ".join(t.label for t in found.tied)
+        added, tied = _added(found), ", ".join(t.spoken for t in found.tied)
         if len(added) == 1:
-            tied = f"Something is missing, and these runs cannot tell which: {added[0].label}, {tied}"
+            tied = f"Something is missing, and these runs cannot tell which: {added[0].spoken}, {tied}"
         else:
             tied = f"{_names(found)} are missing, and these runs cannot tell {tied} from one of them"
         return f"{tied}. To find out: {'; '.join(advice)}."
@@ -185,4 +185,4 @@ def _added(found: Search) -> tuple[Candidate, ...]:
 
 
 def _names(found: Search) -> str:
-    return " and ".join(e.label for e in _added(found))
+    return " and ".join(e.spoken for e in _added(found))

@@ -104,7 +104,7 @@ def fitted_model(study: Study, step: Step) -> Model:
     model = study.model
     for candidate in study.present:
         if candidate not in step.effects:
-            model = model.without_effect(candidate.label)
+            model = model.without_effect(candidate.effect)
     for candidate in step.effects:
         if candidate not in study.present:
             effect = study.effects[candidate.effect]
@@ -157,16 +157,21 @@ def _verdict(study: Study, found: Search, unknown: Unknown | None) -> Verdict:
 
 def _sentence(verdict: Verdict, found: Search, unknown: Unknown | None) -> str:
     start, last = found.steps[0], found.last
-    added = [e.label for e in last.effects if e not in start.effects]
-    text = f"Added {' and '.join(added)}: " if added else "Nothing added: "
+    added = [e.spoken for e in last.effects if e not in start.effects]
+    text = f"Added {_listed(added)}: " if added else "Nothing added: "
     text += f"χ² per sample {start.fit.chi2_per_sample:.3g}"
     if added:
         text += f" → {last.fit.chi2_per_sample:.3g}"
-    ties = {t.effect for step in found.steps for t in step.tied}
+    ties = {tied.effect for tied in found.tied}
     if ties:
         text += f"; these runs cannot tell {', '.join(sorted(ties))} from what was added"
     if verdict is Verdict.EXPLAINED:
         return text + "; what is left is noise."
     share = explained_share(start, last) if added else 0.0
-    text += f"; {100 * (1 - share):.2g} % of the misfit is left and nothing in the catalogue explains it"
+    text += f"; {100 * (1 - share):.3g} % of the misfit is left and nothing in the catalogue explains it"
     return text + (f" ({unknown.sentence})." if unknown is not None and unknown.sentence else ".")
+
+
+def _listed(names: list[str]) -> str:
+    """Such as ``a, b and c``."""
+    return " and ".join(part for part in (", ".join(names[:-1]), names[-1]) if part)

@@ -32,8 +32,17 @@ class Candidate:
 
     @property
     def label(self) -> str:
-        """For a person: the name, with the joints."""
+        """The name, with the joints, as commands take it."""
         return f"{self.effect}:{','.join(self.joints)}" if self.joints else self.effect
+
+    @property
+    def spoken(self) -> str:
+        """For a person: the name, with a joint or two, or with how many they are."""
+        if not self.joints:
+            return self.effect
+        return f"{self.effect} on " + (
+            " and ".join(self.joints) if len(self.joints) < 3 else f"{len(self.joints)} joints"
+        )
 
     def on(self, joints: Sequence[str]) -> "Candidate":
         """The same effect on some of its joints."""
