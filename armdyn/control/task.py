@@ -147,9 +147,13 @@ class TaskPlanner:
         self.steps, self.dt = steps, dt
         self._names = model.physics_names
         self._variational = model.variational()
-        self._optimizer = _optimizer(self._variational, model.formulation, steps)
+        self._formulation = model.formulation
         self._tension = self._variational.tension.map(steps)
         self._load = self._variational.load.map(steps + 1)
+
+    def optimizer(self, *, hindered: bool) -> ProjectionOptimizer:
+        """What solves the task; without walls, slack and ends of the line to mind it is faster."""
+        return _optimizer(self._variational, self._formulation, self.steps, hindered)
 
     def plan(
         self, model: PendulumModel, cost: TaskCost, start: SwingState | None = None, *, guess: np.ndarray | None = None,
@@ -165,16 +169,17 @@ class TaskPlanner:
             raise InputError("this planner was built for a model with other effects: build a new one")
         start = start or SwingState()
         theta = model.physics_theta()
+        unhindered = replace(cost, wall=None, least_tension=None, reach=None)
+        optimizer = self.optimizer(hindered=cost != unhindered)
         time = start.time + self.dt * np.arange(self.steps + 1)
         lag = float(self._variational.lag(theta))
         initial = np.array([start.x, start.v, start.angle, start.rate])
 
         def solve(of: TaskCost, start_from: np.ndarray | None, values: np.ndarray = theta) -> Solution:
             parameters = np.concatenate([values, of.vector(), [self.dt]])
-            return self._optimizer.solve(initial, time, parameters, start_from, tolerance=tolerance)
+            return optimizer.solve(initial, time, parameters, start_from, tolerance=tolerance)
 
         # What the plan must keep off makes the problem non-convex: the free optimum is bent round it, not replaced.
-        unhindered = replace(cost, wall=None, least_tension=None, reach=None)
         try:
             free = solve(unhindered, guess)
         except TaskFailedError:
@@ -214,13 +219,19 @@ def _ahead_of(
     return lead, backward, np.append(np.diff(backward), backward[-1] - backward[-2]) / dt
 
 
-@lru_cache(maxsize=8)
-def _optimizer(variational: VariationalStep, formulation: str, steps: int) -> ProjectionOptimizer:
-    return ProjectionOptimizer(task_problem(variational, formulation), steps)
+@lru_cache(maxsize=16)
+def _optimizer(variational: VariationalStep, formulation: str, steps: int, hindered: bool) -> ProjectionOptimizer:
+    return ProjectionOptimizer(task_problem(variational, formulation, hindered=hindered), steps)
 
 
-def task_problem(variational: VariationalStep, name: str) -> DiscreteProblem:
-    """The task on a variational model; p = (theta, cost in the order of `COST_NAMES`, dt)."""
+def task_problem(variational: VariationalStep, name: str, *, hindered: bool = False) -> DiscreteProblem:
+    """The task on a variational model; p = (theta, cost in the order of `COST_NAMES`, dt).
+
+    Args:
+        variational: the equations.
+        name: identifier of the equations.
+        hindered: whether walls, slack and the ends of the line count; where not, their entries of p are ignored.
+    """
     thetas = len(variational.names)
     size = thetas + len(COST_NAMES) + 1
     s, u, t, p = ca.SX.sym("s", STATE_SIZE), ca.SX.sym("u"), ca.SX.sym("t"), ca.SX.sym("p", size)
@@ -242,8 +253,9 @@ def task_problem(variational: VariationalStep, name: str) -> DiscreteProblem:
     slack = c["least_tension"] - variational.tension(*at, onward) / weight
     loose = ca.sqrt(dt * c["w_slack"]) * ca.fmax(0, slack)
     beyond = ca.sqrt(dt * c["w_reach"]) * ca.fmax(0, ca.fmax(s[0] - c["reach_most"], c["reach_least"] - s[0]))
+    kept_off = ca.vertcat(inside, loose, beyond) if hindered else ca.SX(0, 1)
     return DiscreteProblem(
-        name=f"swing_{name}",
+        name=f"{'hindered_' if hindered else ''}swing_{name}",
         states=STATE_SIZE,
         parameters=size,
         step=ca.Function("f", [s, u, t, p], [variational.step(*at)]),
@@ -252,6 +264,6 @@ def task_problem(variational: VariationalStep, name: str) -> DiscreteProblem:
             "d2f", [s, u, t, p, following, costate], [variational.curvature(*at, following, costate)]
         ),
         running=ca.Function("running", [s, u, t, p], [effort]),
-        running_residual=ca.Function("kept_off", [s, u, t, p], [ca.vertcat(inside, loose, beyond)]),
+        running_residual=ca.Function("kept_off", [s, u, t, p], [kept_off]),
         terminal_residual=ca.Function("end", [s, t, p], [ca.sqrt(weights) * error]),
     )
