@@ -17,7 +17,10 @@ from armdyn.run import Run
 
 QUICK_STEPS = 8
 """A candidate that needs more steps than this is no small correction of the present fit."""
-ALL_STEPS = 40
+NEGLIGIBLE = 1.0
+"""Fall of chi2 over `QUICK_STEPS`, in units of what is left per sample, that changes no ranking."""
+MORE = 4
+"""Times `QUICK_STEPS` that may be added."""
 FIRST_STEPS = 3
 """Steps after which hopeless candidates are left behind."""
 
@@ -103,11 +106,16 @@ class Study:
         return self._fits[key]
 
     def fit_to_the_end(self, effects: Sequence[Candidate], near: Fit) -> Fit:
-        """As `fit_with`, however many steps it needs."""
+        """As `fit_with`, for as many more steps as lower the cost by what matters in a comparison."""
         found = self.fit_with(effects, near)
-        if found.outcome is Outcome.OUT_OF_STEPS:
-            found = fit(self.problem, found.free, found.values, most_steps=ALL_STEPS)
-            self._fits[self._key(effects)] = found
+        for _ in range(MORE):
+            if found.outcome is not Outcome.OUT_OF_STEPS:
+                break
+            before, found = found, fit(self.problem, found.free, found.values, most_steps=QUICK_STEPS)
+            # Where much is left unexplained, what is left is the noise.
+            if before.cost - found.cost < NEGLIGIBLE * max(1.0, found.chi2_per_sample):
+                break
+        self._fits[self._key(effects)] = found
         return found
 
     def fit_thoroughly(self, effects: Sequence[Candidate], near: Fit) -> Fit:
