@@ -99,7 +99,7 @@ def _confirmed(study: Study, now: Fit, other: Fit, whitening: Whitening, behind:
     after = study.held_out_blocks(other)
     if before is None or after is None:
         return True
-    gain, fell = gained(study, before, after, whitening, far=False)
+    gain, fell = gained(study, (now, before), (other, after), whitening, far=False)
     return fell and (not study.held_out or gain > behind)
 
 

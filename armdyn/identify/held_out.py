@@ -1,6 +1,6 @@
 """How well a fitted model predicts whole runs that took no part in the fit."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -22,14 +22,27 @@ def held_out_blocks(found: Fit, held_out: Sequence[Run]) -> list[Block] | None:
         return [block for run in held_out for block in _predicted(found, found.values, run)]
     if len(runs) < 2:
         return None
-    blocks: list[Block] = []
+    return [block for run, rest in _without_each(found) for block in _predicted(rest, rest.values, run, found)]
+
+
+def cost_in_turn(found: Fit) -> float:
+    """What every run adds to the cost of the others, which is its chi2 with the others' uncertainty counted in.
+
+    Near a minimum C(all) - C(others) = r' (1 + J S J')^-1 r, with r the prediction's error and S the covariance of what
+    the others say of the parameters. Where they say little, the pure prediction of a right model is wrong.
+    """
+    return sum(found.cost - rest.cost for _, rest in _without_each(found))
+
+
+def _without_each(found: Fit) -> Iterator[tuple[Run, Fit]]:
+    """Every run with the fit to the others."""
+    runs = found.problem.runs
     for left_out in runs:
         others = Problem(found.problem.model, [r for r in runs if r is not left_out], found.problem.noise)
         free, start = _transferred(found, found.values, others)
         free = free & determined(others, free, start)
         rest = others.fit(free, start, most_steps=8, tolerance=0.1)
-        blocks += _predicted(Fit(others, free, rest.values, (), rest.outcome), rest.values, left_out, found)
-    return blocks
+        yield left_out, Fit(others, free, rest.values, tuple(others.blocks(rest.values, free)), rest.outcome)
 
 
 def chi2_of(blocks: Sequence[Block]) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 
 from armdyn.identify.evidence import Weighed, Whitening, p_value
 from armdyn.identify.fit import GROSS, Fit
-from armdyn.identify.held_out import chi2_of
+from armdyn.identify.held_out import chi2_of, cost_in_turn
 from armdyn.identify.noise import whitened
 from armdyn.identify.problem import Block
 from armdyn.identify.score import Candidate, Score
@@ -271,7 +271,7 @@ def confirmed(study: Study, now: Fit, ranking: Ranking) -> Ranking:
             options.append(option)
             evidence.append(option.delta_bic)
             continue
-        gain, fell = gained(study, reference, blocks, ranking.whitening, far=option.far)
+        gain, fell = gained(study, (now, reference), (option.fit, blocks), ranking.whitening, far=option.far)
         options.append(replace(option, held_out_gain=gain, held_out_fell=fell, held_out=tuple(blocks)))
         if best is None and options[-1].accepted:
             best = option.delta_bic
@@ -284,15 +284,29 @@ def confirmed(study: Study, now: Fit, ranking: Ranking) -> Ranking:
 
 
 def gained(
-    study: Study, before: Sequence[Block], after: Sequence[Block], whitening: Whitening, *, far: bool
-) -> tuple[float, bool]:
-    """Fall of the whitened cost of held-out runs, and whether their error fell, or rose no more than by chance."""
-    gain = _cost(before, whitening) - _cost(after, whitening)
-    error, samples = chi2_of(after), sum(len(block.residual) for block in after)
-    ahead = chi2_of(before) * (1.0 - (CLEARLY if far else 0.0))
+    study: Study, before: tuple[Fit, Sequence[Block]], after: tuple[Fit, Sequence[Block]], whitening: Whitening, *,
+    far: bool,
+) -> tuple[float, bool]:  # fmt: skip
+    """Fall of the whitened cost of held-out runs, and whether their error fell, or rose no more than by chance.
+
+    Args:
+        study: runs and catalogue.
+        before: fit without the effect, and its residuals on held-out runs.
+        after: with it.
+        whitening: of the cost.
+        far: whether the model without it is far above the noise.
+    """
+    (now, reference), (other, blocks) = before, after
+    gain = _cost(reference, whitening) - _cost(blocks, whitening)
+    error, samples = chi2_of(blocks), sum(len(block.residual) for block in blocks)
+    least = 1.0 - (CLEARLY if far else 0.0)
     # Near the noise a model fitted to fewer runs predicts worse for being less certain, not for being wrong.
     harmless = gain > -UNHARMED or not study.held_out
-    return gain, error < ahead or (error < AT_FLOOR * samples and harmless)
+    fell = error < least * chi2_of(reference) or (error < AT_FLOOR * samples and harmless)
+    if not fell and not study.held_out:
+        added = cost_in_turn(other)
+        fell = added < least * cost_in_turn(now) or added < AT_FLOOR * samples
+    return gain, fell
 
 
 def superfluous(study: Study, now: Fit, effects: Sequence[Candidate], kept: Sequence[Candidate]) -> Option | None:
