@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from math import comb, prod
 
 import numpy as np
 
 from armdyn.identify.evidence import Weighed, Whitening, p_value
 from armdyn.identify.fit import GROSS, Fit
 from armdyn.identify.held_out import chi2_of, cost_in_turn
+from armdyn.identify.joints import LEADING, on_needed_joints, selections
 from armdyn.identify.noise import whitened
 from armdyn.identify.problem import Block
 from armdyn.identify.score import Candidate, Score
@@ -26,8 +26,6 @@ TIE = 6.0
 CLOSE = 2.0
 """Chi2 per sample at which a fit has certainly found the right minimum."""
 THOROUGH = 4
-LEADING = 2
-"""Options that are followed to their minimum."""
 LEAST_SHARE = 0.25
 """Each effect must explain this share of what is left above the noise: errors of the measured motion and effects that
 are missing still leave a residual that small gains only happen to look like."""
@@ -185,24 +183,9 @@ def compare(
     for i in sorted(range(len(fits)), key=lambda i: fits[i].bic)[:LEADING]:
         fits[i] = study.fit_to_the_end((*effects, *additions[i]), now)
     compared, whitening = study.weighed([now, *fits])
-    sparse = [_needed(study, added, w) for added, w in zip(additions, compared[1:], strict=True)]
-    if sparse != additions:
-        reduced = [
-            study.fit_with((*effects, *fewer), whole) if fewer else now
-            for fewer, whole in zip(sparse, fits, strict=True)
-        ]
-        for i in sorted(range(len(fits)), key=lambda i: reduced[i].bic)[:LEADING]:
-            if sparse[i]:
-                reduced[i] = study.fit_to_the_end((*effects, *sparse[i]), reduced[i])
-        compared, whitening = study.weighed([now, *reduced, *fits])
-        few, all_ = compared[1 : 1 + len(fits)], compared[1 + len(fits) :]
-        # Derivatives promise what fewer joints cost; where the refit does not keep that, all of them stay.
-        pairs = [
-            (fewer, small) if not fewer or less.bic <= more.bic else (added, big)
-            for fewer, small, less, added, big, more in zip(sparse, reduced, few, additions, fits, all_, strict=True)
-        ]
-        chosen = dict(pair for pair in pairs if pair[0])
-        additions, fits = list(chosen), list(chosen.values())
+    fewer = on_needed_joints(study, now, effects, additions, fits, compared[1:])
+    if fewer is not None:
+        additions, fits = fewer
         compared, whitening = study.weighed([now, *fits])
     present, others = compared[0], compared[1:]
     certain_noise = now.samples + BY_CHANCE * np.sqrt(2.0 * now.samples)
@@ -219,7 +202,7 @@ def compare(
                 delta_bic=present.bic - weight.bic,
                 p_value=(0.0 if present.bic - weight.bic > TIE else 1.0)
                 if exchange
-                else min(1.0, tried * _selections(study, added) * p_value(drop, extra, one_sided=bounded)),
+                else min(1.0, tried * selections(study, added) * p_value(drop, extra, one_sided=bounded)),
                 share=1.0
                 if exchange and now.chi2_per_sample < GROSS
                 else (now.cost - found.cost) / max(now.cost - certain_noise, 1e-9),
@@ -322,55 +305,6 @@ def superfluous(study: Study, now: Fit, effects: Sequence[Candidate], kept: Sequ
         return None
     rest = tuple(e for e in effects if e is not removable[best])
     return Option((removable[best],), rest, fits[best], compared[best + 1], gains[best], 1.0, 0.0, False)
-
-
-def _needed(study: Study, added: tuple[Candidate, ...], weight: Weighed) -> tuple[Candidate, ...]:
-    """The candidates on those joints only that are worth their unknowns.
-
-    Joints go one after the other, as long as the BIC falls. The cost of all that went counts together: each of two
-    neighbouring links may be superfluous as long as the other is free.
-    """
-    kept = []
-    for candidate in added:
-        if not candidate.joints:
-            kept.append(candidate)
-            continue
-        columns = {j: _moving(study, candidate.on([j]), weight) for j in candidate.joints}
-        joints = [j for j in candidate.joints if len(columns[j])]
-        gone = np.zeros(0, dtype=int)
-        saved = 0.0
-        while joints:
-            savings = [_saving(study, np.concatenate([gone, columns[j]]), weight) for j in joints]
-            best = int(np.argmax(savings))
-            if savings[best] <= saved:
-                break
-            saved = savings[best]
-            gone = np.concatenate([gone, columns[joints.pop(best)]])
-        if joints:
-            kept.append(candidate if len(joints) == len(candidate.joints) else candidate.on(joints))
-    return tuple(kept)
-
-
-def _selections(study: Study, added: Sequence[Candidate]) -> int:
-    """Number of ways to choose as many joints as each effect has of those on which it could act."""
-    whole = {c.effect: len(c.joints) for c in (*study.candidates, *study.present)}
-    return prod(comb(max(whole[c.effect], len(c.joints)), len(c.joints)) for c in added)
-
-
-def _moving(study: Study, candidate: Candidate, weight: Weighed) -> np.ndarray:
-    """Indices of the candidate's unknowns that were fitted and are on no bound."""
-    columns = np.flatnonzero(study.problem.of(candidate.names))
-    return columns[np.diag(weight.covariance)[columns] > 0]
-
-
-def _saving(study: Study, columns: np.ndarray, weight: Weighed) -> float:
-    """By how much the BIC falls when these unknowns return to null and all others are fitted again (Wald)."""
-    covariance = weight.covariance[np.ix_(columns, columns)]
-    scale = np.sqrt(np.diag(covariance))
-    moved = (weight.values - study.problem.null)[columns] / scale
-    wald = float(moved @ np.linalg.pinv(covariance / np.outer(scale, scale), rcond=1e-12, hermitian=True) @ moved)
-    determined = float(np.sum(1.0 - scale**2 * study.problem.prior_weight[columns] ** 2))
-    return determined * float(np.log(weight.samples)) - wald
 
 
 def _cost(blocks: Sequence[Block], whitening: Whitening) -> float:

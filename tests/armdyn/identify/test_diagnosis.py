@@ -13,7 +13,13 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError
 from armdyn.identify.diagnose import diagnose
 from armdyn.identify.exchange import exchanged
-from armdyn.identify.noise import autoregression, ljung_box, third_difference_std, whitened
+from armdyn.identify.noise import (
+    autoregression,
+    likeliest_autoregression,
+    ljung_box,
+    third_difference_std,
+    whitened,
+)
 from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
 from armdyn.identify.unknown import periodogram
@@ -150,3 +156,13 @@ def test_periodogram_of_uneven_samples_is_that_of_scipy():
     assert periodogram(time, value, frequencies) == pytest.approx(
         lombscargle(time, value, 2 * np.pi * frequencies), rel=1e-8
     )
+
+
+def test_white_noise_is_not_whitened_and_coloured_noise_is():
+    rng = np.random.default_rng(0)
+    white = [rng.standard_normal(200) for _ in range(200)]
+    assert np.mean([len(likeliest_autoregression([e])) == 0 for e in white]) > 0.9
+    e = rng.standard_normal(3000)
+    for k in range(1, len(e)):
+        e[k] += 0.8 * e[k - 1]
+    assert likeliest_autoregression([e]) == pytest.approx([0.8], abs=0.05)

@@ -1,0 +1,62 @@
+"""Hidden physics in Baxter's right arm is named, on the joints that have it; clean runs are left alone."""
+
+import numpy as np
+import pytest
+from hidden_effects.arm import JOINTS, generate, true_parameters
+
+from armdyn.arm.model import arm_model
+from armdyn.effects.catalogue import CATALOGUE
+from armdyn.identify.diagnose import diagnose
+from armdyn.identify.repair import repair
+from armdyn.identify.study import Study
+from armdyn.identify.verdict import Verdict
+
+JOINT = tuple(effect for effect in CATALOGUE.values() if effect.acts_on == "joint")
+
+
+def study_of(hidden, seed, **settings):
+    runs = [generate(hidden, 1.0, seed, recording=k, **settings) for k in range(2)]
+    return Study(arm_model(robot="baxter"), runs, [], JOINT)
+
+
+def test_a_spring_is_no_offset_and_no_gain_though_either_takes_most_of_it_away():
+    found = diagnose(study_of("gravity_spring", 1))
+    assert found.verdict is Verdict.EFFECT_MISSING
+    assert (found.suspects[0].effect, found.suspects[0].joints) == ("gravity_spring", ("right_s1",))
+    for name, true in true_parameters("gravity_spring", 1.0).items():
+        value = found.suspects[0].parameters[name]
+        assert abs(value.value - true) < 4 * value.std
+
+
+def test_wrong_links_are_named_and_explain_the_runs():
+    found = diagnose(study_of("link_inertia", 2))
+    assert found.suspects[0].effect == "link_inertia"
+    assert found.search.last.fit.chi2_per_sample < 1.1
+    assert [c.effect for c in found.search.last.effects] == ["link_inertia"]
+
+
+def test_friction_stays_symmetric_beside_what_it_could_have_stood_for():
+    # Friction of another size in each direction holds an offset, which stands in for a payload not yet found.
+    found = repair(study_of(("payload", "joint_coulomb_friction"), 1))
+    assert {effect.name for effect in found.model.effects} == {"payload", "joint_coulomb_friction"}
+
+
+@pytest.mark.parametrize("colour", [0.0, 0.8])
+def test_noise_of_any_colour_is_no_missing_effect(colour):
+    assert diagnose(study_of(None, 0, colour=colour)).verdict is Verdict.EXPLAINED
+
+
+def test_cogging_is_no_effect_of_the_catalogue():
+    assert diagnose(study_of("cogging", 0)).verdict is Verdict.UNKNOWN_EFFECT
+
+
+def test_a_turning_joint_leaves_out_the_samples_of_which_nobody_knows_the_sign():
+    from armdyn.arm.motion import measured_motion
+    from armdyn.arm.prepared import settled
+
+    run = generate(None, 1.0, 0)
+    motion, time = measured_motion(run, JOINTS), run.channels["tau.right_e0"].time
+    left_out = ~settled(motion, JOINTS.index("right_e0"), time, 10.0)
+    speed = np.abs(motion.joints[JOINTS.index("right_e0")].curve(time, 1)[:, 0])
+    assert 0 < left_out.mean() < 0.02
+    assert speed[left_out].max() < 0.01  # rad/s
