@@ -18,6 +18,9 @@ from armdyn.run import Run
 from armdyn.units import Known
 
 REMEMBERED = 3
+HELD = 0.1
+"""Share of its typical size to which `Problem.hold_near` takes a parameter of all runs as known: a stretch of motion
+knows a length ten times better, and one of rest must not lead away."""
 Noise = Mapping[tuple[str, str], float]
 """Standard deviation by run and channel, in the channel's unit."""
 
@@ -123,10 +126,11 @@ class Problem:
         return np.array([c.parameter.value for c in self.columns])
 
     def hold_near(self, values: np.ndarray) -> None:
-        """Take (P,) values as known to a typical size where nothing better is: for runs that hardly tell anything."""
-        free = self.prior_weight == 0.0
-        self.prior_mean = np.where(free, values, self.prior_mean)
-        self.prior_weight = np.where(free, 1.0 / self.typical, self.prior_weight)
+        """Take (P,) values as known, weakly, where nothing better is: for runs that hardly tell anything."""
+        unknown = self.prior_weight == 0.0
+        held = np.where(self.per_run, 1.0, HELD) * self.typical
+        self.prior_mean = np.where(unknown, values, self.prior_mean)
+        self.prior_weight = np.where(unknown, 1.0 / held, self.prior_weight)
 
     def of(self, names: Sequence[str]) -> np.ndarray:
         """(P,) bool: the unknowns of these parameters."""
