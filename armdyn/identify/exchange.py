@@ -21,7 +21,7 @@ from armdyn.identify.evidence import Whitening, whitening_of
 from armdyn.identify.fit import Fit
 from armdyn.identify.noise import whitened
 from armdyn.identify.score import Candidate
-from armdyn.identify.select import CLOSE, TIE, gained
+from armdyn.identify.select import CLOSE, SAME, TIE, gained
 from armdyn.identify.study import Study
 
 MOST_EXCHANGED = 2
@@ -82,7 +82,7 @@ def exchanged(study: Study, now: Fit, effects: Sequence[Candidate], beam: Sequen
         sets = [option.effects for option in promising]
         rivals = [s for s, b in zip(sets, behind, strict=True) if len(s) == len(here) and abs(b) < TIE]
         for i in np.argsort(behind):
-            if behind[i] < 0 and _confirmed(study, fit, fits[i], whitening, float(behind[i])):
+            if behind[i] < -SAME and _confirmed(study, fit, fits[i], whitening, float(behind[i])):
                 here, fit, promising = sets[i], fits[i], []
                 break
         else:

@@ -40,6 +40,9 @@ NEARLY = 0.9
 further unknowns gain: dry friction before asymmetric dry friction."""
 UNHARMED = 3.0
 """By how much the whitened cost of held-out runs may rise by chance."""
+SAME, SAME_SHARE = 0.1, 1e-5
+"""Differences of evidence, and share of the largest, up to which two effects do the same and the catalogue's order
+decides which is named first: rounding must not."""
 PAIRED = 5
 """Best single effects that are tried in pairs."""
 
@@ -209,7 +212,9 @@ def compare(
                 far=now.chi2_per_sample > GROSS,
             )
         )
-    options.sort(key=lambda o: -o.delta_bic)
+    place = {candidate.effect: i for i, candidate in enumerate(study.candidates)}
+    grain = max(SAME, SAME_SHARE * max((abs(o.delta_bic) for o in options), default=0.0))
+    options.sort(key=lambda o: (-round(o.delta_bic / grain), [place.get(c.effect, -1) for c in o.added]))
     return confirmed(study, now, Ranking(tuple(options), tuple(o.delta_bic for o in options), whitening, present))
 
 
@@ -260,7 +265,8 @@ def confirmed(study: Study, now: Fit, ranking: Ranking) -> Ranking:
             best = option.delta_bic
         # Runs that were given to be held out add to the evidence; runs held out in turn are in it already.
         evidence.append(option.delta_bic + (gain if study.held_out else 0.0))
-    order = sorted(range(len(options)), key=lambda i: -evidence[i])
+    grain = max(SAME, SAME_SHARE * max((abs(e) for e in evidence), default=0.0))
+    order = sorted(range(len(options)), key=lambda i: -round(evidence[i] / grain))
     return Ranking(
         tuple(options[i] for i in order), tuple(evidence[i] for i in order), ranking.whitening, ranking.present
     )
