@@ -14,6 +14,9 @@ def write_text(path: Path, text: str) -> None:
     """
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
+        if path.exists() and not path.is_file():  # a device or a pipe is written to, not replaced
+            path.write_text(text, encoding="utf-8", newline="")
+            return
         try:
             temporary.write_text(text, encoding="utf-8", newline="")
             temporary.replace(path)

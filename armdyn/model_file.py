@@ -1,5 +1,6 @@
 """Model files: readable TOML, the only state that is kept between commands."""
 
+import math
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -165,6 +166,8 @@ def _parsed(table: Mapping[str, Any], folder: Path, extra: Sequence[Effect]) -> 
         if key not in KEYS:
             raise UnknownNameError("key", key, KEYS)
     base = table.get("base")
+    if base is None:
+        raise InputError('there is no base: write base = "pendulum" or base = "arm" on the first line')
     if base not in BASES:
         raise UnknownNameError("base", str(base), BASES)
     model, description = _base(table, folder)
@@ -220,6 +223,11 @@ def _parameter(model: Model, name: str, entry: Any) -> Parameter:
         std = float(entry["std"]) * factor if "std" in entry else None
     except (TypeError, ValueError) as error:
         raise InputError(f"parameter {name}: value and std are numbers") from error
+    if not parameter.lower <= value <= parameter.upper:
+        allowed = f"{parameter.lower:g} to {parameter.upper:g} {parameter.unit}"
+        raise InputError(f"parameter {name}: {value:g} {parameter.unit} is outside its physical range {allowed}")
+    if std is not None and not 0.0 <= std < math.inf:
+        raise InputError(f"parameter {name}: std is {std:g}: write a finite number that is not negative, or none")
     fitted = entry.get("fitted", parameter.fitted)
     if not isinstance(fitted, bool):
         raise InputError(f"parameter {name}: fitted is true or false")
@@ -233,4 +241,6 @@ def _parameter(model: Model, name: str, entry: Any) -> Parameter:
         if known is None or known.std is None:
             raise InputError(f'parameter {name}: write its prior as "0.08 +/- 0.0004", in {parameter.unit}')
         prior = Prior(known.value, known.std)
+        if not parameter.lower <= prior.mean <= parameter.upper:
+            raise InputError(f"parameter {name}: the mean of its prior, {prior.mean:g}, is outside its physical range")
     return replace(parameter, value=value, std=std, fitted=fitted, prior=prior)

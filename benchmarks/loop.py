@@ -29,7 +29,7 @@ from pipeline.trial.experiment import run_trial
 from pipeline.trial.settings import TrialSettings
 
 HIDDEN = {
-    "quadratic_drag": ("coefficient", 0.05), "string_creep": ("rate", 1e-3), "wind": ("force", 0.15),
+    "quadratic_drag": ("coefficient", 0.05), "string_creep": ("rate", 1e-3), "wind": ("force", 0.2),
     "load_inertia": ("inertia", 4e-3), "gripper_lag": ("time", 0.09), "pivot_viscous_friction": ("coefficient", 7e-3),
 }  # fmt: skip
 """Parameter and value in SI units, each large enough that the robot's usual model mostly misses the box."""

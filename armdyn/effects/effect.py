@@ -63,7 +63,17 @@ class Effect:
             stage: symbolic physics of the stage `acts_on`.
             parameters: expressions by full name, ``"<effect>.<quantity>"``.
         """
-        return self.function(stage, **{short: parameters[f"{self.name}.{short}"] for short in self.quantities})
+        try:
+            changed = self.function(stage, **{short: parameters[f"{self.name}.{short}"] for short in self.quantities})
+        except (AttributeError, TypeError, ValueError, ZeroDivisionError, NotImplementedError) as error:
+            fault = f"{type(error).__name__}: {error}"
+            raise InputError(f"the effect '{self.name}' fails with {fault}: mend its file") from error
+        if not isinstance(changed, type(stage)):
+            raise InputError(
+                f"the effect '{self.name}' returns a {type(changed).__name__}: return the {self.acts_on} that it was "
+                "given, with something added"
+            )
+        return changed
 
     def parameters(self) -> tuple[Parameter, ...]:
         """The parameters with their full names, at their null values."""

@@ -24,6 +24,7 @@ def prepared(model: Model, runs: Sequence[Run], held_out: Sequence[Run] = ()) ->
     if not runs:
         raise InputError("no run given: give at least one recording")
     _check_distinct(runs, held_out)
+    _check_data_distinct(model, runs, held_out)
     named = _with_distinct_names([*runs, *held_out])
     ready = [_ready(model, run) for run in named]
     return ready[: len(runs)], ready[len(runs) :]
@@ -73,6 +74,17 @@ def _check_distinct(runs: Sequence[Run], held_out: Sequence[Run]) -> None:
                 raise InputError(f"{where}: is given twice: name every run once")
             raise InputError(f"{where}: is a held-out run and also a training run: name it in one place")
         seen[identity] = role
+
+
+def _check_data_distinct(model: Model, runs: Sequence[Run], held_out: Sequence[Run]) -> None:
+    """Refuse a copy of a recording, also one in another format: it is no second witness."""
+    seen: dict[object, Run] = {}
+    for run in (*runs, *held_out):
+        readings = tuple(run.channels[name].value.round(9).tobytes() for name in model.predicted_channels(run))
+        if readings in seen:
+            first = seen[readings]
+            raise InputError(f"{run.source or run.name}: holds the same data as {first.source or first.name}: give one")
+        seen[readings] = run
 
 
 def _with_distinct_names(runs: Sequence[Run]) -> list[Run]:

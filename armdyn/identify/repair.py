@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
 from armdyn.identify.compare import Comparison, comparison
-from armdyn.identify.diagnose import explained_share, judge
+from armdyn.identify.diagnose import EXPLAINED_SHARE, explained_share, judge
 from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.search import Progress, Search, Step, search
 from armdyn.identify.study import Study
 from armdyn.identify.unknown import Unknown, characterise
 from armdyn.identify.verdict import Verdict
-from armdyn.identify.whiteness import remainder
+from armdyn.identify.whiteness import LARGEST_Z, remainder
 from armdyn.model import Model
 
 
@@ -76,6 +76,8 @@ def add(study: Study, wanted: Iterable[Effect]) -> Repair:
     for effect in wanted:
         found = next((c for c in study.candidates if c.effect == effect.name), None)
         if found is None:
+            if not effect.parameters():
+                raise InputError(f"the effect '{effect.name}' has no parameter, so there is nothing to fit")
             raise InputError(f"the model already has the effect '{effect.name}'")
         candidate = found.on(effect.joints) if effect.joints else found
         effects = (*effects, candidate)
@@ -150,9 +152,11 @@ def _verdict(study: Study, found: Search, unknown: Unknown | None) -> Verdict:
     """After a repair: explained, or what still stands in the way."""
     if not found.last.remainder.fails:
         return Verdict.EXPLAINED
-    if len(found.steps) > 1 and (unknown is None or not unknown.significant):
-        return Verdict.EXPLAINED
-    return judge(study, Search(found.steps[-1:], None), unknown)
+    if judge(study, Search(found.steps[-1:], None), unknown) is Verdict.EXPLAINED:
+        return Verdict.EXPLAINED  # coloured noise
+    shapeless = unknown is None or not unknown.significant
+    little = len(found.steps) > 1 and explained_share(found.steps[0], found.last) > EXPLAINED_SHARE
+    return Verdict.EXPLAINED if shapeless and little else Verdict.UNKNOWN_EFFECT
 
 
 def _sentence(verdict: Verdict, found: Search, unknown: Unknown | None) -> str:
@@ -165,9 +169,11 @@ def _sentence(verdict: Verdict, found: Search, unknown: Unknown | None) -> str:
     ties = {tied.effect for tied in found.tied}
     if ties:
         text += f"; these runs cannot tell {', '.join(sorted(ties))} from what was added"
-    if verdict is Verdict.EXPLAINED:
-        return text + "; what is left is noise."
     share = explained_share(start, last) if added else 0.0
+    if verdict is Verdict.EXPLAINED:
+        if added and last.remainder.z > LARGEST_Z:
+            return text + f"; what is left, {100 * (1 - share):.2g} % of the misfit, shows no structure."
+        return text + "; what is left is noise."
     text += f"; {100 * (1 - share):.3g} % of the misfit is left and nothing in the catalogue explains it"
     return text + (f" ({unknown.sentence})." if unknown is not None and unknown.sentence else ".")
 

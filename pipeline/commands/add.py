@@ -12,6 +12,7 @@ from pipeline.commands.identify_options import (
     ReportOption,
     RunsArgument,
     check_outputs,
+    inputs_of,
     read_study,
     spinner,
 )
@@ -38,7 +39,7 @@ def add(
     from armdyn.effects.catalogue import find
     from armdyn.identify.repair import add as extend
 
-    check_outputs(output, report, json_file)
+    check_outputs(output, report, json_file, inputs=inputs_of(model, output, runs, held_out))
     with spinner() as say:
         given = read_study(model, runs, held_out, effects)
         wanted = find(effect, given.catalogue)

@@ -38,7 +38,7 @@ def compare(
     """Fit what is free, and say how well the model does and where it fails."""
     from armdyn.identify.compare import compare as hold_against
 
-    check_outputs(report, json_file)
+    check_outputs(report, json_file, inputs=[model, *runs, *(held_out or ())])
     with spinner() as say:
         given = read_study(model, runs, held_out, effects)
         say("fitting")

@@ -39,7 +39,7 @@ def diagnose(
 
     from armdyn.identify.diagnose import diagnose as find_missing
 
-    check_outputs(report, json_file)
+    check_outputs(report, json_file, inputs=[model, *runs, *(held_out or ())])
     with spinner() as say:
         given = read_study(model, runs, held_out, effects)
         found = find_missing(given.study, say)

@@ -61,21 +61,35 @@ def read_study(model: Path, runs: list[Path], held_out: list[Path] | None, effec
     return Given(file, catalogue, study)
 
 
-def check_outputs(*files: Path | None) -> None:
-    """Refuse early what could not be written at the end.
+def check_outputs(*files: Path | None, inputs: Sequence[Path] = ()) -> None:
+    """Refuse early what could not be written at the end, or would destroy what was read.
+
+    Args:
+        files: to be written, None for none and ``-`` for standard output.
+        inputs: recordings and models that are read.
 
     Raises:
-        InputError: a directory is missing, or is given in place of a file.
+        InputError: a directory is missing, or is given in place of a file; a file is to be written twice or was read.
     """
     from armdyn.errors import InputError
 
+    taken = {file.resolve(): "an input" for file in inputs}
     for file in files:
         if file is None or file == Path("-"):
             continue
+        if file.resolve() in taken:
+            raise InputError(f"{file} is {taken[file.resolve()]}: choose another file to write")
+        taken[file.resolve()] = "also to be written as something else"
         if file.is_dir():
             raise InputError(f"{file} is a directory: give the file to write")
         if not file.absolute().parent.is_dir():
             raise InputError(f"cannot write {file}: there is no directory {file.parent}; choose another place")
+
+
+def inputs_of(model: Path, output: Path | None, runs: list[Path], held_out: list[Path] | None) -> list[Path]:
+    """What a repair must not write over: recordings, and the model unless it is named as the output, too."""
+    over = output is not None and output.resolve() == model.resolve()
+    return [*runs, *(held_out or ()), *([] if over else [model])]
 
 
 @contextmanager

@@ -39,6 +39,7 @@ def pendulum(
         known[name.strip()] = text
     check_outputs(model, json_file)
     file = ModelFile(base_pendulum(known), {})
+    _check_target(model)
     write_model_file(model, file)
     _say(model, file, json_file)
 
@@ -69,6 +70,7 @@ def arm(
     if tool is not None:
         description["tool"] = tool
     file = ModelFile(made, description)
+    _check_target(model)
     write_model_file(model, file)
     _say(model, file, json_file)
 
@@ -94,3 +96,15 @@ def _say(path: Path, file: Any, json_file: Path | None) -> None:
 
 def _joints(description: dict[str, Any]) -> str:
     return f", joints {', '.join(description['joints'])}" if "joints" in description else ""
+
+
+def _check_target(model: Path) -> None:
+    """A model may take the place of a model, not of a recording.
+
+    Raises:
+        InputError: the file is there and is no model file.
+    """
+    from armdyn.errors import InputError
+
+    if model.is_file() and model.suffix != ".toml":
+        raise InputError(f"{model} exists and is no model file: choose another name")

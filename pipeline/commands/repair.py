@@ -16,6 +16,7 @@ from pipeline.commands.identify_options import (
     ReportOption,
     RunsArgument,
     check_outputs,
+    inputs_of,
     read_study,
     say_fit,
     say_ladder,
@@ -44,7 +45,7 @@ def repair(
     """Add the effects that are missing, one after the other, and watch the error fall."""
     from armdyn.identify.repair import repair as mend
 
-    check_outputs(output, report, json_file)
+    check_outputs(output, report, json_file, inputs=inputs_of(model, output, runs, held_out))
     with spinner() as say:
         given = read_study(model, runs, held_out, effects)
         found = mend(given.study, say)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pipeline.commands.identify_options import EffectsOption, check_outputs
 from pipeline.commands.output import JsonOption, to_screen, write_json
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ def trial(
     model: Annotated[
         Path | None, typer.Option(help="Model file for estimator, control and planner, such as a repaired one.")
     ] = None,
+    effects: EffectsOption = None,
     seed: Annotated[int, typer.Option(help="Of everything random in the simulation.")] = 0,
     out: Annotated[Path, typer.Option(help="Directory for the recording and the report.")] = Path("out/trial"),
     picture: Annotated[bool, typer.Option("--picture", help="Render the swing: swing.png and swing.gif.")] = False,
@@ -46,7 +48,8 @@ def trial(
     from pipeline.trial.report import report_of
     from pipeline.trial.settings import TrialSettings
 
-    given = _pendulum(model) if model else None
+    check_outputs(json_file)
+    given = _pendulum(model, effects) if model else None
     guess = length_guess if length_guess is not None else given.value("length") if given else 0.328
     settings = TrialSettings(
         length_guess=guess, length=length, estimate=not no_estimation, hidden=parse_hidden(hidden or []), model=given,
@@ -71,19 +74,21 @@ def trial(
                 f"(true {length:g} m, guess {guess:g} m)"
             )
         say(f"[bold {'green' if result.success else 'red'}]{result.message}[/]")
-        say(f"report {report}, recording {result.recording}")
+        say(f"report {report}, recording {result.recording}", soft_wrap=True)
         if not result.success and result.estimates:
-            say(f"what the model lacks: armdyn repair {out / 'model.toml'} {out / 'trial.csv'} --output repaired.toml")
+            repair = f"armdyn repair {out / 'model.toml'} {out / 'trial.csv'} --output repaired.toml"
+            say(f"what the model lacks: {repair}", soft_wrap=True)
     if not result.success:
         raise typer.Exit(1)
 
 
-def _pendulum(file: Path) -> "PendulumModel":
+def _pendulum(file: Path, effects: Path | None) -> "PendulumModel":
+    from armdyn.effects.user import load_effects
     from armdyn.errors import InputError
     from armdyn.model_file import read_model
     from armdyn.pendulum.model import PendulumModel
 
-    model = read_model(file)
+    model = read_model(file, load_effects(effects) if effects is not None else ())
     if not isinstance(model, PendulumModel):
         raise InputError(f"{file}: a trial needs a pendulum; this is a model of base '{model.base}'")
     return model

@@ -12,7 +12,7 @@ import numpy as np
 import ik
 import urdf
 from armdyn.control.task import SwingPlan, SwingState
-from armdyn.errors import TaskFailedError
+from armdyn.errors import InputError, TaskFailedError
 from armdyn.identify.estimator import Estimator
 from armdyn.identify.least_squares import Outcome
 from armdyn.model_file import ModelFile, write_model_file
@@ -264,7 +264,12 @@ class Experiment:
     @contextmanager
     def _directory(self) -> Iterator[Path]:
         if self.settings.out is not None:
-            self.settings.out.mkdir(parents=True, exist_ok=True)
+            try:
+                self.settings.out.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise InputError(
+                    f"cannot write to {self.settings.out}: {error.strerror or error}; choose another directory"
+                ) from error
             yield self.settings.out
             return
         with TemporaryDirectory() as scratch:

@@ -30,6 +30,15 @@ BAD_RUNS = {
     "cut off": (GOOD[:-12], "cut off"),
 }
 
+BROKEN = """
+from armdyn.effects.effect import effect
+from armdyn.parameter import quantity
+
+@effect("slip", acts_on="load", summary="s", source="s")
+def slip(load, coefficient=quantity("N", typical=1e-3)):
+    return load.with_force(coefficient * load.sped)
+"""
+
 
 @pytest.fixture
 def armdyn(monkeypatch, capfd):
@@ -50,6 +59,8 @@ def armdyn(monkeypatch, capfd):
 def place(tmp_path):
     (tmp_path / "m.toml").write_text('base = "pendulum"\neffects = []\n')
     (tmp_path / "good.csv").write_text(GOOD)
+    (tmp_path / "copy.csv").write_text(GOOD)
+    (tmp_path / "broken.py").write_text(BROKEN)
     return tmp_path
 
 
@@ -79,6 +90,9 @@ def test_a_bad_recording_is_refused(armdyn, place, case):
         ('base = "pendulm"\n', "did you mean 'pendulum'"),
         ("base = \n", "not TOML"),
         ('base = "pendulum"\n[parameters]\nlength = { value = -1.0 }\n', "physical range"),
+        ('base = "pendulum"\n[parameters]\nlength = { value = 1.0, std = nan }\n', "std is nan"),
+        ('base = "pendulum"\n[parameters]\nlength = { value = 1.0, prior = "9.0 +/- 0.1" }\n', "physical range"),
+        ("effects = []\n", "there is no base"),
     ],
 )
 def test_a_bad_model_file_is_refused(armdyn, place, model, expected):
@@ -95,6 +109,15 @@ def test_a_bad_model_file_is_refused(armdyn, place, model, expected):
         (("diagnose", "m.toml", "absent.csv"), "no such file"),
         (("add", "m.toml", "linear_dragg", "good.csv"), "did you mean 'linear_drag'"),
         (("repair", "m.toml", "good.csv", "--output", "nowhere/n.toml"), "no directory"),
+        (("repair", "m.toml", "good.csv", "--output", "good.csv"), "is an input"),
+        (("compare", "m.toml", "good.csv", "--report", "m.toml"), "is an input"),
+        (("compare", "m.toml", "good.csv", "--report", "r", "--json", "r"), "also to be written"),
+        (("compare", "m.toml", "good.csv", "copy.csv"), "same data"),
+        (("compare", "m.toml", "good.csv", "--held-out", "copy.csv"), "same data"),
+        (("add", "m.toml", "slip", "good.csv", "--effects", "broken.py"), "mend its file"),
+        (("trial", "--out", "good.csv"), "choose another directory"),
+        (("trial", "--json", "nowhere/x.json"), "no directory"),
+        (("new", "pendulum", "good.csv"), "no model file"),
         (("new", "pendulum", "n.toml", "--set", "mass=80"), "has no unit"),
         (("new", "pendulum", "n.toml", "--set", "masss=80 g"), "did you mean 'mass'"),
         (("new", "arm", "n.toml"), "either --urdf"),
