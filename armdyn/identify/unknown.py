@@ -161,7 +161,8 @@ def sparse_terms(fit: Fit) -> tuple[Term, ...]:
         run.name: problem.model.circumstances(run, problem.theta(i, fit.values)) for i, run in enumerate(problem.runs)
     }
     found: list[Term] = []
-    for channel in dict.fromkeys(block.channel for block in fit.blocks):
+    channels = dict.fromkeys(block.channel for block in fit.blocks)
+    for channel in channels:
         coefficients, std = whitening[channel]
         blocks = [b for b in fit.blocks if b.channel == channel]
         names = set.intersection(*(set(states[b.run]) for b in blocks))
@@ -189,7 +190,7 @@ def sparse_terms(fit: Fit) -> tuple[Term, ...]:
                 size = float(np.linalg.norm(rest))
                 if size > 1e-3 * np.linalg.norm(column) and (drop := float(rest @ y) ** 2 / size**2) > gain:
                     best, gain, direction = expression, drop, rest / size
-            p = min(1.0, len(columns) * p_value(gain, 1))
+            p = min(1.0, len(channels) * len(columns) * p_value(gain, 1))
             if not best or p > SIGNIFICANCE:
                 break
             found.append(Term(channel, best, gain / total, p))
@@ -201,7 +202,8 @@ def tones(fit: Fit) -> tuple[Tone, ...]:
     """The strongest frequency of each channel's whitened residual, where it is stronger than noise makes one."""
     whitening = whitening_of(fit)
     found = []
-    for channel in dict.fromkeys(block.channel for block in fit.blocks):
+    channels = dict.fromkeys(block.channel for block in fit.blocks)
+    for channel in channels:
         coefficients, std = whitening[channel]
         blocks = [b for b in fit.blocks if b.channel == channel]
         interval = float(np.median(np.concatenate([np.diff(b.time) for b in blocks])))
@@ -212,7 +214,7 @@ def tones(fit: Fit) -> tuple[Tone, ...]:
         for b in blocks:
             power += periodogram(b.time[order:], whitened(b.residual, coefficients) / std, frequencies)
         best = int(np.argmax(power))
-        p = min(1.0, len(frequencies) * p_value(2 * float(power[best]), 2 * len(blocks)))
+        p = min(1.0, len(channels) * len(frequencies) * p_value(2 * float(power[best]), 2 * len(blocks)))
         if p < SIGNIFICANCE:
             raw = np.concatenate([b.misfit for b in blocks])
             time = np.concatenate([b.time for b in blocks])
