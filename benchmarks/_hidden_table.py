@@ -5,8 +5,10 @@ A row is a dictionary. Its truth values under the keys of `SHARES` become column
 """
 
 import argparse
+import importlib.util
 import json
 import os
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
@@ -30,6 +32,18 @@ Row = dict[str, Any]
 SHARES = ("named", "honest", "joints", "tie", "alone", "false", "exact", "flagged")
 GOOD_HELD_OUT = 1.1
 """Chi2 per sample of held-out runs up to which a repair counts as complete."""
+
+
+def generator(name: str) -> Any:
+    """`tests/hidden_effects/<name>.py` as a module; the tests are no package."""
+    path = Path(__file__).parents[1] / f"tests/hidden_effects/{name}.py"
+    spec = importlib.util.spec_from_file_location(f"hidden_{name}", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # its dataclasses look themselves up there
+    spec.loader.exec_module(module)
+    return module
 
 
 def parser(description: str | None, what: str, seeds: int) -> argparse.ArgumentParser:

@@ -10,9 +10,7 @@ Rules were chosen on seeds 0 to 49. Processor time counts a diagnosis after the 
 and loads the equations of the whole catalogue. `--recordings DIR` keeps recordings from one call to the next.
 """
 
-import importlib.util
 import pickle
-import sys
 import time
 import zlib
 from functools import cache
@@ -31,13 +29,7 @@ from armdyn.pendulum.model import pendulum_model
 from armdyn.run import Run
 from armdyn.units import Known
 
-_PATH = Path(__file__).parents[1] / "tests/hidden_effects/pendulum.py"
-_SPEC = importlib.util.spec_from_file_location("hidden_pendulum", _PATH)
-assert _SPEC is not None
-assert _SPEC.loader is not None
-hidden_pendulum = importlib.util.module_from_spec(_SPEC)
-sys.modules["hidden_pendulum"] = hidden_pendulum
-_SPEC.loader.exec_module(hidden_pendulum)
+hidden_pendulum = hidden_table.generator("pendulum")
 
 PENDULUM = tuple(effect for effect in CATALOGUE.values() if effect.acts_on != "joint")
 OUTSIDE = {"one_sided_rub": 4e-3, "hum": 0.01, "magnet": 0.1, "sensor_play": 0.01, "sensor_clipping": 1.03}

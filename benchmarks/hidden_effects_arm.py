@@ -21,16 +21,15 @@ What counts as right:
 """
 
 import argparse
-import importlib.util
 import json
 import multiprocessing
 import os
-import sys
 import time
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import _hidden_table as hidden_table
 import numpy as np
 
 from armdyn.arm.model import arm_model
@@ -43,13 +42,7 @@ from armdyn.identify.search import Step
 from armdyn.identify.study import Study
 from armdyn.run import Run
 
-_PATH = Path(__file__).parents[1] / "tests/hidden_effects/arm.py"
-_SPEC = importlib.util.spec_from_file_location("hidden_arm", _PATH)
-assert _SPEC is not None
-assert _SPEC.loader is not None
-hidden_arm = importlib.util.module_from_spec(_SPEC)
-sys.modules["hidden_arm"] = hidden_arm
-_SPEC.loader.exec_module(hidden_arm)
+hidden_arm = hidden_table.generator("arm")
 
 JOINT = tuple(effect for effect in CATALOGUE.values() if effect.acts_on == "joint")
 PAIRS = (

@@ -6,10 +6,10 @@ import numpy as np
 
 from armdyn.identify.compare import Comparison, FittedParameter, comparison, fitted_parameters
 from armdyn.identify.fit import channel_rmse
+from armdyn.identify.ranking import Option, Ranking
 from armdyn.identify.remedies import remedies
 from armdyn.identify.score import Candidate
 from armdyn.identify.search import Progress, Search, Step, search
-from armdyn.identify.select import Option, Ranking
 from armdyn.identify.study import Study
 from armdyn.identify.unknown import Unknown, characterise
 from armdyn.identify.verdict import Verdict

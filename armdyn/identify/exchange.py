@@ -20,8 +20,9 @@ import numpy as np
 from armdyn.identify.evidence import Whitening, whitening_of
 from armdyn.identify.fit import Fit
 from armdyn.identify.noise import whitened
+from armdyn.identify.ranking import TIE
 from armdyn.identify.score import Candidate
-from armdyn.identify.select import CLOSE, SAME, TIE, gained
+from armdyn.identify.select import CLOSE, SAME, gained
 from armdyn.identify.study import Study
 
 MOST_EXCHANGED = 2

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 from armdyn.identify.exchange import Beam, exchanged
 from armdyn.identify.fit import Fit
+from armdyn.identify.ranking import Option, Ranking
 from armdyn.identify.score import Candidate
-from armdyn.identify.select import Option, Ranking, compare, rank, rank_pairs, superfluous
+from armdyn.identify.select import compare, rank, rank_pairs, superfluous
 from armdyn.identify.study import Study
 from armdyn.identify.whiteness import Remainder, remainder
 

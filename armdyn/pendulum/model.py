@@ -1,7 +1,7 @@
 """The pendulum as a model: what a load cell and an angle sensor should have read in a run."""
 
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from types import MappingProxyType
 
@@ -15,17 +15,16 @@ from armdyn.model import Model, Prediction
 from armdyn.parameter import Parameter
 from armdyn.pendulum.composition import compose, natural_order
 from armdyn.pendulum.dynamics import OUTPUTS, Dynamics, TensionFormula, derive_dynamics
-from armdyn.pendulum.path import GripperPath, fixed_path, grid_size, smoothed_path
+from armdyn.pendulum.path import GripperPath
 from armdyn.pendulum.physics import Expression
 from armdyn.pendulum.readout import lagged, sampled
+from armdyn.pendulum.recorded import run_path
 from armdyn.pendulum.simulate import Rollout, Simulator
 from armdyn.pendulum.trailing import TrailingPath
 from armdyn.pendulum.variational import VariationalStep, derive_variational
 from armdyn.run import Channel, Run
 from armdyn.thinning import thinned
 
-FINEST_GRID, COARSEST_GRID = 0.005, 0.01
-"""s; at 0.01 s a Runge-Kutta step of a 0.15 m pendulum is exact to 1e-7."""
 FIRST_STRETCH = 0.05
 """s over which the first angles are averaged for a guess of angle and rate."""
 INITIAL = ("initial_angle", "initial_rate")
@@ -90,8 +89,10 @@ class PendulumModel(Model):
         initial = [float(theta[self.names.index(name)]) for name in INITIAL]
         formulation = self._formulation
         simulator = _simulator(formulation.dynamics, self.formulation, channels, formulation.trails)
-        hung_from = TrailingPath(path, self.gripper_lag(physics)) if formulation.trails else path
-        return simulator.rollout(hung_from, physics, *initial)
+        return simulator.rollout(self._hung_from(path, physics), physics, *initial)
+
+    def _hung_from(self, path: GripperPath, physics: np.ndarray) -> GripperPath | TrailingPath:
+        return TrailingPath(path, self.gripper_lag(physics)) if self._formulation.trails else path
 
     def gripper_lag(self, physics: np.ndarray) -> float:
         """Time by which the string's upper end trails the measured gripper, s; `physics` as `physics_theta`."""
@@ -101,7 +102,7 @@ class PendulumModel(Model):
         """Speed of the string's upper end (m/s), angle (rad) and rate (rad/s) after a path, with the present values."""
         physics, dynamics = self.physics_theta(), self._formulation.dynamics
         state = self.rollout(path, self.theta(), channels=("load_force",)).states[-1]
-        hung_from = TrailingPath(path, self.gripper_lag(physics)) if self._formulation.trails else path
+        hung_from = self._hung_from(path, physics)
         motion = np.append(hung_from.inputs[0][:, -1], hung_from.jerk[0][0, -1])[: dynamics.inputs]
         return float(motion[2]), float(state[0]), float(dynamics.rate(state, motion, physics))
 
@@ -274,46 +275,6 @@ def _planar(effects: tuple[Effect, ...], tension: TensionFormula) -> Dynamics:
 @lru_cache(maxsize=64)
 def _variational(effects: tuple[Effect, ...]) -> VariationalStep:
     return derive_variational(compose(effects))
-
-
-@dataclass(frozen=True, eq=False)
-class GrowingRun(Run):
-    """A run that is still being recorded, with the gripper's path smoothed as it grew.
-
-    Attributes:
-        path: on a grid that starts at the first sample.
-    """
-
-    path: GripperPath = field(kw_only=True)
-
-
-def run_path(run: Run) -> GripperPath:
-    """The gripper's path in a run: smoothed where only positions were measured, at rest where there is no gripper."""
-    return run.path if isinstance(run, GrowingRun) else _recorded_path(run)
-
-
-@lru_cache(maxsize=64)
-def _recorded_path(run: Run) -> GripperPath:
-    ends = [(c.time[0], c.time[-1]) for name, c in run.channels.items() if name in OUTPUTS or name == "gripper_x"]
-    start, end = min(e[0] for e in ends), max(e[1] for e in ends)
-    if "gripper_x" not in run.channels:
-        interval = min(float(np.median(np.diff(run.channels[n].time))) for n in OUTPUTS if n in run.channels)
-        return fixed_path(start, end, float(np.clip(interval, FINEST_GRID, COARSEST_GRID)))
-    x = run.channels["gripper_x"]
-    dt = float(np.clip(np.median(np.diff(x.time)), FINEST_GRID, COARSEST_GRID))
-    grid = x.time[0] + dt * np.arange(grid_size(x.time[0], x.time[-1], dt))
-    height = None
-    if "gripper_z" in run.channels:
-        z = run.channels["gripper_z"]
-        level = np.interp(grid, z.time, z.value)
-        smooth = smoothed_path(grid, level - level[0], dt, exact=run.noise.get("gripper_z") == 0.0)
-        height = np.vstack([smooth.x, smooth.v, smooth.a])
-    given = [run.channels[n] for n in ("gripper_v", "gripper_a") if n in run.channels]
-    if len(given) == 2:
-        position, speed, acceleration = (np.interp(grid, c.time, c.value) for c in (x, *given))
-        return GripperPath(float(grid[0]), dt, position, speed, acceleration, height)
-    along = smoothed_path(x.time, x.value, dt, exact=run.noise.get("gripper_x") == 0.0)
-    return GripperPath(along.start, dt, along.x, along.v, along.a, height)
 
 
 def pendulum_model(

@@ -7,8 +7,8 @@ from math import inf
 import numpy as np
 
 import urdf
-from armdyn.pendulum.model import GrowingRun
 from armdyn.pendulum.path import GripperPath, GrowingPath
+from armdyn.pendulum.recorded import GrowingRun
 from armdyn.run import Channel
 from pipeline.loadcell.faults import FaultDetector
 from pipeline.nodes.line_sensor import LineSensor

@@ -6,7 +6,7 @@ from time import perf_counter
 import numpy as np
 
 from armdyn.control.sac import SacAction, SacSettings, SacState, SequentialActionControl
-from armdyn.pendulum.model import run_path
+from armdyn.pendulum.recorded import run_path
 from pipeline.motion import LineState
 from pipeline.nodes.drive import DriveNode
 from pipeline.nodes.estimator import EstimatorNode

@@ -16,7 +16,7 @@ from armdyn.errors import InputError, TaskFailedError
 from armdyn.identify.estimator import Estimator
 from armdyn.identify.least_squares import Outcome
 from armdyn.model_file import ModelFile, write_model_file
-from armdyn.pendulum.model import run_path
+from armdyn.pendulum.recorded import run_path
 from armdyn.run import Known
 from pipeline.loadcell.faults import FaultDetector, FaultLimits
 from pipeline.motion import Gate, LineLimits, LineSmoother, LineState, LineTrajectory
