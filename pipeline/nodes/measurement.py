@@ -123,6 +123,10 @@ class MeasurementNode:
         if found is not None and self.load_hangs and self.fault is None:
             self.fault = f"load cell at {now:.2f} s: {found.value}"
 
+    def expect_touch(self, time: float) -> None:
+        """From `time` s on the load may touch the box: what is measured then is recorded as landing."""
+        self.hangs_until = time
+
     def let_down(self, time: float) -> None:
         """From `time` s on the load hangs no more: what follows is recorded as landing."""
         self._record_until(time)

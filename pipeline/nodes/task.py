@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import cos, inf, sin
+from math import cos, sin
 
 import numpy as np
 
@@ -88,7 +88,6 @@ class TaskNode:
         swing: the plan of the last swing.
         trajectory: what the gripper was told to do in it, finish included.
         started: time at which the swing began, s.
-        near_box: time at which the load comes near the box, s; infinite while there is no swing.
     """
 
     name = "task"
@@ -104,7 +103,6 @@ class TaskNode:
         self.swing: SwingPlan | None = None
         self.trajectory: LineTrajectory | None = None
         self.started: float | None = None
-        self.near_box = inf
 
     @property
     def idle(self) -> bool:
@@ -138,12 +136,13 @@ class TaskNode:
 
         self._request = carry_out
 
-    def throw(self, model: PendulumModel, begun: float | None) -> None:
+    def throw(self, model: PendulumModel, begun: float | None, announce: Callable[[float], None]) -> None:
         """Ask for the swing into the box, from rest.
 
         Args:
             model: with the present estimate.
             begun: when the model's time began, s; now if not given.
+            announce: is told the time from which the load may touch the box, s, when the swing begins.
         """
 
         def carry_out(now: float) -> None:
@@ -154,7 +153,8 @@ class TaskNode:
             finish = finish_over_box(swing.end, self.settings.finish_x, self._limits, DT)
             self.trajectory = swing.then(finish)
             self._check(self.trajectory, self.swing)
-            self.started, self.near_box = now, now + self._approach(self.swing)
+            self.started = now
+            announce(now + self._approach(self.swing))
             self._drive.play(self.trajectory)
 
         self._request = carry_out

@@ -126,7 +126,7 @@ class Experiment:
             self.task.settle(self.estimator.model, self._swing_state)
             self._run("settling", 0.5, c.task.settling + 2.0, lambda: self.task.idle)
             self._run("calm", 0.65, CALM)
-        self.task.throw(self.estimator.model, self.estimator.start)
+        self.task.throw(self.estimator.model, self.estimator.start, self.measurement.expect_touch)
         self._run("swing", 0.7, c.task.duration + 1.0, self._swing_ends)
         self.measurement.let_down(self.robot.time)
         self._run("finish", 0.9, 3.0, lambda: self.task.idle)
@@ -182,7 +182,6 @@ class Experiment:
             )
 
     def _swing_ends(self) -> bool:
-        self.measurement.hangs_until = self.task.near_box
         swing, started = self.task.swing, self.task.started
         return swing is not None and started is not None and self.robot.time >= started + swing.time[-1] - DT / 2
 

@@ -262,7 +262,7 @@ def test_low_passing_both_sides_leaves_friction_unbiased(baxter):
     model = baxter.with_effect(find("joint_coulomb_friction:right_s0"))
     only = {**{f"q.{j}": run.channels[f"q.{j}"] for j in JOINTS}, "tau.right_s0": run.channels["tau.right_s0"]}
     ready = model.prepared(replace(run, channels=only))
-    assert ready.cutoffs["tau.right_s0"] <= prepared.STIFF  # the steps of the friction are far faster
+    assert ready.cutoffs["tau.right_s0"] <= 10.0  # Hz; the steps of the friction are far faster
     found, estimate = fitted(model, [ready])
     assert found.value(model.names[0]) == pytest.approx(3.0, abs=5 * estimate.std(model.names[0]))
     assert prepared.MARGIN < 1.0
