@@ -47,13 +47,18 @@ def bound_continuous_joints(root: ET.Element, joints: tuple[str, ...]) -> list[s
     """
     sentences = []
     for joint in root.findall("joint"):
-        if joint.get("type") == "continuous" and joint.get("name") in joints:
+        if joint.get("name") not in joints:
+            continue
+        limit = joint.find("limit")
+        # Exporters write joints that turn without end as revolute ones whose limit holds effort and velocity only.
+        unlimited = limit is not None and joint.get("type") == "revolute" and {"lower", "upper"}.isdisjoint(limit.keys())
+        if joint.get("type") == "continuous" or unlimited:
+            said = "has no position limits" if unlimited else "is continuous"
+            sentences.append(f"joint '{joint.get('name')}' {said}; taken as one turn to either side")
             joint.set("type", "revolute")
-            limit = joint.find("limit")
             limit = ET.SubElement(joint, "limit") if limit is None else limit
             limit.set("lower", repr(-TURN))
             limit.set("upper", repr(TURN))
-            sentences.append(f"joint '{joint.get('name')}' is continuous; taken as one turn to either side")
     return sentences
 
 

@@ -82,6 +82,12 @@ def test_an_endless_joint_gets_one_turn_to_either_side_and_is_listed(toy) -> Non
     assert any("joint 'j2' is continuous; taken as one turn" in defect for defect in robot.defects)
 
 
+def test_a_joint_whose_limit_holds_no_positions_is_taken_as_endless(toy) -> None:
+    robot = urdf.load(toy(arm(third=joint("j2", "l2", "l3", limit='<limit velocity="2" effort="3"/>'))))
+    assert robot.limits.lower[2] == pytest.approx(-2 * np.pi)
+    assert any("joint 'j2' has no position limits; taken as one turn" in defect for defect in robot.defects)
+
+
 @pytest.mark.parametrize(
     ("third", "sentence"),
     [
