@@ -124,7 +124,7 @@ def torque_offset(
 )
 def torque_gain(
     joint: Joint,
-    error: Expression = quantity("1", typical=0.05, lower=-0.9, upper=5.0, summary="share that is read too much"),
+    error: Expression = quantity("1", typical=0.05, lower=-0.5, upper=1.0, summary="share that is read too much"),
 ) -> Joint:
     """Tau_measured = (1 + e) tau."""
     return joint.with_gain(1 + error)

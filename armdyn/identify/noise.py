@@ -39,6 +39,21 @@ def autocorrelation(residual: np.ndarray, lags: int) -> np.ndarray:
     return np.array([float(centred[k:] @ centred[:-k]) for k in range(1, lags + 1)]) / total
 
 
+def correlation_time(residual: np.ndarray) -> float:
+    """1 + twice the sum of the autocorrelations up to the first that is not positive, in samples; at least 1.
+
+    The mean of N samples with that correlation time has the variance of N over it (Bayley & Hammersley, J. R. Stat. Soc.
+    Suppl. 8, 1946).
+    """
+    power = float(residual @ residual)
+    total = 1.0
+    for lag in range(1, len(residual) - 1):
+        if power == 0.0 or (correlation := float(residual[lag:] @ residual[:-lag]) / power) <= 0.0:
+            break
+        total += 2.0 * correlation
+    return total
+
+
 def ljung_box(residual: np.ndarray, lags: int = LAGS) -> float:
     """Probability that white noise is as correlated as (n,) `residual` (Ljung & Box, Biometrika 65, 1978)."""
     n = len(residual)

@@ -1,0 +1,93 @@
+"""The set of effects that is worth most, by an appraiser: forward, backward, exchange, until nothing is better.
+
+Adding one effect at a time fails where the first one imitates two others. So after every addition what has become
+superfluous goes; whole effects, on all their joints at once, compete with single ones, and at the end each effect is
+exchanged for others. A set costs one small linear solve for each run, so that thousands of them take about a second
+(floating search: Pudil, Novovičová & Kittler, Pattern Recognition Letters 15, 1994).
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from armdyn.identify.appraisal import Appraisal, Appraiser
+from armdyn.identify.score import Candidate
+
+PROMISING = 12
+"""Effects with the largest foretold gain that are appraised in each round."""
+NEARLY = 0.8
+"""Share of the best effect's gain at which one with fewer values is preferred: what the best does beyond that, it can do
+later as well."""
+MOST_ROUNDS = 60
+
+Say = Callable[[str], None]
+
+
+def chosen(appraiser: Appraiser, start: Sequence[Candidate] = (), say: Say | None = None) -> Appraisal:
+    """The best set that the search finds from `start` on."""
+    now = appraiser.of(start)
+    for _ in range(MOST_ROUNDS):
+        if say is not None:
+            say(f"{len(now.effects)} effects chosen")
+        better = _added(appraiser, now) or _exchanged(appraiser, now)
+        if better is None:
+            break
+        now = _needed(appraiser, better)
+    return now
+
+
+def _added(appraiser: Appraiser, now: Appraisal) -> Appraisal | None:
+    """With one effect more, on one joint or on all of its joints; None where that is worth nothing."""
+    left = [c for c in appraiser.candidates if c not in now.effects]
+    if not left:
+        return None
+    gains = appraiser.foretold(now, left)
+    options = [appraiser.of((*now.effects, left[i])) for i in np.argsort(-gains)[:PROMISING]]
+    if not now.effects:
+        options += _whole(appraiser, left)
+    options = [o for o in options if o.worth > now.worth and o.carries_over(now)]
+    if not options:
+        return None
+    best = max(options, key=lambda o: o.worth)
+    enough = now.worth + NEARLY * (best.worth - now.worth)
+    near = [o for o in options if o.worth >= enough]
+    return min(near, key=lambda o: (len(o.columns), -o.worth))
+
+
+def _whole(appraiser: Appraiser, left: Sequence[Candidate]) -> list[Appraisal]:
+    """Every effect on all the joints that need it."""
+    found = []
+    for name in dict.fromkeys(c.effect for c in left):
+        joints = [c for c in left if c.effect == name]
+        if len(joints) > 1:
+            found.append(_needed(appraiser, appraiser.of(joints)))
+    return found
+
+
+def _needed(appraiser: Appraiser, now: Appraisal) -> Appraisal:
+    """Without what has become superfluous, one after the other."""
+    while now.effects:
+        best = max((appraiser.of([c for c in now.effects if c != gone]) for gone in now.effects), key=lambda o: o.worth)
+        if best.worth < now.worth:
+            break
+        now = best
+    return now
+
+
+def _exchanged(appraiser: Appraiser, now: Appraisal) -> Appraisal | None:
+    """With one effect, or all joints of one, exchanged for another; None where none is better."""
+    parts = [[c] for c in now.effects]
+    for name in dict.fromkeys(c.effect for c in now.effects):
+        joints = [c for c in now.effects if c.effect == name]
+        if len(joints) > 1:
+            parts.append(joints)
+    best: Appraisal | None = None
+    for part in parts:
+        rest = appraiser.of([c for c in now.effects if c not in part])
+        left = [c for c in appraiser.candidates if c not in now.effects]
+        order = np.argsort(-appraiser.foretold(rest, left))[: PROMISING // 2] if left else []
+        for i in order:
+            option = appraiser.of((*rest.effects, left[i]))
+            if option.worth > max(now.worth, best.worth if best else -np.inf) and option.carries_over(now):
+                best = option
+    return best

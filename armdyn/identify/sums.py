@@ -1,0 +1,177 @@
+r"""A model around one fit as sums over samples, from which every subset's fit and its predictions follow at once.
+
+With X the derivatives of a channel's prediction by every unknown and r its residual, the squared error after a change d
+of the unknowns is r'r - 2 d' X'r + d' X'X d, exactly where the model is linear in them, as an arm is in most of its
+effects. The sums X'X, X'r and r'r of every run and channel therefore hold all that choosing effects needs: fitting a set
+to some runs and predicting the others is one small linear solve (Hocking, Biometrics 32, 1976, on subsets by their
+normal equations).
+"""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armdyn.identify.problem import Block, Problem
+from armdyn.identify.score import Candidate
+
+ALONE = 3
+"""Steps of the fits that settle unknowns which act through another."""
+WIDE = 10.0
+"""Times its typical size: how far an effect's unknown moves freely in a fit by sums. What a few samples hardly tell
+stays small, and a placeholder of 1 kg can still become 95 kg."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sums:
+    """Sums of U units, each one channel in one run; P unknowns.
+
+    Attributes:
+        problem: whose unknowns these are.
+        values: (P,) the point of the expansion.
+        runs: names.
+        channels: names.
+        run: (U,) index of each unit's run.
+        channel: (U,) index of each unit's channel.
+        training: (U,) bool, False for runs that take part in no fit.
+        gram: (U, P, P) X'X, in the channel's unit squared over the unknowns' units.
+        slope: (U, P) X'r.
+        square: (U,) r'r.
+        count: (U,) samples.
+        noise: (U,) standard deviation of one sample.
+        driver: (P,) index of the unknown that an unknown acts through, its own where it acts by itself: the place of a
+            mass of zero changes nothing, so that its derivative is taken at a typical mass.
+        blocks: the units' samples.
+    """
+
+    problem: Problem
+    values: np.ndarray
+    runs: tuple[str, ...]
+    channels: tuple[str, ...]
+    run: np.ndarray
+    channel: np.ndarray
+    training: np.ndarray
+    gram: np.ndarray
+    slope: np.ndarray
+    square: np.ndarray
+    count: np.ndarray
+    noise: np.ndarray
+    driver: np.ndarray
+    blocks: tuple[Block, ...]
+
+    @property
+    def width(self) -> np.ndarray:
+        """(P,) prior standard deviation of each unknown in a fit by sums, about its prior mean or its null value."""
+        p = self.problem
+        stated = np.where(p.prior_weight > 0, 1.0 / np.maximum(p.prior_weight, np.finfo(float).tiny), np.inf)
+        return np.minimum(WIDE * p.typical, stated)
+
+    @property
+    def centre(self) -> np.ndarray:
+        """(P,) prior mean of each unknown's change from `values`."""
+        p = self.problem
+        return np.where(p.prior_weight > 0, p.prior_mean, p.null) - self.values
+
+    def errors(self, columns: np.ndarray, change: np.ndarray, units: np.ndarray) -> np.ndarray:
+        """(u,) mean squared error of `units` (u,) after a change (c,) of the unknowns `columns` (c,)."""
+        gram = self.gram[units[:, None, None], columns[:, None], columns]
+        slope = self.slope[units[:, None], columns]
+        total = self.square[units] - 2.0 * slope @ change + (gram @ change) @ change
+        return np.maximum(total, 0.0) / self.count[units]
+
+    def residual(self, unit: int, columns: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """(n,) residual of a unit after a change (c,) of the unknowns `columns` (c,), in the channel's unit."""
+        block = self.blocks[unit]
+        return np.asarray(block.misfit - block.noise * (block.sensitivities[:, columns] @ change))
+
+
+def sums(problem: Problem, training: Collection[str], values: np.ndarray, absent: Sequence[Candidate]) -> Sums:
+    """Sums around (P,) `values`.
+
+    Args:
+        problem: model and all runs, those that are only predicted as well.
+        training: names of the runs that fits may use.
+        values: (P,) of all unknowns.
+        absent: effects at their null values, some of whose unknowns may act through another.
+    """
+    driver = _drivers(problem, values, absent)
+    values, acting = _settled(problem, training, values, driver)
+    blocks = problem.blocks(values)
+    if np.any(acting != values):
+        latent = driver != np.arange(len(values))
+        blocks = [_with_latent(h, t, latent) for h, t in zip(blocks, problem.blocks(acting), strict=True)]
+    runs = tuple(run.name for run in problem.runs)
+    channels = tuple(dict.fromkeys(block.channel for block in blocks))
+    X = [block.sensitivities * block.noise for block in blocks]
+    return Sums(
+        problem=problem,
+        values=values,
+        runs=runs,
+        channels=channels,
+        run=np.array([runs.index(block.run) for block in blocks]),
+        channel=np.array([channels.index(block.channel) for block in blocks]),
+        training=np.array([block.run in training for block in blocks]),
+        gram=np.array([x.T @ x for x in X]),
+        slope=np.array([x.T @ block.misfit for x, block in zip(X, blocks, strict=True)]),
+        square=np.array([float(block.misfit @ block.misfit) for block in blocks]),
+        count=np.array([len(block.residual) for block in blocks], dtype=float),
+        noise=np.array([block.noise for block in blocks]),
+        driver=driver,
+        blocks=tuple(blocks),
+    )
+
+
+def _with_latent(here: Block, there: Block, latent: np.ndarray) -> Block:
+    X = here.sensitivities.copy()
+    X[:, latent] = there.sensitivities[:, latent]
+    return replace(here, sensitivities=X)
+
+
+def _drivers(problem: Problem, values: np.ndarray, absent: Sequence[Candidate]) -> np.ndarray:
+    """(P,) `Sums.driver`: of an absent effect's unknowns that change nothing, the first of the effect that does."""
+    moves = np.zeros(len(values), dtype=bool)
+    for block in problem.blocks(values):
+        moves |= np.any(block.sensitivities != 0.0, axis=0)
+    driver = np.arange(len(values))
+    for candidate in absent:
+        columns = np.flatnonzero(problem.of(candidate.names))
+        if moves[columns].any():
+            driver[columns[~moves[columns]]] = columns[moves[columns]][0]
+    return driver
+
+
+def _settled(
+    problem: Problem, training: Collection[str], values: np.ndarray, driver: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Expansion's point for unknowns that act through another, and the (P,) values at which they have derivatives.
+
+    Each such effect is fitted alone, so that its other unknowns are near where they matter: a payload's place, the speed
+    at which friction fades. While its driver is at null, they change nothing.
+    """
+    latent = np.flatnonzero(driver != np.arange(len(values)))
+    groups = {int(d): latent[driver[latent] == d] for d in np.unique(driver[latent])}
+    point, acting = values.copy(), values.copy()
+    sign = np.where(problem.upper > values, 1.0, -1.0)
+    for d in groups:
+        acting[d] = np.clip(values[d] + sign[d] * problem.typical[d], problem.lower[d], problem.upper[d])
+    for _ in range(ALONE if groups else 0):
+        here, there = problem.blocks(values), problem.blocks(acting)
+        pairs = [(h, t) for h, t in zip(here, there, strict=True) if h.run in training]
+        for d, others in groups.items():
+            columns = np.append(d, others)
+            width = np.where(problem.prior_weight > 0, 1.0 / np.maximum(problem.prior_weight, 1e-300), WIDE * problem.typical)[columns]
+            G, right = np.diag(width**-2.0), np.zeros(len(columns))
+            right[1:] = (problem.null - point)[others] / width[1:] ** 2
+            for h, t in pairs:
+                X = t.sensitivities[:, columns]
+                G += X.T @ X
+                right += X.T @ h.residual
+            change = np.linalg.solve(G, right)
+            if change[0] * sign[d] <= 0.0:
+                continue
+            # Derivatives were taken at the driver's last size, and grow with it.
+            step = change[1:] * (acting[d] - values[d]) / change[0]
+            point[others] = np.clip(point[others] + np.clip(step, -width[1:], width[1:]), problem.lower[others], problem.upper[others])
+            acting[d] = np.clip(values[d] + change[0], problem.lower[d], problem.upper[d])
+        acting[latent] = point[latent]
+    return point, acting
