@@ -70,6 +70,7 @@ def fit_answer(found: Comparison) -> dict[str, Any]:
                 "noise_std": number(c.noise_std),
                 "rmse": number(c.rmse),
                 "held_out_rmse": number(c.held_out_rmse),
+                "exam_rmse": number(c.exam_rmse),
                 "chi2_per_sample": number(c.chi2_per_sample),
                 "whiteness_p_value": number(c.white),
             }
@@ -97,6 +98,7 @@ def rung_answer(rung: Rung) -> dict[str, Any]:
         "tied_with": list(rung.tied_with),
         "rmse": errors(rung.rmse),
         "held_out_rmse": errors(rung.held_out_rmse),
+        "exam_rmse": errors(rung.exam_rmse),
         "chi2_per_sample": number(rung.chi2_per_sample),
         "bic": number(rung.bic),
     }

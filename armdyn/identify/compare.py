@@ -42,9 +42,10 @@ class ChannelQuality:
         unit: of the errors.
         noise_std: of one sample.
         rmse: over the training runs.
-        held_out_rmse: over runs that took no part; None where there is a single run.
+        held_out_rmse: over runs that took no part in the fit; None where there is a single run.
         chi2_per_sample: 1 where only noise is left.
         white: probability that white noise is as correlated as the residual.
+        exam_rmse: over runs that took part in nothing; None where none is given.
     """
 
     unit: str
@@ -53,6 +54,7 @@ class ChannelQuality:
     held_out_rmse: float | None
     chi2_per_sample: float
     white: float
+    exam_rmse: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,6 +157,7 @@ def comparison(study: Study, fit: Fit, left: Remainder, *, absorbed: bool = True
     """What there is to say about one fit; `absorbed` = False leaves out the slow question dynamics or sensor."""
     held_out = study.held_out_blocks(fit)
     held_out_rmse = channel_rmse(held_out) if held_out is not None else {}
+    exam_rmse = channel_rmse(study.exam_blocks(fit))
     rmse, channels = fit.rmse(), {}
     for channel, error in rmse.items():
         blocks = [block for block in fit.blocks if block.channel == channel]
@@ -166,6 +169,7 @@ def comparison(study: Study, fit: Fit, left: Remainder, *, absorbed: bool = True
             held_out_rmse=held_out_rmse.get(channel),
             chi2_per_sample=chi2_of(blocks) / samples,
             white=min(ljung_box(block.residual) for block in blocks),
+            exam_rmse=exam_rmse.get(channel),
         )
     ends = set(fit.at_bound)
     return Comparison(

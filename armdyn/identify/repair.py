@@ -1,7 +1,7 @@
 """Add what is missing until the runs are explained, and keep the ladder that shows the error falling."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
@@ -26,9 +26,10 @@ class Rung:
         removed: names of the effects that went out.
         tied_with: effects that these runs cannot tell from the one added.
         rmse: by channel, on the training runs.
-        held_out_rmse: by channel, on held-out runs; empty where there is a single run.
+        held_out_rmse: by channel, on held-out runs, which take part in choosing; empty where there is a single run.
         chi2_per_sample: 1 when only noise is left.
         bic: with the noise as assumed.
+        exam_rmse: by channel, on exam runs, which take part in nothing; empty where none is given.
     """
 
     added: tuple[str, ...]
@@ -39,6 +40,7 @@ class Rung:
     held_out_rmse: dict[str, float]
     chi2_per_sample: float
     bic: float
+    exam_rmse: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,6 +147,7 @@ def _rung(study: Study, step: Step) -> Rung:
         held_out_rmse=channel_rmse(held_out) if held_out is not None else {},
         chi2_per_sample=step.fit.chi2_per_sample,
         bic=step.fit.bic,
+        exam_rmse=channel_rmse(study.exam_blocks(step.fit)),
     )
 
 
