@@ -23,6 +23,7 @@ from pipeline.commands.identify_options import (
     say_ladder,
     spinner,
 )
+from pipeline.commands.link_table import say_links
 from pipeline.commands.output import JsonOption, write_json
 
 if TYPE_CHECKING:
@@ -87,5 +88,6 @@ def conclude(given: Given, found: "Repair", output: Path, report: Path | None, j
     if json_file != Path("-"):
         typer.echo(found.sentence)
         say_ladder(found.ladder, study.judges)
+        say_links(found.links)
         say_fit(found.after)
         typer.echo(f"written to {output}")

@@ -18,11 +18,7 @@ class ParameterSection(Section):
 
     def sentence(self) -> str:
         """Whether the intervals can be trusted."""
-        text = (
-            "The residual is white: the intervals hold."
-            if self.comparison.intervals_hold
-            else "The residual is more than white noise: the standard deviations are too small to be intervals."
-        )
+        text = self.comparison.how_certain
         if self.comparison.at_bound:
             text += f" On a physical bound, and pulled beyond it: {', '.join(self.comparison.at_bound)}."
         if self.comparison.undetermined:
