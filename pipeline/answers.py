@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from armdyn.identify.compare import Comparison, Correction, FittedParameter
 from armdyn.identify.diagnose import Diagnosis, Suspect
@@ -10,6 +10,9 @@ from armdyn.identify.localise import Place
 from armdyn.identify.repair import Repair, Rung
 from armdyn.identify.study import Study
 from armdyn.identify.unknown import Unknown
+
+if TYPE_CHECKING:
+    from armdyn.arm.links import LinkChange
 
 
 def comparison_answer(study: Study, found: Comparison) -> dict[str, Any]:
@@ -45,11 +48,28 @@ def repair_answer(found: Repair) -> dict[str, Any]:
         "schema": "armdyn.repair/1",
         "verdict": found.verdict.key,
         "sentence": found.sentence,
+        "explained": number(found.explained),
         "effects": [effect.name for effect in found.model.effects],
         **fit_answer(found.after),
         "steps": [rung_answer(rung) for rung in found.ladder],
+        "links": [link_answer(link) for link in found.links],
         "unknown": unknown_answer(found.unknown),
     }
+
+
+def link_answer(link: "LinkChange") -> dict[str, Any]:
+    """A link in kg, m and kg m^2, beside the URDF's values."""
+    quantities = {
+        q.name: {
+            "unit": q.unit,
+            "urdf": number(q.described),
+            "value": number(q.value),
+            "std": number(q.std),
+            "determined": q.determined,
+        }
+        for q in link.quantities
+    }
+    return {"joint": link.joint, **quantities, "physical": link.physical, "warning": link.warning or None}
 
 
 def model_answer(study: Study) -> dict[str, Any]:
@@ -62,6 +82,7 @@ def fit_answer(found: Comparison) -> dict[str, Any]:
     return {
         "parameters": parameters_answer(found.parameters),
         "intervals_hold": found.intervals_hold,
+        "std_widened_by": number(found.widened),
         "at_bound": list(found.at_bound),
         "not_determined": list(found.undetermined),
         "channels": {
@@ -70,6 +91,7 @@ def fit_answer(found: Comparison) -> dict[str, Any]:
                 "noise_std": number(c.noise_std),
                 "rmse": number(c.rmse),
                 "held_out_rmse": number(c.held_out_rmse),
+                "exam_rmse": number(c.exam_rmse),
                 "chi2_per_sample": number(c.chi2_per_sample),
                 "whiteness_p_value": number(c.white),
             }
@@ -97,6 +119,7 @@ def rung_answer(rung: Rung) -> dict[str, Any]:
         "tied_with": list(rung.tied_with),
         "rmse": errors(rung.rmse),
         "held_out_rmse": errors(rung.held_out_rmse),
+        "exam_rmse": errors(rung.exam_rmse),
         "chi2_per_sample": number(rung.chi2_per_sample),
         "bic": number(rung.bic),
     }

@@ -204,6 +204,16 @@ class ArmModel(Model):
             for i, joint in enumerate(self.joints)
         }
 
+    def changed_links(self, theta: np.ndarray) -> Mapping[int, tuple[np.ndarray, np.ndarray]]:
+        """By index of the joint whose link effects can change: (10,) change at (p,) `theta`, (10, p) derivatives."""
+        links = Links(self._functions, [theta[columns] for columns in self._columns], self.arm.shapes)
+        found = {}
+        for i, change in links.change.items():
+            derivatives = np.zeros((len(change), len(theta)))
+            derivatives[:, self._columns[i]] = links.derivatives[i]
+            found[i] = change, derivatives
+        return found
+
     @cached_property
     def _functions(self) -> tuple[JointFunctions, ...]:
         return tuple(

@@ -4,13 +4,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armdyn.identify.evidence import weighed, whitening_of
+from armdyn.identify.explained import Scale
 from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.held_out import chi2_of
 from armdyn.identify.localise import Place, localise
 from armdyn.identify.noise import ljung_box
 from armdyn.identify.problem import Problem
 from armdyn.identify.study import Study
+from armdyn.identify.uncertainty import uncertainty
 from armdyn.identify.unknown import absorbed_share
 from armdyn.identify.whiteness import Remainder, remainder
 
@@ -42,9 +43,10 @@ class ChannelQuality:
         unit: of the errors.
         noise_std: of one sample.
         rmse: over the training runs.
-        held_out_rmse: over runs that took no part; None where there is a single run.
+        held_out_rmse: over runs that took no part in the fit; None where there is a single run.
         chi2_per_sample: 1 where only noise is left.
         white: probability that white noise is as correlated as the residual.
+        exam_rmse: over runs that took part in nothing; None where none is given.
     """
 
     unit: str
@@ -53,6 +55,7 @@ class ChannelQuality:
     held_out_rmse: float | None
     chi2_per_sample: float
     white: float
+    exam_rmse: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +100,8 @@ class Comparison:
         at_bound: parameters that ended on a physical bound.
         undetermined: parameters that these runs say nothing about.
         correction: what the right formula does; None where the model has no wrong one.
+        widened: factor by which the model's own error widens the standard deviations, for the worst channel; 1 where
+            the residual is of the size of the noise.
     """
 
     fit: Fit
@@ -109,11 +114,33 @@ class Comparison:
     at_bound: tuple[str, ...]
     undetermined: tuple[str, ...]
     correction: Correction | None = None
+    widened: float = 1.0
 
     @property
     def explained(self) -> bool:
         """Whether nothing is left to explain."""
         return not self.remainder.fails
+
+    @property
+    def scale(self) -> Scale:
+        """Units and noise of the channels."""
+        return Scale(
+            {name: channel.unit for name, channel in self.channels.items()},
+            {name: channel.noise_std for name, channel in self.channels.items()},
+        )
+
+    @property
+    def how_certain(self) -> str:
+        """What the standard deviations are worth."""
+        if self.intervals_hold:
+            return "The residual is white: the intervals hold."
+        if self.widened > 1.0:
+            return (
+                "The model's own error is larger than the noise. The standard deviations count it in, as large and as "
+                f"correlated as the residual (up to {self.widened:.2g} times the noise's); what is missing may still "
+                "shift a value further."
+            )
+        return "The residual is more than white noise: the standard deviations do not hold as intervals."
 
     @property
     def sentence(self) -> str:
@@ -155,6 +182,7 @@ def comparison(study: Study, fit: Fit, left: Remainder, *, absorbed: bool = True
     """What there is to say about one fit; `absorbed` = False leaves out the slow question dynamics or sensor."""
     held_out = study.held_out_blocks(fit)
     held_out_rmse = channel_rmse(held_out) if held_out is not None else {}
+    exam_rmse = channel_rmse(study.exam_blocks(fit))
     rmse, channels = fit.rmse(), {}
     for channel, error in rmse.items():
         blocks = [block for block in fit.blocks if block.channel == channel]
@@ -166,6 +194,7 @@ def comparison(study: Study, fit: Fit, left: Remainder, *, absorbed: bool = True
             held_out_rmse=held_out_rmse.get(channel),
             chi2_per_sample=chi2_of(blocks) / samples,
             white=min(ljung_box(block.residual) for block in blocks),
+            exam_rmse=exam_rmse.get(channel),
         )
     ends = set(fit.at_bound)
     return Comparison(
@@ -182,15 +211,17 @@ def comparison(study: Study, fit: Fit, left: Remainder, *, absorbed: bool = True
             for c, wanted, free in zip(study.problem.columns, study.problem.fitted, fit.free, strict=True)
             if wanted and not free
         ),
+        widened=uncertainty(study, fit).widened,
     )
 
 
 def fitted_parameters(study: Study, fit: Fit) -> dict[str, FittedParameter]:
     """Values and standard deviations of the model's parameters, without effects at their null values.
 
-    The standard deviations are those of generalised least squares: they count correlation of the noise in.
+    The standard deviations count correlation of the noise in and, where it is larger than the noise, the model's own
+    error; see `uncertainty`.
     """
-    covariance = weighed(fit, whitening_of(fit)).covariance
+    covariance = uncertainty(study, fit).covariance
     present = {name for c in study.candidates for name in c.names}
     result = {}
     for i, column in enumerate(study.problem.columns):

@@ -7,6 +7,7 @@ import numpy as np
 
 from armdyn.errors import InputError
 from armdyn.identify.least_squares import Estimate, LeastSquares, gradient_descent, levenberg_marquardt
+from armdyn.identify.noise import variance_inflation
 from armdyn.model import Model
 from armdyn.run import Channel, Run
 
@@ -16,7 +17,6 @@ METHODS: Mapping[str, Callable[..., Estimate]] = {
     "levenberg_marquardt": levenberg_marquardt,
     "gradient_descent": gradient_descent,
 }
-MOST_LAGS = 50
 WINDOWS = (0.75, 1.5, 3.0, 6.0)
 """s; a recorded run is fitted over these windows first, each from the last one's result."""
 
@@ -51,23 +51,15 @@ class Estimator(Generic[ModelT]):
     def widening(self, run: Run) -> float:
         """Factor on the standard deviations for what white noise of the assumed size does not explain, at least 1.
 
-        sqrt(chi2/N (1 + 2 sum of the residual's autocorrelations up to the first that is not positive)): the mean of
-        correlated errors has that much more variance (Bayley & Hammersley, J. R. Stat. Soc. 1946). Friction that shakes
-        the arm, and a string that stretches, leave such errors.
+        The root of `variance_inflation` of the worst channel. Friction that shakes the arm, and a string that
+        stretches, leave correlated errors.
         """
         prediction = self.model.predict(run, self.model.theta())
-        largest = 1.0
-        for channel, rows in prediction.slices.items():
-            residual = (run.channels[channel].value - prediction.values[rows]) / self.noise[channel]
-            power = float(residual @ residual)
-            total = 1.0
-            for lag in range(1, min(MOST_LAGS, len(residual) - 1)):
-                correlation = float(residual[lag:] @ residual[:-lag]) / power
-                if correlation <= 0.0:
-                    break
-                total += 2.0 * correlation
-            largest = max(largest, power / len(residual) * total)
-        return float(np.sqrt(largest))
+        residuals = [
+            (run.channels[channel].value - prediction.values[rows]) / self.noise[channel]
+            for channel, rows in prediction.slices.items()
+        ]
+        return float(np.sqrt(max([1.0, *(variance_inflation([residual]) for residual in residuals)])))
 
 
 def estimate_recorded(

@@ -11,6 +11,8 @@ LAGS = 20
 """Lags of the whiteness test."""
 ORDER = 4
 """Highest order of the autoregression that whitens coloured noise."""
+MOST_LAGS = 50
+"""Lags that count for the variance of a mean."""
 
 
 def third_difference_std(time: np.ndarray, value: np.ndarray) -> float:
@@ -63,6 +65,25 @@ def ljung_box(residual: np.ndarray, lags: int = LAGS) -> float:
     rho = autocorrelation(residual, lags)
     q = n * (n + 2) * float(np.sum(rho**2 / (n - np.arange(1, lags + 1))))
     return float(chi2.sf(q, lags))
+
+
+def variance_inflation(residuals: Sequence[np.ndarray]) -> float:
+    """Factor by which stretches of a residual, in units of the noise, spoil a mean more than white noise would.
+
+    chi2/N (1 + 2 sum of the autocorrelations up to the first that is not positive): the mean of correlated errors has
+    that much more variance (Bayley & Hammersley, J. R. Stat. Soc. 1946). It is below 1 where the noise is overstated.
+    """
+    power = sum(float(residual @ residual) for residual in residuals)
+    samples = sum(len(residual) for residual in residuals)
+    if power == 0.0 or samples == 0:
+        return 0.0
+    total = 1.0
+    for lag in range(1, min(MOST_LAGS, max(len(residual) for residual in residuals) - 1)):
+        products = sum(float(r[lag:] @ r[:-lag]) for r in residuals if len(r) > lag)
+        if products <= 0.0:
+            break
+        total += 2.0 * products / power
+    return power / samples * total
 
 
 def autoregression(residuals: Sequence[np.ndarray], order: int = ORDER) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Recordings made ready to be held against a model: checked, thinned, their noise known."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -23,11 +23,11 @@ def prepared(model: Model, runs: Sequence[Run], held_out: Sequence[Run] = ()) ->
     """
     if not runs:
         raise InputError("no run given: give at least one recording")
-    _check_distinct(runs, held_out)
-    _check_data_distinct(model, runs, held_out)
+    check_distinct({"a training run": runs, "a held-out run": held_out})
+    check_distinct_data(model, [*runs, *held_out])
     named = _with_distinct_names([*runs, *held_out])
-    ready = [_ready(model, run) for run in named]
-    return ready[: len(runs)], ready[len(runs) :]
+    found = [ready(model, run) for run in named]
+    return found[: len(runs)], found[len(runs) :]
 
 
 def noise_of_runs(model: Model, runs: Sequence[Run]) -> dict[tuple[str, str], float]:
@@ -54,7 +54,12 @@ def stated_noise(model: Model, runs: Sequence[Run]) -> dict[tuple[str, str], flo
     }
 
 
-def _ready(model: Model, run: Run) -> Run:
+def ready(model: Model, run: Run) -> Run:
+    """A run as the model is compared with it.
+
+    Raises:
+        InputError: it is too long, a signal is constant or too short, or there is nothing that the model predicts.
+    """
     longest = max((len(channel) for channel in run.channels.values()), default=0)
     if longest > LARGEST_SAMPLE_COUNT:
         raise InputError(f"{run.source or run.name}: {longest} samples are too many: cut it or record at a lower rate")
@@ -63,23 +68,28 @@ def _ready(model: Model, run: Run) -> Run:
     return model.prepared(run)
 
 
-def _check_distinct(runs: Sequence[Run], held_out: Sequence[Run]) -> None:
+def check_distinct(runs: Mapping[str, Sequence[Run]]) -> None:
+    """Refuse a file that is named twice.
+
+    Args:
+        runs: by role, such as ``"a training run"``.
+    """
     seen: dict[object, str] = {}
-    for i, run in enumerate([*runs, *held_out]):
-        identity = run.source.resolve() if run.source is not None else id(run)
-        role = "a training run" if i < len(runs) else "a held-out run"
-        if identity in seen:
-            where = run.source or run.name
-            if seen[identity] == role:
-                raise InputError(f"{where}: is given twice: name every run once")
-            raise InputError(f"{where}: is a held-out run and also a training run: name it in one place")
-        seen[identity] = role
+    for role, those in runs.items():
+        for run in those:
+            identity = run.source.resolve() if run.source is not None else id(run)
+            if identity in seen:
+                where = run.source or run.name
+                if seen[identity] == role:
+                    raise InputError(f"{where}: is given twice: name every run once")
+                raise InputError(f"{where}: is {role} and also {seen[identity]}: name it in one place")
+            seen[identity] = role
 
 
-def _check_data_distinct(model: Model, runs: Sequence[Run], held_out: Sequence[Run]) -> None:
+def check_distinct_data(model: Model, runs: Sequence[Run]) -> None:
     """Refuse a copy of a recording, also one in another format: it is no second witness."""
     seen: dict[object, Run] = {}
-    for run in (*runs, *held_out):
+    for run in runs:
         readings = tuple(run.channels[name].value.round(9).tobytes() for name in model.predicted_channels(run))
         if readings in seen:
             first = seen[readings]

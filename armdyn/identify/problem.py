@@ -109,14 +109,14 @@ class Problem:
         self.prior_weight = np.array([1.0 / p.prior.std if p.prior else 0.0 for p in parameters])
         self._whole: dict[tuple[bytes, frozenset[str]], list[Block]] = {}
         self._partial: dict[tuple[bytes, frozenset[str]], list[Block]] = {}
-        self._of_run = [self._places(i) for i in range(len(self.runs))]
+        self._of_run = [self.places(i) for i in range(len(self.runs))]
         self._effects = tuple(effect.name for effect in model.effects)
         self._of_effects = np.array(
             [[c.parameter.name.startswith(f"{name}.") for c in columns] for name in self._effects], dtype=bool
         ).reshape(len(self._effects), len(columns))
         self._lean: dict[frozenset[str], tuple[frozenset[str], Model, np.ndarray]] = {}
 
-    def _places(self, run: int) -> np.ndarray:
+    def places(self, run: int) -> np.ndarray:
         """(p,) position among the unknowns of every parameter of the model in one run."""
         here = {c.index: j for j, c in enumerate(self.columns) if c.run in (None, run)}
         return np.array([here[k] for k in range(len(self.model.names))], dtype=int)

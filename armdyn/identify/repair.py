@@ -1,19 +1,26 @@
 """Add what is missing until the runs are explained, and keep the ladder that shows the error falling."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
+from armdyn.identify.bodies import links_of
 from armdyn.identify.compare import Comparison, comparison
 from armdyn.identify.diagnose import EXPLAINED_SHARE, explained_share, judge
+from armdyn.identify.explained import explained
 from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.search import Progress, Search, Step, search
+from armdyn.identify.sentence import Left, repair_sentences
 from armdyn.identify.study import Study
 from armdyn.identify.unknown import Unknown, characterise
 from armdyn.identify.verdict import Verdict
-from armdyn.identify.whiteness import LARGEST_Z, remainder
+from armdyn.identify.whiteness import remainder
 from armdyn.model import Model
+
+if TYPE_CHECKING:
+    from armdyn.arm.links import LinkChange
 
 
 @dataclass(frozen=True)
@@ -26,9 +33,10 @@ class Rung:
         removed: names of the effects that went out.
         tied_with: effects that these runs cannot tell from the one added.
         rmse: by channel, on the training runs.
-        held_out_rmse: by channel, on held-out runs; empty where there is a single run.
+        held_out_rmse: by channel, on held-out runs, which take part in choosing; empty where there is a single run.
         chi2_per_sample: 1 when only noise is left.
         bic: with the noise as assumed.
+        exam_rmse: by channel, on exam runs, which take part in nothing; empty where none is given.
     """
 
     added: tuple[str, ...]
@@ -39,6 +47,7 @@ class Rung:
     held_out_rmse: dict[str, float]
     chi2_per_sample: float
     bic: float
+    exam_rmse: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +62,8 @@ class Repair:
         before: the model as given, against the runs.
         after: the repaired model, against the runs.
         unknown: what is left, where something is.
+        links: those of an arm that effects change, in kg, m and kg m^2.
+        explained: share of the misfit that is gone; see `explained`.
     """
 
     verdict: Verdict
@@ -62,6 +73,8 @@ class Repair:
     before: Comparison
     after: Comparison
     unknown: Unknown | None
+    links: tuple["LinkChange", ...] = ()
+    explained: float = 0.0
 
 
 def repair(study: Study, progress: Progress | None = None) -> Repair:
@@ -83,21 +96,34 @@ def add(study: Study, wanted: Iterable[Effect]) -> Repair:
         effects = (*effects, candidate)
         now = study.fit_with(effects, now)
         steps.append(Step((candidate,), (), (), effects, now, remainder(now, study.scores(now, effects))))
-    return _concluded(study, Search(tuple(steps), None))
+    return _concluded(study, Search(tuple(steps), None), searched=False)
 
 
-def _concluded(study: Study, found: Search) -> Repair:
+def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
     start, last = found.steps[0], found.last
     unknown = characterise(last.fit) if last.remainder.fails else None
     verdict = _verdict(study, found, unknown)
+    if verdict is Verdict.UNKNOWN_EFFECT and not searched:
+        verdict = Verdict.EFFECT_MISSING  # the catalogue was not asked
+    ladder = tuple(_rung(study, step) for step in found.steps)
+    after = comparison(study, last.fit, last.remainder, absorbed=False)
+    links = links_of(study, last.fit)
+    left = Left(
+        something=verdict is not Verdict.EXPLAINED,
+        looks_like=unknown.sentence if unknown is not None else "",
+        searched=searched,
+        warnings=[link.warning for link in links if link.warning],
+    )
     return Repair(
         verdict=verdict,
-        sentence=_sentence(verdict, found, unknown),
+        sentence=repair_sentences(ladder, study.judges[0], after.scale, left),
         model=fitted_model(study, last),
-        ladder=tuple(_rung(study, step) for step in found.steps),
+        ladder=ladder,
         before=comparison(study, start.fit, start.remainder, absorbed=False),
-        after=comparison(study, last.fit, last.remainder, absorbed=False),
+        after=after,
         unknown=unknown,
+        links=links,
+        explained=explained(ladder[0], ladder[-1], study.judges[0], after.scale),
     )
 
 
@@ -145,6 +171,7 @@ def _rung(study: Study, step: Step) -> Rung:
         held_out_rmse=channel_rmse(held_out) if held_out is not None else {},
         chi2_per_sample=step.fit.chi2_per_sample,
         bic=step.fit.bic,
+        exam_rmse=channel_rmse(study.exam_blocks(step.fit)),
     )
 
 
@@ -157,27 +184,3 @@ def _verdict(study: Study, found: Search, unknown: Unknown | None) -> Verdict:
     shapeless = unknown is None or not unknown.significant
     little = len(found.steps) > 1 and explained_share(found.steps[0], found.last) > EXPLAINED_SHARE
     return Verdict.EXPLAINED if shapeless and little else Verdict.UNKNOWN_EFFECT
-
-
-def _sentence(verdict: Verdict, found: Search, unknown: Unknown | None) -> str:
-    start, last = found.steps[0], found.last
-    added = [e.spoken for e in last.effects if e not in start.effects]
-    text = f"Added {_listed(added)}: " if added else "Nothing added: "
-    text += f"χ² per sample {start.fit.chi2_per_sample:.3g}"
-    if added:
-        text += f" → {last.fit.chi2_per_sample:.3g}"
-    ties = {tied.effect for tied in found.tied}
-    if ties:
-        text += f"; these runs cannot tell {', '.join(sorted(ties))} from what was added"
-    share = explained_share(start, last) if added else 0.0
-    if verdict is Verdict.EXPLAINED:
-        if added and last.remainder.z > LARGEST_Z:
-            return text + f"; what is left, {100 * (1 - share):.2g} % of the misfit, shows no structure."
-        return text + "; what is left is noise."
-    text += f"; {100 * (1 - share):.3g} % of the misfit is left and nothing in the catalogue explains it"
-    return text + (f" ({unknown.sentence})." if unknown is not None and unknown.sentence else ".")
-
-
-def _listed(names: list[str]) -> str:
-    """Such as ``a, b and c``."""
-    return " and ".join(part for part in (", ".join(names[:-1]), names[-1]) if part)

@@ -6,6 +6,7 @@ import numpy as np
 
 from armdyn.effects.effect import Effect
 from armdyn.identify.evidence import Weighed, Whitening, weighed, whitening_of
+from armdyn.identify.exam import Judge, judges, prepared_exam
 from armdyn.identify.fit import GROWTHS, Fit, determined, fit
 from armdyn.identify.held_out import held_out_blocks
 from armdyn.identify.least_squares import Outcome
@@ -36,17 +37,27 @@ class Study:
     Args:
         model: with the effects that it has.
         runs: for training.
-        held_out: whole runs that take no part in any fit.
+        held_out: whole runs that take no part in any fit, and take part in choosing.
         catalogue: effects that may be missing.
+        exam: whole runs that take part in nothing; only `exam_blocks` uses them.
 
     Raises:
         InputError: see `prepare.prepared`.
     """
 
-    def __init__(self, model: Model, runs: Sequence[Run], held_out: Sequence[Run], catalogue: Sequence[Effect]) -> None:
+    def __init__(
+        self,
+        model: Model,
+        runs: Sequence[Run],
+        held_out: Sequence[Run],
+        catalogue: Sequence[Effect],
+        exam: Sequence[Run] = (),
+    ) -> None:
         self.model = model
         self.runs, self.held_out = prepared(model, runs, held_out)
-        everything = [*self.runs, *self.held_out]
+        names = [run.name for run in (*self.runs, *self.held_out)]
+        self.exam = prepared_exam(model, runs, held_out, exam, names)
+        everything = [*self.runs, *self.held_out, *self.exam]
         self.noise = noise_of_runs(model, everything)
         self.stated_noise = stated_noise(model, everything)
         self.effects = {effect.name: effect for effect in (*catalogue, *model.effects)}
@@ -61,6 +72,7 @@ class Study:
         self.candidates = tuple(_candidate(name, parts) for name, parts in absent if parts)
         self._fits: dict[tuple[Candidate, ...], Fit] = {}
         self._held_out: dict[int, tuple[Fit, list[Block] | None]] = {}
+        self._exam: dict[int, tuple[Fit, list[Block]]] = {}
         self._first: Fit | None = None
 
     def first(self) -> Fit:
@@ -158,10 +170,24 @@ class Study:
     def held_out_blocks(self, found: Fit) -> list[Block] | None:
         """Residuals of runs that took no part; see `held_out.held_out_blocks`."""
         if id(found) not in self._held_out:  # the fit is kept with its answer, so that its id stays its own
-            samples = sum(len(block.residual) for block in found.blocks)
-            ready = self.lean(found) if samples > LONG and found.problem is self.problem else found
-            self._held_out[id(found)] = found, held_out_blocks(ready, self.held_out)
+            self._held_out[id(found)] = found, held_out_blocks(self._quick(found), self.held_out)
         return self._held_out[id(found)][1]
+
+    @property
+    def judges(self) -> tuple[Judge, ...]:
+        """Who judges a model of this study, the most independent first."""
+        return judges(self.held_out, self.exam, self.runs)
+
+    def exam_blocks(self, found: Fit) -> list[Block]:
+        """Residuals of the exam runs, empty where there are none; ask when nothing is left to choose."""
+        if id(found) not in self._exam:
+            blocks = held_out_blocks(self._quick(found), self.exam) if self.exam else None
+            self._exam[id(found)] = found, blocks or []
+        return self._exam[id(found)][1]
+
+    def _quick(self, found: Fit) -> Fit:
+        """The fit in a formulation that predicts many samples fast."""
+        return self.lean(found) if found.samples > LONG and found.problem is self.problem else found
 
     def weighed(self, fits: Sequence[Fit]) -> tuple[list[Weighed], Whitening]:
         """Fits under the whitening that the best of them asks for."""

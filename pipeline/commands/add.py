@@ -6,6 +6,7 @@ import typer
 
 from pipeline.commands.identify_options import (
     EffectsOption,
+    ExamOption,
     HeldOutOption,
     ModelArgument,
     OutputOption,
@@ -30,6 +31,7 @@ def add(
     effect: Annotated[str, typer.Argument(metavar="EFFECT[:JOINT,...]", help="Name of the effect, with its joints.")],
     runs: RunsArgument,
     held_out: HeldOutOption = None,
+    exam: ExamOption = None,
     output: OutputOption = None,
     effects: EffectsOption = None,
     report: ReportOption = None,
@@ -39,9 +41,9 @@ def add(
     from armdyn.effects.catalogue import find
     from armdyn.identify.repair import add as extend
 
-    check_outputs(output, report, json_file, inputs=inputs_of(model, output, runs, held_out))
+    check_outputs(output, report, json_file, inputs=inputs_of(model, output, [*runs, *(held_out or ()), *(exam or ())]))
     with spinner() as say:
-        given = read_study(model, runs, held_out, effects)
+        given = read_study(model, runs, held_out, effects, exam)
         wanted = find(effect, given.catalogue)
         given.file.model.with_effect(wanted)  # says what is wrong before anything is fitted
         say("fitting")

@@ -8,6 +8,7 @@ import typer
 
 from pipeline.commands.identify_options import (
     EffectsOption,
+    ExamOption,
     HeldOutOption,
     ModelArgument,
     ReportOption,
@@ -31,6 +32,7 @@ def compare(
     model: ModelArgument,
     runs: RunsArgument,
     held_out: HeldOutOption = None,
+    exam: ExamOption = None,
     effects: EffectsOption = None,
     report: ReportOption = None,
     json_file: JsonOption = None,
@@ -38,9 +40,9 @@ def compare(
     """Fit what is free, and say how well the model does and where it fails."""
     from armdyn.identify.compare import compare as hold_against
 
-    check_outputs(report, json_file, inputs=[model, *runs, *(held_out or ())])
+    check_outputs(report, json_file, inputs=[model, *runs, *(held_out or ()), *(exam or ())])
     with spinner() as say:
-        given = read_study(model, runs, held_out, effects)
+        given = read_study(model, runs, held_out, effects, exam)
         say("fitting")
         found = hold_against(given.study)
         if report is not None:

@@ -8,6 +8,7 @@ import typer
 
 from pipeline.commands.identify_options import (
     EffectsOption,
+    ExamOption,
     HeldOutOption,
     ModelArgument,
     ReportOption,
@@ -30,6 +31,7 @@ def diagnose(
     model: ModelArgument,
     runs: RunsArgument,
     held_out: HeldOutOption = None,
+    exam: ExamOption = None,
     effects: EffectsOption = None,
     report: ReportOption = None,
     json_file: JsonOption = None,
@@ -39,9 +41,9 @@ def diagnose(
 
     from armdyn.identify.diagnose import diagnose as find_missing
 
-    check_outputs(report, json_file, inputs=[model, *runs, *(held_out or ())])
+    check_outputs(report, json_file, inputs=[model, *runs, *(held_out or ()), *(exam or ())])
     with spinner() as say:
-        given = read_study(model, runs, held_out, effects)
+        given = read_study(model, runs, held_out, effects, exam)
         found = find_missing(given.study, say)
         if report is not None:
             from pipeline.report.diagnosis import diagnosis_report

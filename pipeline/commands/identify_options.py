@@ -13,6 +13,7 @@ from pipeline.commands.output import to_screen
 if TYPE_CHECKING:
     from armdyn.effects.effect import Effect
     from armdyn.identify.compare import Comparison, FittedParameter
+    from armdyn.identify.exam import Judge
     from armdyn.identify.localise import Place
     from armdyn.identify.repair import Rung
     from armdyn.identify.study import Study
@@ -25,7 +26,18 @@ ModelArgument = Annotated[Path, typer.Argument(metavar="M.toml", help="Model fil
 RunsArgument = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Recordings to fit: CSV or MCAP.")]
 HeldOutOption = Annotated[
     list[Path] | None,
-    typer.Option("--held-out", help="A recording that takes no part in the fit; give the option once for each."),
+    typer.Option(
+        "--held-out",
+        help="A recording that takes part in choosing effects and never in a fit; give the option once for each.",
+    ),
+]
+ExamOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--exam",
+        help="A recording that takes part in nothing: its error is computed at the very end. Give the option once for "
+        "each.",
+    ),
 ]
 EffectsOption = Annotated[Path | None, typer.Option("--effects", help="Python file with effects of your own.")]
 ReportOption = Annotated[Path | None, typer.Option("--report", help="Write one offline HTML file.")]
@@ -42,7 +54,13 @@ class Given(NamedTuple):
     study: "Study"
 
 
-def read_study(model: Path, runs: list[Path], held_out: list[Path] | None, effects: Path | None) -> Given:
+def read_study(
+    model: Path,
+    runs: list[Path],
+    held_out: list[Path] | None,
+    effects: Path | None,
+    exam: list[Path] | None = None,
+) -> Given:
     """Read everything that a study needs.
 
     Raises:
@@ -57,8 +75,8 @@ def read_study(model: Path, runs: list[Path], held_out: list[Path] | None, effec
     own = load_effects(effects) if effects is not None else ()
     file = read_model_file(model, own)
     catalogue = tuple(e for e in (*CATALOGUE.values(), *own) if e.acts_on in file.model.stages)
-    study = Study(file.model, [read_run(run) for run in runs], [read_run(run) for run in held_out or ()], catalogue)
-    return Given(file, catalogue, study)
+    training, others, last = ([read_run(file) for file in files or ()] for files in (runs, held_out, exam))
+    return Given(file, catalogue, Study(file.model, training, others, catalogue, last))
 
 
 def check_outputs(*files: Path | None, inputs: Sequence[Path] = ()) -> None:
@@ -86,10 +104,10 @@ def check_outputs(*files: Path | None, inputs: Sequence[Path] = ()) -> None:
             raise InputError(f"cannot write {file}: there is no directory {file.parent}; choose another place")
 
 
-def inputs_of(model: Path, output: Path | None, runs: list[Path], held_out: list[Path] | None) -> list[Path]:
+def inputs_of(model: Path, output: Path | None, runs: list[Path]) -> list[Path]:
     """What a repair must not write over: recordings, and the model unless it is named as the output, too."""
     over = output is not None and output.resolve() == model.resolve()
-    return [*runs, *(held_out or ()), *([] if over else [model])]
+    return [*runs, *([] if over else [model])]
 
 
 @contextmanager
@@ -108,15 +126,18 @@ def say_fit(found: "Comparison") -> None:
 
     console = to_screen()
     say_parameters(found.parameters)
-    channels = Table("channel", "noise", "rmse", "held out", "χ²/sample", box=None, header_style="dim")
+    examined = any(c.exam_rmse is not None for c in found.channels.values())
+    heads = ("channel", "noise", "rmse", "held out", *(("exam",) if examined else ()), "χ²/sample")
+    channels = Table(*heads, box=None, header_style="dim")
     for name, c in found.channels.items():
-        held_out = "–" if c.held_out_rmse is None else f"{c.held_out_rmse:.4g} {c.unit}"
+        others = (c.held_out_rmse, c.exam_rmse) if examined else (c.held_out_rmse,)
+        unseen = ["–" if error is None else f"{error:.4g} {c.unit}" for error in others]
         channels.add_row(
-            name, f"{c.noise_std:.3g} {c.unit}", f"{c.rmse:.4g} {c.unit}", held_out, f"{c.chi2_per_sample:.4g}"
+            name, f"{c.noise_std:.3g} {c.unit}", f"{c.rmse:.4g} {c.unit}", *unseen, f"{c.chi2_per_sample:.4g}"
         )
     console.print(channels)
     if not found.intervals_hold:
-        console.print("[yellow]The residual is not white: the standard deviations do not hold as intervals.[/]")
+        console.print(f"[yellow]{found.how_certain}[/]")
     for name in found.at_bound:
         console.print(f"[yellow]{escape(name)} ended on its physical bound: it may stand in for something else.[/]")
     for name in found.undetermined:
@@ -146,13 +167,14 @@ def say_places(places: "Sequence[Place]", most: int = 6) -> None:
         )
 
 
-def say_ladder(ladder: "tuple[Rung, ...]") -> None:
+def say_ladder(ladder: "tuple[Rung, ...]", judges: "Sequence[Judge]") -> None:
     """Print the error falling; three channels or more, such as an arm's joints, as the root of their summed squares."""
     from rich.table import Column, Table
 
     channels = list(ladder[0].rmse)
     together = len(channels) > 2
-    heads = ["total rmse", "held out"] if together else [h for c in channels for h in (f"{c} rmse", "held out")]
+    unseen = ["held out", "exam"] if ladder[0].exam_rmse else ["held out"]
+    heads = ["total rmse", *unseen] if together else [h for c in channels for h in (f"{c} rmse", *unseen)]
     columns = [Column(head, overflow="fold") for head in ("step", *heads, "χ²/sample", "BIC")]
     table = Table(*columns, box=None, header_style="dim")
     for rung in ladder:
@@ -162,10 +184,14 @@ def say_ladder(ladder: "tuple[Rung, ...]") -> None:
             name += f" on {', '.join(rung.joints)}" if few else f" on {len(rung.joints)} joints"
         name += "".join(f" − {removed}" for removed in rung.removed)
         name += f" (or {', '.join(rung.tied_with)})" if rung.tied_with else ""
-        errors = [(rung.rmse[c], rung.held_out_rmse.get(c)) for c in channels]
+        kinds = (rung.rmse, rung.held_out_rmse, rung.exam_rmse)[: 1 + len(unseen)]
         if together:
-            held = [e for _, e in errors if e is not None]
-            errors = [(math.hypot(*(e for e, _ in errors)), math.hypot(*held) if held else None)]
-        cells = [f"{e:.4g}" if e is not None else "–" for pair in errors for e in pair]
+            errors = [math.hypot(*errors.values()) if errors else None for errors in kinds]
+        else:
+            errors = [errors.get(channel) for channel in channels for errors in kinds]
+        cells = [f"{e:.4g}" if e is not None else "–" for e in errors]
         table.add_row(name, *cells, f"{rung.chi2_per_sample:.4g}", f"{rung.bic:.6g}")
-    to_screen().print(table)
+    console = to_screen()
+    console.print(table)
+    for judge in judges:
+        console.print(f"[dim]{judge.value}[/]")

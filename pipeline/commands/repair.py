@@ -9,6 +9,7 @@ import typer
 
 from pipeline.commands.identify_options import (
     EffectsOption,
+    ExamOption,
     Given,
     HeldOutOption,
     ModelArgument,
@@ -22,6 +23,7 @@ from pipeline.commands.identify_options import (
     say_ladder,
     spinner,
 )
+from pipeline.commands.link_table import say_links
 from pipeline.commands.output import JsonOption, write_json
 
 if TYPE_CHECKING:
@@ -37,6 +39,7 @@ def repair(
     model: ModelArgument,
     runs: RunsArgument,
     held_out: HeldOutOption = None,
+    exam: ExamOption = None,
     output: OutputOption = None,
     effects: EffectsOption = None,
     report: ReportOption = None,
@@ -45,9 +48,9 @@ def repair(
     """Add the effects that are missing, one after the other, and watch the error fall."""
     from armdyn.identify.repair import repair as mend
 
-    check_outputs(output, report, json_file, inputs=inputs_of(model, output, runs, held_out))
+    check_outputs(output, report, json_file, inputs=inputs_of(model, output, [*runs, *(held_out or ()), *(exam or ())]))
     with spinner() as say:
-        given = read_study(model, runs, held_out, effects)
+        given = read_study(model, runs, held_out, effects, exam)
         found = mend(given.study, say)
     conclude(given, found, output or model, report, json_file)
 
@@ -57,7 +60,10 @@ def conclude(given: Given, found: "Repair", output: Path, report: Path | None, j
     from armdyn.model_file import ModelFile, write_model_file
     from pipeline.answers import errors, number, repair_answer
 
-    names = {"runs": [run.name for run in given.study.runs], "held_out": [run.name for run in given.study.held_out]}
+    study = given.study
+    names = {"runs": [run.name for run in study.runs], "held_out": [run.name for run in study.held_out]}
+    if study.exam:
+        names["exam"] = [run.name for run in study.exam]
     entries = [
         {
             "added": " + ".join(rung.added) or None,
@@ -66,6 +72,7 @@ def conclude(given: Given, found: "Repair", output: Path, report: Path | None, j
             **names,
             "rmse": errors(rung.rmse),
             "held_out_rmse": errors(rung.held_out_rmse) or None,
+            "exam_rmse": errors(rung.exam_rmse) or None,
             "chi2_per_sample": number(rung.chi2_per_sample),
             "bic": number(rung.bic),
         }
@@ -74,12 +81,13 @@ def conclude(given: Given, found: "Repair", output: Path, report: Path | None, j
     if report is not None:
         from pipeline.report.repair import repair_report
 
-        repair_report(given.study, found, shlex.join(["armdyn", *sys.argv[1:]])).write(report)
+        repair_report(study, found, shlex.join(["armdyn", *sys.argv[1:]])).write(report)
     write_model_file(output, ModelFile(found.model, given.file.description, (*given.file.history, *entries)))
     if json_file is not None:
         write_json(repair_answer(found), json_file)
     if json_file != Path("-"):
         typer.echo(found.sentence)
-        say_ladder(found.ladder)
+        say_ladder(found.ladder, study.judges)
+        say_links(found.links)
         say_fit(found.after)
         typer.echo(f"written to {output}")

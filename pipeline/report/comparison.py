@@ -40,13 +40,14 @@ def key_figures(found: Comparison) -> list[KeyFigure]:
     """χ² per sample, then the error of the first channels."""
     figures = [KeyFigure("χ² per sample", f"{found.fit.chi2_per_sample:.4g}", "1 is noise")]
     for name, channel in list(found.channels.items())[:4]:
-        held_out = channel.held_out_rmse
+        held_out, exam = channel.held_out_rmse, channel.exam_rmse
         note = f"held out {number(held_out, channel.unit)}" if held_out is not None else "nothing held out"
+        note += f", exam {number(exam, channel.unit)}" if exam is not None else ""
         figures.append(KeyFigure(name, number(channel.rmse, channel.unit), note))
     return figures
 
 
 def runs_of(study: Study) -> str:
     """Which recordings."""
-    text = ", ".join(run.name for run in study.runs)
-    return text + (f"; held out: {', '.join(run.name for run in study.held_out)}" if study.held_out else "")
+    kinds = {"": study.runs, "; held out: ": study.held_out, "; exam: ": study.exam}
+    return "".join(kind + ", ".join(run.name for run in runs) for kind, runs in kinds.items() if runs)

@@ -11,7 +11,7 @@ LEVELS = {
     Verdict.EXPLAINED: Level.GOOD,
     Verdict.EFFECT_MISSING: Level.CAUTION,
     Verdict.CANNOT_TELL_APART: Level.CAUTION,
-    Verdict.UNKNOWN_EFFECT: Level.BAD,
+    Verdict.UNKNOWN_EFFECT: Level.CAUTION,
 }
 
 

@@ -20,6 +20,7 @@ class Level(Enum):
     """Colour of the verdict; the value is the word that goes with it for those who see no colours."""
 
     GOOD = "done"
+    IMPROVED = "improved"
     CAUTION = "caution"
     BAD = "failed"
 

@@ -2,19 +2,33 @@
 
 from armdyn.identify.repair import Repair
 from armdyn.identify.study import Study
+from armdyn.identify.verdict import Verdict
 from pipeline.report.comparison import fit_sections, key_figures, runs_of
-from pipeline.report.diagnosis import LEVELS
-from pipeline.report.page import Report
+from pipeline.report.page import Level, Report
 from pipeline.report.sections.ladder import LadderSection
+from pipeline.report.sections.links import LinkSection
+
+MUCH = 0.5
+"""Share of the misfit; a repair that explains more is an improvement, whatever it leaves."""
+
+
+def repair_level(found: Repair) -> Level:
+    """Done where only noise is left, improved where much is explained, failed only where the error grew."""
+    if found.verdict is Verdict.EXPLAINED:
+        return Level.GOOD
+    if found.explained < 0.0:
+        return Level.BAD
+    return Level.IMPROVED if found.explained > MUCH else Level.CAUTION
 
 
 def repair_report(study: Study, found: Repair, command: str = "") -> Report:
-    """The error falling, then the repaired fit."""
+    """The error falling, what became of an arm's links, then the repaired fit."""
+    links = [LinkSection(found.links)] if found.links else []
     return Report(
         title="Repair: add what is missing, watch the error fall",
-        level=LEVELS[found.verdict],
+        level=repair_level(found),
         verdict=found.sentence,
-        sections=[LadderSection(found.ladder), *fit_sections(found.after)],
+        sections=[LadderSection(found.ladder, study.judges), *links, *fit_sections(found.after)],
         subtitle=runs_of(study),
         key_figures=key_figures(found.after),
         command=command,

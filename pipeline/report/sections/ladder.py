@@ -1,24 +1,26 @@
 """The error falling as effects are added."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 import plotly.graph_objects as go
 
+from armdyn.identify.exam import Judge
 from armdyn.identify.repair import Rung
 from pipeline.report.section import Chart, Section, Table
-from pipeline.report.theme import BLUE, ORANGE
+from pipeline.report.theme import BLUE, GREEN, ORANGE
 
 
 @dataclass(frozen=True)
 class LadderSection(Section):
-    """χ² per sample and the errors of every step, on training and on held-out runs."""
+    """χ² per sample and the errors of every step, on training, held-out and exam runs."""
 
     title: ClassVar[str] = "The error falling"
 
     ladder: Sequence[Rung]
+    judges: Sequence[Judge] = ()
 
     def sentence(self) -> str:
         """From where to where."""
@@ -34,6 +36,7 @@ class LadderSection(Section):
         for name, colour, values in (
             ("training", BLUE, [rung.rmse for rung in self.ladder]),
             ("held out", ORANGE, [rung.held_out_rmse for rung in self.ladder]),
+            ("exam", GREEN, [rung.exam_rmse for rung in self.ladder]),
         ):
             if not values[0]:
                 continue
@@ -48,18 +51,27 @@ class LadderSection(Section):
 
     def tables(self) -> Sequence[Table]:
         """A row per step."""
+        examined = bool(self.ladder[0].exam_rmse)
         rows = [
             [
                 step_name(rung),
-                ", ".join(f"{v:.4g}" for v in rung.rmse.values()),
-                ", ".join(f"{v:.4g}" for v in rung.held_out_rmse.values()) or "–",
+                _errors(rung.rmse),
+                _errors(rung.held_out_rmse),
+                *([_errors(rung.exam_rmse)] if examined else []),
                 f"{rung.chi2_per_sample:.4g}",
                 f"{rung.bic:.1f}",
                 ", ".join(rung.tied_with),
             ]
             for rung in self.ladder
         ]
-        return [Table(["step", "rms error", "held out", "χ² per sample", "BIC", "cannot be told from"], rows)]
+        errors = ["rms error", "held out", *(["exam"] if examined else [])]
+        caption = "; ".join(judge.value for judge in self.judges)
+        header = ["step", *errors, "χ² per sample", "BIC", "cannot be told from"]
+        return [Table(header, rows, f"{caption[:1].upper()}{caption[1:]}." if caption else "")]
+
+
+def _errors(rmse: Mapping[str, float]) -> str:
+    return ", ".join(f"{v:.4g}" for v in rmse.values()) or "–"
 
 
 def step_name(rung: Rung) -> str:

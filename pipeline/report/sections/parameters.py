@@ -18,11 +18,7 @@ class ParameterSection(Section):
 
     def sentence(self) -> str:
         """Whether the intervals can be trusted."""
-        text = (
-            "The residual is white: the intervals hold."
-            if self.comparison.intervals_hold
-            else "The residual is more than white noise: the standard deviations are too small to be intervals."
-        )
+        text = self.comparison.how_certain
         if self.comparison.at_bound:
             text += f" On a physical bound, and pulled beyond it: {', '.join(self.comparison.at_bound)}."
         if self.comparison.undetermined:
@@ -36,18 +32,23 @@ class ParameterSection(Section):
             [name, f"{p.value:.6g}", f"{p.std:.2g}" if p.std is not None else "not fitted", p.unit]
             for name, p in c.parameters.items()
         ]
+        examined = any(q.exam_rmse is not None for q in c.channels.values())
         channels = [
             [
                 name,
                 f"{q.noise_std:.3g}",
                 f"{q.rmse:.4g}",
-                f"{q.held_out_rmse:.4g}" if q.held_out_rmse is not None else "–",
+                *(
+                    f"{error:.4g}" if error is not None else "–"
+                    for error in ((q.held_out_rmse, q.exam_rmse) if examined else (q.held_out_rmse,))
+                ),
                 f"{q.chi2_per_sample:.4g}",
                 q.unit,
             ]
             for name, q in c.channels.items()
         ]
+        errors = ["rms error", "held out", *(["exam"] if examined else [])]
         return [
             Table(["parameter", "value", "std", "unit"], parameters),
-            Table(["channel", "noise", "rms error", "held out", "χ² per sample", "unit"], channels),
+            Table(["channel", "noise", *errors, "χ² per sample", "unit"], channels),
         ]

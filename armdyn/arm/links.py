@@ -1,0 +1,151 @@
+"""Links in kg, m and kg m^2: as the URDF has them, as a fit changed them, and what of that the runs determine."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import casadi as ca
+import numpy as np
+
+from armdyn.arm.inertia import SIZE, is_physical
+from armdyn.arm.model import ArmModel
+
+DETERMINED = 0.25
+"""Largest standard deviation, without any prior, of a value that the runs determine: as a share of the link's mass, of
+its radius of gyration, of their product, of its mean moment of inertia. With more, a value says little but that it is
+positive."""
+ABSURD = 5.0
+"""Ratio of a link's mass to the URDF's, or its inverse, that no description is wrong by: the mass then stands in for
+something else, or nothing determines it."""
+QUANTITIES = (
+    ("mass", "kg"),
+    ("centre_x", "m"),
+    ("centre_y", "m"),
+    ("centre_z", "m"),
+    ("inertia_xx", "kg m^2"),
+    ("inertia_xy", "kg m^2"),
+    ("inertia_yy", "kg m^2"),
+    ("inertia_xz", "kg m^2"),
+    ("inertia_yz", "kg m^2"),
+    ("inertia_zz", "kg m^2"),
+    ("moment_x", "kg m"),
+    ("moment_y", "kg m"),
+    ("moment_z", "kg m"),
+)
+"""Names and units of what describes a link, in the frame of its joint; inertias are about the centre of mass. Moments
+are mass times centre: torques tell those of a last link, whose mass alone they do not tell."""
+
+
+@dataclass(frozen=True)
+class LinkQuantity:
+    """One number that describes a link.
+
+    Attributes:
+        name: of `QUANTITIES`.
+        unit: SI.
+        described: as the URDF has it.
+        value: in the model.
+        std: standard deviation of `value`, priors counted in.
+        determined: whether these runs determine it, without any prior.
+    """
+
+    name: str
+    unit: str
+    described: float
+    value: float
+    std: float
+    determined: bool
+
+
+@dataclass(frozen=True)
+class LinkChange:
+    """A link that a fit changed, with all that is fixed to it.
+
+    Attributes:
+        joint: that moves it.
+        quantities: in the order of `QUANTITIES`.
+        physical: whether some body has these inertial parameters.
+    """
+
+    joint: str
+    quantities: tuple[LinkQuantity, ...]
+    physical: bool
+
+    @property
+    def mass(self) -> LinkQuantity:
+        """The mass, kg."""
+        return self.quantities[0]
+
+    @property
+    def warning(self) -> str:
+        """What no reader should take over unseen; empty where there is nothing."""
+        if not self.physical:
+            return f"the link of {self.joint} has an inertia that no body has"
+        mass = self.mass
+        if mass.described > 0 and not 1 / ABSURD <= mass.value / mass.described <= ABSURD:
+            text = f"the link of {self.joint} weighs {mass.value:.3g} kg in the model (URDF: {mass.described:.3g} kg)"
+            return text + ("" if mass.determined else ", which these runs do not determine")
+        return ""
+
+
+def link_changes(
+    model: ArmModel, theta: np.ndarray, covariance: np.ndarray, of_runs_alone: np.ndarray, free: np.ndarray
+) -> tuple[LinkChange, ...]:
+    """Every link that effects change, in the order of the joints.
+
+    Args:
+        model: with those effects.
+        theta: (p,) its fitted parameters.
+        covariance: (p, p) of them, by the delta method carried over to the links.
+        of_runs_alone: (p, p) nearly without priors.
+        free: (p,) bool, what was fitted.
+    """
+    found = []
+    for i, (change, derivatives) in model.changed_links(theta).items():
+        concerned = np.any(derivatives != 0.0, axis=0)
+        if not (change.any() or np.any(concerned & free)):
+            continue
+        described = model.arm.described[i]
+        inertial = described + change
+        value, jacobian = _described_by(inertial)
+        by_theta = jacobian @ (derivatives * free)
+        std, alone = (np.sqrt(np.einsum("ij,jk,ik->i", by_theta, c, by_theta)) for c in (covariance, of_runs_alone))
+        sizes = _sizes(value)
+        moves = np.any(by_theta != 0.0, axis=1)
+        quantities = tuple(
+            LinkQuantity(name, unit, float(d), float(v), float(s), bool(m and a < DETERMINED * size))
+            for (name, unit), d, v, s, a, size, m in zip(
+                QUANTITIES, _described_by(described)[0], value, std, alone, sizes, moves, strict=True
+            )
+        )
+        found.append(LinkChange(model.joints[i], quantities, is_physical(inertial)))
+    return tuple(found)
+
+
+def _sizes(value: np.ndarray) -> np.ndarray:
+    """(13,) what a standard deviation is held against: mass, radius of gyration, mean moment of inertia, moment."""
+    mass, moment = abs(value[0]), float(np.mean(np.abs(value[[4, 6, 9]])))
+    # A sphere's moments are 2/3 of its mass times the square of its radius of gyration about the centre.
+    radius = float(np.sqrt(1.5 * moment / mass)) if mass > 0 else 0.0
+    return np.array([mass, *[radius] * 3, *[moment] * 6, *[mass * radius] * 3])
+
+
+def _described_by(inertial: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(13,) `QUANTITIES` of (10,) inertial parameters, and (13, 10) the derivatives.
+
+    c = h / m, I_c = I - m (|c|^2 1 - c c'); a link without mass has its centre at the origin.
+    """
+    if inertial[0] == 0.0:
+        values = np.concatenate([np.zeros(4), inertial[4:], inertial[1:4]])
+        return values, np.vstack([np.eye(SIZE), np.eye(SIZE)[1:4]])
+    found, derivatives = _function()(inertial)
+    return np.asarray(found)[:, 0], np.asarray(derivatives)
+
+
+@cache
+def _function() -> ca.Function:
+    inertial = ca.SX.sym("pi", SIZE)
+    mass, centre = inertial[0], inertial[1:4] / inertial[0]
+    steiner = mass * (ca.dot(centre, centre) * ca.SX.eye(3) - centre @ centre.T)
+    about = ca.vertcat(steiner[0, 0], steiner[0, 1], steiner[1, 1], steiner[0, 2], steiner[1, 2], steiner[2, 2])
+    values = ca.vertcat(mass, centre, inertial[4:] - about, inertial[1:4])
+    return ca.Function("link", [inertial], [ca.densify(values), ca.densify(ca.jacobian(values, inertial))])

@@ -1,0 +1,79 @@
+"""How much of a misfit a change of the model explains: the one meaning of "explained" in every text and number.
+
+The share of the squared error above the noise that is gone, on motion that no fit has seen where there is such motion,
+else on the training runs:
+
+    share = 1 - sum_c w_c max(e_c'^2 - s_c^2, 0) / sum_c w_c max(e_c^2 - s_c^2, 0),
+
+e_c the rms error of channel c before, e_c' after, s_c the standard deviation of its noise; w_c = 1 where all channels
+have one unit, such as the torques of an arm, else 1/s_c^2.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+from armdyn.identify.exam import Judge
+
+
+class Errors(Protocol):
+    """Rms errors by channel at one step of a repair; a `Rung` is one."""
+
+    @property
+    def rmse(self) -> Mapping[str, float]:
+        """On the training runs."""
+
+    @property
+    def held_out_rmse(self) -> Mapping[str, float]:
+        """On runs that took no part in the fit; may be empty."""
+
+    @property
+    def exam_rmse(self) -> Mapping[str, float]:
+        """On runs that took part in nothing; may be empty."""
+
+
+@dataclass(frozen=True)
+class Scale:
+    """What errors are measured with.
+
+    Attributes:
+        units: by channel, SI.
+        noise: by channel, standard deviation in its unit.
+    """
+
+    units: Mapping[str, str]
+    noise: Mapping[str, float]
+
+
+def judged(errors: Errors, judge: Judge, scale: Scale) -> Mapping[str, float]:
+    """The errors that a judge found, by channel; those of channels that no training run has are left out."""
+    if judge is Judge.EXAM:
+        found = errors.exam_rmse
+    else:
+        found = errors.rmse if judge is Judge.TRAINING else errors.held_out_rmse
+    return {channel: error for channel, error in found.items() if channel in scale.units}
+
+
+def explained(before: Errors, after: Errors, judge: Judge, scale: Scale) -> float:
+    """The share, at most 1; negative where the error grew. 1 where there was nothing to explain.
+
+    Args:
+        before: the model as given.
+        after: the changed one.
+        judge: on whose runs.
+        scale: units and noise of the channels.
+    """
+    first, last = (_above_noise(judged(errors, judge, scale), scale) for errors in (before, after))
+    if first <= 0.0:
+        return 1.0 if last <= 0.0 else 0.0
+    return 1.0 - last / first
+
+
+def _above_noise(errors: Mapping[str, float], scale: Scale) -> float:
+    """Sum of the channels' squared errors above the noise."""
+    one_unit = len({scale.units[channel] for channel in errors}) < 2
+    total = 0.0
+    for channel, error in errors.items():
+        noise = scale.noise[channel]
+        total += max(error**2 - noise**2, 0.0) / (1.0 if one_unit else noise**2)
+    return total

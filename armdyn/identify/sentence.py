@@ -1,0 +1,199 @@
+"""What a repair found, in at most two sentences: what is missing and how the error falls; what is left."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from armdyn.identify.exam import Judge
+from armdyn.identify.explained import Errors, Scale, explained, judged
+
+WHOSE = {
+    Judge.EXAM: "on the exam, which took part in nothing,",
+    Judge.HELD_OUT: "on held-out runs, which took part in choosing,",
+    Judge.IN_TURN: "of runs predicted from the others",
+    Judge.TRAINING: "on the run that it was fitted to",
+}
+NOTICEABLE = 0.01
+"""Relative change of an error that is called one."""
+MOST_JOINTS = 3
+MOST_EFFECTS = 4
+"""Beyond which effects, or an effect's joints, are counted rather than named."""
+AT_THE_NOISE = 1.1
+"""Ratio of error to noise up to which an error is called noise."""
+
+
+class Change(Errors, Protocol):
+    """One step of a repair; a `Rung` is one."""
+
+    @property
+    def added(self) -> tuple[str, ...]:
+        """Effects that came in."""
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Where, for an arm."""
+
+    @property
+    def removed(self) -> tuple[str, ...]:
+        """Effects that went out."""
+
+    @property
+    def tied_with(self) -> tuple[str, ...]:
+        """What these runs cannot tell from the one added."""
+
+
+@dataclass(frozen=True)
+class Left:
+    """What a repair leaves.
+
+    Attributes:
+        something: whether it is more than noise.
+        looks_like: what is known of it, without a full stop; may be empty.
+        searched: whether the catalogue was asked for more.
+        warnings: what must not be overlooked, such as a link of 241 kg.
+    """
+
+    something: bool
+    looks_like: str = ""
+    searched: bool = True
+    warnings: Sequence[str] = ()
+
+
+def repair_sentences(ladder: Sequence[Change], judge: Judge, scale: Scale, left: Left) -> str:
+    """What a repair found.
+
+    Args:
+        ladder: the model as given first.
+        judge: whose error is told: the most independent that there is.
+        scale: units and noise of the channels.
+        left: what remains.
+    """
+    first, last = ladder[0], ladder[-1]
+    before, after = (totals(judged(rung, judge, scale), scale.units) for rung in (first, last))
+    return f"{_found(ladder, judge, scale, before, after, left.searched)} {_left(ladder[-1], scale, after, left)}"
+
+
+def totals(errors: Mapping[str, float], units: Mapping[str, str]) -> dict[str, float]:
+    """By unit: root of the summed squares of the channels' errors; of a single channel its own."""
+    return {
+        unit: math.hypot(*(error for channel, error in errors.items() if units[channel] == unit))
+        for unit in dict.fromkeys(units[channel] for channel in errors)
+    }
+
+
+def added_effects(ladder: Sequence[Change]) -> list[str]:
+    """Effects that are in the last model and not in the first, with their joints, in the order in which they came."""
+    found: dict[str, list[str]] = {}
+    for rung in ladder[1:]:
+        for name in rung.removed:
+            found.pop(name, None)
+        for name in rung.added:
+            # The joints of a step that added several effects are not told apart.
+            joints = rung.joints if len(rung.added) == 1 else ()
+            found.setdefault(name, []).extend(joint for joint in joints if joint not in found.get(name, []))
+    return [_on(name, joints) for name, joints in found.items()]
+
+
+def _found(
+    ladder: Sequence[Change],
+    judge: Judge,
+    scale: Scale,
+    before: Mapping[str, float],
+    after: Mapping[str, float],
+    searched: bool,
+) -> str:
+    added, removed = added_effects(ladder), _removed(ladder)
+    if not (added or removed):
+        return f"Nothing was added: the error {WHOSE[judge]} is {_sizes(before)}."
+    named = added if len(added) <= MOST_EFFECTS else [*added[: MOST_EFFECTS - 1], f"{len(added) - 3} more effects"]
+    several = len(added) > 1
+    ties = list(dict.fromkeys(tied for rung in ladder for tied in rung.tied_with))
+    share = explained(ladder[0], ladder[-1], judge, scale)
+    helps = share > 0.0
+    is_missing = "missing" if searched and helps else "added"
+    text = f"{_listed(named)} {_verb(added, is_missing)} {is_missing}" if added else ""
+    if ties:
+        text += f" (these runs cannot tell {_listed(ties, 'or')} from {'them' if several else 'it'})"
+    if removed:
+        text += f"{' and ' if added else ''}{_listed(removed)} {_verb(removed, 'missing')} superfluous"
+    them = "they explain" if several else "it explains"
+    if added and helps:
+        text += f": {them} {_percent(share)} of the misfit"
+        # The first one often does most, and a reader wants to know.
+        if several and len(ladder) > 2 and len(ladder[1].added) == 1:
+            alone = explained(ladder[0], ladder[1], judge, scale)
+            if 0.5 < alone < share:
+                text += f", {ladder[1].added[0]} alone {_percent(alone)}"
+    return f"{text}{';' if added else ':'} the error {WHOSE[judge]} {_change(before, after)}."
+
+
+def _verb(effects: Sequence[str], what: str) -> str:
+    if what == "missing":
+        return "are" if len(effects) > 1 else "is"
+    return "were" if len(effects) > 1 else "was"
+
+
+def _left(last: Change, scale: Scale, after: Mapping[str, float], left: Left) -> str:
+    warned = "".join(f"; but {warning}" for warning in left.warnings)
+    noise = totals({channel: scale.noise[channel] for channel in last.rmse}, scale.units)
+    ratio = max((after[unit] / noise[unit] for unit in after if noise.get(unit)), default=0.0)
+    size = f"What is left, {_number(ratio, 2)} times the noise," if ratio > AT_THE_NOISE else "What is left"
+    if not left.something:
+        return f"{size} {'shows no structure' if ratio > AT_THE_NOISE else 'is noise'}{warned}."
+    text = f"{size} {'is more than noise' if ratio > AT_THE_NOISE else 'is not white noise'}"
+    text += f" ({left.looks_like})" if left.looks_like else ""
+    more = ", and nothing in the catalogue explains it" if left.searched else ": run `armdyn diagnose` to look for more"
+    text += more
+    return f"{text}{warned}."
+
+
+def _change(before: Mapping[str, float], after: Mapping[str, float]) -> str:
+    parts = []
+    for unit, old in before.items():
+        new = after.get(unit, math.nan)
+        verb = "falls" if new < (1 - NOTICEABLE) * old else "rises" if new > (1 + NOTICEABLE) * old else ""
+        if verb:
+            parts.append(f"{verb} from {_number(old)} to {_number(new)} {unit}")
+        else:
+            parts.append(f"stays at {_number(old)} {unit}")
+    return _listed(parts)
+
+
+def _sizes(by_unit: Mapping[str, float]) -> str:
+    return _listed([f"{_number(error)} {unit}" for unit, error in by_unit.items()])
+
+
+def _removed(ladder: Sequence[Change]) -> list[str]:
+    """Effects that the model as given had and the last one lacks."""
+    came: set[str] = set()
+    gone: dict[str, None] = {}
+    for rung in ladder[1:]:
+        gone.update(dict.fromkeys(name for name in rung.removed if name not in came))
+        came.update(rung.added)
+        for name in rung.added:
+            gone.pop(name, None)
+    return list(gone)
+
+
+def _on(name: str, joints: Sequence[str]) -> str:
+    if not joints:
+        return name
+    return f"{name} on {_listed(list(joints)) if len(joints) <= MOST_JOINTS else f'{len(joints)} joints'}"
+
+
+def _percent(share: float) -> str:
+    """``0.9994`` as ``99.9 %``: never all where something is left."""
+    digits = 0 if share < 0.99 else 1
+    cut = math.floor(share * 10 ** (digits + 2)) / 10**digits
+    return f"{100 if share >= 1.0 else cut:.{digits}f} %".replace(".0 %", " %")
+
+
+def _number(value: float, digits: int = 3) -> str:
+    """Without an exponent as long as a person reads it more easily so."""
+    return f"{float(f'{value:.{digits}g}'):g}"
+
+
+def _listed(names: Sequence[str], word: str = "and") -> str:
+    """Such as ``a, b and c``."""
+    return f" {word} ".join(part for part in (", ".join(names[:-1]), names[-1]) if part)

@@ -1,0 +1,122 @@
+"""How certain fitted values are, with the model's own error counted in where it is larger than the noise.
+
+Where the residual is of the size of the noise, an autoregression whitens it, and the covariance is that of generalised
+least squares. Where the model's own error is larger, whitening would take that error for noise with a memory and
+promise far too much. The covariance is then that of the ordinary least squares that were solved, with errors as large
+and as correlated as the residual of each channel c shows them,
+
+    H = sum_c S_c' S_c + P,    Cov = H^-1 (sum_c f_c S_c' S_c + P) H^-1,    f_c = max(1, variance_inflation),
+
+S_c the derivatives over the noise and P the priors (White, Econometrica 50, 1982, for the form).
+
+Measured on simulated recordings of a Baxter arm with an effect of the catalogue and one that is in none: see
+`tests/armdyn/identify/test_uncertainty.py`. What is missing may still shift a value by more than any residual shows.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from armdyn.identify.evidence import weighed, whitening_of
+from armdyn.identify.fit import Fit
+from armdyn.identify.noise import variance_inflation
+from armdyn.identify.problem import Block
+from armdyn.identify.study import Study
+
+FAR_ABOVE_STATED = 2.0
+"""Chi2 per sample, against the noise as stated, beyond which the model's own error is larger than the noise."""
+FAR_ABOVE_ESTIMATED = 10.0
+"""The same where the noise is only estimated: third differences take noise with a correlation of 0.8 from one sample to
+the next for 7.5 times weaker than it is."""
+NEARLY_NO_PRIOR = 1e-4
+"""Share of the priors' weight that is left to ask what the runs alone determine: a hundred times wider."""
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """What a fit leaves uncertain.
+
+    Attributes:
+        fit: the minimum.
+        inflation: by channel, f_c; empty where the residual is of the size of the noise.
+    """
+
+    fit: Fit
+    inflation: dict[str, float]
+
+    @property
+    def widened(self) -> float:
+        """Factor on the standard deviations for the model's own error, for the worst channel; 1 where it is small."""
+        return float(np.sqrt(max(self.inflation.values(), default=1.0)))
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """(P, P) of all unknowns; zero for what was not fitted or is held by a bound."""
+        if not self.inflation:
+            return weighed(self.fit, whitening_of(self.fit)).covariance
+        return self._sandwich(self.fit.free & ~self._held_by_bound, 1.0)
+
+    @cached_property
+    def of_runs_alone(self) -> np.ndarray:
+        """(P, P) the covariance nearly without priors and bounds: huge in what only they determine."""
+        return self._sandwich(self.fit.free, NEARLY_NO_PRIOR)
+
+    def _sandwich(self, wanted: np.ndarray, trust: float) -> np.ndarray:
+        """(P, P) for the unknowns `wanted`, (P,) bool, with priors of `trust` times their weight."""
+        index = np.flatnonzero(wanted)
+        priors = np.diag(trust * self.fit.problem.prior_weight[index] ** 2)
+        bread, meat = priors.copy(), priors.copy()
+        factors = self.inflation or _inflation(self.fit)
+        for block in self.fit.blocks:
+            information = block.sensitivities[:, index].T @ block.sensitivities[:, index]
+            bread += information
+            meat += factors[block.channel] * information
+        scale = np.sqrt(np.maximum(np.diag(bread), np.finfo(float).tiny))
+        inverse = np.linalg.pinv(bread / np.outer(scale, scale), rcond=1e-13, hermitian=True) / np.outer(scale, scale)
+        result = np.zeros((len(wanted), len(wanted)))
+        result[np.ix_(index, index)] = inverse @ meat @ inverse
+        return result
+
+    @property
+    def _held_by_bound(self) -> np.ndarray:
+        """(P,) bool: unknowns that the runs pull beyond a bound."""
+        problem, values = self.fit.problem, self.fit.values
+        gradient = problem.prior_weight**2 * (problem.prior_mean - values)
+        for block in self.fit.blocks:
+            gradient = gradient + block.sensitivities.T @ block.residual
+        return ((values <= problem.lower) & (gradient < 0)) | ((values >= problem.upper) & (gradient > 0))
+
+
+def uncertainty(study: Study, fit: Fit) -> Uncertainty:
+    """The uncertainty of a fit, by whichever of noise and model error is larger."""
+    return Uncertainty(fit, _inflation(fit) if _model_limited(study, fit) else {})
+
+
+def _model_limited(study: Study, fit: Fit) -> bool:
+    """Whether in some channel the model's own error is larger than the noise."""
+    for blocks in _by_channel(fit).values():
+        stated = [study.stated_noise.get((block.run, block.channel)) for block in blocks]
+        samples = sum(len(block.residual) for block in blocks)
+        if all(stated):
+            chi2 = sum(float(b.misfit @ b.misfit) / s**2 for b, s in zip(blocks, stated, strict=True) if s)
+            far = FAR_ABOVE_STATED
+        else:
+            chi2, far = sum(float(b.residual @ b.residual) for b in blocks), FAR_ABOVE_ESTIMATED
+        if chi2 > far * samples:
+            return True
+    return False
+
+
+def _inflation(fit: Fit) -> dict[str, float]:
+    """By channel, at least 1."""
+    return {
+        channel: max(1.0, variance_inflation([block.residual for block in blocks]))
+        for channel, blocks in _by_channel(fit).items()
+    }
+
+
+def _by_channel(fit: Fit) -> dict[str, Sequence[Block]]:
+    channels = dict.fromkeys(block.channel for block in fit.blocks)
+    return {channel: [block for block in fit.blocks if block.channel == channel] for channel in channels}

@@ -1,0 +1,71 @@
+"""An exam run is predicted at the end and changes nothing before it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hidden_effects.pendulum import Setup, record, weighed
+
+from armdyn.effects.catalogue import CATALOGUE, find
+from armdyn.errors import InputError
+from armdyn.identify.compare import compare
+from armdyn.identify.exam import Judge
+from armdyn.identify.repair import add
+from armdyn.identify.study import Study
+from armdyn.pendulum.model import pendulum_model
+from armdyn.units import Known
+
+EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on != "joint")
+HIDDEN = {"quadratic_drag": 0.02}
+DRAG = find("quadratic_drag", EFFECTS)
+
+
+def recordings(seed=7, **settings):
+    rng = np.random.default_rng(seed)
+    known = Known(0.0802, 4e-4, "kg"), Known(0.3685, 1e-3, "m")
+    return [weighed(record(f"r{k}.csv", Setup(**settings), rng), *known) for k in range(2)]
+
+
+def study_of(runs, held_out=(), exam=()):
+    return Study(pendulum_model(0.35, 0.1), runs, held_out, EFFECTS, exam)
+
+
+def test_the_exam_error_falls_with_the_right_effect_and_everything_else_stays():
+    runs, exam = recordings(hidden=HIDDEN), recordings(seed=8, hidden=HIDDEN)
+    alone, examined = add(study_of(runs), [DRAG]), add(study_of(runs, exam=exam), [DRAG])
+    for one, other in zip(alone.ladder, examined.ladder, strict=True):
+        assert one == replace(other, exam_rmse={})
+    given, repaired = (rung.exam_rmse["load_force"] for rung in examined.ladder)
+    assert repaired < 1.1 * 3e-3 < given
+    assert examined.after.channels["load_force"].exam_rmse == repaired
+
+
+def test_an_exam_run_takes_another_name_where_its_own_is_taken():
+    runs, (exam, _) = recordings(), recordings(seed=8)
+    study = study_of(runs, exam=[exam])
+    assert [run.name for run in study.runs] == [run.name for run in runs]
+    assert [run.name for run in study.exam] == [f"exam/{exam.name}"]
+    assert compare(study).channels["load_force"].exam_rmse == pytest.approx(3e-3, rel=0.1)
+
+
+def test_a_training_run_is_no_exam_and_a_copy_neither():
+    runs = recordings()
+    with pytest.raises(InputError, match="is an exam run and also a training run"):
+        study_of(runs, exam=runs[:1])
+    copied = replace(runs[0], channels=dict(runs[0].channels))
+    with pytest.raises(InputError, match="holds the same data"):
+        study_of(runs, exam=[copied])
+
+
+def test_who_judged_is_said():
+    runs = recordings()
+    assert study_of(runs).judges == (Judge.IN_TURN,)
+    assert study_of(runs[:1]).judges == (Judge.TRAINING,)
+    assert study_of(runs[:1], runs[1:]).judges == (Judge.HELD_OUT,)
+    assert study_of(runs, exam=recordings(seed=8)[:1]).judges == (Judge.EXAM, Judge.IN_TURN)
+
+
+def test_no_exam_run_no_exam_error():
+    study = study_of(recordings())
+    assert study.exam_blocks(study.first()) == []
+    assert np.all([c.exam_rmse is None for c in compare(study).channels.values()])
