@@ -48,6 +48,8 @@ class Model(ABC):
     base: ClassVar[str] = ""
     first_window: ClassVar[float | None] = None
     """s; shortest stretch of a run that a fit from afar starts with, doubling; None where any start will do."""
+    linear: ClassVar[bool] = False
+    """Whether predictions are linear in most unknowns, so that one expansion foretells what any set of effects does."""
     stages = STAGES
     """What effects of this model may act on."""
 

@@ -5,10 +5,11 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from armdyn.identify.compare import Comparison, Correction, FittedParameter
-from armdyn.identify.diagnose import Diagnosis, Suspect
+from armdyn.identify.diagnose import Diagnosis
 from armdyn.identify.localise import Place
 from armdyn.identify.repair import Repair, Rung
 from armdyn.identify.study import Study
+from armdyn.identify.suspects import Suspect
 from armdyn.identify.unknown import Unknown
 
 if TYPE_CHECKING:

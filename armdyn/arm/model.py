@@ -33,6 +33,7 @@ class ArmModel(Model):
     arm: Arm
 
     base = "arm"
+    linear = True
     stages = ("joint",)
 
     @property

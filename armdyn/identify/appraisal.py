@@ -17,12 +17,13 @@ with the same slope where they meet. n counts independent samples: what the rich
 samples of a correlation time of k samples are worth N/k (Bayley & Hammersley, J. R. Stat. Soc. Suppl. 8, 1946).
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import log
 
 import numpy as np
+from scipy.linalg.lapack import dposv, dpotrf, dtrtri
 
 from armdyn.identify.noise import correlation_time
 from armdyn.identify.score import Candidate
@@ -51,8 +52,11 @@ class Appraisal:
         fit: log evidence of the training runs.
         transfer: log likelihood of runs as predicted from the others; 0 where there is nothing to predict.
         price: nats.
-        columns: (c,) the unknowns that are free.
+        columns: (c,) the unknowns that change.
+        free: (c,) bool, those that are fitted; the others return to null.
         change: (c,) their change from the expansion's point in a fit to all training runs.
+        likelihood: log likelihood of the training runs.
+        values: number of the effects' unknowns that the runs determine rather than the priors.
         predicted: (u,) mean squared error of the predicted units.
         totals: (r, k) error of every predicted run over its channels of each unit, root of the sum of squares.
     """
@@ -63,7 +67,10 @@ class Appraisal:
     transfer: float
     price: float
     columns: np.ndarray
+    free: np.ndarray
     change: np.ndarray
+    likelihood: float
+    values: float
     predicted: np.ndarray
     totals: np.ndarray
 
@@ -87,23 +94,43 @@ class Appraiser:
     def __init__(self, sums: Sums, always: np.ndarray, candidates: Sequence[Candidate]) -> None:
         self.sums = sums
         self.candidates = tuple(candidates)
-        self._always = np.flatnonzero(always)
-        self._columns = {c: np.flatnonzero(sums.problem.of(c.names)) for c in candidates}
+        p = sums.problem
+        self._always = always
+        self._columns = {c: np.flatnonzero(p.of(c.names)) for c in candidates}
+        # Effects that the expansion's point holds return to null in sets without them.
+        own = np.isin(np.arange(len(p.columns)), np.concatenate([*self._columns.values(), np.zeros(0, dtype=int)]))
+        direct = sums.driver == np.arange(len(p.columns))
+        self._away = own & ~always & direct & (sums.values != p.null)
+        self._to_null = p.null - sums.values
+        self._width, self._centre = sums.width, sums.centre
+        self._lower, self._upper = p.lower - sums.values, p.upper - sums.values
+        self._typical = np.minimum(p.typical, self._width)
+        self._by_channel = [np.flatnonzero(sums.training & (sums.channel == i)) for i in range(len(sums.channels))]
+        self._training = np.flatnonzero(sums.training)
         self._owner = np.array([-1 if c.run is None else c.run for c in sums.problem.columns])
         training = tuple(np.flatnonzero(np.isin(np.arange(len(sums.runs)), sums.run[sums.training])))
         # With a single training run there are no others to predict it from.
         self.predicted_runs = tuple(
             r for r in range(len(sums.runs)) if r not in training or len(training) > 1
         )
-        self._units = [(run, np.flatnonzero(sums.run == run)) for run in self.predicted_runs]
+        self._folds = [
+            _Fold(run, np.flatnonzero(sums.run == run), np.flatnonzero(sums.training & (sums.run != run)))
+            for run in self.predicted_runs
+        ]
         measured = [
             next(r.channels[c].unit for r in sums.problem.runs if c in r.channels) for c in sums.channels
         ]
         self._kinds = np.array([sorted(set(measured)).index(unit) for unit in measured])
+        self._normals: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
         self._known: dict[frozenset[Candidate], Appraisal] = {}
         self._weight = np.ones(len(sums.count))
         self.level, self.independent = self._levels()
         self._weight = self.independent / (sums.count * self.level)
+        self._normals.clear()
+
+    def with_names(self, names: Collection[str]) -> tuple[Candidate, ...]:
+        """The candidates whose unknowns are all among `names`."""
+        return tuple(c for c in self.candidates if names and set(c.names) <= set(names))
 
     def of(self, effects: Iterable[Candidate]) -> Appraisal:
         """The appraisal of one set."""
@@ -132,9 +159,11 @@ class Appraiser:
 
     def foretold(self, now: Appraisal, others: Sequence[Candidate]) -> np.ndarray:
         """(k,) fall of the weighted squared error of the training runs that each of k effects promises beside a set."""
-        G, slope = self._normal(self.sums.training)
-        width = self.sums.width
-        C = now.columns
+        G, slope = self._normal(self._training)
+        width = self._width
+        C = now.columns[now.free]
+        gone = now.columns[~now.free]
+        slope = slope - G[:, gone] @ now.change[~now.free]
         scaled = np.linalg.solve(G[np.ix_(C, C)] + np.diag(width[C] ** -2.0), np.column_stack([G[C], slope[C]]))
         left, rest = G - G[:, C] @ scaled[:, :-1], slope - G[:, C] @ scaled[:, -1]
         gains = np.empty(len(others))
@@ -144,6 +173,14 @@ class Appraiser:
             S = left[np.ix_(own, own)] + np.diag(width[own] ** -2.0)
             gains[i] = rest[own] @ np.linalg.solve(S, rest[own]) if len(own) else 0.0
         return gains
+
+    def deviations(self, one: Appraisal) -> np.ndarray:
+        """(P,) standard deviations of a set's unknowns by the sums, the model's own error counted in; else 0."""
+        C = one.columns[one.free]
+        G = self._normal(self._training)[0][np.ix_(C, C)] + np.diag(self._width[C] ** -2.0)
+        result = np.zeros(len(self.sums.values))
+        result[C] = np.sqrt(np.diag(np.linalg.inv(G)))
+        return result
 
     @cached_property
     def _limited(self) -> float:
@@ -156,11 +193,12 @@ class Appraiser:
     def _levels(self) -> tuple[np.ndarray, np.ndarray]:
         """(U,) variance that the richest model leaves, at least the noise, and (U,) independent samples."""
         s = self.sums
-        every = self._of(self.candidates)
+        every, free = self._of(self.candidates)
         level = s.noise**2
         for _ in range(LEVELS):
             self._weight = 1.0 / level
-            change = self._solved(every, s.training)
+            self._normals.clear()
+            change = self._solved(every, free, self._training)
             error = s.errors(every, change, np.arange(len(s.count)))
             for channel in range(len(s.channels)):
                 units = s.channel == channel
@@ -179,21 +217,29 @@ class Appraiser:
 
     def _appraised(self, effects: tuple[Candidate, ...]) -> Appraisal:
         s = self.sums
-        columns = self._of(effects)
-        change = self._solved(columns, s.training)
-        fit = self._log_likelihood(s.errors(columns, change, np.arange(len(s.count))), s.training)
-        occam, values = self._freedom(columns, change)
-        fit -= occam
-        errors = [self._predicted(columns, run, units) for run, units in self._units]
-        parts = [
-            float(np.sum(self.independent[units] * _misfit(e / s.noise[units] ** 2)))
-            for e, (_, units) in zip(errors, self._units, strict=True)
-        ]
-        transfer, price = -0.5 * sum(parts), self.price(effects, values)
-        worth = fit + transfer - price if self._inside(columns, change) else -np.inf
-        totals = np.array([self._totals(e, units) for e, (_, units) in zip(errors, self._units, strict=True)])
-        predicted = np.concatenate(errors) if errors else np.zeros(0)
-        return Appraisal(effects, worth, fit, transfer, price, columns, change, predicted, totals)
+        columns, free = self._of(effects)
+        change = self._solved(columns, free, self._training)
+        likelihood = self._log_likelihood(s.errors(columns, change, self._training))
+        occam, values = self._freedom(columns[free], change[free])
+        errors = [self._predicted(columns, free, fold) for fold in self._folds]
+        predicted = np.concatenate([np.zeros(0), *errors])
+        units = np.concatenate([np.zeros(0, dtype=int), *(fold.units for fold in self._folds)])
+        transfer = -0.5 * float(self.independent[units] @ _misfit(predicted / s.noise[units] ** 2))
+        price, fit = self.price(effects, values), likelihood - occam
+        return Appraisal(
+            effects=effects,
+            worth=fit + transfer - price if self._inside(columns[free], change[free]) else -np.inf,
+            fit=fit,
+            transfer=transfer,
+            price=price,
+            columns=columns,
+            free=free,
+            change=change,
+            likelihood=likelihood,
+            values=values,
+            predicted=predicted,
+            totals=np.array([self._totals(e, fold.units) for e, fold in zip(errors, self._folds, strict=True)]),
+        )
 
     def _totals(self, errors: np.ndarray, units: np.ndarray) -> np.ndarray:
         """(k,) root of the summed mean squared errors over the channels of each unit of measurement, at least noise."""
@@ -206,80 +252,90 @@ class Appraiser:
         p = self.sums.problem
         value = self.sums.values[columns] + change
         on = ((value <= p.lower[columns]) | (value >= p.upper[columns])) & (value != p.null[columns])
-        return not np.any(on & ~np.isin(columns, self._always))
+        return not np.any(on & ~self._always[columns])
 
-    def _of(self, effects: Iterable[Candidate]) -> np.ndarray:
-        parts = [self._always, *(self._columns[c] for c in effects)]
-        return np.unique(np.concatenate(parts)).astype(int)
+    def _of(self, effects: Iterable[Candidate]) -> tuple[np.ndarray, np.ndarray]:
+        """(c,) columns that change with a set, and (c,) bool, those that are fitted."""
+        fitted = self._always.copy()
+        for c in effects:
+            fitted[self._columns[c]] = True
+        columns = np.flatnonzero(fitted | self._away)
+        return columns, fitted[columns]
 
-    def _log_likelihood(self, error: np.ndarray, units: np.ndarray) -> float:
-        """Of (U,) mean squared errors, with one variance of the model's own error for each channel."""
-        s, total = self.sums, 0.0
-        for channel in range(len(s.channels)):
-            chosen = units & (s.channel == channel)
-            if chosen.any():
-                ratio = float(np.average((error / s.noise**2)[chosen], weights=s.count[chosen]))
-                total -= 0.5 * float(np.sum(self.independent[chosen])) * float(_misfit(np.array(ratio)))
-        return total
+    def _log_likelihood(self, error: np.ndarray) -> float:
+        """Of training units with (t,) mean squared errors, with one variance of the model's own for each channel."""
+        s = self.sums
+        ratio = np.zeros(len(s.count))
+        ratio[self._training] = error / s.noise[self._training] ** 2
+        mean = np.array([ratio[units] @ s.count[units] / s.count[units].sum() for units in self._by_channel if len(units)])
+        samples = np.array([self.independent[units].sum() for units in self._by_channel if len(units)])
+        return -0.5 * float(samples @ _misfit(mean))
 
     def _freedom(self, columns: np.ndarray, change: np.ndarray) -> tuple[float, float]:
         """Nats that the freedom of a set's own unknowns costs, and how many of them the runs determine."""
-        own = ~np.isin(columns, self._always)
-        C, d = columns[own], (change - self.sums.centre[columns])[own]
+        own = ~self._always[columns]
+        C, d = columns[own], (change - self._centre[columns])[own]
         if len(C) == 0:
             return 0.0, 0.0
-        T = np.minimum(self.sums.problem.typical[C], self.sums.width[C])
-        A = np.eye(len(C)) + T[:, None] * self._normal(self.sums.training)[0][np.ix_(C, C)] * T
-        values = float(np.sum(1.0 - np.diag(np.linalg.inv(A))))
-        return float(np.linalg.slogdet(A)[1] / 2 + np.sum(np.log1p((d / T) ** 2))), values
+        T = self._typical[C]
+        A = T[:, None] * self._normal(self._training)[0][C[:, None], C] * T
+        A.flat[:: len(C) + 1] += 1.0
+        factor, _ = dpotrf(A, lower=1, clean=1)
+        inverse, _ = dtrtri(factor, lower=1)
+        values = len(C) - float(np.sum(inverse**2))
+        return float(np.sum(np.log(np.diag(factor))) + np.sum(np.log1p((d / T) ** 2))), values
 
     def _normal(self, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(P, P) weighted sum of X'X and (P,) of X'r over units, (U,) bool."""
-        key = units.tobytes() + self._weight.tobytes()
+        """(P, P) weighted sum of X'X and (P,) of X'r over units (u,)."""
+        key = units.tobytes()
         if key not in self._normals:
             w = self._weight[units]
             self._normals[key] = np.tensordot(w, self.sums.gram[units], 1), w @ self.sums.slope[units]
         return self._normals[key]
 
-    @cached_property
-    def _normals(self) -> dict[bytes, tuple[np.ndarray, np.ndarray]]:
-        return {}
-
-    def _predicted(self, columns: np.ndarray, run: int, units: np.ndarray) -> np.ndarray:
-        """(u,) mean squared error of a run's units, fitted to the other training runs; what is its own is fitted to it."""
-        s = self.sums
-        change = self._solved(columns, s.training & (s.run != run))
-        own = self._owner[columns] == run
+    def _predicted(self, columns: np.ndarray, free: np.ndarray, fold: "_Fold") -> np.ndarray:
+        """(u,) mean squared error of a run, predicted by a fit to the other training runs; its own unknowns fit it."""
+        change = self._solved(columns, free, fold.others)
+        own = free & (self._owner[columns] == fold.run)
         if own.any():
-            others = np.where(own, 0.0, change)
-            change = others + self._solved(columns, s.run == run, own, others)
-        return s.errors(columns, change, units)
+            change = self._solved(columns, own, fold.units, change)
+        return self.sums.errors(columns, change, fold.units)
 
     def _solved(
-        self, columns: np.ndarray, units: np.ndarray, free: np.ndarray | None = None, others: np.ndarray | None = None
+        self, columns: np.ndarray, free: np.ndarray, units: np.ndarray, others: np.ndarray | None = None
     ) -> np.ndarray:
-        """(c,) change of the unknowns that fits units best, within their bounds; those not `free` stay at `others`."""
-        s, p = self.sums, self.sums.problem
+        """(c,) change of the unknowns that fits units best, within their bounds; those not `free` are at `others`."""
         G, slope = self._normal(units)
-        G, slope = G[np.ix_(columns, columns)], slope[columns]
-        width, centre = s.width[columns], s.centre[columns]
-        lower, upper = (p.lower - s.values)[columns], (p.upper - s.values)[columns]
-        moving = np.ones(len(columns), dtype=bool) if free is None else free.copy()
-        change = np.zeros(len(columns)) if others is None else others.copy()
+        width, lower, upper = self._width[columns], self._lower[columns], self._upper[columns]
+        moving = free.copy()
+        change = np.where(free, 0.0, self._to_null[columns] if others is None else others)
         for _ in range(REFINEMENTS):
             i = np.flatnonzero(moving)
             if len(i) == 0:
                 break
-            t = width[i]
-            right = slope[i] - G[np.ix_(i, ~moving)] @ change[~moving]
-            A = t[:, None] * G[np.ix_(i, i)] * t + np.eye(len(i))
-            change[i] = t * np.linalg.solve(A, t * right + centre[i] / t)
+            C, t = columns[i], width[i]
+            right = slope[C]
+            if len(i) < len(columns):
+                right = right - G[C[:, None], columns[~moving]] @ change[~moving]
+            A = t[:, None] * G[C[:, None], C] * t
+            A.flat[:: len(i) + 1] += 1.0
+            _, solution, _ = dposv(A, t * right + self._centre[C] / t, lower=1, overwrite_a=1)
+            change[i] = t * solution
             outside = moving & ((change < lower) | (change > upper))
             if not outside.any():
                 break
             change[outside] = np.clip(change, lower, upper)[outside]
             moving &= ~outside
-        return np.where(moving, np.clip(change, lower, upper), change) if others is None else np.where(moving, change, 0.0)
+        return np.where(free, np.clip(change, lower, upper), change)
+
+
+@dataclass(frozen=True, eq=False)
+class _Fold:
+    """A run to be predicted, its units, and those of the other training runs."""
+
+    run: int
+    units: np.ndarray
+    others: np.ndarray
 
 
 def _misfit(ratio: np.ndarray) -> np.ndarray:

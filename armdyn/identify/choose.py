@@ -25,14 +25,14 @@ Say = Callable[[str], None]
 
 def chosen(appraiser: Appraiser, start: Sequence[Candidate] = (), say: Say | None = None) -> Appraisal:
     """The best set that the search finds from `start` on."""
-    now = appraiser.of(start)
+    now = max(appraiser.of(start), appraiser.of(()), key=lambda o: o.worth)
     for _ in range(MOST_ROUNDS):
         if say is not None:
             say(f"{len(now.effects)} effects chosen")
         better = _added(appraiser, now) or _exchanged(appraiser, now)
         if better is None:
             break
-        now = _needed(appraiser, better)
+        now = needed(appraiser, better)
     return now
 
 
@@ -60,11 +60,11 @@ def _whole(appraiser: Appraiser, left: Sequence[Candidate]) -> list[Appraisal]:
     for name in dict.fromkeys(c.effect for c in left):
         joints = [c for c in left if c.effect == name]
         if len(joints) > 1:
-            found.append(_needed(appraiser, appraiser.of(joints)))
+            found.append(needed(appraiser, appraiser.of(joints)))
     return found
 
 
-def _needed(appraiser: Appraiser, now: Appraisal) -> Appraisal:
+def needed(appraiser: Appraiser, now: Appraisal) -> Appraisal:
     """Without what has become superfluous, one after the other."""
     while now.effects:
         best = max((appraiser.of([c for c in now.effects if c != gone]) for gone in now.effects), key=lambda o: o.worth)

@@ -4,13 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armdyn.identify.compare import Comparison, FittedParameter, comparison, fitted_parameters
-from armdyn.identify.fit import channel_rmse
-from armdyn.identify.ranking import Option, Ranking
+from armdyn.identify.compare import Comparison, comparison
 from armdyn.identify.remedies import remedies
 from armdyn.identify.score import Candidate
 from armdyn.identify.search import Progress, Search, Step, search
 from armdyn.identify.study import Study
+from armdyn.identify.suspects import Suspect
 from armdyn.identify.unknown import Unknown, characterise
 from armdyn.identify.verdict import Verdict
 from armdyn.identify.whiteness import LARGEST_Z
@@ -18,32 +17,6 @@ from armdyn.identify.whiteness import LARGEST_Z
 EXPLAINED_SHARE = 0.97
 """Share of the misfit that the catalogue must explain: its effects are idealised, and may be off by a sixth of their
 size; more than that is something else, which the nearest effect of the catalogue imitates."""
-MOST_NAMED = 8
-
-
-@dataclass(frozen=True)
-class Suspect:
-    """One effect that may be missing.
-
-    Attributes:
-        effect: its name.
-        joints: where, for an arm.
-        delta_bic: BIC without minus BIC with it; larger is better.
-        p_value: of it being superfluous, times the number of effects tried.
-        rmse: by channel, with the effect.
-        held_out_rmse: likewise on held-out runs; empty where it was not tried on them.
-        parameters: of the effect.
-        tied_with: effects that these runs cannot tell from it.
-    """
-
-    effect: str
-    joints: tuple[str, ...]
-    delta_bic: float
-    p_value: float
-    rmse: dict[str, float]
-    held_out_rmse: dict[str, float]
-    parameters: dict[str, FittedParameter]
-    tied_with: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +49,6 @@ def diagnose(study: Study, progress: Progress | None = None) -> Diagnosis:
     found = search(study, progress, most_steps=3)
     start, last = found.steps[0], found.last
     unseen = {s.candidate.effect: s.same_as for s in study.scores(start.fit, start.effects) if s.same_as}
-    suspects = _suspects(study, found)
     unknown = characterise(last.fit) if last.remainder.fails else None
     verdict = judge(study, found, unknown)
     advice: tuple[str, ...] = ()
@@ -86,7 +58,7 @@ def diagnose(study: Study, progress: Progress | None = None) -> Diagnosis:
         verdict=verdict,
         sentence=_sentence(verdict, found, unknown, advice),
         comparison=comparison(study, start.fit, start.remainder),
-        suspects=suspects,
+        suspects=found.suspects,
         unseen=unseen,
         remedies=advice,
         unknown=unknown,
@@ -123,34 +95,6 @@ def _above_stated_noise(study: Study, last: Step) -> bool:
         if chi2 > 1.1 * samples and chi2 - samples > LARGEST_Z * np.sqrt(2 * samples):
             return True
     return False
-
-
-def _suspects(study: Study, found: Search) -> tuple[Suspect, ...]:
-    ranking = found.first_ranking
-    if ranking is None:
-        return ()
-    worth = [o for o in ranking.options if o.delta_bic > 0][:MOST_NAMED]
-    suspects = [_suspect(study, ranking, option) for option in worth]
-    # What the search ended with leads, also where it was found later or was chosen for its held-out error.
-    added = {c.effect for c in _added(found)}
-    suspects.sort(key=lambda s: s.effect not in added)
-    return tuple(suspects)
-
-
-def _suspect(study: Study, ranking: Ranking, option: Option) -> Suspect:
-    candidate = option.added[0]
-    everything = fitted_parameters(study, option.fit)
-    own = {n: p for n, p in everything.items() if n.startswith(f"{candidate.effect}.")}
-    return Suspect(
-        effect=candidate.effect,
-        joints=candidate.joints,
-        delta_bic=ranking.evidence[ranking.options.index(option)],
-        p_value=option.p_value,
-        rmse=option.fit.rmse(),
-        held_out_rmse=channel_rmse(option.held_out) if option.held_out is not None else {},
-        parameters=own,
-        tied_with=tuple(o.added[0].effect for o in ranking.tied_with(option)),
-    )
 
 
 def _sentence(verdict: Verdict, found: Search, unknown: Unknown | None, advice: tuple[str, ...]) -> str:

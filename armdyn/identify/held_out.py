@@ -67,11 +67,11 @@ def _predicted(found: Fit, values: np.ndarray, run: Run, whole: Fit | None = Non
 
 def _transferred(found: Fit, values: np.ndarray, target: Problem) -> tuple[np.ndarray, np.ndarray]:
     """What is free and where it starts in another problem with the same model."""
-    by_key = {_key(found.problem, i): i for i in range(len(values))}
+    by_key = {found.problem.key(i): i for i in range(len(values))}
     by_parameter = {c.parameter.name: i for i, c in enumerate(found.problem.columns)}
     free, start = np.zeros(len(target.columns), dtype=bool), target.start()
     for j, column in enumerate(target.columns):
-        i = by_key.get(_key(target, j))
+        i = by_key.get(target.key(j))
         if i is not None:
             free[j], start[j] = found.free[i], values[i]
         elif column.parameter.name in by_parameter:  # a run that was not there: its own start stays a guess
@@ -80,8 +80,3 @@ def _transferred(found: Fit, values: np.ndarray, target: Problem) -> tuple[np.nd
             if column.run is None or found.problem.columns[other].run is None:
                 start[j] = values[other]
     return free, start
-
-
-def _key(problem: Problem, i: int) -> tuple[str, str | None]:
-    column = problem.columns[i]
-    return column.parameter.name, None if column.run is None else problem.runs[column.run].name

@@ -132,6 +132,11 @@ class Problem:
         self.prior_mean = np.where(unknown, values, self.prior_mean)
         self.prior_weight = np.where(unknown, 1.0 / held, self.prior_weight)
 
+    def key(self, unknown: int) -> tuple[str, str | None]:
+        """What an unknown is in any problem: its parameter, and the name of the run that it belongs to."""
+        column = self.columns[unknown]
+        return column.parameter.name, None if column.run is None else self.runs[column.run].name
+
     def of(self, names: Sequence[str]) -> np.ndarray:
         """(P,) bool: the unknowns of these parameters."""
         wanted = {self.model.names.index(name) for name in names}

@@ -96,7 +96,7 @@ def add(study: Study, wanted: Iterable[Effect]) -> Repair:
         effects = (*effects, candidate)
         now = study.fit_with(effects, now)
         steps.append(Step((candidate,), (), (), effects, now, remainder(now, study.scores(now, effects))))
-    return _concluded(study, Search(tuple(steps), None), searched=False)
+    return _concluded(study, Search(tuple(steps)), searched=False)
 
 
 def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
@@ -179,7 +179,7 @@ def _verdict(study: Study, found: Search, unknown: Unknown | None) -> Verdict:
     """After a repair: explained, or what still stands in the way."""
     if not found.last.remainder.fails:
         return Verdict.EXPLAINED
-    if judge(study, Search(found.steps[-1:], None), unknown) is Verdict.EXPLAINED:
+    if judge(study, Search(found.steps[-1:]), unknown) is Verdict.EXPLAINED:
         return Verdict.EXPLAINED  # coloured noise
     shapeless = unknown is None or not unknown.significant
     little = len(found.steps) > 1 and explained_share(found.steps[0], found.last) > EXPLAINED_SHARE

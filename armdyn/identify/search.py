@@ -9,19 +9,24 @@ and at the end each is exchanged for its rivals once.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from armdyn.identify.appraisal import Appraisal
+from armdyn.identify.choose import chosen
+from armdyn.identify.compare import fitted_parameters
 from armdyn.identify.exchange import Beam, exchanged
-from armdyn.identify.fit import Fit
+from armdyn.identify.fit import Fit, channel_rmse
+from armdyn.identify.ladder import merged, rises
 from armdyn.identify.ranking import Option, Ranking
 from armdyn.identify.score import Candidate
-from armdyn.identify.select import compare, rank, rank_pairs, superfluous
+from armdyn.identify.select import rank, rank_pairs, superfluous
 from armdyn.identify.study import Study
+from armdyn.identify.suspects import MOST_NAMED, Suspect, suspects
 from armdyn.identify.whiteness import Remainder, remainder
 
 MOST_STEPS = 8
 HALF = 0.5
 """Share of the misfit; far above the noise, a single effect that explains less is weighed against pairs."""
-RIVALS = 3
-"""Of each step, how many runners-up are tried in exchange at the end."""
+MOST_ROUNDS = 2
+"""Of choosing and refitting; a choice that the refit does not change stands."""
 
 Progress = Callable[[str], None]
 
@@ -51,10 +56,10 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """All steps, the model as given first, and the ranking that the first decision was made on."""
+    """All steps, the model as given first, and what could have been the first effect, best first."""
 
     steps: tuple[Step, ...]
-    first_ranking: Ranking | None
+    suspects: tuple[Suspect, ...] = ()
 
     @property
     def last(self) -> Step:
@@ -77,13 +82,43 @@ def search(study: Study, progress: Progress | None = None, *, most_steps: int = 
     """Run it; `progress` is told every step in a few words."""
     say = progress or (lambda _: None)
     say("fitting the model as it is")
+    return _by_sums(study, say) if study.model.linear else _stepwise(study, say, most_steps)
+
+
+def _by_sums(study: Study, say: Progress) -> Search:
+    """Choose on sums around a fit, refit, and choose again around that until the choice stands."""
+    first = now = study.first()
+    steps = [Step((), (), (), study.present, now, remainder(now, study.scores(now, study.present)))]
+    appraiser = beginning = study.appraiser(first)
+    whole: Appraisal = appraiser.of(())
+    for _ in range(MOST_ROUNDS):
+        added = [c for c in appraiser.candidates if c in whole.effects]
+        again = chosen(appraiser, added, say)
+        if set(again.effects) == set(whole.effects):
+            break
+        whole = again
+        say(f"fitting {len(whole.effects)} effects")
+        effects = (*study.present, *merged(whole.effects))
+        now = study.fit_from(effects, study.foretold(appraiser, whole), first)
+        appraiser = study.appraiser(now)
+    effects, near = study.present, first
+    for rise in rises(beginning, beginning.of(whole.effects)):
+        effects = joined(effects, rise.added)
+        say(f"fitting with {rise.added.spoken}")
+        near = study.fit_from(effects, study.foretold(beginning, rise.appraisal), first)
+        left = remainder(near, study.scores(near, effects))
+        steps.append(Step((rise.added,), (), rise.tied, effects, near, left))
+    named = steps[1] if len(steps) > 1 else steps[0]
+    first_atoms = [c for c in beginning.candidates if any(set(c.names) <= set(a.names) for a in named.added)]
+    return Search(tuple(steps), suspects(beginning, first_atoms, named.tied))
+
+
+def _stepwise(study: Study, say: Progress, most_steps: int) -> Search:
     effects, now = study.present, study.first()
-    on_joints = any(c.joints for c in study.candidates)  # many unknowns each: their sets are too many to compare
     promised = study.scores(now, effects)
     steps = [Step((), (), (), effects, now, remainder(now, promised))]
     first: Ranking | None = None
     previous: Ranking | None = None
-    rivals: list[Candidate] = []
     beam: list[Beam] = []
     while steps[-1].remainder.fails and len(steps) <= most_steps:
         say(f"trying {min(len(promised), 9)} effects on {len(effects)} present")
@@ -91,20 +126,19 @@ def search(study: Study, progress: Progress | None = None, *, most_steps: int = 
         first = first or ranking
         chosen, tied = ranking.best, _tied(ranking, ranking.best)
         small = chosen is not None and chosen.far and chosen.share < HALF
-        if chosen is None or (small and (previous is not None or not on_joints)):
+        if chosen is None or small:
             say("trying pairs")
             pair = _pair(study, now, effects, ranking, previous)
             if pair is not None and (chosen is None or pair.fit.cost < chosen.fit.cost):
                 chosen, tied = pair, ()
         if chosen is None:
             break
-        rivals += [o.added[0] for o in ranking.options[: RIVALS + 1]]
         removed = tuple(e for e in effects if e not in chosen.effects)
         added = tuple(c for c in chosen.effects if c not in effects)
         effects, now = chosen.effects, chosen.fit
         while (less := superfluous(study, now, effects, (*study.present, *added))) is not None:
             removed, effects, now = (*removed, *less.added), less.effects, less.fit
-        several = len(effects) > len(study.present) + 1 and not on_joints
+        several = len(effects) > len(study.present) + 1
         if several:
             better = exchanged(study, now, effects, beam)
             effects, now, tied = better.effects, better.fit, better.tied
@@ -114,10 +148,36 @@ def search(study: Study, progress: Progress | None = None, *, most_steps: int = 
         steps.append(Step(added, removed, tied, effects, now, remainder(now, promised), several))
         previous = ranking
         beam = [(o.effects, o.fit) for o in ranking.options if len(o.effects) == len(effects)]
-    last = _exchanged(study, steps[-1], rivals) if on_joints else None
-    if last is not None:
-        steps.append(last)
-    return Search(tuple(steps), first)
+    return Search(tuple(steps), ranked_suspects(study, first, steps))
+
+
+def ranked_suspects(study: Study, ranking: Ranking | None, steps: Sequence[Step]) -> tuple[Suspect, ...]:
+    """Suspects of a ranking; what the search ended with leads, also where it was found later."""
+    if ranking is None:
+        return ()
+    found = []
+    for option in [o for o in ranking.options if o.delta_bic > 0][:MOST_NAMED]:
+        candidate = option.added[0]
+        values = fitted_parameters(study, option.fit)
+        found.append(
+            Suspect(
+                effect=candidate.effect,
+                joints=candidate.joints,
+                delta_bic=ranking.evidence[ranking.options.index(option)],
+                p_value=option.p_value,
+                rmse=option.fit.rmse(),
+                held_out_rmse=channel_rmse(option.held_out) if option.held_out is not None else {},
+                parameters={n: v for n, v in values.items() if n.startswith(f"{candidate.effect}.")},
+                tied_with=tuple(o.added[0].effect for o in ranking.tied_with(option)),
+            )
+        )
+    added = {c.effect for c in steps[-1].effects if c not in steps[0].effects}
+    return tuple(sorted(found, key=lambda s: s.effect not in added))
+
+
+def joined(effects: Sequence[Candidate], added: Candidate) -> tuple[Candidate, ...]:
+    """Effects with one more, or with one of them on more joints."""
+    return merged((*effects, added))
 
 
 def _tied(ranking: Ranking, option: Option | None) -> tuple[Candidate, ...]:
@@ -134,27 +194,3 @@ def _pair(
         last = [e for e in effects if e not in given][-1:]
         best = rank_pairs(study, now, [e for e in effects if e not in last], previous).best
     return best
-
-
-def _exchanged(study: Study, last: Step, rivals: Sequence[Candidate]) -> Step | None:
-    """The last step with one effect exchanged for a rival where that is clearly better; only with two or more."""
-    effects, now = last.effects, last.fit
-    added = [e for e in effects if e not in study.present]
-    removed: list[Candidate] = []
-    if len(added) < 2:
-        return None
-    for effect in added:
-        others = [e for e in effects if e is not effect]
-        fresh = [r for r in dict.fromkeys(rivals) if r not in effects]
-        if not fresh:
-            break
-        best = compare(study, now, others, [(r,) for r in fresh], tried=len(fresh), exchange=True).best
-        if best is not None:
-            removed.append(effect)
-            effects, now = best.effects, best.fit
-    if not removed:
-        return None
-    while (less := superfluous(study, now, effects, study.present)) is not None:
-        removed, effects, now = [*removed, *less.added], less.effects, less.fit
-    came = tuple(e for e in effects if e not in last.effects)
-    return Step(came, tuple(removed), (), effects, now, remainder(now, study.scores(now, effects)))

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from armdyn.effects.effect import Effect
+from armdyn.identify.appraisal import Appraisal, Appraiser
 from armdyn.identify.evidence import Weighed, Whitening, weighed, whitening_of
 from armdyn.identify.exam import Judge, judges, prepared_exam
 from armdyn.identify.fit import GROWTHS, Fit, determined, fit
@@ -13,6 +14,7 @@ from armdyn.identify.least_squares import Outcome
 from armdyn.identify.prepare import noise_of_runs, prepared, stated_noise
 from armdyn.identify.problem import Block, Problem
 from armdyn.identify.score import Candidate, Score, scores
+from armdyn.identify.sums import sums
 from armdyn.model import Model
 from armdyn.run import Run
 
@@ -161,6 +163,24 @@ class Study:
         free_there = np.array([found.free[place[c.name]] for c in problem.columns], dtype=bool)
         return Fit(problem, free_there, values, found.blocks, found.outcome)
 
+    def appraiser(self, at: Fit) -> Appraiser:
+        """What sets of effects are worth, from sums around a fit."""
+        everything = Problem(self.problem.model, [*self.runs, *self.held_out], self.noise)
+        values = transferred(at.values, self.problem, everything)
+        free = transferred(at.free.astype(float), self.problem, everything, missing=0.0) > 0.0
+        present = everything.of([n for c in self.present for n in c.names])
+        base = everything.fitted & ~everything.of([n for c in (*self.candidates, *self.present) for n in c.names])
+        atoms = [c.on([joint]) if joint else c for c in self.candidates for joint in (c.joints or ("",))]
+        absent = [c for c in atoms if not np.any(free & everything.of(c.names))]
+        around = sums(everything, {run.name for run in self.runs}, values, absent)
+        return Appraiser(around, (base | (present & everything.fitted)) & (free | everything.per_run), atoms)
+
+    def foretold(self, appraiser: Appraiser, one: Appraisal) -> np.ndarray:
+        """(P,) values of the study's unknowns that sums foretell for a set."""
+        return transferred(
+            appraiser.sums.changed(one.columns, one.change), appraiser.sums.problem, self.problem
+        )
+
     def scores(self, at: Fit, effects: Sequence[Candidate]) -> list[Score]:
         """Promises of what is not among `effects`; an effect may be there on some joints and promise more on others."""
         taken = {name for c in effects for name in c.names}
@@ -233,13 +253,15 @@ class Study:
         return tuple(sorted(effects, key=lambda c: c.label))
 
 
-def transferred(values: np.ndarray, source: Problem, target: Problem) -> np.ndarray:
-    """Values of one problem's unknowns in another: by name, the rest as the other starts."""
-    result = target.start()
-    place = {column.name: i for i, column in enumerate(source.columns)}
-    for i, column in enumerate(target.columns):
-        if column.name in place:
-            result[i] = values[place[column.name]]
+def transferred(
+    values: np.ndarray, source: Problem, target: Problem, *, missing: float | None = None
+) -> np.ndarray:
+    """Values of one problem's unknowns in another: by parameter and run, the rest as the other starts, or `missing`."""
+    result = target.start() if missing is None else np.full(len(target.columns), missing)
+    place = {source.key(i): i for i in range(len(source.columns))}
+    for i in range(len(target.columns)):
+        if (key := target.key(i)) in place:
+            result[i] = values[place[key]]
     return result
 
 

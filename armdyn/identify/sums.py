@@ -41,6 +41,7 @@ class Sums:
         noise: (U,) standard deviation of one sample.
         driver: (P,) index of the unknown that an unknown acts through, its own where it acts by itself: the place of a
             mass of zero changes nothing, so that its derivative is taken at a typical mass.
+        size: (P,) the driver's change at which that derivative was taken; 0 for those that act by themselves.
         blocks: the units' samples.
     """
 
@@ -57,6 +58,7 @@ class Sums:
     count: np.ndarray
     noise: np.ndarray
     driver: np.ndarray
+    size: np.ndarray
     blocks: tuple[Block, ...]
 
     @property
@@ -71,6 +73,20 @@ class Sums:
         """(P,) prior mean of each unknown's change from `values`."""
         p = self.problem
         return np.where(p.prior_weight > 0, p.prior_mean, p.null) - self.values
+
+    def changed(self, columns: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """(P,) values after a change (c,) of the unknowns `columns` (c,), within their bounds."""
+        by = np.zeros(len(self.values))
+        by[columns] = change
+        latent = np.flatnonzero(self.size != 0.0)
+        acting = by[self.driver[latent]]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            by[latent] *= np.where(acting != 0.0, self.size[latent] / acting, 0.0)
+        width = self.width[latent]
+        by[latent] = np.clip(np.nan_to_num(by[latent]), -width, width)
+        values = np.clip(self.values + by, self.problem.lower, self.problem.upper)
+        values[latent[acting == 0.0]] = self.problem.null[latent[acting == 0.0]]
+        return values
 
     def errors(self, columns: np.ndarray, change: np.ndarray, units: np.ndarray) -> np.ndarray:
         """(u,) mean squared error of `units` (u,) after a change (c,) of the unknowns `columns` (c,)."""
@@ -117,6 +133,7 @@ def sums(problem: Problem, training: Collection[str], values: np.ndarray, absent
         count=np.array([len(block.residual) for block in blocks], dtype=float),
         noise=np.array([block.noise for block in blocks]),
         driver=driver,
+        size=np.where(driver != np.arange(len(values)), (acting - values)[driver], 0.0),
         blocks=tuple(blocks),
     )
 

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import plotly.graph_objects as go
 
-from armdyn.identify.diagnose import Suspect
+from armdyn.identify.suspects import Suspect
 from pipeline.report.section import Chart, Section, Table
 from pipeline.report.theme import BLUE, GREY, ORANGE
 
