@@ -103,7 +103,7 @@ PEAK_SPEED, PEAK_ACCELERATION = 2.1875, 7.52
 
 
 def random_moves(rng: np.random.Generator, room: Room, duration: float) -> Moves:
-    """Moves to random postures, each as fast as its slowest joint can or up to twice as slow, and rests up to 0.5 s."""
+    """Moves to random postures, each as fast as its slowest joint can or up to half as long again, and rests up to 0.5 s."""
     postures, begin, length = [room.centre + room.swing * rng.uniform(-1.0, 1.0, len(room.centre))], [], []
     now = 0.0
     while now < duration:
@@ -113,7 +113,7 @@ def random_moves(rng: np.random.Generator, room: Room, duration: float) -> Moves
             (PEAK_SPEED * far / room.speed).max(), np.sqrt(PEAK_ACCELERATION * far / room.acceleration).max(), 0.4
         )
         begin.append(now)
-        length.append(shortest * rng.uniform(1.0, 2.0))
+        length.append(shortest * rng.uniform(1.0, 1.5))
         now += length[-1] + rng.uniform(0.1, 0.5)
     return Moves(np.array(postures), np.array(begin), np.array(length))
 
@@ -163,7 +163,7 @@ def random_sweeps(rng: np.random.Generator, room: Room) -> Sweeps:
 
 
 KINDS: Mapping[str, Callable[[np.random.Generator, Room, float], Motion]] = {
-    "multisine": lambda rng, room, _: random_fourier(rng, room.centre, room.swing, room.speed, 8.0, 6),
+    "multisine": lambda rng, room, _: random_fourier(rng, room.centre, room.swing, room.speed, 6.0, 6),
     "moves": random_moves,
     "sweeps": lambda rng, room, _: random_sweeps(rng, room),
 }
