@@ -5,7 +5,7 @@ A row is a dictionary. Its truth values under the keys of `SHARES` become column
 """
 
 import argparse
-import importlib.util
+import importlib
 import json
 import os
 import sys
@@ -35,15 +35,11 @@ GOOD_HELD_OUT = 1.1
 
 
 def generator(name: str) -> Any:
-    """`tests/hidden_effects/<name>.py` as a module; the tests are no package."""
-    path = Path(__file__).parents[1] / f"tests/hidden_effects/{name}.py"
-    spec = importlib.util.spec_from_file_location(f"hidden_{name}", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # its dataclasses look themselves up there
-    spec.loader.exec_module(module)
-    return module
+    """`tests/hidden_effects/<name>.py` as a module."""
+    tests = str(Path(__file__).parents[1] / "tests")
+    if tests not in sys.path:
+        sys.path.insert(0, tests)  # first, as a table beside this file has the package's name
+    return importlib.import_module(f"hidden_effects.{name}")
 
 
 def parser(description: str | None, what: str, seeds: int) -> argparse.ArgumentParser:

@@ -5,15 +5,15 @@ where armdyn has a smooth one. Nothing of armdyn is used but the container of a 
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import lru_cache
-from xml.etree import ElementTree as ET
 
 import mujoco
 import numpy as np
 
 import urdf
 from armdyn.run import Channel, Run
+from hidden_effects import bodies
+from hidden_effects.motions import Fourier, random_fourier
 
 JOINTS = ("right_s0", "right_s1", "right_e0", "right_e1", "right_w0", "right_w1", "right_w2")
 LAST_LINK = "right_wrist"
@@ -54,36 +54,10 @@ OUTSIDE = ("cogging", "backlash_spring", "warming_up")
 """Physics that armdyn's catalogue lacks."""
 
 
-@dataclass(frozen=True)
-class Excitation:
-    """A motion as a Fourier series, (7,) joints and (h,) harmonics; it repeats after `PERIOD`."""
-
-    sine: np.ndarray
-    cosine: np.ndarray
-    omega: np.ndarray = field(default_factory=lambda: 2.0 * np.pi * np.arange(1, HARMONICS + 1) / PERIOD)
-
-    def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(n, 7) positions, velocities and accelerations."""
-        s, c, w = np.sin(np.outer(time, self.omega)), np.cos(np.outer(time, self.omega)), self.omega
-        q = CENTRE + s @ self.sine.T + c @ self.cosine.T
-        v = (c * w) @ self.sine.T - (s * w) @ self.cosine.T
-        a = -(s * w**2) @ self.sine.T - (c * w**2) @ self.cosine.T
-        return q, v, a
-
-
-def excitation(rng: np.random.Generator) -> Excitation:
-    """A random motion as large as positions and velocities allow."""
-    weight = 1.0 / np.arange(1, HARMONICS + 1) ** 0.5
-    raw = Excitation(rng.standard_normal((7, HARMONICS)) * weight, rng.standard_normal((7, HARMONICS)) * weight)
-    time = np.linspace(0.0, PERIOD, 400)
-    q, v, _ = raw.at(time)
-    scale = np.minimum(SWING / np.abs(q - CENTRE).max(axis=0), FASTEST / np.abs(v).max(axis=0))[:, None]
-    return Excitation(raw.sine * scale, raw.cosine * scale)
-
-
-def motion(seed: int, recording: int = 0) -> Excitation:
-    """The motion of a recording."""
-    return excitation(np.random.default_rng([seed, recording, 1]))
+def motion(seed: int, recording: int = 0) -> Fourier:
+    """The motion of a recording: random, as large as positions and velocities allow."""
+    rng = np.random.default_rng([seed, recording, 1])
+    return random_fourier(rng, CENTRE, SWING, FASTEST, PERIOD, HARMONICS)
 
 
 def generate(
@@ -148,7 +122,7 @@ def _sizes(effect: str, quantity: str, size: float) -> np.ndarray:
     return size * np.array([known.get(f"{quantity}[{joint}]", 0.0) for joint in JOINTS])
 
 
-def _effort(names: Sequence[str], size: float, path: Excitation, time: np.ndarray) -> np.ndarray:
+def _effort(names: Sequence[str], size: float, path: Fourier, time: np.ndarray) -> np.ndarray:
     """(n, 7) what the efforts read without noise."""
     late = _sizes("torque_delay", "time", size) if "torque_delay" in names else np.zeros(7)
     reading = np.empty((len(time), 7))
@@ -164,7 +138,7 @@ def _effort(names: Sequence[str], size: float, path: Excitation, time: np.ndarra
     return reading
 
 
-def _torque(names: Sequence[str], size: float, path: Excitation, time: np.ndarray) -> np.ndarray:
+def _torque(names: Sequence[str], size: float, path: Fourier, time: np.ndarray) -> np.ndarray:
     """(n, 7) torques of the drives."""
     q, v, a = path.at(time)
     payload = size * REALISTIC["payload"]["mass[right_w2]"] if "payload" in names else 0.0
@@ -219,8 +193,6 @@ def rigid_torque(
         heavier: (7,) logarithm of each link's mass ratio; inertias grow alike.
     """
     model, moved = _mujoco(payload > 0.0)
-    position = [model.joint(name).qposadr[0] for name in JOINTS]
-    dof = [model.joint(name).dofadr[0] for name in JOINTS]
     mass, inertia = model.body_mass.copy(), model.body_inertia.copy()
     if payload > 0.0:
         model.body_mass[model.body("payload").id] = payload
@@ -228,12 +200,7 @@ def rigid_torque(
         for joint, ratio in zip(JOINTS, heavier, strict=True):
             model.body_mass[moved[joint]] *= np.exp(ratio)
             model.body_inertia[moved[joint]] *= np.exp(ratio)
-    data = mujoco.MjData(model)
-    torque = np.empty_like(q)
-    for i in range(len(q)):
-        data.qpos[position], data.qvel[dof], data.qacc[dof] = q[i], v[i], a[i]
-        mujoco.mj_inverse(model, data)
-        torque[i] = data.qfrc_inverse[dof]
+    torque = bodies.torques(model, JOINTS, q, v, a)
     model.body_mass[:], model.body_inertia[:] = mass, inertia
     return torque
 
@@ -241,19 +208,8 @@ def rigid_torque(
 @lru_cache(maxsize=2)
 def _mujoco(with_payload: bool) -> tuple[mujoco.MjModel, dict[str, list[int]]]:
     """Baxter in MuJoCo, without friction; and by joint the bodies that are fixed to the link that it moves."""
-    root = ET.fromstring(urdf.load("baxter").urdf_xml)
-    for link in root.findall("link"):
-        for kind in ("visual", "collision"):
-            for element in link.findall(kind):
-                link.remove(element)
-    extension = ET.SubElement(root, "mujoco")
-    ET.SubElement(extension, "compiler", fusestatic="false", discardvisual="false")
-    if with_payload:
-        _attach_payload(root)
-    model = mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"))
-    model.dof_damping[:] = 0.0
-    model.dof_frictionloss[:] = 0.0
-    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    payload = [bodies.Attachment("payload", JOINTS[-1], PAYLOAD_PLACE)] if with_payload else []
+    model = bodies.compiled(urdf.load("baxter").urdf_xml, payload)
     moved: dict[str, list[int]] = {joint: [] for joint in JOINTS}
     for body in range(1, model.nbody):
         carrier = body
@@ -268,17 +224,3 @@ def _mujoco(with_payload: bool) -> tuple[mujoco.MjModel, dict[str, list[int]]]:
         if name in moved and model.body(body).name != "payload":
             moved[name].append(body)
     return model, moved
-
-
-def _attach_payload(root: ET.Element) -> None:
-    last = next(j for j in root.findall("joint") if j.get("name") == JOINTS[-1])
-    parent = last.find("child")
-    link = ET.SubElement(root, "link", name="payload")
-    inertial = ET.SubElement(link, "inertial")
-    ET.SubElement(inertial, "mass", value="1.0")
-    ET.SubElement(inertial, "origin", xyz="0 0 0")
-    ET.SubElement(inertial, "inertia", ixx="1e-9", iyy="1e-9", izz="1e-9", ixy="0", ixz="0", iyz="0")
-    joint = ET.SubElement(root, "joint", name="payload_fixed", type="fixed")
-    ET.SubElement(joint, "parent", link=str(parent.get("link") if parent is not None else ""))
-    ET.SubElement(joint, "child", link="payload")
-    ET.SubElement(joint, "origin", xyz=" ".join(map(str, PAYLOAD_PLACE)))

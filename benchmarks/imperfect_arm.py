@@ -1,0 +1,167 @@
+"""Does `repair` find what dominates where a little of everything is wrong? Prints a table.
+
+    python benchmarks/imperfect_arm.py --seeds 10 --robots baxter,ur5,panda --processes 2
+
+Recordings come from `tests/hidden_effects/imperfect_arm.py`: every link's mass, centre and extents off by 3 to 8 %,
+friction that drifts, cogging, flexible joints, torques smoothed or late, on all joints, always; and one or two effects
+that make at least 80 % of the squared error of the model as described, or none. Training is two runs of 20 s at 100 Hz
+with one kind of motion, one run with another kind is held out, and an exam with a third kind is seen by nothing.
+
+What is counted:
+
+- `named`: every effect of the ladder's first step is one that was put in, on just the joints where it was.
+- `values`: numbers that the repair added, over those that describe what was put in; few are at most twice as many.
+- `exam`: error in the exam, the root of the summed squared errors of all joints in N m, over that of the true effects
+  on their joints fitted to the same training runs. The true effects do not know the small errors, so that a repair may
+  be below 1. Close is at most 1.2.
+- `quiet`: where nothing dominates, that no name was given with confidence. A name is confident when the step that
+  gives it lowers the squared error of the held-out run by at least half: the small errors are spread over many
+  causes, and to say that one of them makes most of the error is false. Steps that are added without this claim, to
+  lower the error a little, are no fault.
+"""
+
+import os
+import time
+import traceback
+from collections.abc import Sequence
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import _hidden_table as hidden_table
+import numpy as np
+
+from armdyn.arm.model import ArmModel, arm_model
+from armdyn.effects.catalogue import CATALOGUE
+from armdyn.identify.repair import Repair, Rung, add, repair
+from armdyn.identify.study import Study
+from armdyn.run import Run
+
+imperfect = hidden_table.generator("imperfect_arm")
+
+JOINT_EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on == "joint")
+CLOSE = 1.2
+"""Error in the exam, over that of the true effects, up to which a repair counts as good."""
+FEW = 2.0
+"""Values added, over those of the true effects, up to which they count as few."""
+CONFIDENT = 0.5
+"""Share of the held-out run's squared error from which the step that removes it claims to be what is missing."""
+TARGETS = {"named": 0.95, "few": 0.95, "close": 0.9, "quiet": 0.95}
+
+
+def exam_error(model: ArmModel, runs: Sequence[Run]) -> float:
+    """Root of the summed squares of all joints' errors, N m, with the model as it is."""
+    squares = []
+    for run in runs:
+        ready = model.prepared(run)
+        found = model.predict(ready, model.theta())
+        errors = (ready.channels[name].value - found.values[rows] for name, rows in found.slices.items())
+        squares.append(sum(float(np.mean(error**2)) for error in errors))
+    return float(np.sqrt(np.mean(squares)))
+
+
+def removed_share(before: Rung, after: Rung) -> float:
+    """Of the held-out run's squared error over all joints."""
+    given, left = (sum(error**2 for error in rung.held_out_rmse.values()) for rung in (before, after))
+    return 1.0 - left / given
+
+
+def named(first: Rung, truth: set[tuple[str, str]]) -> bool:
+    """Whether a step adds nothing but what was put in, where it was."""
+    joints = {joint for effect, joint in truth if effect in first.added}
+    return set(first.added) <= {effect for effect, _ in truth} and set(first.joints) == joints
+
+
+def with_true_effects(model: ArmModel, case: object, held_out: Sequence[Run]) -> Repair:
+    """The true effects on their joints, fitted to the training runs."""
+    effects = [CATALOGUE[hidden.effect].on(hidden.joint) for hidden in case.truth]
+    study = Study(model, case.train, held_out, effects)
+    return add(study, effects)
+
+
+def examine(robot: str, name: str, seed: int) -> hidden_table.Row:
+    """One case; an exception is an answer too, a wrong one."""
+    try:
+        return _examined(robot, name, seed)
+    except Exception:
+        wrong = {"quiet": False} if name == imperfect.NOTHING else {"named": False, "few": False, "close": False}
+        return {
+            "what": f"{name} {robot}", "case": name, "robot": robot, "seed": seed, "seconds": 0.0,
+            "crash": traceback.format_exc(limit=-2), **wrong,
+        }  # fmt: skip
+
+
+def _examined(robot: str, name: str, seed: int) -> hidden_table.Row:
+    case = imperfect.generate(robot, name, seed)
+    truth = {(hidden.effect, hidden.joint) for hidden in case.truth}
+    model = arm_model(robot=robot)
+    begun, cpu = time.perf_counter(), time.process_time()
+    mended = repair(Study(model, case.train, case.held_out, JOINT_EFFECTS))
+    row: hidden_table.Row = {
+        "what": f"{name} {robot}", "case": name, "robot": robot, "seed": seed,
+        "truth": sorted(map(list, truth)),
+        "seconds": time.perf_counter() - begun, "cpu": time.process_time() - cpu,
+        "verdict": mended.verdict.key, "sentence": mended.sentence,
+        "ladder": [[list(rung.added), list(rung.joints), list(rung.removed)] for rung in mended.ladder[1:]],
+        "removed": [removed_share(*pair) for pair in zip(mended.ladder[:-1], mended.ladder[1:], strict=True)],
+        "added": len(mended.model.names) - len(model.names),
+        "exam_error": exam_error(mended.model, case.exam), "exam_as_given": exam_error(model, case.exam),
+    }  # fmt: skip
+    if not truth:
+        return row | {"quiet": not row["removed"] or row["removed"][0] < CONFIDENT}
+    reference = exam_error(with_true_effects(model, case, case.held_out).model, case.exam)
+    row |= {"values": row["added"] / case.values, "exam_true": reference, "exam": row["exam_error"] / reference}
+    return row | {
+        "named": len(mended.ladder) > 1 and named(mended.ladder[1], truth),
+        "few": row["values"] <= FEW,
+        "close": row["exam"] <= CLOSE,
+    }
+
+
+def show(title: str, rows: Sequence[hidden_table.Row]) -> None:
+    """Print a line for each case and robot, then all of them beside what is wanted."""
+    print(f"\n{title}: {len(rows)} cases")
+    for what in dict.fromkeys(row["what"] for row in rows):
+        print(f"  {what:24s}{_line([row for row in rows if row['what'] == what])}")
+    print(f"  {'all':24s}{_line(rows)}")
+    for key, target in TARGETS.items():
+        values = [row[key] for row in rows if key in row]
+        if values:
+            print(f"  all: {key} {100 * np.mean(values):.1f} % of {len(values)}, wanted {100 * target:.0f} %")
+    crashes = sum("crash" in row for row in rows)
+    if crashes:
+        print(f"  crashed: {crashes}, counted as wrong")
+    print(f"  seconds: worst {max(row['seconds'] for row in rows):.1f}", flush=True)
+
+
+def _line(rows: Sequence[hidden_table.Row]) -> str:
+    parts = [
+        f"{key} {100 * np.mean([row[key] for row in rows if key in row]):5.1f} %"
+        for key in TARGETS
+        if any(key in row for row in rows)
+    ]
+    for key in ("values", "exam"):
+        ratios = [row[key] for row in rows if key in row]
+        if ratios:
+            parts.append(f"{key} {np.median(ratios):.2f}, 95 % {np.percentile(ratios, 95):.2f}")
+    return "  ".join([*parts, f"{np.median([row['seconds'] for row in rows]):.1f} s"])
+
+
+def main() -> None:
+    parser = hidden_table.parser(__doc__, "", 3)
+    parser.add_argument("--robots", default=",".join(imperfect.ROBOTS), help="with commas")
+    given = parser.parse_args()
+    names = given.only.split(",") if given.only else list(imperfect.CASES)
+    seeds = range(given.first_seed, given.first_seed + given.seeds)
+    cases = [(robot, name, seed) for seed in seeds for robot in given.robots.split(",") for name in names]
+    rows: list[hidden_table.Row] = []
+    for row in hidden_table.answered(examine, cases, given.processes):
+        rows.append(row)
+        if row.get("named") is False or row.get("quiet") is False:
+            keys = ("what", "seed", "truth", "ladder", "exam", "values", "crash")
+            print("   miss:", {key: row[key] for key in keys if key in row}, flush=True)
+        hidden_table.save(given.json, {"imperfect": rows})
+    show("imperfect", rows)
+
+
+if __name__ == "__main__":
+    main()
