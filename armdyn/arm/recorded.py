@@ -30,7 +30,7 @@ def predictor(arm: Arm, run: Run, channel: Channel, name: str) -> ChannelPredict
     sampler: Sampler
     if isinstance(run, PreparedRun) and run.original is not None:
         stretch = _stretch(run.original, arm, name, True)
-        stamps, cutoff = stretch.motion.time, run.cutoffs[name]
+        stamps, cutoff = stretch.motion.time, run.preparations[name].cutoff
         known = settled(measured_motion(run.original, arm.joints), joint, stamps, cutoff)
         sampler = LowPassed(stamps, cutoff, channel.time, known)
     else:

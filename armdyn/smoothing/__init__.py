@@ -1,10 +1,10 @@
 """Smoothing and differentiation of noisy samples at any stamps, by splines that know their noise."""
 
-from armdyn.smoothing.choice import ORDERS, Choice, best_smoothing, derivative_noise
+from armdyn.smoothing.choice import HIGHEST, ORDERS, Choice, best_smoothing, derivative_noise
 from armdyn.smoothing.fused import Rates, smoothed
 from armdyn.smoothing.spline import FEWEST, UNDISTORTED, WHITE, Curve, LowPass, Samples, basis_matrix
 
 __all__ = [
-    "FEWEST", "ORDERS", "UNDISTORTED", "WHITE", "Choice", "Curve", "LowPass", "Rates", "Samples", "basis_matrix",
-    "best_smoothing", "derivative_noise", "smoothed",
+    "FEWEST", "HIGHEST", "ORDERS", "UNDISTORTED", "WHITE", "Choice", "Curve", "LowPass", "Rates", "Samples",
+    "basis_matrix", "best_smoothing", "derivative_noise", "smoothed",
 ]  # fmt: skip

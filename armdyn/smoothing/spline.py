@@ -176,6 +176,14 @@ class LowPass:
             c = c + cho_solve_banded((self.factor, True), missing, check_finite=False)
         return Curve(self.samples.start, self.samples.step, c + offset)
 
+    def noise_gain(self, time: np.ndarray, most: int = 50) -> float:
+        """Mean variance, at (k,) times, that is left of white noise of unit variance; at `most` of the times."""
+        chosen = time[:: max(1, len(time) // most)]
+        B = self.samples.matrix
+        at = basis_matrix(chosen, self.samples.start, self.samples.step, self.samples.size)
+        rows = B @ cho_solve_banded((self.factor, True), at.T.toarray(), check_finite=False)
+        return float(np.mean(np.sum(rows**2, axis=0)))
+
     def evidence(self, values: np.ndarray, least_noise: float = 0.0) -> tuple[float, float]:
         """How probable (n,) values are under this cut-off and order.
 

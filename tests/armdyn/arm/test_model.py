@@ -4,6 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hidden_effects.arm import JOINTS, OUTSIDE, generate, motion
+from scipy.ndimage import gaussian_filter1d
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import find
@@ -195,7 +196,18 @@ def without(run, *names):
             lambda r: replace(r, channels={**r.channels, "tau.right_s0": _constant(r)}),
             "'tau.right_s0' is 1 N m throughout",
         ),
-        (lambda r: replace(r, channels={**r.channels, "tau.right_s0": _later(r)}), "were not recorded together"),
+        (
+            lambda r: replace(r, channels={**r.channels, "tau.right_s0": _cut(r, slice(12))}),
+            "'tau.right_s0' has . samples while the joints' positions were recorded",
+        ),
+        (
+            lambda r: replace(r, channels={**r.channels, "tau.right_s0": _asleep(r)}),
+            "'tau.right_s0' is 1 N m throughout",
+        ),
+        (
+            lambda r: replace(r, channels={**r.channels, "tau.right_s0": _later(r)}),
+            "seed 0.*'tau.right_s0', from 100 .* were not recorded together",
+        ),
     ],
 )
 def test_runs_that_cannot_be_compared_are_refused(baxter, change, message):
@@ -212,6 +224,18 @@ def test_a_position_in_the_wrong_unit_is_refused(tmp_path):
 def _constant(run):
     time = run.channels["tau.right_s0"].time
     return Channel(time, np.ones(len(time)), "N m")
+
+
+def _asleep(run):
+    """Constant except at the ends, which are left out."""
+    c = run.channels["tau.right_s0"]
+    value = np.where(np.arange(len(c)) < 3, c.value, 1.0)
+    return Channel(c.time, value, "N m")
+
+
+def _cut(run, part):
+    c = run.channels["tau.right_s0"]
+    return Channel(c.time[part], c.value[part], c.unit)
 
 
 def _later(run):
@@ -256,16 +280,66 @@ def test_the_true_model_leaves_the_noise_that_the_prepared_run_states(baxter, se
 
 
 def test_low_passing_both_sides_leaves_friction_unbiased(baxter):
-    from armdyn.arm import prepared
-
     run = generate("joint_coulomb_friction", 3.0, 2)
     model = baxter.with_effect(find("joint_coulomb_friction:right_s0"))
     only = {**{f"q.{j}": run.channels[f"q.{j}"] for j in JOINTS}, "tau.right_s0": run.channels["tau.right_s0"]}
     ready = model.prepared(replace(run, channels=only))
-    assert ready.cutoffs["tau.right_s0"] <= 10.0  # Hz; the steps of the friction are far faster
+    assert ready.preparations["tau.right_s0"].cutoff <= 10.0  # Hz; the steps of the friction are far faster
     found, estimate = fitted(model, [ready])
     assert found.value(model.names[0]) == pytest.approx(3.0, abs=5 * estimate.std(model.names[0]))
-    assert prepared.MARGIN < 1.0
+
+
+@pytest.mark.parametrize("rate", [12.0, 30.0, 250.0])
+def test_the_noise_is_right_at_any_rate_of_recording(baxter, rate):
+    run = baxter.prepared(generate(None, 1.0, 1, rate=rate))
+    samples = sum(len(run.channels[c]) for c in baxter.predicted_channels(run))
+    assert chi2_per_sample(baxter, run) == pytest.approx(1.0, abs=4 * np.sqrt(2 / samples))
+
+
+def test_what_was_done_to_a_torque_is_told(baxter):
+    raw = generate(None, 1.0, 0, rate=250.0)
+    ready = baxter.prepared(raw)
+    done = ready.preparations["tau.right_s0"]
+    assert done.cutoff == pytest.approx(10.0)
+    assert (done.recorded, done.recorded_rate) == (len(raw.channels["tau.right_s0"]), pytest.approx(250.0))
+    assert (done.samples, done.rate) == (len(ready.channels["tau.right_s0"]), pytest.approx(17.92))
+    assert 0.0 < done.left_out < 0.01
+
+
+def low_passed(run, cutoff):
+    """The run with its torques smoothed by a Gaussian, their noise not stated."""
+    deviation = np.sqrt(np.log(2.0) / 2.0) / (np.pi * cutoff)  # s; half the amplitude is left at the cut-off
+    channels = dict(run.channels)
+    for name, c in run.channels.items():
+        if name.startswith("tau."):
+            interval = (c.time[-1] - c.time[0]) / (len(c) - 1)
+            channels[name] = Channel(c.time, gaussian_filter1d(c.value, deviation / interval), c.unit)
+    return replace(run, channels=channels, noise={})
+
+
+@pytest.mark.parametrize("cutoff", [3.0, 10.0])
+def test_a_torque_that_was_smoothed_before_it_was_stored_is_compared(baxter, cutoff):
+    model = baxter.with_effect(find("joint_viscous_friction"))
+    run = model.prepared(low_passed(generate("joint_viscous_friction", 1.0, 0), cutoff))
+    for name, done in run.preparations.items():
+        assert done.cutoff >= min(cutoff, 10.0), name
+    found, _ = fitted(model, [run])
+    assert found.value("joint_viscous_friction.coefficient[right_s0]") == pytest.approx(2.0, rel=0.02)
+
+
+def test_what_noisy_positions_bring_in_is_counted_as_noise(baxter):
+    run = generate(None, 1.0, 0)
+    rng = np.random.default_rng(0)
+    shaken = {
+        f"q.{j}": Channel(c.time, c.value + 0.02 * rng.standard_normal(len(c)), c.unit)
+        for j in JOINTS
+        for c in [run.channels[f"q.{j}"]]
+    }
+    quiet, noisy = (baxter.prepared(r) for r in (run, replace(run, channels={**run.channels, **shaken})))
+    assert noisy.preparations["tau.right_s1"].position_cutoff < quiet.preparations["tau.right_s1"].position_cutoff
+    assert noisy.noise["tau.right_s1"] > 3.0 * quiet.noise["tau.right_s1"]
+    samples = sum(len(noisy.channels[c]) for c in baxter.predicted_channels(noisy))
+    assert chi2_per_sample(baxter, noisy) == pytest.approx(1.0, abs=10 * np.sqrt(2 / samples))
 
 
 def test_uneven_stamps_and_a_gap_change_little(baxter):
