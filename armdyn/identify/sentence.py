@@ -75,10 +75,14 @@ def repair_sentences(ladder: Sequence[Change], judge: Judge, scale: Scale, left:
 
 
 def totals(errors: Mapping[str, float], units: Mapping[str, str]) -> dict[str, float]:
-    """By unit: root of the summed squares of the channels' errors; of a single channel its own."""
+    """By unit: root of the summed squares of the channels' errors; of a single channel its own.
+
+    Channels whose unit is not given are left out.
+    """
+    known = {channel: error for channel, error in errors.items() if channel in units}
     return {
-        unit: math.hypot(*(error for channel, error in errors.items() if units[channel] == unit))
-        for unit in dict.fromkeys(units[channel] for channel in errors)
+        unit: math.hypot(*(error for channel, error in known.items() if units[channel] == unit))
+        for unit in dict.fromkeys(units[channel] for channel in known)
     }
 
 
