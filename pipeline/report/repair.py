@@ -14,7 +14,7 @@ MUCH = 0.5
 
 def repair_level(found: Repair) -> Level:
     """Done where only noise is left, improved where much is explained, failed only where the error grew."""
-    if found.verdict is Verdict.EXPLAINED:
+    if found.verdict is Verdict.EXPLAINED and found.after.widened == 1.0:
         return Level.GOOD
     if found.explained < 0.0:
         return Level.BAD

@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 from armdyn.identify.exam import Judge
 from armdyn.identify.explained import Scale
 from armdyn.identify.repair import Rung
-from armdyn.identify.sentence import totals
+from armdyn.identify.sentence import MOST_JOINTS, totals
 from pipeline.report.section import Chart, Section, Table
 from pipeline.report.theme import BLUE, GREEN, ORANGE
 
@@ -68,7 +68,7 @@ class LadderSection(Section):
             ]
             for rung in self.ladder
         ]
-        errors = ["rms error", "held out", *(["exam"] if examined else [])]
+        errors = [f"{name}{self._unit}" for name in ("rms error", "held out", *(["exam"] if examined else []))]
         caption = "; ".join(judge.value for judge in self.judges)
         if len(self.ladder[0].rmse) > len(set(self.scale.units.values())):
             caption = f"errors: root of the channels' summed squares; {caption}"
@@ -76,11 +76,21 @@ class LadderSection(Section):
         return [Table(header, rows, f"{caption[:1].upper()}{caption[1:]}." if caption else "")]
 
     def _errors(self, rmse: Mapping[str, float]) -> str:
-        return ", ".join(f"{v:.4g} {unit}" for unit, v in totals(rmse, self.scale.units).items()) or "–"
+        """In the header's unit, or each with its own."""
+        sums = totals(rmse, self.scale.units)
+        return ", ".join(f"{v:.4g}" if self._unit else f"{v:.4g} {unit}" for unit, v in sums.items()) or "–"
+
+    @property
+    def _unit(self) -> str:
+        """Of all errors, for a header; empty where channels differ."""
+        units = set(self.scale.units.values())
+        return f" [{units.pop()}]" if len(units) == 1 else ""
 
 
 def step_name(rung: Rung) -> str:
     """Such as ``+ quadratic_drag − linear_drag``."""
     parts = [f"+ {name}" for name in rung.added] + [f"− {name}" for name in rung.removed]
     text = " ".join(parts) or "as given"
-    return f"{text} ({', '.join(rung.joints)})" if rung.joints else text
+    if not rung.joints:
+        return text
+    return f"{text} ({', '.join(rung.joints) if len(rung.joints) <= MOST_JOINTS else f'{len(rung.joints)} joints'})"

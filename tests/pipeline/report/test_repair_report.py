@@ -26,17 +26,21 @@ def link(mass, determined):
 
 
 @pytest.mark.parametrize(
-    ("verdict", "explained", "level"),
+    ("verdict", "explained", "widened", "level"),
     [
-        (Verdict.EXPLAINED, 0.99, Level.GOOD),
-        (Verdict.UNKNOWN_EFFECT, 0.97, Level.IMPROVED),
-        (Verdict.EFFECT_MISSING, 0.6, Level.IMPROVED),
-        (Verdict.UNKNOWN_EFFECT, 0.1, Level.CAUTION),
-        (Verdict.UNKNOWN_EFFECT, -0.2, Level.BAD),
+        (Verdict.EXPLAINED, 0.99, 1.0, Level.GOOD),
+        (Verdict.EXPLAINED, 0.99, 12.0, Level.IMPROVED),  # without structure, and far above the noise
+        (Verdict.UNKNOWN_EFFECT, 0.97, 12.0, Level.IMPROVED),
+        (Verdict.EFFECT_MISSING, 0.6, 12.0, Level.IMPROVED),
+        (Verdict.UNKNOWN_EFFECT, 0.1, 12.0, Level.CAUTION),
+        (Verdict.UNKNOWN_EFFECT, -0.2, 12.0, Level.BAD),
     ],
 )
-def test_a_repair_that_helps_is_never_failed(verdict, explained, level):
-    assert repair_level(SimpleNamespace(verdict=verdict, explained=explained)) is level
+def test_a_repair_that_helps_is_never_failed(verdict, explained, widened, level):
+    assert (
+        repair_level(SimpleNamespace(verdict=verdict, explained=explained, after=SimpleNamespace(widened=widened)))
+        is level
+    )
 
 
 def test_a_link_of_241_kg_does_not_pass_without_a_word(capsys):
@@ -64,8 +68,8 @@ def test_the_ladder_tells_total_errors_and_the_exams():
     given = Rung((), (), (), (), {"tau.a": 3.0, "tau.b": 4.0}, {"tau.a": 6.0, "tau.b": 8.0}, 9.0, 1.0, {"tau.a": 7.0})
     section = LadderSection([given], Scale({"tau.a": "N m", "tau.b": "N m"}, {}), (Judge.EXAM, Judge.HELD_OUT))
     (table,) = section.tables()
-    assert table.header[1:4] == ["rms error", "held out", "exam"]
-    assert table.rows[0][1:4] == ["5 N m", "10 N m", "7 N m"]
+    assert table.header[1:4] == ["rms error [N m]", "held out [N m]", "exam [N m]"]
+    assert table.rows[0][1:4] == ["5", "10", "7"]
     assert "took part in nothing" in table.caption
     assert "took part in choosing" in table.caption
     assert {trace.name for chart in section.charts() for trace in chart.figure.data} == {"training", "held out", "exam"}
