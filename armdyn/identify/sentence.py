@@ -75,10 +75,14 @@ def repair_sentences(ladder: Sequence[Change], judge: Judge, scale: Scale, left:
 
 
 def totals(errors: Mapping[str, float], units: Mapping[str, str]) -> dict[str, float]:
-    """By unit: root of the summed squares of the channels' errors; of a single channel its own."""
+    """By unit: root of the summed squares of the channels' errors; of a single channel its own.
+
+    Channels whose unit is not given are left out.
+    """
+    known = {channel: error for channel, error in errors.items() if channel in units}
     return {
-        unit: math.hypot(*(error for channel, error in errors.items() if units[channel] == unit))
-        for unit in dict.fromkeys(units[channel] for channel in errors)
+        unit: math.hypot(*(error for channel, error in known.items() if units[channel] == unit))
+        for unit in dict.fromkeys(units[channel] for channel in known)
     }
 
 
@@ -140,7 +144,7 @@ def _left(last: Change, scale: Scale, after: Mapping[str, float], left: Left) ->
     ratio = max((after[unit] / noise[unit] for unit in after if noise.get(unit)), default=0.0)
     size = f"What is left, {_number(ratio, 2)} times the noise," if ratio > AT_THE_NOISE else "What is left"
     if not left.something:
-        return f"{size} {'shows no structure' if ratio > AT_THE_NOISE else 'is noise'}{warned}."
+        return f"{size} {'shows no structure that armdyn looks for' if ratio > AT_THE_NOISE else 'is noise'}{warned}."
     text = f"{size} {'is more than noise' if ratio > AT_THE_NOISE else 'is not white noise'}"
     text += f" ({left.looks_like})" if left.looks_like else ""
     more = ", and nothing in the catalogue explains it" if left.searched else ": run `armdyn diagnose` to look for more"

@@ -1,6 +1,5 @@
 """What compare, diagnose, add and repair have in common: arguments, reading, the words on the screen."""
 
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -167,9 +166,11 @@ def say_places(places: "Sequence[Place]", most: int = 6) -> None:
         )
 
 
-def say_ladder(ladder: "tuple[Rung, ...]", judges: "Sequence[Judge]") -> None:
+def say_ladder(ladder: "tuple[Rung, ...]", units: "Mapping[str, str]", judges: "Sequence[Judge]") -> None:
     """Print the error falling; three channels or more, such as an arm's joints, as the root of their summed squares."""
     from rich.table import Column, Table
+
+    from armdyn.identify.sentence import totals
 
     channels = list(ladder[0].rmse)
     together = len(channels) > 2
@@ -186,10 +187,11 @@ def say_ladder(ladder: "tuple[Rung, ...]", judges: "Sequence[Judge]") -> None:
         name += f" (or {', '.join(rung.tied_with)})" if rung.tied_with else ""
         kinds = (rung.rmse, rung.held_out_rmse, rung.exam_rmse)[: 1 + len(unseen)]
         if together:
-            errors = [math.hypot(*errors.values()) if errors else None for errors in kinds]
+            sums = [totals(errors, units) for errors in kinds]
+            cells = [", ".join(f"{e:.4g} {unit}" for unit, e in by_unit.items()) or "–" for by_unit in sums]
         else:
             errors = [errors.get(channel) for channel in channels for errors in kinds]
-        cells = [f"{e:.4g}" if e is not None else "–" for e in errors]
+            cells = [f"{e:.4g}" if e is not None else "–" for e in errors]
         table.add_row(name, *cells, f"{rung.chi2_per_sample:.4g}", f"{rung.bic:.6g}")
     console = to_screen()
     console.print(table)

@@ -87,7 +87,7 @@ def conclude(given: Given, found: "Repair", output: Path, report: Path | None, j
         write_json(repair_answer(found), json_file)
     if json_file != Path("-"):
         typer.echo(found.sentence)
-        say_ladder(found.ladder, study.judges)
+        say_ladder(found.ladder, found.after.scale.units, study.judges)
         say_links(found.links)
         say_fit(found.after)
         typer.echo(f"written to {output}")

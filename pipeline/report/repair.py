@@ -14,7 +14,7 @@ MUCH = 0.5
 
 def repair_level(found: Repair) -> Level:
     """Done where only noise is left, improved where much is explained, failed only where the error grew."""
-    if found.verdict is Verdict.EXPLAINED:
+    if found.verdict is Verdict.EXPLAINED and found.after.widened == 1.0:
         return Level.GOOD
     if found.explained < 0.0:
         return Level.BAD
@@ -28,7 +28,7 @@ def repair_report(study: Study, found: Repair, command: str = "") -> Report:
         title="Repair: add what is missing, watch the error fall",
         level=repair_level(found),
         verdict=found.sentence,
-        sections=[LadderSection(found.ladder, study.judges), *links, *fit_sections(found.after)],
+        sections=[LadderSection(found.ladder, found.after.scale, study.judges), *links, *fit_sections(found.after)],
         subtitle=runs_of(study),
         key_figures=key_figures(found.after),
         command=command,

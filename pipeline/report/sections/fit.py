@@ -12,10 +12,13 @@ from armdyn.identify.problem import Block
 from pipeline.report.section import Chart, Section
 from pipeline.report.sections.over_time import add_band, stacked
 from pipeline.report.text import number
-from pipeline.report.theme import MEASURED, MODEL, Phase
+from pipeline.report.theme import GREY, MEASURED, MODEL, Phase
 
 MOST_POINTS = 3000
 """Per trace; more makes the page heavy and the picture no clearer."""
+
+FEW_POINTS, LARGE = 400, 5
+"""Fewer are drawn larger, in px: small dots far apart are overlooked beside a line."""
 
 
 @dataclass(frozen=True)
@@ -50,12 +53,13 @@ class FitSection(Section):
         figure = stacked([title, f"residual [{channel.unit}]"], [0.6, 0.4], phases, 400)
         figure.update_layout(xaxis_range=[float(block.time[0]), float(block.time[-1])])
         time = block.time[every]
-        figure.add_scatter(x=time, y=measured[every], name="measured", **MEASURED)
+        dots = MEASURED if len(time) > FEW_POINTS else {**MEASURED, "marker": {"color": GREY, "size": LARGE}}
+        figure.add_scatter(x=time, y=measured[every], name="measured", **dots)
         figure.add_scatter(x=time, y=(measured - block.misfit)[every], name="predicted", **MODEL)
         band = np.full(2, 2 * block.noise)
         ends = block.time[[0, -1]]
         add_band(figure, ends, 0 * band, band, "± 2 std of the noise", axis="y2")
-        figure.add_scatter(x=time, y=block.misfit[every], yaxis="y2", showlegend=False, name="residual", **MEASURED)
+        figure.add_scatter(x=time, y=block.misfit[every], yaxis="y2", showlegend=False, name="residual", **dots)
         rms = float(np.sqrt(np.mean(block.misfit**2)))
         return Chart(figure, f"{block.run}: residual {number(rms, channel.unit)} rms.")
 

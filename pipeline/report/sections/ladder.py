@@ -8,7 +8,9 @@ import numpy as np
 import plotly.graph_objects as go
 
 from armdyn.identify.exam import Judge
+from armdyn.identify.explained import Scale
 from armdyn.identify.repair import Rung
+from armdyn.identify.sentence import MOST_JOINTS, totals
 from pipeline.report.section import Chart, Section, Table
 from pipeline.report.theme import BLUE, GREEN, ORANGE
 
@@ -20,6 +22,7 @@ class LadderSection(Section):
     title: ClassVar[str] = "The error falling"
 
     ladder: Sequence[Rung]
+    scale: Scale
     judges: Sequence[Judge] = ()
 
     def sentence(self) -> str:
@@ -40,14 +43,15 @@ class LadderSection(Section):
         ):
             if not values[0]:
                 continue
-            share = [float(np.sqrt(np.mean([(v[c] / values[0][c]) ** 2 for c in values[0]]))) for v in values]
+            sums = [totals(errors, self.scale.units) for errors in values]
+            share = [float(np.sqrt(np.mean([(s[unit] / sums[0][unit]) ** 2 for unit in sums[0]]))) for s in sums]
             figure.add_scatter(
                 x=share, y=steps, mode="lines+markers", name=name, line={"color": colour, "shape": "vh", "width": 2}
             )
         figure.update_xaxes(title_text="rms error / error as given", type="log")
         figure.update_yaxes(automargin=True, autorange="reversed")
-        several = len(self.ladder[0].rmse) > 1
-        return [Chart(figure, "Several channels: the root mean square of their shares." if several else "")]
+        several = len(set(self.scale.units.values())) > 1
+        return [Chart(figure, "Several units: the root mean square of their shares." if several else "")]
 
     def tables(self) -> Sequence[Table]:
         """A row per step."""
@@ -55,27 +59,38 @@ class LadderSection(Section):
         rows = [
             [
                 step_name(rung),
-                _errors(rung.rmse),
-                _errors(rung.held_out_rmse),
-                *([_errors(rung.exam_rmse)] if examined else []),
+                self._errors(rung.rmse),
+                self._errors(rung.held_out_rmse),
+                *([self._errors(rung.exam_rmse)] if examined else []),
                 f"{rung.chi2_per_sample:.4g}",
                 f"{rung.bic:.1f}",
                 ", ".join(rung.tied_with),
             ]
             for rung in self.ladder
         ]
-        errors = ["rms error", "held out", *(["exam"] if examined else [])]
+        errors = [f"{name}{self._unit}" for name in ("rms error", "held out", *(["exam"] if examined else []))]
         caption = "; ".join(judge.value for judge in self.judges)
+        if len(self.ladder[0].rmse) > len(set(self.scale.units.values())):
+            caption = f"errors: root of the channels' summed squares; {caption}"
         header = ["step", *errors, "χ² per sample", "BIC", "cannot be told from"]
         return [Table(header, rows, f"{caption[:1].upper()}{caption[1:]}." if caption else "")]
 
+    def _errors(self, rmse: Mapping[str, float]) -> str:
+        """In the header's unit, or each with its own."""
+        sums = totals(rmse, self.scale.units)
+        return ", ".join(f"{v:.4g}" if self._unit else f"{v:.4g} {unit}" for unit, v in sums.items()) or "–"
 
-def _errors(rmse: Mapping[str, float]) -> str:
-    return ", ".join(f"{v:.4g}" for v in rmse.values()) or "–"
+    @property
+    def _unit(self) -> str:
+        """Of all errors, for a header; empty where channels differ."""
+        units = set(self.scale.units.values())
+        return f" [{units.pop()}]" if len(units) == 1 else ""
 
 
 def step_name(rung: Rung) -> str:
     """Such as ``+ quadratic_drag − linear_drag``."""
     parts = [f"+ {name}" for name in rung.added] + [f"− {name}" for name in rung.removed]
     text = " ".join(parts) or "as given"
-    return f"{text} ({', '.join(rung.joints)})" if rung.joints else text
+    if not rung.joints:
+        return text
+    return f"{text} ({', '.join(rung.joints) if len(rung.joints) <= MOST_JOINTS else f'{len(rung.joints)} joints'})"

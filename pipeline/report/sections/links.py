@@ -42,11 +42,15 @@ class LinkSection(Section):
         for q in link.quantities:
             kind, _, axis = q.name.partition("_")
             name = f"{NAMES[kind]} {axis}".strip()
-            note = "" if q.determined else "not determined by these runs"
-            rows.append([name, f"{q.described:.4g}", f"{q.value:.4g}", f"{q.std:.2g}", q.unit, note])
+            # What rounding left of an exact zero says nothing.
+            value = q.value if abs(q.value) > 1e-6 * max(q.std, abs(q.described)) else 0.0
+            certain = "yes" if q.determined else "not by these runs"
+            rows.append([name, f"{q.described:.4g}", f"{value:.4g}", f"{q.std:.2g}", q.unit, certain])
         caption = (
             f"The link that {link.joint} moves, with all that is fixed to it, in the frame of that joint; inertia "
         )
         return Table(
-            [link.joint, "URDF", "repaired", "std", "unit", ""], rows, caption + "is about the centre of mass."
+            [link.joint, "URDF", "repaired", "std", "unit", "determined"],
+            rows,
+            caption + "is about the centre of mass.",
         )

@@ -32,7 +32,7 @@ def test_noise_alone_changes_no_interval():
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_model_error_that_the_catalogue_lacks_is_counted_in(seed):
-    # Measured over 126 values of 3 effects, 3 kinds of model error and 2 seeds: see docs/repair.md.
+    # The measured coverage is in docs/repair.md.
     known, whitened, ours = errors("rotor_inertia", ("backlash_spring",), seed)
     assert known.widened > 10.0
     assert np.mean(whitened < 3.0) < 0.5

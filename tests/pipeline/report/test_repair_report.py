@@ -1,0 +1,75 @@
+"""A repair's page: an improvement is not red, links are beside the URDF's, who judged is said."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from armdyn.arm.links import LinkChange, LinkQuantity
+from armdyn.identify.exam import Judge
+from armdyn.identify.explained import Scale
+from armdyn.identify.repair import Rung
+from armdyn.identify.verdict import Verdict
+from pipeline.answers import link_answer
+from pipeline.commands.link_table import say_links
+from pipeline.report.page import Level
+from pipeline.report.repair import repair_level
+from pipeline.report.sections.ladder import LadderSection
+from pipeline.report.sections.links import LinkSection
+
+ZERO = ("centre_x", "centre_y", "centre_z", "inertia_xx", "inertia_xy", "inertia_yy", "inertia_xz", "inertia_yz")
+
+
+def link(mass, determined):
+    rest = [LinkQuantity(name, "m", 0.0, 1e-20, 0.1, False) for name in (*ZERO, "inertia_zz")]
+    moments = [LinkQuantity(f"moment_{axis}", "kg m", 0.2, 0.25, 0.01, True) for axis in "xyz"]
+    return LinkChange("elbow", (LinkQuantity("mass", "kg", 7.8, mass, 3.0, determined), *rest, *moments), True)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "explained", "widened", "level"),
+    [
+        (Verdict.EXPLAINED, 0.99, 1.0, Level.GOOD),
+        (Verdict.EXPLAINED, 0.99, 12.0, Level.IMPROVED),  # without structure, and far above the noise
+        (Verdict.UNKNOWN_EFFECT, 0.97, 12.0, Level.IMPROVED),
+        (Verdict.EFFECT_MISSING, 0.6, 12.0, Level.IMPROVED),
+        (Verdict.UNKNOWN_EFFECT, 0.1, 12.0, Level.CAUTION),
+        (Verdict.UNKNOWN_EFFECT, -0.2, 12.0, Level.BAD),
+    ],
+)
+def test_a_repair_that_helps_is_never_failed(verdict, explained, widened, level):
+    assert (
+        repair_level(SimpleNamespace(verdict=verdict, explained=explained, after=SimpleNamespace(widened=widened)))
+        is level
+    )
+
+
+def test_a_link_of_241_kg_does_not_pass_without_a_word(capsys):
+    heavy = link(241.0, determined=False)
+    expected = "the link of elbow weighs 241 kg in the model (URDF: 7.8 kg), which these runs do not determine"
+    say_links([heavy])
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "241 (not determined by these runs)" in shown
+    assert "0.25 ± 0.01, 0.25 ± 0.01, 0.25 ± 0.01 kg m" in shown
+    assert f"Look out: {expected}" in shown
+    assert expected in LinkSection([heavy]).sentence()
+    answer = link_answer(heavy)
+    assert answer["warning"] == expected
+    assert answer["mass"] == {"unit": "kg", "urdf": 7.8, "value": 241.0, "std": 3.0, "determined": False}
+
+
+def test_what_rounding_left_of_zero_is_zero_and_each_value_says_whether_it_is_determined():
+    (table,) = LinkSection([link(8.0, determined=True)]).tables()
+    assert table.rows[0] == ["mass", "7.8", "8", "3", "kg", "yes"]
+    assert table.rows[1] == ["centre of mass x", "0", "0", "0.1", "m", "not by these runs"]
+    assert "4 of 13" in LinkSection([link(8.0, determined=True)]).sentence()
+
+
+def test_the_ladder_tells_total_errors_and_the_exams():
+    given = Rung((), (), (), (), {"tau.a": 3.0, "tau.b": 4.0}, {"tau.a": 6.0, "tau.b": 8.0}, 9.0, 1.0, {"tau.a": 7.0})
+    section = LadderSection([given], Scale({"tau.a": "N m", "tau.b": "N m"}, {}), (Judge.EXAM, Judge.HELD_OUT))
+    (table,) = section.tables()
+    assert table.header[1:4] == ["rms error [N m]", "held out [N m]", "exam [N m]"]
+    assert table.rows[0][1:4] == ["5", "10", "7"]
+    assert "took part in nothing" in table.caption
+    assert "took part in choosing" in table.caption
+    assert {trace.name for chart in section.charts() for trace in chart.figure.data} == {"training", "held out", "exam"}
