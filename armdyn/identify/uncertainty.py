@@ -10,8 +10,8 @@ and as correlated as the residual of each channel c shows them,
 S_c the derivatives over the noise and P the priors (White, Econometrica 50, 1982, for the form).
 
 Measured on simulated recordings of a Baxter arm, with one effect fitted and one that is in no catalogue: 90 % of 336
-values within 3 standard deviations, with whitening 76 % (docs/repair.md). What is missing may still shift a value by more
-than any residual shows.
+values within 3 standard deviations, with whitening 76 % (docs/repair.md). What is missing may still shift a value by
+more than any residual shows.
 """
 
 from collections.abc import Sequence

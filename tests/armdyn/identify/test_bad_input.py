@@ -1,5 +1,8 @@
 """Bad input to the commands: one line, exit status 2, nothing written."""
 
+import json
+import tomllib
+
 import numpy as np
 import pytest
 
@@ -114,6 +117,8 @@ def test_a_bad_model_file_is_refused(armdyn, place, model, expected):
         (("compare", "m.toml", "good.csv", "--report", "r", "--json", "r"), "also to be written"),
         (("compare", "m.toml", "good.csv", "copy.csv"), "same data"),
         (("compare", "m.toml", "good.csv", "--held-out", "copy.csv"), "same data"),
+        (("repair", "m.toml", "good.csv", "--exam", "copy.csv"), "same data"),
+        (("diagnose", "m.toml", "good.csv", "--exam", "good.csv"), "an exam run and also a training run"),
         (("add", "m.toml", "slip", "good.csv", "--effects", "broken.py"), "mend its file"),
         (("trial", "--out", "good.csv"), "choose another directory"),
         (("trial", "--json", "nowhere/x.json"), "no directory"),
@@ -128,3 +133,17 @@ def test_a_bad_model_file_is_refused(armdyn, place, model, expected):
 def test_bad_arguments_are_refused(armdyn, place, arguments, expected):
     before = sorted(p.name for p in place.iterdir())
     refused(armdyn(*arguments, cwd=place), expected, place, before)
+
+
+def test_the_exams_error_is_in_table_answer_and_model_file(armdyn, place):
+    (place / "exam.csv").write_text("".join([LINES[0], *LINES[1:250]]))
+    command = "add", "m.toml", "sensor_bias", "good.csv", "--exam", "exam.csv", "--output", "out.toml"
+    status, out, err = armdyn(*command, "--json", "a.json", cwd=place)
+    assert status == 0, err
+    assert "exam: runs that took part in nothing" in out
+    answer = json.loads((place / "a.json").read_text())
+    assert all(step["exam_rmse"]["load_force"] > 0 for step in answer["steps"])
+    assert answer["channels"]["load_force"]["exam_rmse"] == answer["steps"][-1]["exam_rmse"]["load_force"]
+    (entry,) = tomllib.loads((place / "out.toml").read_text())["history"]
+    assert entry["exam"] == ["exam.csv"]
+    assert entry["exam_rmse"]["load_force"] > 0
