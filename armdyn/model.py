@@ -1,7 +1,7 @@
 """A model: a base, effects, parameters. Never changed in place."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import ClassVar, Self
@@ -31,6 +31,19 @@ class Prediction:
     time: np.ndarray
     values: np.ndarray
     sensitivities: np.ndarray
+
+
+@dataclass(frozen=True)
+class Bend:
+    """Parameters that act as changes of others do, in which predictions are linear.
+
+    Attributes:
+        through: names of those others.
+        function: from (k,) changes of the k parameters to (m,) changes of the others, and (m, k) its derivatives.
+    """
+
+    through: tuple[str, ...]
+    function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -157,6 +170,19 @@ class Model(ABC):
     def parts(self, effect: str) -> Mapping[str, tuple[str, ...]]:
         """Names of an effect's parameters by the joint that they belong to, ``""`` where there is none."""
         return {"": tuple(name for name in self.names if name.startswith(f"{effect}."))}
+
+    def bend(self, names: Sequence[str], theta: np.ndarray) -> "Bend | None":
+        """How predictions depend on the parameters `names` where that is not linear but simple; None elsewhere.
+
+        Predictions are linear in an arm's inertial parameters, but not in a payload's place, nor in the factor that
+        keeps a link's parameters those of a body.
+
+        Args:
+            names: of one effect's parameters on one joint.
+            theta: (p,) values around which.
+        """
+        del names, theta
+        return None
 
     def initial_guess(self, run: Run) -> Mapping[str, float]:
         """First guesses of the parameters that are one value per run."""

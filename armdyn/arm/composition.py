@@ -74,12 +74,16 @@ class LinkFunction:
         shape: (4, 4) symbols.
         theta: (k,) symbols.
         null: (k,) values at which the effects are absent.
+
+    Attributes:
+        depends: (k,) bool, the parameters that change the link.
     """
 
     def __init__(self, parameters: Expression, shape: Expression, theta: Expression, null: np.ndarray) -> None:
         outputs = [ca.densify(parameters), ca.densify(ca.jacobian(parameters, theta))]
         self._function = Buffered(ca.Function("link", [shape, theta], outputs))
         self._null = null
+        self.depends = np.array([bool(ca.depends_on(parameters, theta[i])) for i in range(theta.numel())])
 
     def change(self, shape: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(10,) what the effects add to the described link with the factor `shape`, and (10, k) its derivatives."""

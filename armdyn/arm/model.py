@@ -12,12 +12,13 @@ import numpy as np
 from armdyn.arm import recorded
 from armdyn.arm.arm import Arm, find_arm
 from armdyn.arm.composition import JointFunctions, compose_joint
+from armdyn.arm.inertia import SIZE
 from armdyn.arm.motion import measured_motion
 from armdyn.arm.prediction import Links
 from armdyn.arm.prepared import PreparedRun
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
-from armdyn.model import Model, Prediction
+from armdyn.model import Bend, Model, Prediction
 from armdyn.parameter import Parameter
 from armdyn.run import Channel, Run
 
@@ -128,6 +129,29 @@ class ArmModel(Model):
             for joint in self.joints_with(effect)
         }
 
+    def bend(self, names: Sequence[str], theta: np.ndarray) -> Bend | None:
+        """See `Model.bend`: what changes a link acts as a deformation of it does, through its inertial parameters."""
+        joint = names[0].partition("[")[2].removesuffix("]")
+        through = self.parts(DEFORMATION).get(joint, ())
+        if not through:
+            return None
+        i = self.joints.index(joint)
+        columns, link = self._columns[i], self._functions[i].link
+        here = theta[columns]
+        own, others = ([columns.index(self.names.index(name)) for name in of] for of in (names, through))
+        if link is None or not link.depends[own].all():
+            return None
+        value, slopes = link.change(self.arm.shapes[i], here)
+        inverse = np.linalg.inv(slopes[:, others])
+
+        def bent(change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            there = here.copy()
+            there[own] += change
+            inertial, derivatives = link.change(self.arm.shapes[i], there)
+            return inverse @ (inertial - value), inverse @ derivatives[:, own]
+
+        return Bend(tuple(through), bent)
+
     def circumstances(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
         """See `Model.circumstances`: position, velocity and acceleration of every joint."""
         del theta
@@ -232,6 +256,8 @@ class ArmModel(Model):
         )
 
 
+DEFORMATION = "link_inertia"
+"""The effect whose parameters span all that can change in a link."""
 _REASON = {
     "every": "the arm has no joint",
     "turning": "it acts on joints that turn",

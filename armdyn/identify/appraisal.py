@@ -28,6 +28,7 @@ from scipy.linalg.lapack import dposv, dpotrf, dtrtri
 from armdyn.identify.noise import correlation_time
 from armdyn.identify.score import Candidate
 from armdyn.identify.sums import Sums
+from armdyn.model import Bend
 
 SURE = log(100.0)
 """Nats beyond chance at which an effect is believed: one false name in a hundred clean recordings."""
@@ -38,6 +39,10 @@ HARM = 0.02
 """Share by which an effect may make the total error of a predicted run larger."""
 REFINEMENTS = 6
 """Rounds in which unknowns that leave their bounds are put on them."""
+BENT_STEPS = 6
+"""Gauss-Newton steps on the sums for unknowns that predictions are not linear in."""
+SETTLED = 0.5
+"""Nats that do not matter."""
 LEVELS = 4
 """Rounds in which the richest model's fit and the error that it leaves, which weighs it, settle."""
 
@@ -55,6 +60,7 @@ class Appraisal:
         columns: (c,) the unknowns that change.
         free: (c,) bool, those that are fitted; the others return to null.
         change: (c,) their change from the expansion's point in a fit to all training runs.
+        effective: (c,) the change that predictions are linear in; see `Model.quantities`.
         likelihood: log likelihood of the training runs.
         values: number of the effects' unknowns that the runs determine rather than the priors.
         predicted: (u,) mean squared error of the predicted units.
@@ -69,6 +75,7 @@ class Appraisal:
     columns: np.ndarray
     free: np.ndarray
     change: np.ndarray
+    effective: np.ndarray
     likelihood: float
     values: float
     predicted: np.ndarray
@@ -107,6 +114,8 @@ class Appraiser:
         self._typical = np.minimum(p.typical, self._width)
         self._by_channel = [np.flatnonzero(sums.training & (sums.channel == i)) for i in range(len(sums.channels))]
         self._training = np.flatnonzero(sums.training)
+        bends = {c: self._bend(c) for c in self.candidates}
+        self._bends = {c: bend for c, bend in bends.items() if bend is not None}
         self._owner = np.array([-1 if c.run is None else c.run for c in sums.problem.columns])
         training = tuple(np.flatnonzero(np.isin(np.arange(len(sums.runs)), sums.run[sums.training])))
         # With a single training run there are no others to predict it from.
@@ -163,7 +172,7 @@ class Appraiser:
         width = self._width
         C = now.columns[now.free]
         gone = now.columns[~now.free]
-        slope = slope - G[:, gone] @ now.change[~now.free]
+        slope = slope - G[:, gone] @ now.effective[~now.free]
         scaled = np.linalg.solve(G[np.ix_(C, C)] + np.diag(width[C] ** -2.0), np.column_stack([G[C], slope[C]]))
         left, rest = G - G[:, C] @ scaled[:, :-1], slope - G[:, C] @ scaled[:, -1]
         gains = np.empty(len(others))
@@ -193,12 +202,13 @@ class Appraiser:
     def _levels(self) -> tuple[np.ndarray, np.ndarray]:
         """(U,) variance that the richest model leaves, at least the noise, and (U,) independent samples."""
         s = self.sums
-        every, free = self._of(self.candidates)
+        whole = self._of(self.candidates)
+        every, free = whole.columns, whole.free
         level = s.noise**2
         for _ in range(LEVELS):
             self._weight = 1.0 / level
             self._normals.clear()
-            change = self._solved(every, free, self._training)
+            change = self._linear(every, free, self._training)
             error = s.errors(every, change, np.arange(len(s.count)))
             for channel in range(len(s.channels)):
                 units = s.channel == channel
@@ -217,11 +227,12 @@ class Appraiser:
 
     def _appraised(self, effects: tuple[Candidate, ...]) -> Appraisal:
         s = self.sums
-        columns, free = self._of(effects)
-        change = self._solved(columns, free, self._training)
-        likelihood = self._log_likelihood(s.errors(columns, change, self._training))
+        one = self._of(effects)
+        columns, free = one.columns, one.free
+        change, effective = self._solved(one, self._training)
+        likelihood = self._log_likelihood(s.errors(columns, effective, self._training))
         occam, values = self._freedom(columns[free], change[free])
-        errors = [self._predicted(columns, free, fold) for fold in self._folds]
+        errors = [self._predicted(one, change, fold) for fold in self._folds]
         predicted = np.concatenate([np.zeros(0), *errors])
         units = np.concatenate([np.zeros(0, dtype=int), *(fold.units for fold in self._folds)])
         transfer = -0.5 * float(self.independent[units] @ _misfit(predicted / s.noise[units] ** 2))
@@ -235,6 +246,7 @@ class Appraiser:
             columns=columns,
             free=free,
             change=change,
+            effective=effective,
             likelihood=likelihood,
             values=values,
             predicted=predicted,
@@ -254,13 +266,29 @@ class Appraiser:
         on = ((value <= p.lower[columns]) | (value >= p.upper[columns])) & (value != p.null[columns])
         return not np.any(on & ~self._always[columns])
 
-    def _of(self, effects: Iterable[Candidate]) -> tuple[np.ndarray, np.ndarray]:
-        """(c,) columns that change with a set, and (c,) bool, those that are fitted."""
-        fitted = self._always.copy()
+    def _of(self, effects: Iterable[Candidate]) -> "_Chosen":
+        """The columns that change with a set."""
+        fitted, touched = self._always.copy(), self._away.copy()
+        effects = tuple(effects)
         for c in effects:
             fitted[self._columns[c]] = True
-        columns = np.flatnonzero(fitted | self._away)
-        return columns, fitted[columns]
+            if c in self._bends:
+                touched[self._bends[c][0]] = True
+        columns = np.flatnonzero(fitted | touched)
+        bent = tuple(
+            _Bent(np.searchsorted(columns, self._columns[c]), np.searchsorted(columns, through), bend)
+            for c in effects
+            if c in self._bends
+            for through, bend in [self._bends[c]]
+        )
+        return _Chosen(columns, fitted[columns], bent)
+
+    def _bend(self, candidate: Candidate) -> tuple[np.ndarray, Bend] | None:
+        """Columns through which a candidate's unknowns act, and how, around the expansion's point."""
+        p = self.sums.problem
+        theta = p.theta(0, self.sums.values)
+        bend = p.model.bend(candidate.names, theta) if candidate.names else None
+        return None if bend is None else (np.flatnonzero(p.of(bend.through)), bend)
 
     def _log_likelihood(self, error: np.ndarray) -> float:
         """Of training units with (t,) mean squared errors, with one variance of the model's own for each channel."""
@@ -293,15 +321,79 @@ class Appraiser:
             self._normals[key] = np.tensordot(w, self.sums.gram[units], 1), w @ self.sums.slope[units]
         return self._normals[key]
 
-    def _predicted(self, columns: np.ndarray, free: np.ndarray, fold: "_Fold") -> np.ndarray:
+    def _predicted(self, one: "_Chosen", change: np.ndarray, fold: "_Fold") -> np.ndarray:
         """(u,) mean squared error of a run, predicted by a fit to the other training runs; its own unknowns fit it."""
-        change = self._solved(columns, free, fold.others)
-        own = free & (self._owner[columns] == fold.run)
+        _, effective = self._solved(one, fold.others, change)
+        own = one.free & (self._owner[one.columns] == fold.run)
         if own.any():
-            change = self._solved(columns, own, fold.units, change)
-        return self.sums.errors(columns, change, fold.units)
+            effective = self._linear(one.columns, own, fold.units, effective)
+        return self.sums.errors(one.columns, effective, fold.units)
 
     def _solved(
+        self, one: "_Chosen", units: np.ndarray, near: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(c,) change of a set's unknowns that fits units best, and (c,) the change that predictions are linear in.
+
+        The two differ where a link is deformed: by Gauss-Newton steps from `near`, or from the linear answer, on the
+        sums, which stay exact.
+        """
+        effective = self._linear(one.columns, one.free, units)
+        if not one.bent or not self._curved(one, effective, units):
+            return effective, effective
+        G, slope = self._normal(units)
+        C = one.columns
+        G, slope = G[C[:, None], C], slope[C]
+        weight = np.where(one.free, self._width[C] ** -2.0, 0.0)
+        change = effective.copy() if near is None else near.copy()
+        if near is None:
+            for part in one.bent:
+                # A deformation starts from none: the linear answer may be no body's.
+                change[part.own] *= part.own[0] != part.through[0]
+        y, Z = self._entering(one, change)
+        cost = self._cost(G, slope, y, weight, change - self._centre[C])
+        i = np.flatnonzero(one.free)
+        damping = 0.0
+        for _ in range(BENT_STEPS):
+            gradient = Z.T @ (slope - G @ y) - weight * (change - self._centre[C])
+            A = (Z.T @ G @ Z)[i[:, None], i]
+            A.flat[:: len(i) + 1] += weight[i] + damping * A.flat[:: len(i) + 1]
+            _, solution, _ = dposv(A, gradient[i], lower=1)
+            trial = change.copy()
+            trial[i] = np.clip(change[i] + solution, self._lower[C[i]], self._upper[C[i]])
+            there, slopes = self._entering(one, trial)
+            new = self._cost(G, slope, there, weight, trial - self._centre[C])
+            if not new < cost:
+                damping = max(10.0 * damping, 1e-2)
+                continue
+            settled = cost - new < SETTLED
+            change, y, Z, cost, damping = trial, there, slopes, new, damping / 10.0
+            if settled:
+                break
+        return change, y
+
+    def _entering(self, one: "_Chosen", change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(c,) what enters predictions linearly after a change (c,) of the unknowns, and (c, c) its derivatives."""
+        y, Z = change.copy(), np.eye(len(change))
+        for part in one.bent:
+            y[part.own], Z[part.own, part.own] = 0.0, 0.0
+        for part in one.bent:
+            moved, slopes = part.bend.function(change[part.own])
+            y[part.through] += moved
+            Z[part.through[:, None], part.own] += slopes
+        return y, Z
+
+    def _curved(self, one: "_Chosen", change: np.ndarray, units: np.ndarray) -> bool:
+        """Whether what enters predictions is far from the unknowns themselves."""
+        y, _ = self._entering(one, change)
+        C, d = one.columns, y - change
+        G, _ = self._normal(units)
+        return not float(d @ G[C[:, None], C] @ d) < SETTLED
+
+    @staticmethod
+    def _cost(G: np.ndarray, slope: np.ndarray, y: np.ndarray, weight: np.ndarray, off: np.ndarray) -> float:
+        return float(y @ (G @ y) - 2.0 * slope @ y + weight @ off**2)
+
+    def _linear(
         self, columns: np.ndarray, free: np.ndarray, units: np.ndarray, others: np.ndarray | None = None
     ) -> np.ndarray:
         """(c,) change of the unknowns that fits units best, within their bounds; those not `free` are at `others`."""
@@ -327,6 +419,24 @@ class Appraiser:
             change[outside] = np.clip(change, lower, upper)[outside]
             moving &= ~outside
         return np.where(free, np.clip(change, lower, upper), change)
+
+
+@dataclass(frozen=True, eq=False)
+class _Chosen:
+    """The columns that change with a set, those that are free, and where some enter predictions by other quantities."""
+
+    columns: np.ndarray
+    free: np.ndarray
+    bent: tuple["_Bent", ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Bent:
+    """Where the unknowns of an effect are among the columns, and those that they act through."""
+
+    own: np.ndarray
+    through: np.ndarray
+    bend: Bend
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,16 +23,22 @@ MOST_ROUNDS = 60
 Say = Callable[[str], None]
 
 
-def chosen(appraiser: Appraiser, start: Sequence[Candidate] = (), say: Say | None = None) -> Appraisal:
-    """The best set that the search finds from `start` on."""
-    now = max(appraiser.of(start), appraiser.of(()), key=lambda o: o.worth)
+def chosen(appraiser: Appraiser, firm: Sequence[Candidate] = (), say: Say | None = None) -> Appraisal:
+    """The best set that the search finds.
+
+    Args:
+        appraiser: of sets.
+        firm: effects that stay: where the expansion's point holds them, sums foretell little without them.
+        say: told how far the search is.
+    """
+    now = appraiser.of(firm)
     for _ in range(MOST_ROUNDS):
         if say is not None:
             say(f"{len(now.effects)} effects chosen")
-        better = _added(appraiser, now) or _exchanged(appraiser, now)
+        better = _added(appraiser, now) or _exchanged(appraiser, now, firm)
         if better is None:
             break
-        now = needed(appraiser, better)
+        now = needed(appraiser, better, firm)
     return now
 
 
@@ -49,7 +55,7 @@ def _added(appraiser: Appraiser, now: Appraisal) -> Appraisal | None:
     if not options:
         return None
     best = max(options, key=lambda o: o.worth)
-    enough = now.worth + NEARLY * (best.worth - now.worth)
+    enough = best.worth if np.isinf(now.worth) else now.worth + NEARLY * (best.worth - now.worth)
     near = [o for o in options if o.worth >= enough]
     return min(near, key=lambda o: (len(o.columns), -o.worth))
 
@@ -64,29 +70,31 @@ def _whole(appraiser: Appraiser, left: Sequence[Candidate]) -> list[Appraisal]:
     return found
 
 
-def needed(appraiser: Appraiser, now: Appraisal) -> Appraisal:
-    """Without what has become superfluous, one after the other."""
-    while now.effects:
-        best = max((appraiser.of([c for c in now.effects if c != gone]) for gone in now.effects), key=lambda o: o.worth)
+def needed(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate] = ()) -> Appraisal:
+    """Without what has become superfluous, one after the other; `firm` effects stay."""
+    while len(now.effects) > len(firm):
+        fewer = [appraiser.of([c for c in now.effects if c != gone]) for gone in now.effects if gone not in firm]
+        best = max(fewer, key=lambda o: o.worth)
         if best.worth < now.worth:
             break
         now = best
     return now
 
 
-def _exchanged(appraiser: Appraiser, now: Appraisal) -> Appraisal | None:
+def _exchanged(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate]) -> Appraisal | None:
     """With one effect, or all joints of one, exchanged for another; None where none is better."""
-    parts = [[c] for c in now.effects]
-    for name in dict.fromkeys(c.effect for c in now.effects):
-        joints = [c for c in now.effects if c.effect == name]
+    free = [c for c in now.effects if c not in firm]
+    parts = [[c] for c in free]
+    for name in dict.fromkeys(c.effect for c in free):
+        joints = [c for c in free if c.effect == name]
         if len(joints) > 1:
             parts.append(joints)
     best: Appraisal | None = None
     for part in parts:
         rest = appraiser.of([c for c in now.effects if c not in part])
         left = [c for c in appraiser.candidates if c not in now.effects]
-        order = np.argsort(-appraiser.foretold(rest, left))[: PROMISING // 2] if left else []
-        for i in order:
+        gains = appraiser.foretold(rest, left)
+        for i in np.argsort(-gains)[: PROMISING // 2]:
             option = appraiser.of((*rest.effects, left[i]))
             if option.worth > max(now.worth, best.worth if best else -np.inf) and option.carries_over(now):
                 best = option

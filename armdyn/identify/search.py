@@ -25,7 +25,7 @@ from armdyn.identify.whiteness import Remainder, remainder
 MOST_STEPS = 8
 HALF = 0.5
 """Share of the misfit; far above the noise, a single effect that explains less is weighed against pairs."""
-MOST_ROUNDS = 2
+MOST_ROUNDS = 1
 """Of choosing and refitting; a choice that the refit does not change stands."""
 
 Progress = Callable[[str], None]

@@ -79,7 +79,7 @@ def _described(
     values, deviations = s.changed(one.columns, one.change), appraiser.deviations(one)
     own = np.flatnonzero(p.of(named.names))
     drop = 2.0 * (one.likelihood - nothing.likelihood)
-    errors = s.errors(one.columns, one.change, np.arange(len(s.count)))
+    errors = s.errors(one.columns, one.effective, np.arange(len(s.count)))
     predicted = np.concatenate([np.flatnonzero(s.run == r) for r in appraiser.predicted_runs]) if len(one.predicted) else ()
     return Suspect(
         effect=named.effect,
