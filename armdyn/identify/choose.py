@@ -16,7 +16,7 @@ from armdyn.identify.score import Candidate
 PROMISING = 12
 """Effects with the largest foretold gain that are appraised in each round."""
 NEARLY = 0.8
-"""Share of the best effect's gain at which one with fewer values is preferred: what the best does beyond that, it can do
+"""Share of the best effect's gain, as a logarithm of the error, at which one with fewer values is preferred: what the best does beyond that, it can do
 later as well."""
 MOST_ROUNDS = 60
 
@@ -39,7 +39,7 @@ def chosen(appraiser: Appraiser, firm: Sequence[Candidate] = (), say: Say | None
         if better is None:
             break
         now = needed(appraiser, better, firm)
-    return now
+    return _simplified(appraiser, now, firm)
 
 
 def _added(appraiser: Appraiser, now: Appraisal) -> Appraisal | None:
@@ -51,13 +51,32 @@ def _added(appraiser: Appraiser, now: Appraisal) -> Appraisal | None:
     options = [appraiser.of((*now.effects, left[i])) for i in np.argsort(-gains)[:PROMISING]]
     if not now.effects:
         options += _whole(appraiser, left)
-    options = [o for o in options if o.worth > now.worth and o.carries_over(now)]
-    if not options:
-        return None
-    best = max(options, key=lambda o: o.worth)
-    enough = best.worth if np.isinf(now.worth) else now.worth + NEARLY * (best.worth - now.worth)
-    near = [o for o in options if o.worth >= enough]
-    return min(near, key=lambda o: (len(o.columns), -o.worth))
+    options = [o for o in options if o.worth > now.worth and o.carries_over(now) and appraiser.useful(o, now)]
+    return foremost(now, options) if options else None
+
+
+def foremost(now: Appraisal, options: Sequence[Appraisal]) -> Appraisal:
+    """What explains most, or nearly as much with fewer values."""
+    gains = {o: np.log(now.misfit / o.misfit) for o in options}
+    enough = NEARLY * max(gains.values())
+    near = [o for o in options if gains[o] >= enough]
+    return min(near, key=lambda o: (np.sum(o.free), -o.worth))
+
+
+def _simplified(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate]) -> Appraisal:
+    """With simpler effects on the same joints, where the further values of a richer one do not earn their share."""
+    for effect in now.effects:
+        simpler = [
+            c
+            for c in appraiser.candidates
+            if c.joints == effect.joints and len(c.names) < len(effect.names) and c not in now.effects
+        ]
+        rest = [c for c in now.effects if c != effect]
+        options = [appraiser.of((*rest, c)) for c in simpler if effect not in firm]
+        options = [o for o in options if np.isfinite(o.worth) and not appraiser.useful(now, o)]
+        if options:
+            now = min(options, key=lambda o: o.misfit)
+    return now
 
 
 def _whole(appraiser: Appraiser, left: Sequence[Candidate]) -> list[Appraisal]:
@@ -75,9 +94,9 @@ def needed(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate] = ())
     while len(now.effects) > len(firm):
         fewer = [appraiser.of([c for c in now.effects if c != gone]) for gone in now.effects if gone not in firm]
         best = max(fewer, key=lambda o: o.worth)
-        if best.worth < now.worth:
+        if best.worth < now.worth and all(appraiser.useful(now, o) for o in fewer):
             break
-        now = best
+        now = best if best.worth >= now.worth else min(fewer, key=lambda o: o.misfit)
     return now
 
 
@@ -96,6 +115,7 @@ def _exchanged(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate]) 
         gains = appraiser.foretold(rest, left)
         for i in np.argsort(-gains)[: PROMISING // 2]:
             option = appraiser.of((*rest.effects, left[i]))
-            if option.worth > max(now.worth, best.worth if best else -np.inf) and option.carries_over(now):
+            better = option.worth > max(now.worth, best.worth if best else -np.inf)
+            if better and option.carries_over(now) and appraiser.useful(option, rest):
                 best = option
     return best

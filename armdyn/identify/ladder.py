@@ -7,10 +7,11 @@ from math import log
 import numpy as np
 
 from armdyn.identify.appraisal import Appraisal, Appraiser
+from armdyn.identify.choose import foremost
 from armdyn.identify.score import Candidate
 
 ALIKE = 0.1
-"""Share of the first joint's gain that the same effect on another joint must bring to be told with it."""
+"""Share of what an effect on one joint explains that the same effect on another joint must bring to be told with it."""
 TIE = 3.0
 """Nats below which two sets count as tied: above it the first was right in 320 of 320."""
 
@@ -46,15 +47,15 @@ def rises(appraiser: Appraiser, whole: Appraisal, start: Sequence[Candidate] = (
     now, left = appraiser.of(start), [c for c in whole.effects if c not in start]
     found = []
     while left:
-        first = max(left, key=lambda c: appraiser.of((*now.effects, c)).worth)
-        beside = appraiser.of((*now.effects, first))
-        gain = beside.worth - now.worth
+        options = {appraiser.of((*now.effects, c)): c for c in left}
+        beside = foremost(now, list(options))
+        first, gain = options[beside], now.misfit - beside.misfit
         joined = [first] + [
             c
             for c in left
             if c is not first
             and c.effect == first.effect
-            and appraiser.of((*beside.effects, c)).worth - beside.worth >= ALIKE * gain
+            and beside.misfit - appraiser.of((*beside.effects, c)).misfit >= ALIKE * gain
         ]
         after = appraiser.of((*now.effects, *joined))
         found.append(Rise(merged(joined)[0], after, after.worth - now.worth, tied(appraiser, whole, joined)))
