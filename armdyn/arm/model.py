@@ -19,6 +19,7 @@ from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.model import Model, Prediction
 from armdyn.parameter import Parameter
+from armdyn.preparation import Preparation
 from armdyn.run import Channel, Run
 
 
@@ -172,6 +173,14 @@ class ArmModel(Model):
         if isinstance(run, PreparedRun):
             return run
         return recorded.prepared(run, self.arm, self.predicted_channels(run))
+
+    def recording(self, run: Run) -> Run:
+        """See `Model.recording`."""
+        return recorded.original(run)
+
+    def preparations(self, run: Run) -> Mapping[str, Preparation]:
+        """See `Model.preparations`."""
+        return run.preparations if isinstance(run, PreparedRun) else {}
 
     def stated_noise(self, run: Run) -> Mapping[str, float]:
         """See `Model.stated_noise`."""

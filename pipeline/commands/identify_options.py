@@ -106,6 +106,8 @@ def say_fit(found: "Comparison") -> None:
     from rich.markup import escape
     from rich.table import Table
 
+    from armdyn.preparation import of_all_runs, sentence
+
     console = to_screen()
     say_parameters(found.parameters)
     channels = Table("channel", "noise", "rmse", "held out", "χ²/sample", box=None, header_style="dim")
@@ -115,6 +117,9 @@ def say_fit(found: "Comparison") -> None:
             name, f"{c.noise_std:.3g} {c.unit}", f"{c.rmse:.4g} {c.unit}", held_out, f"{c.chi2_per_sample:.4g}"
         )
     console.print(channels)
+    problem = found.fit.problem
+    if done := sentence(of_all_runs(map(problem.model.preparations, problem.runs))):
+        console.print(f"[dim]{done}[/]")
     if not found.intervals_hold:
         console.print("[yellow]The residual is not white: the standard deviations do not hold as intervals.[/]")
     for name in found.at_bound:
