@@ -11,6 +11,7 @@ import numpy as np
 from armdyn.effects.effect import STAGES, Effect
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.parameter import Parameter, Prior
+from armdyn.preparation import Preparation
 from armdyn.run import Channel, Run
 
 
@@ -159,6 +160,15 @@ class Model(ABC):
             InputError: the run cannot be compared with this model.
         """
         return run
+
+    def recording(self, run: Run) -> Run:
+        """The recording that a prepared run was made of, at its own rate."""
+        return run
+
+    def preparations(self, run: Run) -> Mapping[str, Preparation]:
+        """What `prepared` did to each channel; nothing where the model takes runs as they are."""
+        del run
+        return {}
 
     def stated_noise(self, run: Run) -> Mapping[str, float]:
         """Standard deviation that the noise of a channel can have at most, whatever its colour, where it is stated.

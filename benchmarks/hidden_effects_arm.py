@@ -64,7 +64,7 @@ def study_of(runs: list[Run]) -> Study:
 
 
 def true_joints(effect: str) -> set[str]:
-    return {name.partition("[")[2].rstrip("]") for name in hidden_arm.true_parameters(effect, 1.0)}
+    return {name.partition("[")[2].rstrip("]") for name in hidden_arm.true_parameters(effect, 1.0) if "[" in name}
 
 
 def judged(found: Diagnosis, truth: str) -> tuple[bool, bool, bool]:

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Any
 from armdyn.identify.compare import Comparison, Correction, FittedParameter
 from armdyn.identify.diagnose import Diagnosis
 from armdyn.identify.localise import Place
+from armdyn.identify.problem import Problem
 from armdyn.identify.repair import Repair, Rung
 from armdyn.identify.study import Study
 from armdyn.identify.suspects import Suspect
 from armdyn.identify.unknown import Unknown
+from armdyn.preparation import of_all_runs
 
 if TYPE_CHECKING:
     from armdyn.arm.links import LinkChange
@@ -98,8 +100,25 @@ def fit_answer(found: Comparison) -> dict[str, Any]:
             }
             for name, c in found.channels.items()
         },
+        "preparation": preparation_answer(found.fit.problem),
         "behaves_like_dynamics": number(found.absorbed),
         "where": [_place(place) for place in found.places],
+    }
+
+
+def preparation_answer(problem: Problem) -> dict[str, Any]:
+    """By channel what was compared of what was recorded, over all training runs; empty where nothing was filtered."""
+    return {
+        name: {
+            "cutoff_hz": number(done.cutoff),
+            "position_cutoff_hz": number(done.position_cutoff),
+            "rate_hz": number(done.rate),
+            "samples": done.samples,
+            "recorded_rate_hz": number(done.recorded_rate),
+            "recorded": done.recorded,
+            "left_out": number(done.left_out),
+        }
+        for name, done in of_all_runs(map(problem.model.preparations, problem.runs)).items()
     }
 
 

@@ -18,6 +18,8 @@ from armdyn.parameter import Parameter, Quantity
 
 USUAL_EFFORT = 50.0
 """N m; the effort limit of the joint for which an effect's typical sizes are written."""
+BASE = ""
+"""Where an effect on the base acts, in place of a joint's name."""
 METRES_PER_RADIAN = 0.1
 """What counts as much for a joint that slides as a radian for one that turns."""
 
@@ -64,15 +66,16 @@ class Arm:
         return int(self.model.parents[joint + 1]) - 1
 
     def within(self, reach: Reach) -> tuple[str, ...]:
-        """Joints that an effect with this reach can act on."""
+        """Joints that an effect with this reach can act on, or `BASE`."""
         indices = range(len(self.joints))
         chosen: Mapping[Reach, Iterable[int]] = {
             "every": indices,
             "turning": (i for i in indices if not self.slides[i]),
             "coupled": (i for i in indices if self.parent(i) >= 0 and self.slides[i] == self.slides[self.parent(i)]),
             "last": indices[-1:],
+            "base": (),
         }
-        return tuple(self.joints[i] for i in chosen[reach])
+        return (BASE,) if reach == "base" else tuple(self.joints[i] for i in chosen[reach])
 
     def parameter(self, quantity: Quantity, name: str, joint: str) -> Parameter:
         """A parameter of an effect on one joint, in the units of that joint and of the size that it has there.
@@ -80,8 +83,10 @@ class Arm:
         Args:
             quantity: as written for a joint that turns with an effort of 50 N m.
             name: ``"<effect>.<quantity>"``.
-            joint: which.
+            joint: which, or `BASE`.
         """
+        if joint == BASE:
+            return quantity.parameter(name)
         i = self.joints.index(joint)
         effort = float(self.robot.limits.effort[i])
         torque, angle = _powers(quantity.unit)

@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from armdyn.arm.inertia import inertial_parameters
-from armdyn.arm.physics import Expression, Joint, Link, Neighbour
+from armdyn.arm.physics import Base, Expression, Joint, Link, Neighbour
 from armdyn.arm.vectorised import OverTime
 from armdyn.codegen import Buffered
 from armdyn.effects.effect import Effect
@@ -91,6 +91,34 @@ class LinkFunction:
         described = self._function(shape, self._null)[0][:, 0].copy()
         parameters, derivatives = self._function(shape, theta)
         return parameters[:, 0] - described, derivatives.copy()
+
+
+class BaseFunction:
+    """Gravity in the frame of the base after effects on it.
+
+    Args:
+        effects: with reach "base", in the order in which they act.
+
+    Attributes:
+        names: ``"<effect>.<quantity>"`` in the order of theta (k,).
+    """
+
+    def __init__(self, effects: Sequence[Effect]) -> None:
+        self.names = tuple(f"{e.name}.{short}" for e in effects for short in e.quantities)
+        self._null = np.array([q.null for e in effects for q in e.quantities.values()])
+        gravity, theta = ca.SX.sym("g", 3), ca.SX.sym("theta", len(self.names))
+        base = Base(gravity)
+        for e in effects:
+            base = e.apply(base, dict(zip(self.names, ca.vertsplit(theta), strict=True)))
+        outputs = [ca.densify(base.gravity), ca.densify(ca.jacobian(base.gravity, theta))]
+        self._function = Buffered(ca.Function("base", [gravity, theta], outputs))
+
+    def change(self, gravity: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(3,) what the effects add to the described gravity, m/s^2, and (3, k) its derivatives."""
+        # As for a link: no effect, no change at all.
+        described = self._function(gravity, self._null)[0][:, 0].copy()
+        changed, derivatives = self._function(gravity, theta)
+        return changed[:, 0] - described, derivatives.copy()
 
 
 class SensorFunction:

@@ -10,22 +10,25 @@ from typing import Self
 import numpy as np
 
 from armdyn.arm import recorded
-from armdyn.arm.arm import Arm, find_arm
-from armdyn.arm.composition import JointFunctions, compose_joint
-from armdyn.arm.inertia import SIZE
+from armdyn.arm.arm import BASE, Arm, find_arm
+from armdyn.arm.bodies import OF_BASE, Bodies
+from armdyn.arm.composition import BaseFunction, JointFunctions, compose_joint
 from armdyn.arm.motion import measured_motion
-from armdyn.arm.prediction import Links
 from armdyn.arm.prepared import PreparedRun
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.model import Bend, Model, Prediction
 from armdyn.parameter import Parameter
+from armdyn.preparation import Preparation
 from armdyn.run import Channel, Run
 
 
 @dataclass(frozen=True)
 class ArmModel(Model):
-    """Rigid bodies as the URDF has them, and effects; a parameter of an effect is ``"<effect>.<quantity>[<joint>]"``.
+    """Rigid bodies as the URDF has them, and effects.
+
+    A parameter of an effect is ``"<effect>.<quantity>[<joint>]"``, or ``"<effect>.<quantity>"`` where the effect acts
+    on the base, which stands in the place of a joint as ``""``.
 
     Attributes:
         arm: the joints and their links.
@@ -61,10 +64,10 @@ class ArmModel(Model):
             raise InputError(f"the effect '{effect.name}' cannot act on this arm: {_REASON[effect.reach]}")
         has = self.joints_with(effect.name)
         wanted = effect.joints or reachable
-        new = tuple(joint for joint in self.joints if joint in wanted and joint not in has)
+        new = tuple(joint for joint in reachable if joint in wanted and joint not in has)
         if not new:
             raise InputError(f"the model already has the effect '{effect.label}'")
-        joints = tuple(joint for joint in self.joints if joint in has or joint in new)
+        joints = tuple(joint for joint in reachable if joint in has or joint in new)
         whole = effect.on(*(() if joints == reachable else joints))
         effects = [whole if e.name == effect.name else e for e in self.effects]
         added = {
@@ -109,7 +112,7 @@ class ArmModel(Model):
         return not set(wanted) <= set(self.joints_with(effect.name))
 
     def joints_with(self, effect: str) -> tuple[str, ...]:
-        """Joints on which the model has an effect."""
+        """Joints on which the model has an effect; ``""`` for the base."""
         found = [e.joints or self.arm.within(e.reach) for e in self.effects if e.name == effect]
         return found[0] if found else ()
 
@@ -125,7 +128,7 @@ class ArmModel(Model):
     def parts(self, effect: str) -> Mapping[str, tuple[str, ...]]:
         """See `Model.parts`."""
         return {
-            joint: tuple(n for n in self.names if n.startswith(f"{effect}.") and n.endswith(f"[{joint}]"))
+            joint: tuple(n for n in self.names if n.startswith(f"{effect}.") and n.endswith(_place(joint)))
             for joint in self.joints_with(effect)
         }
 
@@ -195,6 +198,14 @@ class ArmModel(Model):
             return run
         return recorded.prepared(run, self.arm, self.predicted_channels(run))
 
+    def recording(self, run: Run) -> Run:
+        """See `Model.recording`."""
+        return recorded.original(run)
+
+    def preparations(self, run: Run) -> Mapping[str, Preparation]:
+        """See `Model.preparations`."""
+        return run.preparations if isinstance(run, PreparedRun) else {}
+
     def stated_noise(self, run: Run) -> Mapping[str, float]:
         """See `Model.stated_noise`."""
         return recorded.original(run).noise
@@ -203,16 +214,17 @@ class ArmModel(Model):
         """See `Model.predict`."""
         channels = self.predicted_channels(run)
         per_joint = [theta[columns] for columns in self._columns]
-        links = Links(self._functions, per_joint, self.arm.shapes)
+        bodies = self._bodies(theta)
         blocks, slices, stamps, first = [], {}, [], 0
         total = sum(len(run.channels[name]) for name in channels)
         sensitivities = np.zeros((total, len(theta)))
         for name in channels:
             predictor = recorded.predictor(self.arm, run, run.channels[name], name)
-            values, derivatives = predictor.predict(self._functions, per_joint, links)
+            values, derivatives = predictor.predict(self._functions, per_joint, bodies)
             rows = slice(first, first + len(values))
             for joint, columns in derivatives.items():
-                sensitivities[rows, self._columns[joint]] = columns
+                where = self._base_columns if joint == OF_BASE else self._columns[joint]
+                sensitivities[rows, where] = columns
             blocks.append(values)
             stamps.append(run.channels[name].time)
             slices[name] = rows
@@ -221,23 +233,41 @@ class ArmModel(Model):
 
     def link_parameters(self) -> Mapping[str, np.ndarray]:
         """By joint: (10,) inertial parameters of the link that it moves, effects included; see `inertia`."""
-        theta = self.theta()
-        links = Links(self._functions, [theta[columns] for columns in self._columns], self.arm.shapes)
-        described = self.arm.described
+        changes, described = self._bodies(self.theta()).links, self.arm.described
         return {
-            joint: described[i] + links.change.get(i, np.zeros(len(described[i])))
-            for i, joint in enumerate(self.joints)
+            joint: described[i] + changes.get(i, np.zeros(len(described[i]))) for i, joint in enumerate(self.joints)
         }
 
     def changed_links(self, theta: np.ndarray) -> Mapping[int, tuple[np.ndarray, np.ndarray]]:
         """By index of the joint whose link effects can change: (10,) change at (p,) `theta`, (10, p) derivatives."""
-        links = Links(self._functions, [theta[columns] for columns in self._columns], self.arm.shapes)
+        bodies = self._bodies(theta)
         found = {}
-        for i, change in links.change.items():
+        for i, change in bodies.links.items():
             derivatives = np.zeros((len(change), len(theta)))
-            derivatives[:, self._columns[i]] = links.derivatives[i]
+            derivatives[:, self._columns[i]] = bodies.derivatives[i]
             found[i] = change, derivatives
         return found
+
+    def gravity(self) -> np.ndarray:
+        """(3,) acceleration of free fall in the frame of the base, m/s^2, effects included."""
+        described, change = np.array(self.arm.model.gravity.linear), self._bodies(self.theta()).gravity
+        return described if change is None else described + change
+
+    def _bodies(self, theta: np.ndarray) -> Bodies:
+        base = None
+        if self._base is not None:
+            base = self._base, np.array(self.arm.model.gravity.linear), theta[self._base_columns]
+        return Bodies(self._functions, [theta[columns] for columns in self._columns], self.arm.shapes, base)
+
+    @cached_property
+    def _base(self) -> BaseFunction | None:
+        effects = [e for e in self.effects if e.reach == "base"]
+        return BaseFunction(effects) if effects else None
+
+    @cached_property
+    def _base_columns(self) -> list[int]:
+        """Where the parameters of effects on the base are in the model's vector."""
+        return [] if self._base is None else [self.names.index(name) for name in self._base.names]
 
     @cached_property
     def _functions(self) -> tuple[JointFunctions, ...]:
@@ -258,11 +288,17 @@ class ArmModel(Model):
 
 DEFORMATION = "link_inertia"
 """The effect whose parameters span all that can change in a link."""
+def _place(joint: str) -> str:
+    """How the names of parameters end that belong to a joint."""
+    return "" if joint == BASE else f"[{joint}]"
+
+
 _REASON = {
     "every": "the arm has no joint",
     "turning": "it acts on joints that turn",
     "coupled": "it acts on joints whose neighbour towards the base is of the same kind",
     "last": "it acts on the last joint of an arm",
+    "base": "it acts on the base of the arm; leave out the joint",
 }
 
 

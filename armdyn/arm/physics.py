@@ -1,4 +1,4 @@
-"""The symbolic physics of one joint of an arm, as effects see and change it.
+"""The symbolic physics of an arm's base and of one joint, as effects see and change them.
 
 Each stage is an immutable bundle of CasADi expressions, scalar unless a shape is given. Units are written for a joint
 that turns; one that slides has N for N m, m for rad and kg for kg m^2.
@@ -41,6 +41,25 @@ class Link:
         """Fix a mass, kg, to the point (3,) m in the frame of the joint."""
         point = ca.vertcat(position, 1)
         return replace(self, carried=self.carried + mass * point @ point.T)
+
+
+@dataclass(frozen=True)
+class Base:
+    """What carries the whole arm.
+
+    Attributes:
+        gravity: (3,) acceleration of free fall in the frame of the base, m/s^2.
+    """
+
+    gravity: Expression
+
+    def turned(self, roll: Expression, pitch: Expression) -> "Base":
+        """Turn the base about its x axis and then about the world's y axis, rad, as ``rpy="<roll> <pitch> 0"`` does."""
+        x, y, z = ca.vertsplit(self.gravity)
+        # R' g with R = R_y(pitch) R_x(roll): first the pitch is undone, then the roll.
+        x, z = ca.cos(pitch) * x - ca.sin(pitch) * z, ca.sin(pitch) * x + ca.cos(pitch) * z
+        y, z = ca.cos(roll) * y + ca.sin(roll) * z, ca.cos(roll) * z - ca.sin(roll) * y
+        return replace(self, gravity=ca.vertcat(x, y, z))
 
 
 @dataclass(frozen=True)

@@ -1,87 +1,15 @@
 """Torques of one run with exact derivatives: what does not depend on the parameters is computed once per run."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
+from armdyn.arm.bodies import OF_BASE, Bodies, Stretch
 from armdyn.arm.composition import LOAD, JointFunctions, Term
-from armdyn.arm.motion import Motion
-from armdyn.arm.rigid import inverse_dynamics, torque_regressor
+from armdyn.arm.rigid import described_parameters
 from armdyn.arm.sampling import Sampler
-
-
-@dataclass(frozen=True, eq=False)
-class Stretch:
-    """The motion at the stamps of one or more torque channels, and what rigid bodies make of it.
-
-    Attributes:
-        model: the arm as described.
-        motion: at the stamps.
-        time: (n,) s since the start of the run.
-    """
-
-    model: pin.Model
-    motion: Motion
-    time: np.ndarray
-
-    @cached_property
-    def described(self) -> np.ndarray:
-        """(n, nj) torques of the arm as described."""
-        return inverse_dynamics(self.model, self.motion)
-
-    @cached_property
-    def regressor(self) -> np.ndarray:
-        """(n, nj, nj, 10) torques per inertial parameter."""
-        return torque_regressor(self.model, self.motion)
-
-    @cached_property
-    def parents(self) -> tuple[int, ...]:
-        """(nj,) index of each joint's neighbour towards the base, -1 for none."""
-        return tuple(int(parent) - 1 for parent in list(self.model.parents)[1:])
-
-    def parent(self, joint: int) -> int:
-        """Index of the next joint towards the base, -1 for none."""
-        return self.parents[joint]
-
-    def carries(self, joint: int, link: int) -> bool:
-        """Whether the link that joint `link` moves hangs on `joint`."""
-        while link > joint:
-            link = self.parent(link)
-        return link == joint
-
-    def inputs(self, joint: int) -> np.ndarray:
-        """(9, n) inputs of a joint's functions, with the load of the arm as described."""
-        m, inner = self.motion, self.parent(joint)
-        rows = [self.time, m.q[:, joint], m.v[:, joint], m.a[:, joint], m.direction[:, joint], self.described[:, joint]]
-        none = np.zeros(len(self.time))
-        return np.vstack(
-            [*rows, *((m.q[:, inner], m.v[:, inner], m.a[:, inner]) if inner >= 0 else (none, none, none))]
-        )
-
-
-class Links:
-    """The links' inertial parameters, less those described, at one vector of parameters.
-
-    Args:
-        functions: of all joints.
-        theta: (k,) parameters of each joint.
-        shapes: (nj, 4, 4) factors of the described pseudo-inertias.
-
-    Attributes:
-        change: by joint with effects on its link, (10,).
-        derivatives: by joint, (10, k).
-    """
-
-    def __init__(self, functions: Sequence[JointFunctions], theta: Sequence[np.ndarray], shapes: np.ndarray) -> None:
-        self.change: dict[int, np.ndarray] = {}
-        self.derivatives: dict[int, np.ndarray] = {}
-        for i, (joint, values, shape) in enumerate(zip(functions, theta, list(shapes), strict=True)):
-            if joint.link is not None:
-                self.change[i], self.derivatives[i] = joint.link.change(shape, values)
 
 
 class Signal:
@@ -132,6 +60,7 @@ class _Reduction:
         self.reduce = reduce
         self._stretch, self._joint = stretch, joint
         self.link = cache(lambda link: reduce(stretch.regressor[:, joint, link]))
+        self.weight = cache(lambda link: self._reduced_weight(stretch.gravity_regressor[:, joint, link]))
         self.linear: dict[Term, np.ndarray] = {}
         self.rests: dict[Term, _Rest] = {}
 
@@ -139,6 +68,16 @@ class _Reduction:
     def described(self) -> np.ndarray:
         """(N,) the torque of the arm as described."""
         return self.reduce(self._stretch.described[:, [self._joint]])[:, 0]
+
+    @cached_property
+    def per_gravity(self) -> np.ndarray:
+        """(N, 3) the torque of the arm as described per component of gravity."""
+        weights = described_parameters(self._stretch.model)[:, :4]
+        return self.reduce(np.einsum("nlkp,lp->nk", self._stretch.gravity_regressor[:, self._joint], weights))
+
+    def _reduced_weight(self, columns: np.ndarray) -> np.ndarray:
+        """(N, 3, 4) of (n, 3, 4) torques per gravity and per mass and first moment of a link."""
+        return self.reduce(columns.reshape(len(columns), -1)).reshape(-1, *columns.shape[1:])
 
 
 class ChannelPredictor:
@@ -159,24 +98,24 @@ class ChannelPredictor:
         self._samples = _Reduction(lambda signals: on_time @ sampler.coefficients(signals), stretch, joint)
 
     def predict(
-        self, functions: Sequence[JointFunctions], theta: Sequence[np.ndarray], links: Links
+        self, functions: Sequence[JointFunctions], theta: Sequence[np.ndarray], bodies: Bodies
     ) -> tuple[np.ndarray, dict[int, np.ndarray]]:
         """Samples (n,) of the channel, and by joint that matters their derivatives (n, k) by its parameters.
 
         Args:
             functions: of all joints.
             theta: (k,) parameters of each joint.
-            links: at these parameters.
+            bodies: at these parameters.
         """
         sensor = functions[self._joint].sensor
         _, delay, by_sensor = sensor.at(theta[self._joint])
         if delay == 0.0:
-            total = self._total(self._samples, functions, theta, links)
+            total = self._total(self._samples, functions, theta, bodies)
             values, derivatives = total.value, {i: total.by(i) for i in total.columns}
             if sensor.delayed:
-                slope = self._slope_on_time @ self._total(self._coefficients, functions, theta, links).value
+                slope = self._slope_on_time @ self._total(self._coefficients, functions, theta, bodies).value
         else:
-            total = self._total(self._coefficients, functions, theta, links)
+            total = self._total(self._coefficients, functions, theta, bodies)
             matrix, slope = self._sampler.matrix(delay), self._sampler.matrix(delay, 1) @ total.value
             sampled = np.asarray(matrix @ total.derivatives)
             values, derivatives = np.asarray(matrix @ total.value), {i: sampled[:, c] for i, c in total.columns.items()}
@@ -185,37 +124,55 @@ class ChannelPredictor:
         return values, derivatives
 
     def _total(
-        self, reduced: "_Reduction", functions: Sequence[JointFunctions], theta: Sequence[np.ndarray], links: Links
+        self, reduced: "_Reduction", functions: Sequence[JointFunctions], theta: Sequence[np.ndarray], bodies: Bodies
     ) -> Signal:
         """The sensor's reading without its delay."""
         j, own = self._joint, functions[self._joint]
         outer = [
             i for i in range(len(functions)) if self._stretch.parent(i) == j and not functions[i].inner_torque.empty
         ]
-        carried = [i for i in links.change if self._stretch.carries(j, i)]
-        loading = [i for k in outer for i in links.change if self._stretch.carries(k, i)]
+        carried = [i for i in bodies.links if self._stretch.carries(j, i)]
+        loading = [i for k in outer for i in bodies.links if self._stretch.carries(k, i)]
         widths = {i: len(theta[i]) for i in dict.fromkeys((j, *outer, *carried, *loading))}
+        if bodies.gravity is not None:
+            widths[OF_BASE] = bodies.derivatives[OF_BASE].shape[1]
         total = Signal(len(reduced.described), widths)
         total.value += reduced.described
         for term in own.torque:
-            self._add(total, term, j, theta[j], links, reduced)
+            self._add(total, term, j, theta[j], bodies, reduced)
         for i in carried:
             columns = reduced.link(i)
-            total.value += columns @ links.change[i]
-            total.by(i)[:] += columns @ links.derivatives[i]
+            total.value += columns @ bodies.links[i]
+            total.by(i)[:] += columns @ bodies.derivatives[i]
+        if bodies.gravity is not None:
+            self._add_gravity(total, carried, bodies, bodies.gravity, reduced)
         for i in outer:
-            self._add(total, functions[i].inner_torque, i, theta[i], links, reduced)
+            self._add(total, functions[i].inner_torque, i, theta[i], bodies, reduced)
         gain, _, by_sensor = own.sensor.at(theta[j])
         torque = total.value
         if own.sensor.scaled:
             total.derivatives *= gain
             total.by(j)[:] += np.outer(torque, by_sensor[0])
             total.value = gain * torque
-        self._add(total, own.offset, j, theta[j], links, reduced)
+        self._add(total, own.offset, j, theta[j], bodies, reduced)
         return total
 
+    def _add_gravity(
+        self, total: Signal, carried: Sequence[int], bodies: Bodies, gravity: np.ndarray, reduced: "_Reduction"
+    ) -> None:
+        """Add what another gravity than the described one asks of the joint."""
+        columns = reduced.per_gravity
+        for i in carried:
+            if bodies.links[i].any():
+                columns = columns + reduced.weight(i) @ bodies.links[i][:4]
+            if gravity.any():
+                by_weight = np.einsum("k,nkp->np", gravity, reduced.weight(i))
+                total.by(i)[:] += by_weight @ bodies.derivatives[i][:4]
+        total.value += columns @ gravity
+        total.by(OF_BASE)[:] += columns @ bodies.derivatives[OF_BASE]
+
     def _add(
-        self, total: Signal, term: Term, joint: int, theta: np.ndarray, links: Links, reduced: "_Reduction"
+        self, total: Signal, term: Term, joint: int, theta: np.ndarray, bodies: Bodies, reduced: "_Reduction"
     ) -> None:
         """Add a term of a joint's functions."""
         if term.empty:
@@ -228,30 +185,34 @@ class ChannelPredictor:
             total.value += column * theta[i]
             own[:, i] += column
         if term.has_rest:
-            rest = self._rest(term, joint, theta, links, reduced)
+            rest = self._rest(term, joint, theta, bodies, reduced)
             total.value += rest.coefficients[:, 0]
             for column, i in zip(rest.coefficients[:, 1:].T, term.nonlinear, strict=True):
                 own[:, i] += column
             for i, slopes in rest.slopes.items():
-                total.by(i)[:] += slopes @ links.derivatives[i]
+                total.by(i)[:] += slopes @ bodies.derivatives[i]
 
-    def _rest(self, term: Term, joint: int, theta: np.ndarray, links: Links, reduced: "_Reduction") -> _Rest:
+    def _rest(self, term: Term, joint: int, theta: np.ndarray, bodies: Bodies, reduced: "_Reduction") -> _Rest:
         """Most fits leave most of these parameters alone, so that the last answer often still holds."""
-        carried = [i for i in links.change if self._stretch.carries(joint, i)] if term.loaded else []
-        key = b"".join([theta[list(term.nonlinear)].tobytes(), *(links.change[i].tobytes() for i in carried)])
+        carried = [i for i in bodies.links if self._stretch.carries(joint, i)] if term.loaded else []
+        changes = [bodies.links[i] for i in carried]
+        if term.loaded and bodies.gravity is not None:
+            changes.append(bodies.gravity)
+        key = b"".join([theta[list(term.nonlinear)].tobytes(), *(change.tobytes() for change in changes)])
         last = reduced.rests.get(term)
         if last is not None and last.key == key:
             return last
         inputs = self._inputs(joint)
-        if term.loaded:
+        if changes:
             inputs = inputs.copy()
-            for i in carried:
-                inputs[LOAD] += self._stretch.regressor[:, joint, i] @ links.change[i]
+            inputs[LOAD] += self._stretch.rigid(joint, bodies)
         rest = term.rest(inputs, theta)
         per_load, slopes = rest[:, -1:], {}
         if per_load.any():
             for i in carried:  # ten columns for a link, however many parameters it has
-                slopes[i] = reduced.reduce(per_load * self._stretch.regressor[:, joint, i])
+                slopes[i] = reduced.reduce(per_load * self._stretch.by_link(joint, i, bodies))
+            if term.loaded and bodies.gravity is not None:
+                slopes[OF_BASE] = reduced.reduce(per_load * self._stretch.per_gravity(joint, bodies))
         found = _Rest(key, reduced.reduce(rest[:, :-1]), slopes)
         reduced.rests[term] = found
         return found

@@ -16,6 +16,7 @@ from armdyn.arm.band import FREQUENCIES, cutoff_of, position_noise
 from armdyn.arm.motion import MeasuredMotion, measured_motion
 from armdyn.channels import MIN_SAMPLES, Channel
 from armdyn.errors import InputError
+from armdyn.preparation import Preparation
 from armdyn.run import Run
 from armdyn.smoothing import UNDISTORTED, WHITE, Curve, LowPass, Samples, best_smoothing
 
@@ -25,29 +26,6 @@ CERTAIN = 0.99
 """Expected sign of a velocity from which its sign is known."""
 BRIEF = 0.25
 """Periods of the cut-off; a gap that is shorter leaves the low-passed torque as it was."""
-
-
-@dataclass(frozen=True)
-class Preparation:
-    """What was done to one measured torque.
-
-    Attributes:
-        cutoff: of the low-pass that measured and predicted torque pass, Hz.
-        position_cutoff: up to which the joint's position was taken for motion rather than noise, Hz.
-        rate: samples that were kept, 1/s.
-        samples: number of them.
-        recorded_rate: samples as they were recorded, 1/s.
-        recorded: number of them.
-        left_out: share of the recorded samples at which it is not known which way the joint turns; see `settled`.
-    """
-
-    cutoff: float
-    position_cutoff: float
-    rate: float
-    samples: int
-    recorded_rate: float
-    recorded: int
-    left_out: float
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,8 +5,9 @@ from functools import lru_cache
 import numpy as np
 
 from armdyn.arm.arm import Arm
+from armdyn.arm.bodies import Stretch
 from armdyn.arm.motion import measured_motion
-from armdyn.arm.prediction import ChannelPredictor, Stretch
+from armdyn.arm.prediction import ChannelPredictor
 from armdyn.arm.prepared import PreparedRun, interior, prepare, settled
 from armdyn.arm.sampling import LowPassed, Sampler, Unfiltered
 from armdyn.run import Channel, Run

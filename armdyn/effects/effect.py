@@ -11,9 +11,9 @@ from armdyn.parameter import Parameter, Quantity
 
 Stage = Literal["gripper", "string", "load", "sensor", "joint"]
 STAGES: tuple[Stage, ...] = ("gripper", "string", "load", "sensor", "joint")
-Reach = Literal["every", "turning", "coupled", "last"]
+Reach = Literal["every", "turning", "coupled", "last", "base"]
 """Joints that an effect on joints can act on: every one, those that turn, those whose neighbour towards the base is of
-the same kind, or the last one only."""
+the same kind, or the last one only; or the base that carries them all, of which there is one (a `Base`, no `Joint`)."""
 Physics = TypeVar("Physics")
 
 

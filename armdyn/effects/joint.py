@@ -1,14 +1,18 @@
-"""Effects that act on the joints of an arm: the drive, the link that it moves, the torque sensor.
+"""Effects that act on the joints of an arm: the drive, the link that it moves, the torque sensor; and on its base.
 
 Every joint has parameters of its own, ``"<effect>.<quantity>[<joint>]"``. Units and typical sizes are written for a
 joint that turns with an effort limit of 50 N m; they are adapted to joints that slide and to stronger or weaker ones.
 """
 
 import casadi as ca
+import numpy as np
 
-from armdyn.arm.physics import Expression, Joint
+from armdyn.arm.physics import Base, Expression, Joint
 from armdyn.effects.effect import effect
 from armdyn.parameter import quantity
+
+TURN = 2 * np.pi
+"""rad; a full turn either way, so that no mounting lies on the edge."""
 
 
 @effect(
@@ -230,3 +234,20 @@ def link_inertia(
         ca.horzcat(0, 0, 0, 1),
     ]
     return joint.with_link(joint.link.deformed(ca.exp(mass / 2) * ca.vertcat(*rows)))
+
+
+@effect(
+    "base_tilt",
+    acts_on="joint",
+    summary="The arm's base is not upright: it is inclined, or mounted on a wall or a ceiling.",
+    source="gravity in the frame of the base: Siciliano, Sciavicco, Villani & Oriolo, Robotics, 2009, §7.3.2; a turn "
+    "about the vertical changes no torque, which leaves two angles",
+    reach="base",
+)
+def base_tilt(
+    base: Base,
+    roll: Expression = quantity("rad", typical=0.1, lower=-TURN, upper=TURN, summary="of the base about its x axis"),
+    pitch: Expression = quantity("rad", typical=0.1, lower=-TURN, upper=TURN, summary="then about the level y axis"),
+) -> Base:
+    """G_base = (R_y(pitch) R_x(roll))' g, the base being mounted with ``rpy="<roll> <pitch> 0"``."""
+    return base.turned(roll, pitch)

@@ -42,9 +42,9 @@ def merged(candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
     return tuple(found.values())
 
 
-def rises(appraiser: Appraiser, whole: Appraisal, start: Sequence[Candidate] = ()) -> list[Rise]:
-    """The way from `start` to the set `whole`, what is worth most first."""
-    now, left = appraiser.of(start), [c for c in whole.effects if c not in start]
+def rises(appraiser: Appraiser, whole: Appraisal) -> list[Rise]:
+    """The way from no effect to the set `whole`, what explains most first."""
+    now, left = appraiser.of(()), list(whole.effects)
     found = []
     while left:
         options = {appraiser.of((*now.effects, c)): c for c in left}

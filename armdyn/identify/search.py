@@ -9,8 +9,9 @@ and at the end each is exchanged for its rivals once.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from armdyn.identify.appraisal import Appraisal
-from armdyn.identify.choose import chosen
+import numpy as np
+
+from armdyn.identify.choose import chosen, foremost
 from armdyn.identify.compare import fitted_parameters
 from armdyn.identify.exchange import Beam, exchanged
 from armdyn.identify.fit import Fit, channel_rmse
@@ -25,8 +26,6 @@ from armdyn.identify.whiteness import Remainder, remainder
 MOST_STEPS = 8
 HALF = 0.5
 """Share of the misfit; far above the noise, a single effect that explains less is weighed against pairs."""
-MOST_ROUNDS = 1
-"""Of choosing and refitting; a choice that the refit does not change stands."""
 
 Progress = Callable[[str], None]
 
@@ -86,31 +85,34 @@ def search(study: Study, progress: Progress | None = None, *, most_steps: int = 
 
 
 def _by_sums(study: Study, say: Progress) -> Search:
-    """Choose on sums around a fit, refit, and choose again around that until the choice stands."""
-    first = now = study.first()
-    steps = [Step((), (), (), study.present, now, remainder(now, study.scores(now, study.present)))]
-    appraiser = beginning = study.appraiser(first)
-    whole: Appraisal = appraiser.of(())
-    for _ in range(MOST_ROUNDS):
-        added = [c for c in appraiser.candidates if c in whole.effects]
-        again = chosen(appraiser, added, say)
-        if set(again.effects) == set(whole.effects):
-            break
-        whole = again
-        say(f"fitting {len(whole.effects)} effects")
-        effects = (*study.present, *merged(whole.effects))
-        now = study.fit_from(effects, study.foretold(appraiser, whole), first)
-        appraiser = study.appraiser(now)
+    """Choose on sums around the fit of the model as given; refit every step of the way to what was chosen."""
+    first = study.first()
+    starts = [(first, ())]
+    for candidate in study.candidates:
+        if not candidate.joints:  # it turns the whole arm, and a large angle is far from linear
+            say(f"fitting with {candidate.spoken}")
+            starts.append((study.fit_to_the_end((*study.present, candidate), first), (candidate,)))
+    appraisers = [study.appraiser(fit) for fit, _ in starts]
+    found = {}
+    for appraiser, (_, firm) in zip(appraisers, starts, strict=True):
+        atoms = [c for c in appraiser.candidates if c in firm]
+        if not atoms or appraiser.of(atoms).worth > -np.inf:
+            found[chosen(appraiser, atoms, say)] = appraiser
+    nothing = appraisers[0].of(())
+    whole = foremost(nothing, [o for o in found if o.misfit < nothing.misfit or not o.effects] or [nothing])
+    appraiser = found.get(whole, appraisers[0])
+    ahead = starts[appraisers.index(appraiser)]
     effects, near = study.present, first
-    for rise in rises(beginning, beginning.of(whole.effects)):
+    steps = [Step((), (), (), effects, first, remainder(first, study.scores(first, effects)))]
+    for rise in rises(appraiser, whole):
         effects = joined(effects, rise.added)
         say(f"fitting with {rise.added.spoken}")
-        near = study.fit_from(effects, study.foretold(beginning, rise.appraisal), first)
+        near = study.fit_from(effects, study.foretold(appraiser, rise.appraisal), ahead[0])
         left = remainder(near, study.scores(near, effects))
         steps.append(Step((rise.added,), (), rise.tied, effects, near, left))
-    named = steps[1] if len(steps) > 1 else steps[0]
-    first_atoms = [c for c in beginning.candidates if any(set(c.names) <= set(a.names) for a in named.added)]
-    return Search(tuple(steps), suspects(beginning, first_atoms, named.tied))
+    named = steps[min(1, len(steps) - 1)]
+    atoms = [c for c in appraisers[0].candidates if any(set(c.names) <= set(a.names) for a in named.added)]
+    return Search(tuple(steps), suspects(appraisers[0], atoms, named.tied))
 
 
 def _stepwise(study: Study, say: Progress, most_steps: int) -> Search:

@@ -80,7 +80,9 @@ def _described(
     own = np.flatnonzero(p.of(named.names))
     drop = 2.0 * (one.likelihood - nothing.likelihood)
     errors = s.errors(one.columns, one.effective, np.arange(len(s.count)))
-    predicted = np.concatenate([np.flatnonzero(s.run == r) for r in appraiser.predicted_runs]) if len(one.predicted) else ()
+    predicted = np.concatenate(
+        [np.zeros(0, dtype=int), *(np.flatnonzero(s.run == r) for r in appraiser.predicted_runs)]
+    )
     return Suspect(
         effect=named.effect,
         joints=named.joints,
@@ -89,8 +91,9 @@ def _described(
         rmse=_by_channel(appraiser, np.flatnonzero(s.training), errors[s.training]),
         held_out_rmse=_by_channel(appraiser, predicted, one.predicted) if len(one.predicted) else {},
         parameters={
-            p.columns[i].name: FittedParameter(float(values[i]), float(deviations[i]), p.columns[i].parameter.unit, True)
+            c.name: FittedParameter(float(values[i]), float(deviations[i]), c.parameter.unit, True)
             for i in own
+            for c in [p.columns[i]]
         },
         tied_with=tied,
     )

@@ -123,6 +123,8 @@ def say_fit(found: "Comparison") -> None:
     from rich.markup import escape
     from rich.table import Table
 
+    from armdyn.preparation import of_all_runs, sentence
+
     console = to_screen()
     say_parameters(found.parameters)
     examined = any(c.exam_rmse is not None for c in found.channels.values())
@@ -135,6 +137,9 @@ def say_fit(found: "Comparison") -> None:
             name, f"{c.noise_std:.3g} {c.unit}", f"{c.rmse:.4g} {c.unit}", *unseen, f"{c.chi2_per_sample:.4g}"
         )
     console.print(channels)
+    problem = found.fit.problem
+    if done := sentence(of_all_runs(map(problem.model.preparations, problem.runs))):
+        console.print(f"[dim]{done}[/]")
     if not found.intervals_hold:
         console.print(f"[yellow]{found.how_certain}[/]")
     for name in found.at_bound:

@@ -11,6 +11,7 @@ INK, GREY, PALE, GRID = "#1F2933", "#7B8794", "#F4F6F8", "#E4E7EB"
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
 
 # A line means the same in every figure of every report.
+RECORDED = {"mode": "lines", "line": {"color": "#CBD2D9", "width": 1}, "hoverinfo": "skip"}
 MEASURED = {"mode": "markers", "marker": {"color": GREY, "size": 3}}
 MODEL = {"mode": "lines", "line": {"color": BLUE, "width": 2}}
 ACTUAL = {"mode": "lines", "line": {"color": BLUE, "width": 2}}

@@ -9,6 +9,7 @@ from functools import lru_cache
 
 import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 import urdf
 from armdyn.run import Channel, Run
@@ -48,8 +49,10 @@ REALISTIC: Mapping[str, Mapping[str, float]] = {
     "joint_coupling": {"viscous[right_w2]": 0.3, "inertia[right_w2]": 0.05},
     "payload": {"mass[right_w2]": 0.8},
     "link_inertia": _per_joint("mass", np.array([0.1, 0.3, -0.2, 0.25, -0.2, 0.3, 0.2])),
+    "base_tilt": {"roll": 0.05, "pitch": -0.08},
 }
-"""Parameters by effect at a realistic size, by ``"<quantity>[<joint>]"``; places and speeds are the constants above."""
+"""Parameters by effect at a realistic size, by ``"<quantity>[<joint>]"``, those of the base by ``"<quantity>"``; places
+and speeds are the constants above."""
 OUTSIDE = ("cogging", "backlash_spring", "warming_up")
 """Physics that armdyn's catalogue lacks."""
 
@@ -143,7 +146,8 @@ def _torque(names: Sequence[str], size: float, path: Fourier, time: np.ndarray) 
     q, v, a = path.at(time)
     payload = size * REALISTIC["payload"]["mass[right_w2]"] if "payload" in names else 0.0
     heavier = tuple(_sizes("link_inertia", "mass", size).tolist()) if "link_inertia" in names else None
-    load = rigid_torque(q, v, a, payload, heavier)
+    tilt = tuple(size * x for x in REALISTIC["base_tilt"].values()) if "base_tilt" in names else (0.0, 0.0)
+    load = rigid_torque(q, v, a, payload, heavier, tilt)
     total = load.copy()
     sign = np.sign(v)
     if "joint_viscous_friction" in names:
@@ -181,7 +185,12 @@ def _coloured(rng: np.random.Generator, shape: tuple[int, int], colour: float) -
 
 
 def rigid_torque(
-    q: np.ndarray, v: np.ndarray, a: np.ndarray, payload: float = 0.0, heavier: Sequence[float] | None = None
+    q: np.ndarray,
+    v: np.ndarray,
+    a: np.ndarray,
+    payload: float = 0.0,
+    heavier: Sequence[float] | None = None,
+    tilt: Sequence[float] = (0.0, 0.0),
 ) -> np.ndarray:
     """(n, 7) torques of rigid bodies by MuJoCo's inverse dynamics, all other joints at zero.
 
@@ -191,6 +200,7 @@ def rigid_torque(
         a: (n, 7) rad/s^2.
         payload: kg at `PAYLOAD_PLACE`.
         heavier: (7,) logarithm of each link's mass ratio; inertias grow alike.
+        tilt: (2,) rad, how the base is turned about its x axis and then about the level y axis.
     """
     model, moved = _mujoco(payload > 0.0)
     mass, inertia = model.body_mass.copy(), model.body_inertia.copy()
@@ -200,6 +210,8 @@ def rigid_torque(
         for joint, ratio in zip(JOINTS, heavier, strict=True):
             model.body_mass[moved[joint]] *= np.exp(ratio)
             model.body_inertia[moved[joint]] *= np.exp(ratio)
+    up = Rotation.from_euler("xy", tilt).inv().apply([0.0, 0.0, 1.0])
+    model.opt.gravity[:] = -9.81 * up
     torque = bodies.torques(model, JOINTS, q, v, a)
     model.body_mass[:], model.body_inertia[:] = mass, inertia
     return torque

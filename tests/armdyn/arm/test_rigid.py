@@ -6,7 +6,14 @@ from hidden_effects.arm import CENTRE, JOINTS, rigid_torque
 import urdf
 from armdyn.arm.inertia import inertial_parameters, is_physical, pseudo_inertia, shape
 from armdyn.arm.motion import Motion
-from armdyn.arm.rigid import base_parameters, described_parameters, inverse_dynamics, torque_regressor
+from armdyn.arm.rigid import (
+    base_parameters,
+    described_parameters,
+    gravity_regressor,
+    inverse_dynamics,
+    torque_regressor,
+)
+from armdyn.effects.catalogue import find
 
 from . import urdfs
 
@@ -31,6 +38,33 @@ def test_torques_are_linear_in_the_inertial_parameters(baxter):
     regressor = torque_regressor(model, motion)
     torque = np.einsum("njlk,lk->nj", regressor, described_parameters(model))
     assert torque == pytest.approx(inverse_dynamics(model, motion), abs=1e-10)
+
+
+@pytest.mark.parametrize("chain", [None, "MIXED", "SLIDE", "DOUBLE"])
+def test_torques_are_linear_in_gravity(baxter, tmp_path, chain):
+    model = baxter.arm.model
+    if chain is not None:
+        path = tmp_path / "arm.urdf"
+        path.write_text(urdfs.chain(getattr(urdfs, chain)))
+        model = urdf.load(str(path), meshes=False).model
+    q = np.random.default_rng(0).uniform(-2, 2, (20, model.nv))
+    gravity = np.array([3.0, -5.0, 7.0])
+    weights = described_parameters(model)[:, :4]
+    ours = np.einsum("k,njlkp,lp->nj", gravity, gravity_regressor(model, q), weights)
+    other = model.copy()
+    other.gravity.linear = gravity
+    still = np.zeros_like(q)
+    theirs = inverse_dynamics(other, Motion(np.arange(20), q, still, still, still))
+    assert ours == pytest.approx(theirs, abs=1e-10)
+
+
+def test_torques_under_another_gravity_are_those_of_mujoco(baxter):
+    motion = random_motion(50)
+    model = baxter.with_effect(find("base_tilt")).with_values({"base_tilt.roll": 0.7, "base_tilt.pitch": -1.1})
+    other = baxter.arm.model.copy()
+    other.gravity.linear = model.gravity()
+    theirs = rigid_torque(motion.q, motion.v, motion.a, tilt=(0.7, -1.1))
+    assert inverse_dynamics(other, motion) == pytest.approx(theirs, abs=1e-9)
 
 
 def test_base_parameters_give_the_same_torques(baxter):

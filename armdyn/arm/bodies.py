@@ -1,0 +1,127 @@
+"""The rigid bodies of an arm in one run: what they ask of the joints, and what effects change of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin
+
+from armdyn.arm.composition import BaseFunction, JointFunctions
+from armdyn.arm.motion import Motion
+from armdyn.arm.rigid import described_parameters, gravity_regressor, inverse_dynamics, torque_regressor
+
+OF_BASE = -1
+"""Where the parameters of effects on the base belong, in place of a joint."""
+
+
+class Bodies:
+    """What effects change of the rigid bodies and of the gravity that they feel, at one vector of parameters.
+
+    Args:
+        functions: of all joints.
+        theta: (k,) parameters of each joint.
+        shapes: (nj, 4, 4) factors of the described pseudo-inertias.
+        base: function, described gravity (3,) m/s^2 and parameters (k,) of the base; None where it has no effects.
+
+    Attributes:
+        links: by joint with effects on its link, the (10,) inertial parameters less those described.
+        gravity: (3,) less the described one, m/s^2; None where the base has no effects.
+        derivatives: by joint (10, k), and (3, k) for `OF_BASE`.
+    """
+
+    def __init__(
+        self,
+        functions: Sequence[JointFunctions],
+        theta: Sequence[np.ndarray],
+        shapes: np.ndarray,
+        base: tuple[BaseFunction, np.ndarray, np.ndarray] | None = None,
+    ) -> None:
+        self.links: dict[int, np.ndarray] = {}
+        self.gravity: np.ndarray | None = None
+        self.derivatives: dict[int, np.ndarray] = {}
+        for i, (joint, values, shape) in enumerate(zip(functions, theta, list(shapes), strict=True)):
+            if joint.link is not None:
+                self.links[i], self.derivatives[i] = joint.link.change(shape, values)
+        if base is not None:
+            function, described, values = base
+            self.gravity, self.derivatives[OF_BASE] = function.change(described, values)
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """The motion at the stamps of one or more torque channels, and what rigid bodies make of it.
+
+    Attributes:
+        model: the arm as described.
+        motion: at the stamps.
+        time: (n,) s since the start of the run.
+    """
+
+    model: pin.Model
+    motion: Motion
+    time: np.ndarray
+
+    @cached_property
+    def described(self) -> np.ndarray:
+        """(n, nj) torques of the arm as described."""
+        return inverse_dynamics(self.model, self.motion)
+
+    @cached_property
+    def regressor(self) -> np.ndarray:
+        """(n, nj, nj, 10) torques per inertial parameter."""
+        return torque_regressor(self.model, self.motion)
+
+    @cached_property
+    def gravity_regressor(self) -> np.ndarray:
+        """(n, nj, nj, 3, 4) torques per gravity and per mass and first moment of a link."""
+        return gravity_regressor(self.model, self.motion.q)
+
+    def rigid(self, joint: int, bodies: Bodies) -> np.ndarray:
+        """(n,) what the rigid bodies ask of a joint beyond the arm as described."""
+        change = np.zeros(len(self.time))
+        for i, link in bodies.links.items():
+            if self.carries(joint, i):
+                change += self.regressor[:, joint, i] @ link
+        if bodies.gravity is not None:
+            change += self.per_gravity(joint, bodies) @ bodies.gravity
+        return change
+
+    def by_link(self, joint: int, link: int, bodies: Bodies) -> np.ndarray:
+        """(n, 10) torque on a joint per inertial parameter of a link, in the gravity that there is."""
+        columns = self.regressor[:, joint, link]
+        if bodies.gravity is not None:
+            columns = columns.copy()
+            columns[:, :4] += np.einsum("k,nkp->np", bodies.gravity, self.gravity_regressor[:, joint, link])
+        return columns
+
+    def per_gravity(self, joint: int, bodies: Bodies) -> np.ndarray:
+        """(n, 3) torque on a joint per component of gravity, of the links that there are."""
+        weights = described_parameters(self.model)[:, :4]
+        for i, change in bodies.links.items():
+            weights[i] += change[:4]
+        return np.asarray(np.einsum("nlkp,lp->nk", self.gravity_regressor[:, joint], weights))
+
+    @cached_property
+    def parents(self) -> tuple[int, ...]:
+        """(nj,) index of each joint's neighbour towards the base, -1 for none."""
+        return tuple(int(parent) - 1 for parent in list(self.model.parents)[1:])
+
+    def parent(self, joint: int) -> int:
+        """Index of the next joint towards the base, -1 for none."""
+        return self.parents[joint]
+
+    def carries(self, joint: int, link: int) -> bool:
+        """Whether the link that joint `link` moves hangs on `joint`."""
+        while link > joint:
+            link = self.parent(link)
+        return link == joint
+
+    def inputs(self, joint: int) -> np.ndarray:
+        """(9, n) inputs of a joint's functions, with the load of the arm as described."""
+        m, inner = self.motion, self.parent(joint)
+        rows = [self.time, m.q[:, joint], m.v[:, joint], m.a[:, joint], m.direction[:, joint], self.described[:, joint]]
+        none = np.zeros(len(self.time))
+        return np.vstack(
+            [*rows, *((m.q[:, inner], m.v[:, inner], m.a[:, inner]) if inner >= 0 else (none, none, none))]
+        )

@@ -1,0 +1,70 @@
+"""What was done to a measured signal before it was compared: nothing of it is to be hidden."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Preparation:
+    """What was done to one measured torque.
+
+    Attributes:
+        cutoff: of the low-pass that measured and predicted torque pass, Hz.
+        position_cutoff: up to which the joint's position was taken for motion rather than noise, Hz.
+        rate: samples that were kept, 1/s.
+        samples: number of them.
+        recorded_rate: samples as they were recorded, 1/s.
+        recorded: number of them.
+        left_out: share of the recorded samples at which it is not known which way the joint turns.
+    """
+
+    cutoff: float
+    position_cutoff: float
+    rate: float
+    samples: int
+    recorded_rate: float
+    recorded: int
+    left_out: float
+
+
+def of_all_runs(runs: Iterable[Mapping[str, Preparation]]) -> dict[str, Preparation]:
+    """By channel: the lowest cut-offs and rates of several runs, the numbers of samples added up."""
+    by_channel: dict[str, list[Preparation]] = {}
+    for run in runs:
+        for channel, done in run.items():
+            by_channel.setdefault(channel, []).append(done)
+    return {channel: _together(every) for channel, every in by_channel.items()}
+
+
+def sentence(prepared: Mapping[str, Preparation]) -> str:
+    """For a person: band, rate and what is left out; empty where nothing was done."""
+    if not prepared:
+        return ""
+    every = list(prepared.values())
+    left_out = float(np.average([p.left_out for p in every], weights=[p.recorded for p in every]))
+    text = (
+        f"Torques are compared below {_range([p.cutoff for p in every])} Hz (positions are motion below "
+        f"{_range([p.position_cutoff for p in every])} Hz, noise above): {_range([p.rate for p in every])} samples per "
+        f"second of {_range([p.recorded_rate for p in every])} hold all of that"
+    )
+    return text + (f"; {100 * left_out:.2g} % are left out where a joint turns round." if left_out > 0.0 else ".")
+
+
+def _together(every: Sequence[Preparation]) -> Preparation:
+    recorded = sum(p.recorded for p in every)
+    return Preparation(
+        cutoff=min(p.cutoff for p in every),
+        position_cutoff=min(p.position_cutoff for p in every),
+        rate=min(p.rate for p in every),
+        samples=sum(p.samples for p in every),
+        recorded_rate=min(p.recorded_rate for p in every),
+        recorded=recorded,
+        left_out=sum(p.left_out * p.recorded for p in every) / recorded,
+    )
+
+
+def _range(values: Sequence[float]) -> str:
+    low, high = f"{min(values):.3g}", f"{max(values):.3g}"
+    return low if low == high else f"{low} to {high}"
