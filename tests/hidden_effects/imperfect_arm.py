@@ -1,8 +1,9 @@
 """Recordings of imperfect robots, with one or two dominant effects that the model lacks, or with none.
 
-Every robot has the errors of `imperfections` on all of its joints and links, always. A dominant effect is so large that
-it makes most of the squared torque error of the model as described: `Case.dominance` says how much. Rigid bodies are
-MuJoCo's, the joints are plain numpy; of armdyn there is nothing but the container of a recording.
+Every robot has the errors of `imperfections` on all of its joints and links, always. Dominant effects make at least
+`DOMINANT` of the squared torque error of the model as described, and a plain least-squares fit without noise finds one
+of them first (`single_effects`); where none is put in, no single effect explains more than `SPREAD` of the error. Rigid
+bodies are MuJoCo's, the joints are plain numpy; of armdyn there is nothing but the container of a recording.
 
 A case has two training runs of one kind of motion, a held-out run of another and an exam of the third, each kind in
 another region of the joints' range.
@@ -10,19 +11,18 @@ another region of the joints' range.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
 from itertools import permutations
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
-import urdf
-from armdyn.run import Channel, Run
+from armdyn.run import Run
 
-from . import bodies, dominant
-from .dominant import Hidden, Joints
-from .imperfections import Imperfections, Links
-from .motions import KINDS, Motion, Room
+from . import dominant
+from .dominant import Hidden
+from .imperfections import Imperfections
+from .motions import KINDS
+from .plant import Plant, World
+from .single_effects import Atom, SingleEffects, numbers, score
 
 POSITION_NOISE: Mapping[str, float] = {"baxter": 4e-4, "ur5": 5e-5, "panda": 1e-4}
 """Of the encoders by robot, rad."""
@@ -42,23 +42,22 @@ CASES: Mapping[str, tuple[str, ...]] = {
     NOTHING: (),
 }
 """Dominant effects by case, under the catalogue's names."""
-ORDERS = tuple(permutations(KINDS))
-FARTHEST = 1.4
-"""From the robot's home, rad."""
-REGIONS, SWING = (0.3, 0.5, 0.7), 0.28
-"""Centres of the three kinds' regions, and how far motions go from them, in widths of a joint's range."""
-SLOWED, FASTEST, BRISKEST = 0.6, 2.0, 12.0
-"""Share of the velocity limits that is used, and no more than so many rad/s and rad/s^2."""
+ORDERS = (*tuple(permutations(KINDS))[::2], *tuple(permutations(KINDS))[1::2])
+"""Kinds of training, held-out and exam by seed; each kind trains in every third seed."""
 LEAST_TYPICAL = 0.02
 """Of the effort limit: typical torque of a joint that has hardly any load."""
 DOMINANT = 0.8
-"""Of the squared torque error of the model as described, that a dominant effect makes at least."""
-ATTEMPTS, GROWTH = 30, 1.15
-"""Draws of a dominant effect at most, and how much larger each is than the one before, where its size is free."""
+"""Of the squared torque error of the model as described, that dominant effects make at least."""
+VISIBLE = 0.5
+"""The same for the held-out run alone, on the joints that they act on."""
+CLEARER = 0.9
+"""Error that the clearest dominant effect leaves at most, over that of any other effect with no more numbers."""
+SPREAD = 0.4
+"""Of the squared error, in training or held out, that a single effect explains at most where none is dominant."""
+ATTEMPTS, GROWTH = 100, 1.1
+"""Draws at most, and how much larger each dominant effect is than the one before, where its size is free."""
 COARSE = 20
 """Samples of which one is enough to measure the size of an effect."""
-EDGE = 0.5
-"""s at either end that errors are not measured on, where splines and filters have neighbours on one side only."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +89,8 @@ class Case:
         recordings: two for training, one held out, one exam.
         truth: the dominant effects.
         typical: (nj,) typical torques, N m.
+        left: by single effect and joint, (4,) share of each run's squared error that it leaves, fitted to the training.
+        draws: how many were made until the case was clear.
     """
 
     robot: str
@@ -99,6 +100,8 @@ class Case:
     recordings: tuple[Recording, ...]
     truth: tuple[Hidden, ...]
     typical: np.ndarray
+    left: Mapping[Atom, np.ndarray]
+    draws: int
 
     @property
     def train(self) -> list[Run]:
@@ -119,12 +122,6 @@ class Case:
     def values(self) -> int:
         """How many numbers describe the dominant effects."""
         return sum(hidden.count for hidden in self.truth)
-
-    @property
-    def dominates(self) -> bool:
-        """Whether the dominant effects make `DOMINANT` of the squared error, in training and in all runs together."""
-        shares = (self.dominance(joints, runs) for joints in (None, self.affected) for runs in (slice(None), slice(2)))
-        return min(shares) >= DOMINANT
 
     @property
     def affected(self) -> tuple[str, ...]:
@@ -148,57 +145,26 @@ class Case:
         )
         return 1.0 - left / given
 
+    @property
+    def largest_single(self) -> float:
+        """Share of the squared error that the best single effect explains, in training and in the held-out run each."""
+        return max(min(1.0 - 0.5 * (left[0] + left[1]), 1.0 - left[2]) for left in self.left.values())
 
-@lru_cache(maxsize=len(POSITION_NOISE))
-class Plant:
-    """A robot's rigid bodies, with a lump that can be put on each link.
+    @property
+    def clear(self) -> bool:
+        """Whether dominant effects dominate and one of them stands out; without any, whether no effect does."""
+        if not self.truth:
+            return self.largest_single <= SPREAD
+        shares = (self.dominance(joints, runs) for joints in (None, self.affected) for runs in (slice(None), slice(2)))
+        if min(shares) < DOMINANT or self.dominance(self.affected, slice(2, 3)) < VISIBLE:
+            return False
+        return any(self._stands_out(hidden) for hidden in self.truth)
 
-    Args:
-        name: of the robot.
-    """
-
-    def __init__(self, name: str) -> None:
-        robot = urdf.load(name)
-        self.joints = robot.joint_names
-        self.effort = robot.limits.effort
-        margin = 0.05
-        self.lower = np.maximum(robot.limits.lower + margin, robot.home - FARTHEST)
-        self.upper = np.minimum(robot.limits.upper - margin, robot.home + FARTHEST)
-        self.speed = np.minimum(SLOWED * robot.limits.velocity, FASTEST)
-        self.acceleration = np.minimum(robot.limits.acceleration, BRISKEST)
-        lumps = [bodies.Attachment(f"lump on {joint}", joint) for joint in self.joints]
-        self._model = bodies.compiled(robot.urdf_xml, lumps, self.joints)
-        # MuJoCo takes shortcuts for bodies whose centre is at their origin; here centres move.
-        self._model.body_sameframe[:] = 0
-        self._model.body_simple[:] = 0
-        self._model.dof_simplenum[:] = 0
-        self._lump = [self._model.body(lump.name).id for lump in lumps]
-        self._model.body_mass[self._lump] = 0.0
-        self._model.body_inertia[self._lump] = 0.0
-        self._first_links = [self._model.jnt_bodyid[self._model.joint(joint).id] for joint in self.joints]
-        self.described = Links.of(self._model)
-
-    def rooms(self, rng: np.random.Generator) -> list[Room]:
-        """Three regions that overlap by about a third, in another order for every joint."""
-        width = self.upper - self.lower
-        share = rng.permuted(np.tile(REGIONS, (len(self.joints), 1)), axis=1)
-        return [Room(self.lower + width * share[:, k], SWING * width, self.speed, self.acceleration) for k in range(3)]
-
-    def link(self, joint: int) -> tuple[float, np.ndarray]:
-        """Mass [kg] and centre (3,) [m] of the link that a joint moves, without what is fixed to it."""
-        body = self._first_links[joint]
-        return float(self.described.mass[body]), self.described.centre[body]
-
-    def torques(
-        self, motion: tuple[np.ndarray, np.ndarray, np.ndarray], links: Links, lumps: Mapping[int, dominant.Lump]
-    ) -> np.ndarray:
-        """(n, nj) N m at a motion (q, v, a) with these links and, by joint, lumps on them."""
-        mass, centre, inertia = links.mass.copy(), links.centre.copy(), links.inertia.copy()
-        for joint, lump in lumps.items():
-            body = self._lump[joint]
-            mass[body], centre[body], inertia[body] = lump.mass, lump.place, lump.inertia
-        Links(mass, centre, inertia).into(self._model)
-        return bodies.torques(self._model, self.joints, *motion)
+    def _stands_out(self, hidden: Hidden) -> bool:
+        mine = score(self.left[hidden.effect, hidden.joint]) - np.log(CLEARER)
+        truth = {(h.effect, h.joint) for h in self.truth}
+        rivals = (a for a in self.left if a not in truth and numbers(a[0]) <= hidden.count)
+        return all(mine <= score(self.left[rival]) for rival in rivals)
 
 
 def generate(robot: str, name: str, seed: int, *, duration: float = 20.0, rate: float = 100.0) -> Case:
@@ -214,120 +180,45 @@ def generate(robot: str, name: str, seed: int, *, duration: float = 20.0, rate: 
     plant = Plant(robot)
     rng = np.random.default_rng([seed, ROBOTS.index(robot), list(CASES).index(name)])
     order = ORDERS[seed % len(ORDERS)]
-    rooms = dict(zip(KINDS, plant.rooms(rng), strict=True))
     kinds = (order[0], order[0], order[1], order[2])
+    rooms = dict(zip(KINDS, plant.rooms(rng), strict=True))
     motions = [KINDS[kind](rng, rooms[kind], duration) for kind in kinds]
-    links = plant.described.off(rng)
     stamps = np.arange(round(duration * rate)) / rate
-    load = np.array([plant.torques(motion.at(stamps[::COARSE]), links, {}) for motion in motions])
-    typical = np.maximum(np.sqrt(np.mean(load**2, axis=(0, 1))), LEAST_TYPICAL * plant.effort)
-    drive = Imperfections.drawn(rng, typical, plant.effort, POSITION_NOISE[robot])
-    worlds = [World(plant, links, drive.drifted(rng), motion, stamps) for motion in motions]
+    load = [plant.torques(motion.at(stamps[::COARSE]), plant.described, {}) for motion in motions]
+    typical = np.maximum(np.sqrt(np.mean(np.square(load), axis=(0, 1))), LEAST_TYPICAL * plant.effort)
+
+    def imperfect() -> list[World]:
+        links = plant.described.off(rng)
+        drive = Imperfections.drawn(rng, typical, plant.effort, POSITION_NOISE[robot])
+        return [World(plant, links, drive.drifted(rng), motion, stamps) for motion in motions]
+
+    worlds = imperfect()
+    single = SingleEffects(worlds)
     background = [world.misfit(()) for world in worlds]
-    joints = _joints(plant, worlds, typical, background)
     for attempt in range(ATTEMPTS):
-        truth = dominant.drawn(rng, CASES[name], joints, GROWTH**attempt)
+        if name == NOTHING and attempt > 0:
+            worlds = imperfect()
+            background = [world.misfit(()) for world in worlds]
+        sizes = _joints(plant, worlds, typical, background)
+        truth = dominant.drawn(rng, CASES[name], sizes, GROWTH**attempt)
         present = [tuple(hidden.drifted(rng) for hidden in truth) for _ in worlds]
-        as_given = [w.misfit(here) for w, here in zip(worlds, present, strict=True)] if truth else background
+        misfits = [w.misfit(here) for w, here in zip(worlds, present, strict=True)] if truth else background
         noise = rng.standard_normal((len(worlds), 3, len(stamps), len(plant.joints)))
         recordings = tuple(
-            Recording(world.recorded(here, noise[i], f"{kind} {i}"), kind, as_given[i], background[i])
-            for i, (world, here, kind) in enumerate(zip(worlds, present, kinds, strict=True))
+            Recording(world.recorded(present[i], noise[i], f"{kinds[i]} {i}"), kinds[i], _rms(misfits[i]), _rms(alone))
+            for i, (world, alone) in enumerate(zip(worlds, background, strict=True))
         )
-        case = Case(robot, name, seed, plant.joints, recordings, truth, typical)
-        # Errors of the links may happen to cancel much of an effect; another, larger one is drawn then.
-        if not truth or case.dominates:
+        case = Case(
+            robot, name, seed, plant.joints, recordings, truth, typical, single.left(misfits), attempt + 1
+        )  # fmt: skip
+        if case.clear:
             return case
-    raise RuntimeError(f"case {name} of {robot}, seed {seed}: no effect of {ATTEMPTS} dominates")
+    raise RuntimeError(f"case {name} of {robot}, seed {seed}: none of {ATTEMPTS} draws is clear")
 
 
-@dataclass(frozen=True)
-class World:
-    """One run of one robot.
-
-    Attributes:
-        plant: the robot.
-        links: its true ones.
-        drive: of its joints, in this run.
-        motion: of its links.
-        stamps: (n,) s.
-    """
-
-    plant: Plant
-    links: Links
-    drive: Imperfections
-    motion: Motion
-    stamps: np.ndarray
-
-    @property
-    def _rate(self) -> float:
-        return 1.0 / float(self.stamps[1] - self.stamps[0])
-
-    @cached_property
-    def bare_load(self) -> np.ndarray:
-        """(n, nj) torques that the links alone ask of the joints when the torques are taken, N m."""
-        return self.plant.torques(self.motion.at(self.stamps - self.drive.late), self.links, {})
-
-    def load(self, truth: Sequence[Hidden] = ()) -> np.ndarray:
-        """(n, nj) torques that the links, and what is on them, ask of the joints when the torques are taken, N m."""
-        if not any(hidden.lump for hidden in truth):
-            return self.bare_load
-        motion = self.motion.at(self.stamps - self.drive.late)
-        lumps = {self.plant.joints.index(h.joint): h.lump for h in truth if h.lump is not None}
-        return self.plant.torques(motion, self.links, lumps)
-
-    def motor(self, load: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The motors' (n, nj) motion: the links', and how far the joints' springs give way under the load."""
-        q, v, a = self.motion.at(self.stamps - self.drive.late)
-        bent = CubicSpline(self.stamps, load * self.drive.compliance)
-        return q + bent(self.stamps), v + bent(self.stamps, 1), a + bent(self.stamps, 2)
-
-    def measured(self, truth: Sequence[Hidden]) -> tuple[np.ndarray, np.ndarray]:
-        """(n, nj) motor positions [rad] at the stamps and torques [N m], without noise and smoothing."""
-        load = self.load(truth)
-        q, v, a = self.motor(load)
-        torque = load + self.drive.torque(q, v)
-        for hidden in truth:
-            j = self.plant.joints.index(hidden.joint)
-            torque[:, j] += hidden.torque(q[:, j], v[:, j], a[:, j])
-        for hidden in truth:
-            j = self.plant.joints.index(hidden.joint)
-            torque[:, j] = hidden.gain * torque[:, j] + hidden.offset
-        if self.drive.late > 0.0:
-            q = CubicSpline(self.stamps - self.drive.late, q)(self.stamps)
-        return q, torque
-
-    def misfit(self, truth: Sequence[Hidden]) -> np.ndarray:
-        """(nj,) root mean square of the torques minus those of the described links at the motors' motion, N m."""
-        q, torque = self.measured(truth)
-        curve = CubicSpline(self.stamps, q)
-        motion = (q, curve(self.stamps, 1), curve(self.stamps, 2))
-        inner = slice(round(EDGE * self._rate), -round(EDGE * self._rate))
-        error = self.drive.read(torque, self._rate) - self.plant.torques(motion, self.plant.described, {})
-        return np.sqrt(np.mean(error[inner] ** 2, axis=0))
-
-    def recorded(self, truth: Sequence[Hidden], noise: np.ndarray, name: str) -> Run:
-        """The recording, with (3, n, nj) standard normal noise for positions and, before and after smoothing, torques.
-
-        It does not state its noise, as most do not.
-        """
-        q, torque = self.measured(truth)
-        q = q + self.drive.position_noise * noise[0]
-        effort = self.drive.read(torque, self._rate, noise[1:])
-        channels = {f"q.{j}": Channel(self.stamps, q[:, i], "rad") for i, j in enumerate(self.plant.joints)}
-        channels |= {f"tau.{j}": Channel(self.stamps, effort[:, i], "N m") for i, j in enumerate(self.plant.joints)}
-        return Run(name, channels)
-
-
-def perfect(robot: str, kind: str, seed: int, *, duration: float = 5.0, rate: float = 100.0) -> World:
-    """A run of a robot that is as described."""
-    plant, rng = Plant(robot), np.random.default_rng(seed)
-    motion = KINDS[kind](rng, plant.rooms(rng)[0], duration)
-    stamps = np.arange(round(duration * rate)) / rate
-    return World(plant, plant.described, Imperfections.none(len(plant.joints)), motion, stamps)
-
-
-def _joints(plant: Plant, worlds: Sequence[World], typical: np.ndarray, background: Sequence[np.ndarray]) -> Joints:
+def _joints(
+    plant: Plant, worlds: Sequence[World], typical: np.ndarray, background: Sequence[np.ndarray]
+) -> dominant.Joints:
     """What the sizes of dominant effects depend on."""
     motions = [world.motor(world.bare_load) for world in worlds]
     q, v, a = (np.concatenate([motion[k] for motion in motions]) for k in range(3))
@@ -338,12 +229,17 @@ def _joints(plant: Plant, worlds: Sequence[World], typical: np.ndarray, backgrou
         squares = [np.sum((world.load(hidden) - world.bare_load) ** 2, axis=1) for world in coarse]
         return float(np.sqrt(np.mean(squares)))
 
-    return Joints(
+    return dominant.Joints(
         names=plant.joints,
         q=q, v=v, a=a, load=np.concatenate([world.bare_load for world in worlds]),
         strong=tuple(np.flatnonzero(plant.effort >= 0.5 * plant.effort.max()).tolist()),
         loaded=tuple(np.flatnonzero(typical >= 0.3 * typical.max()).tolist()),
-        background=float(np.sqrt(np.mean([np.sum(b**2) for b in background]))),
+        background=float(np.sqrt(np.mean([np.sum(_rms(alone) ** 2) for alone in background]))),
         link=plant.link,
         added=added,
     )  # fmt: skip
+
+
+def _rms(errors: np.ndarray) -> np.ndarray:
+    """(nj,) of (k, nj)."""
+    return np.sqrt(np.mean(errors**2, axis=0))

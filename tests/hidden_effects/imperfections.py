@@ -19,8 +19,8 @@ COGGING = (0.01, 0.02)
 """Amplitude, of the typical torque."""
 COGS = (8, 30)
 """Periods of the cogging per turn of the joint."""
-DEFLECTION = (0.001, 0.004)
-"""Of the joint's spring under the typical torque, rad."""
+DEFLECTION = (0.004, 0.015)
+"""Of the joint's spring under the effort limit, rad."""
 SMOOTHING = (5.0, 15.0)
 """Cut-off of the drive's zero-phase low-pass, Hz."""
 LATENESS = (0.001, 0.005)
@@ -117,7 +117,7 @@ class Imperfections:
             cogging=typical * rng.uniform(*COGGING, count),
             cogs=rng.integers(COGS[0], COGS[1], count, endpoint=True).astype(float),
             phase=rng.uniform(0.0, 2.0 * np.pi, count),
-            compliance=rng.uniform(*DEFLECTION, count) / typical,
+            compliance=rng.uniform(*DEFLECTION, count) / effort,
             smoothing=cutoff if smoothed else np.inf,
             late=0.0 if smoothed else late,
             noise=effort * rng.uniform(*NOISE, count),

@@ -103,7 +103,7 @@ PEAK_SPEED, PEAK_ACCELERATION = 2.1875, 7.52
 
 
 def random_moves(rng: np.random.Generator, room: Room, duration: float) -> Moves:
-    """Moves to random postures, each as fast as its slowest joint can or up to half as long again, and rests up to 0.5 s."""
+    """Moves to random postures, as fast as the slowest joint can or up to half as long again; rests up to 0.5 s."""
     postures, begin, length = [room.centre + room.swing * rng.uniform(-1.0, 1.0, len(room.centre))], [], []
     now = 0.0
     while now < duration:
@@ -120,7 +120,7 @@ def random_moves(rng: np.random.Generator, room: Room, duration: float) -> Moves
 
 @dataclass(frozen=True)
 class Sweeps:
-    """Every joint to and fro at a constant speed of its own, with rounded turns; all (nj,).
+    """Every joint to and fro at a constant speed of its own; in turns the acceleration follows sin^2; all (nj,).
 
     Attributes:
         centre: rad.
@@ -142,23 +142,27 @@ class Sweeps:
         way = np.where(np.floor(gone) % 2 == 0, 1.0, -1.0)
         x = (gone - np.floor(gone) - 0.5) * self.half  # s from the middle of the sweep
         straight = 0.5 * (self.half - self.turn)
-        angle = np.pi * np.maximum(np.abs(x) - straight, 0.0) / self.turn
-        inner = np.clip(x, -straight, straight)
-        q = self.centre + way * self.speed * (inner + np.sign(x) * self.turn / np.pi * np.sin(angle))
-        v = way * self.speed * np.cos(angle)
-        a = -way * np.sign(x) * self.speed * np.pi / self.turn * np.sin(angle)
+        side, y = np.sign(x), np.maximum(np.abs(x) - straight, 0.0)  # s since the turn began, or until it ends
+        angle = 2.0 * np.pi * y / self.turn
+        round_the_turn = y - y**2 / self.turn + self.turn / (2.0 * np.pi**2) * (1.0 - np.cos(angle))
+        q = self.centre + way * self.speed * (np.clip(x, -straight, straight) + side * round_the_turn)
+        v = way * self.speed * (1.0 - 2.0 * y / self.turn + np.sin(angle) / np.pi)
+        a = -way * side * self.speed * 2.0 / self.turn * (1.0 - np.cos(angle))
         return q, v, a
+
+
+TURNING = 0.25 + 1.0 / np.pi**2
+"""Way from where a turn begins to its farthest point, over speed and length of the turn."""
 
 
 def random_sweeps(rng: np.random.Generator, room: Room) -> Sweeps:
     """Sweeps at 0.25 to 0.9 of the largest speed over 0.6 to 1 of the room."""
     count = len(room.centre)
     speed, reach = room.speed * rng.uniform(0.25, 0.9, count), room.swing * rng.uniform(0.6, 1.0, count)
-    turn = np.maximum(np.minimum(rng.uniform(0.25, 0.5, count), reach / speed), np.pi * speed / room.acceleration)
+    turn = np.maximum(rng.uniform(0.3, 0.6, count), 4.0 * speed / room.acceleration)
     # A joint that cannot turn within its room at this speed is slowed down.
-    slower = np.minimum(1.0, np.pi * reach / (speed * turn) / 1.2)
-    speed = speed * slower
-    half = 2.0 * (reach / speed - turn / np.pi + turn / 2.0)
+    speed = np.minimum(speed, reach / (1.2 * TURNING * turn))
+    half = 2.0 * (reach / speed - (TURNING - 0.5) * turn)
     return Sweeps(room.centre, speed, half, turn, half * rng.uniform(0.0, 2.0, count))
 
 

@@ -1,0 +1,95 @@
+"""The generator of imperfect robots, held against other physics; tests of the search on it are elsewhere."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hidden_effects.dominant import COUNT, Hidden, Lump
+from hidden_effects.imperfect_arm import CASES, DOMINANT, NOTHING, ROBOTS, SPREAD, generate
+from hidden_effects.motions import KINDS
+from hidden_effects.plant import Plant, perfect
+
+import urdf
+from armdyn.effects.catalogue import CATALOGUE
+
+
+def rnea(model, q, v, a):
+    data = model.createData()
+    return np.array([pin.rnea(model, data, *row) for row in zip(q, v, a, strict=True)])
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_a_perfect_robot_has_the_torques_of_its_urdf(robot):
+    for kind in KINDS:
+        world = perfect(robot, kind, seed=1, duration=2.0)
+        _, torque = world.measured(())
+        expected = rnea(urdf.load(robot).model, *world.motion.at(world.stamps))
+        assert np.abs(torque - expected).max() < 1e-8 * max(1.0, np.abs(expected).max())
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_a_lump_adds_the_torque_of_a_body_on_its_link(robot):
+    lump = Lump(0.7, (0.03, -0.05, 0.11), 0.002)
+    world, model = perfect(robot, "multisine", seed=2, duration=1.0), urdf.load(robot).model.copy()
+    joint = len(world.plant.joints) - 2
+    motion = world.motion.at(world.stamps)
+    model.inertias[joint + 1] += pin.Inertia(lump.mass, np.array(lump.place), lump.inertia * np.eye(3))
+    found = world.load((Hidden("link_inertia", world.plant.joints[joint], lump=lump),))
+    assert found == pytest.approx(rnea(model, *motion), abs=1e-8)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_velocity_and_acceleration_are_the_derivatives_of_the_position(kind):
+    plant, step = Plant("panda"), 1e-4
+    rng = np.random.default_rng(3)
+    room = plant.rooms(rng)[1]
+    motion = KINDS[kind](rng, room, 20.0)
+    time = np.linspace(0.5, 19.5, 777)
+    q, v, a = motion.at(time)
+    before, after = motion.at(time - step), motion.at(time + step)
+    assert (after[0] - before[0]) / (2.0 * step) == pytest.approx(v, abs=1e-4)
+    assert (after[1] - before[1]) / (2.0 * step) == pytest.approx(a, abs=1e-2)
+    assert np.all(q >= plant.lower)
+    assert np.all(q <= plant.upper)
+    assert np.all(np.abs(v) <= 1.01 * room.speed)
+
+
+def test_links_are_off_by_their_share_and_stay_bodies():
+    plant = Plant("baxter")
+    links = plant.described.off(np.random.default_rng(4))
+    heavy = plant.described.mass > 0.0
+    off = np.abs(links.mass / np.where(heavy, plant.described.mass, 1.0) - 1.0)[heavy]
+    assert off.min() > 0.029
+    assert off.max() < 0.081
+    largest = links.inertia.max(axis=1)
+    assert np.all(2.0 * largest <= links.inertia.sum(axis=1) + 1e-12)
+
+
+@pytest.mark.parametrize(
+    ("robot", "name"),
+    [("baxter", "gravity_spring"), ("ur5", "link"), ("panda", "payload_viscous"), ("panda", NOTHING)],
+)
+def test_the_dominant_effect_dominates_where_it_acts(robot, name):
+    case = generate(robot, name, 0, duration=10.0)
+    assert [hidden.effect for hidden in case.truth] == list(CASES[name])
+    assert case.values == sum(len(CATALOGUE[effect].quantities) for effect in CASES[name])
+    if name == NOTHING:
+        assert case.largest_single <= SPREAD
+    else:
+        assert case.dominance(case.affected) >= DOMINANT
+        assert case.dominance(case.affected, slice(2)) >= DOMINANT
+        assert case.dominance() >= DOMINANT
+    kinds = [recording.kind for recording in case.recordings]
+    assert kinds[0] == kinds[1]
+    assert set(kinds[1:]) == set(KINDS)
+
+
+def test_a_seed_decides_everything():
+    first, again, other = (generate("ur5", "coulomb", seed, duration=5.0) for seed in (1, 1, 2))
+    assert first.truth == again.truth != other.truth
+    for run, same in zip(first.train + first.exam, again.train + again.exam, strict=True):
+        assert all(np.array_equal(run.channels[n].value, same.channels[n].value) for n in run.channels)
+
+
+def test_every_dominant_effect_is_known_by_name_and_size():
+    assert set(COUNT) >= {effect for effects in CASES.values() for effect in effects}
+    assert all(count == len(CATALOGUE[effect].quantities) for effect, count in COUNT.items())
