@@ -58,8 +58,8 @@ def _added(appraiser: Appraiser, now: Appraisal) -> Appraisal | None:
 def foremost(now: Appraisal, options: Sequence[Appraisal]) -> Appraisal:
     """What explains most, or nearly as much with fewer values."""
     gains = {o: np.log(now.misfit / o.misfit) for o in options}
-    enough = NEARLY * max(gains.values())
-    near = [o for o in options if gains[o] >= enough]
+    best = max(gains.values())
+    near = [o for o in options if gains[o] >= min(best, NEARLY * best)]
     return min(near, key=lambda o: (np.sum(o.free), -o.worth))
 
 

@@ -63,7 +63,12 @@ def explained(before: Errors, after: Errors, judge: Judge, scale: Scale) -> floa
         judge: on whose runs.
         scale: units and noise of the channels.
     """
-    first, last = (_above_noise(judged(errors, judge, scale), scale) for errors in (before, after))
+    return share_gone(judged(before, judge, scale), judged(after, judge, scale), scale)
+
+
+def share_gone(before: Mapping[str, float], after: Mapping[str, float], scale: Scale) -> float:
+    """The share, of rms errors by channel."""
+    first, last = (_above_noise(errors, scale) for errors in (before, after))
     if first <= 0.0:
         return 1.0 if last <= 0.0 else 0.0
     return 1.0 - last / first

@@ -8,12 +8,13 @@ from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
 from armdyn.identify.bodies import links_of
 from armdyn.identify.compare import Comparison, comparison
-from armdyn.identify.diagnose import EXPLAINED_SHARE, explained_share, judge
+from armdyn.identify.diagnose import IDEALISED, explained_share, judge
 from armdyn.identify.explained import explained
 from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.search import Progress, Search, Step, search
 from armdyn.identify.sentence import Left, repair_sentences
 from armdyn.identify.study import Study
+from armdyn.identify.uncertainty import FAR_ABOVE_STATED
 from armdyn.identify.unknown import Unknown, characterise
 from armdyn.identify.verdict import Verdict
 from armdyn.identify.whiteness import remainder
@@ -182,5 +183,6 @@ def _verdict(study: Study, found: Search, unknown: Unknown | None) -> Verdict:
     if judge(study, Search(found.steps[-1:]), unknown) is Verdict.EXPLAINED:
         return Verdict.EXPLAINED  # coloured noise
     shapeless = unknown is None or not unknown.significant
-    little = len(found.steps) > 1 and explained_share(found.steps[0], found.last) > EXPLAINED_SHARE
-    return Verdict.EXPLAINED if shapeless and little else Verdict.UNKNOWN_EFFECT
+    near = found.last.fit.chi2_per_sample < FAR_ABOVE_STATED
+    little = len(found.steps) > 1 and explained_share(study, found.steps[0], found.last) > IDEALISED
+    return Verdict.EXPLAINED if shapeless and little and near else Verdict.UNKNOWN_EFFECT

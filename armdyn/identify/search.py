@@ -87,7 +87,7 @@ def search(study: Study, progress: Progress | None = None, *, most_steps: int = 
 def _by_sums(study: Study, say: Progress) -> Search:
     """Choose on sums around the fit of the model as given; refit every step of the way to what was chosen."""
     first = study.first()
-    starts = [(first, ())]
+    starts: list[tuple[Fit, tuple[Candidate, ...]]] = [(first, ())]
     for candidate in study.candidates:
         if not candidate.joints:  # it turns the whole arm, and a large angle is far from linear
             say(f"fitting with {candidate.spoken}")
@@ -108,6 +108,8 @@ def _by_sums(study: Study, say: Progress) -> Search:
         effects = joined(effects, rise.added)
         say(f"fitting with {rise.added.spoken}")
         near = study.fit_from(effects, study.foretold(appraiser, rise.appraisal), ahead[0])
+        if rise.appraisal is whole:
+            near = study.fit_to_the_end(effects, near)
         left = remainder(near, study.scores(near, effects))
         steps.append(Step((rise.added,), (), rise.tied, effects, near, left))
     named = steps[min(1, len(steps) - 1)]

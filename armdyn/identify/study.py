@@ -77,6 +77,10 @@ class Study:
         self._exam: dict[int, tuple[Fit, list[Block]]] = {}
         self._first: Fit | None = None
 
+    def unit(self, channel: str) -> str:
+        """In which a channel is measured."""
+        return next(run.channels[channel].unit for run in self.runs if channel in run.channels)
+
     def first(self) -> Fit:
         """The fit of the model as given."""
         if self._first is None:
