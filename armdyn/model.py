@@ -1,7 +1,7 @@
 """A model: a base, effects, parameters. Never changed in place."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import ClassVar, Self
@@ -160,6 +160,19 @@ class Model(ABC):
         """First guesses of the parameters that are one value per run."""
         del run
         return {}
+
+    def plausible_starts(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
+        """Starts that a run may have had: values of parameters that are one per run, from which a fit is tried.
+
+        Empty where a fit finds the start from anywhere.
+        """
+        del run, theta
+        return ()
+
+    def first_stretch(self, theta: np.ndarray) -> float:
+        """Part of a run that tells plausible starts apart, s; `theta` (p,)."""
+        del theta
+        return np.inf
 
     def circumstances(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
         """What a residual may depend on, such as the swing angle or a joint's speed, over the run's time."""

@@ -29,7 +29,7 @@ from armdyn.identify.study import Study
 from armdyn.run import Run
 
 Row = dict[str, Any]
-SHARES = ("named", "honest", "joints", "tie", "alone", "false", "exact", "flagged")
+SHARES = ("start", "reproduced", "named", "honest", "joints", "tie", "alone", "false", "exact", "flagged")
 GOOD_HELD_OUT = 1.1
 """Chi2 per sample of held-out runs up to which a repair counts as complete."""
 
@@ -132,7 +132,7 @@ def table(title: str, rows: Sequence[Row]) -> None:
 
 def missed(row: Row) -> bool:
     """Whether a row is worth a line of its own."""
-    return bool(row.get("false")) or any(row.get(key) is False for key in ("honest", "exact", "flagged"))
+    return bool(row.get("false")) or any(row.get(key) is False for key in ("start", "honest", "exact", "flagged"))
 
 
 def save(path: Path | None, everything: Mapping[str, Sequence[Row]]) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 
 from armdyn.effects.effect import Effect
 from armdyn.identify.evidence import Weighed, Whitening, weighed, whitening_of
+from armdyn.identify.first_fit import first_fit
 from armdyn.identify.fit import GROWTHS, Fit, determined, fit
 from armdyn.identify.held_out import held_out_blocks
 from armdyn.identify.least_squares import Outcome
@@ -62,17 +63,14 @@ class Study:
         self._fits: dict[tuple[Candidate, ...], Fit] = {}
         self._held_out: dict[int, tuple[Fit, list[Block] | None]] = {}
         self._first: Fit | None = None
+        self._begun = self.problem.start()
 
     def first(self) -> Fit:
         """The fit of the model as given."""
         if self._first is None:
             alone = Problem(self.model, self.runs, self.noise)
-            start = alone.start()
-            free = determined(alone, alone.fitted, start)
-            found = fit(alone, free, start, windows=True)
-            again = determined(alone, alone.fitted, found.values)
-            if np.any(again != free):
-                found = fit(alone, again, found.values)
+            found, begin = first_fit(alone)
+            self._begun = transferred(begin, alone, self.problem)
             values, mask = self.problem.start(), np.zeros(len(self.problem.columns), dtype=bool)
             place = {column.name: i for i, column in enumerate(self.problem.columns)}
             for column, value, is_free in zip(alone.columns, found.values, found.free, strict=True):
@@ -200,7 +198,7 @@ class Study:
         return values
 
     def _cold(self, effects: Sequence[Candidate], near: Fit) -> np.ndarray:
-        return self._pushed(effects, self.problem.start(), near)
+        return self._pushed(effects, self._begun, near)
 
     @staticmethod
     def _key(effects: Sequence[Candidate]) -> tuple[Candidate, ...]:
