@@ -64,6 +64,7 @@ def fit_answer(found: Comparison) -> dict[str, Any]:
         "intervals_hold": found.intervals_hold,
         "at_bound": list(found.at_bound),
         "not_determined": list(found.undetermined),
+        "left_out": list(found.left_out),
         "channels": {
             name: {
                 "unit": c.unit,

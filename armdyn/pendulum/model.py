@@ -11,6 +11,7 @@ from scipy.optimize import brentq
 
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
+from armdyn.faults import without_saturation, without_spikes
 from armdyn.model import Model, Prediction
 from armdyn.parameter import Parameter
 from armdyn.pendulum.composition import STANDARD_GRAVITY, compose, natural_order
@@ -160,7 +161,8 @@ class PendulumModel(Model):
 
     def prepared(self, run: Run) -> Run:
         """See `Model.prepared`."""
-        return thinned(run)
+        names = self.predicted_channels(run)
+        return without_spikes(thinned(without_saturation(run, names)), names)
 
     def corrected(self) -> "PendulumModel | None":
         """With the exact tension where it has the printed one; see `Model.corrected`."""

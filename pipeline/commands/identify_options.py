@@ -117,6 +117,8 @@ def say_fit(found: "Comparison") -> None:
     console.print(channels)
     if not found.intervals_hold:
         console.print("[yellow]The residual is not white: the standard deviations do not hold as intervals.[/]")
+    for text in found.left_out:
+        console.print(f"[yellow]{escape(text)}.[/]")
     for name in found.at_bound:
         console.print(f"[yellow]{escape(name)} ended on its physical bound: it may stand in for something else.[/]")
     for name in found.undetermined:
