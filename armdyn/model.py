@@ -145,6 +145,10 @@ class Model(ABC):
         """
         return run
 
+    def pieces(self, run: Run) -> Sequence[Run]:
+        """The run, or the parts of it each of which has a start of its own."""
+        return (run,)
+
     def stated_noise(self, run: Run) -> Mapping[str, float]:
         """Standard deviation that the noise of a channel can have at most, whatever its colour, where it is stated.
 

@@ -70,18 +70,19 @@ def start_found(name: str, recorded: object, hidden: dict[str, float]) -> hidden
     study = study_of(model, recorded)
     first = study.first()
     problem, truth = study.problem, study.problem.start()
+    place = {run.name: k for k, run in enumerate(recorded.runs)}
     for j, column in enumerate(problem.columns):
-        effect, _, _ = column.parameter.name.partition(".")
-        run = column.run or 0
-        angle, rate = recorded.starts[run]
-        path = recorded.runs[run].channels.get("gripper_x")
+        name = study.runs[column.run or 0].name
+        k = place[name.partition("#")[0]]
+        angle, rate = recorded.starts[k]
+        path = recorded.runs[k].channels.get("gripper_x")
         speed = 0.0 if path is None else float(np.gradient(path.value[:3], path.time[:3])[0])
         true = {
-            "length": recorded.length, "mass": recorded.masses[run], "initial_angle": angle,
+            "length": recorded.length, "mass": recorded.masses[k], "initial_angle": angle,
             "initial_rate": rate - speed / recorded.length * np.cos(angle), **hidden,
         }  # fmt: skip
-        if effect in true:
-            truth[j] = true[effect]
+        later = column.run is not None and name not in place and not name.endswith("#1")
+        truth[j] = first.values[j] if later else true.get(column.parameter.name.partition(".")[0], truth[j])
     wanted = problem.fitted & ~problem.of([n for c in study.candidates for n in c.names])
     best = problem.fit(wanted, followed(problem, wanted, truth, GROWTHS[0]))
     blocks = problem.blocks(best.values)

@@ -20,8 +20,9 @@ DESCENDED = 8
 KEPT = 4
 """Of these, how many are followed."""
 RIVALS = 2.0
-"""Ratio of the costs up to which two starts are both followed: the wrong one of two that a short stretch hardly tells
-apart becomes many times worse as it grows."""
+"""Ratio of the costs, multiplied over the stretches so far, up to which two starts are both followed: the wrong one of
+two that a short stretch hardly tells apart becomes many times worse as it grows. A product, because what the model
+lacks shows least on the first."""
 GROWTH = 2.0
 """From one stretch to the next."""
 NEAR_NOISE = 1.5
@@ -107,18 +108,28 @@ def start_of(single: Problem, values: np.ndarray, free: np.ndarray) -> np.ndarra
     rows = [values, *(_with(single, values, guess, moved) for guess in guesses)]
     promised = [_promised_cost(cut, these & ~moved, row) for row in rows]
     found = [_descended(cut, these, rows[i]) for i in np.argsort(promised)[:DESCENDED]]
-    rivals = _best(single, [_Rival(fit.values, fit.values, _cost(cut, fit.values)) for fit in found])
+    rivals = _best(single, [_Rival(fit.values, fit.values, _log_cost(cut, fit.values)) for fit in found])
     while len(rivals) > 1 and window < end:
         window *= GROWTH
         cut, these = _cut(single, free, window)
-        followed_on = [(rival.begun, _descended(cut, these, rival.now).values) for rival in rivals]
-        rivals = _best(single, [_Rival(first, now, _cost(cut, now)) for first, now in followed_on])
+        now = [_descended(cut, these, rival.now).values for rival in rivals]
+        rivals = [
+            _Rival(rival.begun, values, rival.cost + _log_cost(cut, values))
+            for rival, values in zip(rivals, now, strict=True)
+        ]
+        rivals = _best(single, rivals)
     return rivals[0].begun
 
 
 @dataclass(frozen=True, eq=False)
 class _Rival:
-    """One of several starts: (P,) where it stood after the first stretch, (P,) where it stands now, its cost there."""
+    """One of several starts: where it stood after the first stretch, where it stands now, its cost over all of them.
+
+    Attributes:
+        begun: (P,).
+        now: (P,).
+        cost: sum over the stretches of the cost's logarithm.
+    """
 
     begun: np.ndarray
     now: np.ndarray
@@ -149,8 +160,8 @@ def _promised_cost(cut: Problem, free: np.ndarray, values: np.ndarray) -> float:
     return at.cost - 0.5 * float(at.gradient @ np.linalg.lstsq(at.hessian, at.gradient, rcond=1e-12)[0])
 
 
-def _cost(cut: Problem, values: np.ndarray) -> float:
-    return cut.expansion(values, np.zeros(len(values), dtype=bool)).cost
+def _log_cost(cut: Problem, values: np.ndarray) -> float:
+    return float(np.log(cut.expansion(values, np.zeros(len(values), dtype=bool)).cost))
 
 
 def _best(single: Problem, rivals: Sequence[_Rival]) -> list[_Rival]:
@@ -158,10 +169,10 @@ def _best(single: Problem, rivals: Sequence[_Rival]) -> list[_Rival]:
 
     Below a gripper at rest a swing and its mirror image give the same tension.
     """
-    order = sorted(rivals, key=lambda rival: float(f"{rival.cost:.5g}"))
+    order = sorted(rivals, key=lambda rival: round(rival.cost, 4))
     kept: list[_Rival] = []
     for rival in order:
-        if len(kept) == KEPT or rival.cost > RIVALS * order[0].cost:
+        if len(kept) == KEPT or rival.cost > order[0].cost + np.log(RIVALS):
             break
         if not any(_same(single, rival.now, other.now) for other in kept):
             kept.append(rival)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
@@ -27,8 +28,8 @@ def prepared(model: Model, runs: Sequence[Run], held_out: Sequence[Run] = ()) ->
     _check_distinct(runs, held_out)
     _check_data_distinct(model, runs, held_out)
     named = _with_distinct_names([*runs, *held_out])
-    ready = [_ready(model, run) for run in named]
-    return ready[: len(runs)], ready[len(runs) :]
+    ready = [model.pieces(_ready(model, run)) for run in named]
+    return list(chain(*ready[: len(runs)])), list(chain(*ready[len(runs) :]))
 
 
 def noise_of_runs(model: Model, runs: Sequence[Run]) -> dict[tuple[str, str], float]:

@@ -18,6 +18,7 @@ from armdyn.pendulum.composition import STANDARD_GRAVITY, compose, natural_order
 from armdyn.pendulum.dynamics import OUTPUTS, Dynamics, TensionFormula, derive_dynamics
 from armdyn.pendulum.path import GripperPath
 from armdyn.pendulum.physics import Expression
+from armdyn.pendulum.pieces import pieces
 from armdyn.pendulum.readout import lagged, sampled
 from armdyn.pendulum.recorded import run_path
 from armdyn.pendulum.simulate import Rollout, Simulator
@@ -163,6 +164,10 @@ class PendulumModel(Model):
         """See `Model.prepared`."""
         names = self.predicted_channels(run)
         return without_spikes(thinned(without_saturation(run, names)), names)
+
+    def pieces(self, run: Run) -> Sequence[Run]:
+        """See `Model.pieces`."""
+        return pieces(run)
 
     def corrected(self) -> "PendulumModel | None":
         """With the exact tension where it has the printed one; see `Model.corrected`."""

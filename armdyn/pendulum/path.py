@@ -33,6 +33,7 @@ class GripperPath:
         v: (K,) m/s.
         a: (K,) m/s^2.
         height: (3, K) z m, its velocity m/s and acceleration m/s^2; None for a level line.
+        elapsed: time since the recording began at the first node, s; 0 but in a later piece of it.
     """
 
     start: float
@@ -41,11 +42,12 @@ class GripperPath:
     v: np.ndarray
     a: np.ndarray
     height: np.ndarray | None = None
+    elapsed: float = 0.0
 
     @cached_property
     def inputs(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rows t since the start, x, v, a, z, vz, az at the nodes (7, K) and halfway between them (7, K-1)."""
-        t = self.dt * np.arange(len(self.x))
+        """Rows t since the recording began, x, v, a, z, vz, az at the nodes (7, K) and halfway between (7, K-1)."""
+        t = self.elapsed + self.dt * np.arange(len(self.x))
         along = np.vstack([self.x, self.v, self.a])
         height = np.zeros_like(along) if self.height is None else self.height
         between = (
