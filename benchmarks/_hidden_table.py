@@ -104,7 +104,7 @@ def table(title: str, rows: Sequence[Row]) -> None:
     print(f"\n{title}: {len(rows)} cases")
     for name in dict.fromkeys(row["what"] for row in rows):
         mine = [row for row in rows if row["what"] == name]
-        columns = [f"{key} {_share(mine, key)}" for key in SHARES if key in mine[0]]
+        columns = [f"{key} {_share(mine, key)}" for key in SHARES if any(key in row for row in mine)]
         print(f"  {name:44s}" + "  ".join([*columns, *_good(mine)]), flush=True)
     for key in SHARES:
         if any(key in row for row in rows):

@@ -107,7 +107,8 @@ def start_of(single: Problem, values: np.ndarray, free: np.ndarray) -> np.ndarra
         return own.values
     rows = [values, *(_with(single, values, guess, moved) for guess in guesses)]
     promised = [_promised_cost(cut, these & ~moved, row) for row in rows]
-    found = [_descended(cut, these, rows[i]) for i in np.argsort(promised)[:DESCENDED]]
+    order = sorted(range(len(rows)), key=lambda i: float(f"{promised[i]:.5g}"))  # mirror images keep their order
+    found = [_descended(cut, these, rows[i]) for i in order[:DESCENDED]]
     rivals = _best(single, [_Rival(fit.values, fit.values, _log_cost(cut, fit.values)) for fit in found])
     while len(rivals) > 1 and window < end:
         window *= GROWTH
@@ -190,7 +191,13 @@ def _same(single: Problem, one: np.ndarray, other: np.ndarray) -> bool:
 def _most_determined(problem: Problem, *points: np.ndarray) -> np.ndarray:
     """(P,) bool: what the runs determine at that of the points where they determine most, the first where several do.
 
-    At a symmetric point, such as a load at rest, derivatives vanish of what determines the motion elsewhere.
+    At a symmetric point, such as a load at rest, derivatives vanish of what determines the motion elsewhere. Where an
+    error grows from swing to swing, how a run began looks dependent beside what it grows to; there its first stretch
+    tells.
     """
-    found = [determined(problem, problem.fitted, values) for values in points]
-    return max(found, key=lambda free: int(free.sum()))
+    found = max((determined(problem, problem.fitted, p) for p in points), key=lambda free: int(free.sum()))
+    stretch = problem.model.first_stretch(problem.theta(0, points[-1]))
+    if np.isfinite(stretch) and not np.array_equal(found & problem.per_run, problem.fitted & problem.per_run):
+        cut, _ = _cut(problem, found, stretch)
+        found = found | (problem.per_run & determined(cut, problem.fitted, points[-1]))
+    return found

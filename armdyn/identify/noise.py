@@ -12,7 +12,7 @@ LAGS = 20
 """Lags of the whiteness test."""
 ORDERS = tuple(range(3, 9))
 """Of the differences that show the noise."""
-CLEARLY_LESS = 0.8
+CLEARLY_LESS = 0.9
 """Ratio of the noise that two orders show below which the lower one shows the signal. For noise with a correlation of
 0.9 from sample to sample the ratio is 0.96; for a swing of 0.8 Hz at 20 Hz, a hundred times the noise, it is 0.3."""
 ORDER = 4

@@ -182,7 +182,8 @@ class Study:
         free = (self.problem.fitted & ~every) | (wanted & ~fixed)
         values[every & ~wanted] = self.problem.null[every & ~wanted]
         known_slopes = near.values if near.problem is self.problem else values
-        return determined(self.problem, free, known_slopes), values
+        # A fit that has gone astray may not see what the first one, which looked at several starts, found determined.
+        return determined(self.problem, free, known_slopes) | (free & self.first().free), values
 
     def _pushed(self, effects: Sequence[Candidate], start: np.ndarray, near: Fit) -> np.ndarray:
         """Effects that are at null start at a typical size, those that were fitted without the others at half."""
