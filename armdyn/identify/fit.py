@@ -19,7 +19,7 @@ SETTLED_WINDOW = 3.0
 """s; shorter windows tell friction and creep too little to be fitted in them."""
 GROWTHS = (1.5, 2.0, 1.25)
 """Factors from one stretch to the next, tried until the misfit is not gross: where much is missing from the model the
-minimum moves as the stretch grows, and which steps follow it is luck."""
+minimum moves as the stretch grows, and no factor follows it in every recording."""
 
 
 @dataclass(frozen=True, eq=False)
