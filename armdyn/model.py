@@ -170,6 +170,10 @@ class Model(ABC):
         del run
         return {}
 
+    def pieces(self, run: Run) -> Sequence[Run]:
+        """The run, or the parts of it each of which has a start of its own."""
+        return (run,)
+
     def stated_noise(self, run: Run) -> Mapping[str, float]:
         """Standard deviation that the noise of a channel can have at most, whatever its colour, where it is stated.
 
@@ -198,6 +202,19 @@ class Model(ABC):
         """First guesses of the parameters that are one value per run."""
         del run
         return {}
+
+    def plausible_starts(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
+        """Starts that a run may have had: values of parameters that are one per run, from which a fit is tried.
+
+        Empty where a fit finds the start from anywhere.
+        """
+        del run, theta
+        return ()
+
+    def first_stretch(self, theta: np.ndarray) -> float:
+        """Part of a run that tells plausible starts apart, s; `theta` (p,)."""
+        del theta
+        return np.inf
 
     def circumstances(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
         """What a residual may depend on, such as the swing angle or a joint's speed, over the run's time."""

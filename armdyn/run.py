@@ -1,7 +1,8 @@
 """A run: one recording, read from CSV or MCAP, in SI units, ready to be held against a model."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -30,6 +31,7 @@ class Run:
         description: a sentence for a person.
         source: the file it came from; None where it was made in memory.
         warnings: a sentence per thing that was lost, such as the end of a recording that was cut off.
+        began: s; when the recording began of which this is a later piece. None where it is whole.
 
     Raises:
         InputError: a joint turns in one channel and slides in another.
@@ -43,6 +45,7 @@ class Run:
     description: str = ""
     source: Path | None = None
     warnings: tuple[str, ...] = ()
+    began: float | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         for name in self.channels:
@@ -51,10 +54,10 @@ class Run:
         for attribute in ("channels", "known", "noise"):
             object.__setattr__(self, attribute, MappingProxyType(dict(getattr(self, attribute))))
 
-    def __reduce__(self) -> tuple[type["Run"], tuple[Any, ...]]:
+    def __reduce__(self) -> tuple[Callable[..., "Run"], tuple[Any, ...]]:
         # A MappingProxyType cannot be pickled, and runs go to other processes.
         mappings = (dict(self.channels), dict(self.known), dict(self.noise))
-        return Run, (self.name, *mappings, self.description, self.source, self.warnings)
+        return partial(Run, began=self.began), (self.name, *mappings, self.description, self.source, self.warnings)
 
     @property
     def measured(self) -> tuple[str, ...]:

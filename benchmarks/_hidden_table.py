@@ -29,7 +29,7 @@ from armdyn.identify.study import Study
 from armdyn.run import Run
 
 Row = dict[str, Any]
-SHARES = ("named", "honest", "joints", "tie", "alone", "false", "exact", "flagged")
+SHARES = ("start", "reproduced", "named", "honest", "joints", "tie", "alone", "false", "exact", "flagged")
 GOOD_HELD_OUT = 1.1
 """Chi2 per sample of held-out runs up to which a repair counts as complete."""
 
@@ -100,7 +100,7 @@ def table(title: str, rows: Sequence[Row]) -> None:
     print(f"\n{title}: {len(rows)} cases")
     for name in dict.fromkeys(row["what"] for row in rows):
         mine = [row for row in rows if row["what"] == name]
-        columns = [f"{key} {_share(mine, key)}" for key in SHARES if key in mine[0]]
+        columns = [f"{key} {_share(mine, key)}" for key in SHARES if any(key in row for row in mine)]
         print(f"  {name:44s}" + "  ".join([*columns, *_good(mine)]), flush=True)
     for key in SHARES:
         if any(key in row for row in rows):
@@ -128,7 +128,7 @@ def table(title: str, rows: Sequence[Row]) -> None:
 
 def missed(row: Row) -> bool:
     """Whether a row is worth a line of its own."""
-    return bool(row.get("false")) or any(row.get(key) is False for key in ("honest", "exact", "flagged"))
+    return bool(row.get("false")) or any(row.get(key) is False for key in ("start", "honest", "exact", "flagged"))
 
 
 def save(path: Path | None, everything: Mapping[str, Sequence[Row]]) -> None:

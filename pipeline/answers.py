@@ -88,6 +88,7 @@ def fit_answer(found: Comparison) -> dict[str, Any]:
         "std_widened_by": number(found.widened),
         "at_bound": list(found.at_bound),
         "not_determined": list(found.undetermined),
+        "left_out": list(found.left_out),
         "channels": {
             name: {
                 "unit": c.unit,

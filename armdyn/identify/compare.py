@@ -99,6 +99,7 @@ class Comparison:
         intervals_hold: whether the standard deviations can be trusted.
         at_bound: parameters that ended on a physical bound.
         undetermined: parameters that these runs say nothing about.
+        left_out: what was not used of the recordings, such as outliers, a sentence each.
         correction: what the right formula does; None where the model has no wrong one.
         widened: factor by which the model's own error widens the standard deviations, for the worst channel; 1 where
             the residual is of the size of the noise.
@@ -113,6 +114,7 @@ class Comparison:
     intervals_hold: bool
     at_bound: tuple[str, ...]
     undetermined: tuple[str, ...]
+    left_out: tuple[str, ...] = ()
     correction: Correction | None = None
     widened: float = 1.0
 
@@ -211,6 +213,7 @@ def comparison(study: Study, fit: Fit, left: Remainder, *, absorbed: bool = True
             for c, wanted, free in zip(study.problem.columns, study.problem.fitted, fit.free, strict=True)
             if wanted and not free
         ),
+        left_out=tuple(f"{run.name}: {text}" for run in (*study.runs, *study.held_out) for text in run.warnings),
         widened=uncertainty(study, fit).widened,
     )
 

@@ -1,6 +1,7 @@
 """Estimation while data arrive: least squares over everything so far, started from the last estimate."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Generic, Literal, TypeVar
 
 import numpy as np
@@ -80,4 +81,4 @@ def until(run: Run, end: float) -> Run:
         name: Channel(c.time[: (n := int(np.searchsorted(c.time, end, side="right")))], c.value[:n], c.unit)
         for name, c in run.channels.items()
     }
-    return Run(run.name, channels, run.known, run.noise, run.description, run.source)
+    return replace(run, channels=channels)

@@ -45,10 +45,11 @@ def prepared_exam(
     """
     check_distinct({"a training run": runs, "a held-out run": held_out, "an exam run": exam})
     check_distinct_data(model, [*runs, *held_out, *exam])
-    names, result = set(taken), []
+    names = set(taken)
+    result: list[Run] = []
     for i, run in enumerate(exam):
         name = run.name if run.name not in names else f"exam/{run.name}"
         name = name if name not in names else f"exam {i + 1}/{run.name}"
         names.add(name)
-        result.append(ready(model, replace(run, name=name)))
+        result += model.pieces(ready(model, replace(run, name=name)))
     return result

@@ -19,7 +19,7 @@ SETTLED_WINDOW = 3.0
 """s; shorter windows tell friction and creep too little to be fitted in them."""
 GROWTHS = (1.5, 2.0, 1.25)
 """Factors from one stretch to the next, tried until the misfit is not gross: where much is missing from the model the
-minimum moves as the stretch grows, and which steps follow it is luck."""
+minimum moves as the stretch grows, and no factor follows it in every recording."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +112,7 @@ def fit(
         return _descended(problem, free, start, most_steps)
     best: Fit | None = None
     for growth in growths:
-        found = _descended(problem, free, _followed(problem, free, start, growth), most_steps)
+        found = _descended(problem, free, followed(problem, free, start, growth), most_steps)
         best = found if best is None or found.cost < best.cost else best
         if best.chi2_per_sample < GROSS:
             break
@@ -125,15 +125,14 @@ def _descended(problem: Problem, free: np.ndarray, start: np.ndarray, most_steps
     return Fit(problem, free, found.values, tuple(problem.blocks(found.values, free)), found.outcome)
 
 
-def _followed(problem: Problem, free: np.ndarray, start: np.ndarray, growth: float) -> np.ndarray:
+def followed(problem: Problem, free: np.ndarray, start: np.ndarray, growth: float) -> np.ndarray:
     """(P,) the minimum over the first second, followed while the stretch grows."""
     values = start
     for window in _windows(problem, growth):
-        cut = Problem(problem.model, [_first(run, window) for run in problem.runs], problem.noise)
-        cut.hold_near(values)
-        these = free if window >= SETTLED_WINDOW else free & (problem.per_run | _is_base(problem))
-        these = these & determined(cut, these, values)
-        values = cut.fit(these, values, most_steps=8, tolerance=0.3).values
+        cut = Problem(problem.model, [first_part(run, window) for run in problem.runs], problem.noise).held_near(values)
+        # All are held weakly, so that none need be left out: what seems dependent beside the growth of an error near
+        # the upright is known well.
+        values = cut.fit(told(problem, free, window), values, most_steps=8, tolerance=0.3).values
     return values
 
 
@@ -156,12 +155,14 @@ def determined(problem: Problem, free: np.ndarray, values: np.ndarray) -> np.nda
     return kept
 
 
-def _is_base(problem: Problem) -> np.ndarray:
-    return np.array(["." not in column.parameter.name for column in problem.columns])
+def told(problem: Problem, free: np.ndarray, window: float) -> np.ndarray:
+    """(P,) bool: what of `free` is fitted to a stretch of `window` s: the base, and effects where it is long enough."""
+    base = np.array(["." not in column.parameter.name for column in problem.columns])
+    return free if window >= SETTLED_WINDOW else free & (problem.per_run | base)
 
 
 def _windows(problem: Problem, growth: float) -> list[float]:
-    longest = max(_end(run) - _begin(run) for run in problem.runs)
+    longest = max(duration(run) for run in problem.runs)
     result, window = [], problem.model.first_window
     while window is not None and window < 0.9 * longest:
         result.append(window)
@@ -169,13 +170,15 @@ def _windows(problem: Problem, growth: float) -> list[float]:
     return result
 
 
-def _first(run: Run, window: float) -> Run:
+def first_part(run: Run, window: float) -> Run:
+    """What was recorded until `window` s after the first sample of what is compared."""
     return until(run, _begin(run) + window)
 
 
+def duration(run: Run) -> float:
+    """From the first to the last sample of what is compared, s."""
+    return max(float(run.channels[name].time[-1]) for name in run.measured) - _begin(run)
+
+
 def _begin(run: Run) -> float:
-    return float(min(channel.time[0] for channel in run.channels.values()))
-
-
-def _end(run: Run) -> float:
-    return float(max(channel.time[-1] for channel in run.channels.values()))
+    return min(float(run.channels[name].time[0]) for name in run.measured)

@@ -4,7 +4,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from armdyn.identify.fit import GROSS, Fit, determined, fit
+from armdyn.identify.first_fit import start_of
+from armdyn.identify.fit import Fit, determined, fit
 from armdyn.identify.problem import Block, Problem
 from armdyn.run import Run
 
@@ -54,29 +55,41 @@ def _predicted(found: Fit, values: np.ndarray, run: Run, whole: Fit | None = Non
     """Residuals of one run; where it was part of the fit `whole`, its own unknowns start from there."""
     alone = Problem(found.problem.model, [run], found.problem.noise)
     free, start = _transferred(found, values, alone)
-    if whole is not None:
-        start = np.where(alone.per_run, _transferred(whole, whole.values, alone)[1], start)
-    free = free & alone.per_run
+    own = alone.per_run | _stated_apart(found.problem, alone)
+    free = free & own
     if not free.any():
         return tuple(alone.blocks(start, free))
-    near = fit(alone, free, start)
-    if whole is not None or near.chi2_per_sample < GROSS:
-        return near.blocks
-    return min(near, fit(alone, free, alone.start() * free + start * ~free, windows=True), key=lambda f: f.cost).blocks
+    if whole is not None:
+        start = np.where(own, _transferred(whole, whole.values, alone)[1], start)
+    else:
+        start = start_of(alone, start, free)
+    return fit(alone, free, start).blocks
+
+
+def _stated_apart(problem: Problem, alone: Problem) -> np.ndarray:
+    """(P,) bool: unknowns of `alone` that were measured by hand for its run, with another result than for the others.
+
+    A load of another mass keeps the mass that was weighed, not that of the runs which were fitted.
+    """
+    (run,) = alone.runs
+    others = {(name, known) for other in problem.runs for name, known in other.known.items()}
+    apart = {name for name, known in run.known.items() for n, other in others if n == name and other != known}
+    return np.array([column.parameter.name in apart for column in alone.columns], dtype=bool)
 
 
 def _transferred(found: Fit, values: np.ndarray, target: Problem) -> tuple[np.ndarray, np.ndarray]:
     """What is free and where it starts in another problem with the same model."""
-    by_key = {found.problem.key(i): i for i in range(len(values))}
-    by_parameter = {c.parameter.name: i for i, c in enumerate(found.problem.columns)}
+    source = found.problem
+    place = {source.key(i): i for i in range(len(values))}
+    by_parameter = {c.parameter.name: i for i, c in enumerate(source.columns)}
+    lone = target.runs[0].name if len(target.runs) == 1 else None
+    kept = _stated_apart(source, target) if lone is not None else np.zeros(len(target.columns), dtype=bool)
     free, start = np.zeros(len(target.columns), dtype=bool), target.start()
     for j, column in enumerate(target.columns):
-        i = by_key.get(target.key(j))
+        name = column.parameter.name
+        i = place.get((name, lone), None if kept[j] else place.get(target.key(j)))
         if i is not None:
             free[j], start[j] = found.free[i], values[i]
-        elif column.parameter.name in by_parameter:  # a run that was not there: its own start stays a guess
-            other = by_parameter[column.parameter.name]
-            free[j] = found.free[other]
-            if column.run is None or found.problem.columns[other].run is None:
-                start[j] = values[other]
+        elif name in by_parameter:  # of a run that was not there: what is its own stays a guess
+            free[j] = found.free[by_parameter[name]]
     return free, start

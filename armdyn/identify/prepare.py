@@ -2,17 +2,19 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
 from armdyn.errors import InputError
-from armdyn.identify.noise import third_difference_std
+from armdyn.identify.noise import white_noise_std
 from armdyn.model import Model
 from armdyn.run import Run
+from armdyn.smoothing.choice import resolution
 
 LARGEST_SAMPLE_COUNT = 5_000_000
 SMALLEST_NOISE = 1e-6
-"""Of a channel's range; a quantised signal may show no noise at all."""
+"""Of a channel's range, where no noise shows at all."""
 
 
 def prepared(model: Model, runs: Sequence[Run], held_out: Sequence[Run] = ()) -> tuple[list[Run], list[Run]]:
@@ -26,19 +28,19 @@ def prepared(model: Model, runs: Sequence[Run], held_out: Sequence[Run] = ()) ->
     check_distinct({"a training run": runs, "a held-out run": held_out})
     check_distinct_data(model, [*runs, *held_out])
     named = _with_distinct_names([*runs, *held_out])
-    found = [ready(model, run) for run in named]
-    return found[: len(runs)], found[len(runs) :]
+    found = [model.pieces(ready(model, run)) for run in named]
+    return list(chain(*found[: len(runs)])), list(chain(*found[len(runs) :]))
 
 
 def noise_of_runs(model: Model, runs: Sequence[Run]) -> dict[tuple[str, str], float]:
-    """Standard deviation by run and channel: as stated beside the recording, else from third differences."""
+    """Standard deviation by run and channel: as stated beside the recording, else from its differences."""
     noise: dict[tuple[str, str], float] = {}
     for run in runs:
         for name in model.predicted_channels(run):
             channel = run.channels[name]
-            floor = SMALLEST_NOISE * float(np.ptp(channel.value))
+            floor = max(SMALLEST_NOISE * float(np.ptp(channel.value)), resolution(channel.value) / np.sqrt(12.0))
             stated = run.noise.get(name)
-            estimate = third_difference_std(channel.time, channel.value) if stated is None else stated
+            estimate = white_noise_std(channel.time, channel.value) if stated is None else stated
             noise[run.name, name] = max(estimate, floor, 1e-12)
     return noise
 

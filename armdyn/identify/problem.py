@@ -5,6 +5,7 @@ every parameter are therefore evaluated together, and a fit selects its columns.
 """
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from itertools import compress
 
@@ -19,7 +20,7 @@ from armdyn.units import Known
 
 REMEMBERED = 3
 HELD = 0.1
-"""Share of its typical size to which `Problem.hold_near` takes a parameter of all runs as known: a stretch of motion
+"""Share of its typical size to which `Problem.held_near` takes a parameter of all runs as known: a stretch of motion
 knows a length ten times better, and one of rest must not lead away."""
 Noise = Mapping[tuple[str, str], float]
 """Standard deviation by run and channel, in the channel's unit."""
@@ -109,7 +110,7 @@ class Problem:
         self.prior_weight = np.array([1.0 / p.prior.std if p.prior else 0.0 for p in parameters])
         self._whole: dict[tuple[bytes, frozenset[str]], list[Block]] = {}
         self._partial: dict[tuple[bytes, frozenset[str]], list[Block]] = {}
-        self._of_run = [self.places(i) for i in range(len(self.runs))]
+        self._of_run = [self._placed(i) for i in range(len(self.runs))]
         self._effects = tuple(effect.name for effect in model.effects)
         self._of_effects = np.array(
             [[c.parameter.name.startswith(f"{name}.") for c in columns] for name in self._effects], dtype=bool
@@ -118,6 +119,10 @@ class Problem:
 
     def places(self, run: int) -> np.ndarray:
         """(p,) position among the unknowns of every parameter of the model in one run."""
+        return self._of_run[run]
+
+    def _placed(self, run: int) -> np.ndarray:
+        """(p,) positions in one run; see `places`."""
         here = {c.index: j for j, c in enumerate(self.columns) if c.run in (None, run)}
         return np.array([here[k] for k in range(len(self.model.names))], dtype=int)
 
@@ -125,12 +130,14 @@ class Problem:
         """(P,) values of the model and first guesses."""
         return np.array([c.parameter.value for c in self.columns])
 
-    def hold_near(self, values: np.ndarray) -> None:
-        """Take (P,) values as known, weakly, where nothing better is: for runs that hardly tell anything."""
+    def held_near(self, values: np.ndarray) -> "Problem":
+        """The problem with (P,) values known, weakly, where nothing better is: for runs that hardly tell anything."""
+        held = copy(self)
         unknown = self.prior_weight == 0.0
-        held = np.where(self.per_run, 1.0, HELD) * self.typical
-        self.prior_mean = np.where(unknown, values, self.prior_mean)
-        self.prior_weight = np.where(unknown, 1.0 / held, self.prior_weight)
+        width = np.where(self.per_run, 1.0, HELD) * self.typical
+        held.prior_mean = np.where(unknown, values, self.prior_mean)
+        held.prior_weight = np.where(unknown, 1.0 / width, self.prior_weight)
+        return held
 
     def key(self, unknown: int) -> tuple[str, str | None]:
         """What an unknown is in any problem: its parameter, and the name of the run that it belongs to."""

@@ -8,6 +8,7 @@ from armdyn.effects.effect import Effect
 from armdyn.identify.appraisal import Appraisal, Appraiser
 from armdyn.identify.evidence import Weighed, Whitening, weighed, whitening_of
 from armdyn.identify.exam import Judge, judges, prepared_exam
+from armdyn.identify.first_fit import first_fit
 from armdyn.identify.fit import GROWTHS, Fit, determined, fit
 from armdyn.identify.held_out import held_out_blocks
 from armdyn.identify.least_squares import Outcome
@@ -76,6 +77,7 @@ class Study:
         self._held_out: dict[int, tuple[Fit, list[Block] | None]] = {}
         self._exam: dict[int, tuple[Fit, list[Block]]] = {}
         self._first: Fit | None = None
+        self._begun = self.problem.start()
 
     def unit(self, channel: str) -> str:
         """In which a channel is measured."""
@@ -85,12 +87,8 @@ class Study:
         """The fit of the model as given."""
         if self._first is None:
             alone = Problem(self.model, self.runs, self.noise)
-            start = alone.start()
-            free = determined(alone, alone.fitted, start)
-            found = fit(alone, free, start, windows=True)
-            again = determined(alone, alone.fitted, found.values)
-            if np.any(again != free):
-                found = fit(alone, again, found.values)
+            found, begin = first_fit(alone)
+            self._begun = transferred(begin, alone, self.problem)
             values, mask = self.problem.start(), np.zeros(len(self.problem.columns), dtype=bool)
             place = {column.name: i for i, column in enumerate(self.problem.columns)}
             for column, value, is_free in zip(alone.columns, found.values, found.free, strict=True):
@@ -234,7 +232,8 @@ class Study:
         free = (self.problem.fitted & ~every) | (wanted & ~fixed)
         values[every & ~wanted] = self.problem.null[every & ~wanted]
         known_slopes = near.values if near.problem is self.problem else values
-        return determined(self.problem, free, known_slopes), values
+        # A fit that has gone astray may not see what the first one, which looked at several starts, found determined.
+        return determined(self.problem, free, known_slopes) | (free & self.first().free), values
 
     def _pushed(self, effects: Sequence[Candidate], start: np.ndarray, near: Fit) -> np.ndarray:
         """Effects that are at null start at a typical size, those that were fitted without the others at half."""
@@ -250,7 +249,7 @@ class Study:
         return values
 
     def _cold(self, effects: Sequence[Candidate], near: Fit) -> np.ndarray:
-        return self._pushed(effects, self.problem.start(), near)
+        return self._pushed(effects, self._begun, near)
 
     @staticmethod
     def _key(effects: Sequence[Candidate]) -> tuple[Candidate, ...]:

@@ -1,6 +1,6 @@
 """The pendulum as a model: what a load cell and an angle sensor should have read in a run."""
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from types import MappingProxyType
@@ -11,22 +11,25 @@ from scipy.optimize import brentq
 
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
+from armdyn.faults import without_saturation, without_spikes
 from armdyn.model import Model, Prediction
 from armdyn.parameter import Parameter
-from armdyn.pendulum.composition import compose, natural_order
+from armdyn.pendulum.composition import STANDARD_GRAVITY, compose, natural_order
 from armdyn.pendulum.dynamics import OUTPUTS, Dynamics, TensionFormula, derive_dynamics
 from armdyn.pendulum.path import GripperPath
 from armdyn.pendulum.physics import Expression
+from armdyn.pendulum.pieces import pieces
 from armdyn.pendulum.readout import lagged, sampled
 from armdyn.pendulum.recorded import run_path
 from armdyn.pendulum.simulate import Rollout, Simulator
+from armdyn.pendulum.starts import phase_plane, rates_near
 from armdyn.pendulum.trailing import TrailingPath
 from armdyn.pendulum.variational import VariationalStep, derive_variational
 from armdyn.run import Channel, Run
 from armdyn.thinning import thinned
 
-FIRST_STRETCH = 0.05
-"""s over which the first angles are averaged for a guess of angle and rate."""
+FIRST_STRETCH, FIRST_SAMPLES = 0.1, 5
+"""s, and at least as many samples, through which a parabola gives the angle and rate at the start."""
 INITIAL = ("initial_angle", "initial_rate")
 STEEPEST = 1.5
 """rad; no load hangs at rest beyond."""
@@ -159,7 +162,12 @@ class PendulumModel(Model):
 
     def prepared(self, run: Run) -> Run:
         """See `Model.prepared`."""
-        return thinned(run)
+        names = self.predicted_channels(run)
+        return without_spikes(thinned(without_saturation(run, names)), names)
+
+    def pieces(self, run: Run) -> Sequence[Run]:
+        """See `Model.pieces`."""
+        return pieces(run)
 
     def corrected(self) -> "PendulumModel | None":
         """With the exact tension where it has the printed one; see `Model.corrected`."""
@@ -169,14 +177,26 @@ class PendulumModel(Model):
         """Angle and rate at the start where an angle was measured; see `Model.initial_guess`."""
         if "swing_angle" not in run.channels:
             return {}
-        angle = run.channels["swing_angle"]
-        near = angle.time <= angle.time[0] + FIRST_STRETCH
-        if near.sum() < 3:
-            near = np.arange(len(angle)) < 3
-        slope, start = np.polyfit(angle.time[near] - angle.time[0], angle.value[near], 1)
-        path = run_path(run)
-        speed = float(path.v[0]) / self.value("length") * float(np.cos(start))
-        return {"initial_angle": float(start), "initial_rate": float(slope) - speed}
+        angle, rate = _measured_start(run.channels["swing_angle"])
+        speed = float(run_path(run).v[0]) / self.value("length")
+        return {"initial_angle": angle, "initial_rate": rate - speed * float(np.cos(angle))}
+
+    def plausible_starts(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
+        """See `Model.plausible_starts`: orbits in the phase plane, near the measured angle where there is one."""
+        length = float(theta[self.names.index("length")])
+        plane = phase_plane(length)
+        if "swing_angle" in run.channels:
+            angle, rate = _measured_start(run.channels["swing_angle"])
+            plane = np.array([(angle, rate + change) for change in rates_near(length)])
+        speed = float(run_path(run).v[0]) / length
+        return [
+            {"initial_angle": float(angle), "initial_rate": float(rate - speed * np.cos(angle))}
+            for angle, rate in plane
+        ]
+
+    def first_stretch(self, theta: np.ndarray) -> float:
+        """A period of small swings; see `Model.first_stretch`."""
+        return float(2 * np.pi * np.sqrt(theta[self.names.index("length")] / STANDARD_GRAVITY))
 
     def circumstances(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
         """Swing angle and rate as predicted, and the gripper's motion; see `Model.circumstances`."""
@@ -220,6 +240,14 @@ class PendulumModel(Model):
     @cached_property
     def _formulation(self) -> "_Formulation":
         return _formulation(natural_order(self.effects), self.tension)
+
+
+def _measured_start(angle: Channel) -> tuple[float, float]:
+    """Angle and rate at the first sample, by a parabola through the first ones."""
+    since = angle.time - angle.time[0]
+    near = max(FIRST_SAMPLES, int(np.searchsorted(since, FIRST_STRETCH)))
+    curve = np.polyfit(since[:near], angle.value[:near], 2)
+    return float(curve[2]), float(curve[1])
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 from scipy.linalg import solveh_banded
 
 from armdyn.errors import InputError
+from armdyn.smoothing import FEWEST, best_smoothing, smoothed
 
 ORDER = 4
 """Order of the differences that are penalised: piecewise-constant jerk costs nothing at the limit."""
@@ -31,6 +33,7 @@ class GripperPath:
         v: (K,) m/s.
         a: (K,) m/s^2.
         height: (3, K) z m, its velocity m/s and acceleration m/s^2; None for a level line.
+        elapsed: time since the recording began at the first node, s; 0 but in a later piece of it.
     """
 
     start: float
@@ -39,11 +42,12 @@ class GripperPath:
     v: np.ndarray
     a: np.ndarray
     height: np.ndarray | None = None
+    elapsed: float = 0.0
 
     @cached_property
     def inputs(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rows t since the start, x, v, a, z, vz, az at the nodes (7, K) and halfway between them (7, K-1)."""
-        t = self.dt * np.arange(len(self.x))
+        """Rows t since the recording began, x, v, a, z, vz, az at the nodes (7, K) and halfway between (7, K-1)."""
+        t = self.elapsed + self.dt * np.arange(len(self.x))
         along = np.vstack([self.x, self.v, self.a])
         height = np.zeros_like(along) if self.height is None else self.height
         between = (
@@ -90,10 +94,11 @@ def grid_size(start: float, end: float, dt: float) -> int:
 def smoothed_path(time: np.ndarray, x: np.ndarray, dt: float, *, exact: bool = False) -> GripperPath:
     """Path through noisy positions, by penalised least squares (Whittaker 1923; Eilers, Anal. Chem. 2003).
 
-    Minimises |y - x|^2 + lambda |D^4 x|^2 with the strength that `best_strength` finds.
+    Minimises |y - x|^2 + lambda |D^4 x|^2 with the strength that `best_strength` finds. Stamps that are not on the
+    grid, such as slow or uneven ones, get the spline of `armdyn.smoothing`, which needs no grid.
 
     Args:
-        time: (n,) increasing stamps, s; uneven stamps are interpolated to the grid first.
+        time: (n,) increasing stamps, s.
         x: (n,) m.
         dt: grid step, s.
         exact: the positions have no noise.
@@ -101,11 +106,23 @@ def smoothed_path(time: np.ndarray, x: np.ndarray, dt: float, *, exact: bool = F
     if len(time) < ORDER + 2:
         raise InputError(f"the gripper's path has {len(time)} samples: {ORDER + 2} or more are needed")
     grid = time[0] + dt * np.arange(grid_size(time[0], time[-1], dt))
-    even = len(grid) == len(time) and np.allclose(grid, time, atol=1e-3 * dt, rtol=0)
-    y = x if even else np.interp(grid, time, x)
-    smooth = y if exact else penalised(y, best_strength(y))
+    if not (len(grid) == len(time) and np.allclose(grid, time, atol=1e-3 * dt, rtol=0)):
+        motion = _off_grid(time, x, np.minimum(grid, time[-1]), exact=exact)
+        return GripperPath(float(time[0]), dt, *motion)
+    smooth = x if exact else penalised(x, best_strength(x))
     v, a = differentiated(smooth, dt)
     return GripperPath(float(time[0]), dt, smooth, v, a)
+
+
+def _off_grid(
+    time: np.ndarray, x: np.ndarray, grid: np.ndarray, *, exact: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(K,) position, velocity and acceleration at `grid`, from positions at any stamps."""
+    if exact or len(time) < FEWEST:
+        spline = make_interp_spline(time, x, 5)
+        return spline(grid), spline(grid, 1), spline(grid, 2)
+    curve = smoothed(time, x, best_smoothing(time, x))
+    return curve(grid)[:, 0], curve(grid, 1)[:, 0], curve(grid, 2)[:, 0]
 
 
 def best_strength(y: np.ndarray) -> float:

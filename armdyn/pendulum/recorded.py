@@ -1,6 +1,6 @@
 """The gripper's path in a run, recorded or still being recorded."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -31,6 +31,11 @@ def run_path(run: Run) -> GripperPath:
 
 @lru_cache(maxsize=64)
 def _recorded_path(run: Run) -> GripperPath:
+    path = _path_of(run)
+    return path if run.began is None else replace(path, elapsed=path.start - run.began)
+
+
+def _path_of(run: Run) -> GripperPath:
     ends = [(c.time[0], c.time[-1]) for name, c in run.channels.items() if name in OUTPUTS or name == "gripper_x"]
     start, end = min(e[0] for e in ends), max(e[1] for e in ends)
     if "gripper_x" not in run.channels:

@@ -142,6 +142,8 @@ def say_fit(found: "Comparison") -> None:
         console.print(f"[dim]{done}[/]")
     if not found.intervals_hold:
         console.print(f"[yellow]{found.how_certain}[/]")
+    for text in found.left_out:
+        console.print(f"[yellow]{escape(text)}.[/]")
     for name in found.at_bound:
         console.print(f"[yellow]{escape(name)} ended on its physical bound: it may stand in for something else.[/]")
     for name in found.undetermined:

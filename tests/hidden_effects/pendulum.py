@@ -83,7 +83,7 @@ def record(name: str, setup: Setup, rng: np.random.Generator) -> Run:
     motion = gripper_motion(rng, setup.duration)
     time = np.arange(0.0, setup.duration, 0.01)
     truth = simulate(setup, motion, time)
-    force = _sensor(setup, time, truth)
+    force = sensor(setup, time, truth)
     noise = rng.normal(size=len(time))
     for i in range(1, len(noise)):
         noise[i] = setup.correlation * noise[i - 1] + np.sqrt(1 - setup.correlation**2) * noise[i]
@@ -280,7 +280,7 @@ def _gripper(h: Mapping[str, float], motion: Callable, duration: float) -> Calla
     return at
 
 
-def _sensor(setup: Setup, time: np.ndarray, truth: Mapping[str, np.ndarray]) -> np.ndarray:
+def sensor(setup: Setup, time: np.ndarray, truth: Mapping[str, np.ndarray]) -> np.ndarray:
     """What the load cell says, without noise."""
     h, tension = setup.hidden, truth["tension"]
     force = tension * (1 - h.get("vertical_sensing_axis", 0.0) * (1 - np.cos(truth["angle"])))

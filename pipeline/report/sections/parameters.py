@@ -23,7 +23,7 @@ class ParameterSection(Section):
             text += f" On a physical bound, and pulled beyond it: {', '.join(self.comparison.at_bound)}."
         if self.comparison.undetermined:
             text += f" Not determined by these runs: {', '.join(self.comparison.undetermined)}."
-        return text
+        return " ".join([text, *(f"{left_out}." for left_out in self.comparison.left_out)])
 
     def tables(self) -> Sequence[Table]:
         """Parameters, then channels."""

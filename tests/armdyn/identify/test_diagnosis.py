@@ -17,7 +17,7 @@ from armdyn.identify.noise import (
     autoregression,
     likeliest_autoregression,
     ljung_box,
-    third_difference_std,
+    white_noise_std,
     whitened,
 )
 from armdyn.identify.repair import repair
@@ -104,7 +104,7 @@ def test_a_held_out_run_that_is_also_a_training_run_is_refused():
 def test_third_differences_measure_white_noise_on_a_smooth_signal():
     rng = np.random.default_rng(0)
     t = np.arange(0, 20, 0.01)
-    assert third_difference_std(t, np.sin(5 * t) + 0.1 * rng.normal(size=len(t))) == pytest.approx(0.1, rel=0.1)
+    assert white_noise_std(t, np.sin(5 * t) + 0.1 * rng.normal(size=len(t))) == pytest.approx(0.1, rel=0.1)
 
 
 def test_whitening_makes_an_autoregression_white():

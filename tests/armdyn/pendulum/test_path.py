@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from armdyn.errors import InputError
 from armdyn.pendulum.path import GripperPath, GrowingPath, differentiated, smoothed_path
@@ -36,6 +37,17 @@ def test_smoothing_has_no_phase_shift():
 
 def test_exact_positions_are_left_alone():
     assert np.array_equal(smoothed_path(TIME, X, DT, exact=True).x, X)
+
+
+@pytest.mark.parametrize("noise", [0.0, 2e-4])
+def test_slow_and_uneven_stamps_give_the_acceleration(noise):
+    rng = np.random.default_rng(3)
+    time = np.arange(0.0, TIME[-1], 0.04) + rng.uniform(-4e-3, 4e-3, len(np.arange(0.0, TIME[-1], 0.04)))
+    x = np.interp(time, TIME, X) if noise else CubicSpline(TIME, X)(time)
+    path = smoothed_path(time, x + noise * rng.normal(size=len(x)), DT, exact=noise == 0.0)
+    at = path.start + path.dt * np.arange(len(path.x))
+    inside = (at > 0.5) & (at < TIME[-1] - 0.5)
+    assert rms((path.a - np.interp(at, TIME, A))[inside]) < (0.15 if noise else 0.01) * np.abs(A).max()
 
 
 def test_a_growing_path_ends_like_the_whole_one():

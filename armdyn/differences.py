@@ -1,0 +1,30 @@
+"""Divided differences of samples at any stamps: what is left of a signal where no smooth curve reaches."""
+
+import numpy as np
+
+LONGEST_SPAN = 1.5
+"""Times the usual one, beyond which samples are no neighbours: there is a gap between them."""
+
+
+def normalised_differences(time: np.ndarray, value: np.ndarray, order: int) -> np.ndarray:
+    """(n - k,) divided differences of order k over the root of the sum of their squared weights; nan across a gap.
+
+    They remove every polynomial of degree k - 1 and leave white noise its standard deviation.
+
+    Args:
+        time: (n,) s.
+        value: (n,), n > k.
+        order: k.
+    """
+    n = len(value) - order
+    stamps = [time[i : i + n] for i in range(order + 1)]
+    span = stamps[-1] - stamps[0]
+    total, squares = np.zeros(n), np.zeros(n)
+    for i, here in enumerate(stamps):
+        weight = np.ones(n)
+        for j, there in enumerate(stamps):
+            if j != i:
+                weight /= (here - there) / span
+        total += weight * (value[i : i + n] - value[:n])  # without its first value a large constant loses no digits
+        squares += weight**2
+    return np.where(span < LONGEST_SPAN * order * np.median(np.diff(time)), total / np.sqrt(squares), np.nan)

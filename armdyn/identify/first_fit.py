@@ -1,0 +1,203 @@
+"""The first fit of a model: from the values it has, and from starts of the motion that the recordings may have had.
+
+A descent from one guess gets lost: at angle 0 with the gripper at rest it stands on a saddle, and a recording of ten
+periods has ten minima. Each run's start is therefore looked for alone, among many, over its first stretch; those that
+fit about as well as the best are followed while the stretch grows, which tells them apart. From there everything is
+fitted together, first near the values that the model came with, which have the first chance: they may be the result of
+an earlier fit.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from armdyn.identify.fit import GROSS, GROWTHS, Fit, determined, duration, first_part, fit, followed, told
+from armdyn.identify.problem import Problem
+
+DESCENDED = 8
+"""Starts, the best of all that are tried, from which a descent is made on the first stretch."""
+KEPT = 4
+"""Of these, how many are followed."""
+RIVALS = 2.0
+"""Ratio of the costs, multiplied over the stretches so far, up to which two starts are both followed: the wrong one of
+two that a short stretch hardly tells apart becomes many times worse as it grows. A product, because what the model
+lacks shows least on the first."""
+GROWTH = 2.0
+"""From one stretch to the next."""
+NEAR_NOISE = 1.5
+"""Chi2 per sample at which a fit is in no wrong minimum: there a swing in the wrong phase leaves the signal itself."""
+BETTER = 0.9
+"""Ratio of the costs below which another minimum is preferred to the one next to the values that the model has."""
+
+
+def first_fit(problem: Problem) -> tuple[Fit, np.ndarray]:
+    """Minimise over what the model fits, without being told where each run's motion began.
+
+    Returns:
+        The fit, and (P,) the values that the model came with, with what `begun` found of each run.
+    """
+    if problem.model.first_window is None:  # any start will do
+        begin = near = problem.start()
+        free = _most_determined(problem, begin)
+        found = fit(problem, free, begin)
+    else:
+        begin, near = begun(problem, problem.start())
+        free = _most_determined(problem, begin, near)
+        found = _from_own_values_or_near(problem, free, begin, near)
+    again = _most_determined(problem, found.values, begin, near)
+    return found if np.array_equal(again, free) else fit(problem, again, found.values), begin
+
+
+def _from_own_values_or_near(problem: Problem, free: np.ndarray, begin: np.ndarray, near: np.ndarray) -> Fit:
+    found = fit(problem, free, fit(problem, free & problem.per_run, begin, most_steps=8).values)
+    for growth in GROWTHS:
+        if found.chi2_per_sample < NEAR_NOISE:
+            break
+        other = fit(problem, free, followed(problem, free, near, growth))
+        if other.cost > BETTER * found.cost:
+            break
+        found = other
+        if found.chi2_per_sample < GROSS:
+            break
+    return found
+
+
+def begun(problem: Problem, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where each run's motion began.
+
+    Args:
+        problem: model, runs, noise.
+        values: (P,) to begin with.
+
+    Returns:
+        (P,) values with the runs' starts, and (P,) where the shared values are also those that suit the starts best.
+    """
+    begin, shared = values.copy(), []
+    for i, run in enumerate(problem.runs):
+        single = Problem(problem.model, [run], problem.noise)
+        places = problem.places(i)[[c.index for c in single.columns]]
+        found = start_of(single, values[places], single.fitted)
+        own = problem.per_run[places]
+        begin[places[own]] = found[own]
+        row = values.copy()
+        row[places] = found
+        shared.append(row)
+    return begin, np.where(problem.per_run, begin, np.median(shared, axis=0))
+
+
+def start_of(single: Problem, values: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """(P,) values of a problem with one run at which its first part is fitted best, the start looked for everywhere.
+
+    Args:
+        single: model, run, noise.
+        values: (P,) to begin with.
+        free: (P,) bool, what may change.
+    """
+    (run,), model = single.runs, single.model
+    theta = single.theta(0, values)
+    guesses = model.plausible_starts(run, theta)
+    if not guesses:
+        return values
+    moved = free & single.of(list(guesses[0]))
+    window, end = model.first_stretch(theta), duration(run)
+    cut, these = _cut(single, free, window)
+    own = _descended(cut, these, values)
+    if own.chi2_per_sample < NEAR_NOISE and np.array_equal(determined(cut, moved, own.values), moved):
+        return own.values
+    rows = [values, *(_with(single, values, guess, moved) for guess in guesses)]
+    promised = [_promised_cost(cut, these & ~moved, row) for row in rows]
+    order = sorted(range(len(rows)), key=lambda i: float(f"{promised[i]:.5g}"))  # mirror images keep their order
+    found = [_descended(cut, these, rows[i]) for i in order[:DESCENDED]]
+    rivals = _best(single, [_Rival(fit.values, fit.values, _log_cost(cut, fit.values)) for fit in found])
+    while len(rivals) > 1 and window < end:
+        window *= GROWTH
+        cut, these = _cut(single, free, window)
+        now = [_descended(cut, these, rival.now).values for rival in rivals]
+        rivals = [
+            _Rival(rival.begun, values, rival.cost + _log_cost(cut, values))
+            for rival, values in zip(rivals, now, strict=True)
+        ]
+        rivals = _best(single, rivals)
+    return rivals[0].begun
+
+
+@dataclass(frozen=True, eq=False)
+class _Rival:
+    """One of several starts: where it stood after the first stretch, where it stands now, its cost over all of them.
+
+    Attributes:
+        begun: (P,).
+        now: (P,).
+        cost: sum over the stretches of the cost's logarithm.
+    """
+
+    begun: np.ndarray
+    now: np.ndarray
+    cost: float
+
+
+def _cut(single: Problem, free: np.ndarray, window: float) -> tuple[Problem, np.ndarray]:
+    """The first part of a run, and (P,) bool what may change in it."""
+    cut = Problem(single.model, [first_part(run, window) for run in single.runs], single.noise)
+    return cut, told(single, free, window)
+
+
+def _descended(cut: Problem, free: np.ndarray, values: np.ndarray) -> Fit:
+    return fit(cut.held_near(values), free, values, most_steps=8)
+
+
+def _with(single: Problem, values: np.ndarray, guess: Mapping[str, float], moved: np.ndarray) -> np.ndarray:
+    row = [guess.get(column.parameter.name, value) for column, value in zip(single.columns, values, strict=True)]
+    return np.where(moved, np.clip(row, single.lower, single.upper), values)
+
+
+def _promised_cost(cut: Problem, free: np.ndarray, values: np.ndarray) -> float:
+    """Cost of a start, once the shared values have made their best of it: a wrong mass must not choose the swing."""
+    with np.errstate(all="ignore"):
+        at = cut.held_near(values).expansion(values, free)
+    if not np.isfinite(at.cost):
+        return np.inf
+    return at.cost - 0.5 * float(at.gradient @ np.linalg.lstsq(at.hessian, at.gradient, rcond=1e-12)[0])
+
+
+def _log_cost(cut: Problem, values: np.ndarray) -> float:
+    return float(np.log(cut.expansion(values, np.zeros(len(values), dtype=bool)).cost))
+
+
+def _best(single: Problem, rivals: Sequence[_Rival]) -> list[_Rival]:
+    """The best, and those that may yet turn out to be better; of two that predict the same for the whole run the first.
+
+    Below a gripper at rest a swing and its mirror image give the same tension.
+    """
+    order = sorted(rivals, key=lambda rival: round(rival.cost, 4))
+    kept: list[_Rival] = []
+    for rival in order:
+        if len(kept) == KEPT or rival.cost > order[0].cost + np.log(RIVALS):
+            break
+        if not any(_same(single, rival.now, other.now) for other in kept):
+            kept.append(rival)
+    return kept
+
+
+def _same(single: Problem, one: np.ndarray, other: np.ndarray) -> bool:
+    if np.all(np.abs(one - other) < 0.1 * single.typical):
+        return True
+    nothing = np.zeros(len(one), dtype=bool)
+    pairs = zip(single.blocks(one, nothing), single.blocks(other, nothing), strict=True)
+    return all(np.allclose(a.residual, b.residual, rtol=0, atol=1e-3) for a, b in pairs)
+
+
+def _most_determined(problem: Problem, *points: np.ndarray) -> np.ndarray:
+    """(P,) bool: what the runs determine at that of the points where they determine most, the first where several do.
+
+    At a symmetric point, such as a load at rest, derivatives vanish of what determines the motion elsewhere. Where an
+    error grows from swing to swing, how a run began looks dependent beside what it grows to; there its first stretch
+    tells.
+    """
+    found = max((determined(problem, problem.fitted, p) for p in points), key=lambda free: int(free.sum()))
+    stretch = problem.model.first_stretch(problem.theta(0, points[-1]))
+    if np.isfinite(stretch) and not np.array_equal(found & problem.per_run, problem.fitted & problem.per_run):
+        cut, _ = _cut(problem, found, stretch)
+        found = found | (problem.per_run & determined(cut, problem.fitted, points[-1]))
+    return found

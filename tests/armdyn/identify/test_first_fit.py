@@ -1,0 +1,129 @@
+"""The first fit finds where each run's motion began, in what users record."""
+
+import importlib.util
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from armdyn.effects.catalogue import CATALOGUE
+from armdyn.identify.compare import compare
+from armdyn.identify.held_out import chi2_of
+from armdyn.identify.problem import Problem
+from armdyn.identify.repair import repair
+from armdyn.identify.study import Study
+from armdyn.pendulum.model import pendulum_model
+from armdyn.run import Channel, Run
+from armdyn.units import Known
+
+PATH = Path(__file__).parents[2] / "hidden_effects/situations.py"
+SPEC = importlib.util.spec_from_file_location("hidden_situations", PATH)
+situations = sys.modules.setdefault("hidden_situations", importlib.util.module_from_spec(SPEC))
+SPEC.loader.exec_module(situations)
+pendulum = situations.pendulum
+
+EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on != "joint")
+LOST_EASILY = (
+    "pull_and_release", "release_unweighed", "release_2_rad", "near_upright", "late_motion", "mid_swing", "large_swing",
+    "gap_and_jitter", "20_hz", "spikes", "clipped", "several_masses",
+)  # fmt: skip
+
+
+def recorded(name, seed=3, **hidden):
+    return situations.recorded(situations.SITUATIONS[name], hidden, np.random.default_rng(seed))
+
+
+def model_for(name, *effects):
+    situation = situations.SITUATIONS[name]
+    model = pendulum_model(0.95 * np.mean(situation.length), 1.1 * np.mean(situation.mass))
+    for effect in effects:
+        model = model.with_effect(CATALOGUE[effect])
+    return model
+
+
+@pytest.mark.parametrize("hidden", [{}, {"quadratic_drag": 0.02}, {"pivot_viscous_friction": 1e-3, "wind": 0.01}])
+def test_a_swing_in_the_angle_is_the_swing_in_space(hidden):
+    motion, time = pendulum.gripper_motion(np.random.default_rng(0), 3.0), np.arange(0.0, 2.0, 0.01)
+    setup = pendulum.Setup(hidden=hidden, duration=3.0, start=(0.9, 0.4))
+    fast, slow = situations.swing(setup, motion, time), pendulum.simulate(setup, motion, time)
+    assert np.allclose(fast["angle"], slow["angle"], atol=1e-6)
+    assert np.allclose(fast["tension"], slow["tension"], atol=1e-6)
+
+
+@pytest.mark.parametrize("name", LOST_EASILY)
+def test_the_start_of_the_swing_is_found(name):
+    runs = recorded(name, quadratic_drag=0.01).runs
+    assert Study(model_for(name, "quadratic_drag"), runs, [], []).first().chi2_per_sample < 1.2
+
+
+def test_a_load_that_was_pulled_and_released_tells_its_start_and_length():
+    truth = recorded("pull_and_release")
+    found = compare(Study(model_for("pull_and_release"), truth.runs, [], EFFECTS))
+    assert found.explained
+    assert found.undetermined == ()
+    assert abs(found.parameters["length"].value - truth.length) < 4 * found.parameters["length"].std
+    angle = found.parameters["initial_angle[r0.csv]"]
+    assert abs(abs(truth.starts[0][0]) - angle.value) < 4 * angle.std
+
+
+def test_of_two_mirror_images_the_one_with_a_positive_angle_is_taken():
+    truth = recorded("pull_and_release", seed=2)
+    first = Study(model_for("pull_and_release"), truth.runs, [], []).first()
+    angles = first.values[first.problem.of(["initial_angle"])]
+    assert np.all(angles > 0)
+    assert any(start[0] < 0 for start in truth.starts)
+
+
+def test_a_repaired_model_compared_with_its_runs_keeps_its_error():
+    truth = recorded("plain", gripper_lag=0.02)
+    repaired = repair(Study(model_for("plain"), truth.runs, [], EFFECTS))
+    again = Study(repaired.model, truth.runs, [], EFFECTS).first()
+    assert again.rmse()["load_force"] == pytest.approx(repaired.after.fit.rmse()["load_force"], rel=0.01)
+
+
+def test_weak_priors_make_a_new_problem():
+    truth = recorded("pull_and_release")
+    problem = Problem(model_for("pull_and_release"), truth.runs, {(f"r{k}.csv", "load_force"): 3e-3 for k in range(2)})
+    weights = problem.prior_weight.copy()
+    held = problem.held_near(problem.start())
+    assert np.all(held.prior_weight > 0)
+    assert np.array_equal(problem.prior_weight, weights)
+
+
+def test_a_held_out_run_keeps_the_mass_that_was_weighed_for_it():
+    runs = recorded("several_masses").runs
+    study = Study(model_for("several_masses"), runs[:1], runs[1:], [])
+    blocks = study.held_out_blocks(study.first())
+    assert chi2_of(blocks) < 1.2 * sum(len(block.residual) for block in blocks)
+
+
+def test_where_the_gripper_moved_unseen_a_run_is_cut_and_time_goes_on():
+    run = recorded("gap_and_jitter").runs[0]
+    first, second = model_for("gap_and_jitter").pieces(run)
+    assert second.began == 0.0
+    assert "while no position was recorded" in first.warnings[0]
+    assert second.channels["load_force"].time[0] > first.channels["load_force"].time[-1] + 1.9
+
+
+def test_a_gripper_that_rests_in_a_gap_cuts_nothing():
+    time = np.delete(np.arange(0.0, 4.0, 0.01), slice(100, 300))
+    still = Channel(time, np.full(len(time), 0.1), "m")
+    run = Run("a.csv", {"gripper_x": still, "load_force": Channel(time, np.cos(time), "N")})
+    assert model_for("plain").pieces(run) == (run,)
+
+
+def test_what_was_left_out_is_said():
+    runs = recorded("spikes").runs
+    found = compare(Study(model_for("spikes"), runs, [], EFFECTS))
+    assert found.explained
+    assert found.left_out[0].startswith("r0.csv: load_force: 5 samples far from its neighbours left out")
+
+
+def test_one_weighing_for_all_runs_is_one_unknown():
+    runs = recorded("plain").runs
+    other = replace(runs[1], known={**runs[1].known, "mass": Known(0.2, 1e-3, "kg")})
+    names = [c.name for c in Study(model_for("plain"), [runs[0], other], [], []).problem.columns]
+    assert "mass[r1.csv]" in names
+    assert "mass" in [c.name for c in Study(model_for("plain"), runs, [], []).problem.columns]
