@@ -37,6 +37,9 @@ DIMINISHED = 0.008
 own error is what is left. It stands between robots of which one effect makes most of the error and every link is off by
 some per cent, where 0.006 would name links (`tests/hidden_effects/imperfect_arm.py`), and the offset of a real slide,
 which experts name and which explains 0.0096."""
+NOISY = 1.2
+"""Power of what the richest model leaves, over the noise's, up to which it counts as noise: clean simulations reach 1.1
+by chance."""
 HARM = 0.02
 """Share by which an effect may make the total error of a predicted run larger."""
 REFINEMENTS = 6
@@ -159,7 +162,7 @@ class Appraiser:
         had = int(np.sum(fewer.free) - np.sum(self._always))
         further = int(np.sum(more.free) - np.sum(fewer.free))
         each = (self.of(()).misfit - fewer.misfit) / max(had, 1)
-        return fewer.misfit - more.misfit >= DIMINISHED * self._limited * further * max(each, 0.0)
+        return fewer.misfit - more.misfit >= DIMINISHED * self.limited * further * max(each, 0.0)
 
     def price(self, effects: Sequence[Candidate]) -> float:
         """What a set must gain over no effect at all, nats.
@@ -201,10 +204,10 @@ class Appraiser:
         return result
 
     @cached_property
-    def _limited(self) -> float:
+    def limited(self) -> float:
         """Share of what the richest model leaves that is more than noise: 0 noise-limited, 1 model-limited."""
         noise, level = (float(np.sum(self._importance * x)) for x in (self.sums.noise**2, self.level))
-        return 1.0 - noise / level
+        return max(0.0, 1.0 - NOISY * noise / level)
 
     def _levels(self) -> tuple[np.ndarray, np.ndarray]:
         """(U,) variance that the richest model leaves, at least the noise, and (U,) independent samples."""

@@ -52,11 +52,13 @@ def _added(appraiser: Appraiser, now: Appraisal) -> Appraisal | None:
     if not now.effects:
         options += _whole(appraiser, left)
     options = [o for o in options if o.worth > now.worth and o.carries_over(now) and appraiser.useful(o, now)]
-    return foremost(now, options) if options else None
+    return foremost(appraiser, now, options) if options else None
 
 
-def foremost(now: Appraisal, options: Sequence[Appraisal]) -> Appraisal:
-    """What explains most, or nearly as much with fewer values."""
+def foremost(appraiser: Appraiser, now: Appraisal, options: Sequence[Appraisal]) -> Appraisal:
+    """What is worth most; where the model's own error is left, what explains most, or nearly as much with fewer values."""
+    if appraiser.limited == 0.0:
+        return max(options, key=lambda o: o.worth)
     gains = {o: np.log(now.misfit / o.misfit) for o in options}
     best = max(gains.values())
     near = [o for o in options if gains[o] >= min(best, NEARLY * best)]

@@ -12,6 +12,7 @@ from armdyn.identify.score import Candidate
 from armdyn.identify.search import Progress, Search, Step, search
 from armdyn.identify.study import Study
 from armdyn.identify.suspects import Suspect
+from armdyn.identify.uncertainty import FAR_ABOVE_STATED
 from armdyn.identify.unknown import Unknown, characterise
 from armdyn.identify.verdict import Verdict
 from armdyn.identify.whiteness import LARGEST_Z
@@ -80,7 +81,7 @@ def judge(study: Study, found: Search, unknown: Unknown | None) -> Verdict:
     if len(found.steps) == 1:
         return Verdict.UNKNOWN_EFFECT if beyond else Verdict.EXPLAINED
     if beyond:
-        limited = 1.0 - 1.0 / max(1.0, last.fit.chi2_per_sample)
+        limited = 1.0 - FAR_ABOVE_STATED / max(FAR_ABOVE_STATED, last.fit.chi2_per_sample)
         asked = IDEALISED + limited * (MOST - IDEALISED)
         if explained_share(study, start, last) < asked or explained_share(study, start, found.steps[1]) < STANDS_OUT:
             return Verdict.UNKNOWN_EFFECT

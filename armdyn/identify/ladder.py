@@ -48,7 +48,7 @@ def rises(appraiser: Appraiser, whole: Appraisal) -> list[Rise]:
     found = []
     while left:
         options = {appraiser.of((*now.effects, c)): c for c in left}
-        beside = foremost(now, list(options))
+        beside = foremost(appraiser, now, list(options))
         first, gain = options[beside], now.misfit - beside.misfit
         joined = [first] + [
             c

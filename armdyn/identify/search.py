@@ -99,7 +99,7 @@ def _by_sums(study: Study, say: Progress) -> Search:
         if not atoms or appraiser.of(atoms).worth > -np.inf:
             found[chosen(appraiser, atoms, say)] = appraiser
     nothing = appraisers[0].of(())
-    whole = foremost(nothing, [o for o in found if o.misfit < nothing.misfit or not o.effects] or [nothing])
+    whole = foremost(appraisers[0], nothing, [o for o in found if o.misfit < nothing.misfit or not o.effects] or [nothing])
     appraiser = found.get(whole, appraisers[0])
     ahead = starts[appraisers.index(appraiser)]
     effects, near = study.present, first
