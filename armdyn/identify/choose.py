@@ -66,18 +66,21 @@ def foremost(appraiser: Appraiser, now: Appraisal, options: Sequence[Appraisal])
 
 
 def _simplified(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate]) -> Appraisal:
-    """With simpler effects on the same joints, where the further values of a richer one do not earn their share."""
+    """With simpler effects on the same joints where they do nearly as much, if the model's own error is what is left."""
     for effect in now.effects:
+        if effect in firm or appraiser.limited == 0.0:
+            continue
+        rest = [c for c in now.effects if c != effect]
+        without = appraiser.of(rest)
+        enough = NEARLY * np.log(without.misfit / now.misfit)
         simpler = [
-            c
+            appraiser.of((*rest, c))
             for c in appraiser.candidates
             if c.joints == effect.joints and len(c.names) < len(effect.names) and c not in now.effects
         ]
-        rest = [c for c in now.effects if c != effect]
-        options = [appraiser.of((*rest, c)) for c in simpler if effect not in firm]
-        options = [o for o in options if np.isfinite(o.worth) and not appraiser.useful(now, o)]
-        if options:
-            now = min(options, key=lambda o: o.misfit)
+        near = [o for o in simpler if np.isfinite(o.worth) and np.log(without.misfit / o.misfit) >= enough]
+        if near:
+            now = min(near, key=lambda o: o.misfit)
     return now
 
 

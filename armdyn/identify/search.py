@@ -27,6 +27,9 @@ MOST_STEPS = 8
 HALF = 0.5
 """Share of the misfit; far above the noise, a single effect that explains less is weighed against pairs."""
 
+FAR = 3.0
+"""Typical sizes beyond which sums around null say little of a base that is turned: 0.3 rad."""
+
 Progress = Callable[[str], None]
 
 
@@ -91,7 +94,9 @@ def _by_sums(study: Study, say: Progress) -> Search:
     for candidate in study.candidates:
         if not candidate.joints:  # it turns the whole arm, and a large angle is far from linear
             say(f"fitting with {candidate.spoken}")
-            starts.append((study.fit_to_the_end((*study.present, candidate), first), (candidate,)))
+            turned = study.fit_to_the_end((*study.present, candidate), first)
+            if np.any(np.abs(turned.values - study.problem.null)[turned.free] > FAR * study.problem.typical[turned.free]):
+                starts.append((turned, (candidate,)))
     appraisers = [study.appraiser(fit) for fit, _ in starts]
     found = {}
     for appraiser, (_, firm) in zip(appraisers, starts, strict=True):
