@@ -51,7 +51,8 @@ def bound_continuous_joints(root: ET.Element, joints: tuple[str, ...]) -> list[s
             continue
         limit = joint.find("limit")
         # Exporters write joints that turn without end as revolute ones whose limit holds effort and velocity only.
-        unlimited = limit is not None and joint.get("type") == "revolute" and {"lower", "upper"}.isdisjoint(limit.keys())
+        turns = joint.get("type") == "revolute"
+        unlimited = turns and limit is not None and {"lower", "upper"}.isdisjoint(limit.keys())
         if joint.get("type") == "continuous" or unlimited:
             said = "has no position limits" if unlimited else "is continuous"
             sentences.append(f"joint '{joint.get('name')}' {said}; taken as one turn to either side")

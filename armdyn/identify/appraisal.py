@@ -44,6 +44,8 @@ HARM = 0.02
 """Share by which an effect may make the total error of a predicted run larger."""
 REFINEMENTS = 6
 """Rounds in which unknowns that leave their bounds are put on them."""
+HELD = 1e-6
+"""Share of an effect's square that is left beside another one which can do all that it does."""
 BENT_STEPS = 6
 """Gauss-Newton steps on the sums for unknowns that predictions are not linear in."""
 SETTLED = 0.5
@@ -69,8 +71,9 @@ class Appraisal:
         likelihood: log likelihood of the training runs.
         values: number of the effects' unknowns that the runs determine rather than the priors.
         predicted: (u,) mean squared error of the predicted units.
-        misfit: squared error of the predicted runs, of the training runs where none is predicted, at least the noise's;
-            summed over channels, in the unit's square where they share one, else over the noise.
+        misfit: squared error of held-out runs where such are given, else of runs predicted in turn, else of the
+            training run, at least the noise's; summed over channels, in the unit's square where they share one, else
+            over the noise.
         totals: (r, k) error of every predicted run over its channels of each unit, root of the sum of squares.
     """
 
@@ -156,6 +159,23 @@ class Appraiser:
         if key not in self._known:
             self._known[key] = self._appraised(tuple(c for c in self.candidates if c in key))
         return self._known[key]
+
+    def values(self, one: Appraisal) -> np.ndarray:
+        """(P,) values of all unknowns at the minimum that sums foretell for a set."""
+        exact = np.zeros(len(self.sums.values), dtype=bool)
+        for c in self._bends:
+            exact[self._columns[c]] = True
+        return self.sums.changed(one.columns, one.change, exact)
+
+    def holds(self, richer: Candidate, simpler: Candidate) -> bool:
+        """Whether an effect on the same joint can do all that a simpler one does, as asymmetric friction can."""
+        own, other = self._columns[richer], self._columns[simpler]
+        if simpler.joints != richer.joints or not 0 < len(other) < len(own):
+            return False
+        G = self._normal(self._training)[0]
+        within = np.linalg.lstsq(G[np.ix_(own, own)], G[np.ix_(own, other)], rcond=1e-10)[0]
+        left = np.diag(G)[other] - np.sum(G[np.ix_(own, other)] * within, axis=0)
+        return bool(np.all(left <= HELD * np.diag(G)[other]))
 
     def useful(self, more: Appraisal, fewer: Appraisal) -> bool:
         """Whether the further values of a set explain enough beside what `fewer` explain: returns diminish."""
@@ -247,8 +267,10 @@ class Appraiser:
         units = np.concatenate([np.zeros(0, dtype=int), *(fold.units for fold in self._folds)])
         transfer = -0.5 * float(self.independent[units] @ _misfit(predicted / s.noise[units] ** 2))
         price, fit = self.price(effects), likelihood - occam
+        # Runs that were given to be held out are another motion; runs held out in turn are often much alike.
+        others = ~s.training[units] if np.any(~s.training[units]) else np.ones(len(units), dtype=bool)
         if len(units):
-            judged, errors_there = units, predicted
+            judged, errors_there = units[others], predicted[others]
         else:
             judged, errors_there = self._training, s.errors(columns, effective, self._training)
         floored = np.maximum(errors_there, s.noise[judged] ** 2)
@@ -311,8 +333,9 @@ class Appraiser:
         s = self.sums
         ratio = np.zeros(len(s.count))
         ratio[self._training] = error / s.noise[self._training] ** 2
-        mean = np.array([ratio[units] @ s.count[units] / s.count[units].sum() for units in self._by_channel if len(units)])
-        samples = np.array([self.independent[units].sum() for units in self._by_channel if len(units)])
+        channels = [units for units in self._by_channel if len(units)]
+        mean = np.array([np.average(ratio[units], weights=s.count[units]) for units in channels])
+        samples = np.array([self.independent[units].sum() for units in channels])
         return -0.5 * float(samples @ _misfit(mean))
 
     def _freedom(self, columns: np.ndarray, change: np.ndarray) -> tuple[float, float]:

@@ -37,8 +37,8 @@ def merged(candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
     """Candidates on one joint each as one candidate for each effect, in the order in which they come."""
     found: dict[str, Candidate] = {}
     for c in candidates:
-        known = found.get(c.effect)
-        found[c.effect] = c if known is None else Candidate(c.effect, (*known.joints, *c.joints), (*known.names, *c.names))
+        known = found.get(c.effect, Candidate(c.effect, (), ()))
+        found[c.effect] = Candidate(c.effect, (*known.joints, *c.joints), (*known.names, *c.names))
     return tuple(found.values())
 
 

@@ -64,8 +64,8 @@ def autocorrelation(residual: np.ndarray, lags: int) -> np.ndarray:
 def correlation_time(residual: np.ndarray) -> float:
     """1 + twice the sum of the autocorrelations up to the first that is not positive, in samples; at least 1.
 
-    The mean of N samples with that correlation time has the variance of N over it (Bayley & Hammersley, J. R. Stat. Soc.
-    Suppl. 8, 1946).
+    N samples with that correlation time tell a mean as well as N over it independent ones (Bayley & Hammersley, J. R.
+    Stat. Soc. Suppl. 8, 1946).
     """
     power = float(residual @ residual)
     total = 1.0

@@ -90,7 +90,6 @@ class Ranking:
             option
             for option in accepted
             if _complexity(option) < _complexity(first)
-            and _same_joints(option, first)
             and (
                 option in tied
                 or (self.present.cost - option.weighed.cost > enough and option.fit.cost - first.fit.cost < unexplained)
@@ -111,10 +110,6 @@ class Ranking:
 def _complexity(option: Option) -> tuple[int, int]:
     """Number of unknowns that were fitted, and of those that the added effects have."""
     return option.weighed.count, sum(len(c.names) for c in option.added)
-
-
-def _same_joints(one: Option, other: Option) -> bool:
-    return {j for c in one.added for j in c.joints} == {j for c in other.added for j in c.joints}
 
 
 def _alike(one: Option, other: Option) -> bool:

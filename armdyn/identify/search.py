@@ -95,7 +95,9 @@ def _by_sums(study: Study, say: Progress) -> Search:
         if not candidate.joints:  # it turns the whole arm, and a large angle is far from linear
             say(f"fitting with {candidate.spoken}")
             turned = study.fit_to_the_end((*study.present, candidate), first)
-            if np.any(np.abs(turned.values - study.problem.null)[turned.free] > FAR * study.problem.typical[turned.free]):
+            own = study.problem.of(candidate.names)
+            angles, typical = turned.values[own] - study.problem.null[own], study.problem.typical[own]
+            if np.any(np.abs(angles) > FAR * typical):
                 starts.append((turned, (candidate,)))
     appraisers = [study.appraiser(fit) for fit, _ in starts]
     found = {}
@@ -104,7 +106,8 @@ def _by_sums(study: Study, say: Progress) -> Search:
         if not atoms or appraiser.of(atoms).worth > -np.inf:
             found[chosen(appraiser, atoms, say)] = appraiser
     nothing = appraisers[0].of(())
-    whole = foremost(appraisers[0], nothing, [o for o in found if o.misfit < nothing.misfit or not o.effects] or [nothing])
+    better = [one for one in found if one.misfit < nothing.misfit]
+    whole = foremost(appraisers[0], nothing, better) if better else nothing
     appraiser = found.get(whole, appraisers[0])
     ahead = starts[appraisers.index(appraiser)]
     effects, near = study.present, first

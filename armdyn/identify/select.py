@@ -9,13 +9,14 @@ import numpy as np
 from armdyn.identify.evidence import Whitening, p_value
 from armdyn.identify.fit import GROSS, Fit
 from armdyn.identify.held_out import chi2_of, cost_in_turn
-from armdyn.identify.joints import LEADING, on_needed_joints, selections
 from armdyn.identify.noise import whitened
 from armdyn.identify.problem import Block
 from armdyn.identify.ranking import SIGNIFICANCE, TIE, Option, Ranking
 from armdyn.identify.score import Candidate, Score
 from armdyn.identify.study import Study
 
+LEADING = 2
+"""Options that are followed to their minimum."""
 REFITTED = 9
 """Candidates that are refitted; the truth was among the first eight by score every time, gross errors apart."""
 CONFIRMED = 4
@@ -63,7 +64,6 @@ def compare(
     additions: Sequence[tuple[Candidate, ...]],
     *,
     tried: int,
-    exchange: bool = False,
 ) -> Ranking:
     """Refit the model with each addition, weigh all under one whitening, try the best on held-out runs.
 
@@ -73,7 +73,6 @@ def compare(
         effects: what the additions are added to.
         additions: each an effect or more.
         tried: number of effects that the best was chosen from.
-        exchange: the additions replace something: their BIC must win by a clear margin, and they need no p-value.
     """
     additions = list(additions)
     fits = _raced(study, now, effects, additions)
@@ -90,16 +89,13 @@ def compare(
     for i in sorted(range(len(fits)), key=lambda i: fits[i].bic)[:LEADING]:
         fits[i] = study.fit_to_the_end((*effects, *additions[i]), now)
     compared, whitening = study.weighed([now, *fits])
-    fewer = on_needed_joints(study, now, effects, additions, fits, compared[1:])
-    if fewer is not None:
-        additions, fits = fewer
-        compared, whitening = study.weighed([now, *fits])
     present, others = compared[0], compared[1:]
     certain_noise = now.samples + BY_CHANCE * np.sqrt(2.0 * now.samples)
     options = []
     for added, found, weight in zip(additions, fits, others, strict=True):
         drop, extra = present.cost - weight.cost, max(1, weight.count - present.count)
-        bounded = bool(np.any(study.problem.lower[found.free] == study.problem.null[found.free]))
+        own = study.problem.of([name for candidate in added for name in candidate.names])
+        bounded = bool(np.all(study.problem.lower[own] == study.problem.null[own]))
         options.append(
             Option(
                 added=added,
@@ -107,12 +103,8 @@ def compare(
                 fit=found,
                 weighed=weight,
                 delta_bic=present.bic - weight.bic,
-                p_value=(0.0 if present.bic - weight.bic > TIE else 1.0)
-                if exchange
-                else min(1.0, tried * selections(study, added) * p_value(drop, extra, one_sided=bounded)),
-                share=1.0
-                if exchange and now.chi2_per_sample < GROSS
-                else (now.cost - found.cost) / max(now.cost - certain_noise, 1e-9),
+                p_value=min(1.0, tried * p_value(drop, extra, one_sided=bounded)),
+                share=(now.cost - found.cost) / max(now.cost - certain_noise, 1e-9),
                 far=now.chi2_per_sample > GROSS,
             )
         )

@@ -179,9 +179,7 @@ class Study:
 
     def foretold(self, appraiser: Appraiser, one: Appraisal) -> np.ndarray:
         """(P,) values of the study's unknowns that sums foretell for a set."""
-        return transferred(
-            appraiser.sums.changed(one.columns, one.change), appraiser.sums.problem, self.problem
-        )
+        return transferred(appraiser.values(one), appraiser.sums.problem, self.problem)
 
     def scores(self, at: Fit, effects: Sequence[Candidate]) -> list[Score]:
         """Promises of what is not among `effects`; an effect may be there on some joints and promise more on others."""

@@ -1,9 +1,9 @@
 r"""A model around one fit as sums over samples, from which every subset's fit and its predictions follow at once.
 
-With X the derivatives of a channel's prediction by every unknown and r its residual, the squared error after a change d
-of the unknowns is r'r - 2 d' X'r + d' X'X d, exactly where the model is linear in them, as an arm is in most of its
-effects. The sums X'X, X'r and r'r of every run and channel therefore hold all that choosing effects needs: fitting a set
-to some runs and predicting the others is one small linear solve (Hocking, Biometrics 32, 1976, on subsets by their
+With X the derivatives of a channel's prediction by every unknown and r its residual, the squared error after a change
+d of the unknowns is r'r - 2 d' X'r + d' X'X d, exactly where the model is linear in them, as an arm is in most of its
+effects. The sums X'X, X'r and r'r of every run and channel therefore hold all that choosing effects needs: fitting a
+set to some runs and predicting the others is one small linear solve (Hocking, Biometrics 32, 1976, on subsets by their
 normal equations).
 """
 
@@ -64,9 +64,7 @@ class Sums:
     @property
     def width(self) -> np.ndarray:
         """(P,) prior standard deviation of each unknown in a fit by sums, about its prior mean or its null value."""
-        p = self.problem
-        stated = np.where(p.prior_weight > 0, 1.0 / np.maximum(p.prior_weight, np.finfo(float).tiny), np.inf)
-        return np.minimum(WIDE * p.typical, stated)
+        return _width(self.problem)
 
     @property
     def centre(self) -> np.ndarray:
@@ -74,11 +72,15 @@ class Sums:
         p = self.problem
         return np.where(p.prior_weight > 0, p.prior_mean, p.null) - self.values
 
-    def changed(self, columns: np.ndarray, change: np.ndarray) -> np.ndarray:
-        """(P,) values after a change (c,) of the unknowns `columns` (c,), within their bounds."""
+    def changed(self, columns: np.ndarray, change: np.ndarray, exact: np.ndarray) -> np.ndarray:
+        """(P,) values after a change (c,) of the unknowns `columns` (c,), within their bounds.
+
+        What acts through another changes by as much more as that is smaller than where derivatives were taken, unless
+        it is among the `exact` unknowns, (P,) bool.
+        """
         by = np.zeros(len(self.values))
         by[columns] = change
-        latent = np.flatnonzero(self.size != 0.0)
+        latent = np.flatnonzero((self.size != 0.0) & ~exact)
         acting = by[self.driver[latent]]
         with np.errstate(divide="ignore", invalid="ignore"):
             by[latent] *= np.where(acting != 0.0, self.size[latent] / acting, 0.0)
@@ -138,6 +140,12 @@ def sums(problem: Problem, training: Collection[str], values: np.ndarray, absent
     )
 
 
+def _width(problem: Problem) -> np.ndarray:
+    """(P,) see `Sums.width`."""
+    with np.errstate(divide="ignore"):
+        return np.minimum(WIDE * problem.typical, 1.0 / problem.prior_weight)
+
+
 def _with_latent(here: Block, there: Block, latent: np.ndarray) -> Block:
     X = here.sensitivities.copy()
     X[:, latent] = there.sensitivities[:, latent]
@@ -162,8 +170,8 @@ def _settled(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Expansion's point for unknowns that act through another, and the (P,) values at which they have derivatives.
 
-    Each such effect is fitted alone, so that its other unknowns are near where they matter: a payload's place, the speed
-    at which friction fades. While its driver is at null, they change nothing.
+    Each such effect is fitted alone, so that its other unknowns are near where they matter: a payload's place, the
+    speed at which friction fades. While its driver is at null, they change nothing.
     """
     latent = np.flatnonzero(driver != np.arange(len(values)))
     groups = {int(d): latent[driver[latent] == d] for d in np.unique(driver[latent])}
@@ -176,7 +184,7 @@ def _settled(
         pairs = [(h, t) for h, t in zip(here, there, strict=True) if h.run in training]
         for d, others in groups.items():
             columns = np.append(d, others)
-            width = np.where(problem.prior_weight > 0, 1.0 / np.maximum(problem.prior_weight, 1e-300), WIDE * problem.typical)[columns]
+            width = _width(problem)[columns]
             G, right = np.diag(width**-2.0), np.zeros(len(columns))
             right[1:] = (problem.null - point)[others] / width[1:] ** 2
             for h, t in pairs:
@@ -188,7 +196,8 @@ def _settled(
                 continue
             # Derivatives were taken at the driver's last size, and grow with it.
             step = change[1:] * (acting[d] - values[d]) / change[0]
-            point[others] = np.clip(point[others] + np.clip(step, -width[1:], width[1:]), problem.lower[others], problem.upper[others])
+            moved = point[others] + np.clip(step, -width[1:], width[1:])
+            point[others] = np.clip(moved, problem.lower[others], problem.upper[others])
             acting[d] = np.clip(values[d] + change[0], problem.lower[d], problem.upper[d])
         acting[latent] = point[latent]
     return point, acting

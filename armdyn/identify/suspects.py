@@ -76,7 +76,7 @@ def _described(
     appraiser: Appraiser, one: Appraisal, named: Candidate, nothing: Appraisal, tied: tuple[str, ...]
 ) -> Suspect:
     s, p = appraiser.sums, appraiser.sums.problem
-    values, deviations = s.changed(one.columns, one.change), appraiser.deviations(one)
+    values, deviations = appraiser.values(one), appraiser.deviations(one)
     own = np.flatnonzero(p.of(named.names))
     drop = 2.0 * (one.likelihood - nothing.likelihood)
     errors = s.errors(one.columns, one.effective, np.arange(len(s.count)))

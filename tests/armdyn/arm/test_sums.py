@@ -1,0 +1,97 @@
+"""Sums over samples foretell what a model predicts; effects are chosen by what they are worth to other runs."""
+
+import numpy as np
+import pytest
+from hidden_effects.arm import generate
+from hidden_effects.imperfect_arm import generate as imperfect
+
+from armdyn.arm.model import arm_model
+from armdyn.effects.catalogue import CATALOGUE
+from armdyn.identify.appraisal import _misfit
+from armdyn.identify.repair import add, repair
+from armdyn.identify.study import Study
+from armdyn.identify.verdict import Verdict
+
+JOINT = tuple(effect for effect in CATALOGUE.values() if effect.acts_on == "joint")
+
+
+def study_of(hidden, size=1.0, seed=3):
+    return Study(arm_model(robot="baxter"), [generate(hidden, size, seed, recording=k) for k in range(2)], [], JOINT)
+
+
+@pytest.fixture(scope="module")
+def study():
+    return study_of(("payload", "joint_coulomb_friction", "link_inertia"))
+
+
+@pytest.fixture(scope="module")
+def appraiser(study):
+    return study.appraiser(study.first())
+
+
+def on(appraiser, *labels):
+    return [c for c in appraiser.candidates if c.label in labels]
+
+
+@pytest.mark.parametrize(
+    "labels",
+    [
+        ("joint_viscous_friction:right_s0", "joint_coulomb_friction:right_e1", "gravity_spring:right_s1"),
+        ("link_inertia:right_w1", "torque_offset:right_e0"),
+        ("payload:right_w2", "link_inertia:right_e1"),
+    ],
+)
+def test_errors_by_sums_are_those_of_the_model_at_the_foretold_values(study, appraiser, labels):
+    one = appraiser.of(on(appraiser, *labels))
+    foretold = appraiser.sums.errors(one.columns, one.effective, np.arange(4))
+    blocks = study.problem.blocks(study.foretold(appraiser, one))
+    assert foretold == pytest.approx([float(np.mean(b.misfit**2)) for b in blocks[:4]], rel=1e-6)
+
+
+def test_a_fit_to_samples_finds_no_better_minimum_than_one_on_sums(study, appraiser):
+    one = appraiser.of(on(appraiser, "joint_coulomb_friction:right_s0", "joint_coulomb_friction:right_s1"))
+    errors = appraiser.sums.errors(one.columns, one.effective, np.arange(len(appraiser.sums.count)))
+    fitted = study.fit_with([c.on(["right_s0", "right_s1"]) for c in study.candidates
+                             if c.effect == "joint_coulomb_friction"], study.first())  # fmt: skip
+    assert errors[:2] == pytest.approx([float(np.mean(b.misfit**2)) for b in fitted.blocks[:2]], rel=1e-3)
+
+
+def test_likelihood_goes_over_from_noise_to_model_error_without_a_step():
+    ratio = np.array([1.0 - 1e-6, 1.0 + 1e-6])
+    below, above = _misfit(ratio)
+    assert above - below == pytest.approx(2e-6, rel=1e-3)
+    assert _misfit(np.array(0.5)) == pytest.approx(-0.5)
+    assert _misfit(np.array(np.e**3)) == pytest.approx(3.0)
+
+
+def test_what_ends_on_a_bound_explains_nothing():
+    study = study_of("torque_gain", size=-9.0)  # 0.72 of the reading is missing: another motor
+    appraiser = study.appraiser(study.first())
+    assert appraiser.of(on(appraiser, "torque_gain:right_s0")).worth == -np.inf
+
+
+def test_the_order_of_questions_changes_no_answer(study):
+    one, other = study.appraiser(study.first()), study.appraiser(study.first())
+    labels = ("payload:right_w2", "joint_coulomb_friction:right_s1")
+    other.of(on(other, "gravity_spring:right_s1"))
+    assert one.of(on(one, *labels)).worth == other.of(on(other, *reversed(labels))).worth
+
+
+def test_a_base_on_the_wall_is_no_matter_of_inertias():
+    found = repair(study_of("base_tilt", size=18.0))
+    assert [effect.name for effect in found.model.effects] == ["base_tilt"]
+    assert found.model.value("base_tilt.roll") == pytest.approx(0.9, abs=0.01)
+    assert found.verdict is Verdict.EXPLAINED
+
+
+@pytest.mark.parametrize(("robot", "name"), [("baxter", "gravity_spring"), ("ur5", "payload")])
+def test_what_dominates_is_named_where_everything_is_a_little_wrong(robot, name):
+    case = imperfect(robot, name, 0)
+    model = arm_model(robot=robot)
+    found = repair(Study(model, case.train, case.held_out, JOINT, case.exam))
+    (hidden,) = case.truth
+    assert found.ladder[1].added == (hidden.effect,)
+    assert found.ladder[1].joints == (hidden.joint,)
+    true = add(Study(model, case.train, case.held_out, JOINT, case.exam), [CATALOGUE[hidden.effect].on(hidden.joint)])
+    error, best = (np.linalg.norm(list(r.ladder[-1].exam_rmse.values())) for r in (found, true))
+    assert error < 1.2 * best
