@@ -94,10 +94,11 @@ class Appraisal:
 
     def carries_over(self, before: "Appraisal") -> bool:
         """Whether other runs, where there are any, are predicted better than `before`, and none of them worse."""
-        if len(self.predicted) == 0:
-            return True
-        harmed = bool(np.any(self.totals > (1.0 + HARM) * before.totals))
-        return self.transfer > before.transfer and not harmed
+        return len(self.predicted) == 0 or (self.transfer > before.transfer and not self.harms(before))
+
+    def harms(self, before: "Appraisal") -> bool:
+        """Whether a run is predicted worse than `before`."""
+        return bool(np.any(self.totals > (1.0 + HARM) * before.totals))
 
 
 class Appraiser:

@@ -128,6 +128,6 @@ def _exchanged(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate]) 
         for i in np.argsort(-gains)[: PROMISING // 2]:
             option = appraiser.of((*rest.effects, left[i]))
             better = option.worth > max(now.worth, best.worth if best else -np.inf)
-            if better and option.carries_over(now) and appraiser.useful(option, rest):
+            if better and not option.harms(now) and appraiser.useful(option, rest):
                 best = option
     return best

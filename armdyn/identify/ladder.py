@@ -42,9 +42,9 @@ def merged(candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
     return tuple(found.values())
 
 
-def rises(appraiser: Appraiser, whole: Appraisal) -> list[Rise]:
-    """The way from no effect to the set `whole`, what explains most first."""
-    now, left = appraiser.of(()), list(whole.effects)
+def rises(appraiser: Appraiser, whole: Appraisal, firm: Sequence[Candidate] = ()) -> list[Rise]:
+    """The way from the effects `firm` to the set `whole`, what explains most first."""
+    now, left = appraiser.of(firm), [c for c in whole.effects if c not in firm]
     found = []
     while left:
         options = {appraiser.of((*now.effects, c)): c for c in left}

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from armdyn.identify.appraisal import Appraisal, Appraiser
 from armdyn.identify.choose import chosen, foremost
 from armdyn.identify.compare import fitted_parameters
 from armdyn.identify.exchange import Beam, exchanged
@@ -110,19 +111,50 @@ def _by_sums(study: Study, say: Progress) -> Search:
     whole = foremost(appraisers[0], nothing, better) if better else nothing
     appraiser = found.get(whole, appraisers[0])
     ahead = starts[appraisers.index(appraiser)]
-    effects, near = study.present, first
-    steps = [Step((), (), (), effects, first, remainder(first, study.scores(first, effects)))]
-    for rise in rises(appraiser, whole):
-        effects = joined(effects, rise.added)
-        say(f"fitting with {rise.added.spoken}")
-        near = study.fit_from(effects, study.foretold(appraiser, rise.appraisal), ahead[0])
-        if rise.appraisal is whole:
-            near = study.fit_to_the_end(effects, near)
-        left = remainder(near, study.scores(near, effects))
-        steps.append(Step((rise.added,), (), rise.tied, effects, near, left))
+    steps = [Step((), (), (), study.present, first, remainder(first, study.scores(first, study.present)))]
+    steps += _climbed(study, appraiser, whole, steps[0], ahead[0], say)
+    if len(steps) > 1 and steps[-1].remainder.fails:
+        # What multiplies others, such as a delay of a spring's torque, shows where they are.
+        around = study.appraiser(steps[-1].fit)
+        present = [c for c in around.candidates if any(set(c.names) <= set(e.names) for e in steps[-1].effects)]
+        if around.of(present).worth > -np.inf:
+            more = chosen(around, present, say)
+            steps += _climbed(study, around, more, steps[-1], steps[-1].fit, say, present)
     named = steps[min(1, len(steps) - 1)]
     atoms = [c for c in appraisers[0].candidates if any(set(c.names) <= set(a.names) for a in named.added)]
     return Search(tuple(steps), suspects(appraisers[0], atoms, named.tied))
+
+
+def _climbed(
+    study: Study,
+    appraiser: Appraiser,
+    whole: Appraisal,
+    last: Step,
+    ahead: Fit,
+    say: Progress,
+    firm: Sequence[Candidate] = (),
+) -> list[Step]:
+    """Steps from the last one to the set `whole`, each refitted to all samples.
+
+    Args:
+        study: runs and catalogue.
+        appraiser: that chose the set.
+        whole: the set, on one joint each.
+        last: where the way begins.
+        ahead: the fit around which the sums are.
+        say: told every step.
+        firm: effects that are there already.
+    """
+    effects = last.effects
+    steps: list[Step] = []
+    for rise in rises(appraiser, whole, firm):
+        effects = joined(effects, rise.added)
+        say(f"fitting with {rise.added.spoken}")
+        fit = study.fit_from(effects, study.foretold(appraiser, rise.appraisal), ahead)
+        if rise.appraisal is whole:
+            fit = study.fit_to_the_end(effects, fit)
+        steps.append(Step((rise.added,), (), rise.tied, effects, fit, remainder(fit, study.scores(fit, effects))))
+    return steps
 
 
 def _stepwise(study: Study, say: Progress, most_steps: int) -> Search:
