@@ -8,7 +8,8 @@ from armdyn.identify.compare import Comparison, Correction, FittedParameter
 from armdyn.identify.diagnose import Diagnosis
 from armdyn.identify.localise import Place
 from armdyn.identify.problem import Problem
-from armdyn.identify.repair import Repair, Rung
+from armdyn.identify.repair import Repair
+from armdyn.identify.rung import Rung
 from armdyn.identify.study import Study
 from armdyn.identify.suspects import Suspect
 from armdyn.identify.unknown import Unknown

@@ -8,8 +8,10 @@ from armdyn.identify.compare import Comparison, comparison
 from armdyn.identify.explained import Scale, share_gone
 from armdyn.identify.fit import channel_rmse
 from armdyn.identify.remedies import remedies
+from armdyn.identify.rung import rung_of
 from armdyn.identify.score import Candidate
 from armdyn.identify.search import Progress, Search, Step, search
+from armdyn.identify.sentence import Left, repair_sentences
 from armdyn.identify.study import Study
 from armdyn.identify.suspects import Suspect
 from armdyn.identify.uncertainty import FAR_ABOVE_STATED
@@ -61,10 +63,12 @@ def diagnose(study: Study, progress: Progress | None = None) -> Diagnosis:
     verdict = judge(study, found, unknown)
     advice: tuple[str, ...] = ()
     if verdict is Verdict.CANNOT_TELL_APART:
-        advice = remedies([e.effect for e in (*_added(found), *found.tied)])
+        advice = remedies([e.effect for e in (*_added(found), *_ties(study, found))])
     return Diagnosis(
         verdict=verdict,
-        sentence=_sentence(verdict, found, unknown, advice, explained_share(study, start, last)),
+        sentence=headline(study, found, unknown)
+        if verdict is Verdict.EFFECT_MISSING
+        else _sentence(verdict, found, unknown, advice, explained_share(study, start, last), _ties(study, found)),
         comparison=comparison(study, start.fit, start.remainder),
         suspects=found.suspects,
         unseen=unseen,
@@ -72,6 +76,15 @@ def diagnose(study: Study, progress: Progress | None = None) -> Diagnosis:
         unknown=unknown,
         search=found,
     )
+
+
+def headline(study: Study, found: Search, unknown: Unknown | None) -> str:
+    """What is missing, how much it explains, and what is left."""
+    ladder = [rung_of(study, step) for step in found.steps]
+    blocks = found.last.fit.blocks
+    scale = Scale({b.channel: study.unit(b.channel) for b in blocks}, {b.channel: b.noise for b in blocks})
+    left = Left(found.last.remainder.fails, unknown.sentence if unknown is not None else "")
+    return repair_sentences(ladder, study.judges[0], scale, left)
 
 
 def judge(study: Study, found: Search, unknown: Unknown | None) -> Verdict:
@@ -85,7 +98,12 @@ def judge(study: Study, found: Search, unknown: Unknown | None) -> Verdict:
         asked = IDEALISED + limited * (MOST - IDEALISED)
         if explained_share(study, start, last) < asked or explained_share(study, start, found.steps[1]) < STANDS_OUT:
             return Verdict.UNKNOWN_EFFECT
-    return Verdict.CANNOT_TELL_APART if found.tied else Verdict.EFFECT_MISSING
+    return Verdict.CANNOT_TELL_APART if _ties(study, found) else Verdict.EFFECT_MISSING
+
+
+def _ties(study: Study, found: Search) -> tuple[Candidate, ...]:
+    """Effects that these runs cannot tell from what is missing; of many on an arm, from the first."""
+    return found.leading_ties if study.model.linear else found.tied
 
 
 def explained_share(study: Study, before: Step, after: Step) -> float:
@@ -107,8 +125,15 @@ def _above_stated_noise(study: Study, last: Step) -> bool:
     return False
 
 
-def _sentence(verdict: Verdict, found: Search, unknown: Unknown | None, advice: tuple[str, ...], share: float) -> str:
-    start, last = found.steps[0], found.last
+def _sentence(
+    verdict: Verdict,
+    found: Search,
+    unknown: Unknown | None,
+    advice: tuple[str, ...],
+    share: float,
+    ties: tuple[Candidate, ...],
+) -> str:
+    start = found.steps[0]
     chi2 = f"χ² per sample {start.fit.chi2_per_sample:.3g}"
     if verdict is Verdict.EXPLAINED:
         if start.remainder.fails:
@@ -121,17 +146,13 @@ def _sentence(verdict: Verdict, found: Search, unknown: Unknown | None, advice: 
             text += f"; {_names(found)} would explain {100 * share:.0f} % of it"
         return text + "."
     if verdict is Verdict.CANNOT_TELL_APART:
-        added, tied = _added(found), ", ".join(t.spoken for t in found.tied)
+        added, tied = _added(found), ", ".join(t.spoken for t in ties)
         if len(added) == 1:
             tied = f"Something is missing, and these runs cannot tell which: {added[0].spoken}, {tied}"
         else:
             tied = f"{_names(found)} are missing, and these runs cannot tell {tied} from one of them"
         return f"{tied}. To find out: {'; '.join(advice)}."
-    text = f"{_names(found)} {'is' if len(last.effects) - len(start.effects) == 1 else 'are'} missing: "
-    text += f"χ² per sample falls from {start.fit.chi2_per_sample:.3g} to {last.fit.chi2_per_sample:.3g}."
-    if unknown is not None and unknown.significant:
-        text += f" Something is left beyond that{': ' + unknown.sentence if unknown.sentence else ''}."
-    return text
+    return verdict.value
 
 
 def _added(found: Search) -> tuple[Candidate, ...]:

@@ -1,7 +1,7 @@
 """Add what is missing until the runs are explained, and keep the ladder that shows the error falling."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from armdyn.effects.effect import Effect
@@ -10,7 +10,8 @@ from armdyn.identify.bodies import links_of
 from armdyn.identify.compare import Comparison, comparison
 from armdyn.identify.diagnose import IDEALISED, explained_share, judge
 from armdyn.identify.explained import explained
-from armdyn.identify.fit import Fit, channel_rmse
+from armdyn.identify.fit import Fit
+from armdyn.identify.rung import Rung, rung_of
 from armdyn.identify.search import Progress, Search, Step, search
 from armdyn.identify.sentence import Left, repair_sentences
 from armdyn.identify.study import Study
@@ -22,33 +23,6 @@ from armdyn.model import Model
 
 if TYPE_CHECKING:
     from armdyn.arm.links import LinkChange
-
-
-@dataclass(frozen=True)
-class Rung:
-    """One step of the ladder.
-
-    Attributes:
-        added: names of the effects that came in; empty for the model as given.
-        joints: where, for an arm.
-        removed: names of the effects that went out.
-        tied_with: effects that these runs cannot tell from the one added.
-        rmse: by channel, on the training runs.
-        held_out_rmse: by channel, on held-out runs, which take part in choosing; empty where there is a single run.
-        chi2_per_sample: 1 when only noise is left.
-        bic: with the noise as assumed.
-        exam_rmse: by channel, on exam runs, which take part in nothing; empty where none is given.
-    """
-
-    added: tuple[str, ...]
-    joints: tuple[str, ...]
-    removed: tuple[str, ...]
-    tied_with: tuple[str, ...]
-    rmse: dict[str, float]
-    held_out_rmse: dict[str, float]
-    chi2_per_sample: float
-    bic: float
-    exam_rmse: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +80,7 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
     verdict = _verdict(study, found, unknown)
     if verdict is Verdict.UNKNOWN_EFFECT and not searched:
         verdict = Verdict.EFFECT_MISSING  # the catalogue was not asked
-    ladder = tuple(_rung(study, step) for step in found.steps)
+    ladder = tuple(rung_of(study, step) for step in found.steps)
     after = comparison(study, last.fit, last.remainder, absorbed=False)
     links = links_of(study, last.fit)
     left = Left(
@@ -159,21 +133,6 @@ def _values(study: Study, fit: Fit) -> dict[str, tuple[float, float | None, bool
             found = described[column.name]
             result[name] = (found.value, found.std, found.fitted)
     return result
-
-
-def _rung(study: Study, step: Step) -> Rung:
-    held_out = study.held_out_blocks(step.fit)
-    return Rung(
-        added=tuple(c.effect for c in step.added),
-        joints=tuple(dict.fromkeys(j for c in step.added for j in c.joints)),
-        removed=tuple(c.effect for c in step.removed),
-        tied_with=tuple(c.effect for c in step.tied),
-        rmse=step.fit.rmse(),
-        held_out_rmse=channel_rmse(held_out) if held_out is not None else {},
-        chi2_per_sample=step.fit.chi2_per_sample,
-        bic=step.fit.bic,
-        exam_rmse=channel_rmse(study.exam_blocks(step.fit)),
-    )
 
 
 def _verdict(study: Study, found: Search, unknown: Unknown | None) -> Verdict:

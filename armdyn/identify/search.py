@@ -70,6 +70,11 @@ class Search:
         return self.steps[-1]
 
     @property
+    def leading_ties(self) -> tuple[Candidate, ...]:
+        """Effects that these runs cannot tell from the first one: what comes after it may have its own."""
+        return self.steps[1].tied if len(self.steps) > 1 else ()
+
+    @property
     def tied(self) -> tuple[Candidate, ...]:
         """Effects that these runs cannot tell from those that it ended with."""
         found: dict[Candidate, None] = {}

@@ -88,6 +88,10 @@ class Sums:
         by[latent] = np.clip(np.nan_to_num(by[latent]), -width, width)
         values = np.clip(self.values + by, self.problem.lower, self.problem.upper)
         values[latent[acting == 0.0]] = self.problem.null[latent[acting == 0.0]]
+        # Where derivatives were taken for an effect that is not there is nobody's value.
+        absent = self.size != 0.0
+        absent[columns] = False
+        values[absent] = self.problem.null[absent]
         return values
 
     def errors(self, columns: np.ndarray, change: np.ndarray, units: np.ndarray) -> np.ndarray:

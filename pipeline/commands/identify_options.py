@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from armdyn.identify.compare import Comparison, FittedParameter
     from armdyn.identify.exam import Judge
     from armdyn.identify.localise import Place
-    from armdyn.identify.repair import Rung
+    from armdyn.identify.rung import Rung
     from armdyn.identify.study import Study
     from armdyn.model_file import ModelFile
 

@@ -9,7 +9,7 @@ import plotly.graph_objects as go
 
 from armdyn.identify.exam import Judge
 from armdyn.identify.explained import Scale
-from armdyn.identify.repair import Rung
+from armdyn.identify.rung import Rung
 from armdyn.identify.sentence import MOST_JOINTS, totals
 from pipeline.report.section import Chart, Section, Table
 from pipeline.report.theme import BLUE, GREEN, ORANGE

@@ -4,7 +4,7 @@ import pytest
 
 from armdyn.identify.exam import Judge
 from armdyn.identify.explained import Scale, explained
-from armdyn.identify.repair import Rung
+from armdyn.identify.rung import Rung
 from armdyn.identify.sentence import Left, added_effects, repair_sentences, totals
 
 ARM = Scale({"tau.a": "N m", "tau.b": "N m"}, {"tau.a": 0.3, "tau.b": 0.4})

@@ -7,7 +7,7 @@ import pytest
 from armdyn.arm.links import LinkChange, LinkQuantity
 from armdyn.identify.exam import Judge
 from armdyn.identify.explained import Scale
-from armdyn.identify.repair import Rung
+from armdyn.identify.rung import Rung
 from armdyn.identify.verdict import Verdict
 from pipeline.answers import link_answer
 from pipeline.commands.link_table import say_links
