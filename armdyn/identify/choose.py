@@ -6,7 +6,7 @@ exchanged for others. A set costs one small linear solve for each run, so that t
 (floating search: Pudil, Novovičová & Kittler, Pattern Recognition Letters 15, 1994).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 
@@ -21,6 +21,8 @@ spring with two values and 0.76 of what a link with ten explains comes first, a 
 does not."""
 NEARLY = 0.75
 """Share of that gain that it must bring, however many it saves, and that stands for a richer effect that holds it."""
+LEADS = 0.5
+"""Share of the misfit as given from which an effect is what a reader is told first."""
 MOST_ROUNDS = 60
 
 Say = Callable[[str], None]
@@ -34,18 +36,30 @@ def chosen(appraiser: Appraiser, firm: Sequence[Candidate] = (), say: Say | None
         firm: effects that stay: where the expansion's point holds them, sums foretell little without them.
         say: told how far the search is.
     """
-    now = appraiser.of(firm)
+    now, refused = appraiser.of(firm), set[Appraisal]()
     for _ in range(MOST_ROUNDS):
         if say is not None:
             say(f"{len(now.effects)} effects chosen")
-        better = _added(appraiser, now) or _exchanged(appraiser, now, firm)
+        better = _added(appraiser, now, refused) or _exchanged(appraiser, now, firm)
         if better is None:
             break
-        now = needed(appraiser, better, firm)
+        fewer = needed(appraiser, better, firm)
+        if _displaces(appraiser, fewer, now):
+            refused.add(better)
+        else:
+            now = fewer
     return _simplified(appraiser, now, firm)
 
 
-def _added(appraiser: Appraiser, now: Appraisal) -> Appraisal | None:
+def _displaces(appraiser: Appraiser, after: Appraisal, before: Appraisal) -> bool:
+    """Whether something came that makes superfluous what explains most and would have been chosen before it."""
+    common = [c for c in before.effects if c in after.effects]
+    rest = appraiser.of(common)
+    leads = rest.misfit - before.misfit > LEADS * appraiser.of(()).misfit
+    return leads and foremost(appraiser, rest, [before, after]) is before
+
+
+def _added(appraiser: Appraiser, now: Appraisal, refused: Collection[Appraisal]) -> Appraisal | None:
     """With one effect more, on one joint or on all of its joints; None where that is worth nothing."""
     left = [c for c in appraiser.candidates if c not in now.effects]
     if not left:
@@ -55,6 +69,7 @@ def _added(appraiser: Appraiser, now: Appraisal) -> Appraisal | None:
     if not now.effects:
         options += _whole(appraiser, left)
     options = [o for o in options if o.worth > now.worth and o.carries_over(now) and appraiser.useful(o, now)]
+    options = [o for o in options if o not in refused]
     return foremost(appraiser, now, options) if options else None
 
 
@@ -128,6 +143,7 @@ def _exchanged(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate]) 
         for i in np.argsort(-gains)[: PROMISING // 2]:
             option = appraiser.of((*rest.effects, left[i]))
             better = option.worth > max(now.worth, best.worth if best else -np.inf)
-            if better and not option.harms(now) and appraiser.useful(option, rest):
+            first = better and foremost(appraiser, rest, [now, option]) is option
+            if first and not option.harms(now) and appraiser.useful(option, rest):
                 best = option
     return best
