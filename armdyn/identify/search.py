@@ -152,8 +152,9 @@ def _climbed(
     """
     effects = last.effects
     steps: list[Step] = []
+    given = study.present  # stays as it is, also where the same effect comes on further joints
     for rise in rises(appraiser, whole, firm):
-        effects = joined(effects, rise.added)
+        effects = (*given, *merged((*(e for e in effects if e not in given), rise.added)))
         say(f"fitting with {rise.added.spoken}")
         fit = study.fit_from(effects, study.foretold(appraiser, rise.appraisal), ahead)
         if rise.appraisal is whole:
@@ -222,11 +223,6 @@ def ranked_suspects(study: Study, ranking: Ranking | None, steps: Sequence[Step]
         )
     added = {c.effect for c in steps[-1].effects if c not in steps[0].effects}
     return tuple(sorted(found, key=lambda s: s.effect not in added))
-
-
-def joined(effects: Sequence[Candidate], added: Candidate) -> tuple[Candidate, ...]:
-    """Effects with one more, or with one of them on more joints."""
-    return merged((*effects, added))
 
 
 def _tied(ranking: Ranking, option: Option | None) -> tuple[Candidate, ...]:

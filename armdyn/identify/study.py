@@ -63,7 +63,8 @@ class Study:
         everything = [*self.runs, *self.held_out, *self.exam]
         self.noise = noise_of_runs(model, everything)
         self.stated_noise = stated_noise(model, everything)
-        self.effects = {effect.name: effect for effect in (*catalogue, *model.effects)}
+        # The catalogue's come last: an effect that the model has on some joints may be missing on others.
+        self.effects = {effect.name: effect for effect in (*model.effects, *catalogue)}
         extended = model.with_candidates(self.effects.values())
         self.problem = Problem(extended, self.runs, self.noise)
         self.present = tuple(_candidate(effect.name, model.parts(effect.name)) for effect in model.effects)

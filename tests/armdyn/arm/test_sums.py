@@ -84,6 +84,19 @@ def test_a_base_on_the_wall_is_no_matter_of_inertias():
     assert found.verdict is Verdict.EXPLAINED
 
 
+def test_an_effect_that_the_model_has_on_one_joint_is_found_on_another():
+    runs = [generate("joint_coulomb_friction", 1.0, 5, recording=k) for k in range(2)]
+    given = arm_model(robot="baxter", effects=[CATALOGUE["joint_coulomb_friction"].on("right_s0")])
+    given = given.with_values({"joint_coulomb_friction.torque[right_s0]": 1.0})
+    given = given.with_fixed("joint_coulomb_friction.torque[right_s0]")
+    found = repair(Study(given, runs, [], JOINT))
+    assert [effect.name for effect in found.model.effects] == ["joint_coulomb_friction"]
+    assert found.verdict is Verdict.EXPLAINED
+    assert found.model.value("joint_coulomb_friction.torque[right_s1]") == pytest.approx(1.0, abs=0.02)  # N m
+    kept = found.model.parameters["joint_coulomb_friction.torque[right_s0]"]
+    assert (kept.value, kept.fitted) == (1.0, False)
+
+
 @pytest.mark.parametrize(("robot", "name"), [("baxter", "gravity_spring"), ("ur5", "payload")])
 def test_what_dominates_is_named_where_everything_is_a_little_wrong(robot, name):
     case = imperfect(robot, name, 0)
