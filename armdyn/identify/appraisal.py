@@ -17,7 +17,7 @@ with the same slope where they meet. n counts independent samples: what the rich
 samples of a correlation time of k samples are worth N/k (Bayley & Hammersley, J. R. Stat. Soc. Suppl. 8, 1946).
 """
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import log
@@ -67,7 +67,7 @@ class Appraisal:
         columns: (c,) the unknowns that change.
         free: (c,) bool, those that are fitted; the others return to null.
         change: (c,) their change from the expansion's point in a fit to all training runs.
-        effective: (c,) the change that predictions are linear in; see `Model.quantities`.
+        effective: (c,) the change that predictions are linear in; see `Model.bend`.
         likelihood: log likelihood of the training runs.
         values: number of the effects' unknowns that the runs determine rather than the priors.
         predicted: (u,) mean squared error of the predicted units.
@@ -150,9 +150,10 @@ class Appraiser:
         self._weight = self.independent / (sums.count * self.level)
         self._normals.clear()
 
-    def with_names(self, names: Collection[str]) -> tuple[Candidate, ...]:
-        """The candidates whose unknowns are all among `names`."""
-        return tuple(c for c in self.candidates if names and set(c.names) <= set(names))
+    def within(self, effects: Iterable[Candidate]) -> tuple[Candidate, ...]:
+        """The candidates, each on one joint, that make up `effects`."""
+        names = {name for effect in effects for name in effect.names}
+        return tuple(c for c in self.candidates if names.issuperset(c.names))
 
     def of(self, effects: Iterable[Candidate]) -> Appraisal:
         """The appraisal of one set."""
@@ -251,7 +252,7 @@ class Appraiser:
         for channel in range(len(s.channels)):
             units = np.flatnonzero(s.channel == channel)
             known = [u for u in units if s.training[u]]
-            times = [correlation_time(s.residual(u, every, change)) for u in known]
+            times = [correlation_time([s.residual(u, every, change)]) for u in known]
             if times:
                 independent[units] /= np.average(times, weights=s.count[known])
         return level, independent

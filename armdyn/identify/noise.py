@@ -61,18 +61,26 @@ def autocorrelation(residual: np.ndarray, lags: int) -> np.ndarray:
     return np.array([float(centred[k:] @ centred[:-k]) for k in range(1, lags + 1)]) / total
 
 
-def correlation_time(residual: np.ndarray) -> float:
+def correlation_time(residuals: Sequence[np.ndarray], most_lags: int | None = None) -> float:
     """1 + twice the sum of the autocorrelations up to the first that is not positive, in samples; at least 1.
 
     N samples with that correlation time tell a mean as well as N over it independent ones (Bayley & Hammersley, J. R.
     Stat. Soc. Suppl. 8, 1946).
+
+    Args:
+        residuals: stretches (n,).
+        most_lags: at most so many count; all when None.
     """
-    power = float(residual @ residual)
+    power = sum(float(residual @ residual) for residual in residuals)
+    if power == 0.0:
+        return 1.0
+    longest = max(len(residual) for residual in residuals) - 1
     total = 1.0
-    for lag in range(1, len(residual) - 1):
-        if power == 0.0 or (correlation := float(residual[lag:] @ residual[:-lag]) / power) <= 0.0:
+    for lag in range(1, longest if most_lags is None else min(most_lags, longest)):
+        products = sum(float(r[lag:] @ r[:-lag]) for r in residuals if len(r) > lag)
+        if products <= 0.0:
             break
-        total += 2.0 * correlation
+        total += 2.0 * products / power
     return total
 
 
@@ -97,13 +105,7 @@ def variance_inflation(residuals: Sequence[np.ndarray]) -> float:
     samples = sum(len(residual) for residual in residuals)
     if power == 0.0 or samples == 0:
         return 0.0
-    total = 1.0
-    for lag in range(1, min(MOST_LAGS, max(len(residual) for residual in residuals) - 1)):
-        products = sum(float(r[lag:] @ r[:-lag]) for r in residuals if len(r) > lag)
-        if products <= 0.0:
-            break
-        total += 2.0 * products / power
-    return power / samples * total
+    return power / samples * correlation_time(residuals, MOST_LAGS)
 
 
 def autoregression(residuals: Sequence[np.ndarray], order: int = ORDER) -> np.ndarray:

@@ -1,9 +1,9 @@
-"""Add what is missing, step by step, until nothing is left to explain or nothing in the catalogue helps.
+"""Add what is missing until nothing is left to explain or nothing in the catalogue helps.
 
-One at a time fails where two effects mask each other: in the free swing of a real pendulum viscous friction is the best
-first choice, after which neither dry friction nor drag helps, although those two together are right. So, when no single
-effect helps, pairs of the best are tried in place of the last one, an effect that has become superfluous is removed,
-and at the end each is exchanged for its rivals once.
+An arm's effects are chosen together on sums, then refitted step by step. A pendulum's are added one at a time, which
+fails where two mask each other: in the free swing of a real pendulum viscous friction is the best first choice, after
+which neither dry friction nor drag helps, although those two together are right. So, when no single effect helps, pairs
+of the best are tried in place of the last one, and what has become superfluous goes.
 """
 
 from collections.abc import Callable, Sequence
@@ -86,11 +86,11 @@ class Search:
         return tuple(effect for effect in found if effect not in self.last.effects)
 
 
-def search(study: Study, progress: Progress | None = None, *, most_steps: int = MOST_STEPS) -> Search:
+def search(study: Study, progress: Progress | None = None) -> Search:
     """Run it; `progress` is told every step in a few words."""
     say = progress or (lambda _: None)
     say("fitting the model as it is")
-    return _by_sums(study, say) if study.model.linear else _stepwise(study, say, most_steps)
+    return _by_sums(study, say) if study.model.linear else _stepwise(study, say)
 
 
 def _by_sums(study: Study, say: Progress) -> Search:
@@ -108,7 +108,7 @@ def _by_sums(study: Study, say: Progress) -> Search:
     appraisers = [study.appraiser(fit) for fit, _ in starts]
     found = {}
     for appraiser, (_, firm) in zip(appraisers, starts, strict=True):
-        atoms = [c for c in appraiser.candidates if c in firm]
+        atoms = appraiser.within(firm)
         if not atoms or appraiser.of(atoms).worth > -np.inf:
             found[chosen(appraiser, atoms, say)] = appraiser
     nothing = appraisers[0].of(())
@@ -121,13 +121,12 @@ def _by_sums(study: Study, say: Progress) -> Search:
     if len(steps) > 1 and steps[-1].remainder.fails:
         # What multiplies others, such as a delay of a spring's torque, shows where they are.
         around = study.appraiser(steps[-1].fit)
-        present = [c for c in around.candidates if any(set(c.names) <= set(e.names) for e in steps[-1].effects)]
+        present = around.within(steps[-1].effects)
         if around.of(present).worth > -np.inf:
             more = chosen(around, present, say)
             steps += _climbed(study, around, more, steps[-1], steps[-1].fit, say, present)
     named = steps[min(1, len(steps) - 1)]
-    atoms = [c for c in appraisers[0].candidates if any(set(c.names) <= set(a.names) for a in named.added)]
-    return Search(tuple(steps), suspects(appraisers[0], atoms, named.tied))
+    return Search(tuple(steps), suspects(appraisers[0], appraisers[0].within(named.added), named.tied))
 
 
 def _climbed(
@@ -163,14 +162,15 @@ def _climbed(
     return steps
 
 
-def _stepwise(study: Study, say: Progress, most_steps: int) -> Search:
+def _stepwise(study: Study, say: Progress) -> Search:
+    """One effect after the other, or two, by likelihood; for models whose minimum moves as effects come in."""
     effects, now = study.present, study.first()
     promised = study.scores(now, effects)
     steps = [Step((), (), (), effects, now, remainder(now, promised))]
     first: Ranking | None = None
     previous: Ranking | None = None
     beam: list[Beam] = []
-    while steps[-1].remainder.fails and len(steps) <= most_steps:
+    while steps[-1].remainder.fails and len(steps) <= MOST_STEPS:
         say(f"trying {min(len(promised), 9)} effects on {len(effects)} present")
         ranking = rank(study, now, effects, promised)
         first = first or ranking
