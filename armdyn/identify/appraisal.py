@@ -23,12 +23,12 @@ from functools import cached_property
 from math import log
 
 import numpy as np
-from scipy.linalg.lapack import dposv, dpotrf, dtrtri
+from scipy.linalg.lapack import dpotrf, dtrtri
 
 from armdyn.identify.noise import correlation_time
 from armdyn.identify.score import Candidate
+from armdyn.identify.subset import Solver, Subset
 from armdyn.identify.sums import Sums
-from armdyn.model import Bend
 
 SURE = log(100.0)
 """Nats beyond chance at which an effect is believed: one false name in a hundred clean recordings."""
@@ -42,14 +42,8 @@ NOISY = 1.2
 by chance."""
 HARM = 0.02
 """Share by which an effect may make the total error of a predicted run larger."""
-REFINEMENTS = 6
-"""Rounds in which unknowns that leave their bounds are put on them."""
 HELD = 1e-6
 """Share of an effect's square that is left beside another one which can do all that it does."""
-BENT_STEPS = 6
-"""Gauss-Newton steps on the sums for unknowns that predictions are not linear in."""
-SETTLED = 0.5
-"""Nats that do not matter."""
 LEVELS = 4
 """Rounds in which the richest model's fit and the error that it leaves, which weighs it, settle."""
 
@@ -113,42 +107,25 @@ class Appraiser:
     def __init__(self, sums: Sums, always: np.ndarray, candidates: Sequence[Candidate]) -> None:
         self.sums = sums
         self.candidates = tuple(candidates)
-        p = sums.problem
         self._always = always
-        self._columns = {c: np.flatnonzero(p.of(c.names)) for c in candidates}
-        # Effects that the expansion's point holds return to null in sets without them.
-        own = np.isin(np.arange(len(p.columns)), np.concatenate([*self._columns.values(), np.zeros(0, dtype=int)]))
-        direct = sums.driver == np.arange(len(p.columns))
-        self._away = own & ~always & direct & (sums.values != p.null)
-        self._to_null = p.null - sums.values
-        self._width, self._centre = sums.width, sums.centre
-        self._lower, self._upper = p.lower - sums.values, p.upper - sums.values
-        self._typical = np.minimum(p.typical, self._width)
+        self._solver = solver = Solver(sums, always, candidates)
+        self._typical = np.minimum(sums.problem.typical, solver.width)
         self._by_channel = [np.flatnonzero(sums.training & (sums.channel == i)) for i in range(len(sums.channels))]
         self._training = np.flatnonzero(sums.training)
-        bends = {c: self._bend(c) for c in self.candidates}
-        self._bends = {c: bend for c, bend in bends.items() if bend is not None}
         self._owner = np.array([-1 if c.run is None else c.run for c in sums.problem.columns])
         training = tuple(np.flatnonzero(np.isin(np.arange(len(sums.runs)), sums.run[sums.training])))
         # With a single training run there are no others to predict it from.
-        self.predicted_runs = tuple(
-            r for r in range(len(sums.runs)) if r not in training or len(training) > 1
-        )
+        self.predicted_runs = tuple(r for r in range(len(sums.runs)) if r not in training or len(training) > 1)
         self._folds = [
             _Fold(run, np.flatnonzero(sums.run == run), np.flatnonzero(sums.training & (sums.run != run)))
             for run in self.predicted_runs
         ]
-        measured = [
-            next(r.channels[c].unit for r in sums.problem.runs if c in r.channels) for c in sums.channels
-        ]
+        measured = [next(r.channels[c].unit for r in sums.problem.runs if c in r.channels) for c in sums.channels]
         self._importance = np.ones(len(sums.count)) if len(set(measured)) == 1 else sums.noise**-2.0
         self._kinds = np.array([sorted(set(measured)).index(unit) for unit in measured])
-        self._normals: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
         self._known: dict[frozenset[Candidate], Appraisal] = {}
-        self._weight = np.ones(len(sums.count))
         self.level, self.independent = self._levels()
-        self._weight = self.independent / (sums.count * self.level)
-        self._normals.clear()
+        solver.weigh(self.independent / (sums.count * self.level))
 
     def within(self, effects: Iterable[Candidate]) -> tuple[Candidate, ...]:
         """The candidates, each on one joint, that make up `effects`."""
@@ -165,16 +142,16 @@ class Appraiser:
     def values(self, one: Appraisal) -> np.ndarray:
         """(P,) values of all unknowns at the minimum that sums foretell for a set."""
         exact = np.zeros(len(self.sums.values), dtype=bool)
-        for c in self._bends:
-            exact[self._columns[c]] = True
+        for c in self._solver.bends:
+            exact[self._solver.columns[c]] = True
         return self.sums.changed(one.columns, one.change, exact)
 
     def holds(self, richer: Candidate, simpler: Candidate) -> bool:
         """Whether an effect on the same joint can do all that a simpler one does, as asymmetric friction can."""
-        own, other = self._columns[richer], self._columns[simpler]
+        own, other = self._solver.columns[richer], self._solver.columns[simpler]
         if simpler.joints != richer.joints or not 0 < len(other) < len(own):
             return False
-        G = self._normal(self._training)[0]
+        G = self._solver.normal(self._training)[0]
         within = np.linalg.lstsq(G[np.ix_(own, own)], G[np.ix_(own, other)], rcond=1e-10)[0]
         left = np.diag(G)[other] - np.sum(G[np.ix_(own, other)] * within, axis=0)
         return bool(np.all(left <= HELD * np.diag(G)[other]))
@@ -202,8 +179,8 @@ class Appraiser:
 
     def foretold(self, now: Appraisal, others: Sequence[Candidate]) -> np.ndarray:
         """(k,) fall of the weighted squared error of the training runs that each of k effects promises beside a set."""
-        G, slope = self._normal(self._training)
-        width = self._width
+        G, slope = self._solver.normal(self._training)
+        width = self._solver.width
         C = now.columns[now.free]
         gone = now.columns[~now.free]
         slope = slope - G[:, gone] @ now.effective[~now.free]
@@ -211,7 +188,7 @@ class Appraiser:
         left, rest = G - G[:, C] @ scaled[:, :-1], slope - G[:, C] @ scaled[:, -1]
         gains = np.empty(len(others))
         for i, candidate in enumerate(others):
-            own = self._columns[candidate]
+            own = self._solver.columns[candidate]
             own = own[~np.isin(own, C)]
             S = left[np.ix_(own, own)] + np.diag(width[own] ** -2.0)
             gains[i] = rest[own] @ np.linalg.solve(S, rest[own]) if len(own) else 0.0
@@ -220,7 +197,7 @@ class Appraiser:
     def deviations(self, one: Appraisal) -> np.ndarray:
         """(P,) standard deviations of a set's unknowns by the sums, the model's own error counted in; else 0."""
         C = one.columns[one.free]
-        G = self._normal(self._training)[0][np.ix_(C, C)] + np.diag(self._width[C] ** -2.0)
+        G = self._solver.normal(self._training)[0][np.ix_(C, C)] + np.diag(self._solver.width[C] ** -2.0)
         result = np.zeros(len(self.sums.values))
         result[C] = np.sqrt(np.diag(np.linalg.inv(G)))
         return result
@@ -234,13 +211,12 @@ class Appraiser:
     def _levels(self) -> tuple[np.ndarray, np.ndarray]:
         """(U,) variance that the richest model leaves, at least the noise, and (U,) independent samples."""
         s = self.sums
-        whole = self._of(self.candidates)
+        whole = self._solver.subset(self.candidates)
         every, free = whole.columns, whole.free
         level = s.noise**2
         for _ in range(LEVELS):
-            self._weight = 1.0 / level
-            self._normals.clear()
-            change = self._linear(every, free, self._training)
+            self._solver.weigh(1.0 / level)
+            change = self._solver.linear(every, free, self._training)
             error = s.errors(every, change, np.arange(len(s.count)))
             for channel in range(len(s.channels)):
                 units = s.channel == channel
@@ -259,9 +235,9 @@ class Appraiser:
 
     def _appraised(self, effects: tuple[Candidate, ...]) -> Appraisal:
         s = self.sums
-        one = self._of(effects)
+        one = self._solver.subset(effects)
         columns, free = one.columns, one.free
-        change, effective = self._solved(one, self._training)
+        change, effective = self._solver.minimum(one, self._training)
         likelihood = self._log_likelihood(s.errors(columns, effective, self._training))
         occam, values = self._freedom(columns[free], change[free])
         errors = [self._predicted(one, change, fold) for fold in self._folds]
@@ -306,30 +282,6 @@ class Appraiser:
         on = ((value <= p.lower[columns]) | (value >= p.upper[columns])) & (value != p.null[columns])
         return not np.any(on & ~self._always[columns])
 
-    def _of(self, effects: Iterable[Candidate]) -> "_Chosen":
-        """The columns that change with a set."""
-        fitted, touched = self._always.copy(), self._away.copy()
-        effects = tuple(effects)
-        for c in effects:
-            fitted[self._columns[c]] = True
-            if c in self._bends:
-                touched[self._bends[c][0]] = True
-        columns = np.flatnonzero(fitted | touched)
-        bent = tuple(
-            _Bent(np.searchsorted(columns, self._columns[c]), np.searchsorted(columns, through), bend)
-            for c in effects
-            if c in self._bends
-            for through, bend in [self._bends[c]]
-        )
-        return _Chosen(columns, fitted[columns], bent)
-
-    def _bend(self, candidate: Candidate) -> tuple[np.ndarray, Bend] | None:
-        """Columns through which a candidate's unknowns act, and how, around the expansion's point."""
-        p = self.sums.problem
-        theta = p.theta(0, self.sums.values)
-        bend = p.model.bend(candidate.names, theta) if candidate.names else None
-        return None if bend is None else (np.flatnonzero(p.of(bend.through)), bend)
-
     def _log_likelihood(self, error: np.ndarray) -> float:
         """Of training units with (t,) mean squared errors, with one variance of the model's own for each channel."""
         s = self.sums
@@ -343,141 +295,24 @@ class Appraiser:
     def _freedom(self, columns: np.ndarray, change: np.ndarray) -> tuple[float, float]:
         """Nats that the freedom of a set's own unknowns costs, and how many of them the runs determine."""
         own = ~self._always[columns]
-        C, d = columns[own], (change - self._centre[columns])[own]
+        C, d = columns[own], (change - self._solver.centre[columns])[own]
         if len(C) == 0:
             return 0.0, 0.0
         T = self._typical[C]
-        A = T[:, None] * self._normal(self._training)[0][C[:, None], C] * T
+        A = T[:, None] * self._solver.normal(self._training)[0][C[:, None], C] * T
         A.flat[:: len(C) + 1] += 1.0
         factor, _ = dpotrf(A, lower=1, clean=1)
         inverse, _ = dtrtri(factor, lower=1)
         values = len(C) - float(np.sum(inverse**2))
         return float(np.sum(np.log(np.diag(factor))) + np.sum(np.log1p((d / T) ** 2))), values
 
-    def _normal(self, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(P, P) weighted sum of X'X and (P,) of X'r over units (u,)."""
-        key = units.tobytes()
-        if key not in self._normals:
-            w = self._weight[units]
-            self._normals[key] = np.tensordot(w, self.sums.gram[units], 1), w @ self.sums.slope[units]
-        return self._normals[key]
-
-    def _predicted(self, one: "_Chosen", change: np.ndarray, fold: "_Fold") -> np.ndarray:
+    def _predicted(self, one: Subset, change: np.ndarray, fold: "_Fold") -> np.ndarray:
         """(u,) mean squared error of a run, predicted by a fit to the other training runs; its own unknowns fit it."""
-        _, effective = self._solved(one, fold.others, change)
+        _, effective = self._solver.minimum(one, fold.others, change)
         own = one.free & (self._owner[one.columns] == fold.run)
         if own.any():
-            effective = self._linear(one.columns, own, fold.units, effective)
+            effective = self._solver.linear(one.columns, own, fold.units, effective)
         return self.sums.errors(one.columns, effective, fold.units)
-
-    def _solved(
-        self, one: "_Chosen", units: np.ndarray, near: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """(c,) change of a set's unknowns that fits units best, and (c,) the change that predictions are linear in.
-
-        The two differ where a link is deformed: by Gauss-Newton steps from `near`, or from the linear answer, on the
-        sums, which stay exact.
-        """
-        effective = self._linear(one.columns, one.free, units)
-        if not one.bent or not self._curved(one, effective, units):
-            return effective, effective
-        G, slope = self._normal(units)
-        C = one.columns
-        G, slope = G[C[:, None], C], slope[C]
-        weight = np.where(one.free, self._width[C] ** -2.0, 0.0)
-        change = effective.copy() if near is None else near.copy()
-        if near is None:
-            for part in one.bent:
-                # A deformation starts from none: the linear answer may be no body's.
-                change[part.own] *= part.own[0] != part.through[0]
-        y, Z = self._entering(one, change)
-        cost = self._cost(G, slope, y, weight, change - self._centre[C])
-        i = np.flatnonzero(one.free)
-        damping = 0.0
-        for _ in range(BENT_STEPS):
-            gradient = Z.T @ (slope - G @ y) - weight * (change - self._centre[C])
-            A = (Z.T @ G @ Z)[i[:, None], i]
-            A.flat[:: len(i) + 1] += weight[i] + damping * A.flat[:: len(i) + 1]
-            _, solution, _ = dposv(A, gradient[i], lower=1)
-            trial = change.copy()
-            trial[i] = np.clip(change[i] + solution, self._lower[C[i]], self._upper[C[i]])
-            there, slopes = self._entering(one, trial)
-            new = self._cost(G, slope, there, weight, trial - self._centre[C])
-            if not new < cost:
-                damping = max(10.0 * damping, 1e-2)
-                continue
-            settled = cost - new < SETTLED
-            change, y, Z, cost, damping = trial, there, slopes, new, damping / 10.0
-            if settled:
-                break
-        return change, y
-
-    def _entering(self, one: "_Chosen", change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(c,) what enters predictions linearly after a change (c,) of the unknowns, and (c, c) its derivatives."""
-        y, Z = change.copy(), np.eye(len(change))
-        for part in one.bent:
-            y[part.own], Z[part.own, part.own] = 0.0, 0.0
-        for part in one.bent:
-            moved, slopes = part.bend.function(change[part.own])
-            y[part.through] += moved
-            Z[part.through[:, None], part.own] += slopes
-        return y, Z
-
-    def _curved(self, one: "_Chosen", change: np.ndarray, units: np.ndarray) -> bool:
-        """Whether what enters predictions is far from the unknowns themselves."""
-        y, _ = self._entering(one, change)
-        C, d = one.columns, y - change
-        G, _ = self._normal(units)
-        return not float(d @ G[C[:, None], C] @ d) < SETTLED
-
-    @staticmethod
-    def _cost(G: np.ndarray, slope: np.ndarray, y: np.ndarray, weight: np.ndarray, off: np.ndarray) -> float:
-        return float(y @ (G @ y) - 2.0 * slope @ y + weight @ off**2)
-
-    def _linear(
-        self, columns: np.ndarray, free: np.ndarray, units: np.ndarray, others: np.ndarray | None = None
-    ) -> np.ndarray:
-        """(c,) change of the unknowns that fits units best, within their bounds; those not `free` are at `others`."""
-        G, slope = self._normal(units)
-        width, lower, upper = self._width[columns], self._lower[columns], self._upper[columns]
-        moving = free.copy()
-        change = np.where(free, 0.0, self._to_null[columns] if others is None else others)
-        for _ in range(REFINEMENTS):
-            i = np.flatnonzero(moving)
-            if len(i) == 0:
-                break
-            C, t = columns[i], width[i]
-            right = slope[C]
-            if len(i) < len(columns):
-                right = right - G[C[:, None], columns[~moving]] @ change[~moving]
-            A = t[:, None] * G[C[:, None], C] * t
-            A.flat[:: len(i) + 1] += 1.0
-            _, solution, _ = dposv(A, t * right + self._centre[C] / t, lower=1, overwrite_a=1)
-            change[i] = t * solution
-            outside = moving & ((change < lower) | (change > upper))
-            if not outside.any():
-                break
-            change[outside] = np.clip(change, lower, upper)[outside]
-            moving &= ~outside
-        return np.where(free, np.clip(change, lower, upper), change)
-
-
-@dataclass(frozen=True, eq=False)
-class _Chosen:
-    """The columns that change with a set, those that are free, and where some enter predictions by other quantities."""
-
-    columns: np.ndarray
-    free: np.ndarray
-    bent: tuple["_Bent", ...]
-
-
-@dataclass(frozen=True, eq=False)
-class _Bent:
-    """Where the unknowns of an effect are among the columns, and those that they act through."""
-
-    own: np.ndarray
-    through: np.ndarray
-    bend: Bend
 
 
 @dataclass(frozen=True, eq=False)
