@@ -17,15 +17,14 @@ with the same slope where they meet. n counts independent samples: what the rich
 samples of a correlation time of k samples are worth N/k (Bayley & Hammersley, J. R. Stat. Soc. Suppl. 8, 1946).
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from math import log
 
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri
 
-from armdyn.identify.noise import correlation_time
 from armdyn.identify.score import Candidate
 from armdyn.identify.subset import Solver, Subset
 from armdyn.identify.sums import Sums
@@ -42,10 +41,6 @@ NOISY = 1.2
 by chance."""
 HARM = 0.02
 """Share by which an effect may make the total error of a predicted run larger."""
-HELD = 1e-6
-"""Share of an effect's square that is left beside another one which can do all that it does."""
-LEVELS = 4
-"""Rounds in which the richest model's fit and the error that it leaves, which weighs it, settle."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +57,7 @@ class Appraisal:
         free: (c,) bool, those that are fitted; the others return to null.
         change: (c,) their change from the expansion's point in a fit to all training runs.
         effective: (c,) the change that predictions are linear in; see `Model.bend`.
+        errors: (t,) mean squared error of the training units there.
         likelihood: log likelihood of the training runs.
         values: number of the effects' unknowns that the runs determine rather than the priors.
         predicted: (u,) mean squared error of the predicted units.
@@ -80,6 +76,7 @@ class Appraisal:
     free: np.ndarray
     change: np.ndarray
     effective: np.ndarray
+    errors: np.ndarray
     likelihood: float
     values: float
     predicted: np.ndarray
@@ -95,21 +92,27 @@ class Appraisal:
         return bool(np.any(self.totals > (1.0 + HARM) * before.totals))
 
 
-class Appraiser:
-    """Appraises sets of effects by sums.
+class Appraiser(ABC):
+    """Appraises sets of effects.
 
     Args:
         sums: of training runs and of runs that are only predicted.
         always: (P,) bool, unknowns that are free in every set.
         candidates: all effects that a set may hold, each on one joint.
+
+    Attributes:
+        level: (U,) variance that the richest model leaves, at least the noise.
+        independent: (U,) independent samples in it.
     """
+
+    level: np.ndarray
+    independent: np.ndarray
 
     def __init__(self, sums: Sums, always: np.ndarray, candidates: Sequence[Candidate]) -> None:
         self.sums = sums
         self.candidates = tuple(candidates)
         self._always = always
-        self._solver = solver = Solver(sums, always, candidates)
-        self._typical = np.minimum(sums.problem.typical, solver.width)
+        self._typical = np.minimum(sums.problem.typical, sums.width)
         self._by_channel = [np.flatnonzero(sums.training & (sums.channel == i)) for i in range(len(sums.channels))]
         self._training = np.flatnonzero(sums.training)
         self._owner = np.array([-1 if c.run is None else c.run for c in sums.problem.columns])
@@ -124,8 +127,37 @@ class Appraiser:
         self._importance = np.ones(len(sums.count)) if len(set(measured)) == 1 else sums.noise**-2.0
         self._kinds = np.array([sorted(set(measured)).index(unit) for unit in measured])
         self._known: dict[frozenset[Candidate], Appraisal] = {}
-        self.level, self.independent = self._levels()
-        solver.weigh(self.independent / (sums.count * self.level))
+
+    @abstractmethod
+    def _solved(self, effects: tuple[Candidate, ...]) -> tuple[Solver, Subset]:
+        """Where a set is fitted, by sums that hold there, and its columns."""
+
+    @abstractmethod
+    def values(self, one: Appraisal) -> np.ndarray:
+        """(P,) values of all unknowns at a set's minimum."""
+
+    @abstractmethod
+    def foretold(self, now: Appraisal, options: Sequence[Sequence[Candidate]]) -> np.ndarray:
+        """(k,) fall of the weighted squared error of the training runs that k additions to a set promise."""
+
+    @abstractmethod
+    def promising(self, now: Appraisal, options: Sequence[Sequence[Candidate]], most: int) -> list[Appraisal]:
+        """Of additions to a set, those that promise most: at most so many."""
+
+    @abstractmethod
+    def contenders(self, rest: Appraisal) -> tuple[Candidate, ...]:
+        """Effects that may be worth as much as any other beside a set."""
+
+    @abstractmethod
+    def holds(self, richer: Candidate, simpler: Candidate) -> bool:
+        """Whether an effect on the same joint can do all that a simpler one does, as asymmetric friction can."""
+
+    @abstractmethod
+    def deviations(self, one: Appraisal) -> np.ndarray:
+        """(P,) standard deviations of a set's unknowns, the model's own error counted in; 0 of the others."""
+
+    def advance(self, now: Appraisal) -> None:
+        """Told what the best set is so far: what is foretold of others may start there."""
 
     def within(self, effects: Iterable[Candidate]) -> tuple[Candidate, ...]:
         """The candidates, each on one joint, that make up `effects`."""
@@ -138,23 +170,6 @@ class Appraiser:
         if key not in self._known:
             self._known[key] = self._appraised(tuple(c for c in self.candidates if c in key))
         return self._known[key]
-
-    def values(self, one: Appraisal) -> np.ndarray:
-        """(P,) values of all unknowns at the minimum that sums foretell for a set."""
-        exact = np.zeros(len(self.sums.values), dtype=bool)
-        for c in self._solver.bends:
-            exact[self._solver.columns[c]] = True
-        return self.sums.changed(one.columns, one.change, exact)
-
-    def holds(self, richer: Candidate, simpler: Candidate) -> bool:
-        """Whether an effect on the same joint can do all that a simpler one does, as asymmetric friction can."""
-        own, other = self._solver.columns[richer], self._solver.columns[simpler]
-        if simpler.joints != richer.joints or not 0 < len(other) < len(own):
-            return False
-        G = self._solver.normal(self._training)[0]
-        within = np.linalg.lstsq(G[np.ix_(own, own)], G[np.ix_(own, other)], rcond=1e-10)[0]
-        left = np.diag(G)[other] - np.sum(G[np.ix_(own, other)] * within, axis=0)
-        return bool(np.all(left <= HELD * np.diag(G)[other]))
 
     def useful(self, more: Appraisal, fewer: Appraisal) -> bool:
         """Whether the further values of a set explain enough beside what `fewer` explain: returns diminish."""
@@ -177,70 +192,22 @@ class Appraiser:
             total += log(len(names)) + joints * (log(reach) + SURE)
         return total
 
-    def foretold(self, now: Appraisal, others: Sequence[Candidate]) -> np.ndarray:
-        """(k,) fall of the weighted squared error of the training runs that each of k effects promises beside a set."""
-        G, slope = self._solver.normal(self._training)
-        width = self._solver.width
-        C = now.columns[now.free]
-        gone = now.columns[~now.free]
-        slope = slope - G[:, gone] @ now.effective[~now.free]
-        scaled = np.linalg.solve(G[np.ix_(C, C)] + np.diag(width[C] ** -2.0), np.column_stack([G[C], slope[C]]))
-        left, rest = G - G[:, C] @ scaled[:, :-1], slope - G[:, C] @ scaled[:, -1]
-        gains = np.empty(len(others))
-        for i, candidate in enumerate(others):
-            own = self._solver.columns[candidate]
-            own = own[~np.isin(own, C)]
-            S = left[np.ix_(own, own)] + np.diag(width[own] ** -2.0)
-            gains[i] = rest[own] @ np.linalg.solve(S, rest[own]) if len(own) else 0.0
-        return gains
-
-    def deviations(self, one: Appraisal) -> np.ndarray:
-        """(P,) standard deviations of a set's unknowns by the sums, the model's own error counted in; else 0."""
-        C = one.columns[one.free]
-        G = self._solver.normal(self._training)[0][np.ix_(C, C)] + np.diag(self._solver.width[C] ** -2.0)
-        result = np.zeros(len(self.sums.values))
-        result[C] = np.sqrt(np.diag(np.linalg.inv(G)))
-        return result
-
-    @cached_property
+    @property
     def limited(self) -> float:
         """Share of what the richest model leaves that is more than noise: 0 noise-limited, 1 model-limited."""
         noise, level = (float(np.sum(self._importance * x)) for x in (self.sums.noise**2, self.level))
         return max(0.0, 1.0 - NOISY * noise / level)
 
-    def _levels(self) -> tuple[np.ndarray, np.ndarray]:
-        """(U,) variance that the richest model leaves, at least the noise, and (U,) independent samples."""
-        s = self.sums
-        whole = self._solver.subset(self.candidates)
-        every, free = whole.columns, whole.free
-        level = s.noise**2
-        for _ in range(LEVELS):
-            self._solver.weigh(1.0 / level)
-            change = self._solver.linear(every, free, self._training)
-            error = s.errors(every, change, np.arange(len(s.count)))
-            for channel in range(len(s.channels)):
-                units = s.channel == channel
-                known = units & s.training
-                if known.any():
-                    left = float(np.average(error[known], weights=s.count[known]))
-                    level = np.where(units, np.maximum(s.noise**2, left), level)
-        independent = s.count.copy()
-        for channel in range(len(s.channels)):
-            units = np.flatnonzero(s.channel == channel)
-            known = [u for u in units if s.training[u]]
-            times = [correlation_time([s.residual(u, every, change)]) for u in known]
-            if times:
-                independent[units] /= np.average(times, weights=s.count[known])
-        return level, independent
-
     def _appraised(self, effects: tuple[Candidate, ...]) -> Appraisal:
         s = self.sums
-        one = self._solver.subset(effects)
+        solver, one = self._solved(effects)
         columns, free = one.columns, one.free
-        change, effective = self._solver.minimum(one, self._training)
-        likelihood = self._log_likelihood(s.errors(columns, effective, self._training))
-        occam, values = self._freedom(columns[free], change[free])
-        errors = [self._predicted(one, change, fold) for fold in self._folds]
+        change, effective = solver.minimum(one, self._training)
+        left = solver.sums.errors(columns, effective, self._training)
+        likelihood = self._log_likelihood(left) - self._against_priors(solver, columns, change)
+        occam, values = self._freedom(solver, columns[free], change[free])
+        whole = solver.cost(one, change, effective, self._training)
+        errors = [self._predicted(solver, one, change, whole, fold) for fold in self._folds]
         predicted = np.concatenate([np.zeros(0), *errors])
         units = np.concatenate([np.zeros(0, dtype=int), *(fold.units for fold in self._folds)])
         transfer = -0.5 * float(self.independent[units] @ _misfit(predicted / s.noise[units] ** 2))
@@ -250,11 +217,11 @@ class Appraiser:
         if len(units):
             judged, errors_there = units[others], predicted[others]
         else:
-            judged, errors_there = self._training, s.errors(columns, effective, self._training)
+            judged, errors_there = self._training, left
         floored = np.maximum(errors_there, s.noise[judged] ** 2)
         return Appraisal(
             effects=effects,
-            worth=fit + transfer - price if self._inside(columns[free], change[free]) else -np.inf,
+            worth=fit + transfer - price if self._inside(solver, one, change, effective) else -np.inf,
             fit=fit,
             transfer=transfer,
             price=price,
@@ -262,6 +229,7 @@ class Appraiser:
             free=free,
             change=change,
             effective=effective,
+            errors=left,
             likelihood=likelihood,
             values=values,
             predicted=predicted,
@@ -275,12 +243,19 @@ class Appraiser:
         kinds = self._kinds[self.sums.channel[units]]
         return np.sqrt(np.bincount(kinds, weights=floored, minlength=int(self._kinds.max()) + 1))
 
-    def _inside(self, columns: np.ndarray, change: np.ndarray) -> bool:
-        """Whether no effect explains what it does by a value on a bound other than that of its absence."""
-        p = self.sums.problem
-        value = self.sums.values[columns] + change
-        on = ((value <= p.lower[columns]) | (value >= p.upper[columns])) & (value != p.null[columns])
-        return not np.any(on & ~self._always[columns])
+    def _inside(self, solver: Solver, one: Subset, change: np.ndarray, effective: np.ndarray) -> bool:
+        """Whether no effect explains what it does by a value that the runs pull beyond a bound.
+
+        A bound at which the effect is absent, and one from which they pull no more than by chance, is none.
+        """
+        p, C = self.sums.problem, one.columns
+        value = solver.sums.values[C] + change
+        on = ((value <= p.lower[C]) | (value >= p.upper[C])) & (value != p.null[C]) & one.free & ~self._always[C]
+        if not on.any():
+            return True
+        G, slope = solver.normal(self._training)
+        pull = (slope[C] - G[C[:, None], C] @ effective)[on]
+        return bool(np.all(0.5 * pull**2 / np.diag(G)[C[on]] < SURE))
 
     def _log_likelihood(self, error: np.ndarray) -> float:
         """Of training units with (t,) mean squared errors, with one variance of the model's own for each channel."""
@@ -292,27 +267,45 @@ class Appraiser:
         samples = np.array([self.independent[units].sum() for units in channels])
         return -0.5 * float(samples @ _misfit(mean))
 
-    def _freedom(self, columns: np.ndarray, change: np.ndarray) -> tuple[float, float]:
+    def _freedom(self, solver: Solver, columns: np.ndarray, change: np.ndarray) -> tuple[float, float]:
         """Nats that the freedom of a set's own unknowns costs, and how many of them the runs determine."""
-        own = ~self._always[columns]
-        C, d = columns[own], (change - self._solver.centre[columns])[own]
+        p, own = self.sums.problem, ~self._always[columns]
+        C = columns[own]
+        d = (solver.sums.values[columns] + change)[own] - np.where(p.prior_weight > 0, p.prior_mean, p.null)[C]
         if len(C) == 0:
             return 0.0, 0.0
         T = self._typical[C]
-        A = T[:, None] * self._solver.normal(self._training)[0][C[:, None], C] * T
+        A = T[:, None] * solver.normal(self._training)[0][C[:, None], C] * T
         A.flat[:: len(C) + 1] += 1.0
         factor, _ = dpotrf(A, lower=1, clean=1)
         inverse, _ = dtrtri(factor, lower=1)
         values = len(C) - float(np.sum(inverse**2))
         return float(np.sum(np.log(np.diag(factor))) + np.sum(np.log1p((d / T) ** 2))), values
 
-    def _predicted(self, one: Subset, change: np.ndarray, fold: "_Fold") -> np.ndarray:
-        """(u,) mean squared error of a run, predicted by a fit to the other training runs; its own unknowns fit it."""
-        _, effective = self._solver.minimum(one, fold.others, change)
+    def _against_priors(self, solver: Solver, columns: np.ndarray, change: np.ndarray) -> float:
+        """Nats by which unknowns of every set contradict what was measured of them by hand."""
+        p, value = self.sums.problem, solver.sums.values[columns] + change
+        off = (p.prior_weight[columns] * (value - p.prior_mean[columns]))[self._always[columns]]
+        return 0.5 * float(off @ off)
+
+    def _predicted(self, solver: Solver, one: Subset, change: np.ndarray, whole: float, fold: "_Fold") -> np.ndarray:
+        """(u,) mean squared error of a run, predicted by a fit to the other training runs; its own unknowns fit it.
+
+        Where only noise is left, the part of it that is no more than what the others leave uncertain does not count:
+        what a run adds to the cost of the others is r' (1 + J S J')^-1 r, with r the prediction's error and S the
+        covariance of what the others say.
+        """
+        near, effective = solver.minimum(one, fold.others, change)
+        before = solver.cost(one, near, effective, fold.others)
         own = one.free & (self._owner[one.columns] == fold.run)
         if own.any():
-            effective = self._solver.linear(one.columns, own, fold.units, effective)
-        return self.sums.errors(one.columns, effective, fold.units)
+            effective = solver.linear(one.columns, own, fold.units, effective)
+        error = solver.sums.errors(one.columns, effective, fold.units)
+        total = float(solver.weight[fold.units] * self.sums.count[fold.units] @ error)
+        if not self.sums.training[fold.units].any() or total == 0.0:
+            return error
+        certain = float(np.clip((whole - before) / total, 0.0, 1.0))
+        return error * (self.limited + (1.0 - self.limited) * certain)
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,8 @@ exchanged for others. A set costs one small linear solve for each run, so that t
 (floating search: Pudil, Novovičová & Kittler, Pattern Recognition Letters 15, 1994).
 """
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
+from itertools import combinations
 
 import numpy as np
 
@@ -26,6 +27,7 @@ LEADS = 0.5
 MOST_ROUNDS = 60
 
 Say = Callable[[str], None]
+Refused = Collection[frozenset[Candidate]]
 
 
 def chosen(appraiser: Appraiser, firm: Sequence[Candidate] = (), say: Say | None = None) -> Appraisal:
@@ -36,18 +38,21 @@ def chosen(appraiser: Appraiser, firm: Sequence[Candidate] = (), say: Say | None
         firm: effects that stay: where the expansion's point holds them, sums foretell little without them.
         say: told how far the search is.
     """
-    now, refused = appraiser.of(firm), set[Appraisal]()
+    now = appraiser.of(firm)
+    refused = {frozenset(now.effects)}
     for _ in range(MOST_ROUNDS):
         if say is not None:
             say(f"{len(now.effects)} effects chosen")
-        better = _added(appraiser, now, refused) or _exchanged(appraiser, now, firm)
+        better = next((found for step in (_added, _exchanged, _paired) if (found := step(appraiser, now, firm, refused))), None)
         if better is None:
             break
+        refused.add(frozenset(better.effects))
         fewer = needed(appraiser, better, firm)
-        if _displaces(appraiser, fewer, now):
-            refused.add(better)
-        else:
-            now = fewer
+        back = fewer is not better and frozenset(fewer.effects) in refused
+        if not back and not _displaces(appraiser, fewer, now):
+            refused.add(frozenset(fewer.effects))
+            appraiser.advance(fewer)
+            now = appraiser.of(fewer.effects)
     return _simplified(appraiser, now, firm)
 
 
@@ -59,17 +64,35 @@ def _displaces(appraiser: Appraiser, after: Appraisal, before: Appraisal) -> boo
     return leads and foremost(appraiser, rest, [before, after]) is before
 
 
-def _added(appraiser: Appraiser, now: Appraisal, refused: Collection[Appraisal]) -> Appraisal | None:
+def _added(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate], refused: Refused) -> Appraisal | None:
     """With one effect more, on one joint or on all of its joints; None where that is worth nothing."""
     left = [c for c in appraiser.candidates if c not in now.effects]
     if not left:
         return None
-    gains = appraiser.foretold(now, left)
-    options = [appraiser.of((*now.effects, left[i])) for i in np.argsort(-gains)[:PROMISING]]
+    options = appraiser.promising(now, [(c,) for c in left], PROMISING)
     if not now.effects:
         options += _whole(appraiser, left)
-    options = [o for o in options if o.worth > now.worth and o.carries_over(now) and appraiser.useful(o, now)]
-    options = [o for o in options if o not in refused]
+    options = _better(appraiser, now, options, refused)
+    return foremost(appraiser, now, options) if options else None
+
+
+def _better(
+    appraiser: Appraiser, now: Appraisal, options: Iterable[Appraisal], refused: Refused
+) -> list[Appraisal]:
+    """Those that are worth more, carry over, and whose further values explain enough."""
+    now = appraiser.of(now.effects)  # its refits may have shown better what noise there is
+    worth = [o for o in options if o.worth > now.worth and frozenset(o.effects) not in refused]
+    return [o for o in worth if o.carries_over(now) and appraiser.useful(o, now)]
+
+
+def _paired(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate], refused: Refused) -> Appraisal | None:
+    """With two effects more, also in place of one: two that a third imitates are found so."""
+    options = []
+    for gone in (None, *(c for c in now.effects if c not in firm)):
+        rest = appraiser.of([c for c in now.effects if c is not gone])
+        pairs = list(combinations([c for c in appraiser.candidates if c not in now.effects], 2))
+        options += appraiser.promising(rest, pairs, PROMISING // 2)
+    options = _better(appraiser, now, options, refused)
     return foremost(appraiser, now, options) if options else None
 
 
@@ -127,7 +150,9 @@ def needed(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate] = ())
     return now
 
 
-def _exchanged(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate]) -> Appraisal | None:
+def _exchanged(
+    appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate], refused: Refused
+) -> Appraisal | None:
     """With one effect, or all joints of one, exchanged for another; None where none is better."""
     free = [c for c in now.effects if c not in firm]
     parts = [[c] for c in free]
@@ -138,11 +163,10 @@ def _exchanged(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate]) 
     best: Appraisal | None = None
     for part in parts:
         rest = appraiser.of([c for c in now.effects if c not in part])
-        left = [c for c in appraiser.candidates if c not in now.effects]
-        gains = appraiser.foretold(rest, left)
-        for i in np.argsort(-gains)[: PROMISING // 2]:
-            option = appraiser.of((*rest.effects, left[i]))
+        left = [(c,) for c in appraiser.candidates if c not in now.effects]
+        for option in appraiser.promising(rest, left, PROMISING // 2):
             better = option.worth > max(now.worth, best.worth if best else -np.inf)
+            better = better and frozenset(option.effects) not in refused
             first = better and foremost(appraiser, rest, [now, option]) is option
             if first and not option.harms(now) and appraiser.useful(option, rest):
                 best = option

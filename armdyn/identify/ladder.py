@@ -72,8 +72,9 @@ def tied(appraiser: Appraiser, whole: Appraisal, part: Sequence[Candidate]) -> t
     rest = [c for c in whole.effects if c not in part]
     joints = {j for c in part for j in c.joints}
     found = []
-    for name in dict.fromkeys(c.effect for c in appraiser.candidates if c.effect != part[0].effect):
-        others = [c for c in appraiser.candidates if c.effect == name and set(c.joints) <= joints]
+    contenders = appraiser.contenders(appraiser.of(rest))
+    for name in dict.fromkeys(c.effect for c in contenders if c.effect != part[0].effect):
+        others = [c for c in contenders if c.effect == name and set(c.joints) <= joints]
         if any(c in rest for c in others) or len(others) < len(part):
             continue
         other = appraiser.of((*rest, *others))

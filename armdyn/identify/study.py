@@ -6,7 +6,6 @@ import numpy as np
 
 from armdyn.effects.effect import Effect
 from armdyn.identify.appraisal import Appraisal, Appraiser
-from armdyn.identify.evidence import Weighed, Whitening, weighed, whitening_of
 from armdyn.identify.exam import Judge, judges, prepared_exam
 from armdyn.identify.first_fit import first_fit
 from armdyn.identify.fit import GROWTHS, Fit, determined, fit
@@ -15,6 +14,7 @@ from armdyn.identify.least_squares import Outcome
 from armdyn.identify.prepare import noise_of_runs, prepared, stated_noise
 from armdyn.identify.problem import Block, Problem
 from armdyn.identify.score import Candidate, Score, scores
+from armdyn.identify.summed import Summed
 from armdyn.identify.sums import sums
 from armdyn.model import Model
 from armdyn.run import Run
@@ -74,7 +74,6 @@ class Study:
             for effect in extended.effects
         )
         self.candidates = tuple(_candidate(name, parts) for name, parts in absent if parts)
-        self._fits: dict[tuple[Candidate, ...], Fit] = {}
         self._held_out: dict[int, tuple[Fit, list[Block] | None]] = {}
         self._exam: dict[int, tuple[Fit, list[Block]]] = {}
         self._first: Fit | None = None
@@ -95,36 +94,20 @@ class Study:
             for column, value, is_free in zip(alone.columns, found.values, found.free, strict=True):
                 values[place[column.name]], mask[place[column.name]] = value, is_free
             self._first = Fit(self.problem, mask, values, tuple(self.problem.blocks(values, mask)), found.outcome)
-            self._fits[self._key(self.present)] = self._first
         return self._first
 
-    def fit_with(self, effects: Sequence[Candidate], near: Fit) -> Fit:
-        """The model's base with exactly these effects, started from the fit `near`."""
-        key = self._key(effects)
-        if key not in self._fits:
-            free, start = self._released(effects, near)
-            self._fits[key] = fit(self.problem, free, start, most_steps=QUICK_STEPS)
-        return self._fits[key]
+    def fit_with(self, effects: Sequence[Candidate], near: Fit, values: np.ndarray | None = None) -> Fit:
+        """The model's base with exactly these effects, started from the fit `near`, or from (P,) `values`."""
+        free, start = self._released(effects, near)
+        return fit(self.problem, free, start if values is None else values, most_steps=QUICK_STEPS)
 
     def sketch(self, effects: Sequence[Candidate], near: Fit) -> Fit:
-        """As `fit_with`, after a few steps only; not kept."""
-        if (known := self._fits.get(self._key(effects))) is not None:
-            return known
+        """As `fit_with`, after a few steps only."""
         free, start = self._released(effects, near)
         return fit(self.problem, free, start, most_steps=FIRST_STEPS)
 
-    def fit_from(self, effects: Sequence[Candidate], values: np.ndarray, near: Fit) -> Fit:
-        """As `fit_with`, started from (P,) values foretold; a fit that is there already is kept where it is as good."""
-        key = self._key(effects)
-        free, _ = self._released(effects, near)
-        found = fit(self.problem, free, values, most_steps=QUICK_STEPS)
-        if key not in self._fits or found.cost < self._fits[key].cost:
-            self._fits[key] = found
-        return self._fits[key]
-
-    def fit_to_the_end(self, effects: Sequence[Candidate], near: Fit) -> Fit:
-        """As `fit_with`, for as many more steps as lower the cost by what matters in a comparison."""
-        found = self.fit_with(effects, near)
+    def to_the_end(self, found: Fit) -> Fit:
+        """A fit after as many more steps as lower the cost by what matters in a comparison."""
         for _ in range(MORE):
             if found.outcome is not Outcome.OUT_OF_STEPS:
                 break
@@ -132,12 +115,11 @@ class Study:
             # Where much is left unexplained, what is left is the noise.
             if before.cost - found.cost < NEGLIGIBLE * max(1.0, found.chi2_per_sample):
                 break
-        self._fits[self._key(effects)] = found
         return found
 
     def fit_thoroughly(self, effects: Sequence[Candidate], near: Fit) -> Fit:
-        """As `fit_with`, and from other starts: effects at a typical size, near the fit and afresh over windows."""
-        best = self.fit_with(effects, near)
+        """The better of `near` and fits from other starts: effects at a typical size, near it and afresh."""
+        best = near
         free, start = self._released(effects, near)
         lean = self.lean(best) if best.samples > LONG else best
         for begin, windows in ((self._pushed(effects, start, near), False), (self._cold(effects, near), True)):
@@ -148,7 +130,6 @@ class Study:
             if other.cost < 0.999 * best.cost:
                 values = transferred(other.values, lean.problem, self.problem)
                 best = Fit(self.problem, free, values, tuple(self.problem.blocks(values, free)), other.outcome)
-        self._fits[self._key(effects)] = best
         return best
 
     def lean(self, found: Fit) -> Fit:
@@ -166,7 +147,7 @@ class Study:
         free_there = np.array([found.free[place[c.name]] for c in problem.columns], dtype=bool)
         return Fit(problem, free_there, values, found.blocks, found.outcome)
 
-    def appraiser(self, at: Fit) -> Appraiser:
+    def appraiser(self, at: Fit) -> Summed:
         """What sets of effects are worth, from sums around a fit."""
         everything = Problem(self.problem.model, [*self.runs, *self.held_out], self.noise)
         values = transferred(at.values, self.problem, everything)
@@ -176,10 +157,10 @@ class Study:
         atoms = [c.on([joint]) if joint else c for c in self.candidates for joint in (c.joints or ("",))]
         absent = [c for c in atoms if not np.any(free & everything.of(c.names))]
         around = sums(everything, {run.name for run in self.runs}, values, absent)
-        return Appraiser(around, (base | (present & everything.fitted)) & (free | everything.per_run), atoms)
+        return Summed(around, (base | (present & everything.fitted)) & (free | everything.per_run), atoms)
 
-    def foretold(self, appraiser: Appraiser, one: Appraisal) -> np.ndarray:
-        """(P,) values of the study's unknowns that sums foretell for a set."""
+    def own_values(self, appraiser: Appraiser, one: Appraisal) -> np.ndarray:
+        """(P,) values of the study's unknowns at an appraised set."""
         return transferred(appraiser.values(one), appraiser.sums.problem, self.problem)
 
     def scores(self, at: Fit, effects: Sequence[Candidate]) -> list[Score]:
@@ -210,18 +191,6 @@ class Study:
         """The fit in a formulation that predicts many samples fast."""
         return self.lean(found) if found.samples > LONG and found.problem is self.problem else found
 
-    def weighed(self, fits: Sequence[Fit]) -> tuple[list[Weighed], Whitening]:
-        """Fits under the whitening that the best of them asks for."""
-        best = min(range(len(fits)), key=lambda i: fits[i].cost)
-        for _ in range(3):
-            whitening = whitening_of(fits[best])
-            compared = [weighed(found, whitening) for found in fits]
-            now = min(range(len(fits)), key=lambda i: compared[i].cost)
-            if now == best:
-                break
-            best = now
-        return compared, whitening
-
     def _released(self, effects: Sequence[Candidate], near: Fit) -> tuple[np.ndarray, np.ndarray]:
         """What is free with these effects, and values near a fit; other effects are at their null values."""
         values = near.values.copy()
@@ -249,10 +218,6 @@ class Study:
 
     def _cold(self, effects: Sequence[Candidate], near: Fit) -> np.ndarray:
         return self._pushed(effects, self._begun, near)
-
-    @staticmethod
-    def _key(effects: Sequence[Candidate]) -> tuple[Candidate, ...]:
-        return tuple(sorted(effects, key=lambda c: c.label))
 
 
 def transferred(

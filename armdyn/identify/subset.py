@@ -49,6 +49,7 @@ class Solver:
         bends: by candidate whose unknowns act through others: where those are, and how.
         width: (P,) prior standard deviation of the unknowns.
         centre: (P,) prior mean of their changes.
+        weight: (U,) of the squared errors.
     """
 
     def __init__(self, sums: Sums, always: np.ndarray, candidates: Sequence[Candidate]) -> None:
@@ -64,12 +65,12 @@ class Solver:
         self._lower, self._upper = p.lower - sums.values, p.upper - sums.values
         bends = {c: self._bend(c) for c in candidates}
         self.bends = {c: bend for c, bend in bends.items() if bend is not None}
-        self._weight = np.ones(len(sums.count))
+        self.weight = np.ones(len(sums.count))
         self._normals: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
 
     def weigh(self, weight: np.ndarray) -> None:
         """Weigh the squared errors of units by (U,) `weight`."""
-        self._weight = weight
+        self.weight = weight
         self._normals.clear()
 
     def subset(self, effects: Iterable[Candidate]) -> "Subset":
@@ -100,7 +101,7 @@ class Solver:
         """(P, P) weighted sum of X'X and (P,) of X'r over units (u,)."""
         key = units.tobytes()
         if key not in self._normals:
-            w = self._weight[units]
+            w = self.weight[units]
             self._normals[key] = np.tensordot(w, self.sums.gram[units], 1), w @ self.sums.slope[units]
         return self._normals[key]
 
@@ -145,6 +146,12 @@ class Solver:
             if settled:
                 break
         return change, y
+
+    def cost(self, one: "Subset", change: np.ndarray, effective: np.ndarray, units: np.ndarray) -> float:
+        """Weighted squared error of units (u,) and priors at what `minimum` returned."""
+        C, s = one.columns, self.sums
+        off = ((change - self.centre[C]) / self.width[C])[one.free]
+        return float(self.weight[units] * s.count[units] @ s.errors(C, effective, units)) + float(off @ off)
 
     def _entering(self, one: "Subset", change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(c,) what enters predictions linearly after a change (c,) of the unknowns, and (c, c) its derivatives."""

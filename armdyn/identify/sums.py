@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from armdyn.identify.fit import Fit
 from armdyn.identify.problem import Block, Problem
 from armdyn.identify.score import Candidate
 
@@ -43,6 +44,8 @@ class Sums:
             mass of zero changes nothing, so that its derivative is taken at a typical mass.
         size: (P,) the driver's change at which that derivative was taken; 0 for those that act by themselves.
         blocks: the units' samples.
+        width: (P,) prior standard deviation of each unknown in a fit by sums.
+        centre: (P,) prior mean of each unknown's change from `values`.
     """
 
     problem: Problem
@@ -60,17 +63,8 @@ class Sums:
     driver: np.ndarray
     size: np.ndarray
     blocks: tuple[Block, ...]
-
-    @property
-    def width(self) -> np.ndarray:
-        """(P,) prior standard deviation of each unknown in a fit by sums, about its prior mean or its null value."""
-        return _width(self.problem)
-
-    @property
-    def centre(self) -> np.ndarray:
-        """(P,) prior mean of each unknown's change from `values`."""
-        p = self.problem
-        return np.where(p.prior_weight > 0, p.prior_mean, p.null) - self.values
+    width: np.ndarray
+    centre: np.ndarray
 
     def changed(self, columns: np.ndarray, change: np.ndarray, exact: np.ndarray) -> np.ndarray:
         """(P,) values after a change (c,) of the unknowns `columns` (c,), within their bounds.
@@ -122,7 +116,37 @@ def sums(problem: Problem, training: Collection[str], values: np.ndarray, absent
     if np.any(acting != values):
         latent = driver != np.arange(len(values))
         blocks = [_with_latent(h, t, latent) for h, t in zip(blocks, problem.blocks(acting), strict=True)]
-    runs = tuple(run.name for run in problem.runs)
+    size = np.where(driver != np.arange(len(values)), (acting - values)[driver], 0.0)
+    absence = np.where(problem.prior_weight > 0, problem.prior_mean, problem.null) - values
+    return _collected(problem, values, blocks, training, driver, size, absence)
+
+
+def sums_at(fit: Fit, blocks: Sequence[Block], predicted: Sequence[Block] = ()) -> Sums:
+    """Sums around a minimum, at which unknowns without a prior stay where the runs do not tell them.
+
+    Args:
+        fit: to the training runs.
+        blocks: of the training runs there, with the derivatives that are wanted.
+        predicted: of runs that are only predicted, at the fit, with the best start for each.
+    """
+    p = fit.problem
+    still = [replace(b, sensitivities=np.zeros((len(b.residual), len(fit.values)))) for b in predicted]
+    near = np.where(p.prior_weight > 0, p.prior_mean - fit.values, 0.0)
+    itself = np.arange(len(fit.values))
+    training = {run.name for run in p.runs}
+    return _collected(p, fit.values, [*blocks, *still], training, itself, np.zeros(len(itself)), near)
+
+
+def _collected(
+    problem: Problem,
+    values: np.ndarray,
+    blocks: Sequence[Block],
+    training: Collection[str],
+    driver: np.ndarray,
+    size: np.ndarray,
+    centre: np.ndarray,
+) -> Sums:
+    runs = tuple(dict.fromkeys([*(run.name for run in problem.runs), *(block.run for block in blocks)]))
     channels = tuple(dict.fromkeys(block.channel for block in blocks))
     X = [block.sensitivities * block.noise for block in blocks]
     return Sums(
@@ -139,8 +163,10 @@ def sums(problem: Problem, training: Collection[str], values: np.ndarray, absent
         count=np.array([len(block.residual) for block in blocks], dtype=float),
         noise=np.array([block.noise for block in blocks]),
         driver=driver,
-        size=np.where(driver != np.arange(len(values)), (acting - values)[driver], 0.0),
+        size=size,
         blocks=tuple(blocks),
+        width=_width(problem),
+        centre=centre,
     )
 
 

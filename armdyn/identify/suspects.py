@@ -50,9 +50,10 @@ def suspects(appraiser: Appraiser, first: Sequence[Candidate], tied: Sequence[Ca
     """
     nothing = appraiser.of(())
     found = [appraiser.of(first)] if first else []
-    for name in dict.fromkeys(c.effect for c in appraiser.candidates):
+    contenders = appraiser.contenders(nothing)
+    for name in dict.fromkeys(c.effect for c in contenders):
         if not first or name != first[0].effect:
-            found.append(_alone(appraiser, [c for c in appraiser.candidates if c.effect == name], nothing))
+            found.append(_alone(appraiser, [c for c in contenders if c.effect == name], nothing))
     worth = [one for one in found if one.effects and one.worth > nothing.worth]
     leading = worth[:1] if first else []
     rest = sorted(worth[len(leading) :], key=lambda one: -one.worth)
@@ -79,7 +80,6 @@ def _described(
     values, deviations = appraiser.values(one), appraiser.deviations(one)
     own = np.flatnonzero(p.of(named.names))
     drop = 2.0 * (one.likelihood - nothing.likelihood)
-    errors = s.errors(one.columns, one.effective, np.arange(len(s.count)))
     predicted = np.concatenate(
         [np.zeros(0, dtype=int), *(np.flatnonzero(s.run == r) for r in appraiser.predicted_runs)]
     )
@@ -88,7 +88,7 @@ def _described(
         joints=named.joints,
         delta_bic=2.0 * (one.worth - nothing.worth),
         p_value=min(1.0, len(appraiser.candidates) * float(chi2_distribution.sf(max(drop, 0.0), max(len(own), 1)))),
-        rmse=_by_channel(appraiser, np.flatnonzero(s.training), errors[s.training]),
+        rmse=_by_channel(appraiser, np.flatnonzero(s.training), one.errors),
         held_out_rmse=_by_channel(appraiser, predicted, one.predicted) if len(one.predicted) else {},
         parameters={
             c.name: FittedParameter(float(values[i]), float(deviations[i]), c.parameter.unit, True)

@@ -1,0 +1,181 @@
+"""Appraisal by refits: for models whose minimum moves as effects come in, as a pendulum's does.
+
+What a set is worth is computed from its own minimum; predictions of left-out runs are linear around it. Which sets are
+refitted is foretold from one expansion with every effect, at the best set so far. Far above the noise an expansion says
+little: there every effect is sketched in a few steps, and the best get other starts as well.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from armdyn.identify.appraisal import Appraisal, Appraiser
+from armdyn.identify.fit import GROSS, Fit
+from armdyn.identify.score import Candidate
+from armdyn.identify.study import Study
+from armdyn.identify.subset import Solver, Subset
+from armdyn.identify.summed import Summed, deviations, independent_samples
+from armdyn.identify.sums import sums_at
+
+REFITTED = 9
+"""Sets that are refitted in a round: the truth was among the first eight that were foretold, gross errors apart."""
+CLOSE = 2.0
+"""Chi2 per sample at which a fit has certainly found the right minimum."""
+THOROUGH = 4
+"""Sets that are fitted from other starts, where none is close."""
+LEADING = 2
+"""Of the refitted sets, how many are followed to their minimum."""
+HOPELESS = 0.5
+"""Share of its further price below which what a set is foretold to gain is not worth a refit."""
+
+
+class Refitted(Appraiser):
+    """Appraises sets of effects by fitting them.
+
+    Args:
+        study: model, runs, catalogue.
+    """
+
+    def __init__(self, study: Study) -> None:
+        self._study = study
+        first = study.first()
+        self._fits: dict[frozenset[Candidate], Fit] = {frozenset(): first}
+        self._contenders: dict[frozenset[Candidate], tuple[Candidate, ...]] = {}
+        p = study.problem
+        self._base = p.fitted & ~p.of([n for c in study.candidates for n in c.names])
+        candidates = tuple(c.on([joint]) if joint else c for c in study.candidates for joint in (c.joints or ("",)))
+        super().__init__(sums_at(first, first.blocks, self._held_out(first)), self._base, candidates)
+        self._expand(first, frozenset())
+
+    def fit(self, one: Appraisal) -> Fit:
+        """The minimum of a set."""
+        return self._fits[frozenset(one.effects)]
+
+    def advance(self, now: Appraisal) -> None:
+        """See `Appraiser.advance`: expand there, and measure by what the richest model leaves there."""
+        key = frozenset(now.effects)
+        if key != self._at:
+            self._expand(self._fits[key], key)
+
+    def _expand(self, fit: Fit, key: frozenset[Candidate]) -> None:
+        self._at = key
+        self._around = Summed(sums_at(fit, fit.problem.blocks(fit.values)), self._base, self.candidates)
+        known = self._training
+        self._measure(self._around.level[: len(known)], self._around.independent[: len(known)] / self.sums.count[known])
+
+    def _measure(self, level: np.ndarray, share: np.ndarray) -> None:
+        """Take (t,) levels and shares of independent samples of the training units for all units."""
+        s = self.sums
+        self.level, self.independent = s.noise**2, s.count.copy()
+        for channel in range(len(s.channels)):
+            units, same = s.channel == channel, s.channel[self._training] == channel
+            if same.any():
+                self.level = np.where(units, np.maximum(self.level, level[same].mean()), self.level)
+                self.independent = np.where(units, s.count * share[same].mean(), self.independent)
+        self._known.clear()
+
+    def _learn(self, fit: Fit) -> None:
+        """A fit that leaves less than the richest model of the expansion shows better what noise there is."""
+        s, known = self.sums, self._training
+        left = {int(u): block.misfit for u, block in zip(known, fit.blocks, strict=True)}
+        level = self._by_unit([float(np.mean(left[u] ** 2)) for u in known])
+        if self._importance[known] @ np.maximum(level, s.noise[known] ** 2) < self._importance[known] @ self.level[known]:
+            self._measure(level, independent_samples(s, left)[known] / s.count[known])
+
+    def _by_unit(self, squares: Sequence[float]) -> np.ndarray:
+        """(t,) mean over each training unit's channel."""
+        s, known = self.sums, self._training
+        of = np.asarray(squares)
+        return np.array([
+            np.average(of[s.channel[known] == c], weights=s.count[known][s.channel[known] == c])
+            for c in s.channel[known]
+        ])  # fmt: skip
+
+    def _solved(self, effects: tuple[Candidate, ...]) -> tuple[Solver, Subset]:
+        fit = self._fitted(effects)
+        solver = Solver(sums_at(fit, fit.blocks, self._held_out(fit)), fit.free, ())
+        solver.weigh(self.independent / (self.sums.count * self.level))
+        return solver, solver.subset(())
+
+    def _held_out(self, fit: Fit) -> list:
+        channels = {block.channel for block in fit.blocks}
+        blocks = self._study.held_out_blocks(fit) if self._study.held_out else None
+        return [block for block in blocks or () if block.channel in channels]
+
+    def _fitted(self, effects: Sequence[Candidate]) -> Fit:
+        key = frozenset(effects)
+        if key not in self._fits:
+            self._fits[key] = self._study.fit_with((*self._study.present, *effects), self._nearest(key))
+        return self._fits[key]
+
+    def _nearest(self, key: frozenset[Candidate]) -> Fit:
+        """The best of the fits whose effects differ least."""
+        near = min(self._fits, key=lambda other: (len(other ^ key), self._fits[other].cost))
+        return self._fits[near]
+
+    def values(self, one: Appraisal) -> np.ndarray:
+        """See `Appraiser.values`."""
+        return self.fit(one).values
+
+    def deviations(self, one: Appraisal) -> np.ndarray:
+        """See `Appraiser.deviations`."""
+        return deviations(self._solved(one.effects)[0], one, self._training)
+
+    def holds(self, richer: Candidate, simpler: Candidate) -> bool:
+        """See `Appraiser.holds`."""
+        return self._around.holds(richer, simpler)
+
+    def foretold(self, now: Appraisal, options: Sequence[Sequence[Candidate]]) -> np.ndarray:
+        """See `Appraiser.foretold`; from the expansion at the best set so far."""
+        return self._around.foretold(self._around.of(now.effects), options)
+
+    def promising(self, now: Appraisal, options: Sequence[Sequence[Candidate]], most: int) -> list[Appraisal]:
+        """See `Appraiser.promising`."""
+        far = frozenset(now.effects) == self._at and self.fit(now).chi2_per_sample > GROSS
+        if far and all(len(option) == 1 for option in options):
+            return self._raced(now, options)
+        gains = self.foretold(now, options)
+        price = self.price(now.effects)
+        worth = [
+            i
+            for i in np.argsort(-gains)[: min(most, REFITTED)]
+            if gains[i] > HOPELESS * (self.price((*now.effects, *options[i])) - price)
+        ]
+        return self._followed([(*now.effects, *options[i]) for i in worth])
+
+    def contenders(self, rest: Appraisal) -> tuple[Candidate, ...]:
+        """See `Appraiser.contenders`."""
+        key = frozenset(rest.effects)
+        if key not in self._contenders:
+            left = [(c,) for c in self.candidates if c not in rest.effects]
+            found = self.promising(rest, left, REFITTED)
+            self._contenders[key] = tuple(c for one in found for c in one.effects if c not in rest.effects)
+        return self._contenders[key]
+
+    def _raced(self, now: Appraisal, options: Sequence[Sequence[Candidate]]) -> list[Appraisal]:
+        """Every option is sketched; the best are carried on, and get other starts where none comes close."""
+        study, near = self._study, self.fit(now)
+        sets = [(*now.effects, *option) for option in options]
+        for effects in sets:
+            key = frozenset(effects)
+            if key not in self._fits:
+                self._fits[key] = study.sketch((*study.present, *effects), near)
+        ranked = sorted(sets, key=lambda effects: self._fits[frozenset(effects)].cost)[:REFITTED]
+        for effects in ranked:
+            key = frozenset(effects)
+            self._fits[key] = study.fit_with((*study.present, *effects), self._fits[key])
+        ranked.sort(key=lambda effects: self._fits[frozenset(effects)].cost)
+        for effects in ranked[:THOROUGH]:
+            key = frozenset(effects)
+            if self._fits[key].chi2_per_sample < CLOSE:
+                break
+            self._fits[key] = study.fit_thoroughly((*study.present, *effects), self._fits[key])
+        return self._followed(ranked)
+
+    def _followed(self, sets: Sequence[tuple[Candidate, ...]]) -> list[Appraisal]:
+        """Appraisals of sets, of which those that lead are followed to their minimum."""
+        fits = {frozenset(effects): self._fitted(effects) for effects in sets}
+        for key in sorted(fits, key=lambda key: fits[key].bic)[:LEADING]:
+            self._fits[key] = self._study.to_the_end(fits[key])
+            self._learn(self._fits[key])
+        return [self.of(effects) for effects in sets]

@@ -1,0 +1,118 @@
+"""Appraisal by sums around one fit: for models that are linear in most of their unknowns, as an arm is."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from armdyn.identify.appraisal import Appraisal, Appraiser
+from armdyn.identify.noise import correlation_time
+from armdyn.identify.score import Candidate
+from armdyn.identify.subset import Solver, Subset
+from armdyn.identify.sums import Sums
+
+HELD = 1e-6
+"""Share of an effect's square that is left beside another one which can do all that it does."""
+LEVELS = 4
+"""Rounds in which the richest model's fit and the error that it leaves, which weighs it, settle."""
+
+
+class Summed(Appraiser):
+    """Appraises sets by one expansion; see `Appraiser` for the arguments."""
+
+    def __init__(self, sums: Sums, always: np.ndarray, candidates: Sequence[Candidate]) -> None:
+        super().__init__(sums, always, candidates)
+        self._solver = Solver(sums, always, candidates)
+        self.level, self.independent = self._levels()
+        self._solver.weigh(self.independent / (sums.count * self.level))
+
+    def _solved(self, effects: tuple[Candidate, ...]) -> tuple[Solver, Subset]:
+        return self._solver, self._solver.subset(effects)
+
+    def values(self, one: Appraisal) -> np.ndarray:
+        """See `Appraiser.values`; foretold."""
+        exact = np.zeros(len(self.sums.values), dtype=bool)
+        for c in self._solver.bends:
+            exact[self._solver.columns[c]] = True
+        return self.sums.changed(one.columns, one.change, exact)
+
+    def promising(self, now: Appraisal, options: Sequence[Sequence[Candidate]], most: int) -> list[Appraisal]:
+        """See `Appraiser.promising`."""
+        gains = self.foretold(now, options)
+        return [self.of((*now.effects, *options[i])) for i in np.argsort(-gains)[:most]]
+
+    def contenders(self, rest: Appraisal) -> tuple[Candidate, ...]:
+        """See `Appraiser.contenders`; all, since asking costs little."""
+        del rest
+        return self.candidates
+
+    def holds(self, richer: Candidate, simpler: Candidate) -> bool:
+        """See `Appraiser.holds`."""
+        own, other = self._solver.columns[richer], self._solver.columns[simpler]
+        if simpler.joints != richer.joints or not 0 < len(other) < len(own):
+            return False
+        G = self._solver.normal(self._training)[0]
+        within = np.linalg.lstsq(G[np.ix_(own, own)], G[np.ix_(own, other)], rcond=1e-10)[0]
+        left = np.diag(G)[other] - np.sum(G[np.ix_(own, other)] * within, axis=0)
+        return bool(np.all(left <= HELD * np.diag(G)[other]))
+
+    def foretold(self, now: Appraisal, options: Sequence[Sequence[Candidate]]) -> np.ndarray:
+        """See `Appraiser.foretold`."""
+        G, slope = self._solver.normal(self._training)
+        width = self._solver.width
+        C, gone = now.columns[now.free], now.columns[~now.free]
+        # Priors pull as well where the expansion's point is not at their mean.
+        slope = slope - G[:, gone] @ now.effective[~now.free] + self._solver.centre * width**-2.0
+        scaled = np.linalg.solve(G[np.ix_(C, C)] + np.diag(width[C] ** -2.0), np.column_stack([G[C], slope[C]]))
+        left, rest = G - G[:, C] @ scaled[:, :-1], slope - G[:, C] @ scaled[:, -1]
+        there = set(C.tolist())
+        gains = np.zeros(len(options))
+        for i, option in enumerate(options):
+            own = np.array([j for c in option for j in self._solver.columns[c] if j not in there], dtype=int)
+            if len(own):
+                S = left[own[:, None], own] + np.diag(width[own] ** -2.0)
+                gains[i] = rest[own] @ np.linalg.solve(S, rest[own])
+        return gains
+
+    def deviations(self, one: Appraisal) -> np.ndarray:
+        """See `Appraiser.deviations`."""
+        return deviations(self._solver, one, self._training)
+
+    def _levels(self) -> tuple[np.ndarray, np.ndarray]:
+        """(U,) variance that the richest model leaves, at least the noise, and (U,) independent samples."""
+        s = self.sums
+        whole = self._solver.subset(self.candidates)
+        every, free = whole.columns, whole.free
+        level = s.noise**2
+        for _ in range(LEVELS):
+            self._solver.weigh(1.0 / level)
+            change = self._solver.linear(every, free, self._training)
+            error = s.errors(every, change, np.arange(len(s.count)))
+            for channel in range(len(s.channels)):
+                units = s.channel == channel
+                known = units & s.training
+                if known.any():
+                    left = float(np.average(error[known], weights=s.count[known]))
+                    level = np.where(units, np.maximum(s.noise**2, left), level)
+        left = {int(u): s.residual(u, every, change) for u in self._training}
+        return level, independent_samples(s, left)
+
+
+def independent_samples(sums: Sums, left: Mapping[int, np.ndarray]) -> np.ndarray:
+    """(U,) number of samples over their correlation time, from the residual of each training unit."""
+    independent = sums.count.copy()
+    for channel in range(len(sums.channels)):
+        units = np.flatnonzero(sums.channel == channel)
+        known = [u for u in units if u in left]
+        if known:
+            times = [correlation_time([left[u]]) for u in known]
+            independent[units] /= np.average(times, weights=sums.count[known])
+    return independent
+
+
+def deviations(solver: Solver, one: Appraisal, units: np.ndarray) -> np.ndarray:
+    """(P,) standard deviations of a set's unknowns fitted to units (u,); 0 of the others."""
+    C = one.columns[one.free]
+    G = solver.normal(units)[0][np.ix_(C, C)] + np.diag(solver.width[C] ** -2.0)
+    result = np.zeros(len(solver.sums.values))
+    result[C] = np.sqrt(np.diag(np.linalg.inv(G)))
+    return result
