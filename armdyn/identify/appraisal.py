@@ -43,6 +43,10 @@ HARM = 0.02
 """Share by which an effect may make the total error of a predicted run larger."""
 
 
+Change = tuple[Sequence[Candidate], Sequence[Candidate]]
+"""Effects that leave a set, and those that come."""
+
+
 @dataclass(frozen=True, eq=False)
 class Appraisal:
     """What one set of effects is worth.
@@ -137,12 +141,8 @@ class Appraiser(ABC):
         """(P,) values of all unknowns at a set's minimum."""
 
     @abstractmethod
-    def foretold(self, now: Appraisal, options: Sequence[Sequence[Candidate]]) -> np.ndarray:
-        """(k,) fall of the weighted squared error of the training runs that k additions to a set promise."""
-
-    @abstractmethod
-    def promising(self, now: Appraisal, options: Sequence[Sequence[Candidate]], most: int) -> list[Appraisal]:
-        """Of additions to a set, those that promise most: at most so many."""
+    def promising(self, now: Appraisal, changes: Sequence[Change], most: int) -> list[Appraisal]:
+        """Of sets that differ from one by changes, those that are foretold to be worth most, at most so many."""
 
     @abstractmethod
     def contenders(self, rest: Appraisal) -> tuple[Candidate, ...]:

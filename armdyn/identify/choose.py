@@ -69,7 +69,7 @@ def _added(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate], refu
     left = [c for c in appraiser.candidates if c not in now.effects]
     if not left:
         return None
-    options = appraiser.promising(now, [(c,) for c in left], PROMISING)
+    options = appraiser.promising(now, [((), (c,)) for c in left], PROMISING)
     if not now.effects:
         options += _whole(appraiser, left)
     options = _better(appraiser, now, options, refused)
@@ -87,12 +87,10 @@ def _better(
 
 def _paired(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate], refused: Refused) -> Appraisal | None:
     """With two effects more, also in place of one: two that a third imitates are found so."""
-    options = []
-    for gone in (None, *(c for c in now.effects if c not in firm)):
-        rest = appraiser.of([c for c in now.effects if c is not gone])
-        pairs = list(combinations([c for c in appraiser.candidates if c not in now.effects], 2))
-        options += appraiser.promising(rest, pairs, PROMISING // 2)
-    options = _better(appraiser, now, options, refused)
+    left = [c for c in appraiser.candidates if c not in now.effects]
+    leaving = [(), *((c,) for c in now.effects if c not in firm)]
+    changes = [(gone, pair) for pair in combinations(left, 2) for gone in leaving]
+    options = _better(appraiser, now, appraiser.promising(now, changes, PROMISING), refused)
     return foremost(appraiser, now, options) if options else None
 
 
@@ -155,19 +153,18 @@ def _exchanged(
 ) -> Appraisal | None:
     """With one effect, or all joints of one, exchanged for another; None where none is better."""
     free = [c for c in now.effects if c not in firm]
-    parts = [[c] for c in free]
+    parts = [(c,) for c in free]
     for name in dict.fromkeys(c.effect for c in free):
-        joints = [c for c in free if c.effect == name]
+        joints = tuple(c for c in free if c.effect == name)
         if len(joints) > 1:
             parts.append(joints)
+    left = [c for c in appraiser.candidates if c not in now.effects]
+    changes = [(part, (c,)) for part in parts for c in left]
     best: Appraisal | None = None
-    for part in parts:
-        rest = appraiser.of([c for c in now.effects if c not in part])
-        left = [(c,) for c in appraiser.candidates if c not in now.effects]
-        for option in appraiser.promising(rest, left, PROMISING // 2):
-            better = option.worth > max(now.worth, best.worth if best else -np.inf)
-            better = better and frozenset(option.effects) not in refused
-            first = better and foremost(appraiser, rest, [now, option]) is option
-            if first and not option.harms(now) and appraiser.useful(option, rest):
-                best = option
+    for option in appraiser.promising(now, changes, PROMISING // 2 * len(parts)):
+        if option.worth <= max(now.worth, best.worth if best else -np.inf) or frozenset(option.effects) in refused:
+            continue
+        rest = appraiser.of([c for c in now.effects if c in option.effects])
+        if foremost(appraiser, rest, [now, option]) is option and not option.harms(now) and appraiser.useful(option, rest):
+            best = option
     return best

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from armdyn.identify.appraisal import Appraisal, Appraiser
+from armdyn.identify.appraisal import Appraisal, Appraiser, Change
 from armdyn.identify.fit import GROSS, Fit
 from armdyn.identify.score import Candidate
 from armdyn.identify.study import Study
@@ -23,10 +23,13 @@ CLOSE = 2.0
 """Chi2 per sample at which a fit has certainly found the right minimum."""
 THOROUGH = 4
 """Sets that are fitted from other starts, where none is close."""
-LEADING = 2
-"""Of the refitted sets, how many are followed to their minimum."""
+LEADING = 3
+"""Of the refitted sets, how many are carried on after a sketch, beside those that are nearly as good."""
 HOPELESS = 0.5
 """Share of its further price below which what a set is foretold to gain is not worth a refit."""
+BEHIND = 30.0
+"""Fall of chi2 by which a set that lacks an effect of the best one may be foretold to stay behind it: foretelling is off
+by less."""
 
 
 class Refitted(Appraiser):
@@ -40,6 +43,7 @@ class Refitted(Appraiser):
         self._study = study
         first = study.first()
         self._fits: dict[frozenset[Candidate], Fit] = {frozenset(): first}
+        self._rough: set[frozenset[Candidate]] = set()  # sketched, not fitted
         self._contenders: dict[frozenset[Candidate], tuple[Candidate, ...]] = {}
         p = study.problem
         self._base = p.fitted & ~p.of([n for c in study.candidates for n in c.names])
@@ -55,6 +59,8 @@ class Refitted(Appraiser):
         """See `Appraiser.advance`: expand there, and measure by what the richest model leaves there."""
         key = frozenset(now.effects)
         if key != self._at:
+            if key in self._rough:
+                self._carry_on(key)
             self._expand(self._fits[key], key)
 
     def _expand(self, fit: Fit, key: frozenset[Candidate]) -> None:
@@ -125,29 +131,25 @@ class Refitted(Appraiser):
         """See `Appraiser.holds`."""
         return self._around.holds(richer, simpler)
 
-    def foretold(self, now: Appraisal, options: Sequence[Sequence[Candidate]]) -> np.ndarray:
-        """See `Appraiser.foretold`; from the expansion at the best set so far."""
-        return self._around.foretold(self._around.of(now.effects), options)
-
-    def promising(self, now: Appraisal, options: Sequence[Sequence[Candidate]], most: int) -> list[Appraisal]:
+    def promising(self, now: Appraisal, changes: Sequence[Change], most: int) -> list[Appraisal]:
         """See `Appraiser.promising`."""
-        far = frozenset(now.effects) == self._at and self.fit(now).chi2_per_sample > GROSS
-        if far and all(len(option) == 1 for option in options):
-            return self._raced(now, options)
-        gains = self.foretold(now, options)
-        price = self.price(now.effects)
-        worth = [
-            i
-            for i in np.argsort(-gains)[: min(most, REFITTED)]
-            if gains[i] > HOPELESS * (self.price((*now.effects, *options[i])) - price)
-        ]
-        return self._followed([(*now.effects, *options[i]) for i in worth])
+        if self.fit(now).chi2_per_sample > GROSS and all(not gone and len(come) == 1 for gone, come in changes):
+            return self._raced(now, [come for _, come in changes])
+        here, around = self._around.of(now.effects), self._around
+        standing = around.remaining(here) + 2.0 * self.price(now.effects)
+        sets = []
+        for effects, foretold, gain in around.foretold(here, changes):
+            further = self.price(effects) - self.price(now.effects)
+            grown = len(effects) - len(now.effects)
+            if foretold < standing + BEHIND and (grown <= 0 or foretold < standing + (2.0 - HOPELESS) * further):
+                sets.append(effects)
+        return self._followed(sets[: min(most, REFITTED)])
 
     def contenders(self, rest: Appraisal) -> tuple[Candidate, ...]:
         """See `Appraiser.contenders`."""
         key = frozenset(rest.effects)
         if key not in self._contenders:
-            left = [(c,) for c in self.candidates if c not in rest.effects]
+            left = [((), (c,)) for c in self.candidates if c not in rest.effects]
             found = self.promising(rest, left, REFITTED)
             self._contenders[key] = tuple(c for one in found for c in one.effects if c not in rest.effects)
         return self._contenders[key]
@@ -157,25 +159,43 @@ class Refitted(Appraiser):
         study, near = self._study, self.fit(now)
         sets = [(*now.effects, *option) for option in options]
         for effects in sets:
-            key = frozenset(effects)
-            if key not in self._fits:
-                self._fits[key] = study.sketch((*study.present, *effects), near)
+            self._sketched(effects, near)
         ranked = sorted(sets, key=lambda effects: self._fits[frozenset(effects)].cost)[:REFITTED]
-        for effects in ranked:
-            key = frozenset(effects)
-            self._fits[key] = study.fit_with((*study.present, *effects), self._fits[key])
-        ranked.sort(key=lambda effects: self._fits[frozenset(effects)].cost)
-        for effects in ranked[:THOROUGH]:
-            key = frozenset(effects)
-            if self._fits[key].chi2_per_sample < CLOSE:
-                break
-            self._fits[key] = study.fit_thoroughly((*study.present, *effects), self._fits[key])
-        return self._followed(ranked)
+        found = self._followed(ranked)
+        if not now.effects and min(self._fits[frozenset(effects)].chi2_per_sample for effects in ranked) > CLOSE:
+            for one in sorted(found, key=lambda one: self.fit(one).cost)[:THOROUGH]:
+                fit = study.fit_thoroughly((*study.present, *one.effects), self.fit(one))
+                self._keep(frozenset(one.effects), fit)
+                if fit.chi2_per_sample < CLOSE:
+                    break
+        return [self.of(one.effects) for one in found]
+
+    def _sketched(self, effects: Sequence[Candidate], near: Fit) -> None:
+        key = frozenset(effects)
+        if key not in self._fits:
+            self._fits[key] = self._study.sketch((*self._study.present, *effects), near)
+            self._rough.add(key)
+
+    def _keep(self, key: frozenset[Candidate], fit: Fit) -> None:
+        """Take a better fit of a set, and what it shows of the noise."""
+        self._rough.discard(key)
+        if fit is not self._fits.get(key):
+            self._fits[key] = fit
+            self._known.pop(key, None)
+            self._learn(fit)
 
     def _followed(self, sets: Sequence[tuple[Candidate, ...]]) -> list[Appraisal]:
-        """Appraisals of sets, of which those that lead are followed to their minimum."""
-        fits = {frozenset(effects): self._fitted(effects) for effects in sets}
-        for key in sorted(fits, key=lambda key: fits[key].bic)[:LEADING]:
-            self._fits[key] = self._study.to_the_end(fits[key])
-            self._learn(self._fits[key])
+        """Appraisals of sets: all are sketched, those that lead are carried on, the best to its minimum."""
+        for effects in sets:
+            self._sketched(effects, self._nearest(frozenset(effects)))
+        standing = {k: self._fits[k].cost + 2.0 * self.price(e) for e in sets for k in [frozenset(e)]}
+        order = sorted(standing, key=lambda key: standing[key])
+        for place, key in enumerate(order):
+            if key in self._rough and (place < LEADING or standing[key] < standing[order[0]] + BEHIND):
+                self._carry_on(key)
+        for key in sorted(order, key=lambda key: self._fits[key].cost)[:1]:
+            self._keep(key, self._study.to_the_end(self._fits[key]))
         return [self.of(effects) for effects in sets]
+
+    def _carry_on(self, key: frozenset[Candidate]) -> None:
+        self._keep(key, self._study.fit_with((*self._study.present, *key), self._fits[key]))

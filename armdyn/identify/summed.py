@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from armdyn.identify.appraisal import Appraisal, Appraiser
+from armdyn.identify.appraisal import Appraisal, Appraiser, Change
 from armdyn.identify.noise import correlation_time
 from armdyn.identify.score import Candidate
 from armdyn.identify.subset import Solver, Subset
@@ -35,10 +35,24 @@ class Summed(Appraiser):
             exact[self._solver.columns[c]] = True
         return self.sums.changed(one.columns, one.change, exact)
 
-    def promising(self, now: Appraisal, options: Sequence[Sequence[Candidate]], most: int) -> list[Appraisal]:
+    def promising(self, now: Appraisal, changes: Sequence[Change], most: int) -> list[Appraisal]:
         """See `Appraiser.promising`."""
-        gains = self.foretold(now, options)
-        return [self.of((*now.effects, *options[i])) for i in np.argsort(-gains)[:most]]
+        return [self.of(effects) for effects, _, _ in self.foretold(now, changes)[:most]]
+
+    def foretold(self, now: Appraisal, changes: Sequence[Change]) -> list[tuple[tuple[Candidate, ...], float, float]]:
+        """Sets after changes, best first: effects, weighted squared error with the price, and what was gained.
+
+        The error is that of the training runs, the price counts twice, as in chi2, and the gain is that of what came.
+        """
+        found = []
+        for gone in dict.fromkeys(tuple(gone) for gone, _ in changes):
+            rest = self.of([c for c in now.effects if c not in gone])
+            options = [come for left, come in changes if tuple(left) == gone]
+            gains = self._gains(rest, options)
+            for come, gain in zip(options, gains, strict=True):
+                effects = (*rest.effects, *come)
+                found.append((effects, self.remaining(rest) - gain + 2.0 * self.price(effects), float(gain)))
+        return sorted(found, key=lambda one: one[1])
 
     def contenders(self, rest: Appraisal) -> tuple[Candidate, ...]:
         """See `Appraiser.contenders`; all, since asking costs little."""
@@ -55,8 +69,8 @@ class Summed(Appraiser):
         left = np.diag(G)[other] - np.sum(G[np.ix_(own, other)] * within, axis=0)
         return bool(np.all(left <= HELD * np.diag(G)[other]))
 
-    def foretold(self, now: Appraisal, options: Sequence[Sequence[Candidate]]) -> np.ndarray:
-        """See `Appraiser.foretold`."""
+    def _gains(self, now: Appraisal, options: Sequence[Sequence[Candidate]]) -> np.ndarray:
+        """(k,) fall of the weighted squared error of the training runs that k additions to a set promise."""
         G, slope = self._solver.normal(self._training)
         width = self._solver.width
         C, gone = now.columns[now.free], now.columns[~now.free]
@@ -72,6 +86,10 @@ class Summed(Appraiser):
                 S = left[own[:, None], own] + np.diag(width[own] ** -2.0)
                 gains[i] = rest[own] @ np.linalg.solve(S, rest[own])
         return gains
+
+    def remaining(self, one: Appraisal) -> float:
+        """Weighted squared error of the training runs that a set leaves."""
+        return float(self._solver.weight[self._training] * self.sums.count[self._training] @ one.errors)
 
     def deviations(self, one: Appraisal) -> np.ndarray:
         """See `Appraiser.deviations`."""
