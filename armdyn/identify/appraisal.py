@@ -173,6 +173,8 @@ class Appraiser(ABC):
 
     def useful(self, more: Appraisal, fewer: Appraisal) -> bool:
         """Whether the further values of a set explain enough beside what `fewer` explain: returns diminish."""
+        if self.limited == 0.0:
+            return True
         had = int(np.sum(fewer.free) - np.sum(self._always))
         further = int(np.sum(more.free) - np.sum(fewer.free))
         each = (self.of(()).misfit - fewer.misfit) / max(had, 1)
@@ -210,8 +212,10 @@ class Appraiser(ABC):
         errors = [self._predicted(solver, one, change, whole, fold) for fold in self._folds]
         predicted = np.concatenate([np.zeros(0), *errors])
         units = np.concatenate([np.zeros(0, dtype=int), *(fold.units for fold in self._folds)])
-        transfer = -0.5 * float(self.independent[units] @ _misfit(predicted / s.noise[units] ** 2))
         price, fit = self.price(effects), likelihood - occam
+        transfer = -0.5 * float(self.independent[units] @ _misfit(predicted / s.noise[units] ** 2))
+        # Where only noise is left, likelihood says all that predicted runs could say.
+        transfer = self.limited * transfer + (1.0 - self.limited) * fit
         # Runs that were given to be held out are another motion; runs held out in turn are often much alike.
         others = ~s.training[units] if np.any(~s.training[units]) else np.ones(len(units), dtype=bool)
         if len(units):

@@ -24,6 +24,8 @@ NEARLY = 0.75
 """Share of that gain that it must bring, however many it saves, and that stands for a richer effect that holds it."""
 LEADS = 0.5
 """Share of the misfit as given from which an effect is what a reader is told first."""
+MOST_PAIRED = 2
+"""Effects of a set to which two more are added at once."""
 MOST_ROUNDS = 60
 
 Say = Callable[[str], None]
@@ -87,6 +89,8 @@ def _better(
 
 def _paired(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate], refused: Refused) -> Appraisal | None:
     """With two effects more, also in place of one: two that a third imitates are found so."""
+    if len(now.effects) > MOST_PAIRED:
+        return None
     left = [c for c in appraiser.candidates if c not in now.effects]
     leaving = [(), *((c,) for c in now.effects if c not in firm)]
     changes = [(gone, pair) for pair in combinations(left, 2) for gone in leaving]

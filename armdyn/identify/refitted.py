@@ -17,19 +17,24 @@ from armdyn.identify.subset import Solver, Subset
 from armdyn.identify.summed import Summed, deviations, independent_samples
 from armdyn.identify.sums import sums_at
 
+SKETCHED = 5
+"""Sets, of those that are foretold to be best, that are sketched in a round."""
 REFITTED = 9
-"""Sets that are refitted in a round: the truth was among the first eight that were foretold, gross errors apart."""
+"""Effects that are carried on where all had to be sketched."""
 CLOSE = 2.0
 """Chi2 per sample at which a fit has certainly found the right minimum."""
 THOROUGH = 4
 """Sets that are fitted from other starts, where none is close."""
-LEADING = 3
+LEADING = 2
 """Of the refitted sets, how many are carried on after a sketch, beside those that are nearly as good."""
 HOPELESS = 0.5
 """Share of its further price below which what a set is foretold to gain is not worth a refit."""
 BEHIND = 30.0
 """Fall of chi2 by which a set that lacks an effect of the best one may be foretold to stay behind it: foretelling is off
 by less."""
+LEAST_SHARE = 0.25
+"""Of what is left above the noise, what each effect must explain where the model's own error is left: errors of the
+measured motion and effects that are missing leave a residual that small gains only happen to look like."""
 
 
 class Refitted(Appraiser):
@@ -55,12 +60,20 @@ class Refitted(Appraiser):
         """The minimum of a set."""
         return self._fits[frozenset(one.effects)]
 
+    def useful(self, more: Appraisal, fewer: Appraisal) -> bool:
+        """See `Appraiser.useful`; each effect must also explain `LEAST_SHARE` of what is left above the noise."""
+        judged = np.flatnonzero(~self.sums.training) if np.any(~self.sums.training) else self._training
+        noise = float(self._importance[judged] @ self.sums.noise[judged] ** 2)
+        asked = LEAST_SHARE * (len(more.effects) - len(fewer.effects)) * max(fewer.misfit - noise, 0.0)
+        return super().useful(more, fewer) and fewer.misfit - more.misfit >= self.limited * asked
+
     def advance(self, now: Appraisal) -> None:
         """See `Appraiser.advance`: expand there, and measure by what the richest model leaves there."""
         key = frozenset(now.effects)
         if key != self._at:
             if key in self._rough:
                 self._carry_on(key)
+            self._keep(key, self._study.to_the_end(self._fits[key]))
             self._expand(self._fits[key], key)
 
     def _expand(self, fit: Fit, key: frozenset[Candidate]) -> None:
@@ -133,7 +146,8 @@ class Refitted(Appraiser):
 
     def promising(self, now: Appraisal, changes: Sequence[Change], most: int) -> list[Appraisal]:
         """See `Appraiser.promising`."""
-        if self.fit(now).chi2_per_sample > GROSS and all(not gone and len(come) == 1 for gone, come in changes):
+        alone = changes and all(not gone and len(come) == 1 for gone, come in changes)
+        if alone and not now.effects and self.fit(now).chi2_per_sample > GROSS:
             return self._raced(now, [come for _, come in changes])
         here, around = self._around.of(now.effects), self._around
         standing = around.remaining(here) + 2.0 * self.price(now.effects)
@@ -143,7 +157,7 @@ class Refitted(Appraiser):
             grown = len(effects) - len(now.effects)
             if foretold < standing + BEHIND and (grown <= 0 or foretold < standing + (2.0 - HOPELESS) * further):
                 sets.append(effects)
-        return self._followed(sets[: min(most, REFITTED)])
+        return self._followed(sets[: min(most, SKETCHED)])
 
     def contenders(self, rest: Appraisal) -> tuple[Candidate, ...]:
         """See `Appraiser.contenders`."""
@@ -162,7 +176,7 @@ class Refitted(Appraiser):
             self._sketched(effects, near)
         ranked = sorted(sets, key=lambda effects: self._fits[frozenset(effects)].cost)[:REFITTED]
         found = self._followed(ranked)
-        if not now.effects and min(self._fits[frozenset(effects)].chi2_per_sample for effects in ranked) > CLOSE:
+        if min(self._fits[frozenset(effects)].chi2_per_sample for effects in ranked) > CLOSE:
             for one in sorted(found, key=lambda one: self.fit(one).cost)[:THOROUGH]:
                 fit = study.fit_thoroughly((*study.present, *one.effects), self.fit(one))
                 self._keep(frozenset(one.effects), fit)
@@ -185,7 +199,7 @@ class Refitted(Appraiser):
             self._learn(fit)
 
     def _followed(self, sets: Sequence[tuple[Candidate, ...]]) -> list[Appraisal]:
-        """Appraisals of sets: all are sketched, those that lead are carried on, the best to its minimum."""
+        """Appraisals of sets: all are sketched, those that lead are carried on."""
         for effects in sets:
             self._sketched(effects, self._nearest(frozenset(effects)))
         standing = {k: self._fits[k].cost + 2.0 * self.price(e) for e in sets for k in [frozenset(e)]}
@@ -193,8 +207,6 @@ class Refitted(Appraiser):
         for place, key in enumerate(order):
             if key in self._rough and (place < LEADING or standing[key] < standing[order[0]] + BEHIND):
                 self._carry_on(key)
-        for key in sorted(order, key=lambda key: self._fits[key].cost)[:1]:
-            self._keep(key, self._study.to_the_end(self._fits[key]))
         return [self.of(effects) for effects in sets]
 
     def _carry_on(self, key: frozenset[Candidate]) -> None:
