@@ -26,15 +26,6 @@ def held_out_blocks(found: Fit, held_out: Sequence[Run]) -> list[Block] | None:
     return [block for run, rest in _without_each(found) for block in _predicted(rest, rest.values, run, found)]
 
 
-def cost_in_turn(found: Fit) -> float:
-    """What every run adds to the cost of the others, which is its chi2 with the others' uncertainty counted in.
-
-    Near a minimum C(all) - C(others) = r' (1 + J S J')^-1 r, with r the prediction's error and S the covariance of what
-    the others say of the parameters. Where they say little, the pure prediction of a right model is wrong.
-    """
-    return sum(found.cost - rest.cost for _, rest in _without_each(found))
-
-
 def _without_each(found: Fit) -> Iterator[tuple[Run, Fit]]:
     """Every run with the fit to the others."""
     runs = found.problem.runs

@@ -62,6 +62,8 @@ class Refitted(Appraiser):
 
     def useful(self, more: Appraisal, fewer: Appraisal) -> bool:
         """See `Appraiser.useful`; each effect must also explain `LEAST_SHARE` of what is left above the noise."""
+        if self.limited == 0.0:
+            return True
         judged = np.flatnonzero(~self.sums.training) if np.any(~self.sums.training) else self._training
         noise = float(self._importance[judged] @ self.sums.noise[judged] ** 2)
         asked = LEAST_SHARE * (len(more.effects) - len(fewer.effects)) * max(fewer.misfit - noise, 0.0)

@@ -45,6 +45,6 @@ def remainder(fit: Fit, promised: list[Score]) -> Remainder:
         n = sum(len(block.residual) for block in blocks)
         z = max(z, (sum(float(b.residual @ b.residual) for b in blocks) - n) / np.sqrt(2 * n))
     whiteness = min(ljung_box(block.residual) for block in fit.blocks) * len(fit.blocks)
-    best = max((float(s.drop) for s in promised if len(s.candidate.names) == 1), default=0.0)
-    score = float(chi2_distribution.sf(best, 1)) * max(1, len(promised))
+    chances = (float(chi2_distribution.sf(s.drop, max(1, len(s.candidate.names)))) for s in promised)
+    score = min(chances, default=1.0) * max(1, len(promised))
     return Remainder(float(z), min(1.0, whiteness), min(1.0, score))

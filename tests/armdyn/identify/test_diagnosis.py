@@ -12,7 +12,6 @@ from scipy.signal import lombscargle
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError
 from armdyn.identify.diagnose import diagnose
-from armdyn.identify.exchange import exchanged
 from armdyn.identify.noise import (
     autoregression,
     likeliest_autoregression,
@@ -20,6 +19,7 @@ from armdyn.identify.noise import (
     white_noise_std,
     whitened,
 )
+from armdyn.identify.refitted import Refitted
 from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
 from armdyn.identify.unknown import periodogram
@@ -129,14 +129,19 @@ def test_a_rub_on_one_side_is_in_no_catalogue():
     assert "nothing in the catalogue explains it" in found.sentence
 
 
-def test_the_foretold_minimum_of_a_small_change_is_the_refitted_one():
+def test_a_set_of_which_one_effect_is_wrong_is_foretold_the_right_exchange():
     study = study_of(recordings(hidden={"sensor_bias": 0.02, "sensor_drift": 1e-3}))
     by_name = {c.effect: c for c in study.candidates}
-    right = (by_name["sensor_bias"], by_name["sensor_drift"])
-    wrong = (by_name["sensor_bias"], by_name["string_creep"])
-    found = exchanged(study, study.fit_with(wrong, study.first()), wrong, [])
-    assert set(found.effects) == set(right)
-    assert found.fit.chi2_per_sample < 1.1
+    appraiser = Refitted(study)
+    wrong = appraiser.of([by_name["sensor_bias"], by_name["string_creep"]])
+    appraiser.advance(wrong)
+    wrong = appraiser.of(wrong.effects)
+    leaves = (by_name["string_creep"],)
+    changes = [(leaves, (c,)) for c in appraiser.candidates if c not in wrong.effects]
+    found = max(appraiser.promising(wrong, changes, 5), key=lambda one: one.worth)
+    assert set(found.effects) == {by_name["sensor_bias"], by_name["sensor_drift"]}
+    assert found.worth > wrong.worth
+    assert appraiser.fit(found).chi2_per_sample < 1.1
 
 
 def test_effects_at_null_are_left_out_without_a_trace():
