@@ -21,6 +21,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import log
+from typing import ClassVar
 
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri
@@ -111,6 +112,9 @@ class Appraiser(ABC):
 
     level: np.ndarray
     independent: np.ndarray
+    pairs: ClassVar[bool] = False
+    """Whether two effects at once are tried where no single one helps: on an arm with joints of its own they hardly
+    ever imitate a third."""
 
     def __init__(self, sums: Sums, always: np.ndarray, candidates: Sequence[Candidate]) -> None:
         self.sums = sums

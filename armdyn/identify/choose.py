@@ -89,7 +89,7 @@ def _better(
 
 def _paired(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate], refused: Refused) -> Appraisal | None:
     """With two effects more, also in place of one: two that a third imitates are found so."""
-    if len(now.effects) > MOST_PAIRED:
+    if not appraiser.pairs or len(now.effects) > MOST_PAIRED:
         return None
     left = [c for c in appraiser.candidates if c not in now.effects]
     leaving = [(), *((c,) for c in now.effects if c not in firm)]

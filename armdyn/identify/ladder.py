@@ -86,4 +86,5 @@ def tied(appraiser: Appraiser, whole: Appraisal, part: Sequence[Candidate]) -> t
 def _evidence(appraiser: Appraiser, one: Appraisal) -> float:
     """Without the prior on sizes: runs alone decide whether they can tell two sets apart (Schwarz 1978)."""
     samples = float(np.sum(appraiser.independent[appraiser.sums.training]))
-    return one.likelihood + one.transfer - 0.5 * one.values * log(max(samples, 2.0))
+    occam = one.likelihood - one.fit
+    return one.likelihood + one.transfer + (1.0 - appraiser.limited) * occam - 0.5 * one.values * log(max(samples, 2.0))

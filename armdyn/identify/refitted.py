@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from armdyn.identify.appraisal import Appraisal, Appraiser, Change
+from armdyn.identify.appraisal import NOISY, Appraisal, Appraiser, Change
 from armdyn.identify.fit import GROSS, Fit
 from armdyn.identify.score import Candidate
 from armdyn.identify.study import Study
@@ -21,8 +21,6 @@ SKETCHED = 5
 """Sets, of those that are foretold to be best, that are sketched in a round."""
 REFITTED = 9
 """Effects that are carried on where all had to be sketched."""
-CLOSE = 2.0
-"""Chi2 per sample at which a fit has certainly found the right minimum."""
 THOROUGH = 4
 """Sets that are fitted from other starts, where none is close."""
 LEADING = 2
@@ -43,6 +41,8 @@ class Refitted(Appraiser):
     Args:
         study: model, runs, catalogue.
     """
+
+    pairs = True
 
     def __init__(self, study: Study) -> None:
         self._study = study
@@ -178,11 +178,11 @@ class Refitted(Appraiser):
             self._sketched(effects, near)
         ranked = sorted(sets, key=lambda effects: self._fits[frozenset(effects)].cost)[:REFITTED]
         found = self._followed(ranked)
-        if min(self._fits[frozenset(effects)].chi2_per_sample for effects in ranked) > CLOSE:
+        if min(self._fits[frozenset(effects)].chi2_per_sample for effects in ranked) > NOISY:
             for one in sorted(found, key=lambda one: self.fit(one).cost)[:THOROUGH]:
                 fit = study.fit_thoroughly((*study.present, *one.effects), self.fit(one))
                 self._keep(frozenset(one.effects), fit)
-                if fit.chi2_per_sample < CLOSE:
+                if fit.chi2_per_sample < NOISY:
                     break
         return [self.of(one.effects) for one in found]
 

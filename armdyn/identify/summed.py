@@ -105,6 +105,10 @@ class Summed(Appraiser):
             self._solver.weigh(1.0 / level)
             change = self._solver.linear(every, free, self._training)
             error = s.errors(every, change, np.arange(len(s.count)))
+            still = s.square / s.count
+            if (s.count / level)[self._training] @ (error - still)[self._training] > 0.0:
+                # Where errors grow from swing to swing, bounds leave a linear answer that is worse than none.
+                change, error = np.zeros(len(every)), still
             for channel in range(len(s.channels)):
                 units = s.channel == channel
                 known = units & s.training

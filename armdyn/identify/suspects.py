@@ -54,9 +54,9 @@ def suspects(appraiser: Appraiser, first: Sequence[Candidate], tied: Sequence[Ca
     for name in dict.fromkeys(c.effect for c in contenders):
         if not first or name != first[0].effect:
             found.append(_alone(appraiser, [c for c in contenders if c.effect == name], nothing))
-    worth = [one for one in found if one.effects and one.worth > nothing.worth]
-    leading = worth[:1] if first else []
-    rest = sorted(worth[len(leading) :], key=lambda one: -one.worth)
+    leading = found[:1] if first else []
+    worth = [one for one in found[len(leading) :] if one.effects and one.worth > nothing.worth]
+    rest = sorted(worth, key=lambda one: -one.worth)
     names = [c.effect for c in tied]
     described = []
     for one in (*leading, *rest)[:MOST_NAMED]:
