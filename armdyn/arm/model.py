@@ -288,6 +288,8 @@ class ArmModel(Model):
 
 DEFORMATION = "link_inertia"
 """The effect whose parameters span all that can change in a link."""
+
+
 def _place(joint: str) -> str:
     """How the names of parameters end that belong to a joint."""
     return "" if joint == BASE else f"[{joint}]"

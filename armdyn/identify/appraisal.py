@@ -18,7 +18,7 @@ samples of a correlation time of k samples are worth N/k (Bayley & Hammersley, J
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import log
 from typing import ClassVar
@@ -26,6 +26,7 @@ from typing import ClassVar
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri
 
+from armdyn.identify.noise import correlation_time
 from armdyn.identify.score import Candidate
 from armdyn.identify.subset import Solver, Subset
 from armdyn.identify.sums import Sums
@@ -136,6 +137,14 @@ class Appraiser(ABC):
         self._kinds = np.array([sorted(set(measured)).index(unit) for unit in measured])
         self._known: dict[frozenset[Candidate], Appraisal] = {}
 
+    def measure(self, left: Mapping[int, np.ndarray]) -> None:
+        """Take levels and independent samples from the residual of every training unit in the best model there is."""
+        s, error = self.sums, np.zeros(len(self.sums.count))
+        for unit, residual in left.items():
+            error[unit] = np.mean(residual**2)
+        self.level, self.independent = level_of(s, error), independent_samples(s, left)
+        self._known.clear()
+
     @abstractmethod
     def _solved(self, effects: tuple[Candidate, ...]) -> tuple[Solver, Subset]:
         """Where a set is fitted, by sums that hold there, and its columns."""
@@ -162,6 +171,7 @@ class Appraiser(ABC):
 
     def advance(self, now: Appraisal) -> None:
         """Told what the best set is so far: what is foretold of others may start there."""
+        del now
 
     def within(self, effects: Iterable[Candidate]) -> tuple[Candidate, ...]:
         """The candidates, each on one joint, that make up `effects`."""
@@ -314,6 +324,29 @@ class Appraiser(ABC):
             return error
         certain = float(np.clip((whole - before) / total, 0.0, 1.0))
         return error * (self.limited + (1.0 - self.limited) * certain)
+
+
+def level_of(sums: Sums, error: np.ndarray) -> np.ndarray:
+    """(U,) variance of each channel, at least its noise's, from (U,) mean squared errors of the training units."""
+    level = sums.noise**2
+    for channel in range(len(sums.channels)):
+        units = sums.channel == channel
+        known = units & sums.training
+        if known.any():
+            level = np.where(units, np.maximum(level, np.average(error[known], weights=sums.count[known])), level)
+    return level
+
+
+def independent_samples(sums: Sums, left: Mapping[int, np.ndarray]) -> np.ndarray:
+    """(U,) number of samples over their correlation time, from the residual of each training unit."""
+    independent = sums.count.copy()
+    for channel in range(len(sums.channels)):
+        units = np.flatnonzero(sums.channel == channel)
+        known = [unit for unit in units.tolist() if unit in left]
+        if known:
+            times = [correlation_time([left[unit]]) for unit in known]
+            independent[units] /= np.average(times, weights=sums.count[known])
+    return independent
 
 
 @dataclass(frozen=True, eq=False)

@@ -45,7 +45,8 @@ def chosen(appraiser: Appraiser, firm: Sequence[Candidate] = (), say: Say | None
     for _ in range(MOST_ROUNDS):
         if say is not None:
             say(f"{len(now.effects)} effects chosen")
-        better = next((found for step in (_added, _exchanged, _paired) if (found := step(appraiser, now, firm, refused))), None)
+        found = (step(appraiser, now, firm, refused) for step in (_added, _exchanged, _paired))
+        better = next((one for one in found if one is not None), None)
         if better is None:
             break
         refused.add(frozenset(better.effects))
@@ -68,6 +69,7 @@ def _displaces(appraiser: Appraiser, after: Appraisal, before: Appraisal) -> boo
 
 def _added(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate], refused: Refused) -> Appraisal | None:
     """With one effect more, on one joint or on all of its joints; None where that is worth nothing."""
+    del firm
     left = [c for c in appraiser.candidates if c not in now.effects]
     if not left:
         return None
@@ -78,9 +80,7 @@ def _added(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate], refu
     return foremost(appraiser, now, options) if options else None
 
 
-def _better(
-    appraiser: Appraiser, now: Appraisal, options: Iterable[Appraisal], refused: Refused
-) -> list[Appraisal]:
+def _better(appraiser: Appraiser, now: Appraisal, options: Iterable[Appraisal], refused: Refused) -> list[Appraisal]:
     """Those that are worth more, carry over, and whose further values explain enough."""
     now = appraiser.of(now.effects)  # its refits may have shown better what noise there is
     worth = [o for o in options if o.worth > now.worth and frozenset(o.effects) not in refused]
@@ -152,12 +152,10 @@ def needed(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate] = ())
     return now
 
 
-def _exchanged(
-    appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate], refused: Refused
-) -> Appraisal | None:
+def _exchanged(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate], refused: Refused) -> Appraisal | None:
     """With one effect, or all joints of one, exchanged for another; None where none is better."""
     free = [c for c in now.effects if c not in firm]
-    parts = [(c,) for c in free]
+    parts: list[tuple[Candidate, ...]] = [(c,) for c in free]
     for name in dict.fromkeys(c.effect for c in free):
         joints = tuple(c for c in free if c.effect == name)
         if len(joints) > 1:
@@ -169,6 +167,7 @@ def _exchanged(
         if option.worth <= max(now.worth, best.worth if best else -np.inf) or frozenset(option.effects) in refused:
             continue
         rest = appraiser.of([c for c in now.effects if c in option.effects])
-        if foremost(appraiser, rest, [now, option]) is option and not option.harms(now) and appraiser.useful(option, rest):
+        first = foremost(appraiser, rest, [now, option]) is option
+        if first and not option.harms(now) and appraiser.useful(option, rest):
             best = option
     return best

@@ -69,6 +69,7 @@ def tied(appraiser: Appraiser, whole: Appraisal, part: Sequence[Candidate]) -> t
     A richer effect that does the same with its further unknowns is no rival; on a slide, where a link has but one
     unknown that matters, it is.
     """
+    close = TIE * (2.0 - appraiser.limited)  # where only noise is left, likelihood counts twice in the evidence
     rest = [c for c in whole.effects if c not in part]
     joints = {j for c in part for j in c.joints}
     found = []
@@ -78,7 +79,7 @@ def tied(appraiser: Appraiser, whole: Appraisal, part: Sequence[Candidate]) -> t
         if any(c in rest for c in others) or len(others) < len(part):
             continue
         other = appraiser.of((*rest, *others))
-        if np.isfinite(other.worth) and _evidence(appraiser, whole) - _evidence(appraiser, other) < TIE:
+        if np.isfinite(other.worth) and _evidence(appraiser, whole) - _evidence(appraiser, other) < close:
             found.append(merged(others)[0])
     return tuple(found)
 

@@ -79,11 +79,12 @@ def _against(channel: str, name: str, pairs: Sequence[tuple[Block, Channel]]) ->
     found = _bins(channel, "", name, unit, at, square, BINS, even=False)
     if name.startswith("v.") or name == "swing_rate":
         moving = np.abs(at) > 0.05 * np.max(np.abs(at), initial=0.0)
-        means = [_mean(square[moving & (sign * at > 0)]) for sign in (-1, 1)]
+        sides = [square[moving & (sign * at > 0)] for sign in (-1, 1)]
+        means = [_mean(side) for side in sides]
         if min(means) > 0 and max(means) > 2 * min(means):
             worse = int(np.argmax(means))
             bounds = (float(at.min()), 0.0) if worse == 0 else (0.0, float(at.max()))
-            found.append(Place(channel, "", f"sign of {name}", *bounds, unit, means[worse], 0.0))
+            found.append(Place(channel, "", f"sign of {name}", *bounds, unit, means[worse], float(sides[worse].sum())))
     return found
 
 
@@ -92,11 +93,11 @@ def _mean(values: np.ndarray) -> float:
 
 
 def _over_runs(blocks: Sequence[Block], overall: float) -> list[Place]:
-    means = [float(np.mean(b.residual**2)) for b in blocks]
+    squares = [float(b.residual @ b.residual) for b in blocks]
     return [
-        Place(b.channel, b.run, "run", float(b.time[0]), float(b.time[-1]), "s", mean, 0.0)
-        for b, mean in zip(blocks, means, strict=True)
-        if mean > FAR_ABOVE * overall
+        Place(b.channel, b.run, "run", float(b.time[0]), float(b.time[-1]), "s", square / len(b.residual), square)
+        for b, square in zip(blocks, squares, strict=True)
+        if square / len(b.residual) > FAR_ABOVE * overall
     ]
 
 
@@ -123,7 +124,7 @@ def _bins(
             first = i
         elif not fails and first is not None:
             level = float(sums[first:i].sum() / counts[first:i].sum())
-            # the share is that of the run's misfit until the caller knows the channel's
+            # the share is a sum of squares until the caller knows the channel's whole misfit
             places.append(Place(channel, run, against, float(edges[first]), float(edges[i]), unit, level,
                                 float(sums[first:i].sum())))  # fmt: skip
             first = None

@@ -9,12 +9,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from armdyn.identify.appraisal import NOISY, Appraisal, Appraiser, Change
+from armdyn.identify.appraisal import NOISY, Appraisal, Appraiser, Change, level_of
 from armdyn.identify.fit import GROSS, Fit
+from armdyn.identify.problem import Block
 from armdyn.identify.score import Candidate
 from armdyn.identify.study import Study
 from armdyn.identify.subset import Solver, Subset
-from armdyn.identify.summed import Summed, deviations, independent_samples
+from armdyn.identify.summed import Summed, deviations
 from armdyn.identify.sums import sums_at
 
 SKETCHED = 5
@@ -28,8 +29,8 @@ LEADING = 2
 HOPELESS = 0.5
 """Share of its further price below which what a set is foretold to gain is not worth a refit."""
 BEHIND = 30.0
-"""Fall of chi2 by which a set that lacks an effect of the best one may be foretold to stay behind it: foretelling is off
-by less."""
+"""Chi2 by which a set that lacks an effect of the best one may be foretold to stay behind it: foretelling is off by
+less."""
 LEAST_SHARE = 0.25
 """Of what is left above the noise, what each effect must explain where the model's own error is left: errors of the
 measured motion and effects that are missing leave a residual that small gains only happen to look like."""
@@ -81,36 +82,17 @@ class Refitted(Appraiser):
     def _expand(self, fit: Fit, key: frozenset[Candidate]) -> None:
         self._at = key
         self._around = Summed(sums_at(fit, fit.problem.blocks(fit.values)), self._base, self.candidates)
-        known = self._training
-        self._measure(self._around.level[: len(known)], self._around.independent[: len(known)] / self.sums.count[known])
-
-    def _measure(self, level: np.ndarray, share: np.ndarray) -> None:
-        """Take (t,) levels and shares of independent samples of the training units for all units."""
-        s = self.sums
-        self.level, self.independent = s.noise**2, s.count.copy()
-        for channel in range(len(s.channels)):
-            units, same = s.channel == channel, s.channel[self._training] == channel
-            if same.any():
-                self.level = np.where(units, np.maximum(self.level, level[same].mean()), self.level)
-                self.independent = np.where(units, s.count * share[same].mean(), self.independent)
-        self._known.clear()
+        self.measure(self._around.left)
 
     def _learn(self, fit: Fit) -> None:
         """A fit that leaves less than the richest model of the expansion shows better what noise there is."""
-        s, known = self.sums, self._training
-        left = {int(u): block.misfit for u, block in zip(known, fit.blocks, strict=True)}
-        level = self._by_unit([float(np.mean(left[u] ** 2)) for u in known])
-        if self._importance[known] @ np.maximum(level, s.noise[known] ** 2) < self._importance[known] @ self.level[known]:
-            self._measure(level, independent_samples(s, left)[known] / s.count[known])
-
-    def _by_unit(self, squares: Sequence[float]) -> np.ndarray:
-        """(t,) mean over each training unit's channel."""
-        s, known = self.sums, self._training
-        of = np.asarray(squares)
-        return np.array([
-            np.average(of[s.channel[known] == c], weights=s.count[known][s.channel[known] == c])
-            for c in s.channel[known]
-        ])  # fmt: skip
+        units, importance = self._training, self._importance[self._training]
+        before = self.level[units]
+        left = {unit: block.misfit for unit, block in zip(units.tolist(), fit.blocks, strict=True)}
+        error = np.zeros(len(self.level))
+        error[units] = [np.mean(residual**2) for residual in left.values()]
+        if importance @ level_of(self.sums, error)[units] < importance @ before:
+            self.measure(left)
 
     def _solved(self, effects: tuple[Candidate, ...]) -> tuple[Solver, Subset]:
         fit = self._fitted(effects)
@@ -118,7 +100,7 @@ class Refitted(Appraiser):
         solver.weigh(self.independent / (self.sums.count * self.level))
         return solver, solver.subset(())
 
-    def _held_out(self, fit: Fit) -> list:
+    def _held_out(self, fit: Fit) -> list[Block]:
         channels = {block.channel for block in fit.blocks}
         blocks = self._study.held_out_blocks(fit) if self._study.held_out else None
         return [block for block in blocks or () if block.channel in channels]
@@ -154,10 +136,10 @@ class Refitted(Appraiser):
         here, around = self._around.of(now.effects), self._around
         standing = around.remaining(here) + 2.0 * self.price(now.effects)
         sets = []
-        for effects, foretold, gain in around.foretold(here, changes):
+        for effects, foretold in around.foretold(here, changes):
             further = self.price(effects) - self.price(now.effects)
-            grown = len(effects) - len(now.effects)
-            if foretold < standing + BEHIND and (grown <= 0 or foretold < standing + (2.0 - HOPELESS) * further):
+            grown = len(effects) > len(now.effects)
+            if foretold - standing < (min(BEHIND, (2.0 - HOPELESS) * further) if grown else BEHIND):
                 sets.append(effects)
         return self._followed(sets[: min(most, SKETCHED)])
 

@@ -220,9 +220,7 @@ class Study:
         return self._pushed(effects, self._begun, near)
 
 
-def transferred(
-    values: np.ndarray, source: Problem, target: Problem, *, missing: float | None = None
-) -> np.ndarray:
+def transferred(values: np.ndarray, source: Problem, target: Problem, *, missing: float | None = None) -> np.ndarray:
     """Values of one problem's unknowns in another: by parameter and run, the rest as the other starts, or `missing`."""
     result = target.start() if missing is None else np.full(len(target.columns), missing)
     place = {source.key(i): i for i in range(len(source.columns))}

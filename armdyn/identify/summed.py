@@ -1,11 +1,10 @@
 """Appraisal by sums around one fit: for models that are linear in most of their unknowns, as an arm is."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from armdyn.identify.appraisal import Appraisal, Appraiser, Change
-from armdyn.identify.noise import correlation_time
+from armdyn.identify.appraisal import Appraisal, Appraiser, Change, level_of
 from armdyn.identify.score import Candidate
 from armdyn.identify.subset import Solver, Subset
 from armdyn.identify.sums import Sums
@@ -17,12 +16,17 @@ LEVELS = 4
 
 
 class Summed(Appraiser):
-    """Appraises sets by one expansion; see `Appraiser` for the arguments."""
+    """Appraises sets by one expansion; see `Appraiser` for the arguments.
+
+    Attributes:
+        left: residual of every training unit in the model with all effects.
+    """
 
     def __init__(self, sums: Sums, always: np.ndarray, candidates: Sequence[Candidate]) -> None:
         super().__init__(sums, always, candidates)
         self._solver = Solver(sums, always, candidates)
-        self.level, self.independent = self._levels()
+        self.left = self._richest()
+        self.measure(self.left)
         self._solver.weigh(self.independent / (sums.count * self.level))
 
     def _solved(self, effects: tuple[Candidate, ...]) -> tuple[Solver, Subset]:
@@ -37,21 +41,18 @@ class Summed(Appraiser):
 
     def promising(self, now: Appraisal, changes: Sequence[Change], most: int) -> list[Appraisal]:
         """See `Appraiser.promising`."""
-        return [self.of(effects) for effects, _, _ in self.foretold(now, changes)[:most]]
+        return [self.of(effects) for effects, _ in self.foretold(now, changes)[:most]]
 
-    def foretold(self, now: Appraisal, changes: Sequence[Change]) -> list[tuple[tuple[Candidate, ...], float, float]]:
-        """Sets after changes, best first: effects, weighted squared error with the price, and what was gained.
-
-        The error is that of the training runs, the price counts twice, as in chi2, and the gain is that of what came.
-        """
-        found = []
+    def foretold(self, now: Appraisal, changes: Sequence[Change]) -> list[tuple[tuple[Candidate, ...], float]]:
+        """Sets after changes, best first, each with weighted squared error of the training runs plus twice the price."""
+        found: list[tuple[tuple[Candidate, ...], float]] = []
         for gone in dict.fromkeys(tuple(gone) for gone, _ in changes):
             rest = self.of([c for c in now.effects if c not in gone])
             options = [come for left, come in changes if tuple(left) == gone]
             gains = self._gains(rest, options)
             for come, gain in zip(options, gains, strict=True):
                 effects = (*rest.effects, *come)
-                found.append((effects, self.remaining(rest) - gain + 2.0 * self.price(effects), float(gain)))
+                found.append((effects, self.remaining(rest) - float(gain) + 2.0 * self.price(effects)))
         return sorted(found, key=lambda one: one[1])
 
     def contenders(self, rest: Appraisal) -> tuple[Candidate, ...]:
@@ -95,40 +96,21 @@ class Summed(Appraiser):
         """See `Appraiser.deviations`."""
         return deviations(self._solver, one, self._training)
 
-    def _levels(self) -> tuple[np.ndarray, np.ndarray]:
-        """(U,) variance that the richest model leaves, at least the noise, and (U,) independent samples."""
+    def _richest(self) -> dict[int, np.ndarray]:
+        """Residual of every training unit in the model with all effects."""
         s = self.sums
         whole = self._solver.subset(self.candidates)
-        every, free = whole.columns, whole.free
-        level = s.noise**2
+        every, units = whole.columns, self._training
+        level, still = s.noise**2, s.square / s.count
         for _ in range(LEVELS):
             self._solver.weigh(1.0 / level)
-            change = self._solver.linear(every, free, self._training)
+            change = self._solver.linear(every, whole.free, units)
             error = s.errors(every, change, np.arange(len(s.count)))
-            still = s.square / s.count
-            if (s.count / level)[self._training] @ (error - still)[self._training] > 0.0:
+            if (s.count / level)[units] @ (error - still)[units] > 0.0:
                 # Where errors grow from swing to swing, bounds leave a linear answer that is worse than none.
                 change, error = np.zeros(len(every)), still
-            for channel in range(len(s.channels)):
-                units = s.channel == channel
-                known = units & s.training
-                if known.any():
-                    left = float(np.average(error[known], weights=s.count[known]))
-                    level = np.where(units, np.maximum(s.noise**2, left), level)
-        left = {int(u): s.residual(u, every, change) for u in self._training}
-        return level, independent_samples(s, left)
-
-
-def independent_samples(sums: Sums, left: Mapping[int, np.ndarray]) -> np.ndarray:
-    """(U,) number of samples over their correlation time, from the residual of each training unit."""
-    independent = sums.count.copy()
-    for channel in range(len(sums.channels)):
-        units = np.flatnonzero(sums.channel == channel)
-        known = [u for u in units if u in left]
-        if known:
-            times = [correlation_time([left[u]]) for u in known]
-            independent[units] /= np.average(times, weights=sums.count[known])
-    return independent
+            level = level_of(s, error)
+        return {unit: s.residual(unit, every, change) for unit in units.tolist()}
 
 
 def deviations(solver: Solver, one: Appraisal, units: np.ndarray) -> np.ndarray:

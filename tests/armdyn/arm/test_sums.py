@@ -44,7 +44,7 @@ def on(appraiser, *labels):
 def test_errors_by_sums_are_those_of_the_model_at_the_foretold_values(study, appraiser, labels):
     one = appraiser.of(on(appraiser, *labels))
     foretold = appraiser.sums.errors(one.columns, one.effective, np.arange(4))
-    blocks = study.problem.blocks(study.foretold(appraiser, one))
+    blocks = study.problem.blocks(study.own_values(appraiser, one))
     assert foretold == pytest.approx([float(np.mean(b.misfit**2)) for b in blocks[:4]], rel=1e-6)
 
 
