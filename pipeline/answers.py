@@ -61,6 +61,27 @@ def repair_answer(found: Repair) -> dict[str, Any]:
     }
 
 
+def history_entries(study: Study, found: Repair) -> list[dict[str, Any]]:
+    """What the model file keeps of each step of a repair."""
+    names = {"runs": [run.name for run in study.runs], "held_out": [run.name for run in study.held_out]}
+    if study.exam:
+        names["exam"] = [run.name for run in study.exam]
+    return [
+        {
+            "added": _one_or_list(rung.added),
+            "joints": list(rung.joints) or None,
+            "removed": list(rung.removed) or None,
+            **names,
+            "rmse": errors(rung.rmse),
+            "held_out_rmse": errors(rung.held_out_rmse) or None,
+            "exam_rmse": errors(rung.exam_rmse) or None,
+            "chi2_per_sample": number(rung.chi2_per_sample),
+            "bic": number(rung.bic),
+        }
+        for rung in found.ladder[1:]
+    ]
+
+
 def link_answer(link: "LinkChange") -> dict[str, Any]:
     """A link in kg, m and kg m^2, beside the URDF's values."""
     quantities = {

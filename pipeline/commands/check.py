@@ -1,13 +1,11 @@
 """`armdyn check`: is a trajectory feasible on the arm; if not, which limit, which joint, when."""
 
-import shlex
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipeline.commands.output import JsonOption, write_json
+from pipeline.commands.output import JsonOption, command_line, write_json
 
 if TYPE_CHECKING:
     import urdf
@@ -112,14 +110,13 @@ def _obstacles(line: "urdf.Line") -> "tuple[Obstacle, ...]":
 
 
 def _write_report(result: "FeasibilityReport", trajectory: Path, file: Path) -> None:
-    from pipeline.motion.feasibility.section import feasibility_page
+    from pipeline.report.feasibility import feasibility_page
 
-    command = shlex.join(["armdyn", *sys.argv[1:]])
-    feasibility_page(result, f"Feasibility of {trajectory.name}", command).write(file)
+    feasibility_page(result, f"Feasibility of {trajectory.name}", command_line()).write(file)
 
 
 def _print(result: "FeasibilityReport", report: Path | None) -> None:
-    from pipeline.motion.feasibility.report import in_words
+    from pipeline.motion.feasibility.verdict import in_words
 
     typer.echo(result.sentence)
     for violation in result.violations[:SHOWN]:

@@ -1,12 +1,12 @@
-"""What can go wrong with a load cell, and the detection that the simulated and the real cell share."""
+"""What can go wrong with a load cell, its detection in the simulated and the real cell, and the status of a cell."""
 
 import math
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
-from pipeline.loadcell.sample import ForceSample
+from pipeline.robot.protocol import ForceSample
 
 
 class Fault(Enum):
@@ -149,3 +149,29 @@ class FaultDetector:
         if holds != (fault in self._active):
             (self._active.add if holds else self._active.remove)(fault)
             self._events.append(FaultEvent(time, fault, began=holds))
+
+
+@dataclass(frozen=True)
+class LoadCellStatus:
+    """How a load cell is doing at one moment.
+
+    Attributes:
+        connected: whether the port is open and there.
+        samples: how many samples were received.
+        rate: measured over the latest samples [Hz]; 0 while nothing arrives.
+        latest: time of the latest sample [s], None before the first.
+        active: faults that hold now, the gravest first.
+        counts: per fault, how many lines or samples it concerned, or how often it began where it lasts.
+    """
+
+    connected: bool
+    samples: int
+    rate: float
+    latest: float | None
+    active: tuple[Fault, ...]
+    counts: Mapping[Fault, int]
+
+    @property
+    def reliable(self) -> bool:
+        """Whether the force can be used now."""
+        return self.connected and self.samples > 0 and not self.active

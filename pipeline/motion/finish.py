@@ -9,13 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armdyn.errors import InputError, TaskFailedError
-from pipeline.motion.guard import Guard
+from pipeline.motion.guard import Guard, Ride, RideCurve
 from pipeline.motion.limits import LineLimits
-from pipeline.motion.planner import LinePlanner
-from pipeline.motion.profile import JerkProfile
-from pipeline.motion.ride import Ride, RideCurve
-from pipeline.motion.state import LineState
-from pipeline.motion.trajectory import LineTrajectory
+from pipeline.motion.profile import JerkProfile, LinePlanner
+from pipeline.motion.trajectory import LineState, LineTrajectory
 
 FINISH_ACCELERATION = 8.0
 """Acceleration of the finish [m/s^2]: the gripper must be there before the load has swung back; at 5 it is not."""

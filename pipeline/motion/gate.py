@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.motion.limits import LineLimits
-from pipeline.motion.state import LineState
+from pipeline.motion.trajectory import LineState
 
 if TYPE_CHECKING:
     import urdf

@@ -13,10 +13,9 @@ from scipy import sparse
 from armdyn.errors import InputError, TaskFailedError
 from pipeline.motion.guard import Guard
 from pipeline.motion.limits import LineLimits
-from pipeline.motion.planner import LinePlanner
+from pipeline.motion.profile import LinePlanner
 from pipeline.motion.smoother import LineSmoother
-from pipeline.motion.state import LineState
-from pipeline.motion.trajectory import LineTrajectory
+from pipeline.motion.trajectory import LineState, LineTrajectory
 
 Array = NDArray[np.float64]
 

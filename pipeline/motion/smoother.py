@@ -6,12 +6,10 @@ import math
 from collections.abc import Sequence
 
 from armdyn.errors import InputError
-from pipeline.motion.guard import Guard
+from pipeline.motion.guard import Guard, RideCurve
 from pipeline.motion.limits import LineLimits
-from pipeline.motion.planner import LinePlanner
-from pipeline.motion.profile import JerkProfile
-from pipeline.motion.ride import RideCurve
-from pipeline.motion.state import LineState
+from pipeline.motion.profile import JerkProfile, LinePlanner
+from pipeline.motion.trajectory import LineState
 
 HEADROOM = 0.999
 """Share of the limits that is used, so that they also hold between the instants at which a motion is looked at."""

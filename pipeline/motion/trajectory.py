@@ -1,15 +1,35 @@
-"""Motions sampled in time: along the line, and of the joints."""
+"""Where the tool is on its line and how it moves there; motions sampled in time, of the tool and of the joints."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from armdyn.errors import InputError
-from pipeline.motion.state import LineState
+
+
+class LineState(NamedTuple):
+    """State of the tool on the line.
+
+    Attributes:
+        s: position along the line [m].
+        v: speed along the line [m/s].
+        a: acceleration along the line [m/s^2].
+    """
+
+    s: float
+    v: float = 0.0
+    a: float = 0.0
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether all three numbers are finite."""
+        return math.isfinite(self.s) and math.isfinite(self.v) and math.isfinite(self.a)
 
 
 @dataclass(frozen=True)

@@ -1,19 +1,37 @@
-"""The measurement node: joints and load cell in, one recording out, and an eye on the load cell."""
+"""The measurement node: joints and load cell in, one recording out, and faults of the load cell noticed."""
 
 from collections import deque
 from dataclasses import dataclass
 from math import inf
 
 import numpy as np
+import pinocchio as pin
 
 import urdf
 from armdyn.pendulum.path import GripperPath, GrowingPath
 from armdyn.pendulum.recorded import GrowingRun
 from armdyn.run import Channel
 from pipeline.loadcell.faults import FaultDetector
-from pipeline.nodes.line_sensor import LineSensor
 from pipeline.record import Recorder
 from pipeline.robot.protocol import JointState, Robot
+
+
+class LineSensor:
+    """Forward kinematics of the attachment point, expressed along the robot's line."""
+
+    def __init__(self, robot: urdf.Robot) -> None:
+        self._model, self._data = robot.model, robot.model.createData()
+        self._frame = robot.model.getFrameId(robot.tool_frame)
+        self._offset, self._line = np.asarray(robot.tool_offset), robot.line
+
+    def locate(self, q: np.ndarray) -> tuple[float, float]:
+        """Coordinate along the line and height above it, m, of a posture (n,)."""
+        pin.forwardKinematics(self._model, self._data, q)
+        pose = pin.updateFramePlacement(self._model, self._data, self._frame)
+        away = pose.translation + pose.rotation @ self._offset - self._line.origin
+        along = float(away @ self._line.direction)
+        return along, float(away[2] - along * self._line.direction[2])
+
 
 SLACK_FORCE = 0.02
 """N; a string that pulls less than this for `SLACK_TIME` has gone slack (an 80 g load pulls 0.78 N at rest)."""

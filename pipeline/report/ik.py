@@ -8,8 +8,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from ik import LinePath, PathTable
-from pipeline.report.page import KeyFigure, Level, Report
-from pipeline.report.section import Chart, Section, Table
+from pipeline.report.page import Chart, KeyFigure, Level, Report, Section, Table
 from pipeline.report.theme import LIMIT, MODEL, REFERENCE
 from urdf import Robot
 

@@ -8,10 +8,8 @@ from typing import ClassVar
 import numpy as np
 import plotly.graph_objects as go
 
-from pipeline.report.page import KeyFigure, Level, Report
-from pipeline.report.section import Chart, Section, Table
-from pipeline.report.text import number, percent
-from pipeline.report.theme import BLUE, GREY, ORANGE, TRUTH
+from pipeline.report.page import Chart, KeyFigure, Level, Report, Section, Table
+from pipeline.report.theme import BLUE, GREY, ORANGE, TRUTH, number, percent
 
 BOX_NOTE = (
     "The paper gives no box. This one was chosen so that the simulation reproduces the paper's table: the rows without "

@@ -2,16 +2,12 @@
 
 import numpy as np
 
-from pipeline.report.page import KeyFigure, Report
-from pipeline.report.section import Section
-from pipeline.report.sections.estimate import EstimateSection
-from pipeline.report.sections.force import ForceSection
-from pipeline.report.sections.gripper import GripperSection
-from pipeline.report.sections.joints import PositionSection, VelocitySection
-from pipeline.report.sections.margins import MarginSection
-from pipeline.report.sections.swing import SwingSection
-from pipeline.report.sections.timing import TimingSection
-from pipeline.report.text import number, percent
+from pipeline.report.feasibility import MarginSection
+from pipeline.report.learning import EstimateSection, ForceSection
+from pipeline.report.motion import GripperSection, PositionSection, TimingSection, VelocitySection
+from pipeline.report.page import KeyFigure, Report, Section
+from pipeline.report.swing import SwingSection
+from pipeline.report.theme import number, percent
 from pipeline.report.trial_data import TrialReportData
 
 __all__ = ["TrialReportData", "trial_report"]

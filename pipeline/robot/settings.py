@@ -1,14 +1,15 @@
-"""What the simulated robot is: load, string, servo, sensors, box.
-
-The numbers are those with which the paper's Table I comes out of the simulation; where the paper gives a
-number it is the paper's, and the box, which it does not give, was chosen to fit the table.
-"""
+"""What the simulated robot is: load, string, servo, sensors, box; what a seed draws; and what is refused."""
 
 import math
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
+import numpy as np
+import numpy.typing as npt
+
+import urdf
 from armdyn.errors import InputError
+from pipeline.robot.protocol import Vector
 
 
 class CellFault(Enum):
@@ -211,3 +212,75 @@ def _require_finite(
                     f"{type(settings).__name__}.{name} is {number:g}: give a finite value of at least {at_least:g}"
                     + (f" and at most {at_most:g}" if at_most < math.inf else "")
                 )
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """One draw of the plant.
+
+    Attributes:
+        mass: true mass of the load [kg].
+        bias: zero error of the load cell [N].
+        latency: of the load cell [s].
+        link_scale: factor on mass and inertia of the link behind each joint (n,).
+    """
+
+    mass: float
+    bias: float
+    latency: float
+    link_scale: Vector
+
+
+def draw(settings: PlantSettings, joints: int, rng: np.random.Generator) -> Drawn:
+    """Draw a plant; what the settings fix is drawn as well and dropped, so that the rest does not change with it."""
+    spread = settings.inertia_spread
+    link_scale = 1.0 + rng.uniform(-spread, spread, joints)
+    mass = settings.mass * (1.0 + settings.mass_spread * rng.standard_normal())
+    bias = settings.cell.bias_spread * rng.standard_normal()
+    latency = rng.uniform(0.0, settings.cell.latency_up_to)
+    link_scale.setflags(write=False)
+    return Drawn(
+        mass=float(mass),
+        bias=float(bias) if settings.cell.bias is None else settings.cell.bias,
+        latency=float(latency) if settings.cell.latency is None else settings.cell.latency,
+        link_scale=link_scale,
+    )
+
+
+def checked_vector(values: npt.ArrayLike, joints: int, what: str) -> Vector:
+    """A copy of a joint vector (n,).
+
+    Raises:
+        InputError: not a vector of that length, or not finite.
+    """
+    vector = np.array(values, dtype=float)
+    if vector.shape != (joints,):
+        raise InputError(f"{what} has the shape {vector.shape}: give one value for each of the {joints} joints")
+    if not np.isfinite(vector).all():
+        raise InputError(f"{what} of joint {int(np.argmin(np.isfinite(vector)))} is not finite: give numbers")
+    return vector
+
+
+def checked_start(robot: urdf.Robot, q_start: npt.ArrayLike, settings: PlantSettings) -> Vector:
+    """Start posture (n,) [rad], within the limits of a robot for which the settings have a value per joint.
+
+    Raises:
+        InputError: which joint is beyond its limit, or which setting has the wrong number of values.
+    """
+    joints = len(robot.joint_names)
+    servo, readings = settings.servo, settings.readings
+    per_joint = {
+        "servo.stiffness": servo.stiffness,
+        "servo.damping": servo.damping,
+        "servo.armature": servo.armature,
+        "servo.friction": servo.friction,
+        "readings.effort_noise": readings.effort_noise,
+    }
+    for name, values in per_joint.items():
+        if len(values) != joints:
+            raise InputError(f"PlantSettings.{name} has {len(values)} values: robot '{robot.name}' has {joints} joints")
+    q = checked_vector(q_start, joints, "start posture")
+    for name, angle, lower, upper in zip(robot.joint_names, q, robot.limits.lower, robot.limits.upper, strict=True):
+        if not lower <= angle <= upper:
+            raise InputError(f"start posture: {name} is {angle:.4g} rad, its limits are {lower:.4g} to {upper:.4g} rad")
+    return q

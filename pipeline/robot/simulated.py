@@ -8,19 +8,13 @@ import numpy as np
 
 import urdf
 from armdyn.errors import InputError, TaskFailedError
-from pipeline.robot.cell import LoadCell
-from pipeline.robot.checks import checked_start, checked_vector
-from pipeline.robot.draw import draw
+from pipeline.robot.forces import JointEffects, LoadForces, LoadString
 from pipeline.robot.hidden import resolve_hidden
-from pipeline.robot.joint_effects import JointEffects
-from pipeline.robot.line_frame import LineFrame
-from pipeline.robot.load_forces import LoadForces
-from pipeline.robot.load_string import LoadString
 from pipeline.robot.protocol import ForceSample, JointState, Vector
-from pipeline.robot.readings import JointReadings
-from pipeline.robot.scene import TIME_STEP, build_scene
+from pipeline.robot.scene import TIME_STEP, LineFrame, build_scene
+from pipeline.robot.sensors import JointReadings, LoadCell
 from pipeline.robot.servo import Reference, Servo
-from pipeline.robot.settings import PlantSettings
+from pipeline.robot.settings import PlantSettings, checked_start, checked_vector, draw
 from pipeline.robot.start import place_at_rest
 from pipeline.robot.truth import (
     GripperTruth,

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from pipeline.robot.line_frame import LineFrame
 from pipeline.robot.protocol import Vector
+from pipeline.robot.scene import LineFrame
 
 
 @dataclass(frozen=True)

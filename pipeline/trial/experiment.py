@@ -21,12 +21,11 @@ from armdyn.run import Known
 from pipeline.loadcell.faults import FaultDetector, FaultLimits
 from pipeline.motion import Gate, LineLimits, LineSmoother, LineState, LineTrajectory
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, Swing, check_line
-from pipeline.nodes.clock import SimulatedClock
 from pipeline.nodes.drive import DriveNode
 from pipeline.nodes.estimator import EstimatorNode
 from pipeline.nodes.measurement import MeasurementNode, channel_units
 from pipeline.nodes.sac import SacNode
-from pipeline.nodes.scheduler import Node, Scheduler
+from pipeline.nodes.scheduler import Node, Scheduler, SimulatedClock
 from pipeline.nodes.task import DT, TaskNode
 from pipeline.record import Recorder
 from pipeline.report.theme import Phase

@@ -8,9 +8,7 @@ from numpy.typing import ArrayLike
 import urdf
 from armdyn.errors import InputError
 from ik import LineTable
-from pipeline.motion.feasibility.bounded import Bounded
 from pipeline.motion.feasibility.clearance import collision_series, swing_series
-from pipeline.motion.feasibility.report import FeasibilityReport
 from pipeline.motion.feasibility.series import (
     Looks,
     fine_times,
@@ -20,6 +18,7 @@ from pipeline.motion.feasibility.series import (
     start_series,
 )
 from pipeline.motion.feasibility.settings import CheckSettings, Swing
+from pipeline.motion.feasibility.verdict import Bounded, FeasibilityReport
 from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
 
 

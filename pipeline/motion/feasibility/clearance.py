@@ -1,19 +1,128 @@
-"""Distances over a motion, looked at as often as the distance itself demands."""
+"""Distances of arm, load and string from each other and from what stands around, over a motion."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
+import coal
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 import urdf
-from pipeline.motion.feasibility.bounded import Bounded
 from pipeline.motion.feasibility.series import Looks
-from pipeline.motion.feasibility.settings import CheckSettings, Swing
-from pipeline.motion.feasibility.surroundings import Surroundings
+from pipeline.motion.feasibility.settings import CheckSettings, Obstacle, Swing
+from pipeline.motion.feasibility.verdict import Bounded
 
 Array = NDArray[np.float64]
+
+
+class Surroundings:
+    """Distances between the arm, what stands around it, and the string with its load.
+
+    Meshes are replaced by their convex hulls, which contain them: the distances err on the safe side.
+
+    Args:
+        robot: the arm.
+        obstacles: blocks that stand still.
+    """
+
+    def __init__(self, robot: urdf.Robot, obstacles: tuple[Obstacle, ...] = ()) -> None:
+        full = pin.buildModelFromXML(robot.urdf_xml)
+        shapes = pin.buildGeomFromUrdfString(
+            full, robot.urdf_xml, pin.GeometryType.COLLISION, package_dirs=[str(path) for path in robot.package_dirs]
+        )
+        locked = [index for index in range(1, full.njoints) if full.names[index] not in robot.joint_names]
+        self._model, reduced = pin.buildReducedModel(full, shapes, locked, pin.neutral(full))
+        self._data = self._model.createData()
+        tool = robot.model.frames[robot.tool_frame_id]
+        self._tool_joint = int(tool.parentJoint)
+        self._tool_point = tool.placement.act(np.asarray(robot.tool_offset))
+        self._parts = [
+            (shape.name.rpartition("_")[0], int(shape.parentJoint), shape.placement.copy(), _hull(shape.geometry))
+            for shape in reduced.geometryObjects
+            if shape.parentJoint > 0
+        ]
+        self._obstacles = [
+            (o.name, coal.Box(*map(float, o.size)), coal.Transform3s(o.rotation, np.asarray(o.centre, dtype=float)))
+            for o in obstacles
+        ]
+        self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
+
+    def clearance(self, q: Array) -> tuple[float, str]:
+        """Smallest distance between the arm and an obstacle at a posture.
+
+        Args:
+            q: (n,) [rad].
+
+        Returns:
+            Distance, 0 or less where they touch [m], and which two.
+        """
+        self._place(q)
+        best, names = np.inf, ""
+        for part, joint, placement, shape in self._parts:
+            pose = _transform(self._data.oMi[joint] * placement)
+            for name, box, place in self._obstacles:
+                distance = self._distance(shape, pose, box, place)
+                if distance < best:
+                    best, names = distance, f"{part} - {name}"
+        return best, names
+
+    def swing_clearance(self, q: Array, along: Array, angle: float, length: float, radius: float) -> tuple[float, str]:
+        """Smallest distance between the hanging load with its string and the arm.
+
+        The load is held against every link. The string is held against all but the hand, on which it hangs.
+
+        Args:
+            q: posture (n,) [rad].
+            along: unit vector of the line (3,).
+            angle: of the swing, 0 hanging; the load is at ``-l sin(angle)`` along the line [rad].
+            length: of the string, to the load's centre [m].
+            radius: of the load [m].
+
+        Returns:
+            Distance [m], and to which link.
+        """
+        self._place(q)
+        top = self._data.oMi[self._tool_joint].act(self._tool_point)
+        hanging = -np.sin(angle) * along - np.cos(angle) * np.array([0.0, 0.0, 1.0])
+        load, load_pose = coal.Sphere(radius), coal.Transform3s(np.eye(3), top + length * hanging)
+        string = coal.Capsule(1e-3, length)
+        # A capsule lies along its z axis, about its middle.
+        aside = np.cross(along, [0.0, 0.0, 1.0])
+        turned = np.column_stack([np.cross(aside, hanging), aside, hanging])
+        string_pose = coal.Transform3s(turned, top + length / 2.0 * hanging)
+        best, names = np.inf, ""
+        for part, joint, placement, shape in self._parts:
+            pose = _transform(self._data.oMi[joint] * placement)
+            distance = self._distance(shape, pose, load, load_pose)
+            if joint != self._tool_joint:
+                distance = min(distance, self._distance(shape, pose, string, string_pose))
+            if distance < best:
+                best, names = distance, part
+        return best, names
+
+    def _place(self, q: Array) -> None:
+        pin.forwardKinematics(self._model, self._data, np.asarray(q, dtype=float))
+
+    def _distance(
+        self, a: coal.CollisionGeometry, at_a: coal.Transform3s, b: coal.CollisionGeometry, at_b: coal.Transform3s
+    ) -> float:
+        self._result.clear()
+        return float(coal.distance(a, at_a, b, at_b, self._request, self._result))
+
+
+def _hull(shape: coal.CollisionGeometry) -> coal.CollisionGeometry:
+    if not isinstance(shape, coal.BVHModelBase):
+        return shape
+    # `buildConvexRepresentation` would only reinterpret the triangles; this one computes a hull.
+    shape.buildConvexHull(True, "Qt")
+    return shape.convex
+
+
+def _transform(pose: pin.SE3) -> coal.Transform3s:
+    return coal.Transform3s(pose.rotation, pose.translation)
+
 
 SHARE = 0.25
 """Share of the distance by which the arm may move before the next look: what is touched cannot be missed."""

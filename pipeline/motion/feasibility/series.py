@@ -9,9 +9,9 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 import urdf
-from pipeline.motion.feasibility.bounded import Bounded
 from pipeline.motion.feasibility.settings import CheckSettings
 from pipeline.motion.feasibility.torque import JointTorque
+from pipeline.motion.feasibility.verdict import Bounded
 
 Array = NDArray[np.float64]
 

@@ -10,11 +10,9 @@ from armdyn.identify.explained import Scale
 from armdyn.identify.rung import Rung
 from armdyn.identify.verdict import Verdict
 from pipeline.answers import link_answer
-from pipeline.commands.link_table import say_links
+from pipeline.commands.identify_text import say_links
 from pipeline.report.page import Level
-from pipeline.report.repair import repair_level
-from pipeline.report.sections.ladder import LadderSection
-from pipeline.report.sections.links import LinkSection
+from pipeline.report.repair import LadderSection, LinkSection, repair_level
 
 ZERO = ("centre_x", "centre_y", "centre_z", "inertia_xx", "inertia_xy", "inertia_yy", "inertia_xz", "inertia_yz")
 

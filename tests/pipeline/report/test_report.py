@@ -15,7 +15,7 @@ from scipy.stats import binomtest
 from armdyn.errors import InputError
 from pipeline.report import Chart, KeyFigure, Level, Report, Section, Table
 from pipeline.report.table import success_interval, table_report
-from pipeline.report.text import number, percent
+from pipeline.report.theme import number, percent
 from pipeline.report.trial import TrialReportData, trial_report
 
 NASTY = "</script><script>alert('x')</script> & <b>$title</b>"

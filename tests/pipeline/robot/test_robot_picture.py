@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 
 from armdyn.errors import InputError
-from pipeline.robot.render import render_swing
+from pipeline.robot.picture import render_swing
 from pipeline.robot.settings import PlantSettings
 from pipeline.robot.simulated import SimulatedRobot
 

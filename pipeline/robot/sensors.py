@@ -1,4 +1,4 @@
-"""The load cell: from the string's pull to samples that arrive late, noisy, quantised, or not at all."""
+"""What the simulated robot measures: the load cell's samples, and the joints' positions, speeds and efforts."""
 
 import math
 from collections import deque
@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pipeline.robot.protocol import ForceSample
-from pipeline.robot.settings import CellFault, CellSettings
+from pipeline.robot.protocol import ForceSample, JointState, Vector
+from pipeline.robot.settings import CellFault, CellSettings, ReadingSettings
 
 
 class LoadCell:
@@ -85,3 +85,38 @@ class LoadCell:
             reading = settings.full_scale
         self._last = min(max(reading, -settings.full_scale), settings.full_scale)
         self._on_the_way.append(ForceSample(time + self._delay, self._last))
+
+
+class JointReadings:
+    """Turns true joint positions, velocities and torques into what the robot reports.
+
+    Args:
+        settings: noise and resolution.
+        hidden: value of every effect.
+        rng: source of the noise.
+    """
+
+    def __init__(self, settings: ReadingSettings, hidden: Mapping[str, float], rng: np.random.Generator) -> None:
+        self._settings, self._hidden, self._rng = settings, hidden, rng
+
+    def read(self, time: float, q: Vector, v: Vector, a: Vector, tau: Vector) -> JointState:
+        """One reading of the joints.
+
+        Args:
+            time: [s].
+            q: true joint positions (n,) [rad].
+            v: true velocities (n,) [rad/s].
+            a: true accelerations (n,) [rad/s^2].
+            tau: torques of the motors (n,) [N m].
+        """
+        settings, hidden = self._settings, self._hidden
+        noise = self._rng.standard_normal((3, len(q)))
+        # x' lag + x = reported: what the encoders see leads the arm.
+        lag = hidden["gripper_lag"]
+        position = q + lag * v + settings.position_noise * noise[0]
+        if settings.resolution > 0:
+            position = settings.resolution * np.round(position / settings.resolution)
+        velocity = v + lag * a + settings.velocity_noise * noise[1]
+        effort = (1.0 + hidden["torque_gain"]) * tau + hidden["torque_offset"]
+        effort = effort + np.array(settings.effort_noise) * noise[2]
+        return JointState(time, position, velocity, effort)

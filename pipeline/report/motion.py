@@ -1,4 +1,4 @@
-"""The joints against their limits, a small figure each."""
+"""How gripper, joints and nodes did in a trial."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,10 +9,42 @@ import numpy as np
 import plotly.graph_objects as go
 
 from armdyn.channels import FloatArray
-from pipeline.report.section import Chart, Section
-from pipeline.report.text import percent
-from pipeline.report.theme import ACTUAL, LIMIT, LINKED_TIME, TIME_AXIS
-from pipeline.report.trial_data import JointTrace
+from pipeline.report.page import Chart, Section, Table
+from pipeline.report.theme import ACTUAL, LIMIT, LINKED_TIME, REFERENCE, TIME_AXIS, Phase, number, percent, stacked
+from pipeline.report.trial_data import GripperTrace, JointTrace, NodeTiming
+
+
+@dataclass(frozen=True)
+class GripperSection(Section):
+    """Reference and actual position of the gripper, and the error."""
+
+    title: ClassVar[str] = "Gripper"
+
+    gripper: GripperTrace
+    phases: Sequence[Phase] = ()
+
+    def sentence(self) -> str:
+        """Mean and largest error along the line."""
+        error = self.gripper.actual - self.gripper.reference
+        if not np.isfinite(error).any():
+            return "The gripper did not move."
+        worst = int(np.nanargmax(np.abs(error)))
+        rms = float(np.sqrt(np.nanmean(error**2)))
+        return (
+            f"The gripper follows its reference to {number(rms, 'm', 2)} rms; the largest error is "
+            f"{number(abs(error[worst]), 'm', 2)} at {self.gripper.time[worst]:.2f} s."
+        )
+
+    def charts(self) -> Sequence[Chart]:
+        """Position over error."""
+        gripper = self.gripper
+        figure = stacked(["along the line [m]", "error [mm]"], [0.62, 0.38], self.phases, 420)
+        figure.add_scatter(x=gripper.time, y=gripper.actual, name="actual", **ACTUAL)
+        figure.add_scatter(x=gripper.time, y=gripper.reference, name="reference", **REFERENCE)
+        error = 1e3 * (gripper.actual - gripper.reference)
+        figure.add_scatter(x=gripper.time, y=error, yaxis="y2", name="error", showlegend=False, **ACTUAL)
+        return [Chart(figure, "Error: actual minus reference, the lag of the arm included.")]
+
 
 _COLUMNS = 2
 _ROW_HEIGHT = 118  # px
@@ -114,3 +146,35 @@ def _small_multiples(
             figure.add_scatter(x=ends, y=[bound, bound], name="limit", hoverinfo="skip", **axes, **LIMIT)
     figure.update_layout(**layout, annotations=titles)
     return figure
+
+
+@dataclass(frozen=True)
+class TimingSection(Section):
+    """Computing time of every node."""
+
+    title: ClassVar[str] = "Computing time"
+
+    nodes: Sequence[NodeTiming]
+
+    def sentence(self) -> str:
+        """Whether a step took longer than its period."""
+        late = [node for node in self.nodes if node.overruns]
+        if not late:
+            return "Every node finished its steps in time."
+        names = ", ".join(f"{node.name} {node.overruns} of {node.steps} times" for node in late)
+        return f"Some steps took longer than their period: {names}."
+
+    def tables(self) -> Sequence[Table]:
+        """A row per node."""
+        rows = [
+            [
+                node.name,
+                "once" if node.period is None else f"{1 / node.period:.4g} Hz",
+                str(node.steps),
+                number(node.mean, "s", 2),
+                number(node.longest, "s", 2),
+                str(node.overruns),
+            ]
+            for node in self.nodes
+        ]
+        return [Table(["node", "rate", "steps", "mean", "longest", "overruns"], rows)]

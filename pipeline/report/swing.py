@@ -7,9 +7,8 @@ from typing import Any, ClassVar
 import numpy as np
 import plotly.graph_objects as go
 
-from pipeline.report.section import Chart, Section
-from pipeline.report.text import number
-from pipeline.report.theme import ACTUAL, BLUE, GREY, INK, REFERENCE
+from pipeline.report.page import Chart, Section
+from pipeline.report.theme import ACTUAL, BLUE, GREY, INK, REFERENCE, number
 from pipeline.report.trial_data import BoxOutline, SwingPicture, SwingTrace
 
 
