@@ -9,7 +9,7 @@ from pipeline.commands.output import JsonOption, command_line, write_json
 
 if TYPE_CHECKING:
     import urdf
-    from pipeline.motion.feasibility import FeasibilityReport, Obstacle
+    from pipeline.motion.feasibility import FeasibilityReport
 
 SHOWN = 10
 """Violations that are printed; the report and the JSON have them all."""
@@ -42,7 +42,8 @@ def check(
     import urdf
     from armdyn.errors import InputError
     from ik import default_table
-    from pipeline.motion.feasibility import CheckSettings, check_joints, check_line
+    from pipeline.box import Box
+    from pipeline.motion.feasibility import CheckSettings, box_and_table, check_joints, check_line
     from pipeline.motion.feasibility.read import read_trajectory
     from pipeline.motion.trajectory import LineTrajectory
 
@@ -54,7 +55,7 @@ def check(
             raise InputError(f"--on-line: robot '{arm.name}' has no line")
         motion = read_trajectory(trajectory, arm)
         settings = CheckSettings(
-            load_mass=mass, springs=springs, obstacles=_obstacles(line) if box and line is not None else ()
+            load_mass=mass, springs=springs, obstacles=box_and_table(line, Box()) if box and line is not None else ()
         )
         at = _start(start, arm)
         if isinstance(motion, LineTrajectory):
@@ -99,14 +100,6 @@ def _start(text: str | None, arm: "urdf.Robot") -> "list[float] | None":
             f"--start {text}: give {len(arm.joint_names)} numbers in rad, for {', '.join(arm.joint_names)}"
         )
     return values
-
-
-def _obstacles(line: "urdf.Line") -> "tuple[Obstacle, ...]":
-    from pipeline.motion.feasibility import box_and_table
-    from pipeline.robot.settings import Box
-
-    box = Box()
-    return box_and_table(line, box.near_wall, box.width, box.depth, box.rim, box.height, box.wall)
 
 
 def _write_report(result: "FeasibilityReport", trajectory: Path, file: Path) -> None:

@@ -12,7 +12,7 @@ from pipeline.commands.output import JsonOption, check_outputs, command_line, ph
 
 if TYPE_CHECKING:
     from armdyn.pendulum.model import PendulumModel
-    from pipeline.trial.experiment import Experiment
+    from pipeline.trial import SimulatedTrial
 
 
 def parse_hidden(given: list[str]) -> dict[str, float | None]:
@@ -66,9 +66,7 @@ def trial(
     json_file: JsonOption = None,
 ) -> None:
     """Learn the string's length, plan the swing, put the load into the box."""
-    from pipeline.trial.experiment import Experiment
-    from pipeline.trial.report import report_of
-    from pipeline.trial.settings import TrialSettings
+    from pipeline.trial import TrialSettings, simulate
 
     check_outputs(json_file)
     given = _pendulum(model, effects) if model else None
@@ -78,14 +76,14 @@ def trial(
         seed=seed, out=out,
     )  # fmt: skip
     with phase_progress() as progress:
-        experiment = Experiment(settings, progress)
-        result = experiment.run()
+        done = simulate(settings, progress)
         progress("writing the report", 0.97)
         report = out / "report.html"
-        report_of(experiment, result, command=command_line()).write(report)
+        done.report(command_line()).write(report)
         if picture:
             progress("rendering the swing", 0.98)
-            _render(experiment, out)
+            _render(done, out)
+    result = done.result
     if json_file is not None:
         write_json(result.as_json(), json_file)
     if json_file != Path("-"):
@@ -116,18 +114,14 @@ def _pendulum(file: Path, effects: Path | None) -> "PendulumModel":
     return model
 
 
-def _render(experiment: "Experiment", out: Path) -> None:
-    from dataclasses import replace
-
+def _render(done: "SimulatedTrial", out: Path) -> None:
     from pipeline.robot.picture import render_swing
 
-    history, started = experiment.robot.history(), experiment.task.started
-    if started is None:
+    history = done.swing_history()
+    if history is None:
         return
-    during = history.time >= started
-    cut = replace(history, **{n: getattr(history, n)[during] for n in ("time", "q", "pivot", "load", "tension")})
     for name in ("swing.png", "swing.gif"):
-        render_swing(experiment.description, experiment.plant, cut, out / name)
+        render_swing(done.experiment.description, done.plant, history, out / name)
 
 
 def table(

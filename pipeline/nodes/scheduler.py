@@ -86,6 +86,8 @@ class Timing:
     """How long a node's steps took.
 
     Attributes:
+        name: of the node.
+        period: time between its steps, s; None for one that runs once.
         steps: how many there were.
         total: computing time of all steps, s.
         longest: of one step, s.
@@ -93,6 +95,8 @@ class Timing:
         skipped: steps that were left out because their time had passed.
     """
 
+    name: str
+    period: float | None
     steps: int = 0
     total: float = 0.0
     longest: float = 0.0
@@ -124,7 +128,7 @@ class Scheduler:
         start = clock.time
         self._start = {node.name: start for node in nodes}
         self._count = {node.name: 0 for node in nodes}
-        self.timing = {node.name: Timing() for node in nodes}
+        self.timing = {node.name: Timing(node.name, node.period) for node in nodes}
 
     def run(self, until: Callable[[], bool], longest: float) -> bool:
         """Run until a condition holds, looked at after every round.

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 import plotly.graph_objects as go
 
-from pipeline.motion.feasibility.verdict import Bounded, FeasibilityReport
+from pipeline.motion.feasibility.verdict import Bounded, FeasibilityReport, Margin
 from pipeline.report.page import Chart, KeyFigure, Level, Report, Section, Table
 from pipeline.report.theme import LIMIT, LINKED_TIME, TIME_AXIS, number, percent
-from pipeline.report.trial_data import Margin
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -32,12 +31,12 @@ class MarginSection(Section):
         if broken:
             worst = max(broken, key=lambda margin: margin.used)
             return (
-                f"Limits broken: {len(broken)} of {len(self.margins)}; worst the {worst.limit} of {worst.where}, "
+                f"Limits broken: {len(broken)} of {len(self.margins)}; worst the {worst.limit} of {worst.joint}, "
                 f"{number(worst.value, worst.unit)} against {number(worst.bound, worst.unit)} at {worst.time:.2f} s."
             )
         tightest = max(self.margins, key=lambda margin: margin.used)
         return (
-            f"All {len(self.margins)} limits were kept; the tightest is the {tightest.limit} of {tightest.where}, "
+            f"All {len(self.margins)} limits were kept; the tightest is the {tightest.limit} of {tightest.joint}, "
             f"of which {percent(tightest.used)} was used."
         )
 
@@ -45,7 +44,7 @@ class MarginSection(Section):
         """A row per limit."""
         ordered = sorted(self.margins, key=lambda margin: -margin.used)
         rows = [
-            [m.limit, m.where, f"{m.value:.3g}", f"{m.bound:.3g}", m.unit, f"{m.time:.2f}", percent(m.used)]
+            [m.limit, m.joint, f"{m.value:.3g}", f"{m.bound:.3g}", m.unit, f"{m.time:.2f}", percent(m.used)]
             for m in ordered
         ]
         header = ["limit", "of", "closest", "bound", "unit", "at [s]", "used"]
@@ -141,11 +140,7 @@ def feasibility_page(report: FeasibilityReport, title: str, command: str = "") -
             worst = max(chosen, key=lambda margin: margin.used)
             value = number(worst.value, worst.unit) if limit == "self_collision" else percent(worst.used)
             figures.append(KeyFigure(name, value, worst.joint))
-    margins = [
-        Margin(_words(m.limit), m.joint, m.value, m.bound, m.unit, m.used, m.time)
-        for m in report.margins
-        if m.limit != "line" or m.used > 1.0
-    ]
+    margins = [replace(m, limit=_words(m.limit)) for m in report.margins if m.limit != "line" or m.used > 1.0]
     return Report(
         title=title,
         level=Level.GOOD if report.feasible else Level.BAD,

@@ -15,7 +15,7 @@ from armdyn.identify.study import Study
 from armdyn.preparation import of_all_runs, sentence
 from armdyn.run import Channel
 from pipeline.report.page import Chart, KeyFigure, Level, Report, Section, Table
-from pipeline.report.theme import GREY, LIMIT, MEASURED, MODEL, RECORDED, Phase, add_band, number, stacked
+from pipeline.report.theme import GREY, LIMIT, MEASURED, MODEL, RECORDED, Span, add_band, number, stacked
 
 MOST_POINTS = 3000
 """Per trace; more makes the page heavy and the picture no clearer."""
@@ -52,7 +52,7 @@ class FitSection(Section):
         measured = np.interp(block.time, channel.time, channel.value)
         every = slice(None, None, max(1, len(block.time) // MOST_POINTS))
         phases = [
-            Phase("", place.start, place.end)
+            Span("", place.start, place.end)
             for place in self.places
             if place.against == "time" and place.run == block.run and place.channel == block.channel
         ]

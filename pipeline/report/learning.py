@@ -7,9 +7,51 @@ from typing import ClassVar
 import numpy as np
 import plotly.graph_objects as go
 
+from armdyn.channels import FloatArray
 from pipeline.report.page import Chart, Section
-from pipeline.report.theme import GREY, INK, MEASURED, MODEL, ORANGE, TRUTH, Phase, add_band, number, stacked
-from pipeline.report.trial_data import EstimateTrace, ForceTrace
+from pipeline.report.theme import GREY, INK, MEASURED, MODEL, ORANGE, TRUTH, Span, add_band, number, stacked
+
+
+@dataclass(frozen=True)
+class EstimateTrace:
+    """A parameter learnt during the trial.
+
+    Attributes:
+        name: such as ``"length"``.
+        unit: SI unit.
+        time: (k,) s, when each estimate was made.
+        value: (k,) in `unit`.
+        std: (k,) standard deviation that the estimator gave, in `unit`.
+        guess: where it started.
+        truth: None where nobody knows it.
+    """
+
+    name: str
+    unit: str
+    time: FloatArray
+    value: FloatArray
+    std: FloatArray
+    guess: float
+    truth: float | None = None
+
+
+@dataclass(frozen=True)
+class ForceTrace:
+    """The load cell against the model with the final estimate.
+
+    Attributes:
+        time: (n,) s.
+        measured: (n,) N.
+        predicted: (n,) N; nan where the model was not run.
+        noise: standard deviation of the load cell, N; None where unknown.
+        residual_is_white: None where not tested; False means that intervals do not hold.
+    """
+
+    time: FloatArray
+    measured: FloatArray
+    predicted: FloatArray
+    noise: float | None = None
+    residual_is_white: bool | None = None
 
 
 @dataclass(frozen=True)
@@ -25,7 +67,7 @@ class EstimateSection(Section):
     title: ClassVar[str] = "Estimate"
 
     estimates: Sequence[EstimateTrace]
-    phases: Sequence[Phase] = ()
+    phases: Sequence[Span] = ()
     residual_is_white: bool | None = None
 
     def sentence(self) -> str:
@@ -54,7 +96,7 @@ def _caption(trace: EstimateTrace) -> str:
     return f"Above: {trace.name} with two standard deviations. Below, on a logarithmic scale: {below}."
 
 
-def _figure(trace: EstimateTrace, phases: Sequence[Phase]) -> go.Figure:
+def _figure(trace: EstimateTrace, phases: Sequence[Span]) -> go.Figure:
     scale, small = (1e3, f"m{trace.unit}") if trace.unit in ("m", "s", "N") else (1.0, trace.unit)
     figure = stacked([f"{trace.name} [{trace.unit}]", f"error [{small}]"], [0.6, 0.4], phases, 460)
     add_band(figure, trace.time, trace.value, 2 * trace.std, "± 2 std")
@@ -89,7 +131,7 @@ class ForceSection(Section):
     title: ClassVar[str] = "Load cell"
 
     force: ForceTrace
-    phases: Sequence[Phase] = ()
+    phases: Sequence[Span] = ()
 
     def sentence(self) -> str:
         """The residual against the noise, and whether it is white."""

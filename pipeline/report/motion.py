@@ -9,9 +9,46 @@ import numpy as np
 import plotly.graph_objects as go
 
 from armdyn.channels import FloatArray
+from pipeline.nodes.scheduler import Timing
 from pipeline.report.page import Chart, Section, Table
-from pipeline.report.theme import ACTUAL, LIMIT, LINKED_TIME, REFERENCE, TIME_AXIS, Phase, number, percent, stacked
-from pipeline.report.trial_data import GripperTrace, JointTrace, NodeTiming
+from pipeline.report.theme import ACTUAL, LIMIT, LINKED_TIME, REFERENCE, TIME_AXIS, Span, number, percent, stacked
+
+
+@dataclass(frozen=True)
+class GripperTrace:
+    """The string's upper end along the line.
+
+    Attributes:
+        time: (n,) s.
+        reference: (n,) m, what was commanded.
+        actual: (n,) m, what was measured.
+    """
+
+    time: FloatArray
+    reference: FloatArray
+    actual: FloatArray
+
+
+@dataclass(frozen=True)
+class JointTrace:
+    """Joints against their limits.
+
+    Attributes:
+        names: (j,).
+        time: (n,) s.
+        position: (n, j) rad.
+        velocity: (n, j) rad/s.
+        lower, upper: (j,) rad.
+        speed: (j,) rad/s, largest in both directions.
+    """
+
+    names: tuple[str, ...]
+    time: FloatArray
+    position: FloatArray
+    velocity: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    speed: FloatArray
 
 
 @dataclass(frozen=True)
@@ -21,7 +58,7 @@ class GripperSection(Section):
     title: ClassVar[str] = "Gripper"
 
     gripper: GripperTrace
-    phases: Sequence[Phase] = ()
+    phases: Sequence[Span] = ()
 
     def sentence(self) -> str:
         """Mean and largest error along the line."""
@@ -154,7 +191,7 @@ class TimingSection(Section):
 
     title: ClassVar[str] = "Computing time"
 
-    nodes: Sequence[NodeTiming]
+    nodes: Sequence[Timing]
 
     def sentence(self) -> str:
         """Whether a step took longer than its period."""

@@ -7,9 +7,46 @@ from typing import Any, ClassVar
 import numpy as np
 import plotly.graph_objects as go
 
+from armdyn.channels import FloatArray
+from pipeline.box import Box
 from pipeline.report.page import Chart, Section
 from pipeline.report.theme import ACTUAL, BLUE, GREY, INK, REFERENCE, number
-from pipeline.report.trial_data import BoxOutline, SwingPicture, SwingTrace
+
+
+@dataclass(frozen=True)
+class SwingTrace:
+    """Gripper and load in the vertical plane of the line during the swing.
+
+    Attributes:
+        time: (n,) s.
+        gripper_x: (n,) m along the line.
+        load_x: (n,) m along the line.
+        load_z: (n,) m over the line, negative below.
+    """
+
+    time: FloatArray
+    gripper_x: FloatArray
+    load_x: FloatArray
+    load_z: FloatArray
+
+
+@dataclass(frozen=True)
+class SwingPicture:
+    """The planned swing and what became of it.
+
+    Attributes:
+        planned: from the optimiser.
+        executed: as measured or simulated; None where the swing was not run.
+        box: None where there is none.
+        load_radius: m.
+        snapshots: how many positions of the string are drawn.
+    """
+
+    planned: SwingTrace
+    executed: SwingTrace | None
+    box: Box | None
+    load_radius: float = 0.014
+    snapshots: int = 9
 
 
 @dataclass(frozen=True)
@@ -76,7 +113,7 @@ def _add_strings(figure: go.Figure, trace: SwingTrace, count: int, radius: float
         figure.add_shape(**disc, line=line, fillcolor=BLUE, opacity=0.25 + 0.6 * i / max(count - 1, 1), layer="below")
 
 
-def _add_box(figure: go.Figure, box: BoxOutline) -> None:
+def _add_box(figure: go.Figure, box: Box) -> None:
     near, far = box.near_wall, box.near_wall + box.width
     rim, floor = -box.rim, -box.rim - box.height
     figure.add_scatter(

@@ -63,11 +63,11 @@ LINKED_TIME = {"time_axis": True}
 
 
 @dataclass(frozen=True)
-class Phase:
-    """A named stretch of time, shaded in every figure over time.
+class Span:
+    """A stretch of time, shaded in every figure over time.
 
     Attributes:
-        name: such as ``"estimate"``.
+        name: such as ``"estimate"``; empty for none.
         start: s.
         end: s.
     """
@@ -77,7 +77,7 @@ class Phase:
     end: float
 
 
-def phase_marks(phases: Sequence[Phase]) -> dict[str, list[dict[str, Any]]]:
+def phase_marks(phases: Sequence[Span]) -> dict[str, list[dict[str, Any]]]:
     """Shapes and labels that show the phases across the whole height of a figure over time.
 
     Returns:
@@ -139,7 +139,7 @@ def _significant(value: float, digits: int) -> str:
     return f"{value:.{min(decimals, 12)}f}"
 
 
-def stacked(rows: Sequence[str], heights: Sequence[float], phases: Sequence[Phase], height: int) -> go.Figure:
+def stacked(rows: Sequence[str], heights: Sequence[float], phases: Sequence[Span], height: int) -> go.Figure:
     """An empty figure with one row per vertical axis.
 
     Args:

@@ -60,7 +60,7 @@ def build_picture_scene(robot: urdf.Robot, settings: PlantSettings, size: tuple[
     if settings.box is not None:
         add_box(spec, line, settings.box)
         for geom in spec.geoms:
-            if geom.name in ("box_left", "box_right", "box_near"):
+            if geom.name in ("box_front", "box_back", "box_near"):
                 geom.rgba[3] = FAINT
     _furnish(spec, line, size)
     return spec.compile()

@@ -9,8 +9,9 @@ import numpy as np
 
 import urdf
 from armdyn.errors import InputError
+from pipeline.box import Box
 from pipeline.robot.protocol import Vector
-from pipeline.robot.settings import Box, PlantSettings
+from pipeline.robot.settings import PlantSettings
 
 
 @dataclass(frozen=True)
@@ -116,27 +117,17 @@ def make_elastic(model: mujoco.MjModel, compliance: float) -> None:
 def add_box(spec: mujoco.MjSpec, line: LineFrame, box: Box) -> None:
     """Four walls and a floor, fixed in the world, aligned with the line."""
     up = np.array([0.0, 0.0, 1.0])
-    half = box.wall / 2
-    rim = line.origin - box.rim * up
-    middle = rim + (box.near_wall + box.width / 2) * line.along
+    axes = np.column_stack([line.along, line.across, up])
+    middle = line.origin - box.rim * up + box.middle * line.along
     quaternion = np.zeros(4)
-    mujoco.mju_mat2Quat(quaternion, np.column_stack([line.along, line.across, up]).ravel())
-    side = -box.height / 2 * up
-    w, d, h = box.width / 2, box.depth / 2, box.height / 2
-    plates = {
-        "near": (side - w * line.along, (half, d + half, h)),
-        "far": (side + w * line.along, (half, d + half, h)),
-        "left": (side - d * line.across, (w + half, half, h)),
-        "right": (side + d * line.across, (w + half, half, h)),
-        "floor": (-(box.height + half) * up, (w + half, d + half, half)),
-    }
-    for name, (offset, size) in plates.items():
+    mujoco.mju_mat2Quat(quaternion, axes.ravel())
+    for plate in box.plates():
         spec.worldbody.add_geom(
-            name=f"box_{name}",
+            name=f"box_{plate.name}",
             type=mujoco.mjtGeom.mjGEOM_BOX,
-            pos=middle + offset,
+            pos=middle + axes @ plate.offset,
             quat=quaternion,
-            size=size,
+            size=plate.half,
             friction=[box.friction, 0.005, 0.0005],
             priority=1,
             solref=CONTACT_SOLREF,

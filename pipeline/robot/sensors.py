@@ -10,7 +10,7 @@ from pipeline.robot.protocol import ForceSample, JointState, Vector
 from pipeline.robot.settings import CellFault, CellSettings, ReadingSettings
 
 
-class LoadCell:
+class SimulatedCell:
     """Samples the string tension at a fixed period and delivers the samples with a latency.
 
     Args:

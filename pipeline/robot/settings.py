@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 import urdf
 from armdyn.errors import InputError
+from pipeline.box import Box
 from pipeline.robot.protocol import Vector
 
 
@@ -107,46 +108,6 @@ class CellSettings:
             _require_finite(self, ("latency",), at_least=0.0)
         if self.bias is not None:
             _require_finite(self, ("bias",))
-
-
-@dataclass(frozen=True)
-class Box:
-    """An open box, placed relative to the line that the string's upper end moves on.
-
-    Attributes:
-        near_wall: line coordinate of the middle of its near wall [m].
-        width: between the middles of the near and the far wall, along the line [m].
-        depth: between the middles of the other two walls [m].
-        rim: how far its rim is below the line [m].
-        height: from the inner floor to the rim [m].
-        wall: thickness of walls and floor [m].
-        friction: sliding friction coefficient against the load.
-    """
-
-    near_wall: float = 0.355
-    width: float = 0.30
-    depth: float = 0.24
-    rim: float = 0.285
-    height: float = 0.095
-    wall: float = 0.004
-    friction: float = 0.6
-
-    def __post_init__(self) -> None:
-        _require_finite(self, ("near_wall", "rim"))
-        _require_finite(self, ("width", "depth", "height", "wall"), at_least=1e-3)
-        _require_finite(self, ("friction",), at_least=0.0)
-
-    def contains(self, along: float, across: float, above: float) -> bool:
-        """Whether a point is between the walls and below the rim.
-
-        Args:
-            along: line coordinate [m].
-            across: distance from the vertical plane of the line [m].
-            above: height over the line, negative below it [m].
-        """
-        middle = self.near_wall + self.width / 2
-        inside = abs(along - middle) < self.width / 2 and abs(across) < self.depth / 2
-        return inside and -self.rim - self.height < above < -self.rim
 
 
 @dataclass(frozen=True)

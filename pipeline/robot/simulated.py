@@ -12,7 +12,7 @@ from pipeline.robot.forces import JointEffects, LoadForces, LoadString
 from pipeline.robot.hidden import resolve_hidden
 from pipeline.robot.protocol import ForceSample, JointState, Vector
 from pipeline.robot.scene import TIME_STEP, LineFrame, build_scene
-from pipeline.robot.sensors import JointReadings, LoadCell
+from pipeline.robot.sensors import JointReadings, SimulatedCell
 from pipeline.robot.servo import Reference, Servo
 from pipeline.robot.settings import PlantSettings, checked_start, checked_vector, draw
 from pipeline.robot.start import place_at_rest
@@ -106,7 +106,7 @@ class SimulatedRobot:
             self._hidden["gripper_lag"],
             TIME_STEP,
         )
-        self._cell = LoadCell(settings.cell, self._hidden, drawn.bias, drawn.latency, cell_rng, TIME_STEP)
+        self._cell = SimulatedCell(settings.cell, self._hidden, drawn.bias, drawn.latency, cell_rng, TIME_STEP)
         self._readings = JointReadings(settings.readings, self._hidden, reading_rng)
         self._reading: JointState | None = None
         self._truth = PlantTruth(

@@ -99,6 +99,11 @@ class History:
     load: Vector
     tension: Vector
 
+    def from_time(self, time: float) -> "History":
+        """What happened from `time` [s] on."""
+        kept = self.time >= time
+        return History(self.time[kept], self.q[kept], self.pivot[kept], self.load[kept], self.tension[kept])
+
 
 class MotionLog:
     """Collects the history."""

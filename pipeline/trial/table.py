@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from armdyn.errors import InputError
-from pipeline.trial.experiment import run_trial
 from pipeline.trial.settings import TrialSettings
+from pipeline.trial.simulated import run_trial
 
 GUESSES = (0.308, 0.328, 0.348, 0.368, 0.388, 0.408, 0.428, 0.448, 0.468)
 """m; of the paper, whose string is 0.368 m long."""

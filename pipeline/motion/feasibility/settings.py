@@ -9,10 +9,14 @@ from numpy.typing import NDArray
 
 import urdf
 from armdyn.errors import InputError
+from pipeline.box import Box
 from pipeline.motion.feasibility.torque import ExtraTorque
 from pipeline.motion.trajectory import check_samples, read_only
 
 Array = NDArray[np.float64]
+
+TABLE = (1.6, 0.7, 0.04)
+"""Length, depth and thickness of the table top under the box [m]."""
 
 
 @dataclass(frozen=True)
@@ -32,51 +36,24 @@ class Obstacle:
     rotation: Array
 
 
-def box_and_table(
-    line: urdf.Line,
-    near_wall: float,
-    width: float,
-    depth: float,
-    rim: float,
-    height: float,
-    wall: float,
-) -> tuple[Obstacle, ...]:
-    """An open box on a table, under the line.
-
-    Args:
-        line: of the tool point.
-        near_wall: line coordinate of the middle of its near wall [m].
-        width: between the middles of near and far wall [m].
-        depth: between the middles of the other two walls [m].
-        rim: how far its rim is below the line [m].
-        height: from the inner floor to the rim [m].
-        wall: thickness [m].
-
-    Returns:
-        Four walls, the floor and the table top.
-    """
-    along = np.asarray(line.direction, dtype=float)
-    up = np.array([0.0, 0.0, 1.0])
-    rotation = np.column_stack([along, np.cross(up, along), up])
-    rim_middle = np.asarray(line.origin) + (near_wall + width / 2.0) * along - rim * up
-
-    def block(name: str, offset: tuple[float, float, float], size: tuple[float, float, float]) -> Obstacle:
-        return Obstacle(name, rim_middle + rotation @ np.array(offset), np.array(size), rotation)
-
-    deep, floor = height / 2.0, height + wall / 2.0
-    sides = [
-        block(f"box {name} wall", (x, y, -deep), size)
-        for name, x, y, size in (
-            ("near", -width / 2.0, 0.0, (wall, depth + wall, height)),
-            ("far", width / 2.0, 0.0, (wall, depth + wall, height)),
-            ("front", 0.0, -depth / 2.0, (width, wall, height)),
-            ("back", 0.0, depth / 2.0, (width, wall, height)),
-        )
-    ]
-    bottom = block("box floor", (0.0, 0.0, -floor), (width + wall, depth + wall, wall))
-    thickness = 0.04
-    table = block("table", (0.0, 0.0, -height - wall - thickness / 2.0), (1.6, 0.7, thickness))
-    return (*sides, bottom, table)
+def box_and_table(line: urdf.Line, box: Box) -> tuple[Obstacle, ...]:
+    """An open box on a table, under the line: four walls, the floor and the table top."""
+    along, up = np.asarray(line.direction, dtype=float), np.array([0.0, 0.0, 1.0])
+    axes = np.column_stack([along, np.cross(up, along), up])
+    middle = np.asarray(line.origin) + box.middle * along - box.rim * up
+    top = np.array([0.0, 0.0, -box.height - box.wall - TABLE[2] / 2.0])
+    return (
+        *(
+            Obstacle(
+                "box floor" if plate.name == "floor" else f"box {plate.name} wall",
+                middle + axes @ plate.offset,
+                2.0 * plate.half,
+                axes,
+            )
+            for plate in box.plates()
+        ),
+        Obstacle("table", middle + axes @ top, np.array(TABLE), axes),
+    )
 
 
 @dataclass(frozen=True)

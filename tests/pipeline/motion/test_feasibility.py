@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 import ik
 import urdf
 from armdyn.errors import InputError, TaskFailedError
+from pipeline.box import Box
 from pipeline.motion.feasibility import (
     CheckSettings,
     FeasibilityReport,
@@ -226,10 +227,10 @@ def test_a_block_in_the_way_is_hit_however_thin(robot: urdf.Robot, table: ik.Lin
 
 
 def test_the_box_of_the_task_is_not_in_the_way(robot: urdf.Robot, table: ik.LineTable) -> None:
-    box = box_and_table(robot.line, near_wall=0.355, width=0.3, depth=0.24, rim=0.285, height=0.095, wall=0.004)
+    box = box_and_table(robot.line, Box())
     report = check_line(table, robot, line_sine(0.2, 0.3, centre=0.25), CheckSettings(obstacles=box))
     assert report.feasible, report.sentence
-    raised = box_and_table(robot.line, near_wall=0.355, width=0.3, depth=0.24, rim=-0.05, height=0.095, wall=0.004)
+    raised = box_and_table(robot.line, Box(rim=-0.05))
     report = check_line(table, robot, line_sine(0.2, 0.3, centre=0.25), CheckSettings(obstacles=raised))
     assert any(v.limit == "collision" and "box" in v.joint for v in report.violations)
 
