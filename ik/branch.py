@@ -15,12 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 
 from ik.chain import Chain, rotation_error
 from ik.path import Path
-
-Array = NDArray[np.float64]
+from urdf.robot import Array
 
 TOLERANCE = 1e-12  # m and rad; what double precision lets Newton's method reach on a metre-sized arm
 ITERATIONS = 30

@@ -6,14 +6,11 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from armdyn.errors import InputError, UnknownNameError
-from ik.path import CirclePath, LinePath, Path
-from ik.spline import SplinePath
+from ik.path import CirclePath, LinePath, Path, SplinePath
 from urdf import Line, UrdfError
-
-Array = NDArray[np.float64]
+from urdf.robot import Array
 
 KINDS = ("line", "circle", "spline")
 UNASKED = 1e-3  # m/s, slower than any arm: nothing is asked of the core

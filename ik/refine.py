@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 
 import clarabel
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from ik.branch import Branch
@@ -12,8 +11,7 @@ from ik.chain import Chain
 from ik.path import Path
 from ik.selfmotion import Wish
 from urdf import Limits
-
-Array = NDArray[np.float64]
+from urdf.robot import Array
 
 CURVATURE = 3e-3  # m^2 s: time that bending is worth; keeps accelerations small at next to no loss of speed
 ROUNDS = 40

@@ -5,18 +5,16 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ik.chain import Chain
 from ik.errors import UnreachableError
-from ik.free import plan_free
 from ik.path import LinePath
+from ik.plan import plan_free
 from ik.selfmotion import Wish
 from ik.solver import Solver
-from ik.torque import TorqueRows
+from ik.torque import PathTorque
 from urdf import CollisionModel, Line, Robot
-
-Array = NDArray[np.float64]
+from urdf.robot import Array
 
 GRID = 0.1  # m between the targets of the first look
 REACHABLE_STARTS = 3  # per target of the first look
@@ -198,7 +196,7 @@ class _Search:
             return None
         rate, bending, _ = branch.derivatives(self.chain, path, s, q)
         limits = self.robot.limits
-        hold = TorqueRows.of(self.robot, q, rate, bending)
+        hold = PathTorque.of(self.robot, q, rate, bending)
         without, helped = (
             float((np.abs(hold.torque(0.0, 0.0, springs)) / limits.effort).max()) for springs in (False, True)
         )

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from ik.chain import Chain, rotation_error
 from ik.path import Path
 from urdf import Limits
-
-Array = NDArray[np.float64]
+from urdf.robot import Array
 
 STEP = 0.02  # rad along the self-motion
 LONGEST = 3.2  # rad to either side: about half a turn of the elbow

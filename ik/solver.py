@@ -9,8 +9,7 @@ from scipy.spatial import cKDTree
 from armdyn.errors import InputError
 from ik.chain import Chain, rotation_error
 from urdf import Robot
-
-Array = NDArray[np.float64]
+from urdf.robot import Array
 
 LIBRARY = 10_000  # random postures to start from; more cost more to search than they save in iterations
 SEED = 1_618_033  # of the library; no seed that a test or a user would draw targets from, so that none is in it

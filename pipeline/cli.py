@@ -7,7 +7,7 @@ import typer
 from typer.exceptions import TyperException
 
 from armdyn.errors import ArmdynError, TaskFailedError
-from urdf.errors import UrdfError
+from urdf.robot import UrdfError
 
 app = typer.Typer(
     name="armdyn",

@@ -7,8 +7,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pinocchio as pin
 
-from urdf.errors import UrdfError
-from urdf.robot import Array
+from urdf.robot import Array, UrdfError
 from urdf.settings import Settings
 
 MOVING = ("revolute", "continuous", "prismatic")

@@ -7,7 +7,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from urdf.errors import UrdfError
+
+class UrdfError(Exception):
+    """A robot description that cannot be used: the message says what, where and what to do, in one line."""
+
 
 Array = NDArray[np.float64]
 

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from urdf.errors import UrdfError
 from urdf.mend import Frame
-from urdf.robot import Array, Line, Spring
+from urdf.robot import Array, Line, Spring, UrdfError
 
 
 @dataclass(frozen=True)

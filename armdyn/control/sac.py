@@ -132,10 +132,6 @@ class SacAction:
     free_cost: float
     seconds: float
 
-    def acceleration_now(self, settings: SacSettings) -> np.ndarray:
-        """(m,) acceleration of the steps until the next action is chosen, m/s^2."""
-        return self.schedule[: max(1, round(settings.sample_time / settings.dt))]
-
 
 class SequentialActionControl:
     """Chooses actions for one composed model."""

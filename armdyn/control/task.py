@@ -151,9 +151,9 @@ class TaskPlanner:
         self._tension = self._variational.tension.map(steps)
         self._load = self._variational.load.map(steps + 1)
 
-    def optimizer(self, *, hindered: bool) -> ProjectionOptimizer:
+    def optimizer(self, *, constrained: bool) -> ProjectionOptimizer:
         """What solves the task; without walls, slack and ends of the line to mind it is faster."""
-        return _optimizer(self._variational, self._formulation, self.steps, hindered)
+        return _optimizer(self._variational, self._formulation, self.steps, constrained)
 
     def plan(
         self, model: PendulumModel, cost: TaskCost, start: SwingState | None = None, *, guess: np.ndarray | None = None,
@@ -169,8 +169,8 @@ class TaskPlanner:
             raise InputError("this planner was built for a model with other effects: build a new one")
         start = start or SwingState()
         theta = model.physics_theta()
-        unhindered = replace(cost, wall=None, least_tension=None, reach=None)
-        optimizer = self.optimizer(hindered=cost != unhindered)
+        unconstrained = replace(cost, wall=None, least_tension=None, reach=None)
+        optimizer = self.optimizer(constrained=cost != unconstrained)
         time = start.time + self.dt * np.arange(self.steps + 1)
         lag = float(self._variational.lag(theta))
         initial = np.array([start.x, start.v, start.angle, start.rate])
@@ -181,16 +181,16 @@ class TaskPlanner:
 
         # What the plan must keep off makes the problem non-convex: the free optimum is bent round it, not replaced.
         try:
-            free = solve(unhindered, guess)
+            free = solve(unconstrained, guess)
         except TaskFailedError:
             # Strong friction hides the way from rest: it is found with the effects growing from nothing.
             null = np.array([model.parameters[n].null if "." in n else model.value(n) for n in self._names])
             controls = guess
             for share in CONTINUATION:
-                free = solve(unhindered, controls, null + share * (theta - null))
+                free = solve(unconstrained, controls, null + share * (theta - null))
                 controls = free.controls
         solution = free
-        if cost != unhindered:
+        if cost != unconstrained:
             bent = solve(cost, free.controls)
             steps, seconds = free.iterations + bent.iterations, free.seconds + bent.seconds
             solution = replace(bent, iterations=steps, seconds=seconds)
@@ -220,17 +220,17 @@ def _ahead_of(
 
 
 @lru_cache(maxsize=16)
-def _optimizer(variational: VariationalStep, formulation: str, steps: int, hindered: bool) -> ProjectionOptimizer:
-    return ProjectionOptimizer(task_problem(variational, formulation, hindered=hindered), steps)
+def _optimizer(variational: VariationalStep, formulation: str, steps: int, constrained: bool) -> ProjectionOptimizer:
+    return ProjectionOptimizer(task_problem(variational, formulation, constrained=constrained), steps)
 
 
-def task_problem(variational: VariationalStep, name: str, *, hindered: bool = False) -> DiscreteProblem:
+def task_problem(variational: VariationalStep, name: str, *, constrained: bool = False) -> DiscreteProblem:
     """The task on a variational model; p = (theta, cost in the order of `COST_NAMES`, dt).
 
     Args:
         variational: the equations.
         name: identifier of the equations.
-        hindered: whether walls, slack and the ends of the line count; where not, their entries of p are ignored.
+        constrained: whether walls, slack and the ends of the line count; where not, their entries of p are ignored.
     """
     thetas = len(variational.names)
     size = thetas + len(COST_NAMES) + 1
@@ -253,9 +253,9 @@ def task_problem(variational: VariationalStep, name: str, *, hindered: bool = Fa
     slack = c["least_tension"] - variational.tension(*at, onward) / weight
     loose = ca.sqrt(dt * c["w_slack"]) * ca.fmax(0, slack)
     beyond = ca.sqrt(dt * c["w_reach"]) * ca.fmax(0, ca.fmax(s[0] - c["reach_most"], c["reach_least"] - s[0]))
-    kept_off = ca.vertcat(inside, loose, beyond) if hindered else ca.SX(0, 1)
+    kept_off = ca.vertcat(inside, loose, beyond) if constrained else ca.SX(0, 1)
     return DiscreteProblem(
-        name=f"{'hindered_' if hindered else ''}swing_{name}",
+        name=f"{'constrained_' if constrained else ''}swing_{name}",
         states=STATE_SIZE,
         parameters=size,
         step=ca.Function("f", [s, u, t, p], [variational.step(*at)]),

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from ik.chain import Chain, rotation_error
 from ik.volume.grid import Block, Grid, Status
-
-Array = NDArray[np.float64]
+from urdf.robot import Array
 
 TOLERANCE = 1e-9  # m and rad
 NEWTON = 8  # steps; three are enough wherever the skeleton is smooth

@@ -9,8 +9,8 @@ from ik.errors import UnreachableError
 from ik.solver import Solver
 from ik.volume.grid import Grid
 from urdf import Robot
+from urdf.robot import Array
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 TOLERANCE = 1e-9  # m and rad

@@ -133,23 +133,20 @@ def table(
     """Table I of the paper: nine guesses of the length, with and without estimation."""
     from rich.table import Table as Grid
 
-    from pipeline.report.table import BOX_NOTE, GuessRow, TableReportData, table_report
+    from pipeline.report.table import BOX_NOTE, table_report
     from pipeline.trial.table import run_table
 
     with phase_progress() as show:
         result = run_table(seeds, first_seed, lambda done, total: show(f"{done} of {total} trials", done / total))
     answer = result.as_json()
-    rows = tuple(
-        GuessRow(r["length_guess"], r["without"], r["with"], tuple(r["length_estimates"])) for r in answer["rows"]
-    )
     report = out / "report.html"
     out.mkdir(parents=True, exist_ok=True)
-    table_report(TableReportData(rows, seeds, result.length, f"{seeds} seeds per guess", command_line())).write(report)
+    table_report(result, f"{seeds} seeds per guess", command_line()).write(report)
     if json_file is not None:
         write_json(answer, json_file)
     if json_file != Path("-"):
         grid = Grid("guess [m]", "without", "with", "estimates [m]")
-        for row in rows:
+        for row in result.rows:
             mean = sum(row.length_estimates) / len(row.length_estimates)
             grid.add_row(f"{row.length_guess:.3f}", f"{row.without:.0%}", f"{row.with_estimation:.0%}", f"{mean:.4f}")
         console = to_screen()

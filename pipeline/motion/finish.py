@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from armdyn.errors import InputError, TaskFailedError
 from pipeline.motion.guard import Guard, Ride, RideCurve
 from pipeline.motion.limits import LineLimits
 from pipeline.motion.profile import JerkProfile, LinePlanner
 from pipeline.motion.trajectory import LineState, LineTrajectory
+from urdf.robot import Array
 
 FINISH_ACCELERATION = 8.0
 """Acceleration of the finish [m/s^2]: the gripper must be there before the load has swung back; at 5 it is not."""
@@ -124,9 +124,7 @@ def _ridden(planner: LinePlanner, start: LineState, target: LineState, limits: L
         return []
     speed, guard = float(limits.speed.max()), Guard(limits, planner)
 
-    def best(
-        begins: list[LineState], ends: list[LineState], riding: NDArray[np.float64]
-    ) -> tuple[int, JerkProfile | None]:
+    def best(begins: list[LineState], ends: list[LineState], riding: Array) -> tuple[int, JerkProfile | None]:
         """The motion with which the whole takes the shortest time, and the place that belongs to it."""
         shortest, place, chosen = np.inf, 0, None
         for k, (begin, end) in enumerate(zip(begins, ends, strict=True)):

@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
 from pipeline.motion.limits import LimitLookup, LineLimits
 from pipeline.motion.profile import JerkProfile, LinePlanner
 from pipeline.motion.trajectory import LineState
+from urdf.robot import Array
 
 TOLERANCE = 1e-10
 """For rounding [SI units]."""
@@ -141,7 +142,7 @@ class RideCurve:
     def _clipped(self, s: float) -> float:
         return min(max(s, float(self.nodes[0])), float(self.nodes[-1]))
 
-    def jerk(self, s: ArrayLike) -> NDArray[np.float64]:
+    def jerk(self, s: ArrayLike) -> Array:
         """Size of the jerk of riding, ``|W (W'^2 + W W'')|`` [m/s^3]."""
         w, slope, bend = (self._spline(s, order) for order in (0, 1, 2))
         return np.abs(np.asarray(w * (slope**2 + w * bend)))

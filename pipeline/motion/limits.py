@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from armdyn.errors import InputError
+from urdf.robot import Array, read_only
 
 LINE_JERK = 200.0
 """Jerk along the line [m/s^3]: below it the smoother can no longer follow the motions of SAC to 0.4 mm."""
@@ -20,15 +21,15 @@ class LimitTable(Protocol):
     """What a table must offer to give limits along the line; `ik.LineTable` does."""
 
     @property
-    def s(self) -> NDArray[np.float64]:
+    def s(self) -> Array:
         """Nodes (n,) [m]."""
 
     @property
-    def speed_limit(self) -> NDArray[np.float64]:
+    def speed_limit(self) -> Array:
         """Largest speed along the line at each node (n,) [m/s]."""
 
     @property
-    def acceleration_limit(self) -> NDArray[np.float64]:
+    def acceleration_limit(self) -> Array:
         """Largest acceleration along the line at each node (n,) [m/s^2]."""
 
 
@@ -48,16 +49,14 @@ class LineLimits:
         InputError: if the shapes differ, the nodes do not increase or a limit is not positive and finite.
     """
 
-    s: NDArray[np.float64]
-    speed: NDArray[np.float64]
-    acceleration: NDArray[np.float64]
+    s: Array
+    speed: Array
+    acceleration: Array
     jerk: float = LINE_JERK
 
     def __post_init__(self) -> None:
         for name in ("s", "speed", "acceleration"):
-            array = np.array(getattr(self, name), dtype=float)
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
+            object.__setattr__(self, name, read_only(getattr(self, name)))
         if self.s.ndim != 1 or self.s.size < 2 or not self.s.shape == self.speed.shape == self.acceleration.shape:
             raise InputError("line limits: s, speed and acceleration must be one-dimensional and equally long (>= 2)")
         if not np.all(np.isfinite(self.s)) or np.any(np.diff(self.s) <= 0.0):
@@ -103,18 +102,13 @@ class LineLimits:
         """Smallest speed limit of the line [m/s]."""
         return float(self.speed.min())
 
-    def speed_at(self, s: ArrayLike) -> NDArray[np.float64]:
+    def speed_at(self, s: ArrayLike) -> Array:
         """Largest speed at `s` [m/s]; beyond the ends, that of the end."""
         return np.interp(np.asarray(s, dtype=float), self.s, self.speed)
 
-    def acceleration_at(self, s: ArrayLike) -> NDArray[np.float64]:
+    def acceleration_at(self, s: ArrayLike) -> Array:
         """Largest acceleration at `s` [m/s^2]; beyond the ends, that of the end."""
         return np.interp(np.asarray(s, dtype=float), self.s, self.acceleration)
-
-    def lowest_acceleration(self, lower: float, upper: float) -> float:
-        """Smallest acceleration limit anywhere in [lower, upper] [m/s^2]."""
-        inside = self.acceleration[(self.s > lower) & (self.s < upper)]
-        return float(np.min(np.append(inside, self.acceleration_at([lower, upper]))))
 
     def scaled(self, speed: float = 1.0, acceleration: float = 1.0) -> LineLimits:
         """The same line with shares of its limits.

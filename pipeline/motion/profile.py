@@ -10,10 +10,11 @@ from itertools import pairwise
 
 import numpy as np
 import ruckig
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pipeline.motion.limits import LineLimits
 from pipeline.motion.trajectory import LineState
+from urdf.robot import Array
 
 SAMPLING = 2.5e-3
 """Spacing at which a motion is held against limits that depend on the place [s]."""
@@ -65,7 +66,7 @@ class JerkProfile:
         k = max(bisect_right(self.start, time) - 1, 0)
         return LineState(*_advanced(*self.states[k], self.jerks[k], time - self.start[k]))
 
-    def sample(self, time: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def sample(self, time: ArrayLike) -> tuple[Array, Array, Array]:
         """Position, speed and acceleration at times (n,) [s]."""
         time = np.asarray(time, dtype=float)
         start, states, jerks = self._arrays
@@ -124,7 +125,7 @@ class JerkProfile:
             and np.all(np.abs(a) <= limits.acceleration_at(s) + tolerance)
         )
 
-    def _passes(self, time: NDArray[np.float64], nodes: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _passes(self, time: Array, nodes: Array) -> Array:
         """Times at which nodes are passed, taking the motion between samples for uniform."""
         s = self.sample(time)[0]
         turns = np.flatnonzero(np.diff(np.sign(np.diff(s)))) + 1
@@ -138,7 +139,7 @@ class JerkProfile:
         return np.concatenate(found)
 
     @cached_property
-    def _arrays(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def _arrays(self) -> tuple[Array, Array, Array]:
         return np.array(self.start), np.array(self.states), np.array(self.jerks)
 
 

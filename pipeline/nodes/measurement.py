@@ -13,7 +13,7 @@ from armdyn.pendulum.recorded import GrowingRun
 from armdyn.run import Channel
 from pipeline.loadcell.faults import FaultDetector
 from pipeline.record import Recorder
-from pipeline.robot.protocol import JointState, Robot
+from pipeline.robot.protocol import JointState, RobotInterface
 
 
 class LineSensor:
@@ -94,7 +94,7 @@ class MeasurementNode:
 
     def __init__(
         self,
-        robot: Robot,
+        robot: RobotInterface,
         description: urdf.Robot,
         recorder: Recorder,
         detector: FaultDetector,

@@ -7,7 +7,7 @@ from time import perf_counter
 from typing import Protocol
 
 from armdyn.errors import InputError
-from pipeline.robot.protocol import Robot
+from pipeline.robot.protocol import RobotInterface
 
 
 class Clock(Protocol):
@@ -26,7 +26,7 @@ class Clock(Protocol):
 class SimulatedClock:
     """The time of a simulated robot, which moves only while this clock is advanced."""
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: RobotInterface) -> None:
         self._robot = robot
 
     @property

@@ -30,7 +30,7 @@ from pipeline.nodes.sac import SacNode
 from pipeline.nodes.scheduler import Clock, Scheduler
 from pipeline.nodes.task import DT, TaskNode
 from pipeline.record import Recorder
-from pipeline.robot.protocol import Robot
+from pipeline.robot.protocol import RobotInterface
 from pipeline.trial.settings import ProtocolSettings
 
 REST = 0.5
@@ -128,7 +128,7 @@ class Experiment:
 
     def __init__(
         self,
-        robot: Robot,
+        robot: RobotInterface,
         clock: Clock,
         description: urdf.Robot,
         table: LineTable,

@@ -2,14 +2,11 @@
 
 from pipeline.motion.feasibility.check import check_joints, check_line
 from pipeline.motion.feasibility.settings import CheckSettings, Obstacle, Swing, box_and_table
-from pipeline.motion.feasibility.torque import JointTorque, LineTorque
 from pipeline.motion.feasibility.verdict import FeasibilityReport, Margin, Violation
 
 __all__ = [
     "CheckSettings",
     "FeasibilityReport",
-    "JointTorque",
-    "LineTorque",
     "Margin",
     "Obstacle",
     "Swing",

@@ -7,14 +7,12 @@ from collections.abc import Callable
 import coal
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 import urdf
 from pipeline.motion.feasibility.series import Looks
 from pipeline.motion.feasibility.settings import CheckSettings, Obstacle, Swing
 from pipeline.motion.feasibility.verdict import Bounded
-
-Array = NDArray[np.float64]
+from urdf.robot import Array
 
 
 class Surroundings:

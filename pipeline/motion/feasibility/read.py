@@ -6,10 +6,8 @@ import csv
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import UnivariateSpline, make_interp_spline
 from scipy.special import binom
 
@@ -19,8 +17,7 @@ from armdyn.errors import InputError, UnknownNameError
 from armdyn.run import read_run
 from armdyn.units import si_factor
 from pipeline.motion.trajectory import JointTrajectory, LineTrajectory, check_samples
-
-Array = NDArray[np.float64]
+from urdf.robot import Array
 
 ORDER = 6
 """Difference that leaves the noise of a smooth motion: of a swing at 1 Hz, sampled at 100 Hz, 1e-7 is left."""
@@ -29,15 +26,7 @@ EVEN = 0.01
 """Unevenness of the sampling up to which differences still show noise [1]."""
 
 
-class Motion(NamedTuple):
-    """Positions with their derivatives, (n, k) each."""
-
-    q: Array
-    v: Array
-    a: Array
-
-
-def differentiated(time: Array, position: Array) -> Motion:
+def differentiated(time: Array, position: Array) -> tuple[Array, Array, Array]:
     """Speed and acceleration by a quintic smoothing spline that knows the noise of the positions.
 
     The noise is taken from sixth differences, so that rounding is smoothed away and a clean motion is left alone.
@@ -47,11 +36,11 @@ def differentiated(time: Array, position: Array) -> Motion:
         position: (n, k).
 
     Returns:
-        Smoothed positions, speeds, accelerations.
+        Smoothed positions, speeds, accelerations, (n, k) each.
     """
     columns = [_differentiated(time, column) for column in position.T]
     q, v, a = (np.column_stack([column[order] for column in columns]) for order in range(3))
-    return Motion(q, v, a)
+    return q, v, a
 
 
 def noise(time: Array, position: Array) -> float:
@@ -101,7 +90,7 @@ def is_line_csv(path: Path) -> bool:
     return "s" in [cell.partition("[")[0].strip().strip('"') for cell in header.split(",")]
 
 
-def read_line_csv(path: Path) -> dict[str, NDArray[np.float64]]:
+def read_line_csv(path: Path) -> dict[str, Array]:
     """Read the columns of a line motion.
 
     Args:
@@ -207,10 +196,9 @@ def _line_of_run(channels: Mapping[str, Channel]) -> LineTrajectory:
 
 
 def _line(time: Array, s: Array, v: Array | None, a: Array | None) -> LineTrajectory:
-    derived = differentiated(time, s[:, None])
     if v is None:
-        return LineTrajectory(time, derived.q[:, 0], derived.v[:, 0], derived.a[:, 0])
-    return LineTrajectory(time, s, v, differentiated(time, v[:, None]).v[:, 0] if a is None else a)
+        return LineTrajectory(time, *(column[:, 0] for column in differentiated(time, s[:, None])))
+    return LineTrajectory(time, s, v, differentiated(time, v[:, None])[1][:, 0] if a is None else a)
 
 
 def _joints(channels: Mapping[str, Channel], robot: urdf.Robot) -> JointTrajectory:
@@ -236,7 +224,7 @@ def _joints(channels: Mapping[str, Channel], robot: urdf.Robot) -> JointTrajecto
     if "v" not in given:
         return JointTrajectory(time, *differentiated(time, q), robot.joint_names)
     v = values["v"]
-    return JointTrajectory(time, q, v, values["a"] if "a" in given else differentiated(time, v).v, robot.joint_names)
+    return JointTrajectory(time, q, v, values["a"] if "a" in given else differentiated(time, v)[1], robot.joint_names)
 
 
 def _common_time(channels: Mapping[str, Channel], names: list[str]) -> Array:

@@ -6,14 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 import urdf
+from ik.torque import JointTorque
 from pipeline.motion.feasibility.settings import CheckSettings
-from pipeline.motion.feasibility.torque import JointTorque
 from pipeline.motion.feasibility.verdict import Bounded
-
-Array = NDArray[np.float64]
+from urdf.robot import Array
 
 FINER = 5
 """How many times more densely than it is sampled a motion is looked at, so that no peak hides between two samples."""

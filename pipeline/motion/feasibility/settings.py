@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 import urdf
 from armdyn.errors import InputError
+from ik.torque import ExtraTorque
 from pipeline.box import Box
-from pipeline.motion.feasibility.torque import ExtraTorque
-from pipeline.motion.trajectory import check_samples, read_only
-
-Array = NDArray[np.float64]
+from pipeline.motion.trajectory import check_samples
+from urdf.robot import Array, read_only
 
 TABLE = (1.6, 0.7, 0.04)
 """Length, depth and thickness of the table top under the box [m]."""
@@ -103,9 +101,9 @@ class Swing:
         InputError: if the arrays do not fit together, or length or radius is not positive.
     """
 
-    time: NDArray[np.float64]
-    angle: NDArray[np.float64]
-    tension: NDArray[np.float64]
+    time: Array
+    angle: Array
+    tension: Array
     length: float
     radius: float = 0.014
     least_tension: float = 0.0

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from armdyn.errors import TaskFailedError
-from pipeline.motion.trajectory import read_only
+from urdf.robot import Array, read_only
 
 TOLERANCE = 1e-6
 """Share of a limit by which a value may be beyond it: rounding of a recording with seven digits."""
@@ -39,10 +39,10 @@ class Bounded:
     limit: str
     unit: str
     names: tuple[str, ...]
-    time: NDArray[np.float64]
-    value: NDArray[np.float64]
-    lower: NDArray[np.float64]
-    upper: NDArray[np.float64]
+    time: Array
+    value: Array
+    lower: Array
+    upper: Array
 
     @classmethod
     def between(
@@ -61,7 +61,7 @@ class Bounded:
         return cls(limit, unit, names, *map(read_only, (np.array(time, dtype=float), values, *bounds)))
 
     @property
-    def margin(self) -> NDArray[np.float64]:
+    def margin(self) -> Array:
         """Distance from the nearer bound, negative beyond it (n, k)."""
         return np.minimum(self.value - self.lower, self.upper - self.value)
 
@@ -88,7 +88,7 @@ class Bounded:
         """Whether every value is bounded from below and above."""
         return bool(np.all(np.isfinite(self.lower)) and np.all(np.isfinite(self.upper)))
 
-    def shares(self) -> NDArray[np.float64]:
+    def shares(self) -> Array:
         """Shares of two-sided limits that are used, counted from the middle (n, k) [1]."""
         middle, half = (self.lower + self.upper) / 2.0, (self.upper - self.lower) / 2.0
         return np.abs(self.value - middle) / np.maximum(half, np.finfo(float).tiny)

@@ -9,12 +9,11 @@ from hypothesis import strategies as st
 import ik
 import urdf
 from armdyn.errors import InputError, TaskFailedError
+from ik.torque import JointTorque, PathTorque
 from pipeline.box import Box
 from pipeline.motion.feasibility import (
     CheckSettings,
     FeasibilityReport,
-    JointTorque,
-    LineTorque,
     Obstacle,
     Swing,
     box_and_table,
@@ -195,15 +194,12 @@ def test_what_is_no_mass_is_refused(robot: urdf.Robot, mass: float) -> None:
 
 
 def test_torques_along_the_line_are_those_of_the_joints(robot: urdf.Robot, table: ik.LineTable) -> None:
-    torque, nodes = JointTorque(robot, load_mass=0.1), slice(0, None, 100)
-    line = LineTorque.of(
-        table.s[nodes], table.q[nodes], table.dq_ds[nodes], table.d2q_ds2[nodes], torque, robot.limits.effort
-    )
+    nodes = slice(0, None, 100)
+    line = PathTorque.of(robot, table.q[nodes], table.dq_ds[nodes], table.d2q_ds2[nodes])
     rng = np.random.default_rng(1)
-    v, a = rng.normal(0.0, [[0.5], [5.0]], (2, line.s.size))
-    expected = torque(*table.joint_motion(line.s, v, a))
-    found = line.inertia * a[:, None] + line.coriolis * v[:, None] ** 2 + line.damping * v[:, None] + line.gravity
-    assert found == pytest.approx(expected, abs=1e-9)
+    v, a = rng.normal(0.0, [[0.5], [5.0]], (2, len(line.gravity)))
+    expected = JointTorque(robot, springs=False)(*table.joint_motion(table.s[nodes], v, a))
+    assert line.torque(v, a) == pytest.approx(expected, abs=1e-9)
 
 
 def test_a_heavy_load_breaks_the_torque_and_the_spring_mends_it(robot: urdf.Robot, table: ik.LineTable) -> None:

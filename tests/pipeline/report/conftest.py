@@ -8,9 +8,9 @@ from pipeline.report.learning import EstimateTrace, ForceTrace
 from pipeline.report.motion import GripperTrace, JointTrace
 from pipeline.report.page import KeyFigure, Level
 from pipeline.report.swing import SwingPicture, SwingTrace
-from pipeline.report.table import GuessRow, TableReportData
 from pipeline.report.theme import Span
 from pipeline.report.trial import TrialReportData
+from pipeline.trial.table import TableOne, TableRow
 
 LENGTH = 0.368
 JOINTS = tuple(f"right_{name}" for name in ("s0", "s1", "e0", "e1", "w0", "w1", "w2"))
@@ -76,20 +76,25 @@ def make_trial_data():
     )
 
 
-def make_table_data():
+def seeds(share):
+    return tuple(i < round(20 * share) for i in range(20))
+
+
+def make_table():
     rng = np.random.default_rng(5)
     without = (0, 0, 0, 0.95, 1.0, 0.05, 0, 0, 0)
     guesses = np.arange(0.308, 0.469, 0.02)
-    return TableReportData(
-        rows=tuple(
-            GuessRow(float(guess), share, 1.0 if i else 0.95, tuple(0.36782 + rng.normal(0, 4e-4, 20)))
-            for i, (guess, share) in enumerate(zip(guesses, without, strict=True))
-        ),
-        seeds=20,
-        length_true=LENGTH,
-        subtitle="Baxter, simulated · nine guesses · 20 seeds each",
-        command="armdyn table --seeds 20",
-    )
+    rows = [
+        TableRow(
+            float(guess),
+            seeds(share),
+            seeds(1.0 if i else 0.95),
+            tuple(0.36782 + rng.normal(0, 4e-4, 20)),
+            (4e-4,) * 20,
+        )
+        for i, (guess, share) in enumerate(zip(guesses, without, strict=True))
+    ]
+    return TableOne(20, LENGTH, tuple(rows))
 
 
 @pytest.fixture
@@ -98,5 +103,5 @@ def trial_data():
 
 
 @pytest.fixture
-def table_data():
-    return make_table_data()
+def table():
+    return make_table()

@@ -1,4 +1,4 @@
-"""What a plan must keep off, and what it must know of the gripper and of time."""
+"""What constrains a plan, and what it must know of the gripper and of time."""
 
 from dataclasses import replace
 
