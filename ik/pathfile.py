@@ -5,12 +5,11 @@ from pathlib import Path as File
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from armdyn.errors import InputError, UnknownNameError
 from ik.path import CirclePath, LinePath, Path, SplinePath
 from urdf import Line, UrdfError
-from urdf.robot import Array
+from urdf.robot import Array, rotation_of
 
 KINDS = ("line", "circle", "spline")
 UNASKED = 1e-3  # m/s, slower than any arm: nothing is asked of the core
@@ -96,8 +95,7 @@ def _rotations(content: dict[str, Any]) -> Array:
         if key in content:
             return np.array(content[key], dtype=np.float64).reshape(-1, 3, 3)
     angles = np.array(content["tool_rpy"], dtype=np.float64).reshape(-1, 3)
-    # Rounded, so that right angles are exact.
-    return np.array([np.round(pin.rpy.rpyToMatrix(*rpy), 15) + 0.0 for rpy in angles])
+    return np.array([rotation_of(*rpy) for rpy in angles])
 
 
 def _vector(values: Any) -> Array:

@@ -64,7 +64,7 @@ def search_line(robot: Robot, demand: Demand | None = None, progress: Callable[[
     """Vary distance, height and centre of a line; maximise usable speed and joint margin.
 
     The score is (least speed on the core + 0.3 least speed on the line) * min(1, margin / 0.5 rad); lines that touch
-    something, or on which some joint cannot hold the arm still, with or without springs, are out.
+    something, or on which some joint cannot hold the arm still, with or without springs, are rejected.
 
     Only lines in front of the base, to the right of somebody who looks along the direction, are looked at. First the
     reachable targets of a grid, then plans of the most promising rows of it, then smaller and smaller moves

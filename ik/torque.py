@@ -13,7 +13,7 @@ Along a path, with v = q_s \dot s and a = q_s \ddot s + q_ss \dot s^2, it is lin
 (Bobrow, Dubowsky, Gibson 1985, The International Journal of Robotics Research 4(3).)
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -23,9 +23,6 @@ from numpy.typing import ArrayLike
 from armdyn.errors import InputError, UnknownNameError
 from urdf import Robot, Spring
 from urdf.robot import Array, read_only
-
-ExtraTorque = Callable[[Array, Array, Array], Array]
-"""Torque that acts on the joints besides the motors (n,), of positions, speeds and accelerations (n,)."""
 
 
 def rigid_torque(model: pin.Model, q: Array, v: Array, a: Array) -> Array:
@@ -56,7 +53,6 @@ class JointTorque:
         robot: the arm.
         load_mass: hanging from the tool point [kg].
         springs: count the springs of the robot's settings; by default those that the settings switch on.
-        extra: further torques on the joints; the motors have to give them less.
 
     Raises:
         InputError: if the mass is negative or not a number.
@@ -67,7 +63,6 @@ class JointTorque:
         robot: Robot,
         load_mass: float = 0.0,
         springs: bool | None = None,
-        extra: Sequence[ExtraTorque] = (),
     ) -> None:
         if not (np.isfinite(load_mass) and load_mass >= 0.0):
             raise InputError(f"load mass: {load_mass} kg is no mass; give a number of kg, 0 or more")
@@ -76,15 +71,11 @@ class JointTorque:
         lever = frame.placement.act(np.asarray(robot.tool_offset))
         self._model.inertias[frame.parentJoint] += pin.Inertia(load_mass, lever, np.zeros((3, 3)))
         self._springs = [spring for spring in robot.springs if (spring.enabled if springs is None else springs)]
-        self._extra = tuple(extra)
 
     def __call__(self, q: Array, v: Array, a: Array) -> Array:
         """Torques (k, n) [N m] at positions [rad], speeds [rad/s] and accelerations [rad/s^2] (k, n)."""
         tau = rigid_torque(self._model, q, v, a) + np.asarray(self._robot.model.damping) * v
-        tau += spring_torque(self._robot, self._springs, q)
-        for extra in self._extra:
-            tau -= np.array([extra(*row) for row in zip(q, v, a, strict=True)])
-        return tau
+        return tau + spring_torque(self._robot, self._springs, q)
 
 
 @dataclass(frozen=True)

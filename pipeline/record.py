@@ -40,7 +40,6 @@ class Recorder:
         description: a sentence for a person.
         noise: standard deviation per channel, in its unit, where known.
         known: values measured by hand, such as ``{"mass": Known(0.08, 0.0004, "kg")}``.
-        flush_interval: s of recording that a crash may cost.
 
     Raises:
         InputError: the file cannot be written, or a channel of the contract is not in SI units.
@@ -58,7 +57,6 @@ class Recorder:
         description: str = "",
         noise: Mapping[str, float] | None = None,
         known: Mapping[str, Known] | None = None,
-        flush_interval: float = FLUSH_INTERVAL,
     ) -> None:
         self.path = Path(path)
         self.dropped: dict[str, int] = {}
@@ -67,7 +65,6 @@ class Recorder:
             if name not in self._units:
                 raise UnknownNameError("channel of the recording", name, self._units)
         self._description, self._noise, self._known = description, dict(noise or {}), dict(known or {})
-        self._flush_interval = flush_interval
         self._flushed_at = -math.inf
         self._samples = {name: array("d") for name in channels}  # time, value, time, value, ...
         self._place = {name: topic_and_field(name) for name in channels}
@@ -93,7 +90,7 @@ class Recorder:
 
         Args:
             channel: one of those given at the start.
-            time: s, on the run's clock.
+            time: [s], on the run's clock.
             value: in the channel's unit.
 
         Raises:
@@ -110,7 +107,7 @@ class Recorder:
             self.dropped[channel] = self.dropped.get(channel, 0) + 1
             return
         samples.extend((time, value))  # in one step: Ctrl-C cannot come between the two
-        if time - self._flushed_at >= self._flush_interval:
+        if time - self._flushed_at >= FLUSH_INTERVAL:
             self.flush()
             self._flushed_at = time
         topic, field = self._place[channel]

@@ -1,4 +1,4 @@
-"""Settings of a robot that nobody has written any for."""
+"""Settings for a robot without a settings file."""
 
 import math
 from pathlib import Path

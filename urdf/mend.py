@@ -86,7 +86,7 @@ def leave_out_shapes(root: ET.Element, missing: Iterable[str]) -> list[str]:
     return [f"mesh '{uri}' is missing; left out, and no collision is checked against it" for uri in gone]
 
 
-PLACEHOLDER = 0.01  # m; smaller shapes stand for nothing and tell nothing
+PLACEHOLDER = 0.01  # m; smaller shapes are placeholders
 SMALLEST_SHARE = 0.1  # of the radius of gyration that a link's shapes suggest; less is a point mass
 LIGHTEST = 1e-3  # kg; lighter links are markers of a place
 SUSPICIOUS = 0.25  # m of gyration from which a mesh is opened to measure it; primitive shapes are always measured

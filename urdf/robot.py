@@ -22,6 +22,11 @@ def read_only(values: ArrayLike) -> Array:
     return array
 
 
+def rotation_of(roll: float, pitch: float, yaw: float) -> Array:
+    """Orientation (3, 3) of roll, pitch and yaw [rad]; rounded, so that right angles are exact."""
+    return np.asarray(np.round(pin.rpy.rpyToMatrix(roll, pitch, yaw), 15) + 0.0)
+
+
 @dataclass(frozen=True)
 class Limits:
     """What each joint may do; every array has shape (n,).

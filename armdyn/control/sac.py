@@ -38,7 +38,7 @@ class SacSettings:
         dt: integration step, s.
         sample_time: an action is chosen this often, s.
         control_weight: R, 1/(m/s^2)^2.
-        desired_change: gamma < 0, the wished relative change of the cost.
+        desired_change: gamma < 0, the desired relative change of the cost.
         largest_acceleration: m/s^2.
         largest_speed: of the gripper, m/s; actions that would pass it are cut.
         time_exponent: beta, how much a later action is disliked.

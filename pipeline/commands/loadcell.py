@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 EMULATED = "emulated"
 PATIENCE = 2.0
-"""s without a sample that end a calibration: nothing moves meanwhile, and slow boards shall be calibrated too."""
+"""Time without a sample that ends a calibration [s]; slow boards shall be calibrated too."""
 
 commands = typer.Typer(help="The load cell: an HX711 over a serial line.", no_args_is_help=True)
 

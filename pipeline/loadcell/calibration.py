@@ -116,7 +116,7 @@ class Calibration:
 
 
 def default_path() -> Path:
-    """Where the calibration is kept unless said otherwise: ``loadcell.toml`` among the user's settings."""
+    """Where the calibration is kept by default: ``loadcell.toml`` among the user's settings."""
     settings = os.environ.get("XDG_CONFIG_HOME")
     return (Path(settings) if settings else Path.home() / ".config") / "armdyn" / "loadcell.toml"
 

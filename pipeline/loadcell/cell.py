@@ -14,7 +14,7 @@ from pipeline.loadcell.protocol import BAUD, MAXIMUM_COUNTS, MINIMUM_COUNTS, Dec
 from pipeline.robot.protocol import ForceSample
 
 SMALLEST_STEP = 1e-6
-"""s; a recording's times strictly increase."""
+"""Least time between two samples [s]: a recording's times strictly increase."""
 WINDOW = 100
 """Samples over which the rate is measured."""
 
@@ -60,7 +60,7 @@ class ReceptionTimes:
 QUEUE = 1000
 """Samples and events that wait to be taken; the oldest go first."""
 START_UP = 5.0
-"""s; a board with an Arduino boot loader takes about 2 s from the opening of its port to the first line."""
+"""Longest time to the first line [s]; a board with an Arduino boot loader takes about 2 s after its port is opened."""
 SMALLEST_NOISE = 0.5
 """Counts; assumed of a cell that is not calibrated. The HX711's own is about 40 (90 nV of 20 mV at 80 samples/s)."""
 
@@ -120,7 +120,7 @@ class CountReader:
         self.close()
 
     def close(self) -> None:
-        """End the thread, then let go of the port; what was received can still be taken."""
+        """End the thread, then release the port; samples that were received can still be read."""
         self._stop.set()
         self._thread.join()
         with contextlib.suppress(OSError):  # a port that is gone may refuse even that
@@ -257,5 +257,5 @@ class LoadCell:
         return self._reader.status()
 
     def close(self) -> None:
-        """End the thread and let go of the port; twice is once."""
+        """End the thread and release the port; a second call does nothing."""
         self._reader.close()

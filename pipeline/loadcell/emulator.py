@@ -40,13 +40,13 @@ class EmulatedPort:
         self.unplug()
 
     def line(self, counts: int) -> bytes:
-        """The next conversion's line; it counts as made even if it is never sent."""
+        """The line of the next conversion; its sequence number is used up even if the line is never sent."""
         reading = Reading(self._sequence, min(max(counts, MINIMUM_COUNTS), MAXIMUM_COUNTS))
         self._sequence = (self._sequence + 1) % SEQUENCE_MODULUS
         return encode(reading)
 
     def send(self, data: bytes, patience: float = 0.0) -> bool:
-        """Send bytes as they are; False, and the rest is lost, where nobody reads for `patience` [s]."""
+        """Send bytes as they are. Where nobody reads for `patience` [s] the rest is lost and the answer is False."""
         while data and self._plugged:
             _, ready, _ = select.select([], [self._ours], [], patience)
             if not ready:
@@ -56,7 +56,7 @@ class EmulatedPort:
         return not data
 
     def unplug(self) -> None:
-        """Pull the cable; twice is once."""
+        """Pull the cable; a second call does nothing."""
         if self._plugged:
             self._plugged = False
             os.close(self._ours)
@@ -109,7 +109,7 @@ class EmulatedCell:
         self._force: Callable[[float], float] = force if callable(force) else lambda _: force
 
     def unplug(self) -> None:
-        """Pull the cable; twice is once."""
+        """Pull the cable; a second call does nothing."""
         self._stop.set()
         self._thread.join()
         self._line.unplug()

@@ -91,7 +91,7 @@ LARGEST_NOISE = 0.05
 UNSTEADY = 3.0
 """Times the noise of the quietest plateau."""
 VISIBLE = 1e-3
-"""Share of the span; less than this is not worth a word."""
+"""Share of the span; less noise than this is no reason to refuse."""
 SMALLEST_STEP = 5.0
 """Standard deviations of one sample by which two neighbouring weights must differ."""
 LARGEST_RESIDUAL = 0.01
@@ -173,7 +173,7 @@ def fit_calibration(plateaus: Sequence[Plateau]) -> CalibrationFit:
 
 
 def _require_order(plateaus: Sequence[Plateau]) -> None:
-    """More weight must mean more counts, or less, all along, by far more than the noise."""
+    """The counts must rise with the weight, or fall with it, by far more than the noise."""
     ordered = sorted(plateaus, key=lambda plateau: plateau.weight.force)
     first, last = ordered[0], ordered[-1]
     span = abs(last.mean - first.mean)

@@ -15,7 +15,7 @@ from pipeline.loadcell.fit import CalibrationFit
 from pipeline.robot.protocol import ForceSample
 
 LATEST = 1.0
-"""s; the moving figures are taken over this long."""
+"""Time over which the moving figures are taken [s]."""
 EVENTS = 1000
 
 

@@ -2,8 +2,8 @@ r"""The serial line of the load cell: ``HX711 <sequence> <counts> <crc>``, one l
 
 - sequence: 0 to 65535, then 0 again; one more for every conversion, so that lost and repeated lines show.
 - counts: what the HX711 gives, a 24-bit signed number.
-- crc: CRC-16/XMODEM of everything before it (without the blank), in hexadecimal. It tells a sample from a damaged line
-  that still looks like one: every burst of up to 16 wrong bits for certain, other damage but once in 65536.
+- crc: CRC-16/XMODEM of everything before it (without the blank), in hexadecimal. It finds damaged lines that
+  still look like a sample: every burst of up to 16 wrong bits, and all other damage except one case in 65536.
 
 Lines that start with ``#`` are remarks. Both ``\n`` and ``\r\n`` end a line.
 """
@@ -99,10 +99,10 @@ class Decoder:
 
     def _line(self, line: bytes, decoded: Decoded) -> None:
         line = line.rstrip(b"\r")
-        # What comes after noise on the same line is still a sample: the checksum vouches for it.
+        # A sample that follows noise on the same line is still valid, because its checksum is right.
         start = max(line.rfind(START), 0)
         reading = decode(line[start:])
-        if (start > 0 or self._too_long or (reading is None and not _says_nothing(line))) and not self._torn:
+        if (start > 0 or self._too_long or (reading is None and not _is_remark(line))) and not self._torn:
             decoded.faults[Fault.MALFORMED] += 1
         if reading is not None and self._is_new(reading.sequence, decoded.faults):
             decoded.readings.append(reading)
@@ -119,14 +119,14 @@ class Decoder:
         return step != 0
 
 
-def _says_nothing(line: bytes) -> bool:
+def _is_remark(line: bytes) -> bool:
     """Whether it is empty or a remark."""
     return not line or (line.startswith(b"#") and line.isascii() and line.decode("ascii").isprintable())
 
 
 BAUD = 115200
 POLL = 0.05
-"""s; how long a read waits for the first byte, and so how soon a reader notices that it shall end."""
+"""How long a read waits for the first byte [s], and so how soon a reader notices that it shall end."""
 
 
 class SerialLine(Protocol):
@@ -147,7 +147,7 @@ class SerialLine(Protocol):
 
 
 def open_port(port: str, baud: int = BAUD) -> SerialLine:
-    """Open `port` for nobody else.
+    """Open `port` for this program alone.
 
     Raises:
         InputError: it is missing, forbidden, in use, not a serial port, or does not know the baud rate.
@@ -158,8 +158,8 @@ def open_port(port: str, baud: int = BAUD) -> SerialLine:
         line = serial.Serial(port, baud, timeout=POLL, exclusive=True)
     except (OSError, ValueError) as error:
         raise InputError(f"{port}: {_reason(port, baud, error)}") from error
-    # An FTDI adapter else collects bytes for 16 ms, and every ms of delay shifts the estimated length by 0.25 mm. Other
-    # kinds of port do not know this setting.
+    # Without this an FTDI adapter collects bytes for 16 ms, and every ms of delay shifts the estimated length by
+    # 0.25 mm. Other kinds of port do not have this setting.
     with contextlib.suppress(OSError, ValueError, AttributeError, NotImplementedError):
         line.set_low_latency_mode(True)
     return line

@@ -153,7 +153,7 @@ def _ridden(planner: LinePlanner, start: LineState, target: LineState, limits: L
 
 
 def _acceleration(guard: Guard, begin: LineState, end: LineState) -> float:
-    """What is allowed wherever a move comes by: who moves away from the end first comes to where one can stop."""
+    """The smallest limit on the way; a move that starts away from the end first goes on to where it can stop."""
     stop = guard.stop(begin)
     reached = begin.s, end.s, begin.s if stop is None else stop.end.s
     return guard.lookup.acceleration(min(reached), max(reached))

@@ -38,7 +38,7 @@ JERK_WEIGHT = 1e-12
 """Cost of jerk, so that idle stretches are smooth [s^6/m^2]."""
 
 NARROWING = (3, 0.4)
-"""Round after which the trust region shrinks, and its factor: at a kink of a limit, rounds would go to and fro."""
+"""Round after which the trust region shrinks, and its factor: at a kink of a limit the rounds would oscillate."""
 
 
 def smooth_reference(

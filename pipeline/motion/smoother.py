@@ -53,7 +53,7 @@ class LineSmoother:
         self._ride = RideCurve(tight)
         self._at_start = Guard(limits, self._planner)
         self._guard = Guard(tight, self._planner)
-        # A pursuit that went above the curve that it then rides would swing about it.
+        # A pursuit that went above the speed curve that it follows afterwards would oscillate about it.
         self._ridden = Guard(self._ride.limits, self._planner)
         self.reset(state)
 
@@ -97,9 +97,9 @@ class LineSmoother:
 
         Args:
             reference: where the tool should be at the end of this cycle, or there and at the ends of the cycles after
-                it. A single state is continued with a fading acceleration. What is not finite is no reference: if it
-                comes first the tool is brought to rest, in a sequence what follows it is left out. What lies beyond the
-                limits is drawn back to them.
+                it. A single state is continued with a fading acceleration. If the first state is not finite the tool
+                is brought to rest; a state that is not finite ends the sequence. States beyond the limits are moved
+                back to them.
 
         Returns:
             State at the end of the cycle.

@@ -25,7 +25,7 @@ class LineSensor:
         self._offset, self._line = np.asarray(robot.tool_offset), robot.line
 
     def locate(self, q: np.ndarray) -> tuple[float, float]:
-        """Coordinate along the line and height above it, m, of a posture (n,)."""
+        """Coordinate along the line and height above it [m], of a posture (n,)."""
         pin.forwardKinematics(self._model, self._data, q)
         pose = pin.updateFramePlacement(self._model, self._data, self._frame)
         away = pose.translation + pose.rotation @ self._offset - self._line.origin
@@ -34,10 +34,11 @@ class LineSensor:
 
 
 SLACK_FORCE = 0.02
-"""N; a string that pulls less than this for `SLACK_TIME` has gone slack (an 80 g load pulls 0.78 N at rest)."""
+"""A string that pulls less than this [N] for `SLACK_TIME` has gone slack; an 80 g load pulls 0.78 N at rest."""
 SLACK_TIME = 0.05
+"""See `SLACK_FORCE` [s]."""
 WAIT = 2 * SLACK_TIME
-"""s that samples wait before they are recorded."""
+"""Time that samples wait before they are recorded [s]."""
 LINE_CHANNELS = {"gripper_x": "m", "gripper_z": "m", "load_force": "N"}
 
 
@@ -82,11 +83,11 @@ class MeasurementNode:
     slack with them.
 
     Attributes:
-        hangs_until: when the load will come near the box, s.
+        hangs_until: when the load will come near the box [s].
         load_hangs: False once the load may touch the box and the string go slack.
         fault: a sentence once the load cell or the string has failed, else None.
         state: the latest reading of the joints.
-        gripper: the latest coordinate along the line, m.
+        gripper: the latest coordinate along the line [m].
     """
 
     name = "measurement"

@@ -13,7 +13,7 @@ from pipeline.nodes.estimator import EstimatorNode
 from pipeline.nodes.measurement import MeasurementNode
 
 KICK_ACCELERATION, KICK_TIME = 0.8, 0.2
-"""m/s^2 and s of each half of the doublet that starts the motion: from exact rest SAC never moves."""
+"""Acceleration [m/s^2] and duration [s] of each half of the doublet that starts the motion: at rest SAC never moves."""
 LOOK_AHEAD = 30
 """Cycles of reference given to the smoother."""
 

@@ -15,7 +15,7 @@ class Clock(Protocol):
 
     @property
     def time(self) -> float:
-        """Now, s since the start."""
+        """Time since the start [s]."""
         ...
 
     def advance_to(self, time: float) -> None:
@@ -31,7 +31,7 @@ class SimulatedClock:
 
     @property
     def time(self) -> float:
-        """Simulated time, s."""
+        """Simulated time [s]."""
         return self._robot.time
 
     def advance_to(self, time: float) -> None:
@@ -49,7 +49,7 @@ class RealClock:
 
     @property
     def time(self) -> float:
-        """Time since the start, s."""
+        """Time since the start [s]."""
         return wall.monotonic() - self._start
 
     def advance_to(self, time: float) -> None:
@@ -69,14 +69,14 @@ class Node(Protocol):
 
     @property
     def period(self) -> float:
-        """Time between steps, s."""
+        """Time between steps [s]."""
         ...
 
     def step(self, now: float) -> None:
         """Do it once.
 
         Args:
-            now: time at which this step was due, s.
+            now: time at which this step was due [s].
         """
         ...
 
@@ -87,10 +87,10 @@ class Timing:
 
     Attributes:
         name: of the node.
-        period: time between its steps, s; None for one that runs once.
+        period: time between its steps [s]; None for one that runs once.
         steps: how many there were.
-        total: computing time of all steps, s.
-        longest: of one step, s.
+        total: computing time of all steps [s].
+        longest: of one step [s].
         overruns: steps that took longer than the node's period, or were begun later than that.
         skipped: steps that were left out because their time had passed.
     """
@@ -105,7 +105,7 @@ class Timing:
 
     @property
     def mean(self) -> float:
-        """Mean computing time of a step, s."""
+        """Mean computing time of a step [s]."""
         return self.total / self.steps if self.steps else 0.0
 
 
@@ -135,7 +135,7 @@ class Scheduler:
 
         Args:
             until: the condition.
-            longest: give up after this time, s.
+            longest: give up after this time [s].
 
         Returns:
             Whether the condition came to hold.

@@ -15,13 +15,13 @@ from pipeline.motion.reference import smooth_reference
 from pipeline.nodes.drive import DriveNode
 
 DT = 0.01
-"""Control cycle and step of the variational integrator, s."""
+"""Control cycle and step of the variational integrator [s]."""
 PLAN_TOLERANCE = 0.004
-"""m that smoothing may move the gripper off its plan; the load then misses its target by about as much."""
+"""How far smoothing may move the gripper off its plan [m]; the load then misses its target by about as much."""
 NEAR_WALL = 0.05
-"""m; a load that swings otherwise than planned may touch the box when the plan is this near to it."""
+"""A load that swings otherwise than planned may touch the box where the plan is nearer to it than this [m]."""
 END_MARGIN = 0.01
-"""m that plans stay away from the ends of the line."""
+"""Distance that plans keep from the ends of the line [m]."""
 
 Check = Callable[[LineTrajectory, SwingPlan], None]
 """Raises `TaskFailedError` when a trajectory, with the swing that belongs to it, is not feasible."""
@@ -32,16 +32,16 @@ class TaskSettings:
     """The swing into the box, and its finish over it.
 
     Attributes:
-        target_x: where the load should be at the end of the swing, from the line's zero, m.
-        target_below: how far below the gripper's line, m.
-        travel_weight: cost of the gripper's distance from zero, 1/(m^2 s); not in the paper; it keeps the plans
+        target_x: where the load should be at the end of the swing, from the line's zero [m].
+        target_below: how far below the gripper's line [m].
+        travel_weight: cost of the gripper's distance from zero [1/(m^2 s)]; not in the paper; it keeps the plans
             for long strings on the line.
-        duration: of the swing, s.
-        settling: time to bring the load to rest before it, s.
-        finish_x: where the gripper comes to rest over the box, m.
+        duration: of the swing [s].
+        settling: time to bring the load to rest before it [s].
+        finish_x: where the gripper comes to rest over the box [m].
         box: where the robot believes the box to be.
-        cautious: whether the plan minds the wall, a slack string and the ends of the line; the paper's does not.
-        clearance: height over that rim at which the load's centre should pass, m.
+        cautious: whether the plan avoids the wall, a slack string and the ends of the line; the paper's plan does not.
+        clearance: height over that rim at which the load's centre should pass [m].
         least_tension: share of the load's weight with which the string should stay taut.
     """
 
@@ -86,7 +86,7 @@ class TaskNode:
     Attributes:
         swing: the plan of the last swing.
         trajectory: what the gripper was told to do in it, finish included.
-        started: time at which the swing began, s.
+        started: time at which the swing began [s].
     """
 
     name = "task"
@@ -140,8 +140,8 @@ class TaskNode:
 
         Args:
             model: with the present estimate.
-            begun: when the model's time began, s; now if not given.
-            announce: is told the time from which the load may touch the box, s, when the swing begins.
+            begun: when the model's time began [s]; now if not given.
+            announce: is told the time from which the load may touch the box [s], when the swing begins.
         """
 
         def carry_out(now: float) -> None:
@@ -159,7 +159,7 @@ class TaskNode:
         self._request = carry_out
 
     def _approach(self, swing: SwingPlan) -> float:
-        """Time in the swing from which the load may touch the box, s."""
+        """Time in the swing from which the load may touch the box [s]."""
         close = swing.load[:, 0] > self.settings.box.near_wall - NEAR_WALL
         return float(swing.time[int(close.argmax())]) if close.any() else float(swing.time[-1])
 

@@ -19,7 +19,7 @@ class EstimateTrace:
     Attributes:
         name: such as ``"length"``.
         unit: SI unit.
-        time: (k,) s, when each estimate was made.
+        time: (k,) [s], when each estimate was made.
         value: (k,) in `unit`.
         std: (k,) standard deviation that the estimator gave, in `unit`.
         guess: where it started.
@@ -40,10 +40,10 @@ class ForceTrace:
     """The load cell against the model with the final estimate.
 
     Attributes:
-        time: (n,) s.
-        measured: (n,) N.
-        predicted: (n,) N; nan where the model was not run.
-        noise: standard deviation of the load cell, N; None where unknown.
+        time: (n,) [s].
+        measured: (n,) [N].
+        predicted: (n,) [N]; nan where the model was not run.
+        noise: standard deviation of the load cell [N]; None where unknown.
         residual_is_white: None where not tested; False means that intervals do not hold.
     """
 

@@ -19,9 +19,9 @@ class GripperTrace:
     """The string's upper end along the line.
 
     Attributes:
-        time: (n,) s.
-        reference: (n,) m, what was commanded.
-        actual: (n,) m, what was measured.
+        time: (n,) [s].
+        reference: (n,) [m], what was commanded.
+        actual: (n,) [m], what was measured.
     """
 
     time: FloatArray
@@ -35,11 +35,11 @@ class JointTrace:
 
     Attributes:
         names: (j,).
-        time: (n,) s.
-        position: (n, j) rad.
-        velocity: (n, j) rad/s.
-        lower, upper: (j,) rad.
-        speed: (j,) rad/s, largest in both directions.
+        time: (n,) [s].
+        position: (n, j) [rad].
+        velocity: (n, j) [rad/s].
+        lower, upper: (j,) [rad].
+        speed: (j,) [rad/s], largest in both directions.
     """
 
     names: tuple[str, ...]

@@ -187,7 +187,7 @@ class LinkSection(Section):
         for q in link.quantities:
             kind, _, axis = q.name.partition("_")
             name = f"{NAMES[kind]} {axis}".strip()
-            # What rounding left of an exact zero says nothing.
+            # Rounding leaves a tiny number where the exact value is zero.
             value = q.value if abs(q.value) > 1e-6 * max(q.std, abs(q.described)) else 0.0
             certain = "yes" if q.determined else "not by these runs"
             rows.append([name, f"{q.described:.4g}", f"{value:.4g}", f"{q.std:.2g}", q.unit, certain])

@@ -18,10 +18,10 @@ class SwingTrace:
     """Gripper and load in the vertical plane of the line during the swing.
 
     Attributes:
-        time: (n,) s.
-        gripper_x: (n,) m along the line.
-        load_x: (n,) m along the line.
-        load_z: (n,) m over the line, negative below.
+        time: (n,) [s].
+        gripper_x: (n,) [m] along the line.
+        load_x: (n,) [m] along the line.
+        load_z: (n,) [m] over the line, negative below.
     """
 
     time: FloatArray
@@ -38,7 +38,7 @@ class SwingPicture:
         planned: from the optimiser.
         executed: as measured or simulated; None where the swing was not run.
         box: None where there is none.
-        load_radius: m.
+        load_radius: [m].
         snapshots: how many positions of the string are drawn.
     """
 

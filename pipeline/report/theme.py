@@ -68,8 +68,8 @@ class Span:
 
     Attributes:
         name: such as ``"estimate"``; empty for none.
-        start: s.
-        end: s.
+        start: [s].
+        end: [s].
     """
 
     name: str
@@ -146,7 +146,7 @@ def stacked(rows: Sequence[str], heights: Sequence[float], phases: Sequence[Span
         rows: title of each vertical axis, with its unit, from the top.
         heights: share of each row; they add up to 1.
         phases: shaded behind all rows.
-        height: px.
+        height: [px].
     """
     gap = 0.06
     inner = 1.0 - gap * (len(rows) - 1)

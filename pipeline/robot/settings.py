@@ -1,4 +1,4 @@
-"""What the simulated robot is: load, string, servo, sensors, box; what a seed draws; and what is refused."""
+"""What the simulated robot is: load, string, servo, sensors, box; and which settings and postures are refused."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -14,7 +14,7 @@ from pipeline.robot.protocol import Vector
 
 
 class CellFault(Enum):
-    """What can happen to a load cell on the way."""
+    """Faults of the simulated load cell."""
 
     UNPLUGGED = "no sample arrives any more"
     FROZEN = "the last sample is repeated"
@@ -173,39 +173,6 @@ def _require_finite(
                     f"{type(settings).__name__}.{name} is {number:g}: give a finite value of at least {at_least:g}"
                     + (f" and at most {at_most:g}" if at_most < math.inf else "")
                 )
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """One draw of the plant.
-
-    Attributes:
-        mass: true mass of the load [kg].
-        bias: zero error of the load cell [N].
-        latency: of the load cell [s].
-        link_scale: factor on mass and inertia of the link behind each joint (n,).
-    """
-
-    mass: float
-    bias: float
-    latency: float
-    link_scale: Vector
-
-
-def draw(settings: PlantSettings, joints: int, rng: np.random.Generator) -> Drawn:
-    """Draw a plant; what the settings fix is drawn as well and dropped, so that the rest does not change with it."""
-    spread = settings.inertia_spread
-    link_scale = 1.0 + rng.uniform(-spread, spread, joints)
-    mass = settings.mass * (1.0 + settings.mass_spread * rng.standard_normal())
-    bias = settings.cell.bias_spread * rng.standard_normal()
-    latency = rng.uniform(0.0, settings.cell.latency_up_to)
-    link_scale.setflags(write=False)
-    return Drawn(
-        mass=float(mass),
-        bias=float(bias) if settings.cell.bias is None else settings.cell.bias,
-        latency=float(latency) if settings.cell.latency is None else settings.cell.latency,
-        link_scale=link_scale,
-    )
 
 
 def checked_vector(values: npt.ArrayLike, joints: int, what: str) -> Vector:

@@ -14,7 +14,7 @@ from pipeline.robot.protocol import ForceSample, JointState, Vector
 from pipeline.robot.scene import TIME_STEP, LineFrame, build_scene
 from pipeline.robot.sensors import JointReadings, SimulatedCell
 from pipeline.robot.servo import Reference, Servo
-from pipeline.robot.settings import PlantSettings, checked_start, checked_vector, draw
+from pipeline.robot.settings import PlantSettings, checked_start, checked_vector
 from pipeline.robot.start import place_at_rest
 from pipeline.robot.truth import (
     GripperTruth,
@@ -22,6 +22,7 @@ from pipeline.robot.truth import (
     LoadTruth,
     MotionLog,
     PlantTruth,
+    draw,
     gripper_truth,
     load_truth,
     swing_angle,
@@ -110,12 +111,9 @@ class SimulatedRobot:
         self._readings = JointReadings(settings.readings, self._hidden, reading_rng)
         self._reading: JointState | None = None
         self._truth = PlantTruth(
+            **vars(drawn),
             length=settings.length,
             string_length=start.string_length,
-            mass=mass,
-            bias=drawn.bias,
-            latency=drawn.latency,
-            link_scale=drawn.link_scale,
             hidden={name: value for name, value in self._hidden.items() if value},
         )
         self._steps, self._steps_in_box, self._tension, self._observed_at = 0, 0, 0.0, -1

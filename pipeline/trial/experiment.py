@@ -34,11 +34,11 @@ from pipeline.robot.protocol import RobotInterface
 from pipeline.trial.settings import ProtocolSettings
 
 REST = 0.5
-"""s at rest before the motion: the estimate starts from a load that hangs still."""
+"""Time at rest before the motion [s]: the estimate starts from a load that hangs still."""
 CALM = 0.6
-"""s between settling and swing."""
+"""Time between settling and swing [s]."""
 LOOK = 1.5
-"""s after the finish in which the load must come to rest in the box."""
+"""Time after the finish in which the load must come to rest in the box [s]."""
 
 Progress = Callable[[str, float], None]
 """``(what is going on, share of the trial that is done)``."""
@@ -59,7 +59,7 @@ class Phase(Enum):
 
 @dataclass(frozen=True)
 class PhaseSpan:
-    """When a phase began and ended, s."""
+    """When a phase began and ended [s]."""
 
     phase: Phase
     start: float

@@ -18,10 +18,10 @@ class Peaks:
     """Largest magnitudes while the length was learnt, or during the swing where it was not.
 
     Attributes:
-        x: gripper, m.
-        v: m/s.
-        a: m/s^2.
-        swing_angle: of the model along the measured path, rad.
+        x: gripper [m].
+        v: its speed [m/s].
+        a: its acceleration [m/s^2].
+        swing_angle: of the model along the measured path [rad].
     """
 
     x: float
@@ -37,13 +37,13 @@ class TrialResult:
     Attributes:
         success: whether the load came to rest in the box.
         message: a sentence for a person.
-        length_guess: m.
-        length_true: m; None where nobody knows it.
-        length_estimate: used for the plan, m.
-        length_std: m; 0 where nothing was estimated.
+        length_guess: at the start [m].
+        length_true: [m]; None where nobody knows it.
+        length_estimate: used for the plan [m].
+        length_std: [m]; 0 where nothing was estimated.
         estimates: every update of the estimator.
         peak: largest magnitudes.
-        minimum_tension: smallest measured force before the swing ended, N.
+        minimum_tension: smallest measured force before the swing ended [N].
         feasible: whether the plan passed the check; None where it did not come to a plan.
         iterations: of the optimiser.
         cost: of the plan.
@@ -110,7 +110,7 @@ def result_of(experiment: Experiment, ending: Ending, length_true: float | None,
     Args:
         experiment: that has run.
         ending: how it ended.
-        length_true: m; None where nobody knows it.
+        length_true: [m]; None where nobody knows it.
         recording: the MCAP file; None where nothing was kept.
     """
     history, swing = experiment.estimator.history, experiment.task.swing

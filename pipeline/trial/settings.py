@@ -12,7 +12,7 @@ from pipeline.nodes.task import TaskSettings
 from pipeline.robot.settings import PlantSettings
 
 SHORTEST, LONGEST = 0.05, 2.0
-"""m; a guess outside is a slip of the finger: Baxter's line is 0.85 m long and 1.0 m above the floor."""
+"""Lengths that are possible [m]: Baxter's line is 0.85 m long and 1.0 m above the floor."""
 
 NUISANCES: dict[str, tuple[str, float, float]] = {
     "linear_drag": ("linear_drag.coefficient", 0.0, 0.01),
@@ -25,7 +25,7 @@ Ignoring them costs millimetres: 0.25 mm per ms of delay, 1 mm per 0.01 N of bia
 """
 
 UPRIGHT, LEAN = 1e-3, 0.05
-"""rad; a load that hangs askew by more than the first does so with an uncertainty of the second."""
+"""Where a load at rest hangs askew by more than the first [rad], its angle has the second as standard deviation."""
 
 
 @dataclass(frozen=True)
@@ -33,16 +33,16 @@ class ProtocolSettings:
     """A trial on any robot.
 
     Attributes:
-        length_guess: what the robot believes at the start, pivot to the load's centre, m.
-        mass: of the load, as weighed, kg.
-        mass_std: of the weighing, kg.
-        load_radius: of the load, m.
-        force_noise: standard deviation of one sample of the load cell, N.
+        length_guess: what the robot believes at the start, pivot to the load's centre [m].
+        mass: of the load, as weighed [kg].
+        mass_std: of the weighing [kg].
+        load_radius: of the load [m].
+        force_noise: standard deviation of one sample of the load cell [N].
         estimate: whether to learn the length before the swing.
-        estimation_time: s at most.
-        enough: stop learning earlier when the standard deviation of the length is below this, m.
-        least_estimation_time: but not before, s.
-        certain_enough: the largest standard deviation of the length with which the swing is tried, m.
+        estimation_time: at most [s].
+        enough: stop learning earlier when the standard deviation of the length is below this [m].
+        least_estimation_time: but not before [s].
+        certain_enough: the largest standard deviation of the length with which the swing is tried [m].
         model: equations and parameters used by estimator, SAC and planner; the default one when not given.
         task: the swing.
     """
@@ -96,7 +96,7 @@ class TrialSettings(ProtocolSettings):
     """A trial on the simulated robot.
 
     Attributes:
-        length: the truth in the simulation, m.
+        length: the truth in the simulation [m].
         hidden: effects of the simulated robot that the model does not know, None for their typical size.
         seed: of everything random in the simulation.
         plant: the simulated robot; its length, mass and load come from here.

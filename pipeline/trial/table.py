@@ -14,9 +14,9 @@ from pipeline.trial.settings import TrialSettings
 from pipeline.trial.simulated import run_trial
 
 GUESSES = (0.308, 0.328, 0.348, 0.368, 0.388, 0.408, 0.428, 0.448, 0.468)
-"""m; of the paper, whose string is 0.368 m long."""
+"""First guesses of the paper [m], whose string is 0.368 m long."""
 PAPER_WITHOUT = (0.368, 0.388)
-"""m; guesses that succeed without estimation in the paper; with estimation all nine do."""
+"""Guesses that succeed without estimation in the paper [m]; with estimation all nine do."""
 
 
 @dataclass(frozen=True)
@@ -24,11 +24,11 @@ class TableRow:
     """One guess over all seeds.
 
     Attributes:
-        length_guess: m.
+        length_guess: [m].
         succeeded_without: whether each seed succeeded without estimation.
         succeeded_with: whether each succeeded with estimation.
-        length_estimates: m, one per seed.
-        length_stds: as reported, m.
+        length_estimates: [m], one per seed.
+        length_stds: as reported [m].
     """
 
     length_guess: float
@@ -59,7 +59,7 @@ class TableOne:
 
     Attributes:
         seeds: trials per guess and way.
-        length: the truth, m.
+        length: the truth [m].
         rows: by guess.
     """
 
@@ -69,12 +69,12 @@ class TableOne:
 
     @property
     def estimates(self) -> np.ndarray:
-        """(n,) length of every trial with estimation, m."""
+        """(n,) length of every trial with estimation [m]."""
         return np.array([e for row in self.rows for e in row.length_estimates])
 
     @property
     def errors(self) -> np.ndarray:
-        """(n,) estimate minus truth of every trial with estimation, m."""
+        """(n,) estimate minus truth of every trial with estimation [m]."""
         return self.estimates - self.length
 
     @property

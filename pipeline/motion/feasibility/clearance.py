@@ -12,6 +12,7 @@ import urdf
 from pipeline.motion.feasibility.series import Looks
 from pipeline.motion.feasibility.settings import CheckSettings, Obstacle, Swing
 from pipeline.motion.feasibility.verdict import Bounded
+from urdf.collision import collision_shapes
 from urdf.robot import Array
 
 
@@ -26,19 +27,14 @@ class Surroundings:
     """
 
     def __init__(self, robot: urdf.Robot, obstacles: tuple[Obstacle, ...] = ()) -> None:
-        full = pin.buildModelFromXML(robot.urdf_xml)
-        shapes = pin.buildGeomFromUrdfString(
-            full, robot.urdf_xml, pin.GeometryType.COLLISION, package_dirs=[str(path) for path in robot.package_dirs]
-        )
-        locked = [index for index in range(1, full.njoints) if full.names[index] not in robot.joint_names]
-        self._model, reduced = pin.buildReducedModel(full, shapes, locked, pin.neutral(full))
+        self._model, shapes = collision_shapes(robot)
         self._data = self._model.createData()
         tool = robot.model.frames[robot.tool_frame_id]
         self._tool_joint = int(tool.parentJoint)
         self._tool_point = tool.placement.act(np.asarray(robot.tool_offset))
         self._parts = [
             (shape.name.rpartition("_")[0], int(shape.parentJoint), shape.placement.copy(), _hull(shape.geometry))
-            for shape in reduced.geometryObjects
+            for shape in shapes.geometryObjects
             if shape.parentJoint > 0
         ]
         self._obstacles = [

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
+from scipy.interpolate import CubicHermiteSpline
 
 import urdf
 from ik.torque import JointTorque
@@ -45,23 +46,11 @@ def fine_times(time: Array) -> Array:
     return np.append(between.ravel(), time[-1])
 
 
-def hermite(time: Array, value: Array, slope: Array, at: Array) -> Array:
-    """Cubic Hermite interpolation; a single sample stays as it is.
-
-    Args:
-        time: of the samples (n,).
-        value: (n, ...).
-        slope: derivative of the values by time (n, ...).
-        at: times (m,).
-    """
+def between(time: Array, value: Array, slope: Array, at: Array) -> Array:
+    """Values at times (m,) between samples with slopes (n, ...), by cubics; a single sample stays as it is."""
     if time.size == 1:
         return np.repeat(value, at.size, axis=0)
-    k = np.clip(np.searchsorted(time, at, side="right") - 1, 0, time.size - 2)
-    h = np.diff(time)[k].reshape(-1, *[1] * (value.ndim - 1))
-    x = ((at - time[k]) / np.diff(time)[k]).reshape(h.shape)
-    rise = value[k + 1] - value[k]
-    one, two = h * slope[k] - rise, rise - h * slope[k + 1]
-    return value[k] + x * (rise + (1.0 - x) * ((1.0 - x) * one + x * two))
+    return np.asarray(CubicHermiteSpline(time, value, slope)(at))
 
 
 def joint_series(robot: urdf.Robot, looks: Looks, settings: CheckSettings) -> list[Bounded]:
@@ -78,7 +67,7 @@ def joint_series(robot: urdf.Robot, looks: Looks, settings: CheckSettings) -> li
     names, limits, fine = robot.joint_names, robot.limits, looks.fine_time
     unit = [_unit(robot, name) for name in names]
     rate = unit[0] if len(set(unit)) == 1 else "rad or m"
-    torque = JointTorque(robot, settings.load_mass, settings.springs, settings.extra_torques)
+    torque = JointTorque(robot, settings.load_mass, settings.springs)
     speed = _with_differences(looks.time, looks.q, fine, looks.fine_v)
     acceleration = _with_differences(looks.time, looks.v, fine, looks.fine_a)
     series = [

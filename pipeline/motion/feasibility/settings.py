@@ -8,7 +8,6 @@ import numpy as np
 
 import urdf
 from armdyn.errors import InputError
-from ik.torque import ExtraTorque
 from pipeline.box import Box
 from pipeline.motion.trajectory import check_samples
 from urdf.robot import Array, read_only
@@ -61,7 +60,6 @@ class CheckSettings:
     Attributes:
         load_mass: hanging from the tool [kg].
         springs: count the springs of the robot's settings; None for those that the settings switch on.
-        extra_torques: further torques on the joints, such as of a model's effects.
         obstacles: blocks around the arm.
         collision: look at collisions at all.
         clearance: distance asked for between the arm and itself or an obstacle [m].
@@ -74,7 +72,6 @@ class CheckSettings:
 
     load_mass: float = 0.0
     springs: bool | None = None
-    extra_torques: tuple[ExtraTorque, ...] = ()
     obstacles: tuple[Obstacle, ...] = ()
     collision: bool = True
     clearance: float = 0.01

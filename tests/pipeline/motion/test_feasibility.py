@@ -172,7 +172,7 @@ def test_gravity_torques_are_the_slope_of_the_potential_energy(robot: urdf.Robot
         assert tau == pytest.approx(slope, abs=1e-6)
 
 
-def test_damping_and_springs_and_extra_torques_count(robot: urdf.Robot) -> None:
+def test_damping_and_springs_count(robot: urdf.Robot) -> None:
     q, v = robot.home[None], np.full((1, 7), 0.5)
     none = np.zeros((1, 7))
     still, moving = JointTorque(robot)(q, none, none), JointTorque(robot)(q, v, none)
@@ -183,8 +183,6 @@ def test_damping_and_springs_and_extra_torques_count(robot: urdf.Robot) -> None:
     assert spring[0, 1] == pytest.approx(8.0 * np.sin(q[0, 1]) + 35.0 * np.cos(q[0, 1]))
     assert np.count_nonzero(spring) == 1
     assert JointTorque(sprung)(q, none, none) == pytest.approx(still)
-    extra = JointTorque(robot, extra=(lambda _q, v, _a: -2.0 * v,))(q, v, none)
-    assert extra - moving == pytest.approx(2.0 * v)
 
 
 @pytest.mark.parametrize("mass", [-1.0, float("nan")])
