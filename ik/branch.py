@@ -87,7 +87,7 @@ class Branch:
                 (position - motion.position, rotation_error(rotation, motion.rotation), height.T - self.weights @ q.T)
             )
             previous, residual = residual, np.abs(error).max(axis=0)
-            # Below the tolerance, or no longer falling because rounding is all that is left.
+            # Below the tolerance, or at the level of rounding, where the residual no longer falls.
             if np.all((residual < TOLERANCE) | ((residual < 1e2 * TOLERANCE) & (residual >= previous))):
                 break
             step = _solve(self.matrix(chain.jacobian(motion)), error)

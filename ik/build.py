@@ -62,7 +62,7 @@ def build_path_table(robot: Robot, path: Path, spacing: float = SPACING, progres
     """
     if isinstance(path, LinePath):
         return build_line_table(robot, path.line, spacing, progress)
-    # Nothing in particular is asked of any stretch of it: as fast as it can be made all along.
+    # No stretch matters more than another: the path is made as fast as possible all along.
     wish = Wish((path.s_min, path.s_max), UNASKED)
     return PathTable(**_content(robot, path, wish, spacing, progress))
 

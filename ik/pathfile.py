@@ -12,7 +12,7 @@ from urdf import Line, UrdfError
 from urdf.robot import Array, rotation_of
 
 KINDS = ("line", "circle", "spline")
-UNASKED = 1e-3  # m/s, slower than any arm: nothing is asked of the core
+UNASKED = 1e-3  # m/s, slower than any arm: no speed is asked of the core
 
 
 def read_path(file: str | File) -> Path:

@@ -137,13 +137,13 @@ def plan_free(
     def free(q: Array) -> bool:
         return collisions.touching(q) is None
 
-    # Checking every sampled posture for collisions costs more than the rest: only where the best branch touches.
+    # Collision checks of every sampled posture are slow: they are made only where the best branch touches something.
     for allowed in (None, free):
         branch, s, q = plan_branch(robot, chain, path, wish, allowed)
         why = objection(robot, collisions, s, q)
         if not why:
             return branch, s, q
-        if chain.joints != 7:  # without a spare joint there is nothing to plan around with
+        if chain.joints != 7:  # without a spare joint there is only one branch
             break
     raise UnreachableError(why)
 

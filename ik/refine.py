@@ -13,7 +13,7 @@ from ik.selfmotion import Wish
 from urdf import Limits
 from urdf.robot import Array
 
-CURVATURE = 3e-3  # m^2 s: time that bending is worth; keeps accelerations small at next to no loss of speed
+CURVATURE = 3e-3  # m^2 s: cost of bending; it keeps accelerations small and costs little speed
 ROUNDS = 40
 ENOUGH = 1e-5  # s of traverse time
 

@@ -21,10 +21,10 @@ REACHABLE_STARTS = 3  # per target of the first look
 ROWS = 8  # of the best rows that are planned
 STARTS = 3  # different postures from which each of them is planned
 STEPS = (0.05, 0.025, 0.0125)  # m by which the best line is then moved
-WANTED_MARGIN = 0.5  # rad; more counts no more
-WHOLE = 0.3  # what speed off the core counts
-AMBITIONS = (3.0, 0.8, 0.3)  # m/s asked of the core while searching, the next where the one before breaks a limit
-KEPT = 0.97  # share of the speed found that is asked for in the end: leaves room for joint margin
+WANTED_MARGIN = 0.5  # rad; a larger margin does not raise the score
+WHOLE = 0.3  # weight of the speed outside the core
+AMBITIONS = (3.0, 0.8, 0.3)  # m/s asked of the core while searching; a lower one is tried where a limit is broken
+KEPT = 0.97  # share of the speed found that the final line asks for; the rest leaves room for joint margin
 LOOKS = 9  # targets on a line that must be reachable at all
 
 
@@ -114,7 +114,7 @@ def upright_rotation(rotation: Array) -> Array:
         row, column = np.unravel_index(left.argmax(), left.shape)
         nearest[row, column] = np.sign(rotation[row, column])
         left[row, :] = left[:, column] = -1.0
-    if np.linalg.det(nearest) < 0:  # the weakest of the three choices was the wrong one
+    if np.linalg.det(nearest) < 0:  # the weakest of the three choices is reversed
         weakest = int(np.abs((nearest * rotation).sum(axis=0)).argmin())
         nearest[:, weakest] *= -1.0
     return nearest + 0.0
@@ -155,7 +155,7 @@ class _Search:
                 origins.append(grid[i, j, k] @ frame)
         chosen: list[Array] = []
         for index in np.argsort(scores)[::-1]:
-            # Not all of them neighbours of the same place.
+            # The chosen origins must not all be neighbours.
             if all(np.linalg.norm(origins[index] - other) > 1.2 * GRID for other in chosen):
                 chosen.append(origins[index])
             if len(chosen) == ROWS:

@@ -84,7 +84,7 @@ def trace(chain: Chain, path: Path, s: Array, q: Array) -> tuple[Array, NDArray[
     """
     rotation, position = path.pose(s)
     reference = null_space(chain.jacobian(chain.motion(q)))[:, :, 0]
-    # One sign along the path, so that equal steps mean similar postures.
+    # Equal signs along the path, so that equal steps give similar postures.
     for node in range(1, len(s)):
         if reference[node] @ reference[node - 1] < 0:
             reference[node] *= -1

@@ -12,7 +12,7 @@ from urdf import Robot
 from urdf.robot import Array
 
 LIBRARY = 10_000  # random postures to start from; more cost more to search than they save in iterations
-SEED = 1_618_033  # of the library; no seed that a test or a user would draw targets from, so that none is in it
+SEED = 1_618_033  # of the library; unusual, so that no test or user draws its targets from the same seed
 STARTS = 32  # nearest of them tried in turn
 ITERATIONS = 20
 TOLERANCE = 1e-9  # m and rad

@@ -126,7 +126,7 @@ class PathTable:
         start, end = self.q[node], self.q[node + 1]
         speed, end_speed = width * self.dq_ds[node], width * self.dq_ds[node + 1]
         bend, end_bend = 0.5 * width**2 * self.d2q_ds2[node], 0.5 * width**2 * self.d2q_ds2[node + 1]
-        # What the parabola from the left end misses at the right end, in value, slope and half the bend.
+        # Error at the right end of the parabola from the left end: in value, slope and half the bend.
         value_gap = end - start - speed - bend
         slope_gap = end_speed - speed - 2 * bend
         bend_gap = end_bend - bend

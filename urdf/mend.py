@@ -87,8 +87,8 @@ def leave_out_shapes(root: ET.Element, missing: Iterable[str]) -> list[str]:
 
 
 PLACEHOLDER = 0.01  # m; smaller shapes are placeholders
-SMALLEST_SHARE = 0.1  # of the radius of gyration that a link's shapes suggest; less is a point mass
-LIGHTEST = 1e-3  # kg; lighter links are markers of a place
+SMALLEST_SHARE = 0.1  # share of the radius of gyration that a link's shapes suggest; less is a point mass
+LIGHTEST = 1e-3  # kg; lighter links only mark a place
 SUSPICIOUS = 0.25  # m of gyration from which a mesh is opened to measure it; primitive shapes are always measured
 BALANCE = 1e-6  # relative slack of the triangle inequality, for numbers that were rounded when written
 MOMENTS = ("ixx", "iyy", "izz")

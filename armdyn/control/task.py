@@ -246,7 +246,7 @@ def task_problem(variational: VariationalStep, name: str, *, constrained: bool =
     roof = c["wall_z"] + c["clearance"] - ROOF_SLOPE * aside
     inside = ca.sqrt(dt * c["w_wall"]) * ca.fmax(0, roof - position[2])
     at = (s, u, t, dt, theta)
-    # The pull hardly depends on where exactly the next node is, so that the extrapolated one will do.
+    # The tension hardly depends on the exact next node, so that the extrapolated one is good enough.
     onward = ca.vertcat(s[0] + dt * (s[1] + dt * u), s[1] + dt * u, s[2] + dt * s[3], s[3])
     weight = STANDARD_GRAVITY * theta[variational.names.index("mass")]
     slack = c["least_tension"] - variational.tension(*at, onward) / weight

@@ -177,7 +177,7 @@ def add(
     with spinner() as say:
         given = inputs.read()
         wanted = find(effect, given.catalogue)
-        given.file.model.with_effect(wanted)  # says what is wrong before anything is fitted
+        given.file.model.with_effect(wanted)  # refuses an effect that does not fit before anything is fitted
         say("fitting")
         found = extend(given.study, [wanted])
     _conclude(given, found, output or model, report, json_file)

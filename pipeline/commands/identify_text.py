@@ -113,33 +113,33 @@ def _say_places(places: "Sequence[Place]", most: int = 6) -> None:
         )
 
 
-def _say_path(ladder: "tuple[Rung, ...]", units: "Mapping[str, str]", judges: "Sequence[Judge]") -> None:
+def _say_path(path: "tuple[Rung, ...]", units: "Mapping[str, str]", judges: "Sequence[Judge]") -> None:
     """Print the error falling; three channels or more, such as an arm's joints, as the root of their summed squares."""
     from rich.table import Column, Table
 
     from armdyn.identify.sentence import totals
 
-    channels = list(ladder[0].rmse)
+    channels = list(path[0].rmse)
     together = len(channels) > 2
-    unseen = ["held out", "exam"] if ladder[0].exam_rmse else ["held out"]
+    unseen = ["held out", "exam"] if path[0].exam_rmse else ["held out"]
     heads = ["total rmse", *unseen] if together else [h for c in channels for h in (f"{c} rmse", *unseen)]
     columns = [Column(head, overflow="fold") for head in ("step", *heads, "χ²/sample", "BIC")]
     table = Table(*columns, box=None, header_style="dim")
-    for rung in ladder:
-        name = "+ " + " + ".join(rung.added) if rung.added else "as given" if not rung.removed else ""
-        if rung.joints:
-            few = len(rung.joints) <= MOST_JOINTS
-            name += f" on {', '.join(rung.joints)}" if few else f" on {len(rung.joints)} joints"
-        name += "".join(f" − {removed}" for removed in rung.removed)
-        name += f" (or {', '.join(rung.tied_with)})" if rung.tied_with else ""
-        kinds = (rung.rmse, rung.held_out_rmse, rung.exam_rmse)[: 1 + len(unseen)]
+    for step in path:
+        name = "+ " + " + ".join(step.added) if step.added else "as given" if not step.removed else ""
+        if step.joints:
+            few = len(step.joints) <= MOST_JOINTS
+            name += f" on {', '.join(step.joints)}" if few else f" on {len(step.joints)} joints"
+        name += "".join(f" − {removed}" for removed in step.removed)
+        name += f" (or {', '.join(step.tied_with)})" if step.tied_with else ""
+        kinds = (step.rmse, step.held_out_rmse, step.exam_rmse)[: 1 + len(unseen)]
         if together:
             sums = [totals(errors, units) for errors in kinds]
             cells = [", ".join(f"{e:.4g} {unit}" for unit, e in by_unit.items()) or "–" for by_unit in sums]
         else:
             errors = [errors.get(channel) for channel in channels for errors in kinds]
             cells = [f"{e:.4g}" if e is not None else "–" for e in errors]
-        table.add_row(name, *cells, f"{rung.chi2_per_sample:.4g}", f"{rung.bic:.6g}")
+        table.add_row(name, *cells, f"{step.chi2_per_sample:.4g}", f"{step.bic:.6g}")
     console = to_screen()
     console.print(table)
     for judge in judges:

@@ -63,13 +63,13 @@ def calibrate(
         def ask(weight: "Weight") -> None:
             what = "Leave the cell empty" if weight.force == 0.0 else f"Hang {weight.text}"
             if emulated is None:
-                status.stop()  # its animation would overwrite the question
+                status.stop()  # the animation would overwrite the question
                 typer.prompt(f"{what}, let it come to rest, press Enter", default="", show_default=False, err=True)
                 status.start()
             else:
                 console.print(f"{what} (emulated)")
                 emulated.hang(weight.force)
-                time.sleep(0.2)  # until what the cell sent before has gone through
+                time.sleep(0.2)  # until the earlier samples have arrived
 
         def progress(weight: "Weight", count: int) -> None:
             status.update(f"{weight.text}: {count} of {samples} samples")

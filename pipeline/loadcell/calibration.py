@@ -142,7 +142,7 @@ def _number(table: Mapping[str, object], key: str, unit: str, with_std: bool = T
 
 
 def _is_number(value: object) -> TypeGuard[float]:
-    return isinstance(value, int | float) and not isinstance(value, bool)  # to Python, true is an int
+    return isinstance(value, int | float) and not isinstance(value, bool)  # in Python, True is an int
 
 
 @dataclass(frozen=True)

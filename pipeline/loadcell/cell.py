@@ -66,7 +66,7 @@ SMALLEST_NOISE = 0.5
 
 
 def count_limits(noise: float = SMALLEST_NOISE, silent_after: float = 0.2) -> FaultLimits:
-    """What is in order for the counts of an HX711 with `noise` [counts]."""
+    """Fault limits for the counts of an HX711 with `noise` [counts]."""
     repeats = implausible_repeats(noise, 1.0)
     return FaultLimits(MINIMUM_COUNTS, MAXIMUM_COUNTS, repeats, silent_after, START_UP)
 
@@ -123,7 +123,7 @@ class CountReader:
         """End the thread, then release the port; samples that were received can still be read."""
         self._stop.set()
         self._thread.join()
-        with contextlib.suppress(OSError):  # a port that is gone may refuse even that
+        with contextlib.suppress(OSError):  # a port that is gone may refuse to close
             self._line.close()
         with self._lock:
             self._connected = False
@@ -164,7 +164,7 @@ class CountReader:
     def _run(self) -> None:
         try:
             while not self._stop.is_set():
-                # A line that is gone raises here; on some systems only the question how much is waiting does.
+                # A line that is gone raises an error here; on some systems only `in_waiting` does.
                 data = self._line.read(max(1, self._line.in_waiting))
                 with self._lock:
                     self._take(data)

@@ -24,7 +24,7 @@ class EmulatedPort:
         except ImportError as error:
             raise InputError("an emulated load cell needs the pseudo-terminals of Linux or macOS") from error
         self._ours, self._theirs = os.openpty()
-        # Held open, so that what is sent before somebody listens is lost and not an error, as on a wire.
+        # The port is held open, so that bytes sent before somebody listens are lost without an error, as on a wire.
         tty.setraw(self._theirs)
         os.set_blocking(self._ours, False)
         self.port = os.ttyname(self._theirs)

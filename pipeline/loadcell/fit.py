@@ -22,7 +22,7 @@ MOST_OUTLIERS = 0.1
 """Share of the samples; more means that somebody touched the cell."""
 BLOCKS = 10
 CORRELATED = 1.5
-"""Times the standard deviation of the mean of independent samples; blocks of such exceed it once in 60 times."""
+"""Times the standard deviation of the mean of independent samples; independent blocks exceed it once in 60 times."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Plateau:
         if values.min() <= MINIMUM_COUNTS or values.max() >= MAXIMUM_COUNTS:
             raise TaskFailedError(f"{weight.text}: the HX711 is at the end of its range: take lighter weights")
         median = float(np.median(values))
-        # A cell quieter than its counts has no median deviation: a step of the converter is the least that can be told.
+        # Where the noise is below one count the median deviation is zero; the smallest spread to be seen is one count.
         spread = max(1.4826 * float(np.median(np.abs(values - median))), 1.0)
         kept = values[np.abs(values - median) <= OUTLIER * spread]
         outliers = len(values) - len(kept)
@@ -208,7 +208,7 @@ def _require_order(plateaus: Sequence[Plateau]) -> None:
 
 
 def _require_line(plateaus: Sequence[Plateau], residuals: np.ndarray, std: np.ndarray) -> None:
-    """The means must lie on a line, to what a load cell can do."""
+    """The means must lie on a line, as well as load cells allow."""
     forces = [plateau.weight.force for plateau in plateaus]
     span = max(forces) - min(forces)
     worst = int(np.argmax(np.abs(residuals)))
@@ -265,7 +265,7 @@ def _take(
     progress: Callable[[Weight, int], None],
     wait: Callable[[float], None],
 ) -> list[int]:
-    reader.read()  # what was received while the weight was changed
+    reader.read()  # drop the samples that were received while the weight was changed
     counts: list[int] = []
     while len(counts) < SETTLING_SAMPLES + samples:
         counts += [sample.counts for sample in reader.read()]

@@ -62,12 +62,12 @@ def checksum(payload: bytes) -> int:
 
 
 LONGEST_GAP = 1000
-"""Conversions, 10 s at 100 Hz; a line loses a few at a time, so a greater jump of the sequence is a new count."""
+"""Largest gap in the sequence numbers, 10 s at 100 Hz; a larger jump means that the microcontroller restarted."""
 
 
 @dataclass
 class Decoded:
-    """What a piece of the stream held: conversions, oldest first, and the lines or samples of each fault."""
+    """Content of a piece of the stream: conversions, oldest first, and the number of faults of each kind."""
 
     readings: list[Reading] = field(default_factory=list)
     faults: Counter[Fault] = field(default_factory=Counter)
@@ -93,7 +93,7 @@ class Decoder:
             self._line(line, decoded)
             self._torn = self._too_long = False
         if len(self._rest) > LONGEST_LINE:
-            # Noise without a line feed must not fill the memory; its end may be the start of a sample.
+            # Noise without a line feed must not fill the memory; the end of it may be the start of a sample.
             self._rest, self._too_long = self._rest[-LONGEST_LINE:], True
         return decoded
 

@@ -21,10 +21,10 @@ FINISH_SPEED_SHARE = 0.70
 """Share of the speed limit that the finish uses [1]."""
 
 HEADROOM = 0.999
-"""Share of the limits that is planned with, so that they also hold between the instants that are looked at."""
+"""Share of the limits that is used, so that they also hold between the checked instants."""
 
 SLOWEST = 0.02
-"""Share of the highest speed below which a move is no longer looked for [1]."""
+"""Share of the highest speed below which the search for a slower move ends [1]."""
 
 STEP = 5e-3
 """Spacing of the positions at which the speed limit may be met or left [m]."""
@@ -58,7 +58,7 @@ def finish_over_box(
     if not (0.0 < speed_share <= 1.0 and acceleration > 0.0):
         raise InputError("finish: the speed share must lie in (0, 1] and the acceleration be greater than 0")
     reduced = limits.scaled(speed=speed_share).capped(acceleration)
-    # From a swing that ends faster than the finish may go, the whole limit is needed to come down.
+    # Where the swing ends faster than the finish may go, braking needs the whole limit.
     slow_enough = Guard(reduced, LinePlanner(limits.jerk)).stop(start) is not None
     return point_to_point(start, s_end, reduced if slow_enough else limits, dt)
 
@@ -125,7 +125,7 @@ def _ridden(planner: LinePlanner, start: LineState, target: LineState, limits: L
     speed, guard = float(limits.speed.max()), Guard(limits, planner)
 
     def best(begins: list[LineState], ends: list[LineState], riding: Array) -> tuple[int, JerkProfile | None]:
-        """The motion with which the whole takes the shortest time, and the place that belongs to it."""
+        """The place for which the whole move takes the shortest time, and the motion to or from it."""
         shortest, place, chosen = np.inf, 0, None
         for k, (begin, end) in enumerate(zip(begins, ends, strict=True)):
             motion = planner.to_state(begin, end, speed, _acceleration(guard, begin, end))

@@ -96,7 +96,7 @@ WINDOW = 10
 """Half width of the smoothing, in grid steps: a kink of the limit is rounded over 2 cm."""
 
 STEP = 0.02
-"""Longest step of time at which the ride is integrated: 1e-7 m [s]."""
+"""Longest time step of the integration of the ride; its error is 1e-7 m [s]."""
 
 
 class RideCurve:
@@ -133,7 +133,7 @@ class RideCurve:
         return LineState(s, direction * speed, speed * float(self._spline(s, 1)))
 
     def after(self, s: float, time: float, direction: float) -> LineState:
-        """State some time after `s`, by midpoint steps; at the end of the line at the latest [s]."""
+        """State of a ride `time` [s] after `s`, by midpoint steps; it ends at the end of the line."""
         for _ in range(steps := max(round(time / STEP), 1)):
             h = direction * time / steps
             s = self._clipped(s + h * float(self._spline(self._clipped(s + 0.5 * h * float(self._spline(s))))))

@@ -20,10 +20,10 @@ SAMPLING = 2.5e-3
 """Spacing at which a motion is held against limits that depend on the place [s]."""
 
 MISSED = 5e-4
-"""Share of the speed limit by which a motion may be above it between two looks [1]."""
+"""Share of the speed limit by which a motion may exceed it between two samples [1]."""
 
 MOST_SAMPLES = 4000
-"""Where a motion lasts longer than 10 s it is slow: this many samples are then less than a millimetre apart."""
+"""Largest number of samples; a motion of more than 10 s is slow, and they are less than a millimetre apart."""
 
 
 class JerkProfile:

@@ -17,19 +17,19 @@ from pipeline.motion.trajectory import LineState, LineTrajectory
 from urdf.robot import Array
 
 HEADROOM = 0.999
-"""Share of the limits that is planned with, for what happens between the linearised limits and between samples."""
+"""Share of the limits that the program uses; the rest covers errors of the linearisation and between samples."""
 
 EASY = 0.95
-"""Share of the limits for the first motion: its jerk changes within a sample, which the program's cannot."""
+"""Share of the limits for the first motion: its jerk may change within a sample, that of the program may not."""
 
 ROUNDS = 12
-"""Most times that the limits are linearised about the last solution."""
+"""Largest number of rounds; each linearises the limits about the last solution."""
 
 SETTLED = 1e-4
 """Change of position between two rounds at which the linearisation is exact to a tenth of the headroom [m]."""
 
 TRUST = 0.05
-"""Farthest that a round may move a position, so that the limits linearised there still mean something [m]."""
+"""Largest change of a position in one round, for which the linearised limits are still good [m]."""
 
 SPEED_WEIGHT = 0.1
 """Cost of a deviation of the speed, which the load on its string feels; that of the position is 1/m^2 [s^2/m^2]."""
@@ -85,7 +85,7 @@ def smooth_reference(
     s, v, a = _followed(s_ref, v_ref, dt, limits if guard.stop(start) is None else easy, start)
     for k in range(ROUNDS):
         before, trust = s, TRUST * NARROWING[1] ** max(k - NARROWING[0], 0)
-        # From a first motion that misses the end, the program may have to go further than it should trust.
+        # Where the first motion misses the end, the program may have to leave the trust region.
         solved = program.solve(s, v, trust) or program.solve(s, v, np.inf)
         if solved is None:
             raise TaskFailedError(
@@ -111,7 +111,7 @@ def _followed(
 
 
 def _verified(motion: LineTrajectory, limits: LineLimits) -> LineTrajectory:
-    """The motion, if it is within its limits after all the linearising."""
+    """The motion, which must be within its limits although they were linearised."""
     within = (
         motion.s.min() >= limits.s_min - 1e-9
         and motion.s.max() <= limits.s_max + 1e-9

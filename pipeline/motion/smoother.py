@@ -12,16 +12,16 @@ from pipeline.motion.profile import JerkProfile, LinePlanner
 from pipeline.motion.trajectory import LineState
 
 HEADROOM = 0.999
-"""Share of the limits that is used, so that they also hold between the instants at which a motion is looked at."""
+"""Share of the limits that is used, so that they also hold between the checked instants."""
 
 LOOK_AHEAD = (1, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50)
 """Cycles ahead at which the reference, or the speed limit, may be met."""
 
 PURSUIT = 0.2
-"""How far ahead of itself a reference that cannot be met is gone for: the arm turns round in about this time [s]."""
+"""A reference that cannot be met is pursued where it will be after this time, in which the arm can turn round [s]."""
 
 FADING = 0.1
-"""Time in which a single reference's acceleration is taken to fade, when it is continued into the future [s]."""
+"""Time constant with which the acceleration of a single reference fades when it is continued [s]."""
 
 
 class LineSmoother:
@@ -121,12 +121,12 @@ class LineSmoother:
         if self._stop_age < self._stop.duration:
             self._state = self._stop.at(self._stop_age)
         else:
-            # Rest is exact: what rounding has left of speed and acceleration must not add up.
+            # Rest is exact: rounding errors of speed and acceleration must not add up.
             self._state = LineState(min(max(self._stop.end.s, self._guard.lookup.s_min), self._guard.lookup.s_max))
         return self._state
 
     def _follow(self, targets: Sequence[LineState]) -> LineState:
-        """Meet the first target that can be met on time; else go for where the reference will be a little later."""
+        """Meet the first target that can be met on time; else pursue the place of the reference a little later."""
         for m in LOOK_AHEAD:
             if m > len(targets):
                 break
@@ -167,7 +167,7 @@ class LineSmoother:
         return None
 
     def _begin(self, motion: JerkProfile, guard: Guard, keep: bool = False) -> bool:
-        """Begin a motion, and keep the rest of it if asked, if this cycle and a stop after it respect the limits."""
+        """Begin a motion if its first cycle and a stop after that respect the limits; keep the rest of it if asked."""
         cycle = motion.until(self._dt)
         if not guard.allows(cycle):
             return False
@@ -195,7 +195,7 @@ class LineSmoother:
 
 
 def _finite(reference: Sequence[LineState]) -> Sequence[LineState]:
-    """The states before the first that is not finite, as far as they are looked at."""
+    """The states before the first that is not finite, at most as many as are used."""
     targets = [LineState(*target) for target in reference[: LOOK_AHEAD[-1]]]
     for k, target in enumerate(targets):
         if not target.is_finite:

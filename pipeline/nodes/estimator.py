@@ -67,6 +67,7 @@ class EstimatorNode:
         """Update the estimate once there are enough data."""
         if not self._running or self.start is None or now - self.start < FIRST_UPDATE - 1e-9:
             return
+        self._measurement.update_path()
         run = self._measurement.run()
         begun = perf_counter()
         estimate = self._estimator.update(run)

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 import urdf
+from armdyn.errors import InputError
 from armdyn.pendulum.path import GripperPath, GrowingPath
 from armdyn.pendulum.recorded import GrowingRun
 from armdyn.run import Channel
@@ -69,9 +70,42 @@ class _Series:
         self.time[self.count], self.value[self.count] = time, value
         self.count += 1
 
-    def since(self, start: float, unit: str) -> Channel:
-        first = int(np.searchsorted(self.time[: self.count], start - 1e-9))
-        return Channel(self.time[first : self.count] - start, self.value[first : self.count], unit)
+    def first(self, start: float) -> int:
+        """Number of the first sample at `start` [s] or later."""
+        return int(np.searchsorted(self.time[: self.count], start - 1e-9))
+
+    def since(self, start: float, unit: str, end: int | None = None) -> Channel:
+        """The samples from `start` [s] on, up to number `end`; time counts from `start`."""
+        part = slice(self.first(start), self.count if end is None else end)
+        return Channel(self.time[part] - start, self.value[part], unit)
+
+
+class _SmoothedPath:
+    """The gripper from some time on, smoothed piece by piece.
+
+    Attributes:
+        start: when it begins [s].
+        count: samples that were taken.
+        along, height: position, velocity and acceleration of these, (3, count) each.
+    """
+
+    def __init__(self, along: _Series, height: _Series, start: float, period: float) -> None:
+        self.start, self._first, self.count = start, along.first(start), 0
+        self._series = along, height
+        self._growing = GrowingPath(period), GrowingPath(period)
+        self.along = self.height = np.empty((3, 0))
+
+    @property
+    def raw(self) -> Channel:
+        """The coordinate along the line as it was measured."""
+        return self._series[0].since(self.start, "m", self._first + self.count)
+
+    def update(self) -> None:
+        """Take what was measured since the last time."""
+        new = slice(self._first + self.count, self._series[0].count)
+        pairs = zip(self._growing, self._series, strict=True)
+        self.along, self.height = (growing.extend(series.value[new]) for growing, series in pairs)
+        self.count = new.stop - self._first
 
 
 class MeasurementNode:
@@ -107,7 +141,7 @@ class MeasurementNode:
         self._gripper, self._height, self._force = _Series.empty(), _Series.empty(), _Series.empty()
         self._pulled_at: float | None = None
         self._waiting: deque[tuple[str, float, float]] = deque()
-        self.begin()
+        self._path: _SmoothedPath | None = None
         self.load_hangs, self.hangs_until = True, inf
         self.fault: str | None = None
         self.state: JointState = robot.joint_state()
@@ -152,8 +186,9 @@ class MeasurementNode:
         self.load_hangs, self.hangs_until = False, min(time, self.hangs_until)
 
     def finish(self) -> None:
-        """Record what still waits."""
+        """Record what still waits, and complete the run."""
         self._record_until(inf)
+        self.update_path()
 
     def _record_until(self, time: float) -> None:
         while self._waiting and self._waiting[0][1] <= time:
@@ -163,15 +198,23 @@ class MeasurementNode:
 
     def begin(self) -> None:
         """The run for the estimator starts now, with the load at rest."""
-        self._start, self._smoothed = self._robot.time, 0
-        self._path, self._rise = GrowingPath(self.period), GrowingPath(self.period)
+        self._path = _SmoothedPath(self._gripper, self._height, self._robot.time, self.period)
+
+    def update_path(self) -> None:
+        """Take what was measured since the last time into the smoothed path of the run."""
+        if self._path is not None:
+            self._path.update()
 
     def run(self) -> GrowingRun:
-        """What was measured since `begin`, the gripper's path smoothed; time counts from there."""
-        force = self._force.since(self._start, "N")
-        raw = self._gripper.since(self._start, "m")
-        x, v, a = self._path.extend(raw.value[self._smoothed :])
-        height = self._rise.extend(self._height.since(self._start, "m").value[self._smoothed :])
-        self._smoothed = len(raw.value)
-        path = GripperPath(float(raw.time[0]), self.period, x, v, a, height)
-        return GrowingRun("trial", {"gripper_x": raw, "load_force": force}, noise=self._noise, path=path)
+        """What was measured from `begin` to the last `update_path`; time counts from the beginning.
+
+        Raises:
+            InputError: there is no such run.
+        """
+        if self._path is None or not self._path.count:
+            raise InputError("there is no run yet: begin it, let the measurement node make a step, and update its path")
+        start, raw = self._path.start, self._path.raw
+        x, v, a = self._path.along
+        path = GripperPath(float(raw.time[0]), self.period, x, v, a, self._path.height)
+        channels = {"gripper_x": raw, "load_force": self._force.since(start, "N")}
+        return GrowingRun("trial", channels, noise=self._noise, path=path)

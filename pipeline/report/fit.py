@@ -110,7 +110,7 @@ MOST_CHARTS = 12
 
 @dataclass(frozen=True)
 class DependenceSection(Section):
-    """One figure per channel and circumstance, all runs together, those that matter most first."""
+    """One figure per channel and covariate, all runs together, those that matter most first."""
 
     title: ClassVar[str] = "What the residual depends on"
 

@@ -74,37 +74,37 @@ def _label(suspect: Suspect) -> str:
 
 
 @dataclass(frozen=True)
-class LadderSection(Section):
+class RepairPathSection(Section):
     """χ² per sample and the errors of every step, on training, held-out and exam runs."""
 
     title: ClassVar[str] = "The error falling"
 
-    ladder: Sequence[Rung]
+    path: Sequence[Rung]
     scale: Scale
     judges: Sequence[Judge] = ()
 
     def sentence(self) -> str:
         """From where to where."""
-        first, last = self.ladder[0], self.ladder[-1]
+        first, last = self.path[0], self.path[-1]
         fall = f"{first.chi2_per_sample:.4g} → {last.chi2_per_sample:.4g}"
-        steps = len(self.ladder) - 1
+        steps = len(self.path) - 1
         return f"χ² per sample {fall} in {steps} step{'' if steps == 1 else 's'}." if steps else "Nothing was added."
 
     def charts(self) -> Sequence[Chart]:
         """Root of the summed squared errors per step, against that of the model as given."""
-        steps = [step_name(rung) for rung in self.ladder]
-        figure = go.Figure(layout={"height": 150 + 34 * len(steps)})
+        names = [step_name(step) for step in self.path]
+        figure = go.Figure(layout={"height": 150 + 34 * len(names)})
         for name, colour, values in (
-            ("training", BLUE, [rung.rmse for rung in self.ladder]),
-            ("held out", ORANGE, [rung.held_out_rmse for rung in self.ladder]),
-            ("exam", GREEN, [rung.exam_rmse for rung in self.ladder]),
+            ("training", BLUE, [step.rmse for step in self.path]),
+            ("held out", ORANGE, [step.held_out_rmse for step in self.path]),
+            ("exam", GREEN, [step.exam_rmse for step in self.path]),
         ):
             if not values[0]:
                 continue
             sums = [totals(errors, self.scale.units) for errors in values]
             share = [float(np.sqrt(np.mean([(s[unit] / sums[0][unit]) ** 2 for unit in sums[0]]))) for s in sums]
             figure.add_scatter(
-                x=share, y=steps, mode="lines+markers", name=name, line={"color": colour, "shape": "vh", "width": 2}
+                x=share, y=names, mode="lines+markers", name=name, line={"color": colour, "shape": "vh", "width": 2}
             )
         figure.update_xaxes(title_text="rms error / error as given", type="log")
         figure.update_yaxes(automargin=True, autorange="reversed")
@@ -113,22 +113,22 @@ class LadderSection(Section):
 
     def tables(self) -> Sequence[Table]:
         """A row per step."""
-        examined = bool(self.ladder[0].exam_rmse)
+        examined = bool(self.path[0].exam_rmse)
         rows = [
             [
-                step_name(rung),
-                self._errors(rung.rmse),
-                self._errors(rung.held_out_rmse),
-                *([self._errors(rung.exam_rmse)] if examined else []),
-                f"{rung.chi2_per_sample:.4g}",
-                f"{rung.bic:.1f}",
-                ", ".join(rung.tied_with),
+                step_name(step),
+                self._errors(step.rmse),
+                self._errors(step.held_out_rmse),
+                *([self._errors(step.exam_rmse)] if examined else []),
+                f"{step.chi2_per_sample:.4g}",
+                f"{step.bic:.1f}",
+                ", ".join(step.tied_with),
             ]
-            for rung in self.ladder
+            for step in self.path
         ]
         errors = [f"{name}{self._unit}" for name in ("rms error", "held out", *(["exam"] if examined else []))]
         caption = "; ".join(judge.value for judge in self.judges)
-        if len(self.ladder[0].rmse) > len(set(self.scale.units.values())):
+        if len(self.path[0].rmse) > len(set(self.scale.units.values())):
             caption = f"errors: root of the channels' summed squares; {caption}"
         header = ["step", *errors, "χ² per sample", "BIC", "cannot be told from"]
         return [Table(header, rows, f"{caption[:1].upper()}{caption[1:]}." if caption else "")]
@@ -145,13 +145,13 @@ class LadderSection(Section):
         return f" [{units.pop()}]" if len(units) == 1 else ""
 
 
-def step_name(rung: Rung) -> str:
+def step_name(step: Rung) -> str:
     """Such as ``+ quadratic_drag − linear_drag``."""
-    parts = [f"+ {name}" for name in rung.added] + [f"− {name}" for name in rung.removed]
+    parts = [f"+ {name}" for name in step.added] + [f"− {name}" for name in step.removed]
     text = " ".join(parts) or "as given"
-    if not rung.joints:
+    if not step.joints:
         return text
-    return f"{text} ({', '.join(rung.joints) if len(rung.joints) <= MOST_JOINTS else f'{len(rung.joints)} joints'})"
+    return f"{text} ({', '.join(step.joints) if len(step.joints) <= MOST_JOINTS else f'{len(step.joints)} joints'})"
 
 
 NAMES = {"mass": "mass", "centre": "centre of mass", "inertia": "inertia", "moment": "mass times centre"}
@@ -242,7 +242,7 @@ def repair_report(study: Study, found: Repair, command: str = "") -> Report:
         title="Repair: add what is missing, watch the error fall",
         level=repair_level(found),
         verdict=found.sentence,
-        sections=[LadderSection(found.ladder, found.after.scale, study.judges), *links, *fit_sections(found.after)],
+        sections=[RepairPathSection(found.ladder, found.after.scale, study.judges), *links, *fit_sections(found.after)],
         subtitle=runs_of(study),
         key_figures=key_figures(found.after),
         command=command,

@@ -10,13 +10,13 @@ import plotly.graph_objects as go
 
 from armdyn.channels import FloatArray
 
-# Okabe and Ito's palette, told apart by people with any kind of colour vision (jfly.uni-koeln.de/color, 2008).
+# Okabe and Ito's palette: people with any kind of colour vision can tell its colours apart (jfly.uni-koeln.de, 2008).
 BLUE, ORANGE, GREEN, VERMILLION, PURPLE, SKY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9"
 INK, GREY, PALE, GRID = "#1F2933", "#7B8794", "#F4F6F8", "#E4E7EB"
 
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
 
-# A line means the same in every figure of every report.
+# A line style has the same meaning in every figure of every report.
 RECORDED = {"mode": "lines", "line": {"color": "#CBD2D9", "width": 1}, "hoverinfo": "skip"}
 MEASURED = {"mode": "markers", "marker": {"color": GREY, "size": 3}}
 MODEL = {"mode": "lines", "line": {"color": BLUE, "width": 2}}

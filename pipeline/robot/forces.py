@@ -101,7 +101,7 @@ class LoadForces:
         self._force[:] = self._wind
         self._active = any(hidden[name] != 0.0 for name in _NEEDS_STATE)
         self._velocity = np.zeros((2, 6))
-        # A regularised sign is stable when it cannot turn the motion round within a step.
+        # A regularised sign is stable where friction cannot reverse the motion within one step.
         reversal = hidden["pivot_coulomb_friction"] * model.opt.timestep / (mass * length**2)
         self._standstill = max(STANDSTILL_RATE, 2.0 * reversal)
 

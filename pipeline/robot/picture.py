@@ -198,7 +198,7 @@ def _camera(line: LineFrame) -> mujoco.MjvCamera:
     camera.type = mujoco.mjtCamera.mjCAMERA_FREE
     camera.lookat = line.origin + 0.18 * line.along - np.array([0.0, 0.0, 0.08])
     camera.distance = 1.3
-    # The camera looks towards this azimuth: from where the line runs to the right.
+    # From this direction the line runs to the right.
     towards = np.array([-line.along[1], line.along[0]])
     camera.azimuth = float(np.degrees(np.arctan2(towards[1], towards[0])))
     camera.elevation = -10.0

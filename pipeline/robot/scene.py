@@ -167,7 +167,7 @@ def build_scene(
     tool.add_site(name="pivot", pos=robot.tool_offset)
     link_scale = link_scale * (1.0 + hidden["link_inertia"])
     if hidden["payload"] > 0:
-        # The compiler joins it to the last link, which is scaled afterwards.
+        # The compiler joins the payload to the last link, whose mass is scaled afterwards.
         tool.add_body(
             name="payload",
             mass=hidden["payload"] / link_scale[-1],
@@ -214,7 +214,7 @@ def _set_options(spec: mujoco.MjSpec, line: LineFrame, tilt: float) -> None:
     # MuJoCo measures its solver's progress against the mean inertia, beside which the load's is small: with the
     # default of 1e-8 the string's pull is 8 mN rms off while the joints are made rigid.
     spec.option.tolerance = 1e-12
-    # A diverged state must be seen, not silently set back to the start.
+    # MuJoCo must not set a diverged state back to the start.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
 
 

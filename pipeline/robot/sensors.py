@@ -72,7 +72,7 @@ class SimulatedCell:
         hidden, settings = self._hidden, self._settings
         reading = (1.0 + hidden["sensor_gain"]) * force + hidden["sensor_nonlinearity"] * force**2
         reading += self._bias + hidden["sensor_drift"] * time
-        # Drawn in every case, so that a fault does not change the noise of what follows.
+        # The noise is drawn in every case, so that a fault does not change the noise of later samples.
         reading += settings.noise * self._rng.standard_normal()
         if settings.resolution > 0:
             reading = settings.resolution * round(reading / settings.resolution)

@@ -211,12 +211,12 @@ class SimulatedRobot:
         self._joint_effects.apply()
         q = data.qpos[self._dofs]
         mujoco.mj_step2(model, data)
-        # Seen here, long before MuJoCo's own bound of 1e10, at which it would write a log file into the user's folder.
+        # This bound is far below MuJoCo's own of 1e10, at which MuJoCo would write a log file into the user's folder.
         if not data.qvel @ data.qvel < DIVERGED:
             raise TaskFailedError(
                 f"the simulation diverged at {self.time:.3f} s: a hidden effect or a gain is too large for 1 ms steps"
             )
-        # Positions are still those at the beginning of the step; so is the tension, which MuJoCo has just found.
+        # Positions and tension still belong to the beginning of the step.
         self._tension = self._string.tension(data)
         angle = swing_angle(self._load - self._pivot, self._line.along) if self._cell.feels_direction else 0.0
         self._cell.feel(self._steps, self._tension, angle)

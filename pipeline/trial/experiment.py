@@ -258,9 +258,10 @@ class Experiment:
     def _swing_state(self) -> SwingState:
         """Gripper and load now, from the measured path and the latest estimate."""
         model, here = self.estimator.model, self.drive.state
+        self.measurement.update_path()
         path = run_path(self.measurement.run())
         speed, angle, rate = model.swing_at_the_end(path)
-        # A gripper that trails has its string behind, and at another speed, by what the lag says of the present speed.
+        # With a lag the string's upper end is behind the gripper and has another speed.
         lag = model.gripper_lag(model.physics_theta())
         hung_at, at_speed = (here.s - lag * speed, speed) if lag else (here.s, here.v)
         return SwingState(hung_at, at_speed, angle, rate, self._clock.time - path.start)

@@ -84,7 +84,7 @@ class ProtocolSettings:
         model = model.with_prior("mass", self.mass, self.mass_std)
         model = model.with_values({"length": self.length_guess})
         rest = model.rest_angle()
-        # The load hangs at rest at first; where an effect pulls it aside, how far is as uncertain as the effect.
+        # The load hangs at rest at first; where an effect pulls it aside, its angle is as uncertain as the effect.
         model = model.with_values({"initial_angle": rest, "initial_rate": 0.0}).with_fixed("initial_rate")
         if abs(rest) > UPRIGHT:
             return model.with_prior("initial_angle", rest, LEAN)

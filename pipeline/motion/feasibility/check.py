@@ -36,7 +36,7 @@ def check_line(
         table: from the line to the joints.
         robot: the arm.
         trajectory: the motion.
-        settings: what is known besides, and how much room is asked for.
+        settings: what the check takes into account, and the distances that it asks for.
         swing: of the load; None where nothing hangs.
         at: where the arm is (n,); None where nobody knows [rad].
 
@@ -73,7 +73,7 @@ def check_joints(
     Args:
         robot: the arm.
         trajectory: the motion.
-        settings: what is known besides, and how much room is asked for.
+        settings: what the check takes into account, and the distances that it asks for.
         line: on which the tool must stay; None where it is free.
         at: where the arm is (n,); None where nobody knows [rad].
 

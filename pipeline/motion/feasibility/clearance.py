@@ -1,4 +1,4 @@
-"""Distances of arm, load and string from each other and from what stands around, over a motion."""
+"""Distances between arm, load, string and obstacles over a motion."""
 
 from __future__ import annotations
 
@@ -119,10 +119,10 @@ def _transform(pose: pin.SE3) -> coal.Transform3s:
 
 
 SHARE = 0.25
-"""Share of the distance by which the arm may move before the next look: what is touched cannot be missed."""
+"""Share of the distance by which the arm may move before the next look, so that no contact is missed."""
 
 STEP = 5e-3
-"""Move after which a look is taken even where things touch [m]."""
+"""Move after which the next look is taken where two parts already touch [m]."""
 
 HAND = 0.15
 """How far the hand reaches beyond the tool frame and the arm beyond the middle of its links, at most [m]."""
@@ -185,7 +185,7 @@ def _looked_at(
     Args:
         limit: what is limited.
         time: of all samples (m,) [s].
-        travel: upper bound of the way that any point of the arm has gone until each sample (m,) [m].
+        travel: upper bound of the distance that any point of the arm has moved until each sample (m,) [m].
         distance: at a sample: how far apart which two are [m].
         least: distance that is asked for [m].
     """
@@ -205,11 +205,11 @@ def _looked_at(
 
 
 def _travel(robot: urdf.Robot, q: Array) -> Array:
-    """Upper bound of the way that any point of the arm has gone until each posture (m,) [m]."""
+    """Upper bound of the distance that any point of the arm has moved until each posture (m,) [m]."""
     lengths = [float(np.linalg.norm(robot.model.jointPlacements[j].translation)) for j in range(2, robot.model.njoints)]
     tool = robot.model.frames[robot.tool_frame_id].placement.translation
     lengths.append(float(np.linalg.norm(tool)) + HAND)
-    # What hangs on a joint reaches no further than all the links after it, stretched out.
+    # A part reaches no further from a joint than the stretched chain of all links between them.
     reach = np.cumsum(lengths[::-1])[::-1]
     steps = np.abs(np.diff(q, axis=0)) @ reach
     return np.concatenate([[0.0], np.cumsum(steps)])

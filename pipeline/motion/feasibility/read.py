@@ -20,10 +20,10 @@ from pipeline.motion.trajectory import JointTrajectory, LineTrajectory, check_sa
 from urdf.robot import Array
 
 ORDER = 6
-"""Difference that leaves the noise of a smooth motion: of a swing at 1 Hz, sampled at 100 Hz, 1e-7 is left."""
+"""Order of the differences in which noise remains and motion vanishes: of a swing at 1 Hz, sampled at 100 Hz, 1e-7."""
 
 EVEN = 0.01
-"""Unevenness of the sampling up to which differences still show noise [1]."""
+"""Unevenness of the sampling up to which the differences can be used [1]."""
 
 
 def differentiated(time: Array, position: Array) -> tuple[Array, Array, Array]:
@@ -67,7 +67,7 @@ def _differentiated(time: Array, column: Array) -> tuple[Array, Array, Array]:
         v = np.gradient(column, time)
         return column, v, np.gradient(v, time)
     std = noise(time, column)
-    # Below this, what the differences show is rounding of floats, which a smoothing spline cannot follow.
+    # Below this the differences show only the rounding of floats, which a smoothing spline cannot follow.
     if std < 1e-10 * np.max(np.abs(column)):
         spline = make_interp_spline(time, column, k=5)
         return column, spline.derivative(1)(time), spline.derivative(2)(time)
@@ -152,7 +152,7 @@ def _numbers(path: Path, number: int, row: list[str], names: list[str]) -> list[
 
 
 FAR_BEYOND = 2.0
-"""How many times its range a joint must be beyond, to look as if it were written in degrees."""
+"""Times its range beyond which a joint position is taken for degrees."""
 
 
 def read_trajectory(path: Path | str, robot: urdf.Robot) -> JointTrajectory | LineTrajectory:

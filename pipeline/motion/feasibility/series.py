@@ -15,7 +15,7 @@ from pipeline.motion.feasibility.verdict import Bounded
 from urdf.robot import Array
 
 FINER = 5
-"""How many times more densely than it is sampled a motion is looked at, so that no peak hides between two samples."""
+"""How many times a motion is looked at per sample, so that no peak between two samples is missed."""
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ def _differences(time: Array, value: Array) -> tuple[Array, Array]:
 
 
 def _with_differences(time: Array, value: Array, fine: Array, slope: Array) -> tuple[Array, Array]:
-    """Slopes as given, and those that the values themselves have, in order of time."""
+    """The given slopes and the slopes of the values themselves, in order of time."""
     middle, mean = _differences(time, value)
     when, slopes = np.concatenate([fine, middle]), np.concatenate([slope, mean])
     order = np.argsort(when, kind="stable")

@@ -13,10 +13,10 @@ from armdyn.errors import TaskFailedError
 from urdf.robot import Array, read_only
 
 TOLERANCE = 1e-6
-"""Share of a limit by which a value may be beyond it: rounding of a recording with seven digits."""
+"""Share of a limit by which a value may exceed it: a recording with seven digits is rounded."""
 
 SMALL = 1e-3
-"""Size of a bound below which rounding no longer shrinks with it, in the bound's unit."""
+"""Smallest size of a bound from which the tolerance is computed, in the bound's unit."""
 
 APART = 0.05
 """Time for which a limit must be kept between two violations, to count them as two [s]."""
@@ -80,7 +80,7 @@ class Bounded:
             return 0.0
         if np.isfinite(upper):
             return value / upper if upper > 0.0 else float(value > upper)
-        # With a lower bound alone, using the limit up means coming down to it.
+        # With a lower bound alone, the whole limit is used where the value has come down to it.
         return lower / value if value > max(lower, 0.0) else 1.0 + max(lower - value, 0.0)
 
     @property
@@ -100,7 +100,7 @@ class Bounded:
         return [(int(np.argmin(margin[:, k])), int(k)) for k in bounded]
 
     def violations(self) -> list[tuple[int, int]]:
-        """Sample and column of the worst sample of every stretch beyond a bound; stretches `APART` are two."""
+        """Sample and column of the worst of each stretch beyond a bound; stretches closer than `APART` are one."""
         scale = np.where(np.isfinite(self.lower), np.abs(self.lower), 0.0)
         scale = np.maximum(scale, np.where(np.isfinite(self.upper), np.abs(self.upper), 0.0))
         margin = self.margin
@@ -222,7 +222,7 @@ class FeasibilityReport:
 
     @property
     def tightest(self) -> Margin:
-        """The limit of which most is used; to stand at an end of the line uses nothing up."""
+        """The limit of which most is used; the ends of the line count only where they are exceeded."""
         return max(self.margins, key=lambda margin: (margin.used > 1.0 or margin.limit != "line", margin.used))
 
     @property
