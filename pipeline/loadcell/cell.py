@@ -5,7 +5,6 @@ import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable
-from types import TracebackType
 from typing import NamedTuple
 
 from pipeline.loadcell.calibration import Calibration
@@ -114,9 +113,7 @@ class CountReader:
     def __enter__(self) -> "CountReader":
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -239,9 +236,7 @@ class LoadCell:
     def __enter__(self) -> "LoadCell":
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         self.close()
 
     def read(self) -> list[ForceSample]:

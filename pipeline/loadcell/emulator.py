@@ -7,7 +7,6 @@ import select
 import threading
 import time
 from collections.abc import Callable
-from types import TracebackType
 
 import numpy as np
 
@@ -34,9 +33,7 @@ class EmulatedPort:
     def __enter__(self) -> "EmulatedPort":
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         self.unplug()
 
     def line(self, counts: int) -> bytes:
@@ -99,9 +96,7 @@ class EmulatedCell:
     def __enter__(self) -> "EmulatedCell":
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         self.unplug()
 
     def hang(self, force: Callable[[float], float] | float) -> None:

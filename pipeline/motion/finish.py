@@ -106,7 +106,7 @@ def _fastest(
 ) -> list[JerkProfile | Ride] | None:
     """The shortest in time of the moves that fit."""
     acceleration = _acceleration(guard, start, target)
-    direct = planner.to_state(start, target, guard.lookup.highest_speed, acceleration)
+    direct = planner.to_state(start, target, guard.limits.fastest, acceleration)
     if direct is not None and guard.allows(direct):
         return [direct]
     moves = _ridden(planner, start, target, limits), _slower(planner, guard, start, target, acceleration)
@@ -156,7 +156,7 @@ def _acceleration(guard: Guard, begin: LineState, end: LineState) -> float:
     """The smallest limit on the way; a move that starts away from the end first goes on to where it can stop."""
     stop = guard.stop(begin)
     reached = begin.s, end.s, begin.s if stop is None else stop.end.s
-    return guard.lookup.acceleration(min(reached), max(reached))
+    return guard.limits.lowest_acceleration(min(reached), max(reached))
 
 
 def _slower(
@@ -164,10 +164,10 @@ def _slower(
 ) -> list[JerkProfile | Ride]:
     """The move at the highest constant speed that fits, by bisection; empty where there is none."""
     best: list[JerkProfile | Ride] = []
-    fits, fails = 0.0, guard.lookup.highest_speed
+    fits, fails = 0.0, guard.limits.fastest
     for _ in range(12):
         speed = 0.5 * (fits + fails)
-        if speed < SLOWEST * guard.lookup.highest_speed:
+        if speed < SLOWEST * guard.limits.fastest:
             break
         motion = planner.to_state(start, target, speed, acceleration)
         if motion is not None and guard.allows(motion):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
-from pipeline.motion.limits import LimitLookup, LineLimits
+from pipeline.motion.limits import LineLimits
 from pipeline.motion.profile import JerkProfile, LinePlanner
 from pipeline.motion.trajectory import LineState
 from urdf.robot import Array
@@ -26,8 +26,7 @@ class Guard:
     """
 
     def __init__(self, limits: LineLimits, planner: LinePlanner) -> None:
-        self._limits, self._planner = limits, planner
-        self.lookup = LimitLookup(limits)
+        self.limits, self._planner = limits, planner
 
     def allows(self, motion: JerkProfile) -> bool:
         """Whether a motion respects the limits.
@@ -41,16 +40,17 @@ class Guard:
             return False
         s, v, a = zip(*extremes, strict=True)
         fastest, strongest, lower, upper = max(map(abs, v)), max(map(abs, a)), min(s), max(s)
-        far = fastest <= self.lookup.speed(lower, upper) and strongest <= self.lookup.acceleration(lower, upper)
-        return far or motion.respects(self._limits, TOLERANCE)
+        limits = self.limits
+        far = fastest <= limits.lowest_speed(lower, upper) and strongest <= limits.lowest_acceleration(lower, upper)
+        return far or motion.respects(limits, TOLERANCE)
 
     def _allows_state(self, state: LineState) -> bool:
         s, v, a = state
-        lookup = self.lookup
+        limits = self.limits
         return (
-            lookup.s_min - TOLERANCE <= s <= lookup.s_max + TOLERANCE
-            and abs(v) <= lookup.speed(s, s) + TOLERANCE
-            and abs(a) <= lookup.acceleration(s, s) + TOLERANCE
+            limits.s_min - TOLERANCE <= s <= limits.s_max + TOLERANCE
+            and abs(v) <= limits.lowest_speed(s, s) + TOLERANCE
+            and abs(a) <= limits.lowest_acceleration(s, s) + TOLERANCE
         )
 
     def stop(self, state: LineState) -> JerkProfile | None:
@@ -61,14 +61,14 @@ class Guard:
         """
         if not state.is_finite:
             return None
-        lookup = self.lookup
+        limits = self.limits
         # Bounds of the speed (the acceleration is taken back first) and of the way to rest.
-        fastest = abs(state.v) + state.a**2 / (2.0 * lookup.jerk)
-        weakest = lookup.weakest_acceleration
-        reach = fastest * (fastest / (2.0 * weakest) + (abs(state.a) + weakest) / lookup.jerk)
-        if fastest > 10.0 * lookup.highest_speed:
+        fastest = abs(state.v) + state.a**2 / (2.0 * limits.jerk)
+        weakest = limits.weakest
+        reach = fastest * (fastest / (2.0 * weakest) + (abs(state.a) + weakest) / limits.jerk)
+        if fastest > 10.0 * limits.fastest:
             return None
-        motion = self._planner.to_rest(state, lookup.acceleration(state.s - reach, state.s + reach))
+        motion = self._planner.to_rest(state, limits.lowest_acceleration(state.s - reach, state.s + reach))
         return motion if motion is not None and self.allows(motion) else None
 
     def drawn_back(self, target: LineState) -> LineState:
@@ -77,9 +77,9 @@ class Guard:
         Args:
             target: anywhere, finite.
         """
-        lookup = self.lookup
-        s = min(max(target.s, lookup.s_min), lookup.s_max)
-        speed, acceleration = lookup.speed(s, s), lookup.acceleration(s, s)
+        limits = self.limits
+        s = min(max(target.s, limits.s_min), limits.s_max)
+        speed, acceleration = limits.lowest_speed(s, s), limits.lowest_acceleration(s, s)
         v = min(max(target.v, -speed), speed)
         a = min(max(target.a, -acceleration), acceleration)
         for share in (1.0, 0.8, 0.5, 0.2):

@@ -113,7 +113,7 @@ class JerkProfile:
             tolerance: for rounding [SI units].
         """
         # A function with a second derivative of 2 J or less is at most 2 J h^2 / 8 above what is seen at its ends.
-        spacing = min(SAMPLING, math.sqrt(4.0 * MISSED * limits.lowest_speed / limits.jerk))
+        spacing = min(SAMPLING, math.sqrt(4.0 * MISSED * limits.slowest / limits.jerk))
         count = int(min(np.ceil(self.duration / spacing), MOST_SAMPLES)) + 1
         even = np.linspace(0.0, self.duration, count)
         s, v, a = self.sample(np.concatenate([even, self._passes(even, limits.s)]))

@@ -122,7 +122,7 @@ class LineSmoother:
             self._state = self._stop.at(self._stop_age)
         else:
             # Rest is exact: rounding errors of speed and acceleration must not add up.
-            self._state = LineState(min(max(self._stop.end.s, self._guard.lookup.s_min), self._guard.lookup.s_max))
+            self._state = LineState(min(max(self._stop.end.s, self._guard.limits.s_min), self._guard.limits.s_max))
         return self._state
 
     def _follow(self, targets: Sequence[LineState]) -> LineState:
@@ -138,14 +138,14 @@ class LineSmoother:
 
     def _on_time(self, target: LineState, cycles: int) -> JerkProfile | None:
         """The motion that meets a target after a number of cycles; None where it takes longer."""
-        lookup = self._guard.lookup
-        speed, acceleration = lookup.highest_speed, lookup.highest_acceleration
+        limits = self._guard.limits
+        speed, acceleration = limits.fastest, limits.strongest
         return self._planner.to_state(self._state, target, speed, acceleration, cycles * self._dt)
 
     def _pursue(self, target: LineState) -> LineState | None:
-        s, lookup = self._state.s, self._guard.lookup
-        acceleration = lookup.acceleration(min(s, target.s), max(s, target.s))
-        motion = self._planner.to_state(self._state, target, lookup.highest_speed, acceleration)
+        s, limits = self._state.s, self._guard.limits
+        acceleration = limits.lowest_acceleration(min(s, target.s), max(s, target.s))
+        motion = self._planner.to_state(self._state, target, limits.fastest, acceleration)
         if motion is not None and self._begin(motion, self._ridden):
             return self._state
         # Going faster breaks the speed limit ahead: join it, with its own slope, as early as possible.
@@ -160,7 +160,7 @@ class LineSmoother:
             if motion is not None and self._guard.allows(motion) and self._begin(motion, self._guard, keep=True):
                 return self._state
         for share in (0.9, 0.5):
-            slower = max(share * min(abs(self._state.v), lookup.speed(s, s)), 1e-3)
+            slower = max(share * min(abs(self._state.v), limits.lowest_speed(s, s)), 1e-3)
             motion = self._planner.to_state(self._state, LineState(target.s), slower, acceleration)
             if motion is not None and self._begin(motion, self._guard):
                 return self._state

@@ -111,7 +111,7 @@ class Experiment:
 
     Args:
         robot: what moves and measures.
-        clock: that the nodes run on.
+        clock: that the nodes run on; it shows the robot's time.
         description: the arm.
         table: from its line to its joints.
         recorder: for the channels of `recorded_channels`.

@@ -54,7 +54,7 @@ def test_a_jump_is_refused(gate: Gate) -> None:
 
 
 def test_joint_limits_are_watched_besides_those_of_the_line(robot: urdf.Robot, table: ik.LineTable) -> None:
-    generous = LineLimits.constant([-0.3, 0.55], 50.0, 500.0)
+    generous = LineLimits(np.array([-0.3, 0.55]), np.full(2, 50.0), np.full(2, 500.0))
     gate = Gate(generous, table, robot.limits, DT)
     assert gate.check(LineState(0.0, 2.0)) is Refusal.JOINT_VELOCITY
     assert gate.check(LineState(0.0, 0.0, 100.0)) is Refusal.JOINT_ACCELERATION
