@@ -18,8 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.trial.experiment import run_trial
-from pipeline.trial.settings import TrialSettings
+from pipeline.trial import TrialSettings, run_trial
 
 GUESSES = np.linspace(0.15, 0.9, 16)
 """m; seeds take them in turn."""

@@ -25,8 +25,7 @@ from armdyn.identify.study import Study
 from armdyn.model_file import read_model
 from armdyn.pendulum.model import PendulumModel
 from armdyn.run import read_run
-from pipeline.trial.experiment import run_trial
-from pipeline.trial.settings import TrialSettings
+from pipeline.trial import TrialSettings, run_trial
 
 HIDDEN = {
     "quadratic_drag": ("coefficient", 0.05), "string_creep": ("rate", 1e-3), "wind": ("force", 0.2),

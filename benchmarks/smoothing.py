@@ -6,6 +6,8 @@ ratios to plain next-sample ruckig in the same run, interleaved. Run: ``python b
 
 from __future__ import annotations
 
+import _timing  # noqa: F401  # isort: skip
+
 import argparse
 import time
 from collections.abc import Callable

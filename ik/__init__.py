@@ -2,9 +2,8 @@
 
 from ik.build import build_line_table, build_path_table, default_table
 from ik.errors import StaleTableError, UnreachableError
-from ik.path import CirclePath, LinePath, Path
+from ik.path import CirclePath, LinePath, Path, SplinePath
 from ik.pathfile import read_path
-from ik.spline import SplinePath
 from ik.table import JointMotion, LineTable, PathTable, Posture
 
 __all__ = [

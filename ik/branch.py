@@ -15,12 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 
 from ik.chain import Chain, rotation_error
 from ik.path import Path
-
-Array = NDArray[np.float64]
+from urdf.robot import Array
 
 TOLERANCE = 1e-12  # m and rad; what double precision lets Newton's method reach on a metre-sized arm
 ITERATIONS = 30
@@ -89,7 +87,7 @@ class Branch:
                 (position - motion.position, rotation_error(rotation, motion.rotation), height.T - self.weights @ q.T)
             )
             previous, residual = residual, np.abs(error).max(axis=0)
-            # Below the tolerance, or no longer falling because rounding is all that is left.
+            # Below the tolerance, or at the level of rounding, where the residual no longer falls.
             if np.all((residual < TOLERANCE) | ((residual < 1e2 * TOLERANCE) & (residual >= previous))):
                 break
             step = _solve(self.matrix(chain.jacobian(motion)), error)

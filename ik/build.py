@@ -5,7 +5,6 @@ from pathlib import Path as File
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from armdyn.cache import cache_directory
@@ -13,17 +12,16 @@ from armdyn.errors import InputError
 from ik.branch import Branch
 from ik.chain import Chain
 from ik.errors import UnreachableError
-from ik.free import plan_free
 from ik.path import LinePath, Path
 from ik.pathfile import UNASKED
+from ik.plan import plan_free
 from ik.reach import survey
 from ik.selfmotion import Wish
 from ik.table import LineTable, PathTable
 from ik.tablefile import FORMAT
-from ik.torque import TorqueRows
+from ik.torque import PathTorque
 from urdf import CollisionModel, Line, Robot
-
-Array = NDArray[np.float64]
+from urdf.robot import Array
 
 SPACING = 0.0005  # m between nodes: fourth-order differences of the nodes then agree with q' to 1e-9
 SURVEYED = 86  # targets looked at when a path cannot be followed
@@ -64,7 +62,7 @@ def build_path_table(robot: Robot, path: Path, spacing: float = SPACING, progres
     """
     if isinstance(path, LinePath):
         return build_line_table(robot, path.line, spacing, progress)
-    # Nothing in particular is asked of any stretch of it: as fast as it can be made all along.
+    # No stretch matters more than another: the path is made as fast as possible all along.
     wish = Wish((path.s_min, path.s_max), UNASKED)
     return PathTable(**_content(robot, path, wish, spacing, progress))
 
@@ -95,7 +93,7 @@ def _content(robot: Robot, path: Path, wish: Wish, spacing: float, progress: Pro
         "velocity_limits": robot.limits.velocity,
         "acceleration_limits": robot.limits.acceleration,
         "effort_limits": robot.limits.effort,
-        "torque": TorqueRows.of(robot, solution.q, rate, bending),
+        "torque": PathTorque.of(robot, solution.q, rate, bending),
         "fingerprint": robot.fingerprint,
     }
 

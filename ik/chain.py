@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 
 from armdyn.errors import InputError
 from urdf import Robot
-
-Array = NDArray[np.float64]
+from urdf.robot import Array
 
 POSE = 6  # equations that hold a tool in place
 
 
 @dataclass(frozen=True)
-class Motion:
+class ToolMotion:
     """Where the tool point is and how the joints move it, for b postures; the batch is the last axis.
 
     Attributes:
@@ -92,7 +91,7 @@ class Chain:
         """Number of joints."""
         return len(self.prismatic)
 
-    def motion(self, q: Array) -> Motion:
+    def motion(self, q: Array) -> ToolMotion:
         """Forward kinematics.
 
         Args:
@@ -116,15 +115,15 @@ class Chain:
                 rotation = np.stack((c * x + s * y, c * y - s * x, rotation[:, 2]), axis=1)
             origins[joint] = position
         position = position + self.offsets[-1] @ rotation
-        return Motion(self.rotations[-1].T @ rotation, position, axes, position - origins)
+        return ToolMotion(self.rotations[-1].T @ rotation, position, axes, position - origins)
 
-    def jacobian(self, motion: Motion) -> Array:
+    def jacobian(self, motion: ToolMotion) -> Array:
         """Jacobian of the tool point in base axes, linear rows first: (6, n, b) [m/rad and 1]."""
         linear = np.where(self.prismatic[:, None, None], motion.axes, cross(motion.axes, motion.levers))
         angular = np.where(self.prismatic[:, None, None], 0.0, motion.axes)
         return np.concatenate((linear, angular), axis=1).transpose(1, 0, 2)
 
-    def velocity_product(self, motion: Motion, rate: Array) -> Array:
+    def velocity_product(self, motion: ToolMotion, rate: Array) -> Array:
         r"""The part of the tool's acceleration that comes from moving, $\dot J \dot q$.
 
         Args:

@@ -1,17 +1,17 @@
-"""Paths of the tool point in SE(3), as functions of one coordinate s."""
+"""Paths of the tool point in SE(3), as functions of one coordinate s: line, circle, spline."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+from scipy.interpolate import BSpline, make_interp_spline
+from scipy.spatial.transform import Rotation, RotationSpline
 
 from armdyn.errors import InputError
 from urdf import Line
-from urdf.robot import read_only
-
-Array = NDArray[np.float64]
+from urdf.robot import Array, read_only
 
 
 class Path(Protocol):
@@ -157,3 +157,110 @@ class CirclePath:
             np.outer(self.start, cosine) + np.outer(across, sine),
             np.outer(across, cosine) - np.outer(self.start, sine),
         )
+
+
+CELLS = 64  # per stretch between two points, for the arc length
+GAUSS_POINTS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(6)
+NEWTON = 4  # steps from a linear guess to rounding
+
+
+@dataclass(frozen=True)
+class SplinePath:
+    """Position by a quintic spline (cubic through fewer than six points), orientation by a cubic rotation spline.
+
+    The spline's own parameter u runs along the chords between the points; the path's coordinate s is the arc length,
+    so that the tool moves one metre per metre.
+
+    Attributes:
+        points: tool positions to pass through, (m, 3) [m].
+        rotations: tool orientations there, (m, 3, 3); all equal for a fixed one.
+    """
+
+    points: Array
+    rotations: Array
+    _position: BSpline = field(init=False, repr=False, compare=False)
+    _turning: RotationSpline | None = field(init=False, repr=False, compare=False)
+    _u: Array = field(init=False, repr=False, compare=False)
+    _s: Array = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        for name in ("points", "rotations"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+        count = len(self.points)
+        if count < 2 or self.points.shape != (count, 3) or self.rotations.shape != (count, 3, 3):
+            raise InputError(f"spline: {self.points.shape} points, {self.rotations.shape} rotations; give two or more")
+        chords = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
+        if not chords.min() > 1e-6:
+            raise InputError(f"spline: points {int(chords.argmin())} and {int(chords.argmin()) + 1} coincide; drop one")
+        knots = np.concatenate(([0.0], np.cumsum(chords)))
+        degree = 5 if count >= 6 else min(3, count - 1)
+        turning = Rotation.from_matrix(self.rotations)
+        moved = (turning[:-1].inv() * turning[1:]).magnitude().max() > 1e-12
+        object.__setattr__(self, "_position", make_interp_spline(knots, self.points, k=degree))
+        object.__setattr__(self, "_turning", RotationSpline(knots, turning) if moved else None)
+        u = np.linspace(0.0, knots[-1], CELLS * (count - 1) + 1)
+        object.__setattr__(self, "_u", u)
+        object.__setattr__(self, "_s", np.concatenate(([0.0], np.cumsum(self._length(u[:-1], u[1:])))))
+
+    @property
+    def s_min(self) -> float:
+        """First coordinate [m]: 0."""
+        return 0.0
+
+    @property
+    def s_max(self) -> float:
+        """Length of the path [m]."""
+        return float(self._s[-1])
+
+    def pose(self, s: Array) -> tuple[Array, Array]:
+        """Orientations (3, 3, k) and positions (3, k) [m] of the tool."""
+        u = self._parameter(s)
+        return self._rotation(u), self._position(u).T
+
+    def twist(self, s: Array) -> Array:
+        """Velocity of the tool per unit of s, (6, k) [1, rad/m]."""
+        u = self._parameter(s)
+        first = self._position(u, 1).T
+        speed = np.linalg.norm(first, axis=0)
+        return np.concatenate((first / speed, self._angular(u, 1) / speed))
+
+    def twist_rate(self, s: Array) -> Array:
+        """Derivative of the twist by s, (6, k) [1/m, rad/m^2]."""
+        u = self._parameter(s)
+        first, second = self._position(u, 1).T, self._position(u, 2).T
+        speed = np.linalg.norm(first, axis=0)
+        along = first / speed
+        gain = (along * second).sum(axis=0)  # d speed / du
+        bending = (second - along * gain) / speed**2
+        turning = self._angular(u, 2) / speed**2 - self._angular(u, 1) * gain / speed**3
+        return np.concatenate((bending, turning))
+
+    def describe(self) -> dict[str, Any]:
+        """The points and orientations."""
+        return {"kind": "spline", "points": self.points.tolist(), "rotations": self.rotations.tolist()}
+
+    def _rotation(self, u: Array) -> Array:
+        if self._turning is None:
+            return np.broadcast_to(self.rotations[0][:, :, None], (3, 3, len(u)))
+        return np.asarray(self._turning(u).as_matrix().transpose(1, 2, 0))
+
+    def _angular(self, u: Array, order: int) -> Array:
+        """Angular velocity (order 1) or acceleration (2) by u in base axes, (3, k); scipy gives them in the tool's."""
+        if self._turning is None:
+            return np.zeros((3, len(u)))
+        return np.einsum("ijk,kj->ik", self._rotation(u), self._turning(u, order))
+
+    def _length(self, start: Array, end: Array) -> Array:
+        """Arc length between parameters within one cell, (k,) [m]: Gauss-Legendre quadrature."""
+        half = (end - start) / 2
+        u = (start + end)[:, None] / 2 + half[:, None] * GAUSS_POINTS
+        return half * (np.linalg.norm(self._position(u, 1), axis=2) @ GAUSS_WEIGHTS)
+
+    def _parameter(self, s: Array) -> Array:
+        """Parameters at arc lengths s, (k,), by Newton's method."""
+        u = np.interp(s, self._s, self._u)
+        for _ in range(NEWTON):
+            cell = np.clip(np.searchsorted(self._u, u, side="right") - 1, 0, len(self._u) - 2)
+            missing = s - self._s[cell] - self._length(self._u[cell], u)
+            u = u + missing / np.linalg.norm(self._position(u, 1), axis=1)
+        return np.asarray(np.clip(u, 0.0, self._u[-1]))

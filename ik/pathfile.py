@@ -5,18 +5,14 @@ from pathlib import Path as File
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
-from numpy.typing import NDArray
 
 from armdyn.errors import InputError, UnknownNameError
-from ik.path import CirclePath, LinePath, Path
-from ik.spline import SplinePath
+from ik.path import CirclePath, LinePath, Path, SplinePath
 from urdf import Line, UrdfError
-
-Array = NDArray[np.float64]
+from urdf.robot import Array, rotation_of
 
 KINDS = ("line", "circle", "spline")
-UNASKED = 1e-3  # m/s, slower than any arm: nothing is asked of the core
+UNASKED = 1e-3  # m/s, slower than any arm: no speed is asked of the core
 
 
 def read_path(file: str | File) -> Path:
@@ -99,8 +95,7 @@ def _rotations(content: dict[str, Any]) -> Array:
         if key in content:
             return np.array(content[key], dtype=np.float64).reshape(-1, 3, 3)
     angles = np.array(content["tool_rpy"], dtype=np.float64).reshape(-1, 3)
-    # Rounded, so that right angles are exact.
-    return np.array([np.round(pin.rpy.rpyToMatrix(*rpy), 15) + 0.0 for rpy in angles])
+    return np.array([rotation_of(*rpy) for rpy in angles])
 
 
 def _vector(values: Any) -> Array:

@@ -1,9 +1,8 @@
-"""From a path to the branch of postures along it."""
+"""From a path to the branch of postures along it that keeps within the joint limits and touches nothing."""
 
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ik.branch import Branch
 from ik.chain import Chain
@@ -12,9 +11,8 @@ from ik.path import Path
 from ik.refine import refine
 from ik.selfmotion import Wish, best_sequence, null_space, project, trace
 from ik.solver import Solver
-from urdf import Robot
-
-Array = NDArray[np.float64]
+from urdf import CollisionModel, Robot
+from urdf.robot import Array
 
 SPACING = 0.01  # m between the nodes of the plan
 COARSE = 5  # nodes of the plan per node of the global search
@@ -115,3 +113,50 @@ def _start(robot: Robot, chain: Chain, rotation: Array, position: Array, s: floa
     if not len(found):
         raise UnreachableError(f"the arm cannot reach s = {s:.3f} m")
     return np.asarray(found[np.abs(found - robot.home).max(axis=1).argmin()])
+
+
+def plan_free(
+    robot: Robot, chain: Chain, path: Path, wish: Wish, collisions: CollisionModel
+) -> tuple[Branch, Array, Array]:
+    """Plan a branch, and plan it again around collisions where the best one touches something.
+
+    Args:
+        robot: the arm and its home posture.
+        chain: the same, for many postures at once.
+        path: where the tool should be.
+        wish: what is asked of the branch.
+        collisions: what the arm must not touch.
+
+    Returns:
+        The branch, coordinates s, (k,) [m], and postures on it, (k, n).
+
+    Raises:
+        UnreachableError: there is none; the message is the reason, as the end of a sentence.
+    """
+
+    def free(q: Array) -> bool:
+        return collisions.touching(q) is None
+
+    # Collision checks of every sampled posture are slow: they are made only where the best branch touches something.
+    for allowed in (None, free):
+        branch, s, q = plan_branch(robot, chain, path, wish, allowed)
+        why = objection(robot, collisions, s, q)
+        if not why:
+            return branch, s, q
+        if chain.joints != 7:  # without a spare joint there is only one branch
+            break
+    raise UnreachableError(why)
+
+
+def objection(robot: Robot, collisions: CollisionModel, s: Array, q: Array) -> str:
+    """What is wrong with postures (k, n) along a path, or nothing."""
+    margin = robot.limits.margin(q)
+    if margin.min() < 0:
+        node, joint = divmod(int(margin.argmin()), margin.shape[1])
+        beyond = f"{-margin[node, joint]:.3f} rad or m beyond its limit"
+        return f"at s = {s[node]:.3f} m joint '{robot.joint_names[joint]}' would be {beyond}"
+    for at, posture in zip(s, q, strict=True):
+        touching = collisions.touching(posture)
+        if touching is not None:
+            return f"at s = {at:.3f} m {touching[0]} would touch {touching[1]}"
+    return ""

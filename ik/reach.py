@@ -4,13 +4,11 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ik.path import Path
 from ik.solver import Solver
 from urdf import CollisionModel, Robot
-
-Array = NDArray[np.float64]
+from urdf.robot import Array
 
 POSTURES = 64  # tried per target before it is said to be in collision
 ALL_STARTS = 200  # starting postures that a search without joint limits may use

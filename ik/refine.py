@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 
 import clarabel
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from ik.branch import Branch
@@ -12,10 +11,9 @@ from ik.chain import Chain
 from ik.path import Path
 from ik.selfmotion import Wish
 from urdf import Limits
+from urdf.robot import Array
 
-Array = NDArray[np.float64]
-
-CURVATURE = 3e-3  # m^2 s: time that bending is worth; keeps accelerations small at next to no loss of speed
+CURVATURE = 3e-3  # m^2 s: cost of bending; it keeps accelerations small and costs little speed
 ROUNDS = 40
 ENOUGH = 1e-5  # s of traverse time
 

@@ -5,28 +5,26 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ik.chain import Chain
 from ik.errors import UnreachableError
-from ik.free import plan_free
 from ik.path import LinePath
+from ik.plan import plan_free
 from ik.selfmotion import Wish
 from ik.solver import Solver
-from ik.torque import TorqueRows
+from ik.torque import PathTorque
 from urdf import CollisionModel, Line, Robot
-
-Array = NDArray[np.float64]
+from urdf.robot import Array
 
 GRID = 0.1  # m between the targets of the first look
 REACHABLE_STARTS = 3  # per target of the first look
 ROWS = 8  # of the best rows that are planned
 STARTS = 3  # different postures from which each of them is planned
 STEPS = (0.05, 0.025, 0.0125)  # m by which the best line is then moved
-WANTED_MARGIN = 0.5  # rad; more counts no more
-WHOLE = 0.3  # what speed off the core counts
-AMBITIONS = (3.0, 0.8, 0.3)  # m/s asked of the core while searching, the next where the one before breaks a limit
-KEPT = 0.97  # share of the speed found that is asked for in the end: leaves room for joint margin
+WANTED_MARGIN = 0.5  # rad; a larger margin does not raise the score
+WHOLE = 0.3  # weight of the speed outside the core
+AMBITIONS = (3.0, 0.8, 0.3)  # m/s asked of the core while searching; a lower one is tried where a limit is broken
+KEPT = 0.97  # share of the speed found that the final line asks for; the rest leaves room for joint margin
 LOOKS = 9  # targets on a line that must be reachable at all
 
 
@@ -66,7 +64,7 @@ def search_line(robot: Robot, demand: Demand | None = None, progress: Callable[[
     """Vary distance, height and centre of a line; maximise usable speed and joint margin.
 
     The score is (least speed on the core + 0.3 least speed on the line) * min(1, margin / 0.5 rad); lines that touch
-    something, or on which some joint cannot hold the arm still, with or without springs, are out.
+    something, or on which some joint cannot hold the arm still, with or without springs, are rejected.
 
     Only lines in front of the base, to the right of somebody who looks along the direction, are looked at. First the
     reachable targets of a grid, then plans of the most promising rows of it, then smaller and smaller moves
@@ -116,7 +114,7 @@ def upright_rotation(rotation: Array) -> Array:
         row, column = np.unravel_index(left.argmax(), left.shape)
         nearest[row, column] = np.sign(rotation[row, column])
         left[row, :] = left[:, column] = -1.0
-    if np.linalg.det(nearest) < 0:  # the weakest of the three choices was the wrong one
+    if np.linalg.det(nearest) < 0:  # the weakest of the three choices is reversed
         weakest = int(np.abs((nearest * rotation).sum(axis=0)).argmin())
         nearest[:, weakest] *= -1.0
     return nearest + 0.0
@@ -157,7 +155,7 @@ class _Search:
                 origins.append(grid[i, j, k] @ frame)
         chosen: list[Array] = []
         for index in np.argsort(scores)[::-1]:
-            # Not all of them neighbours of the same place.
+            # The chosen origins must not all be neighbours.
             if all(np.linalg.norm(origins[index] - other) > 1.2 * GRID for other in chosen):
                 chosen.append(origins[index])
             if len(chosen) == ROWS:
@@ -198,7 +196,7 @@ class _Search:
             return None
         rate, bending, _ = branch.derivatives(self.chain, path, s, q)
         limits = self.robot.limits
-        hold = TorqueRows.of(self.robot, q, rate, bending)
+        hold = PathTorque.of(self.robot, q, rate, bending)
         without, helped = (
             float((np.abs(hold.torque(0.0, 0.0, springs)) / limits.effort).max()) for springs in (False, True)
         )

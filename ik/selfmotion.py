@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from ik.chain import Chain, rotation_error
 from ik.path import Path
 from urdf import Limits
-
-Array = NDArray[np.float64]
+from urdf.robot import Array
 
 STEP = 0.02  # rad along the self-motion
 LONGEST = 3.2  # rad to either side: about half a turn of the elbow
@@ -85,7 +84,7 @@ def trace(chain: Chain, path: Path, s: Array, q: Array) -> tuple[Array, NDArray[
     """
     rotation, position = path.pose(s)
     reference = null_space(chain.jacobian(chain.motion(q)))[:, :, 0]
-    # One sign along the path, so that equal steps mean similar postures.
+    # Equal signs along the path, so that equal steps give similar postures.
     for node in range(1, len(s)):
         if reference[node] @ reference[node - 1] < 0:
             reference[node] *= -1

@@ -9,11 +9,10 @@ from scipy.spatial import cKDTree
 from armdyn.errors import InputError
 from ik.chain import Chain, rotation_error
 from urdf import Robot
-
-Array = NDArray[np.float64]
+from urdf.robot import Array
 
 LIBRARY = 10_000  # random postures to start from; more cost more to search than they save in iterations
-SEED = 1_618_033  # of the library; no seed that a test or a user would draw targets from, so that none is in it
+SEED = 1_618_033  # of the library; unusual, so that no test or user draws its targets from the same seed
 STARTS = 32  # nearest of them tried in turn
 ITERATIONS = 20
 TOLERANCE = 1e-9  # m and rad

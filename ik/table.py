@@ -1,20 +1,21 @@
 """The table of a path: postures, their derivatives, Jacobians and limits, with exact lookup between nodes."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path as File
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from armdyn.errors import InputError
+from ik.errors import StaleTableError
 from ik.path import LinePath, Path
-from ik.torque import TorqueRows
+from ik.pathfile import path_of
+from ik.tablefile import REBUILD, read_arrays, reading, write_arrays
+from ik.torque import PathTorque
 from urdf import Line, Robot
-from urdf.robot import read_only
-
-Array = NDArray[np.float64]
+from urdf.robot import Array, read_only
 
 LOOKUP_SLACK = 1e-9  # m beyond the ends that rounding may ask for
 
@@ -31,6 +32,7 @@ ARRAYS = (
     "acceleration_limits",
     "effort_limits",
 )
+TORQUES = tuple(item.name for item in fields(PathTorque))
 
 
 class Posture(NamedTuple):
@@ -91,7 +93,7 @@ class PathTable:
     velocity_limits: Array
     acceleration_limits: Array
     effort_limits: Array
-    torque: TorqueRows
+    torque: PathTorque
     fingerprint: str
     joint_margin: float = field(init=False)
     speed_limit: Array = field(init=False)
@@ -124,7 +126,7 @@ class PathTable:
         start, end = self.q[node], self.q[node + 1]
         speed, end_speed = width * self.dq_ds[node], width * self.dq_ds[node + 1]
         bend, end_bend = 0.5 * width**2 * self.d2q_ds2[node], 0.5 * width**2 * self.d2q_ds2[node + 1]
-        # What the parabola from the left end misses at the right end, in value, slope and half the bend.
+        # Error at the right end of the parabola from the left end: in value, slope and half the bend.
         value_gap = end - start - speed - bend
         slope_gap = end_speed - speed - 2 * bend
         bend_gap = end_bend - bend
@@ -163,17 +165,6 @@ class PathTable:
         posture = self.posture(s)
         speed = self._speed(posture.dq_ds) if v is None else np.asarray(v, dtype=np.float64)
         return self._acceleration(posture.dq_ds, posture.d2q_ds2, speed)
-
-    def torque_at(self, s: ArrayLike, v: ArrayLike, a: ArrayLike, springs: bool = False) -> Array:
-        """Torque of the motors [N m] for a motion on the path without load, (n,) or (k, n).
-
-        Args:
-            s: path coordinate [m], a scalar or (k,).
-            v: its velocity [m/s], of the same shape.
-            a: its acceleration [m/s^2], of the same shape.
-            springs: whether the robot's springs help.
-        """
-        return self.torque.at(self.s, self._on_table(s)).torque(v, a, springs)
 
     def torque_acceleration_range(self, s: ArrayLike, v: ArrayLike = 0.0, springs: bool = False) -> tuple[Array, Array]:
         """Lowest and highest acceleration on the path [m/s^2] within the torque limits, each of the shape of s.
@@ -223,10 +214,20 @@ class PathTable:
         return np.min(left / np.maximum(np.abs(dq_ds), 1e-12), axis=-1)
 
     def save(self, path: str | File) -> None:
-        """Write the table as an npz file; an interrupted write leaves no broken file behind."""
-        from ik.tablefile import save
+        """Write the table as an npz file; an interrupted write leaves no broken file behind.
 
-        save(self, File(path))
+        Raises:
+            InputError: the file cannot be written.
+        """
+        about = {
+            "robot": self.robot_name,
+            "joints": self.joint_names,
+            "tool_frame": self.tool_frame,
+            "path": self.path.describe(),
+            "fingerprint": self.fingerprint,
+        }
+        arrays = {name: getattr(self, name) for name in ARRAYS}
+        write_arrays(File(path), about, arrays | {name: getattr(self.torque, name) for name in TORQUES})
 
     @classmethod
     def load(cls, path: str | File, robot: Robot | None = None) -> Self:
@@ -240,9 +241,26 @@ class PathTable:
             InputError: there is no such file.
             StaleTableError: it is damaged, of another robot or other settings of this robot, or not of this kind.
         """
-        from ik.tablefile import load
-
-        return load(cls, File(path), robot)
+        source = File(path)
+        with reading(source):
+            about, arrays = read_arrays(source, (*ARRAYS, *TORQUES))
+            content: dict[str, Any] = {
+                "robot_name": about["robot"],
+                "joint_names": tuple(about["joints"]),
+                "tool_frame": about["tool_frame"],
+                "path": path_of(about["path"]),
+                "torque": PathTorque(**{name: arrays.pop(name) for name in TORQUES}),
+                "fingerprint": about["fingerprint"],
+                **arrays,
+            }
+        kind, name = about["path"]["kind"], about["robot"]
+        if issubclass(cls, LineTable) and kind != "line":
+            raise StaleTableError(f"{source}: the table of a {kind}, not of a line; {REBUILD}")
+        if robot is not None and name != robot.name:
+            raise StaleTableError(f"{source}: the table is of robot '{name}', not '{robot.name}'; {REBUILD}")
+        if robot is not None and about["fingerprint"] != robot.fingerprint:
+            raise StaleTableError(f"{source}: the URDF or the settings of '{robot.name}' have changed since; {REBUILD}")
+        return cls(**content)
 
 
 @dataclass(frozen=True)

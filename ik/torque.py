@@ -1,43 +1,99 @@
-r"""What motion along a path takes from the joints' torques.
+r"""The torque that the motors must give: at postures in motion, and along a path.
 
-The equation of motion \tau = M q'' + C q' + g + d q' (d the URDF's viscous damping), with q' = q_s v and
-q'' = q_s a + q_ss v^2, is linear in the acceleration a of the path coordinate:
+Inverse dynamics with what Pinocchio's RNEA leaves out, the URDF's viscous damping d and the robot's springs:
 
-    \tau = push a + sling v^2 + drag v + hold,
+    \tau = M a + C v + g + d v + \tau_spring.
 
-    push = M q_s,   sling = M q_ss + C(q, q_s) q_s,   drag = d q_s,   hold = g.
+Along a path, with v = q_s \dot s and a = q_s \ddot s + q_ss \dot s^2, it is linear in the path's acceleration:
+
+    \tau = inertial \ddot s + centrifugal \dot s^2 + damping \dot s + gravity,
+
+    inertial = M q_s,   centrifugal = M q_ss + C(q, q_s) q_s,   damping = d q_s,   gravity = g.
 
 (Bobrow, Dubowsky, Gibson 1985, The International Journal of Robotics Research 4(3).)
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from urdf import Robot
-from urdf.robot import read_only
+from armdyn.errors import InputError, UnknownNameError
+from urdf import Robot, Spring
+from urdf.robot import Array, read_only
 
-Array = NDArray[np.float64]
+
+def rigid_torque(model: pin.Model, q: Array, v: Array, a: Array) -> Array:
+    """M a + C v + g, (k, n) [N m], at postures, speeds and accelerations (k, n)."""
+    data = model.createData()
+    return np.array([pin.rnea(model, data, *row) for row in zip(q, v, a, strict=True)]).reshape(len(q), model.nv)
+
+
+def spring_torque(robot: Robot, springs: Sequence[Spring], q: Array) -> Array:
+    """What the motors give on top because of springs, (k, n) [N m], at postures (k, n).
+
+    Raises:
+        UnknownNameError: a spring is on a joint that the arm does not have.
+    """
+    torque = np.zeros_like(q)
+    for spring in springs:
+        if spring.joint not in robot.joint_names:
+            raise UnknownNameError(f"joint of a spring of {robot.name}", spring.joint, robot.joint_names)
+        joint = robot.joint_names.index(spring.joint)
+        torque[:, joint] += spring.torque(q[:, joint])
+    return torque
+
+
+class JointTorque:
+    """Motor torques for a motion of the arm, with a load as a point mass at the tool point.
+
+    Args:
+        robot: the arm.
+        load_mass: hanging from the tool point [kg].
+        springs: count the springs of the robot's settings; by default those that the settings switch on.
+
+    Raises:
+        InputError: if the mass is negative or not a number.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        load_mass: float = 0.0,
+        springs: bool | None = None,
+    ) -> None:
+        if not (np.isfinite(load_mass) and load_mass >= 0.0):
+            raise InputError(f"load mass: {load_mass} kg is no mass; give a number of kg, 0 or more")
+        self._robot, self._model = robot, pin.Model(robot.model)
+        frame = robot.model.frames[robot.tool_frame_id]
+        lever = frame.placement.act(np.asarray(robot.tool_offset))
+        self._model.inertias[frame.parentJoint] += pin.Inertia(load_mass, lever, np.zeros((3, 3)))
+        self._springs = [spring for spring in robot.springs if (spring.enabled if springs is None else springs)]
+
+    def __call__(self, q: Array, v: Array, a: Array) -> Array:
+        """Torques (k, n) [N m] at positions [rad], speeds [rad/s] and accelerations [rad/s^2] (k, n)."""
+        tau = rigid_torque(self._model, q, v, a) + np.asarray(self._robot.model.damping) * v
+        return tau + spring_torque(self._robot, self._springs, q)
 
 
 @dataclass(frozen=True)
-class TorqueRows:
-    """The four rows along a path and what springs add; every array is (k, n).
+class PathTorque:
+    """The four terms of the torque along a path, and what springs add; every array is (k, n).
 
     Attributes:
-        push: torque per acceleration [N m s^2/m].
-        sling: torque per squared speed [N m s^2/m^2].
-        drag: torque per speed [N m s/m].
-        hold: torque against gravity at rest [N m].
+        inertial: torque per acceleration [N m s^2/m].
+        centrifugal: torque per squared speed [N m s^2/m^2].
+        damping: torque per speed [N m s/m].
+        gravity: torque at rest [N m].
         springs: what the robot's springs add to the motors' torque where they are counted in [N m].
     """
 
-    push: Array
-    sling: Array
-    drag: Array
-    hold: Array
+    inertial: Array
+    centrifugal: Array
+    damping: Array
+    gravity: Array
     springs: Array
 
     def __post_init__(self) -> None:
@@ -45,8 +101,8 @@ class TorqueRows:
             object.__setattr__(self, item.name, read_only(getattr(self, item.name)))
 
     @classmethod
-    def of(cls, robot: Robot, q: Array, dq_ds: Array, d2q_ds2: Array) -> "TorqueRows":
-        """The rows at postures of a path.
+    def of(cls, robot: Robot, q: Array, dq_ds: Array, d2q_ds2: Array) -> "PathTorque":
+        """The terms at postures of a path.
 
         Args:
             robot: the arm.
@@ -54,19 +110,18 @@ class TorqueRows:
             dq_ds: their first derivatives by the path coordinate, (k, n).
             d2q_ds2: their second derivatives, (k, n).
         """
-        model, data, still = robot.model, robot.model.createData(), np.zeros(robot.model.nv)
-        hold = np.array([pin.rnea(model, data, at, still, still) for at in q])
-        push = np.array([pin.rnea(model, data, at, still, rate) for at, rate in zip(q, dq_ds, strict=True)]) - hold
-        both = zip(q, dq_ds, d2q_ds2, strict=True)
-        sling = np.array([pin.rnea(model, data, at, rate, bending) for at, rate, bending in both]) - hold
-        springs = np.zeros_like(hold)
-        for spring in robot.springs:
-            joint = robot.joint_names.index(spring.joint)
-            springs[:, joint] += spring.torque(q[:, joint])
-        return cls(push, sling, np.asarray(model.damping) * dq_ds, hold, springs)
+        model, still = robot.model, np.zeros_like(q)
+        gravity = rigid_torque(model, q, still, still)
+        return cls(
+            inertial=rigid_torque(model, q, still, dq_ds) - gravity,
+            centrifugal=rigid_torque(model, q, dq_ds, d2q_ds2) - gravity,
+            damping=np.asarray(model.damping) * dq_ds,
+            gravity=gravity,
+            springs=spring_torque(robot, robot.springs, q),
+        )
 
-    def at(self, s: Array, at: ArrayLike) -> "TorqueRows":
-        """Rows between nodes, linear from node to node.
+    def at(self, s: Array, at: ArrayLike) -> "PathTorque":
+        """The terms between nodes, linear from node to node.
 
         Args:
             s: evenly spaced nodes, (k,) [m].
@@ -75,12 +130,8 @@ class TorqueRows:
         place = (np.asarray(at, dtype=np.float64) - s[0]) / (s[-1] - s[0]) * (len(s) - 1)
         node = np.clip(place.astype(int), 0, len(s) - 2)
         share = (place - node)[..., None]
-        return TorqueRows(
-            *(
-                (1 - share) * getattr(self, item.name)[node] + share * getattr(self, item.name)[node + 1]
-                for item in fields(self)
-            )
-        )
+        terms = (getattr(self, item.name) for item in fields(self))
+        return PathTorque(*((1 - share) * term[node] + share * term[node + 1] for term in terms))
 
     def torque(self, v: ArrayLike, a: ArrayLike, springs: bool = False) -> Array:
         """Torque of the motors, (k, n) [N m].
@@ -91,7 +142,7 @@ class TorqueRows:
             springs: whether the robot's springs help.
         """
         speed, acceleration = np.asarray(v, dtype=np.float64)[..., None], np.asarray(a, dtype=np.float64)[..., None]
-        torque = self.push * acceleration + self.sling * speed**2 + self.drag * speed + self.hold
+        torque = self.inertial * acceleration + self.centrifugal * speed**2 + self.damping * speed + self.gravity
         return torque + self.springs if springs else torque
 
     def acceleration_range(self, effort: Array, v: ArrayLike, springs: bool = False) -> tuple[Array, Array]:
@@ -106,6 +157,6 @@ class TorqueRows:
             springs: whether the robot's springs help.
         """
         taken = self.torque(v, 0.0, springs)
-        push = np.where(np.abs(self.push) < 1e-12, 1e-12, self.push)
-        ends = np.array([(effort - taken) / push, (-effort - taken) / push])
+        inertial = np.where(np.abs(self.inertial) < 1e-12, 1e-12, self.inertial)
+        ends = np.array([(effort - taken) / inertial, (-effort - taken) / inertial])
         return ends.min(axis=0).max(axis=-1), ends.max(axis=0).min(axis=-1)

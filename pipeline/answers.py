@@ -55,10 +55,31 @@ def repair_answer(found: Repair) -> dict[str, Any]:
         "explained": number(found.explained),
         "effects": [effect.name for effect in found.model.effects],
         **fit_answer(found.after),
-        "steps": [rung_answer(rung) for rung in found.ladder],
+        "steps": [step_answer(step) for step in found.ladder],
         "links": [link_answer(link) for link in found.links],
         "unknown": unknown_answer(found.unknown),
     }
+
+
+def history_entries(study: Study, found: Repair) -> list[dict[str, Any]]:
+    """What the model file keeps of each step of a repair."""
+    names = {"runs": [run.name for run in study.runs], "held_out": [run.name for run in study.held_out]}
+    if study.exam:
+        names["exam"] = [run.name for run in study.exam]
+    return [
+        {
+            "added": _one_or_list(step.added),
+            "joints": list(step.joints) or None,
+            "removed": list(step.removed) or None,
+            **names,
+            "rmse": errors(step.rmse),
+            "held_out_rmse": errors(step.held_out_rmse) or None,
+            "exam_rmse": errors(step.exam_rmse) or None,
+            "chi2_per_sample": number(step.chi2_per_sample),
+            "bic": number(step.bic),
+        }
+        for step in found.ladder[1:]
+    ]
 
 
 def link_answer(link: "LinkChange") -> dict[str, Any]:
@@ -109,7 +130,7 @@ def fit_answer(found: Comparison) -> dict[str, Any]:
 
 
 def preparation_answer(problem: Problem) -> dict[str, Any]:
-    """By channel what was compared of what was recorded, over all training runs; empty where nothing was filtered."""
+    """Per channel which part of the training runs was compared; empty where nothing was filtered."""
     return {
         name: {
             "cutoff_hz": number(done.cutoff),
@@ -132,18 +153,18 @@ def parameters_answer(parameters: Mapping[str, FittedParameter]) -> dict[str, An
     }
 
 
-def rung_answer(rung: Rung) -> dict[str, Any]:
-    """One step of the ladder."""
+def step_answer(step: Rung) -> dict[str, Any]:
+    """One step of the repair path."""
     return {
-        "added": _one_or_list(rung.added),
-        "joints": list(rung.joints),
-        "removed": list(rung.removed),
-        "tied_with": list(rung.tied_with),
-        "rmse": errors(rung.rmse),
-        "held_out_rmse": errors(rung.held_out_rmse),
-        "exam_rmse": errors(rung.exam_rmse),
-        "chi2_per_sample": number(rung.chi2_per_sample),
-        "bic": number(rung.bic),
+        "added": _one_or_list(step.added),
+        "joints": list(step.joints),
+        "removed": list(step.removed),
+        "tied_with": list(step.tied_with),
+        "rmse": errors(step.rmse),
+        "held_out_rmse": errors(step.held_out_rmse),
+        "exam_rmse": errors(step.exam_rmse),
+        "chi2_per_sample": number(step.chi2_per_sample),
+        "bic": number(step.bic),
     }
 
 
@@ -212,5 +233,5 @@ def _place(place: Place) -> dict[str, Any]:
 
 
 def _one_or_list(names: Iterable[str]) -> Any:
-    """Null, a name, or several joined by `` + `` where they only help together."""
+    """Null, one name, or several names joined by `` + `` where they only help together."""
     return " + ".join(names) or None

@@ -7,7 +7,7 @@ import typer
 from typer.exceptions import TyperException
 
 from armdyn.errors import ArmdynError, TaskFailedError
-from urdf.errors import UrdfError
+from urdf.robot import UrdfError
 
 app = typer.Typer(
     name="armdyn",
@@ -17,10 +17,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-COMMANDS = (
-    *("trial", "table", "new", "effects", "compare", "diagnose", "add", "repair"),
-    *("ik", "arm", "check", "loadcell"),
-)
+COMMANDS = ("trial", "models", "identify", "ik", "arm", "check", "loadcell")
+"""Modules of `pipeline.commands`, in the order in which `armdyn --help` lists their commands."""
 
 
 def _register() -> None:

@@ -16,6 +16,18 @@ class Clearance(NamedTuple):
     second: str
 
 
+def collision_shapes(robot: Robot) -> tuple[pin.Model, pin.GeometryModel]:
+    """Model of the arm, and the collision shapes of the whole robot on it."""
+    full = pin.buildModelFromXML(robot.urdf_xml)
+    # Directories go in by name: pin 4.1 takes the third positional argument for something else.
+    shapes = pin.buildGeomFromUrdfString(
+        full, robot.urdf_xml, pin.GeometryType.COLLISION, package_dirs=[str(path) for path in robot.package_dirs]
+    )
+    locked = [index for index in range(1, full.njoints) if full.names[index] not in robot.joint_names]
+    model, shapes = pin.buildReducedModel(full, shapes, locked, pin.neutral(full))
+    return model, shapes
+
+
 class CollisionModel:
     """The collision shapes of a robot and the pairs of them that are worth checking.
 
@@ -26,13 +38,7 @@ class CollisionModel:
     """
 
     def __init__(self, robot: Robot) -> None:
-        full = pin.buildModelFromXML(robot.urdf_xml)
-        # Directories go in by name: pin 4.1 takes the third positional argument for something else.
-        shapes = pin.buildGeomFromUrdfString(
-            full, robot.urdf_xml, pin.GeometryType.COLLISION, package_dirs=[str(path) for path in robot.package_dirs]
-        )
-        locked = [index for index in range(1, full.njoints) if full.names[index] not in robot.joint_names]
-        self._model, self._shapes = pin.buildReducedModel(full, shapes, locked, pin.neutral(full))
+        self._model, self._shapes = collision_shapes(robot)
         self._shapes.addAllCollisionPairs()
         if robot.srdf_path is not None:
             pin.removeCollisionPairs(self._model, self._shapes, str(robot.srdf_path))

@@ -4,7 +4,7 @@ import os
 from importlib import metadata
 from pathlib import Path, PurePosixPath
 
-from urdf.errors import UrdfError
+from urdf.robot import UrdfError
 
 
 def distribution_file(distribution: str, tail: str) -> Path:

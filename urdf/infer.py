@@ -1,4 +1,4 @@
-"""Settings of a robot that nobody has written any for."""
+"""Settings for a robot without a settings file."""
 
 import math
 from pathlib import Path
@@ -7,8 +7,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pinocchio as pin
 
-from urdf.errors import UrdfError
-from urdf.robot import Array
+from urdf.robot import Array, UrdfError
 from urdf.settings import Settings
 
 MOVING = ("revolute", "continuous", "prismatic")

@@ -11,11 +11,9 @@ import numpy as np
 import pinocchio as pin
 
 from urdf import infer, validate
-from urdf.errors import UrdfError
 from urdf.find import distribution_file
-from urdf.inertia import mend_inertias
-from urdf.mend import add_frames, bound_continuous_joints, leave_out_shapes
-from urdf.robot import Limits, Robot
+from urdf.mend import add_frames, bound_continuous_joints, leave_out_shapes, mend_inertias
+from urdf.robot import Limits, Robot, UrdfError
 from urdf.settings import Settings, read_settings
 
 SETTINGS = Path(__file__).parent / "robots"

@@ -1,11 +1,15 @@
-"""What a URDF lacks or says in a way that an arm cannot use, added or rewritten without guessing."""
+"""What a URDF lacks, or says in a way that an arm cannot use, is added or rewritten; impossible inertias are mended."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from urdf.robot import Array
+import numpy as np
+
+from urdf.find import locate_mesh
+from urdf.robot import Array, UrdfError
 
 TURN = 2 * math.pi
 
@@ -80,3 +84,150 @@ def leave_out_shapes(root: ET.Element, missing: Iterable[str]) -> list[str]:
             if mesh is not None and mesh.get("filename") in gone:
                 link.remove(shape)
     return [f"mesh '{uri}' is missing; left out, and no collision is checked against it" for uri in gone]
+
+
+PLACEHOLDER = 0.01  # m; smaller shapes are placeholders
+SMALLEST_SHARE = 0.1  # share of the radius of gyration that a link's shapes suggest; less is a point mass
+LIGHTEST = 1e-3  # kg; lighter links only mark a place
+SUSPICIOUS = 0.25  # m of gyration from which a mesh is opened to measure it; primitive shapes are always measured
+BALANCE = 1e-6  # relative slack of the triangle inequality, for numbers that were rounded when written
+MOMENTS = ("ixx", "iyy", "izz")
+PRODUCTS = ("ixy", "ixz", "iyz")
+
+Box = tuple[Array, Array]
+
+
+def mend_inertias(root: ET.Element, path: Path | None = None, directories: tuple[Path, ...] = ()) -> list[str]:
+    """Hold every link's inertia against its mass and its collision shapes.
+
+    The radius of gyration sqrt(I/m) of a body never exceeds its largest extent. Baxter's fingers break this rule:
+    0.01 kg m^2 at 20 g is a ring of 0.7 m radius. Such inertias get the value of a solid of the link's shapes. One far
+    too small is left alone, as it does little harm and an author may mean a point mass: it is listed.
+
+    Args:
+        root: the URDF; changed in place.
+        path: its file, to find meshes; without it meshes are not measured.
+        directories: where packages are looked up.
+
+    Returns:
+        A sentence per link, with what was done.
+
+    Raises:
+        UrdfError: a mass or inertia is not a number, or a mass is negative.
+    """
+    sentences = []
+    for link in root.iter("link"):
+        mass_element, inertia_element = link.find("inertial/mass"), link.find("inertial/inertia")
+        if mass_element is None or inertia_element is None:
+            continue
+        name = str(link.get("name"))
+        mass = _number(mass_element, "value", name)
+        moments = [_number(inertia_element, key, name) for key in MOMENTS]
+        products = [_number(inertia_element, key, name) for key in PRODUCTS]
+        if mass < 0:
+            raise UrdfError(f"link '{name}': its mass is {mass:g} kg; it must not be negative")
+        boxes = list(_boxes(link, path, directories, mass, max(moments)))
+        said = _judge(name, mass, moments, products, boxes)
+        if said is None:
+            continue
+        sentence, mended = said
+        sentences.append(sentence)
+        if mended is not None:
+            for key, value in zip(MOMENTS, mended, strict=True):
+                inertia_element.set(key, repr(float(value)))
+            for key in PRODUCTS:
+                inertia_element.set(key, "0")
+    return sentences
+
+
+def _judge(
+    name: str, mass: float, moments: list[float], products: list[float], boxes: list[Box]
+) -> tuple[str, Array | None] | None:
+    """What is wrong with an inertia and, where it was mended, the moments (3,) [kg m^2] that it gets."""
+    largest, extent = max(moments), max((float(np.linalg.norm(size)) for _, size in boxes), default=0.0)
+    solid = _inertia_of_boxes(mass, boxes) if extent >= PLACEHOLDER and mass > 0 else None
+    if solid is not None and math.sqrt(max(largest, 0.0) / mass) > extent:
+        body = 2 * math.sqrt(largest / mass)
+        sentence = (
+            f"link '{name}': inertia {largest:g} kg m^2 at {mass:g} kg needs a body of {body:.2g} m; "
+            f"replaced by that of its collision shapes, {max(solid):.2g} kg m^2"
+        )
+        return sentence, solid
+    if solid is not None and mass >= LIGHTEST and largest < SMALLEST_SHARE**2 * max(solid):
+        size = 2e3 * math.sqrt(max(largest, 0.0) / mass)
+        sentence = (
+            f"link '{name}': inertia {largest:g} kg m^2 at {mass:g} kg is that of a body of {size:.2g} mm, its "
+            f"collision shapes suggest {max(solid):.2g} kg m^2; left as it is"
+        )
+        return sentence, None
+    tensor = np.diag(moments)
+    tensor[np.triu_indices(3, 1)] = products
+    principal = np.linalg.eigvalsh(tensor, UPLO="U")
+    if principal[0] < -BALANCE * largest or principal[2] > (1 + BALANCE) * (principal[0] + principal[1]):
+        values = ", ".join(f"{value:.3g}" for value in principal)
+        sentence = (
+            f"link '{name}': principal moments {values} kg m^2 belong to no body, as each must be positive and at "
+            "most the sum of the others; left as they are"
+        )
+        return sentence, None
+    return None
+
+
+def _boxes(
+    link: ET.Element, path: Path | None, directories: tuple[Path, ...], mass: float, largest: float
+) -> Iterator[Box]:
+    """Boxes around the collision shapes of a link: centre (3,) and size (3,) [m], in the link's axes."""
+    for collision in link.findall("collision"):
+        origin = collision.find("origin")
+        centre = _vector(origin.get("xyz", "0 0 0") if origin is not None else "0 0 0")
+        box, cylinder, sphere, mesh = (
+            collision.find(f"geometry/{kind}") for kind in ("box", "cylinder", "sphere", "mesh")
+        )
+        if box is not None:
+            yield centre, _vector(box.get("size", "0 0 0"))
+        elif cylinder is not None:
+            width = 2 * float(cylinder.get("radius", "0"))
+            yield centre, np.array([width, width, float(cylinder.get("length", "0"))])
+        elif sphere is not None:
+            yield centre, np.full(3, 2 * float(sphere.get("radius", "0")))
+        elif mesh is not None and path is not None and mass > 0 and largest > mass * SUSPICIOUS**2:
+            found = locate_mesh(mesh.get("filename", ""), path, directories)
+            if found is not None:
+                low, high = _mesh_bounds(found, _vector(mesh.get("scale", "1 1 1")))
+                yield centre + (low + high) / 2, high - low
+
+
+def _mesh_bounds(path: Path, scale: Array) -> tuple[Array, Array]:
+    """Lowest and highest corner (3,) [m] of a mesh."""
+    import coal
+
+    mesh = coal.MeshLoader().load(str(path), scale)
+    mesh.computeLocalAABB()
+    return np.array(mesh.aabb_local.min_), np.array(mesh.aabb_local.max_)
+
+
+def _inertia_of_boxes(mass: float, boxes: list[Box]) -> Array:
+    """Moments (3,) [kg m^2] of boxes of one density about their common centre of mass."""
+    volumes = np.array([np.prod(size) for _, size in boxes])
+    shares = mass * volumes / volumes.sum()
+    centre = sum((share * c for share, (c, _) in zip(shares, boxes, strict=True)), np.zeros(3)) / mass
+    total = np.zeros(3)
+    for share, (c, size) in zip(shares, boxes, strict=True):
+        squares, offsets = size**2 / 12, (c - centre) ** 2
+        total += share * (squares.sum() - squares + offsets.sum() - offsets)
+    return total
+
+
+def _number(element: ET.Element, key: str, link: str) -> float:
+    text = element.get(key, "0")
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise UrdfError(f"link '{link}': {element.tag} has {key}=\"{text}\"; it must be a finite number")
+    return value
+
+
+def _vector(text: str) -> Array:
+    return np.array([float(value) for value in text.split()])

@@ -7,7 +7,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from urdf.errors import UrdfError
+
+class UrdfError(Exception):
+    """A robot description that cannot be used: the message says what, where and what to do, in one line."""
+
 
 Array = NDArray[np.float64]
 
@@ -17,6 +20,11 @@ def read_only(values: ArrayLike) -> Array:
     array = np.array(values, dtype=np.float64)
     array.setflags(write=False)
     return array
+
+
+def rotation_of(roll: float, pitch: float, yaw: float) -> Array:
+    """Orientation (3, 3) of roll, pitch and yaw [rad]; rounded, so that right angles are exact."""
+    return np.asarray(np.round(pin.rpy.rpyToMatrix(roll, pitch, yaw), 15) + 0.0)
 
 
 @dataclass(frozen=True)

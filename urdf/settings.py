@@ -6,11 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
-from urdf.errors import UrdfError
 from urdf.mend import Frame
-from urdf.robot import Array, Line, Spring
+from urdf.robot import Array, Line, Spring, UrdfError, rotation_of
 
 
 @dataclass(frozen=True)
@@ -115,8 +113,7 @@ def _line(entry: dict[str, Any]) -> Line:
     return Line(
         origin=_vector(entry["origin"]),
         direction=_vector(entry["direction"]),
-        # Rounded, so that right angles are exact.
-        rotation=np.round(pin.rpy.rpyToMatrix(*map(float, entry["tool_rpy"])), 15) + 0.0,
+        rotation=rotation_of(*map(float, entry["tool_rpy"])),
         s_min=first,
         s_max=last,
         core=(low, high),

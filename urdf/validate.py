@@ -4,8 +4,8 @@ import math
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from urdf.errors import UrdfError
 from urdf.find import locate_mesh, package_dirs
+from urdf.robot import UrdfError
 
 
 def parse(path: Path) -> ET.Element:

@@ -10,7 +10,6 @@ curvature of f added it is Newton's. It stops when the derivative of the cost al
 (Hauser, IFAC 2002; discrete: Schultz, Johnson & Murphey, IEEE CASE 2015.)
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from time import perf_counter
 from typing import NamedTuple
@@ -112,7 +111,6 @@ class ProjectionOptimizer:
         *,
         tolerance: float = 1e-6,
         most_iterations: int = 60,
-        report: Callable[[Iteration], None] | None = None,
     ) -> Solution:
         """Descend from the trajectory that `guess` makes.
 
@@ -123,7 +121,6 @@ class ProjectionOptimizer:
             guess: (N,) controls; zero when not given.
             tolerance: bound on the magnitude of the cost's derivative along the descent direction.
             most_iterations: after these it counts as not converged.
-            report: called after every step.
 
         Raises:
             TaskFailedError: no convergence, or the dynamics left the finite numbers.
@@ -159,8 +156,6 @@ class ProjectionOptimizer:
                 )
             at = trial
             history.append(Iteration(at.cost, model.slope, size, "newton" if newton else "quasi-newton"))
-            if report is not None:
-                report(history[-1])
         raise TaskFailedError(
             f"the optimiser did not converge in {most_iterations} steps (cost derivative {model.slope:.1e})"
         )

@@ -38,7 +38,7 @@ class SacSettings:
         dt: integration step, s.
         sample_time: an action is chosen this often, s.
         control_weight: R, 1/(m/s^2)^2.
-        desired_change: gamma < 0, the wished relative change of the cost.
+        desired_change: gamma < 0, the desired relative change of the cost.
         largest_acceleration: m/s^2.
         largest_speed: of the gripper, m/s; actions that would pass it are cut.
         time_exponent: beta, how much a later action is disliked.
@@ -131,10 +131,6 @@ class SacAction:
     cost: float
     free_cost: float
     seconds: float
-
-    def acceleration_now(self, settings: SacSettings) -> np.ndarray:
-        """(m,) acceleration of the steps until the next action is chosen, m/s^2."""
-        return self.schedule[: max(1, round(settings.sample_time / settings.dt))]
 
 
 class SequentialActionControl:

@@ -23,8 +23,8 @@ CONTINUATION = (0.0, 0.2, 0.4, 0.7, 1.0)
 
 
 ROOF_SLOPE, ROUND = 1.0, 0.005
-"""What the load must stay above is a roof over the wall, with this slope and rounded (m) at its ridge: a wall as thin
-as it is would push a load that passes through it to the side, and a fast one passes it between two nodes."""
+"""The load must stay above a roof over the wall with this slope, rounded (m) at its ridge. The wall alone is too thin:
+it would push a load that passes through it to the side, and a fast load passes it between two nodes."""
 
 
 @dataclass(frozen=True)
@@ -151,13 +151,12 @@ class TaskPlanner:
         self._tension = self._variational.tension.map(steps)
         self._load = self._variational.load.map(steps + 1)
 
-    def optimizer(self, *, hindered: bool) -> ProjectionOptimizer:
-        """What solves the task; without walls, slack and ends of the line to mind it is faster."""
-        return _optimizer(self._variational, self._formulation, self.steps, hindered)
+    def optimizer(self, *, constrained: bool) -> ProjectionOptimizer:
+        """The optimiser of the task; it is faster where walls, slack and the ends of the line do not count."""
+        return _optimizer(self._variational, self._formulation, self.steps, constrained)
 
     def plan(
-        self, model: PendulumModel, cost: TaskCost, start: SwingState | None = None, *, guess: np.ndarray | None = None,
-        tolerance: float = 1e-6,
+        self, model: PendulumModel, cost: TaskCost, start: SwingState | None = None, *, tolerance: float = 1e-6,
     ) -> SwingPlan:  # fmt: skip
         """The swing of least cost from `start` (at rest when not given).
 
@@ -169,28 +168,28 @@ class TaskPlanner:
             raise InputError("this planner was built for a model with other effects: build a new one")
         start = start or SwingState()
         theta = model.physics_theta()
-        unhindered = replace(cost, wall=None, least_tension=None, reach=None)
-        optimizer = self.optimizer(hindered=cost != unhindered)
+        unconstrained = replace(cost, wall=None, least_tension=None, reach=None)
+        optimizer = self.optimizer(constrained=cost != unconstrained)
         time = start.time + self.dt * np.arange(self.steps + 1)
         lag = float(self._variational.lag(theta))
         initial = np.array([start.x, start.v, start.angle, start.rate])
 
-        def solve(of: TaskCost, start_from: np.ndarray | None, values: np.ndarray = theta) -> Solution:
+        def solve(of: TaskCost, guess: np.ndarray | None = None, values: np.ndarray = theta) -> Solution:
             parameters = np.concatenate([values, of.vector(), [self.dt]])
-            return optimizer.solve(initial, time, parameters, start_from, tolerance=tolerance)
+            return optimizer.solve(initial, time, parameters, guess, tolerance=tolerance)
 
-        # What the plan must keep off makes the problem non-convex: the free optimum is bent round it, not replaced.
+        # The constraints make the problem non-convex: the search starts from the unconstrained optimum.
         try:
-            free = solve(unhindered, guess)
+            free = solve(unconstrained)
         except TaskFailedError:
-            # Strong friction hides the way from rest: it is found with the effects growing from nothing.
+            # From rest, strong friction hides the swing: it is found while the effects grow from nothing.
             null = np.array([model.parameters[n].null if "." in n else model.value(n) for n in self._names])
-            controls = guess
+            controls = None
             for share in CONTINUATION:
-                free = solve(unhindered, controls, null + share * (theta - null))
+                free = solve(unconstrained, controls, null + share * (theta - null))
                 controls = free.controls
         solution = free
-        if cost != unhindered:
+        if cost != unconstrained:
             bent = solve(cost, free.controls)
             steps, seconds = free.iterations + bent.iterations, free.seconds + bent.seconds
             solution = replace(bent, iterations=steps, seconds=seconds)
@@ -220,17 +219,17 @@ def _ahead_of(
 
 
 @lru_cache(maxsize=16)
-def _optimizer(variational: VariationalStep, formulation: str, steps: int, hindered: bool) -> ProjectionOptimizer:
-    return ProjectionOptimizer(task_problem(variational, formulation, hindered=hindered), steps)
+def _optimizer(variational: VariationalStep, formulation: str, steps: int, constrained: bool) -> ProjectionOptimizer:
+    return ProjectionOptimizer(task_problem(variational, formulation, constrained=constrained), steps)
 
 
-def task_problem(variational: VariationalStep, name: str, *, hindered: bool = False) -> DiscreteProblem:
+def task_problem(variational: VariationalStep, name: str, *, constrained: bool = False) -> DiscreteProblem:
     """The task on a variational model; p = (theta, cost in the order of `COST_NAMES`, dt).
 
     Args:
         variational: the equations.
         name: identifier of the equations.
-        hindered: whether walls, slack and the ends of the line count; where not, their entries of p are ignored.
+        constrained: whether walls, slack and the ends of the line count; where not, their entries of p are ignored.
     """
     thetas = len(variational.names)
     size = thetas + len(COST_NAMES) + 1
@@ -247,15 +246,15 @@ def task_problem(variational: VariationalStep, name: str, *, hindered: bool = Fa
     roof = c["wall_z"] + c["clearance"] - ROOF_SLOPE * aside
     inside = ca.sqrt(dt * c["w_wall"]) * ca.fmax(0, roof - position[2])
     at = (s, u, t, dt, theta)
-    # The pull hardly depends on where exactly the next node is, so that the extrapolated one will do.
+    # The tension hardly depends on the exact next node, so that the extrapolated one is good enough.
     onward = ca.vertcat(s[0] + dt * (s[1] + dt * u), s[1] + dt * u, s[2] + dt * s[3], s[3])
     weight = STANDARD_GRAVITY * theta[variational.names.index("mass")]
     slack = c["least_tension"] - variational.tension(*at, onward) / weight
     loose = ca.sqrt(dt * c["w_slack"]) * ca.fmax(0, slack)
     beyond = ca.sqrt(dt * c["w_reach"]) * ca.fmax(0, ca.fmax(s[0] - c["reach_most"], c["reach_least"] - s[0]))
-    kept_off = ca.vertcat(inside, loose, beyond) if hindered else ca.SX(0, 1)
+    constraints = ca.vertcat(inside, loose, beyond) if constrained else ca.SX(0, 1)
     return DiscreteProblem(
-        name=f"{'hindered_' if hindered else ''}swing_{name}",
+        name=f"{'constrained_' if constrained else ''}swing_{name}",
         states=STATE_SIZE,
         parameters=size,
         step=ca.Function("f", [s, u, t, p], [variational.step(*at)]),
@@ -264,6 +263,6 @@ def task_problem(variational: VariationalStep, name: str, *, hindered: bool = Fa
             "d2f", [s, u, t, p, following, costate], [variational.curvature(*at, following, costate)]
         ),
         running=ca.Function("running", [s, u, t, p], [effort]),
-        running_residual=ca.Function("kept_off", [s, u, t, p], [kept_off]),
+        running_residual=ca.Function("constraints", [s, u, t, p], [constraints]),
         terminal_residual=ca.Function("end", [s, t, p], [ca.sqrt(weights) * error]),
     )

@@ -36,7 +36,7 @@ def best_smoothing(time: np.ndarray, values: np.ndarray, orders: Sequence[int] =
     span = float(np.std(values))
     if span == 0.0:
         return Choice(2.0 / float(time[-1] - time[0]), 0.0, orders[0])
-    scaled = values / span  # so that orders, which leave more or less free, can be compared
+    scaled = values / span  # so that orders with different numbers of free coefficients can be compared
     rounding = resolution(scaled) / np.sqrt(12.0)
     first = _best_cutoff(time, scaled, rounding, orders[0])
     best, best_score = first, -np.inf

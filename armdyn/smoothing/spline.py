@@ -164,7 +164,7 @@ class LowPass:
     def curve(self, values: np.ndarray) -> Curve:
         """Smooth curves through (n,) or (n, m) values."""
         columns = values.reshape(len(values), -1)
-        # Without its first value a constant is zero exactly, and a position loses no digits to its offset.
+        # Minus its first value a constant is exactly zero, and a position loses no digits to its offset.
         offset = columns[:1].copy()
         columns = columns - offset
         B, order = self.samples.matrix, self.samples.order

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from ik.chain import Chain, rotation_error
 from ik.volume.grid import Block, Grid, Status
-
-Array = NDArray[np.float64]
+from urdf.robot import Array
 
 TOLERANCE = 1e-9  # m and rad
 NEWTON = 8  # steps; three are enough wherever the skeleton is smooth
@@ -120,7 +119,7 @@ class BlockSolver:
             weights.append(np.prod(np.where(corner, share, 1.0 - share), axis=1))
         postures, weight = np.array(corners), np.array(weights)[:, :, None]
         solved = ~np.isnan(postures)
-        # Where corners are missing or belong to different branches, those near the heaviest solved one count.
+        # Where corners are missing or on different branches, only those close to the heaviest solved one are used.
         heaviest = np.where(solved[:, :, 0], weight[:, :, 0], -1.0).argmax(axis=0)
         reference = postures[heaviest, np.arange(len(position))]
         with np.errstate(invalid="ignore"):

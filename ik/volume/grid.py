@@ -6,12 +6,9 @@ from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from armdyn.errors import InputError
-from urdf.robot import read_only
-
-Array = NDArray[np.float64]
+from urdf.robot import Array, read_only
 
 BLOCK = 25  # targets per edge of a block: a second of work, and a chunk of a megabyte
 SKELETON = 0.06  # m between the targets of the coarse skeleton; postures bend little over that

@@ -9,16 +9,18 @@ from ik.errors import UnreachableError
 from ik.solver import Solver
 from ik.volume.grid import Grid
 from urdf import Robot
+from urdf.robot import Array
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 TOLERANCE = 1e-9  # m and rad
 NEXT = 0.7  # rad between neighbours of the skeleton that still belong together
-SWEEPS = 30  # of smoothing; more change nothing
+SWEEPS = 30  # of smoothing; more sweeps change nothing
 PARTS = 8  # branches beside the first; each has a border on which postures jump, and later ones are small
 COLD_STARTS = 4  # per target that no wave reached
-CENTRING = 0.05  # share of the way to the middle of the joints' ranges per sweep, against creeping to a limit
+CENTRING = (
+    0.05  # share of the way to the middle of the joints' ranges per sweep; it keeps postures from creeping to a limit
+)
 
 
 def build_skeleton(robot: Robot, grid: Grid, free: Callable[[Array], bool] | None = None) -> Array:
@@ -116,7 +118,7 @@ def _spread(solver: Solver, rotation: Array, position: Array, q: Array, neighbou
         left = np.flatnonzero(~known & ~np.isnan(cold[:, 0]))
         if not len(left) or parts == PARTS:
             return q
-        # The posture closest to what is solved starts the next part; the waves do the rest.
+        # The posture closest to the solved ones starts the next part, from which the waves go on.
         centre = np.mean(q[known], axis=0) if known.any() else cold[left[0]]
         first = left[int(np.abs(cold[left] - centre).max(axis=1).argmin())]
         q[first] = cold[first]

@@ -11,11 +11,11 @@ from armdyn.errors import InputError
 from ik.errors import StaleTableError
 from ik.volume.grid import BLOCK, Block, Grid, Status
 from urdf import Robot
+from urdf.robot import Array
 
 if TYPE_CHECKING:
     import zarr
 
-Array = NDArray[np.float64]
 
 FORMAT = 1  # raise it when a change of the code makes other volumes out of the same robot
 MISSING = "volumes need zarr: run 'pip install armdyn[volume]'"

@@ -1,17 +1,15 @@
 """`armdyn check`: is a trajectory feasible on the arm; if not, which limit, which joint, when."""
 
-import shlex
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipeline.commands.output import JsonOption, write_json
+from pipeline.commands.output import JsonOption, command_line, write_json
 
 if TYPE_CHECKING:
     import urdf
-    from pipeline.motion.feasibility import FeasibilityReport, Obstacle
+    from pipeline.motion.feasibility import FeasibilityReport
 
 SHOWN = 10
 """Violations that are printed; the report and the JSON have them all."""
@@ -44,7 +42,8 @@ def check(
     import urdf
     from armdyn.errors import InputError
     from ik import default_table
-    from pipeline.motion.feasibility import CheckSettings, check_joints, check_line
+    from pipeline.box import Box
+    from pipeline.motion.feasibility import CheckSettings, box_and_table, check_joints, check_line
     from pipeline.motion.feasibility.read import read_trajectory
     from pipeline.motion.trajectory import LineTrajectory
 
@@ -56,7 +55,7 @@ def check(
             raise InputError(f"--on-line: robot '{arm.name}' has no line")
         motion = read_trajectory(trajectory, arm)
         settings = CheckSettings(
-            load_mass=mass, springs=springs, obstacles=_obstacles(line) if box and line is not None else ()
+            load_mass=mass, springs=springs, obstacles=box_and_table(line, Box()) if box and line is not None else ()
         )
         at = _start(start, arm)
         if isinstance(motion, LineTrajectory):
@@ -103,23 +102,14 @@ def _start(text: str | None, arm: "urdf.Robot") -> "list[float] | None":
     return values
 
 
-def _obstacles(line: "urdf.Line") -> "tuple[Obstacle, ...]":
-    from pipeline.motion.feasibility import box_and_table
-    from pipeline.robot.settings import Box
-
-    box = Box()
-    return box_and_table(line, box.near_wall, box.width, box.depth, box.rim, box.height, box.wall)
-
-
 def _write_report(result: "FeasibilityReport", trajectory: Path, file: Path) -> None:
-    from pipeline.motion.feasibility.section import feasibility_page
+    from pipeline.report.feasibility import feasibility_page
 
-    command = shlex.join(["armdyn", *sys.argv[1:]])
-    feasibility_page(result, f"Feasibility of {trajectory.name}", command).write(file)
+    feasibility_page(result, f"Feasibility of {trajectory.name}", command_line()).write(file)
 
 
 def _print(result: "FeasibilityReport", report: Path | None) -> None:
-    from pipeline.motion.feasibility.report import in_words
+    from pipeline.motion.feasibility.verdict import in_words
 
     typer.echo(result.sentence)
     for violation in result.violations[:SHOWN]:

@@ -12,15 +12,14 @@ from pipeline.commands.output import JsonOption, write_json
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from pipeline.loadcell.calibration import Calibration
+    from pipeline.loadcell.calibration import Calibration, Weight
     from pipeline.loadcell.emulator import EmulatedCell
+    from pipeline.loadcell.faults import LoadCellStatus
     from pipeline.loadcell.monitor import Monitor
-    from pipeline.loadcell.status import LoadCellStatus
-    from pipeline.loadcell.weights import Weight
 
 EMULATED = "emulated"
 PATIENCE = 2.0
-"""s without a sample that end a calibration: nothing moves meanwhile, and slow boards shall be calibrated too."""
+"""Time without a sample that ends a calibration [s]; slow boards shall be calibrated too."""
 
 commands = typer.Typer(help="The load cell: an HX711 over a serial line.", no_args_is_help=True)
 
@@ -49,12 +48,11 @@ def calibrate(
     from datetime import datetime
 
     from armdyn.pendulum.composition import STANDARD_GRAVITY
-    from pipeline.loadcell.calibration import default_path
-    from pipeline.loadcell.guide import calibrate as guided
-    from pipeline.loadcell.port import open_port
-    from pipeline.loadcell.reader import CountReader, count_limits
-    from pipeline.loadcell.show import calibration_json, calibration_table
-    from pipeline.loadcell.weights import parse_weights
+    from pipeline.loadcell.calibration import default_path, parse_weights
+    from pipeline.loadcell.cell import CountReader, count_limits
+    from pipeline.loadcell.fit import calibrate as guided
+    from pipeline.loadcell.monitor import calibration_json, calibration_table
+    from pipeline.loadcell.protocol import open_port
 
     listed = parse_weights(weights, STANDARD_GRAVITY)
     # An emulated cell must not take the place of a real one's calibration.
@@ -65,13 +63,13 @@ def calibrate(
         def ask(weight: "Weight") -> None:
             what = "Leave the cell empty" if weight.force == 0.0 else f"Hang {weight.text}"
             if emulated is None:
-                status.stop()  # its animation would overwrite the question
+                status.stop()  # the animation would overwrite the question
                 typer.prompt(f"{what}, let it come to rest, press Enter", default="", show_default=False, err=True)
                 status.start()
             else:
                 console.print(f"{what} (emulated)")
                 emulated.hang(weight.force)
-                time.sleep(0.2)  # until what the cell sent before has gone through
+                time.sleep(0.2)  # until the earlier samples have arrived
 
         def progress(weight: "Weight", count: int) -> None:
             status.update(f"{weight.text}: {count} of {samples} samples")
@@ -107,7 +105,7 @@ def monitor(
     from pipeline.loadcell.calibration import Calibration, default_path
     from pipeline.loadcell.cell import LoadCell
     from pipeline.loadcell.faults import Fault
-    from pipeline.loadcell.show import monitor_json
+    from pipeline.loadcell.monitor import monitor_json
 
     console = _console(json_file)
     with _cell(port) as (name, emulated):
@@ -131,8 +129,7 @@ def _watch(cell: Any, console: "Console", seconds: float | None) -> tuple["Monit
     from rich.live import Live
 
     from pipeline.loadcell.faults import Fault
-    from pipeline.loadcell.monitor import Monitor
-    from pipeline.loadcell.show import monitor_table
+    from pipeline.loadcell.monitor import Monitor, monitor_table
 
     seen, start = Monitor(), time.monotonic()
     begin: float | None = None

@@ -1,23 +1,47 @@
-"""`armdyn trial`: one whole experiment on the simulated robot."""
+"""`armdyn trial` and `armdyn table`: one whole experiment, and the paper's Table I."""
 
-import shlex
-import sys
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipeline.commands.identify_options import EffectsOption, check_outputs
-from pipeline.commands.output import JsonOption, to_screen, write_json
+from armdyn.errors import InputError
+from pipeline.commands.identify import EffectsOption
+from pipeline.commands.output import JsonOption, check_outputs, command_line, phase_progress, to_screen, write_json
 
 if TYPE_CHECKING:
     from armdyn.pendulum.model import PendulumModel
-    from pipeline.trial.experiment import Experiment
+    from pipeline.trial import SimulatedTrial
+
+
+def parse_hidden(given: list[str]) -> dict[str, float | None]:
+    """Effects by name; None stands for the typical size.
+
+    Raises:
+        InputError: a value that is not a finite number, or an effect that is named twice.
+    """
+    hidden: dict[str, float | None] = {}
+    for entry in given:
+        name, equals, text = entry.partition("=")
+        if name in hidden:
+            raise InputError(f"--hidden {entry}: '{name}' is given twice: give each effect once")
+        try:
+            value = float(text) if equals else None
+        except ValueError:
+            value = float("nan")
+        if value is not None and not isfinite(value):
+            raise InputError(
+                f"--hidden {entry}: '{text}' is not a number: write {name}=0.01, or {name} for its typical size"
+            )
+        hidden[name] = value
+    return hidden
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command."""
+    """Add the commands of this file."""
     app.command()(trial)
+    app.command()(table)
 
 
 def trial(
@@ -42,11 +66,7 @@ def trial(
     json_file: JsonOption = None,
 ) -> None:
     """Learn the string's length, plan the swing, put the load into the box."""
-    from pipeline.commands.hidden import parse_hidden
-    from pipeline.commands.progress import phase_progress
-    from pipeline.trial.experiment import Experiment
-    from pipeline.trial.report import report_of
-    from pipeline.trial.settings import TrialSettings
+    from pipeline.trial import TrialSettings, simulate
 
     check_outputs(json_file)
     given = _pendulum(model, effects) if model else None
@@ -56,14 +76,14 @@ def trial(
         seed=seed, out=out,
     )  # fmt: skip
     with phase_progress() as progress:
-        experiment = Experiment(settings, progress)
-        result = experiment.run()
+        done = simulate(settings, progress)
         progress("writing the report", 0.97)
         report = out / "report.html"
-        report_of(experiment, result, command=shlex.join(["armdyn", *sys.argv[1:]])).write(report)
+        done.report(command_line()).write(report)
         if picture:
             progress("rendering the swing", 0.98)
-            _render(experiment, out)
+            _render(done, out)
+    result = done.result
     if json_file is not None:
         write_json(result.as_json(), json_file)
     if json_file != Path("-"):
@@ -94,15 +114,46 @@ def _pendulum(file: Path, effects: Path | None) -> "PendulumModel":
     return model
 
 
-def _render(experiment: "Experiment", out: Path) -> None:
-    from dataclasses import replace
+def _render(done: "SimulatedTrial", out: Path) -> None:
+    from pipeline.robot.picture import render_swing
 
-    from pipeline.robot.render import render_swing
-
-    history, started = experiment.robot.history(), experiment.task.started
-    if started is None:
+    history = done.swing_history()
+    if history is None:
         return
-    during = history.time >= started
-    cut = replace(history, **{n: getattr(history, n)[during] for n in ("time", "q", "pivot", "load", "tension")})
     for name in ("swing.png", "swing.gif"):
-        render_swing(experiment.description, experiment.plant, cut, out / name)
+        render_swing(done.experiment.description, done.plant, history, out / name)
+
+
+def table(
+    seeds: Annotated[int, typer.Option(help="Trials per guess, with estimation and without.")] = 3,
+    first_seed: Annotated[int, typer.Option(help="Of the simulation's randomness; the others follow it.")] = 0,
+    out: Annotated[Path, typer.Option(help="Directory for the report.")] = Path("out/table"),
+    json_file: JsonOption = None,
+) -> None:
+    """Table I of the paper: nine guesses of the length, with and without estimation."""
+    from rich.table import Table as Grid
+
+    from pipeline.report.table import BOX_NOTE, table_report
+    from pipeline.trial.table import run_table
+
+    with phase_progress() as show:
+        result = run_table(seeds, first_seed, lambda done, total: show(f"{done} of {total} trials", done / total))
+    answer = result.as_json()
+    report = out / "report.html"
+    out.mkdir(parents=True, exist_ok=True)
+    table_report(result, f"{seeds} seeds per guess", command_line()).write(report)
+    if json_file is not None:
+        write_json(answer, json_file)
+    if json_file != Path("-"):
+        grid = Grid("guess [m]", "without", "with", "estimates [m]")
+        for row in result.rows:
+            mean = sum(row.length_estimates) / len(row.length_estimates)
+            grid.add_row(f"{row.length_guess:.3f}", f"{row.without:.0%}", f"{row.with_estimation:.0%}", f"{mean:.4f}")
+        console = to_screen()
+        console.print(grid)
+        console.print(
+            f"length {answer['mean']:.4f} m, standard deviation {1e3 * answer['std']:.2f} mm over all trials; "
+            f"the truth ({result.length:g} m) within 3 reported standard deviations in {result.covered:.0%}"
+        )
+        console.print(BOX_NOTE)
+        console.print(f"report {report}")

@@ -73,8 +73,6 @@ def exactly(count: int, text: str, option: str) -> list[float]:
 
 def tool_rotation(rpy: str) -> Any:
     """Orientation of the tool, (3, 3), from its roll, pitch and yaw [rad]."""
-    import numpy as np
-    import pinocchio as pin
+    from urdf.robot import rotation_of
 
-    # Rounded, so that right angles are exact.
-    return np.round(pin.rpy.rpyToMatrix(*exactly(3, rpy, "--tool-rpy")), 15) + 0.0
+    return rotation_of(*exactly(3, rpy, "--tool-rpy"))

@@ -1,15 +1,204 @@
-"""The real load cell: forces, faults and status from a serial port."""
+"""The real load cell: a thread that reads the serial line, stamps what it reads and watches it; forces and faults."""
 
+import contextlib
+import threading
 import time
-from collections.abc import Callable
-from types import TracebackType
+from collections import Counter, deque
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
 
 from pipeline.loadcell.calibration import Calibration
-from pipeline.loadcell.faults import FaultEvent
-from pipeline.loadcell.port import BAUD, open_port
-from pipeline.loadcell.reader import QUEUE, CountReader, count_limits
-from pipeline.loadcell.sample import ForceSample
-from pipeline.loadcell.status import LoadCellStatus
+from pipeline.loadcell.faults import Fault, FaultDetector, FaultEvent, FaultLimits, LoadCellStatus, implausible_repeats
+from pipeline.loadcell.protocol import BAUD, MAXIMUM_COUNTS, MINIMUM_COUNTS, Decoder, SerialLine, open_port
+from pipeline.robot.protocol import ForceSample
+
+SMALLEST_STEP = 1e-6
+"""Least time between two samples [s]: a recording's times strictly increase."""
+WINDOW = 100
+"""Samples over which the rate is measured."""
+
+
+class ReceptionTimes:
+    """Stamps samples with the time of their reception and measures their rate.
+
+    A busy computer, or a USB adapter that collects bytes, hands over several samples at once. The last of them has just
+    arrived; the others are dated back by the measured period, at most to an even spread since the sample before.
+    """
+
+    def __init__(self) -> None:
+        self._times: deque[float] = deque(maxlen=WINDOW)
+
+    @property
+    def latest(self) -> float | None:
+        """Time of the latest sample [s]."""
+        return self._times[-1] if self._times else None
+
+    @property
+    def rate(self) -> float:
+        """Samples per second over the last `WINDOW` samples; 0 before the second one."""
+        if len(self._times) < 2:
+            return 0.0
+        return (len(self._times) - 1) / (self._times[-1] - self._times[0])
+
+    def stamp(self, now: float, count: int) -> list[float]:
+        """Strictly increasing times of `count` samples that came in one piece, handed over at `now` [s]."""
+        if count == 0:
+            return []
+        step, earliest = SMALLEST_STEP, now - (count - 1) * SMALLEST_STEP
+        if self._times:
+            step = (now - self._times[-1]) / count
+            if len(self._times) > 1:
+                step = min(step, 1.0 / self.rate)
+            step = max(step, SMALLEST_STEP)
+            earliest = max(now - (count - 1) * step, self._times[-1] + step)
+        stamps = [earliest + k * step for k in range(count)]
+        self._times.extend(stamps)
+        return stamps
+
+
+QUEUE = 1000
+"""Samples and events that wait to be taken; the oldest go first."""
+START_UP = 5.0
+"""Longest time to the first line [s]; a board with an Arduino boot loader takes about 2 s after its port is opened."""
+SMALLEST_NOISE = 0.5
+"""Counts; assumed of a cell that is not calibrated. The HX711's own is about 40 (90 nV of 20 mV at 80 samples/s)."""
+
+
+def count_limits(noise: float = SMALLEST_NOISE, silent_after: float = 0.2) -> FaultLimits:
+    """Fault limits for the counts of an HX711 with `noise` [counts]."""
+    repeats = implausible_repeats(noise, 1.0)
+    return FaultLimits(MINIMUM_COUNTS, MAXIMUM_COUNTS, repeats, silent_after, START_UP)
+
+
+class CountSample(NamedTuple):
+    """Counts and the time of their reception [s]."""
+
+    time: float
+    counts: int
+
+
+class CountReader:
+    """Reads conversions from an open line until it is closed or the line is gone.
+
+    Every method may be called from any thread. Use it as a context manager, or call `close`.
+
+    Args:
+        line: the open port; closed by `close`.
+        limits: what is in order, in counts.
+        clock: gives the time of reception [s].
+        queue: how many samples may wait to be taken.
+    """
+
+    def __init__(
+        self,
+        line: SerialLine,
+        limits: FaultLimits,
+        clock: Callable[[], float] = time.monotonic,
+        queue: int = QUEUE,
+    ) -> None:
+        self._line, self._clock = line, clock
+        self._lock = threading.Lock()
+        self._decoder, self._detector, self._times = Decoder(), FaultDetector(limits), ReceptionTimes()
+        self._samples: deque[CountSample] = deque(maxlen=queue)
+        self._events: deque[FaultEvent] = deque(maxlen=QUEUE)
+        self._counts: Counter[Fault] = Counter()
+        self._received = 0
+        self._overflowing = False
+        self._connected = True
+        self._detector.check(clock())
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="load cell", daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> "CountReader":
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the thread, then release the port; samples that were received can still be read."""
+        self._stop.set()
+        self._thread.join()
+        with contextlib.suppress(OSError):  # a port that is gone may refuse to close
+            self._line.close()
+        with self._lock:
+            self._connected = False
+
+    def read(self) -> list[CountSample]:
+        """Samples received since the last call, oldest first."""
+        with self._lock:
+            samples = list(self._samples)
+            self._samples.clear()
+            self._overflowing = False
+            return samples
+
+    def events(self) -> list[FaultEvent]:
+        """Faults that began or ended since the last call, oldest first."""
+        with self._lock:
+            self._watch()
+            events = list(self._events)
+            self._events.clear()
+            return events
+
+    def status(self) -> LoadCellStatus:
+        """How the line is doing now."""
+        with self._lock:
+            self._watch()
+            active = self._detector.active
+            if self._counts[Fault.DISCONNECTED]:
+                active = (Fault.DISCONNECTED, *active)
+            heard = bool(self._received) and Fault.SILENT not in active and self._connected
+            return LoadCellStatus(
+                connected=self._connected,
+                samples=self._received,
+                rate=self._times.rate if heard else 0.0,
+                latest=self._times.latest,
+                active=active,
+                counts={fault: self._counts[fault] for fault in Fault},
+            )
+
+    def _run(self) -> None:
+        try:
+            while not self._stop.is_set():
+                # A line that is gone raises an error here; on some systems only `in_waiting` does.
+                data = self._line.read(max(1, self._line.in_waiting))
+                with self._lock:
+                    self._take(data)
+        except OSError:
+            with self._lock:
+                self._connected = False
+                self._note([FaultEvent(self._clock(), Fault.DISCONNECTED)])
+
+    def _take(self, data: bytes) -> None:
+        now = self._clock()
+        decoded = self._decoder.feed(data)
+        self._note(FaultEvent(now, fault, count=count) for fault, count in decoded.faults.items())
+        stamps = self._times.stamp(now, len(decoded.readings))
+        for stamp, reading in zip(stamps, decoded.readings, strict=True):
+            self._detector.sample(stamp, reading.counts)
+            self._queue(CountSample(stamp, reading.counts))
+        self._watch()
+
+    def _queue(self, sample: CountSample) -> None:
+        self._received += 1
+        if len(self._samples) == self._samples.maxlen:
+            self._counts[Fault.OVERFLOW] += 1
+            if not self._overflowing:
+                self._overflowing = True
+                self._events.append(FaultEvent(sample.time, Fault.OVERFLOW))
+        self._samples.append(sample)
+
+    def _watch(self) -> None:
+        if self._connected:
+            self._detector.check(self._clock())
+        self._note(self._detector.take_events())
+
+    def _note(self, events: Iterable[FaultEvent]) -> None:
+        for event in events:
+            self._events.append(event)
+            if event.began:
+                self._counts[event.fault] += event.count
 
 
 class LoadCell:
@@ -47,9 +236,7 @@ class LoadCell:
     def __enter__(self) -> "LoadCell":
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         self.close()
 
     def read(self) -> list[ForceSample]:
@@ -65,5 +252,5 @@ class LoadCell:
         return self._reader.status()
 
     def close(self) -> None:
-        """End the thread and let go of the port; twice is once."""
+        """End the thread and release the port; a second call does nothing."""
         self._reader.close()

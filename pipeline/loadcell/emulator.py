@@ -7,7 +7,6 @@ import select
 import threading
 import time
 from collections.abc import Callable
-from types import TracebackType
 
 import numpy as np
 
@@ -24,7 +23,7 @@ class EmulatedPort:
         except ImportError as error:
             raise InputError("an emulated load cell needs the pseudo-terminals of Linux or macOS") from error
         self._ours, self._theirs = os.openpty()
-        # Held open, so that what is sent before somebody listens is lost and not an error, as on a wire.
+        # The port is held open, so that bytes sent before somebody listens are lost without an error, as on a wire.
         tty.setraw(self._theirs)
         os.set_blocking(self._ours, False)
         self.port = os.ttyname(self._theirs)
@@ -34,19 +33,17 @@ class EmulatedPort:
     def __enter__(self) -> "EmulatedPort":
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         self.unplug()
 
     def line(self, counts: int) -> bytes:
-        """The next conversion's line; it counts as made even if it is never sent."""
+        """The line of the next conversion; its sequence number is used up even if the line is never sent."""
         reading = Reading(self._sequence, min(max(counts, MINIMUM_COUNTS), MAXIMUM_COUNTS))
         self._sequence = (self._sequence + 1) % SEQUENCE_MODULUS
         return encode(reading)
 
     def send(self, data: bytes, patience: float = 0.0) -> bool:
-        """Send bytes as they are; False, and the rest is lost, where nobody reads for `patience` [s]."""
+        """Send bytes as they are. Where nobody reads for `patience` [s] the rest is lost and the answer is False."""
         while data and self._plugged:
             _, ready, _ = select.select([], [self._ours], [], patience)
             if not ready:
@@ -56,7 +53,7 @@ class EmulatedPort:
         return not data
 
     def unplug(self) -> None:
-        """Pull the cable; twice is once."""
+        """Pull the cable; a second call does nothing."""
         if self._plugged:
             self._plugged = False
             os.close(self._ours)
@@ -99,9 +96,7 @@ class EmulatedCell:
     def __enter__(self) -> "EmulatedCell":
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         self.unplug()
 
     def hang(self, force: Callable[[float], float] | float) -> None:
@@ -109,7 +104,7 @@ class EmulatedCell:
         self._force: Callable[[float], float] = force if callable(force) else lambda _: force
 
     def unplug(self) -> None:
-        """Pull the cable; twice is once."""
+        """Pull the cable; a second call does nothing."""
         self._stop.set()
         self._thread.join()
         self._line.unplug()

@@ -1,16 +1,16 @@
-"""What can go wrong with a load cell, and the detection that the simulated and the real cell share."""
+"""What can go wrong with a load cell, its detection in the simulated and the real cell, and the status of a cell."""
 
 import math
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
-from pipeline.loadcell.sample import ForceSample
+from pipeline.robot.protocol import ForceSample
 
 
 class Fault(Enum):
-    """A fault; its value says what is wrong and what to do. The gravest come first."""
+    """A fault; its value says what is wrong and what to do. The most serious ones come first."""
 
     DISCONNECTED = "the serial port is gone: plug the cable in and start again"
     SILENT = "no sample arrives any more: check the cable, and that the microcontroller runs and sees the HX711"
@@ -26,7 +26,7 @@ class Fault(Enum):
 
     @property
     def lasts(self) -> bool:
-        """Whether it holds until it is over, and the force cannot be relied on meanwhile; the others are moments."""
+        """Whether it lasts, and the force is unreliable until it is over; the other faults are single events."""
         return self in _LASTING
 
 
@@ -35,13 +35,13 @@ _LASTING = (Fault.DISCONNECTED, Fault.SILENT, Fault.SATURATED, Fault.FROZEN)
 
 @dataclass(frozen=True)
 class FaultEvent:
-    """A fault that began or ended, or a moment's fault.
+    """A fault that began or ended, or a single event.
 
     Attributes:
         time: when it was noticed [s].
         fault: what it was.
         began: False where it ended.
-        count: how many lines or samples a moment's fault concerns.
+        count: how many lines or samples a single event concerns.
     """
 
     time: float
@@ -112,11 +112,11 @@ class FaultDetector:
 
     @property
     def active(self) -> tuple[Fault, ...]:
-        """Faults that hold now, the gravest first."""
+        """Faults that hold now, the most serious first."""
         return tuple(fault for fault in Fault if fault in self._active)
 
     def update(self, now: float, samples: Iterable[ForceSample]) -> Fault | None:
-        """Take in what arrived up to `now` [s], oldest first; the gravest fault that holds now, if any."""
+        """Take in what arrived up to `now` [s], oldest first; the most serious fault that holds now, if any."""
         for sample in samples:
             self.sample(sample.time, sample.force)
         return self.check(now)
@@ -129,11 +129,11 @@ class FaultDetector:
         self._repeats = self._repeats + 1 if value == self._value else 1
         self._value = value
         self._set(Fault.FROZEN, self._repeats >= self._limits.identical, time)
-        # Written so that a value that is not a number counts as out of range.
+        # In this form a value that is not a number is out of range, too.
         self._set(Fault.SATURATED, not self._limits.lower < value < self._limits.upper, time)
 
     def check(self, now: float) -> Fault | None:
-        """Look for silence at `now` [s]; the gravest fault that holds now, if any."""
+        """Look for silence at `now` [s]; the most serious fault that holds now, if any."""
         if self._heard is None:
             self._heard = now
         if now - self._heard > self._patience:
@@ -149,3 +149,29 @@ class FaultDetector:
         if holds != (fault in self._active):
             (self._active.add if holds else self._active.remove)(fault)
             self._events.append(FaultEvent(time, fault, began=holds))
+
+
+@dataclass(frozen=True)
+class LoadCellStatus:
+    """How a load cell is doing at one moment.
+
+    Attributes:
+        connected: whether the port is open and there.
+        samples: how many samples were received.
+        rate: measured over the latest samples [Hz]; 0 while nothing arrives.
+        latest: time of the latest sample [s], None before the first.
+        active: faults that hold now, the most serious first.
+        counts: per fault, how many lines or samples it concerned, or how often it began where it lasts.
+    """
+
+    connected: bool
+    samples: int
+    rate: float
+    latest: float | None
+    active: tuple[Fault, ...]
+    counts: Mapping[Fault, int]
+
+    @property
+    def reliable(self) -> bool:
+        """Whether the force can be used now."""
+        return self.connected and self.samples > 0 and not self.active

@@ -1,23 +1,97 @@
-"""Offset, scale and noise of a load cell from the counts at known weights."""
+"""The guided calibration: samples at each weight, their mean, and the line through the means."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from itertools import pairwise
 
 import numpy as np
+import numpy.typing as npt
 
 from armdyn.errors import TaskFailedError
-from pipeline.loadcell.calibration import Calibration
-from pipeline.loadcell.plateau import Plateau
+from pipeline.loadcell.calibration import Calibration, Weight
+from pipeline.loadcell.cell import CountReader
+from pipeline.loadcell.faults import Fault
+from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS
+
+FEWEST_SAMPLES = 40
+OUTLIER = 5.0
+"""Robust standard deviations from the median beyond which a sample is left out."""
+MOST_OUTLIERS = 0.1
+"""Share of the samples; more means that somebody touched the cell."""
+BLOCKS = 10
+CORRELATED = 1.5
+"""Times the standard deviation of the mean of independent samples; independent blocks exceed it once in 60 times."""
+
+
+@dataclass(frozen=True)
+class Plateau:
+    """One weight and its counts.
+
+    Attributes:
+        weight: what hung there.
+        mean: without outliers [counts].
+        mean_std: standard deviation of the mean [counts]; larger than noise / sqrt(samples) where the cell drifts.
+        noise: standard deviation of one sample [counts].
+        samples: how many were used.
+        outliers: how many were left out.
+    """
+
+    weight: Weight
+    mean: float
+    mean_std: float
+    noise: float
+    samples: int
+    outliers: int
+
+    @classmethod
+    def of(cls, weight: Weight, counts: npt.ArrayLike) -> "Plateau":
+        """Robust mean of `counts` (n,), in the order of their arrival.
+
+        Samples farther than `OUTLIER` robust standard deviations (1.4826 times the median absolute deviation) from the
+        median are left out. The standard deviation of the mean is that of independent samples, unless the means of
+        `BLOCKS` consecutive blocks differ by clearly more than that allows: drift, creep, a slow swing.
+
+        Raises:
+            TaskFailedError: too few samples, a saturated or dead cell, or a cell that was touched.
+        """
+        values = np.asarray(counts, dtype=np.float64)
+        if len(values) < FEWEST_SAMPLES:
+            raise TaskFailedError(f"{weight.text}: {len(values)} samples are too few: take {FEWEST_SAMPLES} or more")
+        if values.min() <= MINIMUM_COUNTS or values.max() >= MAXIMUM_COUNTS:
+            raise TaskFailedError(f"{weight.text}: the HX711 is at the end of its range: take lighter weights")
+        median = float(np.median(values))
+        # Where the noise is below one count the median deviation is zero; the smallest spread to be seen is one count.
+        spread = max(1.4826 * float(np.median(np.abs(values - median))), 1.0)
+        kept = values[np.abs(values - median) <= OUTLIER * spread]
+        outliers = len(values) - len(kept)
+        if np.ptp(values) == 0.0:
+            raise TaskFailedError(
+                f"{weight.text}: the counts stand still at {median:.0f}: check the wires between cell and HX711"
+            )
+        if outliers > MOST_OUTLIERS * len(values):
+            raise TaskFailedError(
+                f"{weight.text}: {outliers} of {len(values)} samples are far off: do not touch the cell, and try again"
+            )
+        noise = float(kept.std(ddof=1))
+        blocks = [block.mean() for block in np.array_split(kept, BLOCKS)]
+        mean_std = max(noise, _QUANTISATION) / math.sqrt(len(kept))
+        block_std = float(np.std(blocks, ddof=1)) / math.sqrt(BLOCKS)
+        if block_std > CORRELATED * mean_std:
+            mean_std = block_std
+        return cls(weight, float(kept.mean()), mean_std, noise, len(kept), outliers)
+
+
+_QUANTISATION = 1.0 / math.sqrt(12.0)
+
 
 LARGEST_NOISE = 0.05
 """Share of the span of the weights."""
 UNSTEADY = 3.0
 """Times the noise of the quietest plateau."""
 VISIBLE = 1e-3
-"""Share of the span; less than this is not worth a word."""
+"""Share of the span; less noise than this is no reason to refuse."""
 SMALLEST_STEP = 5.0
 """Standard deviations of one sample by which two neighbouring weights must differ."""
 LARGEST_RESIDUAL = 0.01
@@ -99,7 +173,7 @@ def fit_calibration(plateaus: Sequence[Plateau]) -> CalibrationFit:
 
 
 def _require_order(plateaus: Sequence[Plateau]) -> None:
-    """More weight must mean more counts, or less, all along, by far more than the noise."""
+    """The counts must rise with the weight, or fall with it, by far more than the noise."""
     ordered = sorted(plateaus, key=lambda plateau: plateau.weight.force)
     first, last = ordered[0], ordered[-1]
     span = abs(last.mean - first.mean)
@@ -134,7 +208,7 @@ def _require_order(plateaus: Sequence[Plateau]) -> None:
 
 
 def _require_line(plateaus: Sequence[Plateau], residuals: np.ndarray, std: np.ndarray) -> None:
-    """The means must lie on a line, to what a load cell can do."""
+    """The means must lie on a line, as well as load cells allow."""
     forces = [plateau.weight.force for plateau in plateaus]
     span = max(forces) - min(forces)
     worst = int(np.argmax(np.abs(residuals)))
@@ -143,3 +217,68 @@ def _require_line(plateaus: Sequence[Plateau], residuals: np.ndarray, std: np.nd
             f"the counts do not lie on a line: {plateaus[worst].weight.text} is off by "
             f"{1e3 * residuals[worst]:.1f} mN: check the weights, and that nothing touches the cell"
         )
+
+
+SETTLING_SAMPLES = 8
+"""Samples left out after a weight was changed: the HX711's filter takes four to settle (datasheet, "Settling Time")."""
+
+
+def calibrate(
+    reader: CountReader,
+    weights: Sequence[Weight],
+    samples: int,
+    ask: Callable[[Weight], None],
+    progress: Callable[[Weight, int], None],
+    wait: Callable[[float], None],
+) -> CalibrationFit:
+    """Take `samples` samples at each of `weights` and fit a line.
+
+    Args:
+        reader: of the cell.
+        weights: in the order in which they are asked for.
+        samples: per weight.
+        ask: has the user hang a weight, and returns when it hangs still.
+        progress: told the weight and how many of its samples there are.
+        wait: lets so many seconds pass.
+
+    Raises:
+        TaskFailedError: the cell fails, or what it said is no calibration.
+    """
+    _until_first_sample(reader, wait)
+    plateaus = []
+    for weight in weights:
+        ask(weight)
+        plateaus.append(Plateau.of(weight, _take(reader, weight, samples, progress, wait)))
+    return fit_calibration(plateaus)
+
+
+def _until_first_sample(reader: CountReader, wait: Callable[[float], None]) -> None:
+    while not reader.status().samples:
+        _require_alive(reader)
+        wait(0.02)
+
+
+def _take(
+    reader: CountReader,
+    weight: Weight,
+    samples: int,
+    progress: Callable[[Weight, int], None],
+    wait: Callable[[float], None],
+) -> list[int]:
+    reader.read()  # drop the samples that were received while the weight was changed
+    counts: list[int] = []
+    while len(counts) < SETTLING_SAMPLES + samples:
+        counts += [sample.counts for sample in reader.read()]
+        _require_alive(reader)
+        progress(weight, min(max(len(counts) - SETTLING_SAMPLES, 0), samples))
+        wait(0.02)
+    return counts[SETTLING_SAMPLES : SETTLING_SAMPLES + samples]
+
+
+def _require_alive(reader: CountReader) -> None:
+    status = reader.status()
+    for fault in (Fault.DISCONNECTED, Fault.SILENT):
+        if fault in status.active:
+            seen = status.counts[Fault.MALFORMED]
+            hint = f" ({seen} lines came that are not samples: is the baud rate right?)" if seen else ""
+            raise TaskFailedError(f"load cell: {fault.value}{hint}")

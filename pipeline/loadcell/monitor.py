@@ -1,14 +1,21 @@
-"""What a load cell has said so far: figures of the force, and the faults in the order they came."""
+"""What a load cell has said so far, as numbers, as tables for a person and as JSON for a program."""
 
 import math
 from collections import deque
 from collections.abc import Iterable
+from typing import Any
 
-from pipeline.loadcell.faults import FaultEvent
-from pipeline.loadcell.sample import ForceSample
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from pipeline.loadcell.calibration import Calibration
+from pipeline.loadcell.faults import FaultEvent, LoadCellStatus
+from pipeline.loadcell.fit import CalibrationFit
+from pipeline.robot.protocol import ForceSample
 
 LATEST = 1.0
-"""s; the moving figures are taken over this long."""
+"""Time over which the moving figures are taken [s]."""
 EVENTS = 1000
 
 
@@ -59,3 +66,93 @@ class Monitor:
         if len(forces) == 1:
             return forces[-1], mean, math.nan
         return forces[-1], mean, math.sqrt(math.fsum((force - mean) ** 2 for force in forces) / (len(forces) - 1))
+
+
+def calibration_table(fit: CalibrationFit, calibration: Calibration) -> RenderableType:
+    """The plateaus and what they give."""
+    table = Table("weight", "force [N]", "counts", "residual [mN]", "noise [counts]", "left out")
+    for plateau, residual in zip(fit.plateaus, fit.residuals, strict=True):
+        table.add_row(
+            plateau.weight.text,
+            f"{plateau.weight.force:.4f}",
+            f"{plateau.mean:.1f} ± {plateau.mean_std:.1f}",
+            f"{1e3 * residual:+.2f}",
+            f"{plateau.noise:.1f}",
+            str(plateau.outliers),
+        )
+    summary = (
+        f"offset {calibration.offset:.1f} ± {calibration.offset_std:.1f} counts, "
+        f"scale {1e6 * calibration.scale:.5g} ± {1e6 * calibration.scale_std:.2g} µN/count, "
+        f"noise {1e3 * calibration.noise:.2g} mN"
+    )
+    return Group(table, Text(summary))
+
+
+def monitor_table(seen: Monitor, status: LoadCellStatus, start: float) -> RenderableType:
+    """What is to be seen while it runs; `start` is when it began [s]."""
+    force, mean, std = seen.latest
+    table = Table(show_header=False, min_width=60)
+    table.add_row("force", f"{force:8.4f} N")
+    table.add_row("last second", f"{mean:8.4f} N ± {1e3 * std:.2f} mN")
+    table.add_row("rate", f"{status.rate:6.1f} Hz, {status.samples} samples")
+    table.add_row("now", "\n".join(f"[red]{fault.value}[/]" for fault in status.active) or "[green]in order[/]")
+    counts = [f"{fault.name.lower()} {count}" for fault, count in status.counts.items() if count]
+    table.add_row("faults", ", ".join(counts) or "none")
+    for event in list(seen.events)[-5:]:
+        what = event.fault.name.lower() + ("" if event.began else " is over")
+        table.add_row(f"{event.time - start:.2f} s", what)
+    return table
+
+
+def calibration_json(fit: CalibrationFit, rate: float) -> dict[str, Any]:
+    """What `armdyn loadcell calibrate --json` writes."""
+    return {
+        "schema": "armdyn.loadcell_calibration/1",
+        "offset": {"value": fit.offset, "std": fit.offset_std, "unit": "count"},
+        "scale": {"value": fit.scale, "std": fit.scale_std, "unit": "N/count"},
+        "noise": {"value": fit.noise, "unit": "N"},
+        "rate": rate,
+        "weights": [
+            {
+                "weight": plateau.weight.text,
+                "force": plateau.weight.force,
+                "counts": plateau.mean,
+                "counts_std": plateau.mean_std,
+                "noise": plateau.noise,
+                "residual": residual,
+                "samples": plateau.samples,
+                "outliers": plateau.outliers,
+            }
+            for plateau, residual in zip(fit.plateaus, fit.residuals, strict=True)
+        ],
+    }
+
+
+def monitor_json(seen: Monitor, status: LoadCellStatus, start: float) -> dict[str, Any]:
+    """What `armdyn loadcell monitor --json` writes; times count from `start` [s]."""
+    # JSON has no nan: figures that do not exist are null.
+    figures = {"mean": seen.mean, "min": seen.minimum, "max": seen.maximum} if seen.samples else {}
+    return {
+        "schema": "armdyn.loadcell_monitor/1",
+        "reliable": status.reliable,
+        "connected": status.connected,
+        "samples": status.samples,
+        "rate": status.rate,
+        "force": {
+            "unit": "N",
+            **{name: figures.get(name) for name in ("mean", "min", "max")},
+            "std": seen.std if seen.samples > 1 else None,
+        },
+        "active": [fault.name.lower() for fault in status.active],
+        "faults": {fault.name.lower(): count for fault, count in status.counts.items()},
+        "events": [
+            {
+                "time": event.time - start,
+                "fault": event.fault.name.lower(),
+                "began": event.began,
+                "count": event.count,
+                "sentence": event.fault.value,
+            }
+            for event in seen.events
+        ],
+    }

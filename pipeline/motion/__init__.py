@@ -5,10 +5,9 @@ the line, and reaches the joints through the table of `ik`.
 """
 
 from pipeline.motion.finish import finish_over_box
-from pipeline.motion.gate import Gate, Verdict
+from pipeline.motion.gate import Gate
 from pipeline.motion.limits import LineLimits
 from pipeline.motion.smoother import LineSmoother
-from pipeline.motion.state import LineState
-from pipeline.motion.trajectory import LineTrajectory
+from pipeline.motion.trajectory import LineState, LineTrajectory
 
-__all__ = ["Gate", "LineLimits", "LineSmoother", "LineState", "LineTrajectory", "Verdict", "finish_over_box"]
+__all__ = ["Gate", "LineLimits", "LineSmoother", "LineState", "LineTrajectory", "finish_over_box"]

@@ -6,16 +6,13 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from armdyn.errors import InputError, TaskFailedError
-from pipeline.motion.guard import Guard
+from pipeline.motion.guard import Guard, Ride, RideCurve
 from pipeline.motion.limits import LineLimits
-from pipeline.motion.planner import LinePlanner
-from pipeline.motion.profile import JerkProfile
-from pipeline.motion.ride import Ride, RideCurve
-from pipeline.motion.state import LineState
-from pipeline.motion.trajectory import LineTrajectory
+from pipeline.motion.profile import JerkProfile, LinePlanner
+from pipeline.motion.trajectory import LineState, LineTrajectory
+from urdf.robot import Array
 
 FINISH_ACCELERATION = 8.0
 """Acceleration of the finish [m/s^2]: the gripper must be there before the load has swung back; at 5 it is not."""
@@ -24,10 +21,10 @@ FINISH_SPEED_SHARE = 0.70
 """Share of the speed limit that the finish uses [1]."""
 
 HEADROOM = 0.999
-"""Share of the limits that is planned with, so that they also hold between the instants that are looked at."""
+"""Share of the limits that is used, so that they also hold between the checked instants."""
 
 SLOWEST = 0.02
-"""Share of the highest speed below which a move is no longer looked for [1]."""
+"""Share of the highest speed below which the search for a slower move ends [1]."""
 
 STEP = 5e-3
 """Spacing of the positions at which the speed limit may be met or left [m]."""
@@ -61,7 +58,7 @@ def finish_over_box(
     if not (0.0 < speed_share <= 1.0 and acceleration > 0.0):
         raise InputError("finish: the speed share must lie in (0, 1] and the acceleration be greater than 0")
     reduced = limits.scaled(speed=speed_share).capped(acceleration)
-    # From a swing that ends faster than the finish may go, the whole limit is needed to come down.
+    # Where the swing ends faster than the finish may go, braking needs the whole limit.
     slow_enough = Guard(reduced, LinePlanner(limits.jerk)).stop(start) is not None
     return point_to_point(start, s_end, reduced if slow_enough else limits, dt)
 
@@ -109,7 +106,7 @@ def _fastest(
 ) -> list[JerkProfile | Ride] | None:
     """The shortest in time of the moves that fit."""
     acceleration = _acceleration(guard, start, target)
-    direct = planner.to_state(start, target, guard.lookup.highest_speed, acceleration)
+    direct = planner.to_state(start, target, guard.limits.fastest, acceleration)
     if direct is not None and guard.allows(direct):
         return [direct]
     moves = _ridden(planner, start, target, limits), _slower(planner, guard, start, target, acceleration)
@@ -127,10 +124,8 @@ def _ridden(planner: LinePlanner, start: LineState, target: LineState, limits: L
         return []
     speed, guard = float(limits.speed.max()), Guard(limits, planner)
 
-    def best(
-        begins: list[LineState], ends: list[LineState], riding: NDArray[np.float64]
-    ) -> tuple[int, JerkProfile | None]:
-        """The motion with which the whole takes the shortest time, and the place that belongs to it."""
+    def best(begins: list[LineState], ends: list[LineState], riding: Array) -> tuple[int, JerkProfile | None]:
+        """The place for which the whole move takes the shortest time, and the motion to or from it."""
         shortest, place, chosen = np.inf, 0, None
         for k, (begin, end) in enumerate(zip(begins, ends, strict=True)):
             motion = planner.to_state(begin, end, speed, _acceleration(guard, begin, end))
@@ -158,10 +153,10 @@ def _ridden(planner: LinePlanner, start: LineState, target: LineState, limits: L
 
 
 def _acceleration(guard: Guard, begin: LineState, end: LineState) -> float:
-    """What is allowed wherever a move comes by: who moves away from the end first comes to where one can stop."""
+    """The smallest limit on the way; a move that starts away from the end first goes on to where it can stop."""
     stop = guard.stop(begin)
     reached = begin.s, end.s, begin.s if stop is None else stop.end.s
-    return guard.lookup.acceleration(min(reached), max(reached))
+    return guard.limits.lowest_acceleration(min(reached), max(reached))
 
 
 def _slower(
@@ -169,10 +164,10 @@ def _slower(
 ) -> list[JerkProfile | Ride]:
     """The move at the highest constant speed that fits, by bisection; empty where there is none."""
     best: list[JerkProfile | Ride] = []
-    fits, fails = 0.0, guard.lookup.highest_speed
+    fits, fails = 0.0, guard.limits.fastest
     for _ in range(12):
         speed = 0.5 * (fits + fails)
-        if speed < SLOWEST * guard.lookup.highest_speed:
+        if speed < SLOWEST * guard.limits.fastest:
             break
         motion = planner.to_state(start, target, speed, acceleration)
         if motion is not None and guard.allows(motion):

@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.motion.limits import LineLimits
-from pipeline.motion.state import LineState
+from pipeline.motion.trajectory import LineState
+from urdf.robot import Array
 
 if TYPE_CHECKING:
     import urdf
     from ik import LineTable
 
 
-class Verdict(Enum):
-    """What the gate says of the next reference; the value is the sentence for a person."""
+class Refusal(Enum):
+    """Why the gate refuses the next reference; the value is the sentence for a person."""
 
-    PASSED = "The reference is within every limit."
     NOT_A_NUMBER = "The reference holds a NaN or an infinity: stop, and look at the node that made it."
     OFF_THE_LINE = "The reference leaves the line that the table covers: stop, and move the target inwards."
     TOO_FAST = "The reference is faster along the line than the joints can follow there: smooth it."
@@ -30,14 +28,7 @@ class Verdict(Enum):
     JOINT_POSITION = "A joint would leave its range: the table does not belong to this robot; build it again."
     JOINT_VELOCITY = "A joint would be faster than its limit: slow the motion down."
     JOINT_ACCELERATION = "A joint would accelerate more than its limit: smooth the motion."
-    SLACK = "The string is slack or nearly so: the load is no longer where the model has it."
-    NO_TENSION = "The tension is not a number: look at the load cell and its cable."
     ARM_ELSEWHERE = "The arm is not where the reference is: something holds it, or the motion starts elsewhere."
-
-    @property
-    def passed(self) -> bool:
-        """Whether the reference may be sent."""
-        return self is Verdict.PASSED
 
 
 @dataclass(frozen=True)
@@ -49,7 +40,6 @@ class Gate:
         table: from the line to the joints.
         joints: limits of the joints.
         dt: control cycle [s].
-        least_tension: below it the string counts as slack [N].
         tracking: farthest that any joint may be from its reference [rad]. Baxter's own server stops at 0.2.
         tolerance: share by which a limit may be exceeded, for rounding and for tables between nodes [1].
     """
@@ -58,7 +48,6 @@ class Gate:
     table: LineTable
     joints: urdf.Limits
     dt: float
-    least_tension: float = 0.0
     tracking: float = 0.2
     tolerance: float = 1e-3
 
@@ -66,36 +55,30 @@ class Gate:
         self,
         reference: LineState,
         previous: LineState | None = None,
-        tension: float | None = None,
-        measured: NDArray[np.float64] | None = None,
-    ) -> Verdict:
+        measured: Array | None = None,
+    ) -> Refusal | None:
         """Judge the next reference.
 
         Args:
             reference: of the next cycle.
             previous: that of the cycle before, from which it must follow; None at the start of a motion.
-            tension: of the string now; None where it is not watched [N].
             measured: joint positions now (n,); None where they are not watched [rad].
 
         Returns:
-            The first limit that is broken, or `Verdict.PASSED`.
+            The first limit that is broken; None where the reference may be sent.
         """
         if not reference.is_finite:
-            return Verdict.NOT_A_NUMBER
+            return Refusal.NOT_A_NUMBER
         more = 1.0 + self.tolerance
         s, v, a = reference
         if not self.limits.s_min - 1e-9 <= s <= self.limits.s_max + 1e-9:
-            return Verdict.OFF_THE_LINE
+            return Refusal.OFF_THE_LINE
         if abs(v) > more * self.limits.speed_at(s):
-            return Verdict.TOO_FAST
+            return Refusal.TOO_FAST
         if abs(a) > more * self.limits.acceleration_at(s):
-            return Verdict.TOO_STRONG
+            return Refusal.TOO_STRONG
         if previous is not None and not self._follows(reference, previous):
-            return Verdict.JUMP
-        if tension is not None and not math.isfinite(tension):
-            return Verdict.NO_TENSION
-        if tension is not None and tension <= self.least_tension:
-            return Verdict.SLACK
+            return Refusal.JUMP
         return self._joints(reference, measured)
 
     def _follows(self, reference: LineState, previous: LineState) -> bool:
@@ -109,16 +92,16 @@ class Gate:
             and abs(s - previous.v * h - previous.a * h**2 / 2.0) <= jerk * h**3 / 6.0 + 1e-9
         )
 
-    def _joints(self, reference: LineState, measured: NDArray[np.float64] | None) -> Verdict:
+    def _joints(self, reference: LineState, measured: Array | None) -> Refusal | None:
         s = min(max(reference.s, float(self.table.s[0])), float(self.table.s[-1]))
         q, v, a = self.table.joint_motion(s, reference.v, reference.a)
         more = 1.0 + self.tolerance
         if np.any((q < self.joints.lower) | (q > self.joints.upper)):
-            return Verdict.JOINT_POSITION
+            return Refusal.JOINT_POSITION
         if np.any(np.abs(v) > more * self.joints.velocity):
-            return Verdict.JOINT_VELOCITY
+            return Refusal.JOINT_VELOCITY
         if np.any(np.abs(a) > more * self.joints.acceleration):
-            return Verdict.JOINT_ACCELERATION
+            return Refusal.JOINT_ACCELERATION
         if measured is not None and not np.all(np.abs(measured - q) <= self.tracking):
-            return Verdict.ARM_ELSEWHERE
-        return Verdict.PASSED
+            return Refusal.ARM_ELSEWHERE
+        return None

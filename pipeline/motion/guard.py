@@ -1,12 +1,17 @@
-"""What a motion may do: limits held against it, and the motion to rest that must always exist."""
+"""Limits held against a motion, the motion to rest that must always exist, and the ride along the speed limit."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import CubicSpline
+
 from pipeline.motion.limits import LineLimits
-from pipeline.motion.lookup import LimitLookup
-from pipeline.motion.planner import LinePlanner
-from pipeline.motion.profile import JerkProfile
-from pipeline.motion.state import LineState
+from pipeline.motion.profile import JerkProfile, LinePlanner
+from pipeline.motion.trajectory import LineState
+from urdf.robot import Array
 
 TOLERANCE = 1e-10
 """For rounding [SI units]."""
@@ -21,8 +26,7 @@ class Guard:
     """
 
     def __init__(self, limits: LineLimits, planner: LinePlanner) -> None:
-        self._limits, self._planner = limits, planner
-        self.lookup = LimitLookup(limits)
+        self.limits, self._planner = limits, planner
 
     def allows(self, motion: JerkProfile) -> bool:
         """Whether a motion respects the limits.
@@ -36,16 +40,17 @@ class Guard:
             return False
         s, v, a = zip(*extremes, strict=True)
         fastest, strongest, lower, upper = max(map(abs, v)), max(map(abs, a)), min(s), max(s)
-        far = fastest <= self.lookup.speed(lower, upper) and strongest <= self.lookup.acceleration(lower, upper)
-        return far or motion.respects(self._limits, TOLERANCE)
+        limits = self.limits
+        far = fastest <= limits.lowest_speed(lower, upper) and strongest <= limits.lowest_acceleration(lower, upper)
+        return far or motion.respects(limits, TOLERANCE)
 
     def _allows_state(self, state: LineState) -> bool:
         s, v, a = state
-        lookup = self.lookup
+        limits = self.limits
         return (
-            lookup.s_min - TOLERANCE <= s <= lookup.s_max + TOLERANCE
-            and abs(v) <= lookup.speed(s, s) + TOLERANCE
-            and abs(a) <= lookup.acceleration(s, s) + TOLERANCE
+            limits.s_min - TOLERANCE <= s <= limits.s_max + TOLERANCE
+            and abs(v) <= limits.lowest_speed(s, s) + TOLERANCE
+            and abs(a) <= limits.lowest_acceleration(s, s) + TOLERANCE
         )
 
     def stop(self, state: LineState) -> JerkProfile | None:
@@ -56,14 +61,14 @@ class Guard:
         """
         if not state.is_finite:
             return None
-        lookup = self.lookup
+        limits = self.limits
         # Bounds of the speed (the acceleration is taken back first) and of the way to rest.
-        fastest = abs(state.v) + state.a**2 / (2.0 * lookup.jerk)
-        weakest = lookup.weakest_acceleration
-        reach = fastest * (fastest / (2.0 * weakest) + (abs(state.a) + weakest) / lookup.jerk)
-        if fastest > 10.0 * lookup.highest_speed:
+        fastest = abs(state.v) + state.a**2 / (2.0 * limits.jerk)
+        weakest = limits.weakest
+        reach = fastest * (fastest / (2.0 * weakest) + (abs(state.a) + weakest) / limits.jerk)
+        if fastest > 10.0 * limits.fastest:
             return None
-        motion = self._planner.to_rest(state, lookup.acceleration(state.s - reach, state.s + reach))
+        motion = self._planner.to_rest(state, limits.lowest_acceleration(state.s - reach, state.s + reach))
         return motion if motion is not None and self.allows(motion) else None
 
     def drawn_back(self, target: LineState) -> LineState:
@@ -72,9 +77,9 @@ class Guard:
         Args:
             target: anywhere, finite.
         """
-        lookup = self.lookup
-        s = min(max(target.s, lookup.s_min), lookup.s_max)
-        speed, acceleration = lookup.speed(s, s), lookup.acceleration(s, s)
+        limits = self.limits
+        s = min(max(target.s, limits.s_min), limits.s_max)
+        speed, acceleration = limits.lowest_speed(s, s), limits.lowest_acceleration(s, s)
         v = min(max(target.v, -speed), speed)
         a = min(max(target.a, -acceleration), acceleration)
         for share in (1.0, 0.8, 0.5, 0.2):
@@ -82,3 +87,90 @@ class Guard:
             if self.stop(drawn) is not None:
                 return drawn
         return LineState(s)
+
+
+GRID = 1e-3
+"""Spacing of the smoothed limit [m]."""
+
+WINDOW = 10
+"""Half width of the smoothing, in grid steps: a kink of the limit is rounded over 2 cm."""
+
+STEP = 0.02
+"""Longest time step of the integration of the ride; its error is 1e-7 m [s]."""
+
+
+class RideCurve:
+    """A smooth speed limit that lies under the true one everywhere.
+
+    The limit is the lowest of the joints' limits and has a kink wherever another joint takes over; its acceleration
+    ``a = W W'`` would jump there. Taking the minimum over a window and then a mean over the same window gives a limit
+    that is smooth and still never above the true one.
+
+    Args:
+        limits: along the line.
+
+    Attributes:
+        limits: with the smooth speed limit, at `nodes`.
+    """
+
+    def __init__(self, limits: LineLimits) -> None:
+        count = int(np.ceil((limits.s_max - limits.s_min) / GRID)) + 1
+        self.nodes = np.linspace(limits.s_min, limits.s_max, max(count, 4))
+        half = WINDOW * (self.nodes[1] - self.nodes[0])
+        places = np.union1d(self.nodes, limits.s)
+        speed = limits.speed_at(places)
+        first, last = np.searchsorted(places, self.nodes - half), np.searchsorted(places, self.nodes + half, "right")
+        lowest = np.array([speed[i:k].min() for i, k in zip(first, last, strict=True)])
+        kernel = np.bartlett(2 * WINDOW + 1)[1:-1]
+        smooth = np.convolve(np.pad(lowest, WINDOW - 1, mode="edge"), kernel / kernel.sum(), mode="valid")
+        self._spline = CubicSpline(self.nodes, smooth)
+        under = np.minimum(np.interp(places, self.nodes, smooth), speed)
+        self.limits = LineLimits(places, under, limits.acceleration_at(places), limits.jerk)
+
+    def at(self, s: float, direction: float) -> LineState:
+        """State of a tool that rides the limit at `s`, towards larger s (+1) or smaller (-1)."""
+        speed = float(self._spline(s))
+        return LineState(s, direction * speed, speed * float(self._spline(s, 1)))
+
+    def after(self, s: float, time: float, direction: float) -> LineState:
+        """State of a ride `time` [s] after `s`, by midpoint steps; it ends at the end of the line."""
+        for _ in range(steps := max(round(time / STEP), 1)):
+            h = direction * time / steps
+            s = self._clipped(s + h * float(self._spline(self._clipped(s + 0.5 * h * float(self._spline(s))))))
+        return self.at(s, direction)
+
+    def _clipped(self, s: float) -> float:
+        return min(max(s, float(self.nodes[0])), float(self.nodes[-1]))
+
+    def jerk(self, s: ArrayLike) -> Array:
+        """Size of the jerk of riding, ``|W (W'^2 + W W'')|`` [m/s^3]."""
+        w, slope, bend = (self._spline(s, order) for order in (0, 1, 2))
+        return np.abs(np.asarray(w * (slope**2 + w * bend)))
+
+    def between(self, s_from: float, s_to: float) -> Ride:
+        """The ride from one position to another, in the direction of motion."""
+        s = np.linspace(s_from, s_to, max(int(abs(s_to - s_from) / (0.1 * GRID)) + 1, 4))
+        travelled = np.abs(s - s_from)
+        time = CubicSpline(travelled, 1.0 / self._spline(s)).antiderivative()(travelled)
+        return Ride(self, 1.0 if s_to > s_from else -1.0, float(time[-1]), CubicSpline(time, s))
+
+
+@dataclass(frozen=True)
+class Ride:
+    """A stretch ridden at the speed limit.
+
+    Attributes:
+        curve: the limit.
+        direction: +1 towards larger s, -1 towards smaller.
+        duration: time that it takes [s].
+        position: over time [m].
+    """
+
+    curve: RideCurve
+    direction: float
+    duration: float
+    position: CubicSpline
+
+    def at(self, time: float) -> LineState:
+        """State at one time [s]."""
+        return self.curve.at(float(self.position(time)), self.direction)

@@ -1,4 +1,4 @@
-"""Motion in phases of constant jerk, which is what ruckig plans."""
+"""Motions in phases of constant jerk, and ruckig, which plans them."""
 
 from __future__ import annotations
 
@@ -9,19 +9,21 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+import ruckig
+from numpy.typing import ArrayLike
 
 from pipeline.motion.limits import LineLimits
-from pipeline.motion.state import LineState
+from pipeline.motion.trajectory import LineState
+from urdf.robot import Array
 
 SAMPLING = 2.5e-3
 """Spacing at which a motion is held against limits that depend on the place [s]."""
 
 MISSED = 5e-4
-"""Share of the speed limit by which a motion may be above it between two looks [1]."""
+"""Share of the speed limit by which a motion may exceed it between two samples [1]."""
 
 MOST_SAMPLES = 4000
-"""Where a motion lasts longer than 10 s it is slow: this many samples are then less than a millimetre apart."""
+"""Largest number of samples; a motion of more than 10 s is slow, and they are less than a millimetre apart."""
 
 
 class JerkProfile:
@@ -64,7 +66,7 @@ class JerkProfile:
         k = max(bisect_right(self.start, time) - 1, 0)
         return LineState(*_advanced(*self.states[k], self.jerks[k], time - self.start[k]))
 
-    def sample(self, time: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def sample(self, time: ArrayLike) -> tuple[Array, Array, Array]:
         """Position, speed and acceleration at times (n,) [s]."""
         time = np.asarray(time, dtype=float)
         start, states, jerks = self._arrays
@@ -111,7 +113,7 @@ class JerkProfile:
             tolerance: for rounding [SI units].
         """
         # A function with a second derivative of 2 J or less is at most 2 J h^2 / 8 above what is seen at its ends.
-        spacing = min(SAMPLING, math.sqrt(4.0 * MISSED * limits.lowest_speed / limits.jerk))
+        spacing = min(SAMPLING, math.sqrt(4.0 * MISSED * limits.slowest / limits.jerk))
         count = int(min(np.ceil(self.duration / spacing), MOST_SAMPLES)) + 1
         even = np.linspace(0.0, self.duration, count)
         s, v, a = self.sample(np.concatenate([even, self._passes(even, limits.s)]))
@@ -123,7 +125,7 @@ class JerkProfile:
             and np.all(np.abs(a) <= limits.acceleration_at(s) + tolerance)
         )
 
-    def _passes(self, time: NDArray[np.float64], nodes: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _passes(self, time: Array, nodes: Array) -> Array:
         """Times at which nodes are passed, taking the motion between samples for uniform."""
         s = self.sample(time)[0]
         turns = np.flatnonzero(np.diff(np.sign(np.diff(s)))) + 1
@@ -137,7 +139,7 @@ class JerkProfile:
         return np.concatenate(found)
 
     @cached_property
-    def _arrays(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def _arrays(self) -> tuple[Array, Array, Array]:
         return np.array(self.start), np.array(self.states), np.array(self.jerks)
 
 
@@ -153,3 +155,80 @@ def _zeros(square: float, linear: float, constant: float) -> tuple[float, ...]:
         return ()
     half = -(linear + math.copysign(math.sqrt(discriminant), linear)) / 2.0
     return tuple(n / d for n, d in ((half, square), (constant, half)) if d != 0.0)
+
+
+ROUNDING = 1e-9
+"""Time within which a motion is on time [s]."""
+
+
+class LinePlanner:
+    """Ruckig on the line coordinate, with its input and output kept between calls.
+
+    Source: Berscheid and Kröger, "Jerk-limited Real-time Trajectory Generation with Arbitrary Target States", RSS 2021.
+
+    Args:
+        jerk: largest jerk [m/s^3].
+    """
+
+    def __init__(self, jerk: float) -> None:
+        self._ruckig = ruckig.Ruckig(1)
+        self._trajectory = ruckig.Trajectory(1)
+        self._to_state = ruckig.InputParameter(1)
+        self._to_rest = ruckig.InputParameter(1)
+        self._to_rest.control_interface = ruckig.ControlInterface.Velocity
+        for parameters in (self._to_state, self._to_rest):
+            parameters.max_jerk = [jerk]
+
+    def to_state(
+        self,
+        start: LineState,
+        target: LineState,
+        speed: float,
+        acceleration: float,
+        duration: float | None = None,
+    ) -> JerkProfile | None:
+        """Fastest motion between two moving states, or one that takes a given time.
+
+        Args:
+            start: present state, finite.
+            target: wanted state, finite.
+            speed: largest speed [m/s].
+            acceleration: largest acceleration [m/s^2].
+            duration: time to take, to arrive on a sample [s].
+
+        Returns:
+            The motion, or None where ruckig finds none: the time is too short, or a target is beyond the limits.
+        """
+        p = self._to_state
+        p.current_position, p.current_velocity, p.current_acceleration = [start.s], [start.v], [start.a]
+        p.target_position, p.target_velocity, p.target_acceleration = [target.s], [target.v], [target.a]
+        p.max_velocity, p.max_acceleration = [speed], [acceleration]
+        p.minimum_duration = duration
+        return self._calculate(p, start, duration)
+
+    def to_rest(self, start: LineState, acceleration: float) -> JerkProfile | None:
+        """Fastest motion to rest, wherever that is.
+
+        Args:
+            start: present state, finite.
+            acceleration: largest acceleration [m/s^2].
+        """
+        p = self._to_rest
+        p.current_position, p.current_velocity, p.current_acceleration = [start.s], [start.v], [start.a]
+        p.max_acceleration = [acceleration]
+        return self._calculate(p, start)
+
+    def _calculate(
+        self, parameters: ruckig.InputParameter, start: LineState, duration: float | None = None
+    ) -> JerkProfile | None:
+        try:
+            result = self._ruckig.calculate(parameters, self._trajectory)
+        except ruckig.RuckigError:
+            return None
+        if result not in (ruckig.Result.Working, ruckig.Result.Finished):
+            return None
+        if duration is not None and self._trajectory.duration > duration + ROUNDING:
+            return None
+        profile = self._trajectory.profiles[0][0]
+        brake = profile.brake
+        return JerkProfile(start, [*brake.t, *profile.t], [*brake.j, *profile.j])

@@ -2,67 +2,43 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Protocol
+from dataclasses import replace
 
 import clarabel
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from armdyn.errors import InputError, TaskFailedError
 from pipeline.motion.guard import Guard
 from pipeline.motion.limits import LineLimits
-from pipeline.motion.planner import LinePlanner
+from pipeline.motion.profile import LinePlanner
 from pipeline.motion.smoother import LineSmoother
-from pipeline.motion.state import LineState
-from pipeline.motion.trajectory import LineTrajectory
-
-Array = NDArray[np.float64]
+from pipeline.motion.trajectory import LineState, LineTrajectory
+from urdf.robot import Array
 
 HEADROOM = 0.999
-"""Share of the limits that is planned with, for what happens between the linearised limits and between samples."""
+"""Share of the limits that the program uses; the rest covers errors of the linearisation and between samples."""
 
 EASY = 0.95
-"""Share of the limits for the first motion: its jerk changes within a sample, which the program's cannot."""
+"""Share of the limits for the first motion: its jerk may change within a sample, that of the program may not."""
 
 ROUNDS = 12
-"""Most times that the limits are linearised about the last solution."""
+"""Largest number of rounds; each linearises the limits about the last solution."""
 
 SETTLED = 1e-4
 """Change of position between two rounds at which the linearisation is exact to a tenth of the headroom [m]."""
 
 TRUST = 0.05
-"""Farthest that a round may move a position, so that the limits linearised there still mean something [m]."""
+"""Largest change of a position in one round, for which the linearised limits are still good [m]."""
+
+SPEED_WEIGHT = 0.1
+"""Cost of a deviation of the speed, which the load on its string feels; that of the position is 1/m^2 [s^2/m^2]."""
+
+JERK_WEIGHT = 1e-12
+"""Cost of jerk, so that idle stretches are smooth [s^6/m^2]."""
 
 NARROWING = (3, 0.4)
-"""Round after which the trust region shrinks, and its factor: at a kink of a limit, rounds would go to and fro."""
-
-
-class TorqueAlongLine(Protocol):
-    """Joint torques ``m(s) a + c(s) v^2 + d(s) v + g(s)``, as `feasibility.LineTorque` has them."""
-
-    s: Array
-    inertia: Array
-    coriolis: Array
-    damping: Array
-    gravity: Array
-    limit: Array
-
-
-@dataclass(frozen=True)
-class Weights:
-    """What a deviation costs.
-
-    Attributes:
-        position: per square of a metre [1/m^2].
-        speed: per square of a metre per second [s^2/m^2]: what the load at the end of the string feels.
-        jerk: per square of a metre per second cubed, so that idle stretches are smooth [s^6/m^2].
-    """
-
-    position: float = 1.0
-    speed: float = 0.1
-    jerk: float = 1e-12
+"""Round after which the trust region shrinks, and its factor: at a kink of a limit the rounds would oscillate."""
 
 
 def smooth_reference(
@@ -72,15 +48,13 @@ def smooth_reference(
     limits: LineLimits,
     start: LineState | None = None,
     end: LineState | None = None,
-    torque: TorqueAlongLine | None = None,
-    weights: Weights | None = None,
 ) -> LineTrajectory:
     """The feasible motion nearest to a reference, by a quadratic program.
 
     With a jerk ``j_k`` that is constant over each sample, minimises
-    ``sum_k w_s (s_k - s_ref_k)^2 + w_v (v_k - v_ref_k)^2 + w_j j_k^2`` under the limits of range, speed, acceleration,
-    jerk and, where given, joint torque. Those that depend on the place are linearised about the last solution until it
-    stands still. The speed between samples is bounded by its Bézier points.
+    ``sum_k (s_k - s_ref_k)^2 + w_v (v_k - v_ref_k)^2 + w_j j_k^2`` under the limits of range, speed, acceleration
+    and jerk. Those that depend on the place are linearised about the last solution until it changes no more. The speed
+    between samples is bounded by its Bézier points.
 
     Args:
         s_ref: wanted positions (n,) [m].
@@ -89,8 +63,6 @@ def smooth_reference(
         limits: along the line.
         start: state to start from; by default at rest or as fast as the reference, where that is possible.
         end: state to end in; by default free.
-        torque: of the joints along the line; None to leave it out.
-        weights: of the deviations.
 
     Returns:
         The motion, sampled as the reference is.
@@ -109,12 +81,12 @@ def smooth_reference(
     guard = Guard(easy, LinePlanner(easy.jerk))
     if start is None:
         start = guard.drawn_back(LineState(float(s_ref[0]), float(v_ref[0])))
-    program = _Program(s_ref, v_ref, dt, tight, start, end, torque, weights or Weights())
+    program = _Program(s_ref, v_ref, dt, tight, start, end)
     s, v, a = _followed(s_ref, v_ref, dt, limits if guard.stop(start) is None else easy, start)
     for k in range(ROUNDS):
         before, trust = s, TRUST * NARROWING[1] ** max(k - NARROWING[0], 0)
-        # From a first motion that misses the end, the program may have to go further than it should trust.
-        solved = program.solve(s, v, a, trust) or program.solve(s, v, a, np.inf)
+        # Where the first motion misses the end, the program may have to leave the trust region.
+        solved = program.solve(s, v, trust) or program.solve(s, v, np.inf)
         if solved is None:
             raise TaskFailedError(
                 "reference: no motion within the limits of the line joins its start and its end: give it more time, "
@@ -139,7 +111,7 @@ def _followed(
 
 
 def _verified(motion: LineTrajectory, limits: LineLimits) -> LineTrajectory:
-    """The motion, if it is within its limits after all the linearising."""
+    """The motion, which must be within its limits although they were linearised."""
     within = (
         motion.s.min() >= limits.s_min - 1e-9
         and motion.s.max() <= limits.s_max + 1e-9
@@ -164,22 +136,18 @@ class _Program:
         limits: LineLimits,
         start: LineState,
         end: LineState | None,
-        torque: TorqueAlongLine | None,
-        weights: Weights,
     ) -> None:
         n = self._n = s_ref.size
-        self._limits, self._torque, self._dt = limits, torque, dt
+        self._limits, self._dt = limits, dt
         one = sparse.identity(n, format="csr")
         none = sparse.csr_matrix((n, n))
         # Blocks of columns: s, v, a of every sample, then the jerk after it; the last jerk is 0.
         self._s, self._v, self._a, self._j = (
             sparse.hstack([one if k == i else none for k in range(4)], format="csr") for i in range(4)
         )
-        cost = np.concatenate(
-            [np.full(n, weights.position), np.full(n, weights.speed), np.zeros(n), np.full(n, weights.jerk)]
-        )
+        cost = np.concatenate([np.ones(n), np.full(n, SPEED_WEIGHT), np.zeros(n), np.full(n, JERK_WEIGHT)])
         self._quadratic = sparse.diags(2.0 * cost, format="csc")
-        self._linear = np.concatenate([-2.0 * weights.position * s_ref, -2.0 * weights.speed * v_ref, np.zeros(2 * n)])
+        self._linear = np.concatenate([-2.0 * s_ref, -2.0 * SPEED_WEIGHT * v_ref, np.zeros(2 * n)])
         now, after = slice(0, n - 1), slice(1, n)
         s, v, a, j = self._s, self._v, self._a, self._j
         rows = [
@@ -195,7 +163,7 @@ class _Program:
                 right.append(np.array(state))
         self._equal, self._equal_right = sparse.vstack(rows, format="csc"), np.concatenate(right)
 
-    def solve(self, s: Array, v: Array, a: Array, trust: float) -> tuple[Array, Array, Array] | None:
+    def solve(self, s: Array, v: Array, trust: float) -> tuple[Array, Array, Array] | None:
         """One round, with the limits linearised about a motion; None where nothing satisfies them."""
         limits, n = self._limits, self._n
         speed, speed_slope = _linearised(limits.s, limits.speed, s)
@@ -219,10 +187,6 @@ class _Program:
             moving = sparse.diags(slope) @ self._s
             rows += [row - moving, -row - moving]
             bounds += 2 * [bound - slope * s]
-        if self._torque is not None:
-            row, lowest, highest = self._torque_rows(self._torque, s, v, a)
-            rows += [row, -row]
-            bounds += [highest, -lowest]
         matrix = sparse.vstack([self._equal, *rows], format="csc")
         right = np.concatenate([self._equal_right, *bounds])
         equal = self._equal.shape[0]
@@ -234,24 +198,6 @@ class _Program:
             return None
         x = np.array(solution.x)
         return x[:n], x[n : 2 * n], x[2 * n : 3 * n]
-
-    def _torque_rows(
-        self, torque: TorqueAlongLine, s: Array, v: Array, a: Array
-    ) -> tuple[sparse.csr_matrix, Array, Array]:
-        """Torques linearised about a motion: a matrix, and the bounds of what it gives."""
-        rows, lowest, highest = [], [], []
-        for k in range(torque.limit.size):
-            (m, dm), (c, dc), (d, dd), (g, dg) = (
-                _linearised(torque.s, term[:, k], s)
-                for term in (torque.inertia, torque.coriolis, torque.damping, torque.gravity)
-            )
-            by_s, by_v = dm * a + dc * v**2 + dd * v + dg, 2.0 * c * v + d
-            row = sparse.diags(by_s) @ self._s + sparse.diags(by_v) @ self._v + sparse.diags(m) @ self._a
-            offset = m * a + c * v**2 + d * v + g - (by_s * s + by_v * v + m * a)
-            rows.append(row)
-            lowest.append(-HEADROOM * torque.limit[k] - offset)
-            highest.append(HEADROOM * torque.limit[k] - offset)
-        return sparse.vstack(rows, format="csr"), np.concatenate(lowest), np.concatenate(highest)
 
 
 def _linearised(nodes: Array, value: Array, at: Array) -> tuple[Array, Array]:

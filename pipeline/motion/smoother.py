@@ -6,24 +6,22 @@ import math
 from collections.abc import Sequence
 
 from armdyn.errors import InputError
-from pipeline.motion.guard import Guard
+from pipeline.motion.guard import Guard, RideCurve
 from pipeline.motion.limits import LineLimits
-from pipeline.motion.planner import LinePlanner
-from pipeline.motion.profile import JerkProfile
-from pipeline.motion.ride import RideCurve
-from pipeline.motion.state import LineState
+from pipeline.motion.profile import JerkProfile, LinePlanner
+from pipeline.motion.trajectory import LineState
 
 HEADROOM = 0.999
-"""Share of the limits that is used, so that they also hold between the instants at which a motion is looked at."""
+"""Share of the limits that is used, so that they also hold between the checked instants."""
 
 LOOK_AHEAD = (1, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50)
 """Cycles ahead at which the reference, or the speed limit, may be met."""
 
 PURSUIT = 0.2
-"""How far ahead of itself a reference that cannot be met is gone for: the arm turns round in about this time [s]."""
+"""A reference that cannot be met is pursued where it will be after this time, in which the arm can turn round [s]."""
 
 FADING = 0.1
-"""Time in which a single reference's acceleration is taken to fade, when it is continued into the future [s]."""
+"""Time constant with which the acceleration of a single reference fades when it is continued [s]."""
 
 
 class LineSmoother:
@@ -55,7 +53,7 @@ class LineSmoother:
         self._ride = RideCurve(tight)
         self._at_start = Guard(limits, self._planner)
         self._guard = Guard(tight, self._planner)
-        # A pursuit that went above the curve that it then rides would swing about it.
+        # A pursuit that went above the speed curve that it follows afterwards would oscillate about it.
         self._ridden = Guard(self._ride.limits, self._planner)
         self.reset(state)
 
@@ -99,9 +97,9 @@ class LineSmoother:
 
         Args:
             reference: where the tool should be at the end of this cycle, or there and at the ends of the cycles after
-                it. A single state is continued with a fading acceleration. What is not finite is no reference: if it
-                comes first the tool is brought to rest, in a sequence what follows it is left out. What lies beyond the
-                limits is drawn back to them.
+                it. A single state is continued with a fading acceleration. If the first state is not finite the tool
+                is brought to rest; a state that is not finite ends the sequence. States beyond the limits are moved
+                back to them.
 
         Returns:
             State at the end of the cycle.
@@ -123,12 +121,12 @@ class LineSmoother:
         if self._stop_age < self._stop.duration:
             self._state = self._stop.at(self._stop_age)
         else:
-            # Rest is exact: what rounding has left of speed and acceleration must not add up.
-            self._state = LineState(min(max(self._stop.end.s, self._guard.lookup.s_min), self._guard.lookup.s_max))
+            # Rest is exact: rounding errors of speed and acceleration must not add up.
+            self._state = LineState(min(max(self._stop.end.s, self._guard.limits.s_min), self._guard.limits.s_max))
         return self._state
 
     def _follow(self, targets: Sequence[LineState]) -> LineState:
-        """Meet the first target that can be met on time; else go for where the reference will be a little later."""
+        """Meet the first target that can be met on time; else pursue the place of the reference a little later."""
         for m in LOOK_AHEAD:
             if m > len(targets):
                 break
@@ -140,14 +138,14 @@ class LineSmoother:
 
     def _on_time(self, target: LineState, cycles: int) -> JerkProfile | None:
         """The motion that meets a target after a number of cycles; None where it takes longer."""
-        lookup = self._guard.lookup
-        speed, acceleration = lookup.highest_speed, lookup.highest_acceleration
+        limits = self._guard.limits
+        speed, acceleration = limits.fastest, limits.strongest
         return self._planner.to_state(self._state, target, speed, acceleration, cycles * self._dt)
 
     def _pursue(self, target: LineState) -> LineState | None:
-        s, lookup = self._state.s, self._guard.lookup
-        acceleration = lookup.acceleration(min(s, target.s), max(s, target.s))
-        motion = self._planner.to_state(self._state, target, lookup.highest_speed, acceleration)
+        s, limits = self._state.s, self._guard.limits
+        acceleration = limits.lowest_acceleration(min(s, target.s), max(s, target.s))
+        motion = self._planner.to_state(self._state, target, limits.fastest, acceleration)
         if motion is not None and self._begin(motion, self._ridden):
             return self._state
         # Going faster breaks the speed limit ahead: join it, with its own slope, as early as possible.
@@ -162,14 +160,14 @@ class LineSmoother:
             if motion is not None and self._guard.allows(motion) and self._begin(motion, self._guard, keep=True):
                 return self._state
         for share in (0.9, 0.5):
-            slower = max(share * min(abs(self._state.v), lookup.speed(s, s)), 1e-3)
+            slower = max(share * min(abs(self._state.v), limits.lowest_speed(s, s)), 1e-3)
             motion = self._planner.to_state(self._state, LineState(target.s), slower, acceleration)
             if motion is not None and self._begin(motion, self._guard):
                 return self._state
         return None
 
     def _begin(self, motion: JerkProfile, guard: Guard, keep: bool = False) -> bool:
-        """Begin a motion, and keep the rest of it if asked, if this cycle and a stop after it respect the limits."""
+        """Begin a motion if its first cycle and a stop after that respect the limits; keep the rest of it if asked."""
         cycle = motion.until(self._dt)
         if not guard.allows(cycle):
             return False
@@ -197,7 +195,7 @@ class LineSmoother:
 
 
 def _finite(reference: Sequence[LineState]) -> Sequence[LineState]:
-    """The states before the first that is not finite, as far as they are looked at."""
+    """The states before the first that is not finite, at most as many as are used."""
     targets = [LineState(*target) for target in reference[: LOOK_AHEAD[-1]]]
     for k, target in enumerate(targets):
         if not target.is_finite:

@@ -1,15 +1,35 @@
-"""Motions sampled in time: along the line, and of the joints."""
+"""Where the tool is on its line and how it moves there; motions sampled in time, of the tool and of the joints."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from armdyn.errors import InputError
-from pipeline.motion.state import LineState
+from urdf.robot import Array, read_only
+
+
+class LineState(NamedTuple):
+    """State of the tool on the line.
+
+    Attributes:
+        s: position along the line [m].
+        v: speed along the line [m/s].
+        a: acceleration along the line [m/s^2].
+    """
+
+    s: float
+    v: float = 0.0
+    a: float = 0.0
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether all three numbers are finite."""
+        return math.isfinite(self.s) and math.isfinite(self.v) and math.isfinite(self.a)
 
 
 @dataclass(frozen=True)
@@ -26,10 +46,10 @@ class LineTrajectory:
         InputError: if the arrays are not equally long, are empty or not finite, or time does not increase.
     """
 
-    time: NDArray[np.float64]
-    s: NDArray[np.float64]
-    v: NDArray[np.float64]
-    a: NDArray[np.float64]
+    time: Array
+    s: Array
+    v: Array
+    a: Array
 
     def __post_init__(self) -> None:
         for name in ("time", "s", "v", "a"):
@@ -87,10 +107,10 @@ class JointTrajectory:
         InputError: if the shapes do not agree, something is not finite, or time does not increase.
     """
 
-    time: NDArray[np.float64]
-    q: NDArray[np.float64]
-    v: NDArray[np.float64]
-    a: NDArray[np.float64]
+    time: Array
+    q: Array
+    v: Array
+    a: Array
     joint_names: tuple[str, ...]
 
     def __post_init__(self) -> None:
@@ -105,14 +125,7 @@ class JointTrajectory:
         return int(self.time.size)
 
 
-def read_only(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A copy as floats that cannot be written to."""
-    copy = np.array(values, dtype=float)
-    copy.flags.writeable = False
-    return copy
-
-
-def check_samples(time: NDArray[np.float64], values: dict[str, NDArray[np.float64]]) -> None:
+def check_samples(time: Array, values: dict[str, Array]) -> None:
     """Refuse what cannot be a trajectory.
 
     Args:

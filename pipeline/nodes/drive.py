@@ -3,10 +3,10 @@
 from collections.abc import Callable, Sequence
 
 from ik import LineTable
-from pipeline.motion import Gate, LineSmoother, LineState, LineTrajectory, Verdict
+from pipeline.motion import Gate, LineSmoother, LineState, LineTrajectory
 from pipeline.nodes.measurement import MeasurementNode
 from pipeline.record import Recorder
-from pipeline.robot.protocol import Robot
+from pipeline.robot.protocol import RobotInterface
 
 Reference = Callable[[float], Sequence[LineState]]
 """``now -> states at the ends of the coming cycles``."""
@@ -24,7 +24,7 @@ class DriveNode:
 
     def __init__(
         self,
-        robot: Robot,
+        robot: RobotInterface,
         table: LineTable,
         smoother: LineSmoother,
         gate: Gate,
@@ -64,9 +64,9 @@ class DriveNode:
         """Send the next reference."""
         previous = self._smoother.state
         state = self._next(now)
-        verdict = self._gate.check(state, previous, measured=self._measurement.state.q)
-        if verdict is not Verdict.PASSED:
-            self.fault = self.fault or f"motion at {now:.2f} s: {verdict.value}"
+        refusal = self._gate.check(state, previous, measured=self._measurement.state.q)
+        if refusal is not None:
+            self.fault = self.fault or f"motion at {now:.2f} s: {refusal.value}"
             self.stop()
             self._smoother.reset(previous)
             state = self._smoother.stop()

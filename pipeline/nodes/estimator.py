@@ -10,7 +10,7 @@ from pipeline.nodes.measurement import MeasurementNode
 from pipeline.record import Recorder
 
 FIRST_UPDATE = 1.0
-"""s of motion before the first estimate: less does not determine the length."""
+"""Time of motion before the first estimate [s]: less does not determine the length."""
 
 
 @dataclass(frozen=True)
@@ -18,9 +18,9 @@ class LengthEstimate:
     """One entry of the estimate's history.
 
     Attributes:
-        time: of the update, s.
-        value: length, m.
-        std: its standard deviation, m.
+        time: of the update [s].
+        value: length [m].
+        std: its standard deviation [m].
         outcome: how the fit ended.
         seconds: that the update took.
     """
@@ -36,7 +36,7 @@ class EstimatorNode:
     """Runs the estimator at 2 Hz on the data since `begin`.
 
     Attributes:
-        start: time at which the load hung at rest and the data begin, s; None while it does not estimate.
+        start: time at which the load hung at rest and the data begin [s]; None while it does not estimate.
         history: every update so far.
     """
 
@@ -64,9 +64,10 @@ class EstimatorNode:
         self._running = False
 
     def step(self, now: float) -> None:
-        """Update the estimate once there is enough to go by."""
+        """Update the estimate once there are enough data."""
         if not self._running or self.start is None or now - self.start < FIRST_UPDATE - 1e-9:
             return
+        self._measurement.update_path()
         run = self._measurement.run()
         begun = perf_counter()
         estimate = self._estimator.update(run)

@@ -1,25 +1,45 @@
-"""The measurement node: joints and load cell in, one recording out, and an eye on the load cell."""
+"""The measurement node: joints and load cell in, one recording out, and faults of the load cell noticed."""
 
 from collections import deque
 from dataclasses import dataclass
 from math import inf
 
 import numpy as np
+import pinocchio as pin
 
 import urdf
+from armdyn.errors import InputError
 from armdyn.pendulum.path import GripperPath, GrowingPath
 from armdyn.pendulum.recorded import GrowingRun
 from armdyn.run import Channel
 from pipeline.loadcell.faults import FaultDetector
-from pipeline.nodes.line_sensor import LineSensor
 from pipeline.record import Recorder
-from pipeline.robot.protocol import JointState, Robot
+from pipeline.robot.protocol import JointState, RobotInterface
+
+
+class LineSensor:
+    """Forward kinematics of the attachment point, expressed along the robot's line."""
+
+    def __init__(self, robot: urdf.Robot) -> None:
+        self._model, self._data = robot.model, robot.model.createData()
+        self._frame = robot.model.getFrameId(robot.tool_frame)
+        self._offset, self._line = np.asarray(robot.tool_offset), robot.line
+
+    def locate(self, q: np.ndarray) -> tuple[float, float]:
+        """Coordinate along the line and height above it [m], of a posture (n,)."""
+        pin.forwardKinematics(self._model, self._data, q)
+        pose = pin.updateFramePlacement(self._model, self._data, self._frame)
+        away = pose.translation + pose.rotation @ self._offset - self._line.origin
+        along = float(away @ self._line.direction)
+        return along, float(away[2] - along * self._line.direction[2])
+
 
 SLACK_FORCE = 0.02
-"""N; a string that pulls less than this for `SLACK_TIME` has gone slack (an 80 g load pulls 0.78 N at rest)."""
+"""A string that pulls less than this [N] for `SLACK_TIME` has gone slack; an 80 g load pulls 0.78 N at rest."""
 SLACK_TIME = 0.05
+"""See `SLACK_FORCE` [s]."""
 WAIT = 2 * SLACK_TIME
-"""s that samples wait before they are recorded."""
+"""Time that samples wait before they are recorded [s]."""
 LINE_CHANNELS = {"gripper_x": "m", "gripper_z": "m", "load_force": "N"}
 
 
@@ -50,9 +70,42 @@ class _Series:
         self.time[self.count], self.value[self.count] = time, value
         self.count += 1
 
-    def since(self, start: float, unit: str) -> Channel:
-        first = int(np.searchsorted(self.time[: self.count], start - 1e-9))
-        return Channel(self.time[first : self.count] - start, self.value[first : self.count], unit)
+    def first(self, start: float) -> int:
+        """Number of the first sample at `start` [s] or later."""
+        return int(np.searchsorted(self.time[: self.count], start - 1e-9))
+
+    def since(self, start: float, unit: str, end: int | None = None) -> Channel:
+        """The samples from `start` [s] on, up to number `end`; time counts from `start`."""
+        part = slice(self.first(start), self.count if end is None else end)
+        return Channel(self.time[part] - start, self.value[part], unit)
+
+
+class _SmoothedPath:
+    """The gripper from some time on, smoothed piece by piece.
+
+    Attributes:
+        start: when it begins [s].
+        count: samples that were taken.
+        along, height: position, velocity and acceleration of these, (3, count) each.
+    """
+
+    def __init__(self, along: _Series, height: _Series, start: float, period: float) -> None:
+        self.start, self._first, self.count = start, along.first(start), 0
+        self._series = along, height
+        self._growing = GrowingPath(period), GrowingPath(period)
+        self.along = self.height = np.empty((3, 0))
+
+    @property
+    def raw(self) -> Channel:
+        """The coordinate along the line as it was measured."""
+        return self._series[0].since(self.start, "m", self._first + self.count)
+
+    def update(self) -> None:
+        """Take what was measured since the last time."""
+        new = slice(self._first + self.count, self._series[0].count)
+        pairs = zip(self._growing, self._series, strict=True)
+        self.along, self.height = (growing.extend(series.value[new]) for growing, series in pairs)
+        self.count = new.stop - self._first
 
 
 class MeasurementNode:
@@ -64,11 +117,11 @@ class MeasurementNode:
     slack with them.
 
     Attributes:
-        hangs_until: when the load will come near the box, s.
+        hangs_until: when the load will come near the box [s].
         load_hangs: False once the load may touch the box and the string go slack.
         fault: a sentence once the load cell or the string has failed, else None.
         state: the latest reading of the joints.
-        gripper: the latest coordinate along the line, m.
+        gripper: the latest coordinate along the line [m].
     """
 
     name = "measurement"
@@ -76,7 +129,7 @@ class MeasurementNode:
 
     def __init__(
         self,
-        robot: Robot,
+        robot: RobotInterface,
         description: urdf.Robot,
         recorder: Recorder,
         detector: FaultDetector,
@@ -88,7 +141,7 @@ class MeasurementNode:
         self._gripper, self._height, self._force = _Series.empty(), _Series.empty(), _Series.empty()
         self._pulled_at: float | None = None
         self._waiting: deque[tuple[str, float, float]] = deque()
-        self.begin()
+        self._path: _SmoothedPath | None = None
         self.load_hangs, self.hangs_until = True, inf
         self.fault: str | None = None
         self.state: JointState = robot.joint_state()
@@ -133,8 +186,9 @@ class MeasurementNode:
         self.load_hangs, self.hangs_until = False, min(time, self.hangs_until)
 
     def finish(self) -> None:
-        """Record what still waits."""
+        """Record what still waits, and complete the run."""
         self._record_until(inf)
+        self.update_path()
 
     def _record_until(self, time: float) -> None:
         while self._waiting and self._waiting[0][1] <= time:
@@ -144,15 +198,23 @@ class MeasurementNode:
 
     def begin(self) -> None:
         """The run for the estimator starts now, with the load at rest."""
-        self._start, self._smoothed = self._robot.time, 0
-        self._path, self._rise = GrowingPath(self.period), GrowingPath(self.period)
+        self._path = _SmoothedPath(self._gripper, self._height, self._robot.time, self.period)
+
+    def update_path(self) -> None:
+        """Take what was measured since the last time into the smoothed path of the run."""
+        if self._path is not None:
+            self._path.update()
 
     def run(self) -> GrowingRun:
-        """What was measured since `begin`, the gripper's path smoothed; time counts from there."""
-        force = self._force.since(self._start, "N")
-        raw = self._gripper.since(self._start, "m")
-        x, v, a = self._path.extend(raw.value[self._smoothed :])
-        height = self._rise.extend(self._height.since(self._start, "m").value[self._smoothed :])
-        self._smoothed = len(raw.value)
-        path = GripperPath(float(raw.time[0]), self.period, x, v, a, height)
-        return GrowingRun("trial", {"gripper_x": raw, "load_force": force}, noise=self._noise, path=path)
+        """What was measured from `begin` to the last `update_path`; time counts from the beginning.
+
+        Raises:
+            InputError: there is no such run.
+        """
+        if self._path is None or not self._path.count:
+            raise InputError("there is no run yet: begin it, let the measurement node make a step, and update its path")
+        start, raw = self._path.start, self._path.raw
+        x, v, a = self._path.along
+        path = GripperPath(float(raw.time[0]), self.period, x, v, a, self._path.height)
+        channels = {"gripper_x": raw, "load_force": self._force.since(start, "N")}
+        return GrowingRun("trial", channels, noise=self._noise, path=path)

@@ -13,7 +13,7 @@ from pipeline.nodes.estimator import EstimatorNode
 from pipeline.nodes.measurement import MeasurementNode
 
 KICK_ACCELERATION, KICK_TIME = 0.8, 0.2
-"""m/s^2 and s of each half of the doublet that starts the motion: from exact rest SAC never moves."""
+"""Acceleration [m/s^2] and duration [s] of each half of the doublet that starts the motion: at rest SAC never moves."""
 LOOK_AHEAD = 30
 """Cycles of reference given to the smoother."""
 
@@ -64,6 +64,7 @@ class SacNode:
             return
         begun = perf_counter()
         model = self._estimator.model
+        self._measurement.update_path()
         rollout = model.rollout(run_path(self._measurement.run()), model.theta(), channels=("load_force",))
         here = self._drive.state
         action = self._control.act(
@@ -81,7 +82,7 @@ class SacNode:
         self._lay_out(now, action.schedule)
 
     def _lay_out(self, now: float, schedule: np.ndarray) -> None:
-        """States at the ends of the cycles from now on, under accelerations held over each."""
+        """Plan the states at the end of each coming cycle, with one acceleration per cycle."""
         dt, here = self.settings.dt, self._drive.state
         v = here.v + dt * np.cumsum(schedule)
         x = here.s + dt * np.cumsum(v - dt * schedule / 2)

@@ -1,12 +1,62 @@
-"""One loop that runs every node at its own rate, in order, and counts who was too slow."""
+"""One loop that runs every node at its own rate, in order, on a simulated or a real clock."""
 
+import time as wall
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Protocol
 
 from armdyn.errors import InputError
-from pipeline.nodes.clock import Clock
+from pipeline.robot.protocol import RobotInterface
+
+
+class Clock(Protocol):
+    """Where the time comes from."""
+
+    @property
+    def time(self) -> float:
+        """Time since the start [s]."""
+        ...
+
+    def advance_to(self, time: float) -> None:
+        """Let the time come."""
+        ...
+
+
+class SimulatedClock:
+    """The time of a simulated robot, which moves only while this clock is advanced."""
+
+    def __init__(self, robot: RobotInterface) -> None:
+        self._robot = robot
+
+    @property
+    def time(self) -> float:
+        """Simulated time [s]."""
+        return self._robot.time
+
+    def advance_to(self, time: float) -> None:
+        """Compute what happens until then."""
+        remaining = time - self._robot.time
+        if remaining > 1e-9:
+            self._robot.advance(remaining)
+
+
+class RealClock:
+    """Monotonic time of this computer from the clock's creation on."""
+
+    def __init__(self) -> None:
+        self._start = wall.monotonic()
+
+    @property
+    def time(self) -> float:
+        """Time since the start [s]."""
+        return wall.monotonic() - self._start
+
+    def advance_to(self, time: float) -> None:
+        """Sleep until then; a time that has passed costs nothing."""
+        remaining = time - self.time
+        if remaining > 0:
+            wall.sleep(remaining)
 
 
 class Node(Protocol):
@@ -19,14 +69,14 @@ class Node(Protocol):
 
     @property
     def period(self) -> float:
-        """Time between steps, s."""
+        """Time between steps [s]."""
         ...
 
     def step(self, now: float) -> None:
         """Do it once.
 
         Args:
-            now: time at which this step was due, s.
+            now: time at which this step was due [s].
         """
         ...
 
@@ -36,13 +86,17 @@ class Timing:
     """How long a node's steps took.
 
     Attributes:
+        name: of the node.
+        period: time between its steps [s]; None for one that runs once.
         steps: how many there were.
-        total: computing time of all steps, s.
-        longest: of one step, s.
+        total: computing time of all steps [s].
+        longest: of one step [s].
         overruns: steps that took longer than the node's period, or were begun later than that.
         skipped: steps that were left out because their time had passed.
     """
 
+    name: str
+    period: float | None
     steps: int = 0
     total: float = 0.0
     longest: float = 0.0
@@ -51,7 +105,7 @@ class Timing:
 
     @property
     def mean(self) -> float:
-        """Mean computing time of a step, s."""
+        """Mean computing time of a step [s]."""
         return self.total / self.steps if self.steps else 0.0
 
 
@@ -74,14 +128,14 @@ class Scheduler:
         start = clock.time
         self._start = {node.name: start for node in nodes}
         self._count = {node.name: 0 for node in nodes}
-        self.timing = {node.name: Timing() for node in nodes}
+        self.timing = {node.name: Timing(node.name, node.period) for node in nodes}
 
     def run(self, until: Callable[[], bool], longest: float) -> bool:
         """Run until a condition holds, looked at after every round.
 
         Args:
             until: the condition.
-            longest: give up after this time, s.
+            longest: give up after this time [s].
 
         Returns:
             Whether the condition came to hold.

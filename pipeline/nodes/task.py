@@ -1,7 +1,7 @@
 """The task node: plans the swing with the estimated length, has it checked, and plays it open loop."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import cos, sin
 
 import numpy as np
@@ -9,18 +9,19 @@ import numpy as np
 from armdyn.control.task import SwingPlan, SwingState, TaskCost, TaskPlanner
 from armdyn.errors import TaskFailedError
 from armdyn.pendulum.model import PendulumModel
+from pipeline.box import Box
 from pipeline.motion import LineLimits, LineTrajectory, finish_over_box
 from pipeline.motion.reference import smooth_reference
 from pipeline.nodes.drive import DriveNode
 
 DT = 0.01
-"""Control cycle and step of the variational integrator, s."""
+"""Control cycle and step of the variational integrator [s]."""
 PLAN_TOLERANCE = 0.004
-"""m that smoothing may move the gripper off its plan; the load then misses its target by about as much."""
+"""How far smoothing may move the gripper off its plan [m]; the load then misses its target by about as much."""
 NEAR_WALL = 0.05
-"""m; a load that swings otherwise than planned may touch the box when the plan is this near to it."""
+"""A load that swings otherwise than planned may touch the box where the plan is nearer to it than this [m]."""
 END_MARGIN = 0.01
-"""m that plans stay away from the ends of the line."""
+"""Distance that plans keep from the ends of the line [m]."""
 
 Check = Callable[[LineTrajectory, SwingPlan], None]
 """Raises `TaskFailedError` when a trajectory, with the swing that belongs to it, is not feasible."""
@@ -28,20 +29,19 @@ Check = Callable[[LineTrajectory, SwingPlan], None]
 
 @dataclass(frozen=True)
 class TaskSettings:
-    """The swing and its finish; the defaults belong to the box of the simulated robot.
+    """The swing into the box, and its finish over it.
 
     Attributes:
-        target_x: where the load should be at the end of the swing, from the line's zero, m.
-        target_below: how far below the gripper's line, m.
-        travel_weight: cost of the gripper's distance from zero, 1/(m^2 s); not in the paper; it keeps the plans
+        target_x: where the load should be at the end of the swing, from the line's zero [m].
+        target_below: how far below the gripper's line [m].
+        travel_weight: cost of the gripper's distance from zero [1/(m^2 s)]; not in the paper; it keeps the plans
             for long strings on the line.
-        duration: of the swing, s.
-        settling: time to bring the load to rest before it, s.
-        finish_x: where the gripper comes to rest over the box, m.
-        wall_x: near wall of the box, along the line, m.
-        wall_below: its rim, below the line, m.
-        cautious: whether the plan minds the wall, a slack string and the ends of the line; the paper's does not.
-        clearance: height over that rim at which the load's centre should pass, m.
+        duration: of the swing [s].
+        settling: time to bring the load to rest before it [s].
+        finish_x: where the gripper comes to rest over the box [m].
+        box: where the robot believes the box to be.
+        cautious: whether the plan avoids the wall, a slack string and the ends of the line; the paper's plan does not.
+        clearance: height over that rim at which the load's centre should pass [m].
         least_tension: share of the load's weight with which the string should stay taut.
     """
 
@@ -51,8 +51,7 @@ class TaskSettings:
     duration: float = 5.0
     settling: float = 3.0
     finish_x: float = 0.46
-    wall_x: float = 0.355
-    wall_below: float = 0.285
+    box: Box = field(default_factory=Box)
     cautious: bool = True
     clearance: float = 0.025
     least_tension: float = 0.1
@@ -64,7 +63,7 @@ class TaskSettings:
             return cost
         return replace(
             cost,
-            wall=(self.wall_x, -self.wall_below),
+            wall=(self.box.near_wall, -self.box.rim),
             clearance=self.clearance,
             least_tension=self.least_tension,
             reach=(float(limits.s[0]) + END_MARGIN, float(limits.s[-1]) - END_MARGIN),
@@ -87,7 +86,7 @@ class TaskNode:
     Attributes:
         swing: the plan of the last swing.
         trajectory: what the gripper was told to do in it, finish included.
-        started: time at which the swing began, s.
+        started: time at which the swing began [s].
     """
 
     name = "task"
@@ -141,8 +140,8 @@ class TaskNode:
 
         Args:
             model: with the present estimate.
-            begun: when the model's time began, s; now if not given.
-            announce: is told the time from which the load may touch the box, s, when the swing begins.
+            begun: when the model's time began [s]; now if not given.
+            announce: is told the time from which the load may touch the box [s], when the swing begins.
         """
 
         def carry_out(now: float) -> None:
@@ -160,8 +159,8 @@ class TaskNode:
         self._request = carry_out
 
     def _approach(self, swing: SwingPlan) -> float:
-        """Time in the swing from which the load may touch the box, s."""
-        close = swing.load[:, 0] > self.settings.wall_x - NEAR_WALL
+        """Time in the swing from which the load may touch the box [s]."""
+        close = swing.load[:, 0] > self.settings.box.near_wall - NEAR_WALL
         return float(swing.time[int(close.argmax())]) if close.any() else float(swing.time[-1])
 
     def _feasible(self, plan: SwingPlan) -> LineTrajectory:

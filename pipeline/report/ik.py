@@ -8,8 +8,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from ik import LinePath, PathTable
-from pipeline.report.page import KeyFigure, Level, Report
-from pipeline.report.section import Chart, Section, Table
+from pipeline.report.page import Chart, KeyFigure, Level, Report, Section, Table
 from pipeline.report.theme import LIMIT, MODEL, REFERENCE
 from urdf import Robot
 
@@ -174,11 +173,11 @@ class Torque(Section):
         table = self.table
         figure = go.Figure(layout={"xaxis_title": PATH_AXIS, "yaxis_title": "share of the torque limit"})
         for joint, name in enumerate(table.joint_names):
-            share = table.torque.hold[:, joint] / table.effort_limits[joint]
+            share = table.torque.gravity[:, joint] / table.effort_limits[joint]
             figure.add_scatter(x=table.s, y=share, name=name, mode="lines")
         for helped in np.flatnonzero(table.torque.springs.any(axis=0)):
             joint = int(helped)
-            share = (table.torque.hold + table.torque.springs)[:, joint] / table.effort_limits[joint]
+            share = (table.torque.gravity + table.torque.springs)[:, joint] / table.effort_limits[joint]
             figure.add_scatter(x=table.s, y=share, name=f"{table.joint_names[joint]} with its springs", **REFERENCE)
         for bound in (-1.0, 1.0):
             figure.add_scatter(x=table.s[[0, -1]], y=[bound, bound], showlegend=False, **LIMIT)

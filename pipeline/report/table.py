@@ -8,80 +8,49 @@ from typing import ClassVar
 import numpy as np
 import plotly.graph_objects as go
 
-from pipeline.report.page import KeyFigure, Level, Report
-from pipeline.report.section import Chart, Section, Table
-from pipeline.report.text import number, percent
-from pipeline.report.theme import BLUE, GREY, ORANGE, TRUTH
+from pipeline.report.page import Chart, KeyFigure, Level, Report, Section, Table
+from pipeline.report.theme import BLUE, GREY, ORANGE, TRUTH, number, percent
+from pipeline.trial.table import TableOne
 
 BOX_NOTE = (
     "The paper gives no box. This one was chosen so that the simulation reproduces the paper's table: the rows without "
     "estimation show that such a box exists and are no prediction. The height of its rim is the sensitive number."
 )
-PAPER_WITHOUT = (0.368, 0.388)
-"""Guesses [m] that succeed without estimation in the paper; with estimation all nine do."""
 PAPER_STD = 0.0042
 """Standard deviation [m] of the paper's length estimates."""
 
 
-@dataclass(frozen=True)
-class GuessRow:
-    """One first guess.
+def table_report(table: TableOne, subtitle: str = "", command: str = "") -> Report:
+    """The report of the table.
 
-    Attributes:
-        length_guess: m.
-        without: share of seeds that succeed without estimation.
-        with_estimation: share of seeds that succeed with it.
-        length_estimates: m, one per seed.
-    """
-
-    length_guess: float
-    without: float
-    with_estimation: float
-    length_estimates: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class TableReportData:
-    """Everything the report shows.
-
-    Attributes:
-        rows: by guess, ascending.
-        seeds: trials per guess and per way.
-        length_true: m.
+    Args:
+        table: what came out.
         subtitle: what was run.
         command: how to run it again.
     """
-
-    rows: tuple[GuessRow, ...]
-    seeds: int
-    length_true: float
-    subtitle: str = ""
-    command: str = ""
-
-
-def table_report(data: TableReportData) -> Report:
-    """The report of the table; ``table_report(data).write(path)`` makes the file."""
-    estimates = np.concatenate([row.length_estimates for row in data.rows])
-    as_paper = [_succeeds(row.without) == _in_paper(row.length_guess) for row in data.rows]
-    learnt = [_succeeds(row.with_estimation) for row in data.rows]
+    estimates = table.estimates
+    as_paper = [_succeeds(row.without) == row.in_paper for row in table.rows]
+    learnt = [_succeeds(row.with_estimation) for row in table.rows]
     level = Level.GOOD if all(as_paper) and all(learnt) else Level.CAUTION if all(learnt) else Level.BAD
     return Report(
         title="Table I: does learning the length help?",
         level=level,
-        verdict=_verdict(data, sum(as_paper), sum(learnt)),
-        sections=[SuccessSection(data), EstimatesSection(data)],
-        subtitle=data.subtitle,
+        verdict=_verdict(table, sum(as_paper), sum(learnt)),
+        sections=[SuccessSection(table), EstimatesSection(table)],
+        subtitle=subtitle,
         key_figures=(
-            KeyFigure("With estimation", percent(_mean(row.with_estimation for row in data.rows)), "of trials succeed"),
-            KeyFigure("Without", percent(_mean(row.without for row in data.rows)), "of trials succeed"),
-            KeyFigure("Mean estimate", f"{estimates.mean():.4f} m", f"true length {data.length_true:.4f} m"),
+            KeyFigure(
+                "With estimation", percent(_mean(row.with_estimation for row in table.rows)), "of trials succeed"
+            ),
+            KeyFigure("Without", percent(_mean(row.without for row in table.rows)), "of trials succeed"),
+            KeyFigure("Mean estimate", f"{estimates.mean():.4f} m", f"true length {table.length:.4f} m"),
             KeyFigure(
                 "Spread", number(float(estimates.std()), "m", 2), f"std; {number(PAPER_STD, 'm', 2)} in the paper"
             ),
-            KeyFigure("Seeds", str(data.seeds), "per guess"),
+            KeyFigure("Seeds", str(table.seeds), "per guess"),
         ),
         notes=[BOX_NOTE],
-        command=data.command,
+        command=command,
     )
 
 
@@ -91,24 +60,24 @@ class SuccessSection(Section):
 
     title: ClassVar[str] = "Success"
 
-    data: TableReportData
+    table: TableOne
 
     def sentence(self) -> str:
         """How to read the bars."""
         return (
-            f"Share of {self.data.seeds} seeds that put the load into the box, per first guess of the length "
-            f"(the true one is {self.data.length_true:.3f} m)."
+            f"Share of {self.table.seeds} seeds that put the load into the box, per first guess of the length "
+            f"(the true one is {self.table.length:.3f} m)."
         )
 
     def charts(self) -> Sequence[Chart]:
         """Bars per guess."""
         figure = go.Figure(layout={"height": 380, "barmode": "group"})
-        guesses = [f"{row.length_guess:.3f}" for row in self.data.rows]
+        guesses = [f"{row.length_guess:.3f}" for row in self.table.rows]
         for name, colour, shares in (
-            ("without estimation", ORANGE, [row.without for row in self.data.rows]),
-            ("with estimation", BLUE, [row.with_estimation for row in self.data.rows]),
+            ("without estimation", ORANGE, [row.without for row in self.table.rows]),
+            ("with estimation", BLUE, [row.with_estimation for row in self.table.rows]),
         ):
-            low, high = zip(*[success_interval(share, self.data.seeds) for share in shares], strict=True)
+            low, high = zip(*[success_interval(share, self.table.seeds) for share in shares], strict=True)
             error = {
                 "type": "data",
                 "symmetric": False,
@@ -128,14 +97,14 @@ class SuccessSection(Section):
     def tables(self) -> Sequence[Table]:
         """The same as numbers, beside the paper's."""
         rows = []
-        for row in self.data.rows:
+        for row in self.table.rows:
             estimates = np.array(row.length_estimates)
             rows.append(
                 [
                     f"{row.length_guess:.3f}",
                     percent(row.without),
                     percent(row.with_estimation),
-                    "succeeds" if _in_paper(row.length_guess) else "fails",
+                    "succeeds" if row.in_paper else "fails",
                     "succeeds",
                     f"{estimates.mean():.4f}" if estimates.size else "–",
                     f"{1e3 * estimates.std():.2f}" if estimates.size else "–",
@@ -151,12 +120,12 @@ class EstimatesSection(Section):
 
     title: ClassVar[str] = "Estimates"
 
-    data: TableReportData
+    table: TableOne
 
     def sentence(self) -> str:
         """Mean and spread over all guesses."""
-        estimates = np.concatenate([row.length_estimates for row in self.data.rows])
-        error = float(estimates.mean() - self.data.length_true)
+        estimates = self.table.estimates
+        error = float(estimates.mean() - self.table.length)
         return (
             f"Over {estimates.size} trials from all guesses the mean error of the length is {number(error, 'm', 2)}, "
             f"with a standard deviation of {number(float(estimates.std()), 'm', 2)}."
@@ -166,8 +135,8 @@ class EstimatesSection(Section):
         """A point per trial."""
         figure = go.Figure(layout={"height": 340, "hovermode": "closest", "showlegend": False, "margin": {"t": 30}})
         rng = np.random.default_rng(0)  # spreads points that would cover each other
-        for i, row in enumerate(self.data.rows):
-            error = 1e3 * (np.array(row.length_estimates) - self.data.length_true)
+        for i, row in enumerate(self.table.rows):
+            error = 1e3 * (np.array(row.length_estimates) - self.table.length)
             figure.add_scatter(
                 x=i + rng.uniform(-0.18, 0.18, error.size),
                 y=error,
@@ -175,12 +144,12 @@ class EstimatesSection(Section):
                 mode="markers",
                 marker={"color": BLUE, "size": 6, "opacity": 0.65},
             )
-        figure.add_scatter(x=[-0.5, len(self.data.rows) - 0.5], y=[0, 0], name="truth", **TRUTH)
+        figure.add_scatter(x=[-0.5, len(self.table.rows) - 0.5], y=[0, 0], name="truth", **TRUTH)
         figure.update_layout(
             xaxis={
                 "title": {"text": "first guess of the length [m]"},
-                "tickvals": list(range(len(self.data.rows))),
-                "ticktext": [f"{row.length_guess:.3f}" for row in self.data.rows],
+                "tickvals": list(range(len(self.table.rows))),
+                "ticktext": [f"{row.length_guess:.3f}" for row in self.table.rows],
                 "showgrid": False,
                 "zeroline": False,
             },
@@ -208,8 +177,8 @@ def success_interval(share: float, trials: int, z: float = 1.96) -> tuple[float,
     return max(0.0, middle - half), min(1.0, middle + half)
 
 
-def _verdict(data: TableReportData, as_paper: int, learnt: int) -> str:
-    total = len(data.rows)
+def _verdict(table: TableOne, as_paper: int, learnt: int) -> str:
+    total = len(table.rows)
     return (
         f"With estimation {learnt} of {total} guesses succeed in most seeds; without it {as_paper} of {total} end as "
         "in the paper, where only 0.368 m and 0.388 m succeed."
@@ -218,10 +187,6 @@ def _verdict(data: TableReportData, as_paper: int, learnt: int) -> str:
 
 def _succeeds(share: float) -> bool:
     return share > 0.5
-
-
-def _in_paper(guess: float) -> bool:
-    return any(math.isclose(guess, other, abs_tol=5e-4) for other in PAPER_WITHOUT)
 
 
 def _mean(shares: Iterable[float]) -> float:

@@ -1,16 +1,22 @@
-"""How every figure looks: one palette, one role per colour, one template."""
+"""How every figure and number looks: one palette, one role per colour, one template, stacked rows over time."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-# Okabe and Ito's palette, told apart by people with any kind of colour vision (jfly.uni-koeln.de/color, 2008).
+import numpy as np
+import plotly.graph_objects as go
+
+from armdyn.channels import FloatArray
+
+# Okabe and Ito's palette: people with any kind of colour vision can tell its colours apart (jfly.uni-koeln.de, 2008).
 BLUE, ORANGE, GREEN, VERMILLION, PURPLE, SKY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9"
 INK, GREY, PALE, GRID = "#1F2933", "#7B8794", "#F4F6F8", "#E4E7EB"
 
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
 
-# A line means the same in every figure of every report.
+# A line style has the same meaning in every figure of every report.
 RECORDED = {"mode": "lines", "line": {"color": "#CBD2D9", "width": 1}, "hoverinfo": "skip"}
 MEASURED = {"mode": "markers", "marker": {"color": GREY, "size": 3}}
 MODEL = {"mode": "lines", "line": {"color": BLUE, "width": 2}}
@@ -57,13 +63,13 @@ LINKED_TIME = {"time_axis": True}
 
 
 @dataclass(frozen=True)
-class Phase:
-    """A named stretch of time, shaded in every figure over time.
+class Span:
+    """A stretch of time, shaded in every figure over time.
 
     Attributes:
-        name: such as ``"estimate"``.
-        start: s.
-        end: s.
+        name: such as ``"estimate"``; empty for none.
+        start: [s].
+        end: [s].
     """
 
     name: str
@@ -71,7 +77,7 @@ class Phase:
     end: float
 
 
-def phase_marks(phases: Sequence[Phase]) -> dict[str, list[dict[str, Any]]]:
+def phase_marks(phases: Sequence[Span]) -> dict[str, list[dict[str, Any]]]:
     """Shapes and labels that show the phases across the whole height of a figure over time.
 
     Returns:
@@ -107,3 +113,59 @@ def phase_marks(phases: Sequence[Phase]) -> dict[str, list[dict[str, Any]]]:
             }
         )
     return {"shapes": shapes, "annotations": labels}
+
+
+_SMALL = {"m": "mm", "m/s": "mm/s", "N": "mN", "s": "ms", "rad": "mrad", "N m": "mN m"}
+
+
+def number(value: float, unit: str = "", digits: int = 3) -> str:
+    """``0.000312 m`` as ``0.312 mm``: `digits` significant ones, thousandths where the unit has a name for them."""
+    if not math.isfinite(value):
+        return "–"
+    if unit in _SMALL and 0.0 < abs(value) < 0.0995:
+        value, unit = value * 1e3, _SMALL[unit]
+    return f"{_significant(value, digits)} {unit}".rstrip().replace("-", "−")
+
+
+def percent(share: float) -> str:
+    """``0.953`` as ``95 %``."""
+    return f"{100 * share:.0f} %" if math.isfinite(share) else "–"
+
+
+def _significant(value: float, digits: int) -> str:
+    if value == 0.0:
+        return "0"
+    decimals = max(0, digits - 1 - math.floor(math.log10(abs(value))))
+    return f"{value:.{min(decimals, 12)}f}"
+
+
+def stacked(rows: Sequence[str], heights: Sequence[float], phases: Sequence[Span], height: int) -> go.Figure:
+    """An empty figure with one row per vertical axis.
+
+    Args:
+        rows: title of each vertical axis, with its unit, from the top.
+        heights: share of each row; they add up to 1.
+        phases: shaded behind all rows.
+        height: [px].
+    """
+    gap = 0.06
+    inner = 1.0 - gap * (len(rows) - 1)
+    layout: dict[str, Any] = {"height": height, "meta": LINKED_TIME, **phase_marks(phases)}
+    layout["xaxis"] = {"title": {"text": TIME_AXIS}, "anchor": f"y{len(rows) if len(rows) > 1 else ''}"}
+    if phases:  # the same stretch of time in every figure
+        layout["xaxis"] |= {"range": [phases[0].start, phases[-1].end]}
+    top = 1.0
+    for i, (title, share) in enumerate(zip(rows, heights, strict=True), start=1):
+        bottom = max(0.0, top - share * inner)
+        layout[f"yaxis{i if i > 1 else ''}"] = {"title": {"text": title}, "domain": [bottom, top], "anchor": "x"}
+        top = bottom - gap
+    return go.Figure(layout=layout)
+
+
+def add_band(
+    figure: go.Figure, time: FloatArray, middle: FloatArray, half: FloatArray, name: str, axis: str = "y"
+) -> None:
+    """A shaded band of `half` above and below `middle`, (n,) each."""
+    both = np.concatenate([time, time[::-1]])
+    edge = np.concatenate([middle + half, (middle - half)[::-1]])
+    figure.add_scatter(x=both, y=edge, fill="toself", name=name, yaxis=axis, **BAND)

@@ -1,20 +1,58 @@
 """The report of one trial: what was learnt, how well the arm followed, how the swing went, and the verdict."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from pipeline.report.page import KeyFigure, Report
-from pipeline.report.section import Section
-from pipeline.report.sections.estimate import EstimateSection
-from pipeline.report.sections.force import ForceSection
-from pipeline.report.sections.gripper import GripperSection
-from pipeline.report.sections.joints import PositionSection, VelocitySection
-from pipeline.report.sections.margins import MarginSection
-from pipeline.report.sections.swing import SwingSection
-from pipeline.report.sections.timing import TimingSection
-from pipeline.report.text import number, percent
-from pipeline.report.trial_data import TrialReportData
+from pipeline.motion.feasibility import Margin
+from pipeline.nodes.scheduler import Timing
+from pipeline.report.feasibility import MarginSection
+from pipeline.report.learning import EstimateSection, EstimateTrace, ForceSection, ForceTrace
+from pipeline.report.motion import (
+    GripperSection,
+    GripperTrace,
+    JointTrace,
+    PositionSection,
+    TimingSection,
+    VelocitySection,
+)
+from pipeline.report.page import KeyFigure, Level, Report, Section
+from pipeline.report.swing import SwingPicture, SwingSection
+from pipeline.report.theme import Span, number, percent
 
-__all__ = ["TrialReportData", "trial_report"]
+
+@dataclass(frozen=True)
+class TrialReportData:
+    """Everything the report of one trial shows; a part that is None or empty is left out.
+
+    Attributes:
+        level: colour of the verdict.
+        verdict: what happened, in a sentence.
+        subtitle: robot, load, seed, hidden effects.
+        command: how to run this trial again.
+        phases: named stretches of time.
+        notes: sentences to read first, such as warnings.
+        key_figures: numbers beside those that follow from the other parts.
+        estimates: the parameters learnt, the length first.
+        force, gripper, swing, joints: recordings of the trial.
+        margins: to the limits; the tightest need not come first.
+        nodes: computing times.
+    """
+
+    level: Level
+    verdict: str
+    subtitle: str = ""
+    command: str = ""
+    phases: tuple[Span, ...] = ()
+    notes: tuple[str, ...] = ()
+    key_figures: tuple[KeyFigure, ...] = ()
+    estimates: tuple[EstimateTrace, ...] = ()
+    force: ForceTrace | None = None
+    gripper: GripperTrace | None = None
+    swing: SwingPicture | None = None
+    joints: JointTrace | None = None
+    margins: tuple[Margin, ...] = ()
+    nodes: tuple[Timing, ...] = ()
 
 
 def trial_report(data: TrialReportData) -> Report:
@@ -73,5 +111,5 @@ def _key_figures(data: TrialReportData) -> list[KeyFigure]:
         figures.append(KeyFigure("Gripper error", number(error, "m", 2), "rms along the line"))
     if data.margins:
         tightest = max(data.margins, key=lambda margin: margin.used)
-        figures.append(KeyFigure("Tightest limit", percent(tightest.used), f"{tightest.limit}, {tightest.where}"))
+        figures.append(KeyFigure("Tightest limit", percent(tightest.used), f"{tightest.limit}, {tightest.joint}"))
     return figures

@@ -39,7 +39,7 @@ class ForceSample:
     force: float
 
 
-class Robot(Protocol):
+class RobotInterface(Protocol):
     """An arm with a load cell at its gripper, commanded in joint space at about 100 Hz."""
 
     @property

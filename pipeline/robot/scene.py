@@ -2,16 +2,139 @@
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
 import urdf
 from armdyn.errors import InputError
-from pipeline.robot.hanging import add_box, add_load, add_string, make_elastic
-from pipeline.robot.line_frame import LineFrame
+from pipeline.box import Box
 from pipeline.robot.protocol import Vector
 from pipeline.robot.settings import PlantSettings
+
+
+@dataclass(frozen=True)
+class LineFrame:
+    """Axes of the line.
+
+    Attributes:
+        origin: the string's upper end at s = 0 (3,) [m].
+        along: unit vector of increasing s (3,).
+        across: horizontal unit vector at right angles to it (3,).
+    """
+
+    origin: Vector
+    along: Vector
+    across: Vector
+
+    @staticmethod
+    def of(robot: urdf.Robot) -> "LineFrame":
+        """Frame of a robot's line.
+
+        Raises:
+            InputError: the line is not horizontal, so that a swing along it is not the paper's.
+        """
+        along = np.asarray(robot.line.direction, dtype=float)
+        along = along / np.linalg.norm(along)
+        if abs(along[2]) > 1e-6:
+            raise InputError(
+                f"robot '{robot.name}': the line's direction {along} is not horizontal; give one with z = 0"
+            )
+        across = np.cross([0.0, 0.0, 1.0], along)
+        return LineFrame(np.asarray(robot.line.origin, dtype=float), along, across)
+
+    def coordinate(self, point: Vector) -> float:
+        """Line coordinate s of a point (3,) [m]."""
+        return float((point - self.origin) @ self.along)
+
+
+# MuJoCo's default limit is so soft that the string loses 5 % of the swing's energy in 15 s. This one stretches by
+# 0.2 mm under 80 g (4 kN/m) and loses 0.1 %; a harder one would need a shorter step.
+STRING_SOLREF = (-25000.0, -100.0)
+STRING_SOLIMP = (0.5, 0.5, 1e-4, 0.5, 2.0)
+
+# MuJoCo's default contact lets a load at 2 m/s sink in by its own radius; with this one it is a quarter of that.
+CONTACT_SOLREF = (0.005, 1.0)
+
+
+def add_load(
+    spec: mujoco.MjSpec, tool: mujoco.MjsBody, offset: Vector, settings: PlantSettings, mass: float, inertia: float
+) -> None:
+    """A free sphere; with an inertia of its own, a sphere sliding on a massless bar that turns about the pivot.
+
+    Without it the string holds the sphere's centre and the sphere does not turn with it.
+    """
+    below = float(settings.length)
+    if inertia > 0:
+        bar = tool.add_body(name="bar", pos=offset, mass=1e-9, inertia=[inertia, inertia, 1e-9], explicitinertial=True)
+        bar.ipos = np.zeros(3)
+        bar.add_joint(name="turn", type=mujoco.mjtJoint.mjJNT_BALL)
+        load = bar.add_body(name="load", pos=[0.0, 0.0, below])
+        load.add_joint(name="slide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, 0.0, 1.0])
+        own = 1e-9
+    else:
+        load = spec.worldbody.add_body(name="load", pos=[0.0, 0.0, -below])
+        load.add_freejoint(name="load")
+        own = 0.4 * mass * settings.load_radius**2
+    load.mass, load.inertia, load.ipos, load.explicitinertial = mass, np.full(3, own), np.zeros(3), True
+    load.add_geom(
+        name="load",
+        type=mujoco.mjtGeom.mjGEOM_SPHERE,
+        size=[settings.load_radius, 0, 0],
+        condim=4,
+        rgba=[0.8, 0.1, 0.1, 1],
+    )
+    load.add_site(name="load")
+
+
+def add_string(spec: mujoco.MjSpec, length: float) -> None:
+    """A cord that only pulls: a tendon with an upper limit of its length."""
+    string = spec.add_tendon(name="string", width=0.0015, rgba=[0.1, 0.1, 0.1, 1])
+    string.wrap_site("pivot")
+    string.wrap_site("load")
+    string.limited = True
+    string.range = [0.0, length]
+    string.solref_limit, string.solimp_limit = STRING_SOLREF, STRING_SOLIMP
+    spec.add_sensor(
+        name="tension",
+        type=mujoco.mjtSensor.mjSENS_TENDONLIMITFRC,
+        objtype=mujoco.mjtObj.mjOBJ_TENDON,
+        objname="string",
+    )
+
+
+def make_elastic(model: mujoco.MjModel, compliance: float) -> None:
+    """Replace the limit by a spring [m/N] that acts beyond the string's length only."""
+    string = model.tendon("string").id
+    model.tendon_lengthspring[string] = model.tendon_range[string]
+    model.tendon_limited[string] = 0
+    stiffness = model.tendon_stiffness
+    # MuJoCo 4 has room for a polynomial; the linear coefficient comes first.
+    stiffness.reshape(model.ntendon, -1)[string, 0] = 1.0 / compliance
+
+
+def add_box(spec: mujoco.MjSpec, line: LineFrame, box: Box) -> None:
+    """Four walls and a floor, fixed in the world, aligned with the line."""
+    up = np.array([0.0, 0.0, 1.0])
+    axes = np.column_stack([line.along, line.across, up])
+    middle = line.origin - box.rim * up + box.middle * line.along
+    quaternion = np.zeros(4)
+    mujoco.mju_mat2Quat(quaternion, axes.ravel())
+    for plate in box.plates():
+        spec.worldbody.add_geom(
+            name=f"box_{plate.name}",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=middle + axes @ plate.offset,
+            quat=quaternion,
+            size=plate.half,
+            friction=[box.friction, 0.005, 0.0005],
+            priority=1,
+            solref=CONTACT_SOLREF,
+            condim=4,
+            rgba=[0.55, 0.40, 0.25, 0.6],
+        )
+
 
 TIME_STEP = 1e-3
 """Step of the physics [s]."""
@@ -44,7 +167,7 @@ def build_scene(
     tool.add_site(name="pivot", pos=robot.tool_offset)
     link_scale = link_scale * (1.0 + hidden["link_inertia"])
     if hidden["payload"] > 0:
-        # The compiler joins it to the last link, which is scaled afterwards.
+        # The compiler joins the payload to the last link, whose mass is scaled afterwards.
         tool.add_body(
             name="payload",
             mass=hidden["payload"] / link_scale[-1],
@@ -91,7 +214,7 @@ def _set_options(spec: mujoco.MjSpec, line: LineFrame, tilt: float) -> None:
     # MuJoCo measures its solver's progress against the mean inertia, beside which the load's is small: with the
     # default of 1e-8 the string's pull is 8 mN rms off while the joints are made rigid.
     spec.option.tolerance = 1e-12
-    # A diverged state must be seen, not silently set back to the start.
+    # MuJoCo must not set a diverged state back to the start.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
 
 

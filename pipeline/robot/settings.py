@@ -1,18 +1,20 @@
-"""What the simulated robot is: load, string, servo, sensors, box.
-
-The numbers are those with which the paper's Table I comes out of the simulation; where the paper gives a
-number it is the paper's, and the box, which it does not give, was chosen to fit the table.
-"""
+"""What the simulated robot is: load, string, servo, sensors, box; and which settings and postures are refused."""
 
 import math
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
+import numpy as np
+import numpy.typing as npt
+
+import urdf
 from armdyn.errors import InputError
+from pipeline.box import Box
+from pipeline.robot.protocol import Vector
 
 
 class CellFault(Enum):
-    """What can happen to a load cell on the way."""
+    """Faults of the simulated load cell."""
 
     UNPLUGGED = "no sample arrives any more"
     FROZEN = "the last sample is repeated"
@@ -109,46 +111,6 @@ class CellSettings:
 
 
 @dataclass(frozen=True)
-class Box:
-    """An open box, placed relative to the line that the string's upper end moves on.
-
-    Attributes:
-        near_wall: line coordinate of the middle of its near wall [m].
-        width: between the middles of the near and the far wall, along the line [m].
-        depth: between the middles of the other two walls [m].
-        rim: how far its rim is below the line [m].
-        height: from the inner floor to the rim [m].
-        wall: thickness of walls and floor [m].
-        friction: sliding friction coefficient against the load.
-    """
-
-    near_wall: float = 0.355
-    width: float = 0.30
-    depth: float = 0.24
-    rim: float = 0.285
-    height: float = 0.095
-    wall: float = 0.004
-    friction: float = 0.6
-
-    def __post_init__(self) -> None:
-        _require_finite(self, ("near_wall", "rim"))
-        _require_finite(self, ("width", "depth", "height", "wall"), at_least=1e-3)
-        _require_finite(self, ("friction",), at_least=0.0)
-
-    def contains(self, along: float, across: float, above: float) -> bool:
-        """Whether a point is between the walls and below the rim.
-
-        Args:
-            along: line coordinate [m].
-            across: distance from the vertical plane of the line [m].
-            above: height over the line, negative below it [m].
-        """
-        middle = self.near_wall + self.width / 2
-        inside = abs(along - middle) < self.width / 2 and abs(across) < self.depth / 2
-        return inside and -self.rim - self.height < above < -self.rim
-
-
-@dataclass(frozen=True)
 class PlantSettings:
     """The whole simulated robot. What is drawn per seed is in `SimulatedRobot.truth`.
 
@@ -211,3 +173,42 @@ def _require_finite(
                     f"{type(settings).__name__}.{name} is {number:g}: give a finite value of at least {at_least:g}"
                     + (f" and at most {at_most:g}" if at_most < math.inf else "")
                 )
+
+
+def checked_vector(values: npt.ArrayLike, joints: int, what: str) -> Vector:
+    """A copy of a joint vector (n,).
+
+    Raises:
+        InputError: not a vector of that length, or not finite.
+    """
+    vector = np.array(values, dtype=float)
+    if vector.shape != (joints,):
+        raise InputError(f"{what} has the shape {vector.shape}: give one value for each of the {joints} joints")
+    if not np.isfinite(vector).all():
+        raise InputError(f"{what} of joint {int(np.argmin(np.isfinite(vector)))} is not finite: give numbers")
+    return vector
+
+
+def checked_start(robot: urdf.Robot, q_start: npt.ArrayLike, settings: PlantSettings) -> Vector:
+    """Start posture (n,) [rad], within the limits of a robot for which the settings have a value per joint.
+
+    Raises:
+        InputError: which joint is beyond its limit, or which setting has the wrong number of values.
+    """
+    joints = len(robot.joint_names)
+    servo, readings = settings.servo, settings.readings
+    per_joint = {
+        "servo.stiffness": servo.stiffness,
+        "servo.damping": servo.damping,
+        "servo.armature": servo.armature,
+        "servo.friction": servo.friction,
+        "readings.effort_noise": readings.effort_noise,
+    }
+    for name, values in per_joint.items():
+        if len(values) != joints:
+            raise InputError(f"PlantSettings.{name} has {len(values)} values: robot '{robot.name}' has {joints} joints")
+    q = checked_vector(q_start, joints, "start posture")
+    for name, angle, lower, upper in zip(robot.joint_names, q, robot.limits.lower, robot.limits.upper, strict=True):
+        if not lower <= angle <= upper:
+            raise InputError(f"start posture: {name} is {angle:.4g} rad, its limits are {lower:.4g} to {upper:.4g} rad")
+    return q

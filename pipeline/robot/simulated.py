@@ -8,19 +8,13 @@ import numpy as np
 
 import urdf
 from armdyn.errors import InputError, TaskFailedError
-from pipeline.robot.cell import LoadCell
-from pipeline.robot.checks import checked_start, checked_vector
-from pipeline.robot.draw import draw
+from pipeline.robot.forces import JointEffects, LoadForces, LoadString
 from pipeline.robot.hidden import resolve_hidden
-from pipeline.robot.joint_effects import JointEffects
-from pipeline.robot.line_frame import LineFrame
-from pipeline.robot.load_forces import LoadForces
-from pipeline.robot.load_string import LoadString
 from pipeline.robot.protocol import ForceSample, JointState, Vector
-from pipeline.robot.readings import JointReadings
-from pipeline.robot.scene import TIME_STEP, build_scene
+from pipeline.robot.scene import TIME_STEP, LineFrame, build_scene
+from pipeline.robot.sensors import JointReadings, SimulatedCell
 from pipeline.robot.servo import Reference, Servo
-from pipeline.robot.settings import PlantSettings
+from pipeline.robot.settings import PlantSettings, checked_start, checked_vector
 from pipeline.robot.start import place_at_rest
 from pipeline.robot.truth import (
     GripperTruth,
@@ -28,6 +22,7 @@ from pipeline.robot.truth import (
     LoadTruth,
     MotionLog,
     PlantTruth,
+    draw,
     gripper_truth,
     load_truth,
     swing_angle,
@@ -112,16 +107,13 @@ class SimulatedRobot:
             self._hidden["gripper_lag"],
             TIME_STEP,
         )
-        self._cell = LoadCell(settings.cell, self._hidden, drawn.bias, drawn.latency, cell_rng, TIME_STEP)
+        self._cell = SimulatedCell(settings.cell, self._hidden, drawn.bias, drawn.latency, cell_rng, TIME_STEP)
         self._readings = JointReadings(settings.readings, self._hidden, reading_rng)
         self._reading: JointState | None = None
         self._truth = PlantTruth(
+            **vars(drawn),
             length=settings.length,
             string_length=start.string_length,
-            mass=mass,
-            bias=drawn.bias,
-            latency=drawn.latency,
-            link_scale=drawn.link_scale,
             hidden={name: value for name, value in self._hidden.items() if value},
         )
         self._steps, self._steps_in_box, self._tension, self._observed_at = 0, 0, 0.0, -1
@@ -219,12 +211,12 @@ class SimulatedRobot:
         self._joint_effects.apply()
         q = data.qpos[self._dofs]
         mujoco.mj_step2(model, data)
-        # Seen here, long before MuJoCo's own bound of 1e10, at which it would write a log file into the user's folder.
+        # This bound is far below MuJoCo's own of 1e10, at which MuJoCo would write a log file into the user's folder.
         if not data.qvel @ data.qvel < DIVERGED:
             raise TaskFailedError(
                 f"the simulation diverged at {self.time:.3f} s: a hidden effect or a gain is too large for 1 ms steps"
             )
-        # Positions are still those at the beginning of the step; so is the tension, which MuJoCo has just found.
+        # Positions and tension still belong to the beginning of the step.
         self._tension = self._string.tension(data)
         angle = swing_angle(self._load - self._pivot, self._line.along) if self._cell.feels_direction else 0.0
         self._cell.feel(self._steps, self._tension, angle)

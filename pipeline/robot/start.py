@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from armdyn.errors import InputError
-from pipeline.robot.load_string import LoadString
+from pipeline.robot.forces import LoadString
 from pipeline.robot.protocol import Vector
 from pipeline.robot.settings import PlantSettings
 

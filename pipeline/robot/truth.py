@@ -6,30 +6,56 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from pipeline.robot.line_frame import LineFrame
 from pipeline.robot.protocol import Vector
+from pipeline.robot.scene import LineFrame
+from pipeline.robot.settings import PlantSettings
 
 
 @dataclass(frozen=True)
-class PlantTruth:
+class Drawn:
+    """One draw of the plant.
+
+    Attributes:
+        mass: true mass of the load [kg].
+        bias: zero error of the load cell [N].
+        latency: of the load cell [s].
+        link_scale: factor on mass and inertia of the link behind each joint (n,).
+    """
+
+    mass: float
+    bias: float
+    latency: float
+    link_scale: Vector
+
+
+def draw(settings: PlantSettings, joints: int, rng: np.random.Generator) -> Drawn:
+    """Draw a plant. Values that the settings fix are drawn too and not used, so that the other draws stay the same."""
+    spread = settings.inertia_spread
+    link_scale = 1.0 + rng.uniform(-spread, spread, joints)
+    mass = settings.mass * (1.0 + settings.mass_spread * rng.standard_normal())
+    bias = settings.cell.bias_spread * rng.standard_normal()
+    latency = rng.uniform(0.0, settings.cell.latency_up_to)
+    link_scale.setflags(write=False)
+    return Drawn(
+        mass=float(mass),
+        bias=float(bias) if settings.cell.bias is None else settings.cell.bias,
+        latency=float(latency) if settings.cell.latency is None else settings.cell.latency,
+        link_scale=link_scale,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlantTruth(Drawn):
     """What was drawn or hidden.
 
     Attributes:
         length: from the string's upper end to the load's centre, hanging at rest [m].
         string_length: the same for the string without pull [m].
-        mass: of the load [kg].
-        bias: zero error of the load cell that was drawn [N].
-        latency: of the load cell that was drawn [s].
-        link_scale: factor on mass and inertia of each arm link (n,).
         hidden: value of every effect that is there.
     """
 
     length: float
     string_length: float
-    mass: float
-    bias: float
-    latency: float
-    link_scale: Vector
     hidden: Mapping[str, float]
 
 
@@ -98,6 +124,11 @@ class History:
     pivot: Vector
     load: Vector
     tension: Vector
+
+    def from_time(self, time: float) -> "History":
+        """What happened from `time` [s] on."""
+        kept = self.time >= time
+        return History(self.time[kept], self.q[kept], self.pivot[kept], self.load[kept], self.tension[kept])
 
 
 class MotionLog:

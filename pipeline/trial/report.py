@@ -2,54 +2,44 @@
 
 import numpy as np
 
+from pipeline.report.learning import EstimateTrace, ForceTrace
+from pipeline.report.motion import GripperTrace, JointTrace
 from pipeline.report.page import Level, Report
-from pipeline.report.trial import trial_report
-from pipeline.report.trial_data import (
-    BoxOutline,
-    EstimateTrace,
-    ForceTrace,
-    GripperTrace,
-    JointTrace,
-    Margin,
-    NodeTiming,
-    SwingPicture,
-    SwingTrace,
-    TrialReportData,
-)
+from pipeline.report.swing import SwingPicture, SwingTrace
+from pipeline.report.theme import Span
+from pipeline.report.trial import TrialReportData, trial_report
 from pipeline.trial.experiment import Experiment
 from pipeline.trial.result import TrialResult
 
 
-def report_of(experiment: Experiment, result: TrialResult, command: str = "") -> Report:
-    """The report of a trial that has run."""
-    c = experiment.settings
-    hidden = ", ".join(f"{name} {value:g}" for name, value in experiment.robot.truth.hidden.items())
-    level = Level.GOOD if result.success else Level.BAD
-    feasibility = experiment.feasibility
+def report_of(
+    experiment: Experiment, result: TrialResult, subtitle: str, command: str = "", executed: SwingTrace | None = None
+) -> Report:
+    """The report of a trial that has run.
+
+    Args:
+        experiment: that has run.
+        result: what it came to.
+        subtitle: what was run.
+        command: how to run it again.
+        executed: the swing as it was; None where nobody saw it.
+    """
+    feasibility = experiment.course.feasibility
     return trial_report(
         TrialReportData(
-            level=level,
+            level=Level.GOOD if result.success else Level.BAD,
             verdict=result.message[:1].upper() + result.message[1:],
-            subtitle=(
-                f"Simulated Baxter, load {1e3 * c.mass:g} g on a string of {c.length:g} m, seed {c.seed}, "
-                f"hidden: {hidden or 'nothing'}"
-            ),
+            subtitle=subtitle,
             command=command,
-            phases=tuple(experiment.phases),
+            phases=tuple(Span(span.phase.value, span.start, span.end) for span in experiment.course.phases),
             notes=_notes(experiment),
-            estimates=(_estimate(experiment),) if result.estimates else (),
+            estimates=(_estimate(result),) if result.estimates else (),
             force=_force(experiment),
             gripper=_gripper(experiment),
-            swing=_swing(experiment),
+            swing=_swing(experiment, executed),
             joints=_joints(experiment),
-            margins=tuple(
-                Margin(m.limit, m.joint, m.value, m.bound, m.unit, m.used, m.time)
-                for m in (feasibility.margins if feasibility else ())
-            ),
-            nodes=tuple(
-                NodeTiming(name, _period(experiment, name), t.steps, t.mean, t.longest, t.overruns)
-                for name, t in result.timing.items()
-            ),
+            margins=feasibility.margins if feasibility else (),
+            nodes=tuple(result.timing.values()),
         )
     )
 
@@ -61,26 +51,21 @@ def _notes(experiment: Experiment) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _period(experiment: Experiment, name: str) -> float:
-    return next(node.period for node in experiment.nodes if node.name == name)
-
-
-def _estimate(experiment: Experiment) -> EstimateTrace:
-    c, history = experiment.settings, experiment.estimator.history
+def _estimate(result: TrialResult) -> EstimateTrace:
     return EstimateTrace(
         name="length",
         unit="m",
-        time=np.array([e.time for e in history]),
-        value=np.array([e.value for e in history]),
-        std=np.array([e.std for e in history]),
-        guess=c.length_guess,
-        truth=c.length,
+        time=np.array([e.time for e in result.estimates]),
+        value=np.array([e.value for e in result.estimates]),
+        std=np.array([e.std for e in result.estimates]),
+        guess=result.length_guess,
+        truth=result.length_true,
     )
 
 
 def _force(experiment: Experiment) -> ForceTrace | None:
     """Measured force, and what the model with the last estimate says along the measured path."""
-    recorded = experiment.recorded["load_force"]
+    recorded = experiment.channel("load_force")
     if len(recorded) < 2:
         return None
     predicted = np.full(len(recorded), np.nan)
@@ -94,43 +79,20 @@ def _force(experiment: Experiment) -> ForceTrace | None:
 
 
 def _gripper(experiment: Experiment) -> GripperTrace:
-    reference, actual = experiment.recorded["reference.x"], experiment.recorded["gripper_x"]
+    reference, actual = experiment.channel("reference.x"), experiment.channel("gripper_x")
     return GripperTrace(actual.time, np.interp(actual.time, reference.time, reference.value), actual.value)
 
 
-def _swing(experiment: Experiment) -> SwingPicture | None:
-    plan, started = experiment.task.swing, experiment.task.started
+def _swing(experiment: Experiment, executed: SwingTrace | None) -> SwingPicture | None:
+    plan, settings = experiment.task.swing, experiment.settings
     if plan is None:
         return None
-    box, line = experiment.settings.plant.box, experiment.description.line
     planned = SwingTrace(plan.time, plan.x, plan.load[:, 0], plan.load[:, 1])
-    executed = None
-    if started is not None:
-        history = experiment.robot.history()
-        during = history.time >= started
-
-        def along(points: np.ndarray) -> np.ndarray:
-            return (points - line.origin) @ line.direction
-
-        executed = SwingTrace(
-            history.time[during] - started,
-            along(history.pivot[during]),
-            along(history.load[during]),
-            history.load[during, 2] - line.origin[2],
-        )
-    outline = BoxOutline(box.near_wall, box.width, box.rim, box.height) if box else None
-    return SwingPicture(planned, executed, outline, experiment.settings.plant.load_radius)
+    return SwingPicture(planned, executed, settings.task.box, settings.load_radius)
 
 
 def _joints(experiment: Experiment) -> JointTrace:
     names, limits = experiment.description.joint_names, experiment.description.limits
-    position, velocity = (np.column_stack([experiment.recorded[f"{k}.{n}"].value for n in names]) for k in "qv")
-    return JointTrace(
-        names,
-        experiment.recorded[f"q.{names[0]}"].time,
-        position,
-        velocity,
-        limits.lower,
-        limits.upper,
-        limits.velocity,
-    )
+    time = experiment.channel(f"q.{names[0]}").time
+    position, velocity = (np.column_stack([experiment.channel(f"{k}.{n}").value for n in names]) for k in "qv")
+    return JointTrace(names, time, position, velocity, limits.lower, limits.upper, limits.velocity)

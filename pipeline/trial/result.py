@@ -1,12 +1,16 @@
-"""What a trial came to."""
+"""What a trial came to: its numbers, and how they follow from the experiment."""
 
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from armdyn.pendulum.model import PendulumModel
+from armdyn.pendulum.recorded import run_path
 from pipeline.nodes.estimator import LengthEstimate
 from pipeline.nodes.scheduler import Timing
+from pipeline.trial.experiment import Ending, Experiment, Phase, PhaseSpan
 
 
 @dataclass(frozen=True)
@@ -14,10 +18,10 @@ class Peaks:
     """Largest magnitudes while the length was learnt, or during the swing where it was not.
 
     Attributes:
-        x: gripper, m.
-        v: m/s.
-        a: m/s^2.
-        swing_angle: of the model along the measured path, rad.
+        x: gripper [m].
+        v: its speed [m/s].
+        a: its acceleration [m/s^2].
+        swing_angle: of the model along the measured path [rad].
     """
 
     x: float
@@ -33,13 +37,13 @@ class TrialResult:
     Attributes:
         success: whether the load came to rest in the box.
         message: a sentence for a person.
-        length_guess: m.
-        length_true: m.
-        length_estimate: used for the plan, m.
-        length_std: m; 0 where nothing was estimated.
+        length_guess: at the start [m].
+        length_true: [m]; None where nobody knows it.
+        length_estimate: used for the plan [m].
+        length_std: [m]; 0 where nothing was estimated.
         estimates: every update of the estimator.
         peak: largest magnitudes.
-        minimum_tension: smallest measured force before the swing ended, N.
+        minimum_tension: smallest measured force before the swing ended [N].
         feasible: whether the plan passed the check; None where it did not come to a plan.
         iterations: of the optimiser.
         cost: of the plan.
@@ -54,7 +58,7 @@ class TrialResult:
     success: bool
     message: str
     length_guess: float
-    length_true: float
+    length_true: float | None
     length_estimate: float
     length_std: float
     estimates: tuple[LengthEstimate, ...]
@@ -98,3 +102,64 @@ class TrialResult:
             },
             "recording": str(self.recording) if self.recording else None,
         }  # fmt: skip
+
+
+def result_of(experiment: Experiment, ending: Ending, length_true: float | None, recording: Path | None) -> TrialResult:
+    """The outcome of an experiment that has run.
+
+    Args:
+        experiment: that has run.
+        ending: how it ended.
+        length_true: [m]; None where nobody knows it.
+        recording: the MCAP file; None where nothing was kept.
+    """
+    history, swing = experiment.estimator.history, experiment.task.swing
+    force, report, cycles = (
+        experiment.channel("load_force").value,
+        experiment.course.feasibility,
+        experiment.sac.seconds,
+    )
+    return TrialResult(
+        success=ending.success,
+        message=ending.message,
+        length_guess=experiment.settings.length_guess,
+        length_true=length_true,
+        length_estimate=experiment.estimator.model.value("length"),
+        length_std=history[-1].std if history else 0.0,
+        estimates=tuple(history),
+        peak=_peaks(experiment),
+        minimum_tension=float(force.min()) if len(force) else 0.0,
+        feasible=None if report is None else report.feasible,
+        iterations=len(swing.solution.iterations) if swing else 0,
+        cost=swing.solution.cost if swing else None,
+        planning_seconds=swing.solution.seconds if swing else 0.0,
+        model=experiment.estimator.model,
+        timing=experiment.scheduler.timing,
+        cycle_seconds=float(np.mean(cycles)) if cycles else 0.0,
+        stopped=ending.stopped,
+        recording=recording,
+    )
+
+
+def _peaks(experiment: Experiment) -> Peaks:
+    """Largest magnitudes while learning, or in the swing where nothing was learnt."""
+    span = experiment.span(Phase.LEARN if experiment.settings.estimate else Phase.SWING)
+    if span is None:
+        return Peaks(0.0, 0.0, 0.0, 0.0)
+
+    def peak(name: str) -> float:
+        channel = experiment.channel(name)
+        inside = (channel.time >= span.start) & (channel.time <= span.end)
+        return float(np.max(np.abs(channel.value[inside]), initial=0.0))
+
+    return Peaks(peak("reference.x"), peak("reference.v"), peak("reference.a"), _largest_angle(experiment, span))
+
+
+def _largest_angle(experiment: Experiment, span: PhaseSpan) -> float:
+    """Of the model with the last estimate along the measured path."""
+    if experiment.estimator.start is None:
+        swing = experiment.task.swing
+        return float(np.max(np.abs(swing.angle))) if swing else 0.0
+    path, model = run_path(experiment.measurement.run()), experiment.estimator.model
+    angles = model.rollout(path, model.theta(), channels=("load_force",)).states[:, 0]
+    return float(np.max(np.abs(angles[: int((span.end - span.start) / path.dt)]), initial=0.0))

@@ -1,5 +1,6 @@
 """The paper's Table I: nine guesses of the length, with and without estimation, over seeds."""
 
+import math
 import os
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -9,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from armdyn.errors import InputError
-from pipeline.trial.experiment import run_trial
 from pipeline.trial.settings import TrialSettings
+from pipeline.trial.simulated import run_trial
 
 GUESSES = (0.308, 0.328, 0.348, 0.368, 0.388, 0.408, 0.428, 0.448, 0.468)
-"""m; of the paper, whose string is 0.368 m long."""
-PAPER_PATTERN = (0.368, 0.388)
-"""Guesses that succeed without estimation in the paper; with estimation all do."""
+"""First guesses of the paper [m], whose string is 0.368 m long."""
+PAPER_WITHOUT = (0.368, 0.388)
+"""Guesses that succeed without estimation in the paper [m]; with estimation all nine do."""
 
 
 @dataclass(frozen=True)
@@ -23,27 +24,42 @@ class TableRow:
     """One guess over all seeds.
 
     Attributes:
-        length_guess: m.
-        without: whether each seed succeeded without estimation.
-        with_estimation: whether each succeeded with estimation.
-        length_estimates: m, one per seed.
-        length_stds: as reported, m.
+        length_guess: [m].
+        succeeded_without: whether each seed succeeded without estimation.
+        succeeded_with: whether each succeeded with estimation.
+        length_estimates: [m], one per seed.
+        length_stds: as reported [m].
     """
 
     length_guess: float
-    without: tuple[bool, ...]
-    with_estimation: tuple[bool, ...]
+    succeeded_without: tuple[bool, ...]
+    succeeded_with: tuple[bool, ...]
     length_estimates: tuple[float, ...]
     length_stds: tuple[float, ...]
 
+    @property
+    def without(self) -> float:
+        """Share of the seeds that succeed without estimation."""
+        return float(np.mean(self.succeeded_without))
+
+    @property
+    def with_estimation(self) -> float:
+        """Share of the seeds that succeed with estimation."""
+        return float(np.mean(self.succeeded_with))
+
+    @property
+    def in_paper(self) -> bool:
+        """Whether this guess succeeds without estimation in the paper."""
+        return any(math.isclose(self.length_guess, guess, abs_tol=5e-4) for guess in PAPER_WITHOUT)
+
 
 @dataclass(frozen=True)
-class Table:
-    """Table I.
+class TableOne:
+    """The paper's Table I.
 
     Attributes:
         seeds: trials per guess and way.
-        length: the truth, m.
+        length: the truth [m].
         rows: by guess.
     """
 
@@ -52,9 +68,14 @@ class Table:
     rows: tuple[TableRow, ...]
 
     @property
+    def estimates(self) -> np.ndarray:
+        """(n,) length of every trial with estimation [m]."""
+        return np.array([e for row in self.rows for e in row.length_estimates])
+
+    @property
     def errors(self) -> np.ndarray:
-        """(n,) estimate minus truth of every trial with estimation, m."""
-        return np.array([e for row in self.rows for e in row.length_estimates]) - self.length
+        """(n,) estimate minus truth of every trial with estimation [m]."""
+        return self.estimates - self.length
 
     @property
     def covered(self) -> float:
@@ -65,8 +86,8 @@ class Table:
     @property
     def pattern(self) -> float:
         """Share of the seeds that give the paper's whole column without estimation."""
-        wanted = [row.length_guess in PAPER_PATTERN for row in self.rows]
-        columns = zip(*(row.without for row in self.rows), strict=True)
+        wanted = [row.in_paper for row in self.rows]
+        columns = zip(*(row.succeeded_without for row in self.rows), strict=True)
         return float(np.mean([list(column) == wanted for column in columns]))
 
     def as_json(self) -> dict[str, Any]:
@@ -77,8 +98,8 @@ class Table:
             "rows": [
                 {
                     "length_guess": row.length_guess,
-                    "without": float(np.mean(row.without)),
-                    "with": float(np.mean(row.with_estimation)),
+                    "without": row.without,
+                    "with": row.with_estimation,
                     "length_estimates": list(row.length_estimates),
                 }
                 for row in self.rows
@@ -92,7 +113,7 @@ class Table:
 
 def run_table(
     seeds: int, first_seed: int = 0, progress: Callable[[int, int], None] | None = None, workers: int | None = None
-) -> Table:
+) -> TableOne:
     """Run every guess with and without estimation for `seeds` seeds, in parallel processes.
 
     Args:
@@ -133,7 +154,7 @@ def run_table(
             tuple(std for _, _, std in learnt),
         )
 
-    return Table(seeds, TrialSettings().length, tuple(row(guess) for guess in GUESSES))
+    return TableOne(seeds, TrialSettings().length, tuple(row(guess) for guess in GUESSES))
 
 
 def _outcome(settings: TrialSettings) -> tuple[bool, float, float]:

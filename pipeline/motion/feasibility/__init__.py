@@ -1,16 +1,12 @@
 """Feasibility: is a motion within every limit of the arm, and if not, which limit, which joint, when."""
 
 from pipeline.motion.feasibility.check import check_joints, check_line
-from pipeline.motion.feasibility.report import FeasibilityReport, Margin, Violation
-from pipeline.motion.feasibility.settings import CheckSettings, Swing
-from pipeline.motion.feasibility.surroundings import Obstacle, box_and_table
-from pipeline.motion.feasibility.torque import JointTorque, LineTorque
+from pipeline.motion.feasibility.settings import CheckSettings, Obstacle, Swing, box_and_table
+from pipeline.motion.feasibility.verdict import FeasibilityReport, Margin, Violation
 
 __all__ = [
     "CheckSettings",
     "FeasibilityReport",
-    "JointTorque",
-    "LineTorque",
     "Margin",
     "Obstacle",
     "Swing",

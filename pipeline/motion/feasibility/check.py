@@ -8,18 +8,17 @@ from numpy.typing import ArrayLike
 import urdf
 from armdyn.errors import InputError
 from ik import LineTable
-from pipeline.motion.feasibility.bounded import Bounded
 from pipeline.motion.feasibility.clearance import collision_series, swing_series
-from pipeline.motion.feasibility.report import FeasibilityReport
 from pipeline.motion.feasibility.series import (
     Looks,
+    between,
     fine_times,
-    hermite,
     joint_series,
     off_line_series,
     start_series,
 )
 from pipeline.motion.feasibility.settings import CheckSettings, Swing
+from pipeline.motion.feasibility.verdict import Bounded, FeasibilityReport
 from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
 
 
@@ -37,7 +36,7 @@ def check_line(
         table: from the line to the joints.
         robot: the arm.
         trajectory: the motion.
-        settings: what is known besides, and how much room is asked for.
+        settings: what the check takes into account, and the distances that it asks for.
         swing: of the load; None where nothing hangs.
         at: where the arm is (n,); None where nobody knows [rad].
 
@@ -47,16 +46,19 @@ def check_line(
     settings = settings or CheckSettings()
     low, high = float(table.s[0]), float(table.s[-1])
     time, fine = trajectory.time, fine_times(trajectory.time)
-    s = hermite(time, trajectory.s, trajectory.v, fine)
-    v, a = hermite(time, trajectory.v, trajectory.a, fine), np.interp(fine, time, trajectory.a)
+    s = between(time, trajectory.s, trajectory.v, fine)
+    v, a = between(time, trajectory.v, trajectory.a, fine), np.interp(fine, time, trajectory.a)
     # Beyond the ends there are no postures: the joints are judged as if the tool waited at the end.
     samples = table.joint_motion(np.clip(trajectory.s, low, high), trajectory.v, trajectory.a)
-    between = table.joint_motion(np.clip(s, low, high), v, a)
-    looks = Looks(time, *samples, fine, *between)
+    postures = table.joint_motion(np.clip(s, low, high), v, a)
+    looks = Looks(time, *samples, fine, *postures)
     series = [Bounded.between("line", "m", (robot.tool_frame,), fine, s, low, high)]
     series += joint_series(robot, looks, settings)
     series += off_line_series(robot, table.line, looks, settings)
-    return _judged(robot, looks, series, settings, table.line, swing, at)
+    series += _start_and_collision(robot, looks, settings, at)
+    if swing is not None:
+        series += swing_series(robot, table.line, looks, swing, settings)
+    return FeasibilityReport.of(series)
 
 
 def check_joints(
@@ -64,7 +66,6 @@ def check_joints(
     trajectory: JointTrajectory,
     settings: CheckSettings | None = None,
     line: urdf.Line | None = None,
-    swing: Swing | None = None,
     at: ArrayLike | None = None,
 ) -> FeasibilityReport:
     """Judge a motion of the joints.
@@ -72,16 +73,15 @@ def check_joints(
     Args:
         robot: the arm.
         trajectory: the motion.
-        settings: what is known besides, and how much room is asked for.
+        settings: what the check takes into account, and the distances that it asks for.
         line: on which the tool must stay; None where it is free.
-        swing: of the load, which needs a line; None where nothing hangs.
         at: where the arm is (n,); None where nobody knows [rad].
 
     Returns:
         Every violation and all margins.
 
     Raises:
-        InputError: if the trajectory is of other joints, or there is a swing without a line.
+        InputError: if the trajectory is of other joints.
     """
     settings = settings or CheckSettings()
     if trajectory.joint_names != robot.joint_names:
@@ -89,8 +89,6 @@ def check_joints(
             f"trajectory: its joints are {', '.join(trajectory.joint_names)}; those of {robot.name} are "
             f"{', '.join(robot.joint_names)}, in this order"
         )
-    if swing is not None and line is None:
-        raise InputError("trajectory: a swing needs the line along which it swings")
     t, fine = trajectory.time, fine_times(trajectory.time)
     looks = Looks(
         t,
@@ -98,25 +96,21 @@ def check_joints(
         trajectory.v,
         trajectory.a,
         fine,
-        hermite(t, trajectory.q, trajectory.v, fine),
-        hermite(t, trajectory.v, trajectory.a, fine),
+        between(t, trajectory.q, trajectory.v, fine),
+        between(t, trajectory.v, trajectory.a, fine),
         np.column_stack([np.interp(fine, t, column) for column in trajectory.a.T]),
     )
     series = joint_series(robot, looks, settings)
     if line is not None:
         series += off_line_series(robot, line, looks, settings)
-    return _judged(robot, looks, series, settings, line, swing, at)
+    return FeasibilityReport.of([*series, *_start_and_collision(robot, looks, settings, at)])
 
 
-def _judged(
-    robot: urdf.Robot,
-    looks: Looks,
-    series: list[Bounded],
-    settings: CheckSettings,
-    line: urdf.Line | None,
-    swing: Swing | None,
-    at: ArrayLike | None,
-) -> FeasibilityReport:
+def _start_and_collision(
+    robot: urdf.Robot, looks: Looks, settings: CheckSettings, at: ArrayLike | None
+) -> list[Bounded]:
+    """Distance of the first posture from where the arm is, and of the arm from everything that it may touch."""
+    series = []
     if at is not None:
         here = np.asarray(at, dtype=float)
         if here.shape != (len(robot.joint_names),) or not np.all(np.isfinite(here)):
@@ -124,6 +118,4 @@ def _judged(
         series.append(start_series(robot, looks, here, settings))
     if settings.collision:
         series += collision_series(robot, looks, settings)
-    if swing is not None and line is not None:
-        series += swing_series(robot, line, looks, swing, settings)
-    return FeasibilityReport.of(series)
+    return series

@@ -1,25 +1,128 @@
-"""Distances over a motion, looked at as often as the distance itself demands."""
+"""Distances between arm, load, string and obstacles over a motion."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
+import coal
 import numpy as np
-from numpy.typing import NDArray
+import pinocchio as pin
 
 import urdf
-from pipeline.motion.feasibility.bounded import Bounded
 from pipeline.motion.feasibility.series import Looks
-from pipeline.motion.feasibility.settings import CheckSettings, Swing
-from pipeline.motion.feasibility.surroundings import Surroundings
+from pipeline.motion.feasibility.settings import CheckSettings, Obstacle, Swing
+from pipeline.motion.feasibility.verdict import Bounded
+from urdf.collision import collision_shapes
+from urdf.robot import Array
 
-Array = NDArray[np.float64]
+
+class Surroundings:
+    """Distances between the arm, what stands around it, and the string with its load.
+
+    Meshes are replaced by their convex hulls, which contain them: the distances err on the safe side.
+
+    Args:
+        robot: the arm.
+        obstacles: blocks that stand still.
+    """
+
+    def __init__(self, robot: urdf.Robot, obstacles: tuple[Obstacle, ...] = ()) -> None:
+        self._model, shapes = collision_shapes(robot)
+        self._data = self._model.createData()
+        tool = robot.model.frames[robot.tool_frame_id]
+        self._tool_joint = int(tool.parentJoint)
+        self._tool_point = tool.placement.act(np.asarray(robot.tool_offset))
+        self._parts = [
+            (shape.name.rpartition("_")[0], int(shape.parentJoint), shape.placement.copy(), _hull(shape.geometry))
+            for shape in shapes.geometryObjects
+            if shape.parentJoint > 0
+        ]
+        self._obstacles = [
+            (o.name, coal.Box(*map(float, o.size)), coal.Transform3s(o.rotation, np.asarray(o.centre, dtype=float)))
+            for o in obstacles
+        ]
+        self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
+
+    def clearance(self, q: Array) -> tuple[float, str]:
+        """Smallest distance between the arm and an obstacle at a posture.
+
+        Args:
+            q: (n,) [rad].
+
+        Returns:
+            Distance, 0 or less where they touch [m], and which two.
+        """
+        self._place(q)
+        best, names = np.inf, ""
+        for part, joint, placement, shape in self._parts:
+            pose = _transform(self._data.oMi[joint] * placement)
+            for name, box, place in self._obstacles:
+                distance = self._distance(shape, pose, box, place)
+                if distance < best:
+                    best, names = distance, f"{part} - {name}"
+        return best, names
+
+    def swing_clearance(self, q: Array, along: Array, angle: float, length: float, radius: float) -> tuple[float, str]:
+        """Smallest distance between the hanging load with its string and the arm.
+
+        The load is held against every link. The string is held against all but the hand, on which it hangs.
+
+        Args:
+            q: posture (n,) [rad].
+            along: unit vector of the line (3,).
+            angle: of the swing, 0 hanging; the load is at ``-l sin(angle)`` along the line [rad].
+            length: of the string, to the load's centre [m].
+            radius: of the load [m].
+
+        Returns:
+            Distance [m], and to which link.
+        """
+        self._place(q)
+        top = self._data.oMi[self._tool_joint].act(self._tool_point)
+        hanging = -np.sin(angle) * along - np.cos(angle) * np.array([0.0, 0.0, 1.0])
+        load, load_pose = coal.Sphere(radius), coal.Transform3s(np.eye(3), top + length * hanging)
+        string = coal.Capsule(1e-3, length)
+        # A capsule lies along its z axis, about its middle.
+        aside = np.cross(along, [0.0, 0.0, 1.0])
+        turned = np.column_stack([np.cross(aside, hanging), aside, hanging])
+        string_pose = coal.Transform3s(turned, top + length / 2.0 * hanging)
+        best, names = np.inf, ""
+        for part, joint, placement, shape in self._parts:
+            pose = _transform(self._data.oMi[joint] * placement)
+            distance = self._distance(shape, pose, load, load_pose)
+            if joint != self._tool_joint:
+                distance = min(distance, self._distance(shape, pose, string, string_pose))
+            if distance < best:
+                best, names = distance, part
+        return best, names
+
+    def _place(self, q: Array) -> None:
+        pin.forwardKinematics(self._model, self._data, np.asarray(q, dtype=float))
+
+    def _distance(
+        self, a: coal.CollisionGeometry, at_a: coal.Transform3s, b: coal.CollisionGeometry, at_b: coal.Transform3s
+    ) -> float:
+        self._result.clear()
+        return float(coal.distance(a, at_a, b, at_b, self._request, self._result))
+
+
+def _hull(shape: coal.CollisionGeometry) -> coal.CollisionGeometry:
+    if not isinstance(shape, coal.BVHModelBase):
+        return shape
+    # `buildConvexRepresentation` would only reinterpret the triangles; this one computes a hull.
+    shape.buildConvexHull(True, "Qt")
+    return shape.convex
+
+
+def _transform(pose: pin.SE3) -> coal.Transform3s:
+    return coal.Transform3s(pose.rotation, pose.translation)
+
 
 SHARE = 0.25
-"""Share of the distance by which the arm may move before the next look: what is touched cannot be missed."""
+"""Share of the distance by which the arm may move before the next look, so that no contact is missed."""
 
 STEP = 5e-3
-"""Move after which a look is taken even where things touch [m]."""
+"""Move after which the next look is taken where two parts already touch [m]."""
 
 HAND = 0.15
 """How far the hand reaches beyond the tool frame and the arm beyond the middle of its links, at most [m]."""
@@ -82,7 +185,7 @@ def _looked_at(
     Args:
         limit: what is limited.
         time: of all samples (m,) [s].
-        travel: upper bound of the way that any point of the arm has gone until each sample (m,) [m].
+        travel: upper bound of the distance that any point of the arm has moved until each sample (m,) [m].
         distance: at a sample: how far apart which two are [m].
         least: distance that is asked for [m].
     """
@@ -102,11 +205,11 @@ def _looked_at(
 
 
 def _travel(robot: urdf.Robot, q: Array) -> Array:
-    """Upper bound of the way that any point of the arm has gone until each posture (m,) [m]."""
+    """Upper bound of the distance that any point of the arm has moved until each posture (m,) [m]."""
     lengths = [float(np.linalg.norm(robot.model.jointPlacements[j].translation)) for j in range(2, robot.model.njoints)]
     tool = robot.model.frames[robot.tool_frame_id].placement.translation
     lengths.append(float(np.linalg.norm(tool)) + HAND)
-    # What hangs on a joint reaches no further than all the links after it, stretched out.
+    # A part reaches no further from a joint than the stretched chain of all links between them.
     reach = np.cumsum(lengths[::-1])[::-1]
     steps = np.abs(np.diff(q, axis=0)) @ reach
     return np.concatenate([[0.0], np.cumsum(steps)])

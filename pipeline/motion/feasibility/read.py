@@ -1,25 +1,158 @@
-"""Trajectories from files, in the form of a recording."""
+"""Trajectories from files."""
 
 from __future__ import annotations
 
+import csv
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.interpolate import UnivariateSpline, make_interp_spline
+from scipy.special import binom
 
 import urdf
 from armdyn.channels import Channel
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.run import read_run
-from pipeline.motion.feasibility.derive import differentiated
-from pipeline.motion.feasibility.line_csv import is_line_csv, read_line_csv
+from armdyn.units import si_factor
 from pipeline.motion.trajectory import JointTrajectory, LineTrajectory, check_samples
+from urdf.robot import Array
 
-Array = NDArray[np.float64]
+ORDER = 6
+"""Order of the differences in which noise remains and motion vanishes: of a swing at 1 Hz, sampled at 100 Hz, 1e-7."""
+
+EVEN = 0.01
+"""Unevenness of the sampling up to which the differences can be used [1]."""
+
+
+def differentiated(time: Array, position: Array) -> tuple[Array, Array, Array]:
+    """Speed and acceleration by a quintic smoothing spline that knows the noise of the positions.
+
+    The noise is taken from sixth differences, so that rounding is smoothed away and a clean motion is left alone.
+
+    Args:
+        time: (n,), increasing [s].
+        position: (n, k).
+
+    Returns:
+        Smoothed positions, speeds, accelerations, (n, k) each.
+    """
+    columns = [_differentiated(time, column) for column in position.T]
+    q, v, a = (np.column_stack([column[order] for column in columns]) for order in range(3))
+    return q, v, a
+
+
+def noise(time: Array, position: Array) -> float:
+    """Standard deviation of the noise of positions, 0 where it cannot be seen.
+
+    Args:
+        time: (n,) [s].
+        position: (n,).
+
+    Returns:
+        In the unit of the positions. Source: robust difference estimator, Gasser et al., Biometrika 73 (1986) 625.
+    """
+    steps = np.diff(time)
+    if time.size < 4 * ORDER or np.ptp(steps) > EVEN * np.mean(steps):
+        return 0.0
+    spread = np.sqrt(np.sum(binom(ORDER, np.arange(ORDER + 1)) ** 2))
+    return float(np.median(np.abs(np.diff(position, ORDER))) / (0.6745 * spread))
+
+
+def _differentiated(time: Array, column: Array) -> tuple[Array, Array, Array]:
+    if np.ptp(column) == 0.0:
+        return column, np.zeros_like(column), np.zeros_like(column)
+    if time.size < ORDER:
+        v = np.gradient(column, time)
+        return column, v, np.gradient(v, time)
+    std = noise(time, column)
+    # Below this the differences show only the rounding of floats, which a smoothing spline cannot follow.
+    if std < 1e-10 * np.max(np.abs(column)):
+        spline = make_interp_spline(time, column, k=5)
+        return column, spline.derivative(1)(time), spline.derivative(2)(time)
+    smooth = UnivariateSpline(time, column, k=5, s=time.size * std**2)
+    return smooth(time), smooth.derivative(1)(time), smooth.derivative(2)(time)
+
+
+UNITS = {"time": "s", "s": "m", "v": "m/s", "a": "m/s^2"}
+
+_HEADER = re.compile(r"\s*(?P<name>[^\[\]]*?)\s*\[(?P<unit>[^\[\]]+)\]\s*")
+
+
+def is_line_csv(path: Path) -> bool:
+    """Whether a file is text whose header has a column ``s``."""
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            header = file.readline()
+    except (OSError, UnicodeDecodeError):
+        return False
+    return "s" in [cell.partition("[")[0].strip().strip('"') for cell in header.split(",")]
+
+
+def read_line_csv(path: Path) -> dict[str, Array]:
+    """Read the columns of a line motion.
+
+    Args:
+        path: the CSV file.
+
+    Returns:
+        Values by name, in SI units, (n,) each.
+
+    Raises:
+        InputError: names the row or column at fault, counted as a spreadsheet does.
+    """
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        try:
+            rows = [(number, row) for number, row in enumerate(csv.reader(file), start=1) if any(map(str.strip, row))]
+        except (csv.Error, UnicodeDecodeError) as error:
+            raise InputError(f"{path}: is no CSV text ({error}); save it as UTF-8") from error
+    columns = [_column(path, cell) for cell in rows[0][1]]
+    names = [name for name, _ in columns]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"{path}: there are two columns '{name}'; rename or remove one")
+    if "time" not in names:
+        raise InputError(f"{path}: no 'time' column: add one named 'time [s]'")
+    if len(rows) < 2:
+        raise InputError(f"{path}: holds no samples; give a row per time")
+    table = np.array([_numbers(path, number, row, names) for number, row in rows[1:]])
+    return {name: table[:, k] * factor for k, (name, factor) in enumerate(columns)}
+
+
+def _column(path: Path, cell: str) -> tuple[str, float]:
+    match = _HEADER.fullmatch(cell)
+    name = match["name"] if match else cell.strip()
+    if name not in UNITS:
+        raise InputError(f"{path}: {UnknownNameError('column of a line motion', name, UNITS)}")
+    if match is None:
+        raise InputError(f"{path}: column '{name}' has no unit: write it as '{name} [{UNITS[name]}]'")
+    try:
+        return name, si_factor(match["unit"], UNITS[name])
+    except InputError as error:
+        raise InputError(f"{path}: column '{name}': {error}") from error
+
+
+def _numbers(path: Path, number: int, row: list[str], names: list[str]) -> list[float]:
+    if len(row) != len(names):
+        raise InputError(f"{path}: row {number} has {len(row)} cells where the header has {len(names)}; mend the row")
+    values = []
+    for name, cell in zip(names, row, strict=True):
+        try:
+            value = float(cell)
+        except ValueError:
+            value = np.nan
+        if not np.isfinite(value):
+            raise InputError(
+                f"{path}: row {number}, column '{name}': '{cell.strip()[:40]}' is not a finite number; "
+                "a trajectory has no missing samples"
+            )
+        values.append(value)
+    return values
+
 
 FAR_BEYOND = 2.0
-"""How many times its range a joint must be beyond, to look as if it were written in degrees."""
+"""Times its range beyond which a joint position is taken for degrees."""
 
 
 def read_trajectory(path: Path | str, robot: urdf.Robot) -> JointTrajectory | LineTrajectory:
@@ -63,10 +196,9 @@ def _line_of_run(channels: Mapping[str, Channel]) -> LineTrajectory:
 
 
 def _line(time: Array, s: Array, v: Array | None, a: Array | None) -> LineTrajectory:
-    derived = differentiated(time, s[:, None])
     if v is None:
-        return LineTrajectory(time, derived.q[:, 0], derived.v[:, 0], derived.a[:, 0])
-    return LineTrajectory(time, s, v, differentiated(time, v[:, None]).v[:, 0] if a is None else a)
+        return LineTrajectory(time, *(column[:, 0] for column in differentiated(time, s[:, None])))
+    return LineTrajectory(time, s, v, differentiated(time, v[:, None])[1][:, 0] if a is None else a)
 
 
 def _joints(channels: Mapping[str, Channel], robot: urdf.Robot) -> JointTrajectory:
@@ -92,7 +224,7 @@ def _joints(channels: Mapping[str, Channel], robot: urdf.Robot) -> JointTrajecto
     if "v" not in given:
         return JointTrajectory(time, *differentiated(time, q), robot.joint_names)
     v = values["v"]
-    return JointTrajectory(time, q, v, values["a"] if "a" in given else differentiated(time, v).v, robot.joint_names)
+    return JointTrajectory(time, q, v, values["a"] if "a" in given else differentiated(time, v)[1], robot.joint_names)
 
 
 def _common_time(channels: Mapping[str, Channel], names: list[str]) -> Array:

@@ -6,17 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
 
 import urdf
-from pipeline.motion.feasibility.bounded import Bounded
+from ik.torque import JointTorque
 from pipeline.motion.feasibility.settings import CheckSettings
-from pipeline.motion.feasibility.torque import JointTorque
-
-Array = NDArray[np.float64]
+from pipeline.motion.feasibility.verdict import Bounded
+from urdf.robot import Array
 
 FINER = 5
-"""How many times more densely than it is sampled a motion is looked at, so that no peak hides between two samples."""
+"""How many times a motion is looked at per sample, so that no peak between two samples is missed."""
 
 
 @dataclass(frozen=True)
@@ -47,23 +46,11 @@ def fine_times(time: Array) -> Array:
     return np.append(between.ravel(), time[-1])
 
 
-def hermite(time: Array, value: Array, slope: Array, at: Array) -> Array:
-    """Cubic Hermite interpolation; a single sample stays as it is.
-
-    Args:
-        time: of the samples (n,).
-        value: (n, ...).
-        slope: derivative of the values by time (n, ...).
-        at: times (m,).
-    """
+def between(time: Array, value: Array, slope: Array, at: Array) -> Array:
+    """Values at times (m,) between samples with slopes (n, ...), by cubics; a single sample stays as it is."""
     if time.size == 1:
         return np.repeat(value, at.size, axis=0)
-    k = np.clip(np.searchsorted(time, at, side="right") - 1, 0, time.size - 2)
-    h = np.diff(time)[k].reshape(-1, *[1] * (value.ndim - 1))
-    x = ((at - time[k]) / np.diff(time)[k]).reshape(h.shape)
-    rise = value[k + 1] - value[k]
-    one, two = h * slope[k] - rise, rise - h * slope[k + 1]
-    return value[k] + x * (rise + (1.0 - x) * ((1.0 - x) * one + x * two))
+    return np.asarray(CubicHermiteSpline(time, value, slope)(at))
 
 
 def joint_series(robot: urdf.Robot, looks: Looks, settings: CheckSettings) -> list[Bounded]:
@@ -80,7 +67,7 @@ def joint_series(robot: urdf.Robot, looks: Looks, settings: CheckSettings) -> li
     names, limits, fine = robot.joint_names, robot.limits, looks.fine_time
     unit = [_unit(robot, name) for name in names]
     rate = unit[0] if len(set(unit)) == 1 else "rad or m"
-    torque = JointTorque(robot, settings.load_mass, settings.springs, settings.extra_torques)
+    torque = JointTorque(robot, settings.load_mass, settings.springs)
     speed = _with_differences(looks.time, looks.q, fine, looks.fine_v)
     acceleration = _with_differences(looks.time, looks.v, fine, looks.fine_a)
     series = [
@@ -163,7 +150,7 @@ def _differences(time: Array, value: Array) -> tuple[Array, Array]:
 
 
 def _with_differences(time: Array, value: Array, fine: Array, slope: Array) -> tuple[Array, Array]:
-    """Slopes as given, and those that the values themselves have, in order of time."""
+    """The given slopes and the slopes of the values themselves, in order of time."""
     middle, mean = _differences(time, value)
     when, slopes = np.concatenate([fine, middle]), np.concatenate([slope, mean])
     order = np.argsort(when, kind="stable")

@@ -1,26 +1,65 @@
-"""What a feasibility check takes into account."""
+"""What a feasibility check takes into account: obstacles, the load's swing, and the distances that it asks for."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+import urdf
 from armdyn.errors import InputError
-from pipeline.motion.feasibility.surroundings import Obstacle
-from pipeline.motion.feasibility.torque import ExtraTorque
-from pipeline.motion.trajectory import check_samples, read_only
+from pipeline.box import Box
+from pipeline.motion.trajectory import check_samples
+from urdf.robot import Array, read_only
+
+TABLE = (1.6, 0.7, 0.04)
+"""Length, depth and thickness of the table top under the box [m]."""
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """A block that stands still.
+
+    Attributes:
+        name: for messages.
+        centre: (3,) in the robot's base frame [m].
+        size: edge lengths (3,) [m].
+        rotation: of the block in the base frame (3, 3).
+    """
+
+    name: str
+    centre: Array
+    size: Array
+    rotation: Array
+
+
+def box_and_table(line: urdf.Line, box: Box) -> tuple[Obstacle, ...]:
+    """An open box on a table, under the line: four walls, the floor and the table top."""
+    along, up = np.asarray(line.direction, dtype=float), np.array([0.0, 0.0, 1.0])
+    axes = np.column_stack([along, np.cross(up, along), up])
+    middle = np.asarray(line.origin) + box.middle * along - box.rim * up
+    top = np.array([0.0, 0.0, -box.height - box.wall - TABLE[2] / 2.0])
+    return (
+        *(
+            Obstacle(
+                "box floor" if plate.name == "floor" else f"box {plate.name} wall",
+                middle + axes @ plate.offset,
+                2.0 * plate.half,
+                axes,
+            )
+            for plate in box.plates()
+        ),
+        Obstacle("table", middle + axes @ top, np.array(TABLE), axes),
+    )
 
 
 @dataclass(frozen=True)
 class CheckSettings:
-    """What is known besides the motion, and how much room is asked for.
+    """What is taken into account besides the motion, and the distances that are asked for.
 
     Attributes:
         load_mass: hanging from the tool [kg].
         springs: count the springs of the robot's settings; None for those that the settings switch on.
-        extra_torques: further torques on the joints, such as of a model's effects.
         obstacles: blocks around the arm.
         collision: look at collisions at all.
         clearance: distance asked for between the arm and itself or an obstacle [m].
@@ -33,7 +72,6 @@ class CheckSettings:
 
     load_mass: float = 0.0
     springs: bool | None = None
-    extra_torques: tuple[ExtraTorque, ...] = ()
     obstacles: tuple[Obstacle, ...] = ()
     collision: bool = True
     clearance: float = 0.01
@@ -60,9 +98,9 @@ class Swing:
         InputError: if the arrays do not fit together, or length or radius is not positive.
     """
 
-    time: NDArray[np.float64]
-    angle: NDArray[np.float64]
-    tension: NDArray[np.float64]
+    time: Array
+    angle: Array
+    tension: Array
     length: float
     radius: float = 0.014
     least_tension: float = 0.0

@@ -102,7 +102,7 @@ def test_linearisation_of_the_problem_is_exact(bare):
 def test_too_few_iterations_are_said(bare):
     model, planner = bare
     with pytest.raises(TaskFailedError, match="did not converge in 1 steps"):
-        planner.optimizer(hindered=False).solve(
+        planner.optimizer(constrained=False).solve(
             np.zeros(4), planner.dt * np.arange(501), _parameters(model), most_iterations=1
         )
 

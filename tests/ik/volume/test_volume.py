@@ -7,7 +7,7 @@ import ik.volume.build as building
 from armdyn.errors import InputError
 from ik.errors import StaleTableError, UnreachableError
 from ik.volume import Grid, Status, VolumeTable, build_volume
-from ik.volume.run import in_processes
+from ik.volume.build import in_processes
 
 
 @pytest.fixture(scope="module")

@@ -4,9 +4,8 @@ from collections import Counter
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.loadcell.decoder import Decoder
 from pipeline.loadcell.faults import Fault
-from pipeline.loadcell.protocol import Reading, encode
+from pipeline.loadcell.protocol import Decoder, Reading, encode
 
 
 def lines(numbers, counts=lambda number: 1000 + number):

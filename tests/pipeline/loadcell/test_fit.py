@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from armdyn.errors import TaskFailedError
-from pipeline.loadcell.fit import fit_calibration
-from pipeline.loadcell.plateau import Plateau
-from pipeline.loadcell.weights import Weight, parse_weights
+from pipeline.loadcell.calibration import Weight, parse_weights
+from pipeline.loadcell.fit import Plateau, fit_calibration
 
 OFFSET, SCALE, NOISE = 84213.4, 5.6e-6, 40.0
 G = 9.81

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.loadcell.decoder import Decoder
-from pipeline.loadcell.protocol import Reading, checksum, decode, encode
+from pipeline.loadcell.protocol import Decoder, Reading, checksum, decode, encode
 
 readings = st.builds(Reading, st.integers(0, 0xFFFF), st.integers(-0x800000, 0x7FFFFF))
 DOCUMENT = Path(__file__).parents[3] / "docs" / "loadcell.md"

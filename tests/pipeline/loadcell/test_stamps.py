@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.loadcell.stamps import SMALLEST_STEP, ReceptionTimes
+from pipeline.loadcell.cell import SMALLEST_STEP, ReceptionTimes
 
 
 @given(st.lists(st.tuples(st.floats(0.0, 1.0), st.integers(0, 20)), min_size=1))

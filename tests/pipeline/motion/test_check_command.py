@@ -10,7 +10,7 @@ import ik
 import urdf
 from armdyn.errors import InputError
 from pipeline.commands import check as command
-from pipeline.motion.feasibility.derive import differentiated, noise
+from pipeline.motion.feasibility.read import differentiated, noise
 
 TIME = 0.01 * np.arange(200)
 S = 0.1 * (1 - np.cos(2 * np.pi * 0.5 * TIME)) * (1 - np.cos(2 * np.pi * TIME / 2)) / 2

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 import ik
 import urdf
 from armdyn.errors import InputError, TaskFailedError
+from ik.torque import JointTorque, PathTorque
+from pipeline.box import Box
 from pipeline.motion.feasibility import (
     CheckSettings,
     FeasibilityReport,
-    JointTorque,
-    LineTorque,
     Obstacle,
     Swing,
     box_and_table,
@@ -172,7 +172,7 @@ def test_gravity_torques_are_the_slope_of_the_potential_energy(robot: urdf.Robot
         assert tau == pytest.approx(slope, abs=1e-6)
 
 
-def test_damping_and_springs_and_extra_torques_count(robot: urdf.Robot) -> None:
+def test_damping_and_springs_count(robot: urdf.Robot) -> None:
     q, v = robot.home[None], np.full((1, 7), 0.5)
     none = np.zeros((1, 7))
     still, moving = JointTorque(robot)(q, none, none), JointTorque(robot)(q, v, none)
@@ -183,8 +183,6 @@ def test_damping_and_springs_and_extra_torques_count(robot: urdf.Robot) -> None:
     assert spring[0, 1] == pytest.approx(8.0 * np.sin(q[0, 1]) + 35.0 * np.cos(q[0, 1]))
     assert np.count_nonzero(spring) == 1
     assert JointTorque(sprung)(q, none, none) == pytest.approx(still)
-    extra = JointTorque(robot, extra=(lambda _q, v, _a: -2.0 * v,))(q, v, none)
-    assert extra - moving == pytest.approx(2.0 * v)
 
 
 @pytest.mark.parametrize("mass", [-1.0, float("nan")])
@@ -194,15 +192,12 @@ def test_what_is_no_mass_is_refused(robot: urdf.Robot, mass: float) -> None:
 
 
 def test_torques_along_the_line_are_those_of_the_joints(robot: urdf.Robot, table: ik.LineTable) -> None:
-    torque, nodes = JointTorque(robot, load_mass=0.1), slice(0, None, 100)
-    line = LineTorque.of(
-        table.s[nodes], table.q[nodes], table.dq_ds[nodes], table.d2q_ds2[nodes], torque, robot.limits.effort
-    )
+    nodes = slice(0, None, 100)
+    line = PathTorque.of(robot, table.q[nodes], table.dq_ds[nodes], table.d2q_ds2[nodes])
     rng = np.random.default_rng(1)
-    v, a = rng.normal(0.0, [[0.5], [5.0]], (2, line.s.size))
-    expected = torque(*table.joint_motion(line.s, v, a))
-    found = line.inertia * a[:, None] + line.coriolis * v[:, None] ** 2 + line.damping * v[:, None] + line.gravity
-    assert found == pytest.approx(expected, abs=1e-9)
+    v, a = rng.normal(0.0, [[0.5], [5.0]], (2, len(line.gravity)))
+    expected = JointTorque(robot, springs=False)(*table.joint_motion(table.s[nodes], v, a))
+    assert line.torque(v, a) == pytest.approx(expected, abs=1e-9)
 
 
 def test_a_heavy_load_breaks_the_torque_and_the_spring_mends_it(robot: urdf.Robot, table: ik.LineTable) -> None:
@@ -226,10 +221,10 @@ def test_a_block_in_the_way_is_hit_however_thin(robot: urdf.Robot, table: ik.Lin
 
 
 def test_the_box_of_the_task_is_not_in_the_way(robot: urdf.Robot, table: ik.LineTable) -> None:
-    box = box_and_table(robot.line, near_wall=0.355, width=0.3, depth=0.24, rim=0.285, height=0.095, wall=0.004)
+    box = box_and_table(robot.line, Box())
     report = check_line(table, robot, line_sine(0.2, 0.3, centre=0.25), CheckSettings(obstacles=box))
     assert report.feasible, report.sentence
-    raised = box_and_table(robot.line, near_wall=0.355, width=0.3, depth=0.24, rim=-0.05, height=0.095, wall=0.004)
+    raised = box_and_table(robot.line, Box(rim=-0.05))
     report = check_line(table, robot, line_sine(0.2, 0.3, centre=0.25), CheckSettings(obstacles=raised))
     assert any(v.limit == "collision" and "box" in v.joint for v in report.violations)
 

@@ -5,7 +5,7 @@ import ik
 import urdf
 from armdyn.errors import InputError, TaskFailedError
 from pipeline.motion import LineLimits, LineSmoother, LineState
-from pipeline.motion.feasibility import CheckSettings, JointTorque, LineTorque, check_line
+from pipeline.motion.feasibility import CheckSettings, check_line
 from pipeline.motion.reference import smooth_reference
 
 from .lines import DT, baxter_limits, is_one_motion, worst_excess
@@ -62,21 +62,6 @@ def test_start_and_end_are_kept() -> None:
     motion = smooth_reference(s, speeds(s), DT, LIMITS, start=start, end=end)
     assert motion.start == pytest.approx(start, abs=1e-8)
     assert motion.end == pytest.approx(end, abs=1e-8)
-
-
-def test_joint_torques_are_kept(robot: urdf.Robot, table: ik.LineTable) -> None:
-    limits = LineLimits.from_table(table)
-    nodes = slice(None, None, 20)
-    load, strength = JointTorque(robot, load_mass=0.3), 0.8 * robot.limits.effort
-    torque = LineTorque.of(table.s[nodes], table.q[nodes], table.dq_ds[nodes], table.d2q_ds2[nodes], load, strength)
-    s = INFEASIBLE["steps"]
-    worst = {}
-    for name, given in (("without", None), ("with", torque)):
-        motion = smooth_reference(s, speeds(s), DT, limits, torque=given)
-        tau = load(*table.joint_motion(motion.s, motion.v, motion.a))
-        worst[name] = float(np.max(np.abs(tau) / strength))
-    assert worst["without"] > 1.05
-    assert worst["with"] < 1.0
 
 
 def test_an_end_that_cannot_be_reached_in_time_is_refused() -> None:

@@ -1,8 +1,7 @@
 import pytest
 
 from armdyn.errors import InputError
-from pipeline.nodes.clock import RealClock
-from pipeline.nodes.scheduler import Scheduler
+from pipeline.nodes.scheduler import RealClock, Scheduler
 
 
 class Clock:

@@ -1,21 +1,16 @@
 import numpy as np
 import pytest
 
+from pipeline.box import Box
+from pipeline.motion.feasibility import Margin
+from pipeline.nodes.scheduler import Timing
+from pipeline.report.learning import EstimateTrace, ForceTrace
+from pipeline.report.motion import GripperTrace, JointTrace
 from pipeline.report.page import KeyFigure, Level
-from pipeline.report.table import GuessRow, TableReportData
-from pipeline.report.theme import Phase
-from pipeline.report.trial_data import (
-    BoxOutline,
-    EstimateTrace,
-    ForceTrace,
-    GripperTrace,
-    JointTrace,
-    Margin,
-    NodeTiming,
-    SwingPicture,
-    SwingTrace,
-    TrialReportData,
-)
+from pipeline.report.swing import SwingPicture, SwingTrace
+from pipeline.report.theme import Span
+from pipeline.report.trial import TrialReportData
+from pipeline.trial.table import TableOne, TableRow
 
 LENGTH = 0.368
 JOINTS = tuple(f"right_{name}" for name in ("s0", "s1", "e0", "e1", "w0", "w1", "w2"))
@@ -50,11 +45,11 @@ def make_trial_data():
         subtitle="Baxter, right arm · guess 0.328 m · true length 0.368 m · seed 7 · hidden: quadratic_drag=0.004",
         command="armdyn trial --length-guess 0.328 --seed 7",
         phases=(
-            Phase("kick", 0.0, 0.5),
-            Phase("estimate", 0.5, 6.5),
-            Phase("settle", 6.5, 8.0),
-            Phase("swing", 8.0, 13.0),
-            Phase("drop", 13.0, 14.0),
+            Span("kick", 0.0, 0.5),
+            Span("estimate", 0.5, 6.5),
+            Span("settle", 6.5, 8.0),
+            Span("swing", 8.0, 13.0),
+            Span("drop", 13.0, 14.0),
         ),
         notes=("load_force: 3 samples were left out (repeated time stamps).",),
         key_figures=(KeyFigure("Planning", "31 ms", "8 iterations, cost 0.515"),),
@@ -64,37 +59,42 @@ def make_trial_data():
         swing=SwingPicture(
             _swing(np.arange(0.0, 3.4, 0.01), 0.0, np.random.default_rng(0)),
             _swing(np.arange(0.0, 3.6, 0.01), 0.02, rng),
-            BoxOutline(0.355, 0.30, 0.285, 0.095),
+            Box(),
         ),
         joints=JointTrace(JOINTS, time, position, np.gradient(position, time, axis=0), lower, upper, speed),
         margins=tuple(
-            Margin(limit, name, 0.9 * bound * used, bound, unit, used, 10.2 + used)
+            Margin(limit, name, 10.2 + used, 0.9 * bound * used, bound, unit, (1 - 0.9 * used) * bound, used)
             for limit, unit, bound in (("velocity", "rad/s", 2.0), ("torque", "N m", 50.0))
             for name, used in zip(JOINTS, (0.31, 0.94, 0.42, 0.66, 0.12, 0.5, 0.2), strict=True)
         ),
         nodes=(
-            NodeTiming("measurement", 0.01, 1300, 2.1e-5, 9e-5),
-            NodeTiming("estimator", 0.5, 12, 6.2e-4, 1.4e-3),
-            NodeTiming("SAC", 0.05, 120, 4.1e-4, 9.8e-4, 2),
-            NodeTiming("task", None, 1, 0.031, 0.031),
+            Timing("measurement", 0.01, 1300, 1300 * 2.1e-5, 9e-5),
+            Timing("estimator", 0.5, 12, 12 * 6.2e-4, 1.4e-3),
+            Timing("SAC", 0.05, 120, 120 * 4.1e-4, 9.8e-4, 2),
+            Timing("task", None, 1, 0.031, 0.031),
         ),
     )
 
 
-def make_table_data():
+def seeds(share):
+    return tuple(i < round(20 * share) for i in range(20))
+
+
+def make_table():
     rng = np.random.default_rng(5)
     without = (0, 0, 0, 0.95, 1.0, 0.05, 0, 0, 0)
     guesses = np.arange(0.308, 0.469, 0.02)
-    return TableReportData(
-        rows=tuple(
-            GuessRow(float(guess), share, 1.0 if i else 0.95, tuple(0.36782 + rng.normal(0, 4e-4, 20)))
-            for i, (guess, share) in enumerate(zip(guesses, without, strict=True))
-        ),
-        seeds=20,
-        length_true=LENGTH,
-        subtitle="Baxter, simulated · nine guesses · 20 seeds each",
-        command="armdyn table --seeds 20",
-    )
+    rows = [
+        TableRow(
+            float(guess),
+            seeds(share),
+            seeds(1.0 if i else 0.95),
+            tuple(0.36782 + rng.normal(0, 4e-4, 20)),
+            (4e-4,) * 20,
+        )
+        for i, (guess, share) in enumerate(zip(guesses, without, strict=True))
+    ]
+    return TableOne(20, LENGTH, tuple(rows))
 
 
 @pytest.fixture
@@ -103,5 +103,5 @@ def trial_data():
 
 
 @pytest.fixture
-def table_data():
-    return make_table_data()
+def table():
+    return make_table()

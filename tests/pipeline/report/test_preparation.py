@@ -8,7 +8,7 @@ from armdyn.arm.model import arm_model
 from armdyn.identify.study import Study
 from armdyn.preparation import Preparation, of_all_runs, sentence
 from pipeline.answers import preparation_answer
-from pipeline.report.sections.fit import MOST_POINTS, FitSection
+from pipeline.report.fit import MOST_POINTS, FitSection
 
 
 @pytest.fixture(scope="module")

@@ -10,11 +10,9 @@ from armdyn.identify.explained import Scale
 from armdyn.identify.rung import Rung
 from armdyn.identify.verdict import Verdict
 from pipeline.answers import link_answer
-from pipeline.commands.link_table import say_links
+from pipeline.commands.identify_text import say_links
 from pipeline.report.page import Level
-from pipeline.report.repair import repair_level
-from pipeline.report.sections.ladder import LadderSection
-from pipeline.report.sections.links import LinkSection
+from pipeline.report.repair import LinkSection, RepairPathSection, repair_level
 
 ZERO = ("centre_x", "centre_y", "centre_z", "inertia_xx", "inertia_xy", "inertia_yy", "inertia_xz", "inertia_yz")
 
@@ -64,9 +62,9 @@ def test_what_rounding_left_of_zero_is_zero_and_each_value_says_whether_it_is_de
     assert "4 of 13" in LinkSection([link(8.0, determined=True)]).sentence()
 
 
-def test_the_ladder_tells_total_errors_and_the_exams():
+def test_the_repair_path_tells_total_errors_and_the_exams():
     given = Rung((), (), (), (), {"tau.a": 3.0, "tau.b": 4.0}, {"tau.a": 6.0, "tau.b": 8.0}, 9.0, 1.0, {"tau.a": 7.0})
-    section = LadderSection([given], Scale({"tau.a": "N m", "tau.b": "N m"}, {}), (Judge.EXAM, Judge.HELD_OUT))
+    section = RepairPathSection([given], Scale({"tau.a": "N m", "tau.b": "N m"}, {}), (Judge.EXAM, Judge.HELD_OUT))
     (table,) = section.tables()
     assert table.header[1:4] == ["rms error [N m]", "held out [N m]", "exam [N m]"]
     assert table.rows[0][1:4] == ["5", "10", "7"]

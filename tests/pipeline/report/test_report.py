@@ -15,7 +15,7 @@ from scipy.stats import binomtest
 from armdyn.errors import InputError
 from pipeline.report import Chart, KeyFigure, Level, Report, Section, Table
 from pipeline.report.table import success_interval, table_report
-from pipeline.report.text import number, percent
+from pipeline.report.theme import number, percent
 from pipeline.report.trial import TrialReportData, trial_report
 
 NASTY = "</script><script>alert('x')</script> & <b>$title</b>"
@@ -81,8 +81,8 @@ class NastySection(Section):
 
 
 @pytest.fixture(params=["trial", "table"])
-def report(request, trial_data, table_data):
-    return trial_report(trial_data) if request.param == "trial" else table_report(table_data)
+def report(request, trial_data, table):
+    return trial_report(trial_data) if request.param == "trial" else table_report(table)
 
 
 def test_page_is_one_offline_file_with_the_library_once(report):
@@ -206,18 +206,18 @@ def test_joint_panels_show_curve_and_both_limits(trial_data):
         assert bottom < joints.lower[i] < joints.upper[i] < top
 
 
-def test_table_report_says_that_the_box_was_chosen(table_data):
-    text = Page(own_part(table_report(table_data).html())).text
+def test_table_report_says_that_the_box_was_chosen(table):
+    text = Page(own_part(table_report(table).html())).text
     assert "The paper gives no box. This one was chosen so that the simulation reproduces" in text
     assert "With estimation 9 of 9 guesses succeed" in text
-    assert table_report(table_data).level is Level.GOOD
+    assert table_report(table).level is Level.GOOD
 
 
-def test_table_report_is_no_success_when_a_guess_fails_with_estimation(table_data):
-    rows = (replace(table_data.rows[0], with_estimation=0.2), *table_data.rows[1:])
-    assert table_report(replace(table_data, rows=rows)).level is Level.BAD
-    rows = (replace(table_data.rows[0], without=0.9), *table_data.rows[1:])
-    assert table_report(replace(table_data, rows=rows)).level is Level.CAUTION
+def test_table_report_is_no_success_when_a_guess_fails_with_estimation(table):
+    rows = (replace(table.rows[0], succeeded_with=(True,) * 4 + (False,) * 16), *table.rows[1:])
+    assert table_report(replace(table, rows=rows)).level is Level.BAD
+    rows = (replace(table.rows[0], succeeded_without=(True,) * 18 + (False,) * 2), *table.rows[1:])
+    assert table_report(replace(table, rows=rows)).level is Level.CAUTION
 
 
 @pytest.mark.parametrize(("successes", "trials"), [(0, 3), (3, 3), (19, 20), (7, 20)])
@@ -248,14 +248,14 @@ def test_shares_are_percent():
     assert percent(0.953) == "95 %"
 
 
-def test_report_is_written_in_one_step(tmp_path, table_data):
+def test_report_is_written_in_one_step(tmp_path, table):
     path = tmp_path / "report.html"
     path.write_text("old")
-    table_report(table_data).write(path)
+    table_report(table).write(path)
     assert path.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
     assert [entry.name for entry in tmp_path.iterdir()] == ["report.html"]
     with pytest.raises(InputError, match="cannot write"):
-        table_report(table_data).write(tmp_path / "absent" / "report.html")
+        table_report(table).write(tmp_path / "absent" / "report.html")
 
 
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="no chromium on this machine to open the page with")

@@ -3,7 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.robot.settings import Box, PlantSettings
+from pipeline.box import Box
+from pipeline.robot.settings import PlantSettings
 from pipeline.robot.simulated import SimulatedRobot
 
 AROUND_THE_LOAD = Box(near_wall=-0.15, width=0.30, rim=0.30, height=0.15)

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from pipeline.robot.cell import LoadCell
 from pipeline.robot.hidden import resolve_hidden
+from pipeline.robot.sensors import SimulatedCell
 from pipeline.robot.settings import CellFault, CellSettings, FaultAt, PlantSettings
 from pipeline.robot.simulated import SimulatedRobot
 
@@ -12,7 +12,7 @@ QUIET = {"noise": 0.0, "resolution": 0.0}
 def _samples(tension, seconds=2.0, hidden=None, latency=0.0, bias=0.0, angle=0.0, **settings):
     """Time of reception and reading of every sample of a cell that feels tension(t) and angle."""
     rng = np.random.default_rng(1)
-    cell = LoadCell(CellSettings(**{**QUIET, **settings}), resolve_hidden(hidden or {}), bias, latency, rng, 1e-3)
+    cell = SimulatedCell(CellSettings(**{**QUIET, **settings}), resolve_hidden(hidden or {}), bias, latency, rng, 1e-3)
     for step in range(round(seconds * 1000)):
         cell.feel(step, tension(step * 1e-3), angle)
     received = cell.received(seconds)
@@ -35,7 +35,7 @@ def test_samples_are_stamped_at_reception():
 
 
 def test_samples_on_the_way_are_not_handed_out_and_none_is_handed_out_twice():
-    cell = LoadCell(CellSettings(**QUIET), resolve_hidden({}), 0.0, 0.025, np.random.default_rng(0), 1e-3)
+    cell = SimulatedCell(CellSettings(**QUIET), resolve_hidden({}), 0.0, 0.025, np.random.default_rng(0), 1e-3)
     for step in range(51):
         cell.feel(step, 1.0, 0.0)
     assert [s.time for s in cell.received(0.05)] == pytest.approx([0.025, 0.035, 0.045])

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from armdyn.errors import InputError, TaskFailedError, UnknownNameError
+from pipeline.box import Box
 from pipeline.robot.hidden import HIDDEN_EFFECTS, resolve_hidden
-from pipeline.robot.settings import Box, CellSettings, PlantSettings, ServoSettings
+from pipeline.robot.settings import CellSettings, PlantSettings, ServoSettings
 from pipeline.robot.simulated import SimulatedRobot
 
 

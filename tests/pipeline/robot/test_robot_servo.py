@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from pipeline.robot.protocol import Robot
+from pipeline.robot.protocol import RobotInterface
 from pipeline.robot.servo import Reference
 from pipeline.robot.settings import PlantSettings
 from pipeline.robot.simulated import SimulatedRobot
@@ -24,7 +24,7 @@ def _lag(rows):
 
 
 def test_simulated_robot_has_the_interface_of_a_robot(baxter, q_start):
-    robot: Robot = SimulatedRobot(baxter, q_start)
+    robot: RobotInterface = SimulatedRobot(baxter, q_start)
     assert robot.joint_names == baxter.joint_names
     assert robot.time == 0.0
 

@@ -5,19 +5,19 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from pipeline.trial.experiment import Experiment
+from pipeline.trial import SimulatedTrial
 
 
 @pytest.fixture(scope="session")
-def off_target() -> Callable[[Experiment], float]:
+def off_target() -> Callable[[SimulatedTrial], float]:
     """Distance of the load from the swing's target when the swing has ended, m.
 
     Loads that land are at most 0.03 m off, because the finish catches what is nearly there; the misses tested here are
     at least 0.18 m off, on every seed tried, from a start 1e-9 beside, and with the rounding of another processor.
     """
 
-    def distance(experiment: Experiment) -> float:
-        task, line, history = experiment.task, experiment.description.line, experiment.robot.history()
+    def distance(trial: SimulatedTrial) -> float:
+        task, line, history = trial.experiment.task, trial.experiment.description.line, trial.robot.history()
         assert task.started is not None
         assert task.swing is not None
         end = task.started + task.swing.time[-1]

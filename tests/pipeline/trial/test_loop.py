@@ -12,8 +12,7 @@ from armdyn.identify.study import Study
 from armdyn.model_file import read_model
 from armdyn.pendulum.model import pendulum_model
 from armdyn.run import read_run
-from pipeline.trial.experiment import Experiment, run_trial
-from pipeline.trial.settings import TrialSettings
+from pipeline.trial import TrialSettings, run_trial, simulate
 
 PENDULUM = [effect for effect in CATALOGUE.values() if effect.acts_on != "joint"]
 KNOWN = {"linear_drag", "sensor_bias", "sensor_delay"}
@@ -22,8 +21,7 @@ KNOWN = {"linear_drag", "sensor_bias", "sensor_delay"}
 
 def repaired_after(hidden, out, seed=0):
     """The trial that does not know, and the repair of the model that it had."""
-    unaware = Experiment(TrialSettings(hidden=hidden, seed=seed, out=out))
-    unaware.run()
+    unaware = simulate(TrialSettings(hidden=hidden, seed=seed, out=out))
     found = repair(Study(read_model(out / "model.toml"), [read_run(out / "trial.csv")], [], PENDULUM))
     return unaware, found
 
@@ -49,16 +47,16 @@ def test_what_is_repaired_lands(effect, parameter, size, tmp_path, off_target):
     assert added(found) == {effect}
     assert found.model.value(f"{effect}.{parameter}") == pytest.approx(size, rel=0.15)
     assert found.ladder[-1].chi2_per_sample < 0.6 * found.ladder[0].chi2_per_sample
-    experiment = Experiment(aware(hidden, found))
-    assert experiment.run().success
-    assert off_target(experiment) < 0.04
+    trial = simulate(aware(hidden, found))
+    assert trial.result.success
+    assert off_target(trial) < 0.04
 
 
 def test_wind_that_is_repaired_leaves_the_length_right(tmp_path):
     # Whether a swing in wind lands hangs on the last bit, the length does not: wind makes it 12 mm too short.
     hidden = {"wind": 0.2}
     unaware, found = repaired_after(hidden, tmp_path)
-    assert unaware.estimator.model.value("length") < 0.368 - 6e-3
+    assert unaware.experiment.estimator.model.value("length") < 0.368 - 6e-3
     assert added(found) == {"wind"}
     assert found.model.value("wind.force") == pytest.approx(0.2, rel=0.05)
     assert found.ladder[-1].chi2_per_sample < 0.4 * found.ladder[0].chi2_per_sample

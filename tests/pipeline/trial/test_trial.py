@@ -7,17 +7,15 @@ import pytest
 
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.run import read_run
+from pipeline.box import Box
 from pipeline.nodes.task import TaskSettings
-from pipeline.robot.settings import Box, CellFault, FaultAt, PlantSettings
-from pipeline.trial import TrialSettings, run_trial
-from pipeline.trial.experiment import Experiment
-from pipeline.trial.report import report_of
+from pipeline.robot.settings import CellFault, FaultAt, PlantSettings
+from pipeline.trial import TrialSettings, run_trial, simulate
 
 
 @pytest.fixture(scope="module")
 def learnt(tmp_path_factory):
-    experiment = Experiment(TrialSettings(length_guess=0.448, seed=3, out=tmp_path_factory.mktemp("trial")))
-    return experiment, experiment.run()
+    return simulate(TrialSettings(length_guess=0.448, seed=3, out=tmp_path_factory.mktemp("trial")))
 
 
 def with_fault(fault, at=2.0):
@@ -25,21 +23,22 @@ def with_fault(fault, at=2.0):
     return replace(plant, cell=replace(plant.cell, faults=(FaultAt(fault, at),)))
 
 
-def stopped_within_limits(experiment):
+def stopped_within_limits(trial):
     """The arm ended at rest, and no commanded or measured joint speed passed its limit on the way."""
+    experiment = trial.experiment
     names, limits = experiment.description.joint_names, experiment.description.limits
-    velocity = np.column_stack([experiment.recorded[f"v.{n}"].value for n in names])
+    velocity = np.column_stack([experiment.channel(f"v.{n}").value for n in names])
     assert np.all(np.abs(velocity) <= limits.velocity + 0.1)  # five times the noise of a reading
     assert experiment.drive.at_rest
-    assert abs(experiment.robot.gripper_truth().s_velocity) < 0.02  # m/s; 0.005 at most, the arm still gives a little
-    assert np.abs(experiment.recorded["reference.v"].value[-1]) == 0.0
+    assert abs(trial.robot.gripper_truth().s_velocity) < 0.02  # m/s; 0.005 at most, the arm still gives a little
+    assert np.abs(experiment.channel("reference.v").value[-1]) == 0.0
 
 
 def test_a_wrong_guess_is_corrected_and_the_load_lands(learnt, off_target):
-    experiment, result = learnt
+    result = learnt.result
     assert result.success
     assert result.feasible
-    assert off_target(experiment) < 0.04  # 0.020 to 0.023 on three seeds
+    assert off_target(learnt) < 0.04  # 0.020 to 0.023 on three seeds
     assert abs(result.length_estimate - 0.368) < 2e-3  # one standard deviation is 0.3 mm
     assert result.estimates[-1].std < 1e-3
     assert result.minimum_tension > 0.1  # 0.30
@@ -47,7 +46,7 @@ def test_a_wrong_guess_is_corrected_and_the_load_lands(learnt, off_target):
 
 
 def test_json_holds_what_the_contract_names(learnt):
-    answer = learnt[1].as_json()
+    answer = learnt.result.as_json()
     assert answer["schema"] == "armdyn.trial/1"
     for key in (
         "success",
@@ -66,20 +65,19 @@ def test_json_holds_what_the_contract_names(learnt):
 
 
 def test_the_recording_is_a_run_of_a_hanging_load(learnt):
-    experiment, result = learnt
+    result, task = learnt.result, learnt.experiment.task
     run = read_run(result.recording)
     csv = read_run(result.recording.with_suffix(".csv"))
     assert set(csv.channels) == set(run.channels)
     force = run.channels["load_force"]
-    swing_end = experiment.task.started + experiment.task.settings.duration
+    swing_end = task.started + task.settings.duration
     assert force.time[-1] < swing_end + 0.1  # what came after the load was let down is kept elsewhere
     assert force.value.min() > 0.0
     assert run.known["mass"].value == pytest.approx(0.08)
 
 
 def test_the_report_is_one_file_that_tells_the_verdict(learnt, tmp_path):
-    experiment, result = learnt
-    report_of(experiment, result).write(tmp_path / "report.html")
+    learnt.report().write(tmp_path / "report.html")
     page = (tmp_path / "report.html").read_text()
     assert "load came to rest in the box" in page
     assert "The box is not the paper" in page
@@ -92,31 +90,30 @@ def test_the_same_seed_gives_the_same_trial():
 
 
 def without_estimation(guess):
-    experiment = Experiment(TrialSettings(length_guess=guess, estimate=False, seed=2))
-    return experiment, experiment.run()
+    return simulate(TrialSettings(length_guess=guess, estimate=False, seed=2))
 
 
 def test_without_estimation_a_right_guess_lands(off_target):
-    experiment, result = without_estimation(0.368)
-    assert result.success
-    assert off_target(experiment) < 0.04  # 0.014 to 0.017 on six seeds
+    trial = without_estimation(0.368)
+    assert trial.result.success
+    assert off_target(trial) < 0.04  # 0.014 to 0.017 on six seeds
 
 
 # 0.26, 0.24 and 0.27 m off, to 4 mm on six seeds; a guess of 0.408 m is 0.14 m off and left to `armdyn table`.
 @pytest.mark.parametrize("guess", [0.308, 0.348, 0.428])
 def test_without_estimation_a_wrong_guess_misses(guess, off_target):
-    experiment, result = without_estimation(guess)
-    assert not result.success
-    assert off_target(experiment) > 0.15
+    trial = without_estimation(guess)
+    assert not trial.result.success
+    assert off_target(trial) > 0.15
 
 
 @pytest.mark.parametrize("guess", [0.15, 0.9])
 def test_estimation_converges_from_far_away(guess, off_target):
-    experiment = Experiment(TrialSettings(length_guess=guess, seed=4))
-    result = experiment.run()
+    trial = simulate(TrialSettings(length_guess=guess, seed=4))
+    result = trial.result
     assert abs(result.length_estimate - 0.368) < 2e-3  # 0.6 mm at most on eight seeds
     assert result.success
-    assert off_target(experiment) < 0.04  # 0.018 to 0.023
+    assert off_target(trial) < 0.04  # 0.018 to 0.023
 
 
 @pytest.mark.parametrize(
@@ -128,49 +125,52 @@ def test_estimation_converges_from_far_away(guess, off_target):
     ],
 )
 def test_a_failing_load_cell_stops_the_arm_and_keeps_the_recording(fault, says, tmp_path):
-    experiment = Experiment(TrialSettings(plant=with_fault(fault), out=tmp_path))
-    result = experiment.run()
+    trial = simulate(TrialSettings(plant=with_fault(fault), out=tmp_path))
+    result = trial.result
     assert not result.success
     assert result.stopped
     assert says in result.message
-    assert experiment.robot.time < 4.0
-    stopped_within_limits(experiment)
+    assert trial.robot.time < 4.0
+    stopped_within_limits(trial)
     assert read_run(tmp_path / "trial.mcap").channels["gripper_x"].time[-1] > 2.0
 
 
 def test_a_slack_string_stops_the_swing():
     # The load bumps against a wall that is too near: slack for 0.15 s, 0.05 s is enough, 0.25 s before the end.
     plant = replace(PlantSettings(), box=Box(near_wall=0.28))
-    experiment = Experiment(TrialSettings(length_guess=0.368, estimate=False, seed=2, plant=plant))
-    result = experiment.run()
+    trial = simulate(TrialSettings(length_guess=0.368, estimate=False, seed=2, plant=plant))
+    result = trial.result
     assert "slack" in result.message
-    stopped_within_limits(experiment)
+    stopped_within_limits(trial)
 
 
 def test_an_estimate_that_is_too_uncertain_is_not_used():
-    experiment = Experiment(TrialSettings(estimation_time=1.2, certain_enough=1e-3))
-    result = experiment.run()
+    trial = simulate(TrialSettings(estimation_time=1.2, certain_enough=1e-3))
+    result = trial.result
     assert "did not converge" in result.message
-    assert experiment.task.swing is None
-    stopped_within_limits(experiment)
+    assert trial.experiment.task.swing is None
+    stopped_within_limits(trial)
 
 
 def test_an_infeasible_plan_never_moves_the_arm():
     far = TaskSettings(target_x=1.5, travel_weight=0.0)
-    experiment = Experiment(TrialSettings(length_guess=0.368, estimate=False, task=far))
-    result = experiment.run()
+    trial = simulate(TrialSettings(length_guess=0.368, estimate=False, task=far))
+    result = trial.result
     assert not result.success
     assert result.stopped
-    assert experiment.task.started is None
-    assert np.abs(experiment.recorded["reference.x"].value).max() == 0.0
+    assert trial.experiment.task.started is None
+    assert np.abs(trial.experiment.channel("reference.x").value).max() == 0.0
 
 
 def test_ctrl_c_brings_the_arm_to_rest_and_keeps_the_recording(tmp_path):
-    experiment = Experiment(TrialSettings(out=tmp_path))
-    experiment._progress = lambda what, _share: os.kill(os.getpid(), signal.SIGINT) if what == "settling" else None
-    result = experiment.run()
+    def stop_at_settling(what, _share):
+        if what == "settling":
+            os.kill(os.getpid(), signal.SIGINT)
+
+    trial = simulate(TrialSettings(out=tmp_path), stop_at_settling)
+    result = trial.result
     assert "interrupted" in result.message
-    stopped_within_limits(experiment)
+    stopped_within_limits(trial)
     assert read_run(tmp_path / "trial.mcap").channels["load_force"].time[-1] > 5.0
 
 

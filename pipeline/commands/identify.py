@@ -1,0 +1,223 @@
+"""`armdyn compare`, `diagnose`, `add` and `repair`: a model against recordings."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NamedTuple
+
+import typer
+
+from pipeline.commands.output import JsonOption, check_outputs, command_line, spinner, write_json
+
+if TYPE_CHECKING:
+    from armdyn.effects.effect import Effect
+    from armdyn.identify.repair import Repair
+    from armdyn.identify.study import Study
+    from armdyn.model_file import ModelFile
+
+ModelArgument = Annotated[Path, typer.Argument(metavar="M.toml", help="Model file.")]
+RunsArgument = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Recordings to fit: CSV or MCAP.")]
+HeldOutOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--held-out",
+        help="A recording that takes part in choosing effects and never in a fit; give the option once for each.",
+    ),
+]
+ExamOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--exam",
+        help="A recording that takes part in nothing: its error is computed at the very end. Give the option once for "
+        "each.",
+    ),
+]
+EffectsOption = Annotated[Path | None, typer.Option("--effects", help="Python file with effects of your own.")]
+ReportOption = Annotated[Path | None, typer.Option("--report", help="Write one offline HTML file.")]
+OutputOption = Annotated[
+    Path | None, typer.Option("--output", help="Where the repaired model goes; over the old one when not given.")
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands of this file."""
+    for command in (compare, diagnose, add, repair):
+        app.command()(command)
+
+
+class Inputs(NamedTuple):
+    """Files that a command reads, as its arguments name them."""
+
+    model: Path
+    runs: list[Path]
+    held_out: list[Path] | None
+    exam: list[Path] | None
+    effects: Path | None
+
+    def check(self, report: Path | None, json_file: Path | None) -> None:
+        """Refuse outputs that cannot be written or would replace an input."""
+        check_outputs(report, json_file, inputs=[self.model, *self.recordings])
+
+    def check_repair(self, output: Path | None, report: Path | None, json_file: Path | None) -> None:
+        """The same for a command that writes a model, which may replace the old one where it is named as the output."""
+        over = output is not None and output.resolve() == self.model.resolve()
+        inputs = [*self.recordings, *([] if over else [self.model])]
+        check_outputs(output, report, json_file, inputs=inputs)
+
+    @property
+    def recordings(self) -> list[Path]:
+        """Every recording."""
+        return [*self.runs, *(self.held_out or ()), *(self.exam or ())]
+
+    def read(self) -> "Given":
+        """Read everything that a study needs.
+
+        Raises:
+            InputError: something cannot be used.
+        """
+        from armdyn.effects.catalogue import CATALOGUE
+        from armdyn.effects.user import load_effects
+        from armdyn.identify.study import Study
+        from armdyn.model_file import read_model_file
+        from armdyn.run import read_run
+
+        own = load_effects(self.effects) if self.effects is not None else ()
+        file = read_model_file(self.model, own)
+        catalogue = tuple(e for e in (*CATALOGUE.values(), *own) if e.acts_on in file.model.stages)
+        runs, held_out, exam = (
+            [read_run(path) for path in paths or ()] for paths in (self.runs, self.held_out, self.exam)
+        )
+        return Given(file, catalogue, Study(file.model, runs, held_out, catalogue, exam))
+
+
+class Given(NamedTuple):
+    """What was read: the model's file, the effects to choose from, the study."""
+
+    file: "ModelFile"
+    catalogue: "tuple[Effect, ...]"
+    study: "Study"
+
+
+def compare(
+    model: ModelArgument,
+    runs: RunsArgument,
+    held_out: HeldOutOption = None,
+    exam: ExamOption = None,
+    effects: EffectsOption = None,
+    report: ReportOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Fit what is free, and say how well the model does and where it fails."""
+    from armdyn.identify.compare import compare as hold_against
+    from pipeline.commands.identify_text import say_comparison
+
+    inputs = Inputs(model, runs, held_out, exam, effects)
+    inputs.check(report, json_file)
+    with spinner() as say:
+        given = inputs.read()
+        say("fitting")
+        found = hold_against(given.study)
+        if report is not None:
+            from pipeline.report.fit import comparison_report
+
+            comparison_report(given.study, found, command_line()).write(report)
+    if json_file is not None:
+        from pipeline.answers import comparison_answer
+
+        write_json(comparison_answer(given.study, found), json_file)
+    if json_file != Path("-"):
+        say_comparison(found)
+
+
+def diagnose(
+    model: ModelArgument,
+    runs: RunsArgument,
+    held_out: HeldOutOption = None,
+    exam: ExamOption = None,
+    effects: EffectsOption = None,
+    report: ReportOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Find out which physical effect is missing, with an honest verdict."""
+    from armdyn.identify.diagnose import diagnose as find_missing
+    from pipeline.commands.identify_text import say_diagnosis
+
+    inputs = Inputs(model, runs, held_out, exam, effects)
+    inputs.check(report, json_file)
+    with spinner() as say:
+        given = inputs.read()
+        found = find_missing(given.study, say)
+        if report is not None:
+            from pipeline.report.repair import diagnosis_report
+
+            diagnosis_report(given.study, found, command_line()).write(report)
+    if json_file is not None:
+        from pipeline.answers import diagnosis_answer
+
+        write_json(diagnosis_answer(given.study, found), json_file)
+    if json_file != Path("-"):
+        say_diagnosis(found)
+
+
+def add(
+    model: ModelArgument,
+    effect: Annotated[str, typer.Argument(metavar="EFFECT[:JOINT,...]", help="Name of the effect, with its joints.")],
+    runs: RunsArgument,
+    held_out: HeldOutOption = None,
+    exam: ExamOption = None,
+    output: OutputOption = None,
+    effects: EffectsOption = None,
+    report: ReportOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Add an effect to a model and refit."""
+    from armdyn.effects.catalogue import find
+    from armdyn.identify.repair import add as extend
+
+    inputs = Inputs(model, runs, held_out, exam, effects)
+    inputs.check_repair(output, report, json_file)
+    with spinner() as say:
+        given = inputs.read()
+        wanted = find(effect, given.catalogue)
+        given.file.model.with_effect(wanted)  # refuses an effect that does not fit before anything is fitted
+        say("fitting")
+        found = extend(given.study, [wanted])
+    _conclude(given, found, output or model, report, json_file)
+
+
+def repair(
+    model: ModelArgument,
+    runs: RunsArgument,
+    held_out: HeldOutOption = None,
+    exam: ExamOption = None,
+    output: OutputOption = None,
+    effects: EffectsOption = None,
+    report: ReportOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Add the effects that are missing, one after the other, and watch the error fall."""
+    from armdyn.identify.repair import repair as mend
+
+    inputs = Inputs(model, runs, held_out, exam, effects)
+    inputs.check_repair(output, report, json_file)
+    with spinner() as say:
+        given = inputs.read()
+        found = mend(given.study, say)
+    _conclude(given, found, output or model, report, json_file)
+
+
+def _conclude(given: Given, found: "Repair", output: Path, report: Path | None, json_file: Path | None) -> None:
+    """Write the repaired model, its report and its answer, and print how the error fell."""
+    from armdyn.model_file import ModelFile, write_model_file
+    from pipeline.answers import history_entries, repair_answer
+    from pipeline.commands.identify_text import say_repair
+
+    if report is not None:
+        from pipeline.report.repair import repair_report
+
+        repair_report(given.study, found, command_line()).write(report)
+    history = (*given.file.history, *history_entries(given.study, found))
+    write_model_file(output, ModelFile(found.model, given.file.description, history))
+    if json_file is not None:
+        write_json(repair_answer(found), json_file)
+    if json_file != Path("-"):
+        say_repair(found, given.study.judges)
+        typer.echo(f"written to {output}")

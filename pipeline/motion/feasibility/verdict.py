@@ -1,0 +1,263 @@
+"""Values against their bounds, and what a check says of them: every violation, and the margin to every limit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from armdyn.errors import TaskFailedError
+from urdf.robot import Array, read_only
+
+TOLERANCE = 1e-6
+"""Share of a limit by which a value may exceed it: a recording with seven digits is rounded."""
+
+SMALL = 1e-3
+"""Smallest size of a bound from which the tolerance is computed, in the bound's unit."""
+
+APART = 0.05
+"""Time for which a limit must be kept between two violations, to count them as two [s]."""
+
+
+@dataclass(frozen=True)
+class Bounded:
+    """One kind of limit: a value per time and joint, and its bounds.
+
+    Attributes:
+        limit: what is limited, such as ``"velocity"``.
+        unit: SI unit of values and bounds.
+        names: of the k columns: joints or parts.
+        time: (n,) [s].
+        value: (n, k).
+        lower: lower bounds, (k,) or (n, k); -inf for none.
+        upper: upper bounds, (k,) or (n, k); inf for none.
+    """
+
+    limit: str
+    unit: str
+    names: tuple[str, ...]
+    time: Array
+    value: Array
+    lower: Array
+    upper: Array
+
+    @classmethod
+    def between(
+        cls,
+        limit: str,
+        unit: str,
+        names: tuple[str, ...],
+        time: ArrayLike,
+        value: ArrayLike,
+        lower: ArrayLike = -np.inf,
+        upper: ArrayLike = np.inf,
+    ) -> Bounded:
+        """Values with bounds of any shape that fits; a value per time (n,) is one column."""
+        values = np.array(value, dtype=float).reshape(-1, len(names))
+        bounds = [np.broadcast_to(np.asarray(bound, dtype=float), values.shape) for bound in (lower, upper)]
+        return cls(limit, unit, names, *map(read_only, (np.array(time, dtype=float), values, *bounds)))
+
+    @property
+    def margin(self) -> Array:
+        """Distance from the nearer bound, negative beyond it (n, k)."""
+        return np.minimum(self.value - self.lower, self.upper - self.value)
+
+    def bound(self, i: int, k: int) -> float:
+        """The nearer bound of sample `i`, column `k`."""
+        lower, upper, value = (float(array[i, k]) for array in (self.lower, self.upper, self.value))
+        return lower if value - lower < upper - value else upper
+
+    def used(self, i: int, k: int) -> float:
+        """Share of the limit that sample `i`, column `k` uses: 1 at the bound [1]."""
+        lower, upper, value = (float(array[i, k]) for array in (self.lower, self.upper, self.value))
+        if np.isfinite(lower) and np.isfinite(upper):
+            middle, half = (lower + upper) / 2.0, (upper - lower) / 2.0
+            return abs(value - middle) / half if half > 0.0 else float(value != middle)
+        if not np.isfinite(lower) and not np.isfinite(upper):
+            return 0.0
+        if np.isfinite(upper):
+            return value / upper if upper > 0.0 else float(value > upper)
+        # With a lower bound alone, the whole limit is used where the value has come down to it.
+        return lower / value if value > max(lower, 0.0) else 1.0 + max(lower - value, 0.0)
+
+    @property
+    def is_two_sided(self) -> bool:
+        """Whether every value is bounded from below and above."""
+        return bool(np.all(np.isfinite(self.lower)) and np.all(np.isfinite(self.upper)))
+
+    def shares(self) -> Array:
+        """Shares of two-sided limits that are used, counted from the middle (n, k) [1]."""
+        middle, half = (self.lower + self.upper) / 2.0, (self.upper - self.lower) / 2.0
+        return np.abs(self.value - middle) / np.maximum(half, np.finfo(float).tiny)
+
+    def closest(self) -> list[tuple[int, int]]:
+        """Sample and column where each column comes closest to a bound; columns without bounds are left out."""
+        margin = self.margin
+        bounded = np.flatnonzero(np.isfinite(margin).any(axis=0))
+        return [(int(np.argmin(margin[:, k])), int(k)) for k in bounded]
+
+    def violations(self) -> list[tuple[int, int]]:
+        """Sample and column of the worst of each stretch beyond a bound; stretches closer than `APART` are one."""
+        scale = np.where(np.isfinite(self.lower), np.abs(self.lower), 0.0)
+        scale = np.maximum(scale, np.where(np.isfinite(self.upper), np.abs(self.upper), 0.0))
+        margin = self.margin
+        beyond = margin < -TOLERANCE * np.maximum(scale, SMALL)
+        found = []
+        for k, column in enumerate(beyond.T):
+            samples = np.flatnonzero(column)
+            stretches = np.split(samples, np.flatnonzero(np.diff(self.time[samples]) > APART) + 1)
+            found += [(int(stretch[np.argmin(margin[stretch, k])]), k) for stretch in stretches if stretch.size]
+        return found
+
+
+SCHEMA = "armdyn.check/1"
+
+
+def in_words(unit: str) -> str:
+    """A unit as it stands behind a number: nothing for a pure number."""
+    return "" if unit == "1" else f" {unit}"
+
+
+@dataclass(frozen=True)
+class Violation:
+    """One limit that is broken, where it is broken most.
+
+    Attributes:
+        limit: what is limited, such as ``"velocity"``.
+        joint: which joint or part.
+        time: when it is broken most, within one stretch of time in which it is broken [s].
+        value: the value then, in `unit`.
+        bound: the limit then, in `unit`.
+        unit: SI unit.
+    """
+
+    limit: str
+    joint: str
+    time: float
+    value: float
+    bound: float
+    unit: str
+
+    def __str__(self) -> str:
+        unit = in_words(self.unit)
+        value = f"{self.value:.4g}{unit} (limit {self.bound:.4g}{unit})"
+        return f"{self.limit.replace('_', ' ')} of {self.joint} is {value} at {self.time:.3f} s"
+
+
+@dataclass(frozen=True)
+class Margin:
+    """The closest that a motion comes to one limit.
+
+    Attributes:
+        limit: what is limited.
+        joint: which joint or part.
+        time: when it comes closest [s].
+        value: the value then, in `unit`.
+        bound: the limit then, in `unit`.
+        unit: SI unit.
+        margin: distance from the limit, negative beyond it, in `unit`.
+        used: share of the limit that is used: 1 at the limit, more beyond it [1].
+    """
+
+    limit: str
+    joint: str
+    time: float
+    value: float
+    bound: float
+    unit: str
+    margin: float
+    used: float
+
+
+@dataclass(frozen=True)
+class FeasibilityReport:
+    """Whether a motion is feasible.
+
+    Attributes:
+        violations: every limit that is broken, once per stretch of time, the earliest first.
+        margins: to every limit that was looked at.
+        series: the values over time against their bounds, for plots.
+    """
+
+    violations: tuple[Violation, ...]
+    margins: tuple[Margin, ...]
+    series: tuple[Bounded, ...]
+
+    @classmethod
+    def of(cls, series: Iterable[Bounded]) -> FeasibilityReport:
+        """Judge values against their bounds.
+
+        Args:
+            series: what was looked at.
+        """
+        series = tuple(series)
+        violations = [
+            Violation(b.limit, b.names[k], float(b.time[i]), float(b.value[i, k]), b.bound(i, k), b.unit)
+            for b in series
+            for i, k in b.violations()
+        ]
+        margins = [
+            Margin(
+                b.limit,
+                b.names[k],
+                float(b.time[i]),
+                float(b.value[i, k]),
+                b.bound(i, k),
+                b.unit,
+                float(b.margin[i, k]),
+                b.used(i, k),
+            )
+            for b in series
+            for i, k in b.closest()
+        ]
+        return cls(tuple(sorted(violations, key=lambda v: v.time)), tuple(margins), series)
+
+    @property
+    def feasible(self) -> bool:
+        """Whether no limit is broken."""
+        return not self.violations
+
+    @property
+    def tightest(self) -> Margin:
+        """The limit of which most is used; the ends of the line count only where they are exceeded."""
+        return max(self.margins, key=lambda margin: (margin.used > 1.0 or margin.limit != "line", margin.used))
+
+    @property
+    def sentence(self) -> str:
+        """The answer for a person, in one line."""
+        if self.feasible:
+            m = self.tightest
+            return (
+                f"Feasible: the tightest limit is the {m.limit.replace('_', ' ')} of {m.joint}, "
+                f"{m.value:.4g} of {m.bound:.4g}{in_words(m.unit)} at {m.time:.3f} s."
+            )
+        more = f", and {len(self.violations) - 1} more" if len(self.violations) > 1 else ""
+        return f"Not feasible: the {self.violations[0]}{more}."
+
+    def require_feasible(self, motion: str) -> None:
+        """Refuse an infeasible motion.
+
+        Args:
+            motion: what it is, such as ``"swing"``.
+
+        Raises:
+            TaskFailedError: with the first violation.
+        """
+        if not self.feasible:
+            raise TaskFailedError(f"{motion}: {self.sentence[0].lower()}{self.sentence[1:]}")
+
+    def to_json(self) -> dict[str, Any]:
+        """As in the contract, section 4; margins are distances from the limit in its unit."""
+        margins: dict[str, dict[str, float]] = {}
+        for margin in self.margins:
+            margins.setdefault(margin.limit, {})[margin.joint] = margin.margin
+        return {
+            "schema": SCHEMA,
+            "feasible": self.feasible,
+            "sentence": self.sentence,
+            "violations": [vars(violation) for violation in self.violations],
+            "margins": margins,
+        }

@@ -1,0 +1,207 @@
+"""Samples go to an MCAP file while the robot runs, and to CSV and TOML when it is done.
+
+The MCAP file is flushed every half second of recording, so that a crash costs no more than that. Its layout is
+described in `armdyn.mcap_run`; Foxglove and PlotJuggler show it.
+"""
+
+import json
+import math
+from array import array
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+from mcap.writer import Writer
+
+from armdyn.channels import Channel, channel_unit, in_contract
+from armdyn.errors import InputError, UnknownNameError
+from armdyn.mcap_run import SIDECAR_RECORD, TIME_FIELD, topic_and_field
+from armdyn.run import Run, write_run_csv
+from armdyn.sidecar import Sidecar, sidecar_text
+from armdyn.units import Known
+
+FLUSH_INTERVAL = 0.5
+"""Seconds of recording that a crash may cost."""
+DROPPED_RECORD = "armdyn.dropped"
+
+
+class Recorder:
+    """Writes one recording; use it in a ``with`` block, which closes it whatever happens.
+
+    Channels of the contract (see `armdyn.channels`) make up the run; any others, such as ``estimate.length``, are kept
+    beside it in the MCAP file. A bad sample never stops a motion: a missing or infinite value, or one
+    that is not later than the channel's last, is left out and counted in `dropped`.
+
+    Args:
+        path: the ``.mcap`` file; CSV and TOML of the same stem are written beside it on closing.
+        channels: unit of each channel that will be recorded. Those of the contract are recorded in SI units.
+        description: a sentence for a person.
+        noise: standard deviation per channel, in its unit, where known.
+        known: values measured by hand, such as ``{"mass": Known(0.08, 0.0004, "kg")}``.
+
+    Raises:
+        InputError: the file cannot be written, or a channel of the contract is not in SI units.
+
+    Example:
+        >>> with Recorder(Path("trial.mcap"), {"gripper_x": "m", "load_force": "N"}) as recorder:  # doctest: +SKIP
+        ...     recorder.record("load_force", time=0.01, value=0.785)
+    """
+
+    def __init__(
+        self,
+        path: Path | str,
+        channels: Mapping[str, str],
+        *,
+        description: str = "",
+        noise: Mapping[str, float] | None = None,
+        known: Mapping[str, Known] | None = None,
+    ) -> None:
+        self.path = Path(path)
+        self.dropped: dict[str, int] = {}
+        self._units = {name: _si(name, unit) for name, unit in channels.items()}
+        for name in noise or {}:
+            if name not in self._units:
+                raise UnknownNameError("channel of the recording", name, self._units)
+        self._description, self._noise, self._known = description, dict(noise or {}), dict(known or {})
+        self._flushed_at = -math.inf
+        self._samples = {name: array("d") for name in channels}  # time, value, time, value, ...
+        self._place = {name: topic_and_field(name) for name in channels}
+        self._pending: dict[str, dict[str, float]] = {}
+        self._closed = False
+        try:
+            self._stream = self.path.open("wb")
+        except OSError as error:
+            raise InputError(
+                f"cannot record to {self.path}: {error.strerror or error}; choose another place"
+            ) from error
+        self._writer = Writer(self._stream)
+        self._writer.start(profile="armdyn", library="armdyn")
+        self._topic_id = self._register_topics()
+        sidecar = Sidecar(
+            description, {n: Known(std, None, self._units[n]) for n, std in self._noise.items()}, self._known
+        )
+        self._writer.add_metadata(SIDECAR_RECORD, {"toml": sidecar_text(sidecar)})
+        self._writer.flush()
+
+    def record(self, channel: str, time: float, value: float) -> None:
+        """Take one sample.
+
+        Args:
+            channel: one of those given at the start.
+            time: [s], on the run's clock.
+            value: in the channel's unit.
+
+        Raises:
+            UnknownNameError: the channel was not given at the start.
+            ValueError: the recorder is closed.
+        """
+        if self._closed:
+            raise ValueError(f"the recording {self.path} is closed")
+        if channel not in self._units:
+            raise UnknownNameError("channel of the recording", channel, self._units)
+        samples = self._samples[channel]
+        time, value = float(time), float(value)
+        if not (math.isfinite(time) and math.isfinite(value)) or (samples and time <= samples[-2]):
+            self.dropped[channel] = self.dropped.get(channel, 0) + 1
+            return
+        samples.extend((time, value))  # in one step: Ctrl-C cannot come between the two
+        if time - self._flushed_at >= FLUSH_INTERVAL:
+            self.flush()
+            self._flushed_at = time
+        topic, field = self._place[channel]
+        message = self._pending.get(topic)
+        if message is not None and message[TIME_FIELD] != time:
+            self._emit(topic)
+            message = None
+        if message is None:
+            message = self._pending[topic] = {TIME_FIELD: time}
+        message[field] = value
+
+    def channel(self, name: str) -> Channel:
+        """What was recorded of `name` so far.
+
+        Raises:
+            UnknownNameError: the channel was not given at the start.
+        """
+        if name not in self._units:
+            raise UnknownNameError("channel of the recording", name, self._units)
+        samples = np.array(self._samples[name])
+        return Channel(samples[::2], samples[1::2], self._units[name])
+
+    def run(self) -> Run:
+        """The run recorded so far: the channels of the contract that have samples."""
+        channels = {name: self.channel(name) for name in self._units if self._samples[name] and in_contract(name)}
+        warnings = tuple(
+            f"{name}: {count} samples left out (missing, infinite, or not later than the one before)"
+            for name, count in self.dropped.items()
+        )
+        noise = {name: std for name, std in self._noise.items() if name in channels}
+        return Run(self.path.name, channels, self._known, noise, self._description, self.path, warnings)
+
+    def flush(self) -> None:
+        """Hand everything to the operating system: from here on a crash of this program loses nothing of it."""
+        for topic in tuple(self._pending):
+            self._emit(topic)
+        self._writer.flush()
+
+    def close(self) -> Run:
+        """Finish the MCAP file, write CSV and sidecar where there are samples, and return the run.
+
+        Closing twice is fine.
+
+        Raises:
+            InputError: CSV or sidecar cannot be written; the MCAP file is whole nevertheless.
+        """
+        run = self.run()
+        if not self._closed:
+            self._closed = True
+            self.flush()
+            if self.dropped:
+                self._writer.add_metadata(DROPPED_RECORD, {name: str(count) for name, count in self.dropped.items()})
+            self._writer.finish()
+            self._stream.close()
+            if run.channels:
+                write_run_csv(run, self.path.with_suffix(".csv"))
+        return run
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self.close()
+
+    def _register_topics(self) -> dict[str, int]:
+        """One topic per group of channels, with a JSON schema that names each field's channel and unit."""
+        fields: dict[str, dict[str, str]] = {}
+        for name, (topic, field) in self._place.items():
+            taken = fields.setdefault(topic, {})
+            if field == TIME_FIELD or field in taken:
+                raise InputError(
+                    f"channel '{name}' cannot be recorded: its field '{field}' of {topic} is taken; rename it"
+                )
+            taken[field] = f"{name} [{self._units[name]}]"
+        ids = {}
+        for topic, labels in fields.items():
+            properties = {TIME_FIELD: {"type": "number", "description": "time [s]"}}
+            properties |= {field: {"type": "number", "description": label} for field, label in labels.items()}
+            title = f"armdyn{topic.replace('/', '.')}"
+            schema = {"title": title, "type": "object", "properties": properties, "required": [TIME_FIELD]}
+            schema_id = self._writer.register_schema(title, "jsonschema", json.dumps(schema).encode())
+            ids[topic] = self._writer.register_channel(topic, "json", schema_id, labels)
+        return ids
+
+    def _emit(self, topic: str) -> None:
+        message = self._pending.pop(topic)
+        stamp = max(0, round(message[TIME_FIELD] * 1e9))  # MCAP counts nanoseconds from zero up
+        self._writer.add_message(self._topic_id[topic], stamp, json.dumps(message).encode(), stamp)
+
+
+def _si(name: str, unit: str) -> str:
+    """The unit, which for a channel of the contract must be the SI one."""
+    if not in_contract(name):
+        return unit
+    si, factor = channel_unit(name, unit)
+    if factor != 1.0:
+        raise InputError(f"channel '{name}' is recorded in {si}, not in {unit}: convert it first")
+    return si

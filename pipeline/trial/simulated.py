@@ -1,0 +1,139 @@
+"""A trial on the simulated robot: builds it, runs the protocol on it, and adds what only a simulation knows."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+import ik
+import urdf
+from armdyn.errors import InputError
+from armdyn.model_file import ModelFile, write_model_file
+from armdyn.run import Known
+from pipeline.loadcell.faults import FaultLimits
+from pipeline.nodes.scheduler import SimulatedClock
+from pipeline.record import Recorder
+from pipeline.robot.protocol import Vector
+from pipeline.robot.settings import PlantSettings
+from pipeline.robot.simulated import SimulatedRobot
+from pipeline.robot.truth import History
+from pipeline.trial.experiment import Experiment, Progress, recorded_channels
+from pipeline.trial.result import TrialResult, result_of
+from pipeline.trial.settings import TrialSettings
+
+if TYPE_CHECKING:
+    from pipeline.report.page import Report
+    from pipeline.report.swing import SwingTrace
+
+
+@dataclass(frozen=True)
+class SimulatedTrial:
+    """A trial that has run.
+
+    Attributes:
+        settings: what it was given.
+        plant: the simulated robot as it was built.
+        robot: which knows the truth.
+        experiment: the protocol, with everything that was planned and measured.
+        result: what it came to.
+    """
+
+    settings: TrialSettings
+    plant: PlantSettings
+    robot: SimulatedRobot
+    experiment: Experiment
+    result: TrialResult
+
+    def swing_history(self) -> History | None:
+        """What really happened from the swing on; None where there was none."""
+        history, started = self.robot.history(), self.experiment.task.started
+        return None if started is None else history.from_time(started)
+
+    def report(self, command: str = "") -> "Report":
+        """The report, with the true length and the true motion of the load."""
+        from pipeline.trial.report import report_of
+
+        c = self.settings
+        hidden = ", ".join(f"{name} {value:g}" for name, value in self.robot.truth.hidden.items())
+        subtitle = (
+            f"Simulated Baxter, load {1e3 * c.mass:g} g on a string of {c.length:g} m, seed {c.seed}, "
+            f"hidden: {hidden or 'nothing'}"
+        )
+        return report_of(self.experiment, self.result, subtitle, command, executed=self._executed())
+
+    def _executed(self) -> "SwingTrace | None":
+        from pipeline.report.swing import SwingTrace
+
+        history, line = self.swing_history(), self.experiment.description.line
+        if history is None:
+            return None
+
+        def along(points: Vector) -> Vector:
+            return np.asarray((points - line.origin) @ line.direction)
+
+        time = history.time - (self.experiment.task.started or 0.0)
+        return SwingTrace(time, along(history.pivot), along(history.load), history.load[:, 2] - line.origin[2])
+
+
+def simulate(settings: TrialSettings, progress: Progress | None = None) -> SimulatedTrial:
+    """One whole trial on the simulated robot; the recording and the model are written where settings say so.
+
+    Raises:
+        InputError: settings that cannot be used.
+        UnknownNameError: a hidden effect that the simulated robot does not have.
+    """
+    c, say = settings, progress or (lambda _what, _share: None)
+    description = urdf.load("baxter")
+    table = ik.default_table(description, progress=lambda stage: say(stage, 0.0))
+    plant = replace(c.plant, length=c.length, mass=c.mass, load_radius=c.load_radius)
+    robot = SimulatedRobot(description, table.posture(0.0).q, plant, c.hidden, c.seed)
+    with _directory(c.out) as directory, _recorder(directory, c, description) as recorder:
+        experiment = Experiment(
+            robot,
+            SimulatedClock(robot),
+            description,
+            table,
+            recorder,
+            c,
+            cell=FaultLimits.of(plant.cell.noise, plant.cell.resolution, plant.cell.full_scale),
+            landed=robot.load_in_box,
+            progress=say,
+        )
+        ending = experiment.run()
+        if c.out is not None:
+            write_model_file(c.out / "model.toml", ModelFile(experiment.estimator.model, {}))
+        result = result_of(experiment, ending, c.length, recorder.path if c.out else None)
+    return SimulatedTrial(c, plant, robot, experiment, result)
+
+
+def run_trial(settings: TrialSettings, progress: Progress | None = None) -> TrialResult:
+    """The outcome of one whole trial on the simulated robot, see `simulate`."""
+    return simulate(settings, progress).result
+
+
+@contextmanager
+def _directory(out: Path | None) -> Iterator[Path]:
+    """Where the recording is written: the given directory, else one that is gone at the end."""
+    if out is None:
+        with TemporaryDirectory() as scratch:
+            yield Path(scratch)
+        return
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot write to {out}: {error.strerror or error}; choose another directory") from error
+    yield out
+
+
+def _recorder(directory: Path, settings: TrialSettings, description: urdf.Robot) -> Recorder:
+    return Recorder(
+        directory / "trial.mcap",
+        recorded_channels(description.joint_names),
+        description=f"simulated Baxter, load on a string, seed {settings.seed}",
+        noise={"load_force": settings.force_noise},
+        known={"mass": Known(settings.mass, settings.mass_std, "kg")},
+    )
