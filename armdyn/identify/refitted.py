@@ -50,6 +50,7 @@ class Refitted(Appraiser):
         first = study.first()
         self._fits: dict[frozenset[Candidate], Fit] = {frozenset(): first}
         self._rough: set[frozenset[Candidate]] = set()  # sketched, not fitted
+        self._tried: set[tuple[frozenset[Candidate], frozenset[Candidate]]] = set()  # from which best set
         self._contenders: dict[frozenset[Candidate], tuple[Candidate, ...]] = {}
         p = study.problem
         self._base = p.fitted & ~p.of([n for c in study.candidates for n in c.names])
@@ -157,7 +158,11 @@ class Refitted(Appraiser):
         study, near = self._study, self.fit(now)
         sets = [(*now.effects, *option) for option in options]
         for effects in sets:
-            self._sketched(effects, near)
+            key, wanted = frozenset(effects), (*study.present, *effects)
+            if key not in self._fits:
+                sketches = [study.sketch(wanted, near), study.sketch(wanted, near, afresh=True)]
+                self._fits[key] = min(sketches, key=lambda fit: fit.cost)
+                self._rough.add(key)
         ranked = sorted(sets, key=lambda effects: self._fits[frozenset(effects)].cost)[:REFITTED]
         found = self._followed(ranked)
         if min(self._fits[frozenset(effects)].chi2_per_sample for effects in ranked) > NOISY:
@@ -168,11 +173,20 @@ class Refitted(Appraiser):
                     break
         return [self.of(one.effects) for one in found]
 
-    def _sketched(self, effects: Sequence[Candidate], near: Fit) -> None:
-        key = frozenset(effects)
+    def _sketched(self, effects: Sequence[Candidate]) -> None:
+        """Sketch a set that is new, and one that stands worse than the best set could be exchanged for it."""
+        key, wanted = frozenset(effects), (*self._study.present, *effects)
+        best = self._fits[self._at]
         if key not in self._fits:
-            self._fits[key] = self._study.sketch((*self._study.present, *effects), near)
+            self._fits[key] = self._study.sketch(wanted, self._nearest(key))
             self._rough.add(key)
+        elif (key, self._at) not in self._tried and self._fits[key].cost > best.cost:
+            other = self._study.sketch(wanted, best, self._around.values(self._around.of(effects)))
+            if other.cost < self._fits[key].cost:
+                self._fits[key] = other
+                self._rough.add(key)
+                self._known.pop(key, None)
+        self._tried.add((key, self._at))
 
     def _keep(self, key: frozenset[Candidate], fit: Fit) -> None:
         """Take a better fit of a set, and what it shows of the noise."""
@@ -185,7 +199,7 @@ class Refitted(Appraiser):
     def _followed(self, sets: Sequence[tuple[Candidate, ...]]) -> list[Appraisal]:
         """Appraisals of sets: all are sketched, those that lead are carried on."""
         for effects in sets:
-            self._sketched(effects, self._nearest(frozenset(effects)))
+            self._sketched(effects)
         standing = {k: self._fits[k].cost + 2.0 * self.price(e) for e in sets for k in [frozenset(e)]}
         order = sorted(standing, key=lambda key: standing[key])
         for place, key in enumerate(order):

@@ -101,10 +101,14 @@ class Study:
         free, start = self._released(effects, near)
         return fit(self.problem, free, start if values is None else values, most_steps=QUICK_STEPS)
 
-    def sketch(self, effects: Sequence[Candidate], near: Fit) -> Fit:
-        """As `fit_with`, after a few steps only."""
+    def sketch(
+        self, effects: Sequence[Candidate], near: Fit, values: np.ndarray | None = None, *, afresh: bool = False
+    ) -> Fit:
+        """As `fit_with`, after a few steps only; `afresh` from where the runs' motions were found to begin."""
         free, start = self._released(effects, near)
-        return fit(self.problem, free, start, most_steps=FIRST_STEPS)
+        if values is None:
+            values = self._cold(effects, near) if afresh else start
+        return fit(self.problem, free, values, most_steps=FIRST_STEPS)
 
     def to_the_end(self, found: Fit) -> Fit:
         """A fit after as many more steps as lower the cost by what matters in a comparison."""

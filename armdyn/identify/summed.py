@@ -44,7 +44,7 @@ class Summed(Appraiser):
         return [self.of(effects) for effects, _ in self.foretold(now, changes)[:most]]
 
     def foretold(self, now: Appraisal, changes: Sequence[Change]) -> list[tuple[tuple[Candidate, ...], float]]:
-        """Sets after changes, best first, each with weighted squared error of the training runs plus twice the price."""
+        """Sets after changes, best first, each with weighted squared error and twice the price."""
         found: list[tuple[tuple[Candidate, ...], float]] = []
         for gone in dict.fromkeys(tuple(gone) for gone, _ in changes):
             rest = self.of([c for c in now.effects if c not in gone])
@@ -77,16 +77,18 @@ class Summed(Appraiser):
         C, gone = now.columns[now.free], now.columns[~now.free]
         # Priors pull as well where the expansion's point is not at their mean.
         slope = slope - G[:, gone] @ now.effective[~now.free] + self._solver.centre * width**-2.0
-        scaled = np.linalg.solve(G[np.ix_(C, C)] + np.diag(width[C] ** -2.0), np.column_stack([G[C], slope[C]]))
-        left, rest = G - G[:, C] @ scaled[:, :-1], slope - G[:, C] @ scaled[:, -1]
-        there = set(C.tolist())
+        # In units of their widths, so that the matrices are no worse than one, whatever the runs tell.
+        G, slope = width[:, None] * G * width, width * slope
+        inner = np.linalg.solve(G[np.ix_(C, C)] + np.eye(len(C)), np.column_stack([G[C], slope[C]]))
+        left, rest = G - G[:, C] @ inner[:, :-1], slope - G[:, C] @ inner[:, -1]
+        there, most = set(C.tolist()), self.remaining(now)
         gains = np.zeros(len(options))
         for i, option in enumerate(options):
             own = np.array([j for c in option for j in self._solver.columns[c] if j not in there], dtype=int)
             if len(own):
-                S = left[own[:, None], own] + np.diag(width[own] ** -2.0)
-                gains[i] = rest[own] @ np.linalg.solve(S, rest[own])
-        return gains
+                S = left[own[:, None], own] + np.eye(len(own))
+                gains[i] = rest[own] @ np.linalg.lstsq(S, rest[own], rcond=1e-12)[0]
+        return np.clip(gains, 0.0, most)
 
     def remaining(self, one: Appraisal) -> float:
         """Weighted squared error of the training runs that a set leaves."""
