@@ -38,12 +38,12 @@ class ModelFile:
     history: tuple[Mapping[str, Any], ...] = ()
 
 
-def read_model(path: Path, extra: Iterable[Effect] = ()) -> Model:
+def read_model(path: Path | str, extra: Iterable[Effect] = ()) -> Model:
     """The model in a file; see `read_model_file`."""
     return read_model_file(path, extra).model
 
 
-def read_model_file(path: Path, extra: Iterable[Effect] = ()) -> ModelFile:
+def read_model_file(path: Path | str, extra: Iterable[Effect] = ()) -> ModelFile:
     """Read a model file.
 
     Args:
@@ -53,6 +53,7 @@ def read_model_file(path: Path, extra: Iterable[Effect] = ()) -> ModelFile:
     Raises:
         InputError: names the file, the field, what is wrong and what to do.
     """
+    path = Path(path)
     if path.is_dir():
         raise InputError(f"{path} is a directory: give the model's file")
     try:
@@ -69,12 +70,13 @@ def read_model_file(path: Path, extra: Iterable[Effect] = ()) -> ModelFile:
         raise InputError(f"{path}: {error}") from error
 
 
-def write_model_file(path: Path, file: ModelFile) -> None:
+def write_model_file(path: Path | str, file: ModelFile) -> None:
     """Write a model file in one step.
 
     Raises:
         InputError: the directory is missing or cannot be written to.
     """
+    path = Path(path)
     if path.is_dir():
         raise InputError(f"{path} is a directory: give the file to write")
     atomic.write_text(path, model_text(file))

@@ -9,8 +9,6 @@ from typing import Any, Literal, TypeVar
 from armdyn.errors import InputError
 from armdyn.parameter import Parameter, Quantity
 
-Stage = Literal["gripper", "string", "load", "sensor", "joint"]
-STAGES: tuple[Stage, ...] = ("gripper", "string", "load", "sensor", "joint")
 Reach = Literal["every", "turning", "coupled", "last", "base"]
 """Joints that an effect on joints can act on: every one, those that turn, those whose neighbour towards the base is of
 the same kind, or the last one only; or the base that carries them all, of which there is one (a `Base`, no `Joint`)."""
@@ -23,7 +21,7 @@ class Effect:
 
     Attributes:
         name: the catalogue's name.
-        acts_on: the stage that it changes.
+        acts_on: the stage that it changes; the physics of a model says which it has.
         quantities: its parameters by short name.
         summary: one sentence.
         source: where the equation comes from.
@@ -33,7 +31,7 @@ class Effect:
     """
 
     name: str
-    acts_on: Stage
+    acts_on: str
     quantities: Mapping[str, Quantity]
     summary: str
     source: str
@@ -47,13 +45,7 @@ class Effect:
         return f"{self.name}:{','.join(self.joints)}" if self.joints else self.name
 
     def on(self, *joints: str) -> "Effect":
-        """The same effect on these joints only, on all within its reach where none is given.
-
-        Raises:
-            InputError: it does not act on joints.
-        """
-        if joints and self.acts_on != "joint":
-            raise InputError(f"the effect '{self.name}' acts on the {self.acts_on}: leave out ':{','.join(joints)}'")
+        """The same effect on these joints only, on all within its reach where none is given."""
         return replace(self, joints=joints)
 
     def apply(self, stage: Physics, parameters: Mapping[str, Any]) -> Physics:
@@ -77,11 +69,11 @@ class Effect:
 
     def parameters(self) -> tuple[Parameter, ...]:
         """The parameters with their full names, at their null values."""
-        return tuple(q.parameter(f"{self.name}.{short}") for short, q in self.quantities.items())
+        return tuple(q.parameter(self.name, short) for short, q in self.quantities.items())
 
 
 def effect(
-    name: str, acts_on: Stage, *, summary: str, source: str, reach: Reach = "every"
+    name: str, acts_on: str, *, summary: str, source: str, reach: Reach = "every"
 ) -> Callable[[Callable[..., Physics]], Effect]:
     """Make an `Effect` of a function whose first argument is the stage and whose others default to `quantity`.
 
@@ -92,10 +84,8 @@ def effect(
     ```
 
     Raises:
-        InputError: the stage does not exist, or an argument declares no quantity.
+        InputError: an argument declares no quantity.
     """
-    if acts_on not in STAGES:
-        raise InputError(f"effect '{name}' acts on '{acts_on}': choose one of {', '.join(STAGES)}")
 
     def make(function: Callable[..., Physics]) -> Effect:
         _, *arguments = inspect.signature(function).parameters.values()

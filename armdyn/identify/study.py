@@ -156,7 +156,7 @@ class Study:
         model = self.model
         for candidate in self.candidates:
             free = {n for n in candidate.names if np.any(found.free & self.problem.of([n]))}
-            joints = tuple(j for j in candidate.joints if any(n.endswith(f"[{j}]") for n in free))
+            joints = tuple(j for j in candidate.joints if j in {self.problem.model.parameters[n].joint for n in free})
             if free:
                 effect = self.effects[candidate.effect]
                 model = model.with_effect(effect.on(*joints) if joints else effect)

@@ -12,12 +12,14 @@ from dataclasses import dataclass
 import casadi as ca
 
 from armdyn.effects.catalogue import CATALOGUE
-from armdyn.effects.effect import STAGES, Effect
+from armdyn.effects.effect import Effect
 from armdyn.pendulum.physics import Expression, Gripper, Load, Sensor, String
 
 STANDARD_GRAVITY = 9.81
 """m/s^2."""
 
+STAGES = ("gripper", "string", "load", "sensor")
+"""What effects may act on, in the order in which nature applies them."""
 BASE_PARAMETERS = ("length", "mass")
 
 

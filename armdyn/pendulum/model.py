@@ -14,7 +14,7 @@ from armdyn.errors import InputError
 from armdyn.faults import without_saturation, without_spikes
 from armdyn.model import Model, Prediction
 from armdyn.parameter import Parameter
-from armdyn.pendulum.composition import STANDARD_GRAVITY, compose, natural_order
+from armdyn.pendulum.composition import STAGES, STANDARD_GRAVITY, compose, natural_order
 from armdyn.pendulum.dynamics import OUTPUTS, Dynamics, TensionFormula, derive_dynamics
 from armdyn.pendulum.path import GripperPath
 from armdyn.pendulum.physics import Expression
@@ -47,7 +47,7 @@ class PendulumModel(Model):
 
     base = "pendulum"
     first_window = 0.75
-    stages = ("gripper", "string", "load", "sensor")
+    stages = STAGES
 
     @cached_property
     def physics_names(self) -> tuple[str, ...]:
@@ -141,11 +141,7 @@ class PendulumModel(Model):
 
     def without_null_effects(self, values: Mapping[str, float]) -> "PendulumModel":
         """The model without the effects that change nothing at these values."""
-        model = self
-        for effect in self.effects:
-            if all(values[p.name] == p.null for p in effect.parameters()):
-                model = model.without_effect(effect.name)
-        return model
+        return self.with_only({p.effect for name, p in self.parameters.items() if values[name] != p.null})
 
     def holding(self, needed: Collection[str]) -> "PendulumModel":
         """See `Model.holding`; what swings across the line costs most, then what gives way or trails."""
@@ -154,11 +150,7 @@ class PendulumModel(Model):
         kept = [effect for effect, burden in present.items() if worst is not None and burden <= worst]
         if len(kept) == len(self.effects):
             return self
-        model = self
-        for effect in present:
-            if effect not in kept:
-                model = model.without_effect(effect.name)
-        return model
+        return self.with_only({effect.name for effect in kept})
 
     def prepared(self, run: Run) -> Run:
         """See `Model.prepared`."""

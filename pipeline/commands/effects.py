@@ -16,8 +16,8 @@ def register(app: typer.Typer) -> None:
 
 def effects(effects_file: EffectsOption = None, json_file: JsonOption = None) -> None:
     """Show the physical effects that a model can have, with their parameters."""
-    from armdyn.effects.catalogue import CATALOGUE
-    from armdyn.effects.effect import STAGES, Effect
+    from armdyn.effects.catalogue import CATALOGUE, STAGES
+    from armdyn.effects.effect import Effect
     from armdyn.effects.user import load_effects
 
     known = (*CATALOGUE.values(), *(load_effects(effects_file) if effects_file is not None else ()))
