@@ -34,6 +34,14 @@ class Prediction:
     sensitivities: np.ndarray
 
 
+def joined(parts: Sequence[tuple[str, np.ndarray, np.ndarray, np.ndarray]]) -> Prediction:
+    """A prediction of channels, each with its name, times (n,) s, values (n,) and sensitivities (n, p)."""
+    names, times, values, sensitivities = zip(*parts, strict=True)
+    ends = np.cumsum([len(time) for time in times]).tolist()
+    slices = {name: slice(end - len(time), end) for name, time, end in zip(names, times, ends, strict=True)}
+    return Prediction(names, slices, *(np.concatenate(blocks) for blocks in (times, values, sensitivities)))
+
+
 @dataclass(frozen=True)
 class Bend:
     """Parameters that act as changes of others do, in which predictions are linear.
@@ -59,13 +67,23 @@ class Model(ABC):
     effects: tuple[Effect, ...]
     parameters: Mapping[str, Parameter]
 
-    base: ClassVar[str] = ""
-    first_window: ClassVar[float | None] = None
-    """s; shortest stretch of a run that a fit from afar starts with, doubling; None where any start will do."""
     linear: ClassVar[bool] = False
     """Whether predictions are linear in most unknowns, so that one expansion foretells what any set of effects does."""
-    stages: ClassVar[tuple[str, ...]] = ()
-    """What effects of this model may act on."""
+
+    @property
+    @abstractmethod
+    def base(self) -> str:
+        """Name of the physics, without effects."""
+
+    @property
+    @abstractmethod
+    def stages(self) -> tuple[str, ...]:
+        """What effects of this model may act on."""
+
+    @property
+    def first_window(self) -> float | None:
+        """Shortest stretch of a run, s, that a fit from afar starts with; None where any start will do."""
+        return None
 
     @property
     def names(self) -> tuple[str, ...]:

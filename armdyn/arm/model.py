@@ -17,7 +17,7 @@ from armdyn.arm.motion import measured_motion
 from armdyn.arm.prepared import PreparedRun
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
-from armdyn.model import Bend, Model, Prediction
+from armdyn.model import Bend, Model, Prediction, joined
 from armdyn.parameter import Parameter, Quantity
 from armdyn.preparation import Preparation
 from armdyn.run import Channel, Run
@@ -161,21 +161,16 @@ class ArmModel(Model):
         channels = self.predicted_channels(run)
         per_joint = [theta[columns] for columns in self._columns]
         bodies = self._bodies(theta)
-        blocks, slices, stamps, first = [], {}, [], 0
-        total = sum(len(run.channels[name]) for name in channels)
-        sensitivities = np.zeros((total, len(theta)))
+        parts = []
         for name in channels:
             predictor = recorded.predictor(self.arm, run, run.channels[name], name)
             values, derivatives = predictor.predict(self._functions, per_joint, bodies)
-            rows = slice(first, first + len(values))
+            sensitivities = np.zeros((len(values), len(theta)))
             for joint, columns in derivatives.items():
                 where = self._base_columns if joint == OF_BASE else self._columns[joint]
-                sensitivities[rows, where] = columns
-            blocks.append(values)
-            stamps.append(run.channels[name].time)
-            slices[name] = rows
-            first = rows.stop
-        return Prediction(channels, slices, np.concatenate(stamps), np.concatenate(blocks), sensitivities)
+                sensitivities[:, where] = columns
+            parts.append((name, run.channels[name].time, values, sensitivities))
+        return joined(parts)
 
     def link_parameters(self) -> Mapping[str, np.ndarray]:
         """By joint: (10,) inertial parameters of the link that it moves, effects included; see `inertia`."""

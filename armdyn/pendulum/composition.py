@@ -42,7 +42,7 @@ class Composition:
         heavy: whether the string has mass.
         yields: whether string or gripper give way to the tension.
         crosses: whether the load swings across the line as well.
-        trails: whether the gripper trails its measured position.
+        gripper_lag: ``theta -> ()`` s; None where the gripper does not trail its measured position.
     """
 
     names: tuple[str, ...]
@@ -59,7 +59,7 @@ class Composition:
     heavy: bool
     yields: bool
     crosses: bool
-    trails: bool
+    gripper_lag: ca.Function | None
 
 
 def direction(phi: Expression) -> Expression:
@@ -120,7 +120,7 @@ def compose(effects: Sequence[Effect]) -> Composition:
         heavy=not string.mass.is_zero(),
         yields=not compliance.is_zero(),
         crosses=not load.transverse.is_zero(),
-        trails=not gripper.lag.is_zero(),
+        gripper_lag=None if gripper.lag.is_zero() else ca.Function("gripper_lag", [theta], [gripper.lag]),
     )
 
 
@@ -133,7 +133,7 @@ def quasi_static(composition: Composition, *, trailing: bool) -> tuple[ca.Functi
     Returns:
         ``(t, x, v, z, phi, theta) -> (3,)`` and ``(t, phi, theta) -> ()``, as in `Composition`.
     """
-    trailing = trailing and composition.trails
+    trailing = trailing and composition.gripper_lag is not None
     if not (composition.yields or trailing):
         return composition.attachment, composition.length
     t, x, v, z, phi = (ca.SX.sym(s) for s in ("t", "x", "v", "z", "phi"))

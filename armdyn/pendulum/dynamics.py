@@ -23,6 +23,7 @@ from armdyn.pendulum import transverse
 from armdyn.pendulum.composition import STANDARD_GRAVITY, Composition, direction, quasi_static
 from armdyn.pendulum.physics import Expression
 from armdyn.pendulum.yielding import slow_manifold
+from armdyn.physics.simulate import System
 
 STATE_SIZE = 2
 INPUTS = ("t", "x", "v", "a", "z", "vz", "az")
@@ -31,38 +32,26 @@ TensionFormula = Literal["exact", "printed"]
 OUTPUTS = ("load_force", "swing_angle", "swing_rate")
 
 
-@dataclass(frozen=True)
-class Dynamics:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Dynamics(System):
     """Functions of state s = (phi, P), input w = (t, x, v, a, z, vz, az) and parameters theta.
 
     The gripper moves along its line with x, v, a and, where its height is measured, up and down with z, vz, az. Where
     the load also swings across the line, s ends in the three moments of `transverse`; where something yields, w ends in
     the gripper's jerk and the output in an impulse, kg m/s, whose time derivative adds to the force.
 
+    `initial` takes phi and p = P/M, the swing rate seen from rest in space: phi' = p + (v/l) cos(phi). A load at rest
+    has p = 0 whatever the gripper does.
+
     Attributes:
-        names: parameters in the order of theta.
-        states: size of s.
-        inputs: size of w.
-        yields: whether the output has a fourth row.
-        derivative: ``(s, w, theta) -> (states,)``.
-        output: ``(s, w, theta) -> (3,)`` load_force N, swing_angle rad, swing_rate rad/s, and the impulse.
         tension: ``(s, w, theta) -> ()`` N, before the sensor.
-        initial: ``(phi, p, w, theta) -> s`` where p = P/M is the swing rate seen from rest in space:
-            phi' = p + (v/l) cos(phi). A load at rest has p = 0 whatever the gripper does.
         rate: ``(s, w, theta) -> ()`` phi', rad/s.
         energy: ``(s, w, theta) -> ()`` kinetic + potential, J.
         load_position: ``(s, w, theta) -> (3,)`` m.
         timing: see `Composition`.
     """
 
-    names: tuple[str, ...]
-    states: int
-    inputs: int
-    yields: bool
-    derivative: ca.Function
-    output: ca.Function
     tension: ca.Function
-    initial: ca.Function
     rate: ca.Function
     energy: ca.Function
     load_position: ca.Function
@@ -177,8 +166,11 @@ def derive_dynamics(
     return Dynamics(
         names=composition.names,
         states=state.numel(),
+        starts=STATE_SIZE,
         inputs=given.numel(),
-        yields=yields,
+        outputs=OUTPUTS,
+        impulse_adds_to="load_force" if yields else None,
+        input_lag=composition.gripper_lag,
         derivative=function("derivative", ca.vertcat(rate, P_dot, extra)),
         output=function("output", reading),
         tension=function("tension", tension),

@@ -11,32 +11,27 @@ from scipy.optimize import brentq
 
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
-from armdyn.faults import without_saturation, without_spikes
-from armdyn.model import Model, Prediction
 from armdyn.parameter import Parameter
 from armdyn.pendulum.composition import STAGES, STANDARD_GRAVITY, compose, natural_order
 from armdyn.pendulum.dynamics import OUTPUTS, Dynamics, TensionFormula, derive_dynamics
 from armdyn.pendulum.path import GripperPath
-from armdyn.pendulum.physics import Expression
 from armdyn.pendulum.pieces import pieces
-from armdyn.pendulum.readout import lagged, sampled
 from armdyn.pendulum.recorded import run_path
-from armdyn.pendulum.simulate import Rollout, Simulator
 from armdyn.pendulum.starts import phase_plane, rates_near
 from armdyn.pendulum.trailing import TrailingPath
 from armdyn.pendulum.variational import VariationalStep, derive_variational
+from armdyn.physics.readout import SensorChain
+from armdyn.physics.simulate import Rollout, Simulator
+from armdyn.physics.simulated import SimulatedModel, measured_start
 from armdyn.run import Channel, Run
-from armdyn.thinning import thinned
 
-FIRST_STRETCH, FIRST_SAMPLES = 0.1, 5
-"""s, and at least as many samples, through which a parabola gives the angle and rate at the start."""
 INITIAL = ("initial_angle", "initial_rate")
 STEEPEST = 1.5
 """rad; no load hangs at rest beyond."""
 
 
 @dataclass(frozen=True)
-class PendulumModel(Model):
+class PendulumModel(SimulatedModel):
     """A load on a string below a moving gripper.
 
     Attributes:
@@ -46,8 +41,10 @@ class PendulumModel(Model):
     tension: TensionFormula = "exact"
 
     base = "pendulum"
-    first_window = 0.75
     stages = STAGES
+    outputs = OUTPUTS
+    start_names = INITIAL
+    first_window = 0.75
 
     @cached_property
     def physics_names(self) -> tuple[str, ...]:
@@ -58,10 +55,6 @@ class PendulumModel(Model):
     def formulation(self) -> str:
         """Identifier of the equations: two models that share it differ in numbers only."""
         return "_".join([self.tension, *(e.name for e in natural_order(self.effects))])
-
-    def physics_theta(self) -> np.ndarray:
-        """(p,) present values in the order of `physics_names`."""
-        return np.array([self.parameters[name].value for name in self.physics_names])
 
     def dynamics(self) -> Dynamics:
         """Continuous equations with two states and four inputs, for sequential action control."""
@@ -89,17 +82,16 @@ class PendulumModel(Model):
     def rollout(self, path: GripperPath, theta: np.ndarray, channels: tuple[str, ...] = OUTPUTS) -> Rollout:
         """Simulate `channels` along a gripper path; `theta` (p,) in the order of `names`."""
         physics = theta[self._order[1]]
-        initial = [float(theta[self.names.index(name)]) for name in INITIAL]
         formulation = self._formulation
-        simulator = _simulator(formulation.dynamics, self.formulation, channels, formulation.trails)
-        return simulator.rollout(self._hung_from(path, physics), physics, *initial)
+        simulator = _simulator(formulation.dynamics, self.formulation, channels)
+        return simulator.rollout(self._hung_from(path, physics), physics, *self._start(theta))
 
     def _hung_from(self, path: GripperPath, physics: np.ndarray) -> GripperPath | TrailingPath:
-        return TrailingPath(path, self.gripper_lag(physics)) if self._formulation.trails else path
+        return path if self._formulation.dynamics.input_lag is None else TrailingPath(path, self.gripper_lag(physics))
 
     def gripper_lag(self, physics: np.ndarray) -> float:
         """Time by which the string's upper end trails the measured gripper, s; `physics` as `physics_theta`."""
-        return float(self._formulation.timing(physics)[0][2])
+        return float(self._formulation.dynamics.timing(physics)[2])
 
     def swing_at_the_end(self, path: GripperPath) -> tuple[float, float, float]:
         """Speed of the string's upper end (m/s), angle (rad) and rate (rad/s) after a path, with the present values."""
@@ -109,35 +101,14 @@ class PendulumModel(Model):
         motion = np.append(hung_from.inputs[0][:, -1], hung_from.jerk[0][0, -1])[: dynamics.inputs]
         return float(motion[2]), float(state[0]), float(dynamics.rate(state, motion, physics))
 
-    def predicted_channels(self, run: Run) -> tuple[str, ...]:
-        """See `Model.predicted_channels`."""
-        channels = tuple(name for name in OUTPUTS if name in run.channels)
-        if not channels:
-            raise InputError(f"{run.name}: holds none of {', '.join(OUTPUTS)}, so there is nothing to compare")
-        return channels
+    def path(self, run: Run) -> GripperPath:
+        """See `SimulatedModel`."""
+        return run_path(run)
 
-    def predict(self, run: Run, theta: np.ndarray) -> Prediction:
-        """See `Model.predict`; predicted are load_force, swing_angle and swing_rate."""
-        channels = self.predicted_channels(run)
-        path = run_path(run)
-        rollout = self.rollout(path, theta, channels)
-        columns, places = self._order
-        physics = theta[places]
-        blocks, slices, stamps, first = [], {}, [], 0
-        for name in channels:
-            row = channels.index(name)
-            time = run.channels[name].time
-            signal = np.column_stack([rollout.outputs[:, row], rollout.sensitivities[:, row]])
-            if name == "load_force":
-                block = self._read_force(signal, time, path, physics)
-            else:
-                block = sampled(signal, (time - path.start) / path.dt)[0]
-            blocks.append(block)
-            stamps.append(time)
-            slices[name] = slice(first, first + len(time))
-            first += len(time)
-        joined = np.concatenate(blocks)
-        return Prediction(channels, slices, np.concatenate(stamps), joined[:, 0], joined[:, 1:][:, columns])
+    @property
+    def chain(self) -> SensorChain:
+        """Lag and delay of the load cell."""
+        return self._formulation.chain
 
     def without_null_effects(self, values: Mapping[str, float]) -> "PendulumModel":
         """The model without the effects that change nothing at these values."""
@@ -152,11 +123,6 @@ class PendulumModel(Model):
             return self
         return self.with_only({effect.name for effect in kept})
 
-    def prepared(self, run: Run) -> Run:
-        """See `Model.prepared`."""
-        names = self.predicted_channels(run)
-        return without_spikes(thinned(without_saturation(run, names)), names)
-
     def pieces(self, run: Run) -> Sequence[Run]:
         """See `Model.pieces`."""
         return pieces(run)
@@ -169,7 +135,7 @@ class PendulumModel(Model):
         """Angle and rate at the start where an angle was measured; see `Model.initial_guess`."""
         if "swing_angle" not in run.channels:
             return {}
-        angle, rate = _measured_start(run.channels["swing_angle"])
+        angle, rate = measured_start(run.channels["swing_angle"])
         speed = float(run_path(run).v[0]) / self.value("length")
         return {"initial_angle": angle, "initial_rate": rate - speed * float(np.cos(angle))}
 
@@ -178,7 +144,7 @@ class PendulumModel(Model):
         length = float(theta[self.names.index("length")])
         plane = phase_plane(length)
         if "swing_angle" in run.channels:
-            angle, rate = _measured_start(run.channels["swing_angle"])
+            angle, rate = measured_start(run.channels["swing_angle"])
             plane = np.array([(angle, rate + change) for change in rates_near(length)])
         speed = float(run_path(run).v[0]) / length
         return [
@@ -207,51 +173,18 @@ class PendulumModel(Model):
             found["gripper_a"] = Channel(time, path.a, "m/s^2")
         return found
 
-    def _read_force(self, signal: np.ndarray, time: np.ndarray, path: GripperPath, physics: np.ndarray) -> np.ndarray:
-        """(n, 1 + p) of the load cell: signal and derivatives through lag and delay, to the sample times."""
-        lags, delays = self._formulation.lags, self._formulation.delays
-        if not (lags or delays):
-            return sampled(signal, (time - path.start) / path.dt)[0]
-        timing, derivative = (np.asarray(a) for a in self._formulation.timing(physics))
-        lag, delay, _ = timing.ravel()
-        if lags:
-            signal, per_lag = lagged(signal, float(lag), path.dt)
-            for column in lags:
-                signal[:, 1 + column] += per_lag * derivative[0, column]
-        block, per_step = sampled(signal, (time - delay - path.start) / path.dt)
-        for column in delays:
-            block[:, 1 + column] -= per_step / path.dt * derivative[1, column]
-        return block
-
-    @cached_property
-    def _order(self) -> tuple[list[int], list[int]]:
-        """Where the columns of a rollout are among `names`, and where the physics' parameters are."""
-        rollout = (*self.physics_names, *INITIAL)
-        return [rollout.index(name) for name in self.names], [self.names.index(name) for name in self.physics_names]
-
     @cached_property
     def _formulation(self) -> "_Formulation":
         return _formulation(natural_order(self.effects), self.tension)
 
 
-def _measured_start(angle: Channel) -> tuple[float, float]:
-    """Angle and rate at the first sample, by a parabola through the first ones."""
-    since = angle.time - angle.time[0]
-    near = max(FIRST_SAMPLES, int(np.searchsorted(since, FIRST_STRETCH)))
-    curve = np.polyfit(since[:near], angle.value[:near], 2)
-    return float(curve[2]), float(curve[1])
-
-
 @dataclass(frozen=True)
 class _Formulation:
-    """What is derived and compiled once per set of effects; lags and delays are the parameters they depend on."""
+    """What is derived and compiled once per set of effects."""
 
     names: tuple[str, ...]
     dynamics: Dynamics
-    timing: ca.Function
-    lags: tuple[int, ...]
-    delays: tuple[int, ...]
-    trails: bool
+    chain: SensorChain
 
 
 @lru_cache(maxsize=64)
@@ -259,32 +192,25 @@ def _formulation(effects: tuple[Effect, ...], tension: TensionFormula) -> _Formu
     composition = compose(effects)
     dynamics = derive_dynamics(composition, tension)
     theta = ca.SX.sym("theta", len(dynamics.names))
-    timing = ca.vertcat(*dynamics.timing(theta))
-    derivative = ca.densify(ca.jacobian(timing, theta))
+    lag, delay, _ = dynamics.timing(theta)
+    timing = ca.vertcat(ca.horzcat(lag, delay), ca.SX(len(OUTPUTS) - 1, 2))  # of the load cell only
     return _Formulation(
         names=dynamics.names,
         dynamics=dynamics,
-        timing=ca.Function("timing", [theta], [ca.densify(timing), derivative]),
-        lags=_dependent(timing[0], theta),
-        delays=_dependent(timing[1], theta),
-        trails=composition.trails,
+        chain=SensorChain(OUTPUTS, timing, theta),
     )
-
-
-def _dependent(expression: Expression, theta: Expression) -> tuple[int, ...]:
-    return tuple(i for i, depends in enumerate(ca.which_depends(expression, theta, 1, False)) if depends)
 
 
 @lru_cache(maxsize=256)
 def _burden(effect: Effect) -> int:
     """How much an effect adds to every step of a simulation: 2 for further states, 1 for further inputs, else 0."""
     composition = compose([effect])
-    return 2 if composition.crosses else int(composition.yields or composition.trails)
+    return 2 if composition.crosses else int(composition.yields or composition.gripper_lag is not None)
 
 
 @lru_cache(maxsize=64)
-def _simulator(dynamics: Dynamics, name: str, channels: tuple[str, ...], trails: bool) -> Simulator:
-    return Simulator(dynamics, name, channels, trails=trails)
+def _simulator(dynamics: Dynamics, name: str, channels: tuple[str, ...]) -> Simulator:
+    return Simulator(dynamics, name, channels)
 
 
 @lru_cache(maxsize=64)

@@ -20,8 +20,9 @@ def test_everything_named_is_there():
 
 
 def test_a_model_is_fitted_from_paths_given_as_text(tmp_path):
-    rng, t = np.random.default_rng(0), np.arange(0.0, 3.0, 0.01)
-    rows = "\n".join(f"{s:.2f},{a:.6f}" for s, a in zip(t, 0.1 * np.cos(5.0 * t) + 1e-4 * rng.normal(size=len(t))))
+    t = np.arange(0.0, 3.0, 0.01)
+    angle = 0.1 * np.cos(5.0 * t) + 1e-4 * np.random.default_rng(0).normal(size=len(t))
+    rows = "\n".join(f"{s:.2f},{a:.6f}" for s, a in zip(t, angle, strict=True))
     path = str(tmp_path / "swing.csv")
     (tmp_path / "swing.csv").write_text(f"time [s],swing_angle [rad]\n{rows}\n")
     model = armdyn.pendulum.pendulum_model(0.35, 0.1).with_fixed("mass")

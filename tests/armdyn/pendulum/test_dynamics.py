@@ -8,7 +8,7 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.pendulum.composition import compose
 from armdyn.pendulum.dynamics import derive_dynamics
 from armdyn.pendulum.path import GripperPath
-from armdyn.pendulum.simulate import Simulator
+from armdyn.physics.simulate import Simulator
 
 LENGTH, MASS, G = 0.368, 0.1, 9.81
 THETA = np.array([LENGTH, MASS])

@@ -1,26 +1,54 @@
-"""Rollouts of a composed pendulum with exact sensitivities, in blocks of compiled Runge-Kutta steps."""
+"""Rollouts of a physics with exact sensitivities, in blocks of compiled Runge-Kutta steps."""
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from armdyn.codegen import Buffered, compiled
-from armdyn.pendulum.dynamics import OUTPUTS, Dynamics
-from armdyn.pendulum.path import GripperPath
-from armdyn.pendulum.physics import Expression
-from armdyn.pendulum.readout import differentiated_columns
-from armdyn.pendulum.trailing import TrailingPath
+from armdyn.physics.definition import Expression
+from armdyn.physics.readout import differentiated_columns
+from armdyn.physics.recorded import Path
 
 BLOCK = 128
 """Steps per compiled call; a run of any length is a sequence of blocks, the last one cut."""
 
 
-class Rollout(NamedTuple):
-    """A simulated run; derivatives are with respect to (theta, angle at the start, p at the start), m = p + 2.
+@dataclass(frozen=True, kw_only=True)
+class System:
+    """Continuous equations in states s, inputs w and parameters theta, as the simulator needs them.
 
     Attributes:
-        states: (K, n) angle rad, momentum kg m^2/s, and what else moves (see `Dynamics`).
+        names: parameters in the order of theta.
+        states: size of s.
+        starts: number of values that say how the motion begins.
+        inputs: size of w.
+        outputs: names of the rows of `output`.
+        derivative: ``(s, w, theta) -> (states,)``.
+        output: ``(s, w, theta) -> (outputs,)``, and the impulse where there is one.
+        initial: ``(start, ..., w, theta) -> s``, one argument for each of `starts`.
+        impulse_adds_to: the output to which the time derivative of one row more is added; None where there is none.
+        input_lag: ``theta -> ()`` time by which the inputs trail what was recorded, s; None where they do not.
+    """
+
+    names: tuple[str, ...]
+    states: int
+    starts: int
+    inputs: int
+    outputs: tuple[str, ...]
+    derivative: ca.Function
+    output: ca.Function
+    initial: ca.Function
+    impulse_adds_to: str | None = None
+    input_lag: ca.Function | None = None
+
+
+class Rollout(NamedTuple):
+    """A simulated run; derivatives are with respect to theta and the values at the start, m of them.
+
+    Attributes:
+        states: (K, n).
         state_sensitivities: (n, m) of the last state.
         outputs: (K, c) one column per channel of the simulator, before lag, delay and sampling.
         sensitivities: (K, c, m) of the outputs.
@@ -33,47 +61,41 @@ class Rollout(NamedTuple):
 
 
 class Simulator:
-    """Integrates one composition by the classical Runge-Kutta method; sensitivities are those of the integrator.
+    """Integrates one system by the classical Runge-Kutta method; sensitivities are those of the integrator.
 
     Args:
         dynamics: the equations.
         name: identifier of the composition, for the cache of compiled code.
-        channels: the outputs that are wanted, of `dynamics.OUTPUTS`; fewer are faster.
-        trails: whether the gripper trails the path.
+        channels: the outputs that are wanted, all when not given; fewer are faster.
     """
 
-    def __init__(
-        self, dynamics: Dynamics, name: str, channels: tuple[str, ...] = OUTPUTS, *, trails: bool = False
-    ) -> None:
-        self.channels = channels
+    def __init__(self, dynamics: System, name: str, channels: tuple[str, ...] | None = None) -> None:
+        self.channels = dynamics.outputs if channels is None else channels
         self.parameters = len(dynamics.names)
-        self._dynamics, self._trails = dynamics, trails
-        self._active = _active(dynamics, trails)
-        self._impulse = dynamics.yields and "load_force" in channels
-        rows = [OUTPUTS.index(name) for name in channels] + [len(OUTPUTS)] * self._impulse
+        self._dynamics = dynamics
+        self._active = _active(dynamics)
+        self._impulse = dynamics.impulse_adds_to in self.channels
+        rows = [dynamics.outputs.index(name) for name in self.channels] + [len(dynamics.outputs)] * self._impulse
         built = compiled(
             f"simulate_{name}",
             {
-                "steps": _steps(dynamics, self._active, rows, trails),
-                "start": _start(dynamics, self._active, trails),
+                "steps": _steps(dynamics, self._active, rows),
+                "start": _start(dynamics, self._active),
             },
         )
         self._steps, self._start = Buffered(built["steps"]), Buffered(built["start"])
 
-    def rollout(
-        self, path: GripperPath | TrailingPath, theta: np.ndarray, angle: float = 0.0, p: float = 0.0
-    ) -> Rollout:
-        """Simulate along a gripper path.
+    def rollout(self, path: Path, theta: np.ndarray, *start: float) -> Rollout:
+        """Simulate along recorded inputs.
 
         Args:
-            path: on its grid of K nodes; a `TrailingPath` where the gripper trails.
-            theta: (p,) in the order of the dynamics' names.
-            angle: at the first node, rad.
-            p: swing rate seen from rest in space at the first node, rad/s; 0 for a load at rest.
+            path: on its grid of K nodes; where the inputs trail, it also holds their derivatives by the lag.
+            theta: (p,) in the order of the system's names.
+            start: values at the first node; those that are not given are 0.
         """
-        nodes, middle = self._inputs(path)
-        rows = len(nodes)
-        K, m, n = nodes.shape[1], self.parameters + 2, self._dynamics.states
+        nodes, middle = path.rows(with_jerk=self._dynamics.impulse_adds_to is not None)
+        rows, starts = len(nodes), self._dynamics.starts
+        K, m, n = nodes.shape[1], self.parameters + starts, self._dynamics.states
         padded = -(-K // BLOCK) * BLOCK
         inputs = np.zeros((3 * rows, padded))
         inputs[:rows, :K] = nodes
@@ -85,7 +107,7 @@ class Simulator:
         states = np.empty((padded, n))
         outputs = np.empty((padded, columns))
         sensitivities = np.empty((padded, m, columns))
-        state, sensitivity = self._start(angle, p, nodes[:, 0], theta)
+        state, sensitivity = self._start(*start, *[0.0] * (starts - len(start)), nodes[:, 0], theta)
         for first in range(0, padded, BLOCK):
             block = slice(first, first + BLOCK)
             before, y, dy, state, sensitivity = self._steps(state, sensitivity, inputs[:, block], step[:, block], theta)
@@ -98,38 +120,24 @@ class Simulator:
             outputs, by_theta = self._with_impulse(outputs, by_theta, path.dt)
         return Rollout(states[:K], last, outputs, by_theta)
 
-    def _inputs(self, path: GripperPath | TrailingPath) -> tuple[np.ndarray, np.ndarray]:
-        """Inputs of the dynamics at the nodes and halfway between, with their derivatives where the gripper trails."""
-        parts = [path.inputs]
-        if self._dynamics.yields:
-            parts.append(path.jerk)
-        if isinstance(path, TrailingPath):
-            parts.append(path.inputs_by_lag)
-            if self._dynamics.yields:
-                parts.append(path.jerk_by_lag)
-        if len(parts) == 1:
-            return path.inputs
-        nodes, middle = zip(*parts, strict=True)
-        return np.vstack(nodes), np.vstack(middle)
-
     def _with_impulse(self, outputs: np.ndarray, by_theta: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
         """Outputs and derivatives without the last column, whose time derivative has been added to the force."""
-        force = self.channels.index("load_force")
+        force = self.channels.index(str(self._dynamics.impulse_adds_to))
         outputs, by_theta = outputs.copy(), by_theta.copy()
         outputs[:, force] += differentiated_columns(outputs[:, -1:], dt)[:, 0]
         by_theta[:, force] += differentiated_columns(by_theta[:, -1], dt)
         return outputs[:, :-1], by_theta[:, :-1]
 
 
-def _steps(dynamics: Dynamics, active: list[int], rows: list[int], trails: bool) -> ca.Function:
+def _steps(dynamics: System, active: list[int], rows: list[int]) -> ca.Function:
     """One block of steps, with the outputs before each step and their derivatives.
 
     The derivatives S of the state obey the integrator's own chain rule, stage by stage, and only for the columns in
-    `active`: a parameter of a sensor never moves the load. Where the gripper trails, the inputs are followed by their
-    derivatives with respect to its lag.
+    `active`: a parameter of a sensor never moves the load. Where the inputs trail, they are followed by their
+    derivatives with respect to the lag.
     """
     parameters, n = len(dynamics.names), dynamics.states
-    width = dynamics.inputs * (2 if trails else 1)
+    width = dynamics.inputs * (1 if dynamics.input_lag is None else 2)
     s, S = ca.SX.sym("s", n), ca.SX.sym("S", n, len(active))
     theta, dt = ca.SX.sym("theta", parameters), ca.SX.sym("dt")
     w = ca.SX.sym("w", 3 * width)
@@ -137,7 +145,7 @@ def _steps(dynamics: Dynamics, active: list[int], rows: list[int], trails: bool)
     point, given = ca.SX.sym("point", n), ca.SX.sym("given", width)
     rate = dynamics.derivative(point, given[: dynamics.inputs], theta)
     by_state = ca.jacobian(rate, point)
-    by_theta = ca.horzcat(_by_theta(rate, given, theta, dynamics, trails), ca.SX(n, 2))
+    by_theta = ca.horzcat(_by_theta(rate, given, theta, dynamics), ca.SX(n, dynamics.starts))
     slope = ca.Function("slope", [point, given, theta], [rate, by_state, by_theta[:, active]])
 
     total, total_S = 0, 0
@@ -150,7 +158,7 @@ def _steps(dynamics: Dynamics, active: list[int], rows: list[int], trails: bool)
     following, following_S = s + dt / 6 * total, S + dt / 6 * total_S
 
     y = dynamics.output(s, here[: dynamics.inputs], theta)[rows]
-    dy = ca.horzcat(_by_theta(y, here, theta, dynamics, trails), ca.SX(y.numel(), 2))
+    dy = ca.horzcat(_by_theta(y, here, theta, dynamics), ca.SX(y.numel(), dynamics.starts))
     dy[:, active] += ca.jacobian(y, s) @ S
     stage = ca.Function(
         "stage", [s, S, w, dt, theta], [following, ca.densify(following_S), s, ca.densify(y), ca.densify(dy)]
@@ -162,35 +170,34 @@ def _steps(dynamics: Dynamics, active: list[int], rows: list[int], trails: bool)
     return ca.Function("steps", [s0, S0, W, DT, P], [before, Y, dY, after[:, -1], sensitivity[:, -len(active) :]])
 
 
-def _by_theta(
-    expression: Expression, given: Expression, theta: Expression, dynamics: Dynamics, trails: bool
-) -> Expression:
-    """Derivative with respect to theta, through the trailing gripper as well."""
+def _by_theta(expression: Expression, given: Expression, theta: Expression, dynamics: System) -> Expression:
+    """Derivative with respect to theta, through trailing inputs as well."""
     direct = ca.jacobian(expression, theta)
-    if not trails:
+    if dynamics.input_lag is None:
         return direct
     inputs, by_lag = given[: dynamics.inputs], given[dynamics.inputs :]
-    _, _, lag = dynamics.timing(theta)
+    lag = dynamics.input_lag(theta)
     return direct + ca.jtimes(expression, inputs, by_lag) @ ca.jacobian(lag, theta)
 
 
-def _active(dynamics: Dynamics, trails: bool) -> list[int]:
-    """Columns of (theta, angle, p) on which the motion depends, not only the readings."""
+def _active(dynamics: System) -> list[int]:
+    """Columns of (theta, start) on which the motion depends, not only the readings."""
     theta, s = ca.SX.sym("theta", len(dynamics.names)), ca.SX.sym("s", dynamics.states)
     w = ca.SX.sym("w", dynamics.inputs)
-    moving = ca.vertcat(dynamics.derivative(s, w, theta), dynamics.initial(s[0], s[1], w, theta))
-    if trails:
-        moving = ca.vertcat(moving, dynamics.timing(theta)[2])
+    start = ca.vertsplit(ca.SX.sym("start", dynamics.starts)) if dynamics.starts else []
+    moving = ca.vertcat(dynamics.derivative(s, w, theta), dynamics.initial(*start, w, theta))
+    if dynamics.input_lag is not None:
+        moving = ca.vertcat(moving, dynamics.input_lag(theta))
     depends = ca.which_depends(moving, theta, 1, False)
-    return [*(i for i, moves in enumerate(depends) if moves), len(depends), len(depends) + 1]
+    return [*(i for i, moves in enumerate(depends) if moves), *range(len(depends), len(depends) + dynamics.starts)]
 
 
-def _start(dynamics: Dynamics, active: list[int], trails: bool) -> ca.Function:
+def _start(dynamics: System, active: list[int]) -> ca.Function:
     """State at the start and its derivatives."""
-    angle, p = ca.SX.sym("angle"), ca.SX.sym("p")
-    given = ca.SX.sym("w", dynamics.inputs * (2 if trails else 1))
+    start = [ca.SX.sym(f"start{i}") for i in range(dynamics.starts)]
+    given = ca.SX.sym("w", dynamics.inputs * (1 if dynamics.input_lag is None else 2))
     theta = ca.SX.sym("theta", len(dynamics.names))
-    state = dynamics.initial(angle, p, given[: dynamics.inputs], theta)
-    by_theta = _by_theta(state, given, theta, dynamics, trails)
-    sensitivity = ca.horzcat(by_theta, ca.jacobian(state, ca.vertcat(angle, p)))[:, active]
-    return ca.Function("start", [angle, p, given, theta], [ca.densify(state), ca.densify(sensitivity)])
+    state = dynamics.initial(*start, given[: dynamics.inputs], theta)
+    by_theta = _by_theta(state, given, theta, dynamics)
+    sensitivity = ca.horzcat(by_theta, ca.jacobian(state, ca.vertcat(*start)))[:, active]
+    return ca.Function("start", [*start, given, theta], [ca.densify(state), ca.densify(sensitivity)])
