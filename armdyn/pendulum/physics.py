@@ -6,11 +6,12 @@ load is at x = -l sin(angle): a positive angle puts it on the negative side.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
 
 import casadi as ca
 
-Expression: TypeAlias = Any  # a casadi.SX, which carries no type information
+from armdyn.physics.definition import Expression, Stage
+
+__all__ = ["Expression", "Gripper", "Load", "Sensor", "Stage", "String", "smooth_sign", "speed"]
 
 SPEED_FLOOR = 1e-9
 """m/s added in quadrature to the speed, so that its derivative exists at rest."""
@@ -22,7 +23,7 @@ def smooth_sign(rate: Expression, width: float) -> Expression:
 
 
 @dataclass(frozen=True)
-class Gripper:
+class Gripper(Stage):
     """The string's upper end.
 
     Attributes:
@@ -65,7 +66,7 @@ class Gripper:
 
 
 @dataclass(frozen=True)
-class String:
+class String(Stage):
     """What connects gripper and load.
 
     Attributes:
@@ -106,7 +107,7 @@ class String:
 
 
 @dataclass(frozen=True)
-class Load:
+class Load(Stage):
     """What hangs on the string.
 
     Attributes:
@@ -151,7 +152,7 @@ class Load:
 
 
 @dataclass(frozen=True)
-class Sensor:
+class Sensor(Stage):
     """What is measured.
 
     Attributes:
