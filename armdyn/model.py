@@ -3,8 +3,9 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from types import MappingProxyType
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -79,6 +80,11 @@ class Model(ABC):
     @abstractmethod
     def stages(self) -> tuple[str, ...]:
         """What effects of this model may act on."""
+
+    def described(self, folder: Path) -> Mapping[str, Any]:
+        """What a model file says of the base, beside which arm it is; paths begin at the file's `folder`."""
+        del folder
+        return {"base": self.base}
 
     @property
     def first_window(self) -> float | None:

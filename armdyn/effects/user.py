@@ -2,7 +2,7 @@
 
 import importlib.util
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from types import ModuleType
 
@@ -11,14 +11,14 @@ from armdyn.effects.effect import Effect
 from armdyn.errors import ArmdynError, InputError
 
 
-def load_effects(path: str | Path, stages: Iterable[str] = STAGES) -> tuple[Effect, ...]:
+def load_effects(path: str | Path, stages: Collection[str] | None = STAGES) -> tuple[Effect, ...]:
     """The effects that a file defines, in their order there.
 
     The file is run as Python: it may do whatever a Python program may.
 
     Args:
         path: of the file.
-        stages: what effects may act on.
+        stages: what effects may act on; anything where it is None.
 
     Raises:
         InputError: it cannot be read or run, defines no effect, or one with a name of the catalogue or on no stage.
@@ -27,11 +27,21 @@ def load_effects(path: str | Path, stages: Iterable[str] = STAGES) -> tuple[Effe
     own = effects_of(path, vars(load_module(path, "effects")))
     if not own:
         raise InputError(f"{path}: defines no effect: write a function with @effect(...), see examples/my_effects.py")
-    for item in own:
-        if item.acts_on not in stages:
-            listed = ', '.join(stages)
-            raise InputError(f"{path}: effect '{item.name}' acts on '{item.acts_on}': choose one of {listed}")
+    if stages is not None:
+        check_stages(own, stages, path)
     return own
+
+
+def check_stages(effects: Iterable[Effect], stages: Collection[str], path: Path | None) -> None:
+    """Refuse effects of a file on stages that there are not.
+
+    Raises:
+        InputError: an effect acts on nothing.
+    """
+    for item in effects:
+        if item.acts_on not in stages:
+            listed = ", ".join(dict.fromkeys(stages))
+            raise InputError(f"{path}: effect '{item.name}' acts on '{item.acts_on}': choose one of {listed}")
 
 
 def effects_of(path: Path, defined: Mapping[str, object]) -> tuple[Effect, ...]:

@@ -3,7 +3,9 @@
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from pathlib import Path as File
 from types import MappingProxyType
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -126,6 +128,10 @@ class PendulumModel(SimulatedModel):
     def pieces(self, run: Run) -> Sequence[Run]:
         """See `Model.pieces`."""
         return pieces(run)
+
+    def described(self, folder: File) -> Mapping[str, Any]:
+        """See `Model.described`."""
+        return {**super().described(folder), **({} if self.tension == "exact" else {"tension": self.tension})}
 
     def corrected(self) -> "PendulumModel | None":
         """With the exact tension where it has the printed one; see `Model.corrected`."""

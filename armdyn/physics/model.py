@@ -1,11 +1,13 @@
 """A physics as a model: what its sensors should have read in a run, for any composition of effects."""
 
+import os
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import product
 from pathlib import Path as File
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -47,6 +49,16 @@ class PhysicsModel(SimulatedModel):
     def base(self) -> str:
         """Name of the physics."""
         return self.physics.name
+
+    def described(self, folder: File) -> Mapping[str, Any]:
+        """See `Model.described`: where the user's file is.
+
+        Raises:
+            InputError: the physics comes from no file.
+        """
+        if self.file is None:
+            raise InputError(f"the physics '{self.base}' comes from no file: read it with load_base to keep its model")
+        return {"base": File(os.path.relpath(self.file, folder.resolve())).as_posix()}
 
     @property
     def stages(self) -> tuple[str, ...]:

@@ -1,11 +1,20 @@
 """A base of the user's own, from a Python file that defines it with `@physics`."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from armdyn.effects.user import effects_of, load_module
 from armdyn.errors import InputError
 from armdyn.physics.definition import Physics
 from armdyn.physics.model import PhysicsModel, physics_model
+
+KEYS = ()
+
+
+def read_base(table: Mapping[str, Any], folder: Path) -> tuple[PhysicsModel, dict[str, Any]]:
+    """The model of a file whose base is the path of a Python file, from the model file's own folder."""
+    return load_base(folder / table["base"]), {}
 
 
 def load_base(path: str | Path) -> PhysicsModel:
