@@ -5,9 +5,9 @@ $ armdyn new --base examples/crane.py crane.toml --set mass="12 kg +/- 0.05 kg"
 $ armdyn diagnose crane.toml lift_1.csv lift_2.csv
 ```
 
-The recordings hold ``time [s]``, ``gripper_x [m]`` (the trolley), ``q.hoist [m]`` (rope paid out), ``swing_angle [rad]``
-and, where there is a load cell, ``load_force [N]``. The payload is where the catalogue's drag, wind and other forces on
-a load act, and the load cell where its sensor effects do: they need no line here.
+The recordings hold ``time [s]``, ``gripper_x [m]`` (the trolley), ``q.hoist [m]`` (rope paid out),
+``swing_angle [rad]`` and, where there is a load cell, ``load_force [N]``. The payload is where the catalogue's drag,
+wind and other forces on a load act, and the load cell where its sensor effects do: they need no line here.
 """
 
 from dataclasses import dataclass, replace

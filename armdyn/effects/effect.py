@@ -28,6 +28,7 @@ class Effect:
         function: ``(stage, **parameters) -> stage``, pure.
         reach: joints that it can act on; for an effect on joints only.
         joints: joints that it does act on, in the order of the arm; all within its reach where empty.
+        wrong: whether it is a formula known to be wrong, which a comparison holds against the right one.
     """
 
     name: str
@@ -38,6 +39,7 @@ class Effect:
     function: Callable[..., Any]
     reach: Reach = "every"
     joints: tuple[str, ...] = ()
+    wrong: bool = False
 
     @property
     def label(self) -> str:
@@ -73,7 +75,7 @@ class Effect:
 
 
 def effect(
-    name: str, acts_on: str, *, summary: str, source: str, reach: Reach = "every"
+    name: str, acts_on: str, *, summary: str, source: str, reach: Reach = "every", wrong: bool = False
 ) -> Callable[[Callable[..., Physics]], Effect]:
     """Make an `Effect` of a function whose first argument is the stage and whose others default to `quantity`.
 
@@ -96,6 +98,6 @@ def effect(
                     f"effect '{name}': argument '{argument.name}' needs a default such as quantity(\"N\", typical=1.0)"
                 )
             quantities[argument.name] = argument.default
-        return Effect(name, acts_on, MappingProxyType(quantities), summary, source, function, reach)
+        return Effect(name, acts_on, MappingProxyType(quantities), summary, source, function, reach, wrong=wrong)
 
     return make

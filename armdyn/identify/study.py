@@ -67,7 +67,8 @@ class Study:
         self.effects = {effect.name: effect for effect in (*model.effects, *catalogue)}
         extended = model.with_candidates(self.effects.values())
         self.problem = Problem(extended, self.runs, self.noise)
-        self.present = tuple(_candidate(effect.name, model.parts(effect.name)) for effect in model.effects)
+        present = (effect for effect in model.effects if effect.quantities)
+        self.present = tuple(_candidate(effect.name, model.parts(effect.name)) for effect in present)
         given = set(model.names)
         absent = (
             (effect.name, {j: ns for j, ns in extended.parts(effect.name).items() if not set(ns) <= given})

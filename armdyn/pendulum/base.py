@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from armdyn.effects.tension import printed_tension
 from armdyn.errors import UnknownNameError
 from armdyn.pendulum.model import PendulumModel, pendulum_model
 
@@ -20,4 +21,4 @@ def read_base(table: Mapping[str, Any], folder: Path) -> tuple[PendulumModel, di
     tension = table.get("tension", "exact")
     if tension not in ("exact", "printed"):
         raise UnknownNameError("tension formula", str(tension), ("exact", "printed"))
-    return pendulum_model(0.35, 0.1, tension=tension), {}
+    return pendulum_model(0.35, 0.1, [printed_tension] if tension == "printed" else []), {}

@@ -13,12 +13,10 @@ import casadi as ca
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.effects.effect import Effect
-from armdyn.pendulum.physics import Expression, Gripper, Load, Sensor, String
+from armdyn.pendulum.physics import STANDARD_GRAVITY as STANDARD_GRAVITY
+from armdyn.pendulum.physics import Expression, Gripper, Load, Sensor, String, Tension
 
-STANDARD_GRAVITY = 9.81
-"""m/s^2."""
-
-STAGES = ("gripper", "string", "load", "sensor")
+STAGES = ("gripper", "string", "load", "tension", "sensor")
 """What effects may act on, in the order in which nature applies them."""
 BASE_PARAMETERS = ("length", "mass")
 
@@ -33,6 +31,7 @@ class Composition:
         length: ``(t, phi, theta) -> ()`` m.
         energies: ``(t, position, velocity, gripper, gripper_velocity, phi, rate, theta) -> kinetic, potential`` J.
         forces: same arguments ``-> force (3,) N, torque () N m`` that no potential accounts for.
+        tension: ``(tension, phi, rate, acceleration, length, theta) -> tension`` N, of the string.
         readings: ``(t, tension, phi, rate, theta) -> force N, angle rad, rate rad/s``.
         timing: ``theta -> lag, delay of the load cell, lag of the gripper``, s.
         compliance: ``theta -> (2,)`` of the string and of the gripper, m/N.
@@ -50,6 +49,7 @@ class Composition:
     length: ca.Function
     energies: ca.Function
     forces: ca.Function
+    tension: ca.Function
     readings: ca.Function
     timing: ca.Function
     compliance: ca.Function
@@ -93,6 +93,8 @@ def compose(effects: Sequence[Effect]) -> Composition:
     gripper: Gripper = applied(Gripper(t, x, v, z, phi, ca.vertcat(x, 0, z), none, none, none), "gripper")
     string: String = applied(String(t, phi, rate, mass, by_name["length"], none, none, none), "string")
     load: Load = applied(Load(t, mass, q, qd, phi, rate, nothing, none, nothing), "load")
+    acceleration, length = ca.SX.sym("a"), ca.SX.sym("l")
+    pull: Tension = applied(Tension(tension, phi, rate, mass, length, acceleration), "tension")
     sensor: Sensor = applied(Sensor(t, tension, phi, tension, phi, rate, none, none), "sensor")
 
     # A uniform string has the kinetic energy of a rod whose ends move as gripper and load do.
@@ -111,6 +113,7 @@ def compose(effects: Sequence[Effect]) -> Composition:
         length=ca.Function("length", [t, phi, theta], [string.length]),
         energies=ca.Function("energies", mechanics, [kinetic, potential]),
         forces=ca.Function("forces", mechanics, [load.force, string.torque]),
+        tension=ca.Function("tension", [tension, phi, rate, acceleration, length, theta], [pull.value]),
         readings=ca.Function("readings", [t, tension, phi, rate, theta], [sensor.force, sensor.angle, sensor.rate]),
         timing=ca.Function("timing", [theta], [sensor.lag, sensor.delay, gripper.lag]),
         compliance=ca.Function("compliance", [theta], [ca.densify(compliance)]),

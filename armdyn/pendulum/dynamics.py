@@ -14,13 +14,12 @@ mass is pulled at its upper end by all of it, m_s [e . (g - g'') / 2 + l phi'^2 
 """
 
 from dataclasses import dataclass
-from typing import Literal
 
 import casadi as ca
 import numpy as np
 
 from armdyn.pendulum import transverse
-from armdyn.pendulum.composition import STANDARD_GRAVITY, Composition, direction, quasi_static
+from armdyn.pendulum.composition import Composition, direction, quasi_static
 from armdyn.pendulum.physics import Expression
 from armdyn.pendulum.yielding import slow_manifold
 from armdyn.physics.simulate import System
@@ -28,7 +27,6 @@ from armdyn.physics.simulate import System
 STATE_SIZE = 2
 INPUTS = ("t", "x", "v", "a", "z", "vz", "az")
 INPUT_SIZE = len(INPUTS)
-TensionFormula = Literal["exact", "printed"]
 OUTPUTS = ("load_force", "swing_angle", "swing_rate")
 
 
@@ -58,16 +56,11 @@ class Dynamics(System):
     timing: ca.Function
 
 
-def derive_dynamics(
-    composition: Composition, tension_formula: TensionFormula = "exact", *, planar: bool = False
-) -> Dynamics:
+def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynamics:
     """Equations of motion, readings and tension of a composition.
 
     Args:
         composition: the pendulum with its effects.
-        tension_formula: ``"exact"``, or ``"printed"`` for the formula in the paper,
-            m g cos(phi) - m l phi'^2 - u sin(phi), which has two wrong signs and one mass missing. It is kept so that
-            a comparison can show how it fails; the equations of motion are right in both cases.
         planar: for control: two states, seven inputs; lag and compliance to first order, no swing across the line.
     """
     yields, crosses = composition.yields and not planar, composition.crosses and not planar
@@ -145,8 +138,7 @@ def derive_dynamics(
         across = transverse.shortening(moments, length)
         displaced[stretch] += across.stretch
         displaced[stretching] += across.stretching
-    if tension_formula == "printed":
-        tension = mass * STANDARD_GRAVITY * ca.cos(phi) - mass * length * rate**2 - a * ca.sin(phi)
+    tension = composition.tension(tension, phi, rate, a, length, theta)
     reading = ca.vertcat(*composition.readings(t, tension, phi, rate, theta), impulse)
 
     state, given = ca.vertcat(*s), ca.vertcat(*w)

@@ -1,7 +1,7 @@
 """The pendulum as a model: what a load cell and an angle sensor should have read in a run."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path as File
 from types import MappingProxyType
@@ -12,11 +12,13 @@ import numpy as np
 from scipy.optimize import brentq
 
 from armdyn.effects.effect import Effect
+from armdyn.effects.tension import printed_tension
 from armdyn.errors import InputError
 from armdyn.parameter import Parameter
-from armdyn.pendulum.composition import STAGES, STANDARD_GRAVITY, compose, natural_order
-from armdyn.pendulum.dynamics import OUTPUTS, Dynamics, TensionFormula, derive_dynamics
+from armdyn.pendulum.composition import STAGES, compose, natural_order
+from armdyn.pendulum.dynamics import OUTPUTS, Dynamics, derive_dynamics
 from armdyn.pendulum.path import GripperPath
+from armdyn.pendulum.physics import STANDARD_GRAVITY
 from armdyn.pendulum.pieces import pieces
 from armdyn.pendulum.recorded import run_path
 from armdyn.pendulum.starts import phase_plane, rates_near
@@ -34,13 +36,7 @@ STEEPEST = 1.5
 
 @dataclass(frozen=True)
 class PendulumModel(SimulatedModel):
-    """A load on a string below a moving gripper.
-
-    Attributes:
-        tension: ``"exact"``, or ``"printed"`` for the formula in the paper, which is wrong.
-    """
-
-    tension: TensionFormula = "exact"
+    """A load on a string below a moving gripper."""
 
     base = "pendulum"
     stages = STAGES
@@ -56,11 +52,11 @@ class PendulumModel(SimulatedModel):
     @cached_property
     def formulation(self) -> str:
         """Identifier of the equations: two models that share it differ in numbers only."""
-        return "_".join([self.tension, *(e.name for e in natural_order(self.effects))])
+        return "_".join(["pendulum", *(e.name for e in natural_order(self.effects))])
 
     def dynamics(self) -> Dynamics:
         """Continuous equations with two states and four inputs, for sequential action control."""
-        return _planar(natural_order(self.effects), self.tension)
+        return _planar(natural_order(self.effects))
 
     def variational(self) -> VariationalStep:
         """Discrete variational equations, for planning."""
@@ -131,11 +127,8 @@ class PendulumModel(SimulatedModel):
 
     def described(self, folder: File) -> Mapping[str, Any]:
         """See `Model.described`."""
-        return {**super().described(folder), **({} if self.tension == "exact" else {"tension": self.tension})}
-
-    def corrected(self) -> "PendulumModel | None":
-        """With the exact tension where it has the printed one; see `Model.corrected`."""
-        return replace(self, tension="exact") if self.tension == "printed" else None
+        printed = printed_tension in self.effects
+        return {**super().described(folder), **({"tension": "printed"} if printed else {})}
 
     def initial_guess(self, run: Run) -> Mapping[str, float]:
         """Angle and rate at the start where an angle was measured; see `Model.initial_guess`."""
@@ -181,7 +174,7 @@ class PendulumModel(SimulatedModel):
 
     @cached_property
     def _formulation(self) -> "_Formulation":
-        return _formulation(natural_order(self.effects), self.tension)
+        return _formulation(natural_order(self.effects))
 
 
 @dataclass(frozen=True)
@@ -194,9 +187,9 @@ class _Formulation:
 
 
 @lru_cache(maxsize=64)
-def _formulation(effects: tuple[Effect, ...], tension: TensionFormula) -> _Formulation:
+def _formulation(effects: tuple[Effect, ...]) -> _Formulation:
     composition = compose(effects)
-    dynamics = derive_dynamics(composition, tension)
+    dynamics = derive_dynamics(composition)
     theta = ca.SX.sym("theta", len(dynamics.names))
     lag, delay, _ = dynamics.timing(theta)
     timing = ca.vertcat(ca.horzcat(lag, delay), ca.SX(len(OUTPUTS) - 1, 2))  # of the load cell only
@@ -220,8 +213,8 @@ def _simulator(dynamics: Dynamics, name: str, channels: tuple[str, ...]) -> Simu
 
 
 @lru_cache(maxsize=64)
-def _planar(effects: tuple[Effect, ...], tension: TensionFormula) -> Dynamics:
-    return derive_dynamics(compose(effects), tension, planar=True)
+def _planar(effects: tuple[Effect, ...]) -> Dynamics:
+    return derive_dynamics(compose(effects), planar=True)
 
 
 @lru_cache(maxsize=64)
@@ -229,16 +222,13 @@ def _variational(effects: tuple[Effect, ...]) -> VariationalStep:
     return derive_variational(compose(effects))
 
 
-def pendulum_model(
-    length: float, mass: float, effects: Iterable[Effect] = (), *, tension: TensionFormula = "exact"
-) -> PendulumModel:
+def pendulum_model(length: float, mass: float, effects: Iterable[Effect] = ()) -> PendulumModel:
     """A pendulum with effects at their null values.
 
     Args:
         length: pivot to the load's centre, m.
         mass: of the load, kg.
         effects: to start with.
-        tension: see `PendulumModel`.
 
     Raises:
         InputError: a length or mass that no pendulum has.
@@ -253,7 +243,7 @@ def pendulum_model(
         ),
     )  # fmt: skip
     empty: Mapping[str, Parameter] = MappingProxyType({p.name: p for p in base})
-    model = PendulumModel(effects=(), parameters=empty, tension=tension)
+    model = PendulumModel(effects=(), parameters=empty)
     for item in effects:
         model = model.with_effect(item)
     return model

@@ -1,4 +1,4 @@
-"""The symbolic physics of a load on a string, stage by stage: gripper, string, load, sensor.
+"""The symbolic physics of a load on a string, stage by stage: gripper, string, load, tension, sensor.
 
 Each stage is an immutable bundle of CasADi expressions; an effect takes one and returns a changed one.
 Vectors are (3,) in the frame of the line: x along it, y across it, z up. The angle is 0 hanging, and the
@@ -11,8 +11,12 @@ import casadi as ca
 
 from armdyn.physics.definition import Expression, Stage
 
-__all__ = ["Expression", "Gripper", "Load", "Sensor", "Stage", "String", "smooth_sign", "speed"]
+__all__ = [
+    "STANDARD_GRAVITY", "Expression", "Gripper", "Load", "Sensor", "Stage", "String", "Tension", "smooth_sign", "speed",
+]  # fmt: skip
 
+STANDARD_GRAVITY = 9.81
+"""m/s^2."""
 SPEED_FLOOR = 1e-9
 """m/s added in quadrature to the speed, so that its derivative exists at rest."""
 
@@ -149,6 +153,31 @@ class Load(Stage):
     def with_transverse(self, square_angle: Expression, product: Expression, square_rate: Expression) -> "Load":
         """Start the load with a swing across the line: second moments, rad^2, rad^2/s, rad^2/s^2."""
         return replace(self, transverse=self.transverse + ca.vertcat(square_angle, product, square_rate))
+
+
+@dataclass(frozen=True)
+class Tension(Stage):
+    """The string's pull, which follows from the equations of motion.
+
+    Attributes:
+        value: N.
+        angle: rad.
+        rate: rad/s.
+        mass: of the load, kg.
+        length: of the string, m.
+        acceleration: of the gripper along its line, m/s^2.
+    """
+
+    value: Expression
+    angle: Expression
+    rate: Expression
+    mass: Expression
+    length: Expression
+    acceleration: Expression
+
+    def with_value(self, value: Expression) -> "Tension":
+        """Another formula, N."""
+        return replace(self, value=value)
 
 
 @dataclass(frozen=True)

@@ -60,9 +60,10 @@ def double_pendulum(start, damping=(0.0, 0.0), dry=(0.0, 0.0), seconds=8.0):
 
 
 def crane(motion, drag=0.0, sheave=0.0, sway=0.05, seconds=12.0):
-    """Columns time, trolley, rope, sway, load cell; `motion(t)` gives (2, 3) trolley and rope with rate and acceleration.
+    """Columns time, trolley, rope, sway, load cell.
 
-    Trolley and rope move as told; MuJoCo's mass matrix and bias forces give the sway and the rope's pull.
+    Trolley and rope move as `motion(t)` tells: (2, 3) both with rate and acceleration. MuJoCo's mass matrix and bias
+    forces give the sway and the rope's pull.
     """
     model = mujoco.MjModel.from_xml_string(CRANE.format(step=STEP))
     data, payload = mujoco.MjData(model), 3

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from pipeline.cli import main
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
@@ -26,9 +27,10 @@ PLANTS = plants()
 
 def status(*arguments):
     """Exit status of a command."""
-    with pytest.MonkeyPatch.context() as patch, pytest.raises(SystemExit) as stop:
+    with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "argv", ["armdyn", *map(str, arguments)])
-        main()
+        with pytest.raises(SystemExit) as stop:
+            main()
     return stop.value.code
 
 
@@ -145,7 +147,11 @@ def test_a_model_file_keeps_the_way_to_its_base(tmp_path, crane):
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [("x = 1\n", "defines 0 bases"), ("def f(:\n", "line 1"), ("from armdyn.physics import physics\nphysics('a')\n", "line 2")],
+    [
+        ("x = 1\n", "defines 0 bases"),
+        ("def f(:\n", "line 1"),
+        ("from armdyn.physics import physics\nphysics('a')\n", "line 2"),
+    ],
 )  # fmt: skip
 def test_a_bad_base_is_refused_in_one_line(tmp_path, capsys, text, message):
     (tmp_path / "mine.py").write_text(text)
