@@ -13,6 +13,7 @@ import casadi as ca
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.effects.effect import Effect
+from armdyn.errors import InputError
 from armdyn.pendulum.physics import STANDARD_GRAVITY as STANDARD_GRAVITY
 from armdyn.pendulum.physics import Expression, Gripper, Load, Sensor, String, Tension
 
@@ -30,9 +31,12 @@ class Composition:
         attachment: ``(t, x, v, z, phi, theta) -> (3,)`` upper end of the string, m.
         length: ``(t, phi, theta) -> ()`` m.
         energies: ``(t, position, velocity, gripper, gripper_velocity, phi, rate, theta) -> kinetic, potential`` J.
-        forces: same arguments ``-> force (3,) N, torque () N m`` that no potential accounts for.
+        forces: same arguments and memory ``-> force (3,) N, torque () N m`` that no potential accounts for.
         tension: ``(tension, phi, rate, acceleration, length, theta) -> tension`` N, of the string.
-        readings: ``(t, tension, phi, rate, theta) -> force N, angle rad, rate rad/s``.
+        readings: ``(t, tension, phi, rate, theta, memory) -> force N, angle rad, rate rad/s``.
+        memory_rates: ``(t, ..., theta, memory, tension) -> (n,)`` rates of the states that effects bring, with the
+            arguments of `energies` first.
+        memory_start: ``theta -> (n,)`` what they are at the start of a run.
         timing: ``theta -> lag, delay of the load cell, lag of the gripper``, s.
         compliance: ``theta -> (2,)`` of the string and of the gripper, m/N.
         string_weight: ``theta -> (3,)`` mass of the string times gravity, N, in the frame of the line.
@@ -51,6 +55,8 @@ class Composition:
     forces: ca.Function
     tension: ca.Function
     readings: ca.Function
+    memory_rates: ca.Function
+    memory_start: ca.Function
     timing: ca.Function
     compliance: ca.Function
     string_weight: ca.Function
@@ -60,6 +66,11 @@ class Composition:
     yields: bool
     crosses: bool
     gripper_lag: ca.Function | None
+
+    @property
+    def remembers(self) -> int:
+        """Number of states that effects bring."""
+        return int(self.memory_start.numel_out(0))
 
 
 def direction(phi: Expression) -> Expression:
@@ -107,15 +118,25 @@ def compose(effects: Sequence[Effect]) -> Composition:
     potential = STANDARD_GRAVITY * (load.mass * ca.dot(up, q) + string.mass * ca.dot(up, q + g) / 2)
     mechanics = [t, q, qd, g, gd, phi, rate, theta]
     compliance = ca.vertcat(string.compliance, gripper.compliance)
+    brought = [m for stage in (gripper, string, load, pull, sensor) for m in stage.memory]
+    memory, rates, starts = (ca.vertcat(*(m[i] for m in brought)) if brought else ca.SX(0, 1) for i in range(3))
+    timing = [sensor.lag, sensor.delay, gripper.lag]
+    elsewhere = [gripper.position, string.length, kinetic, potential, pull.value, compliance, load.transverse, starts]
+    if brought and ca.depends_on(ca.vertcat(*elsewhere, *timing), memory):
+        raise InputError("an effect lets a state of its own act otherwise than by a force, a torque or a reading")
     return Composition(
         names=names,
         attachment=ca.Function("attachment", [t, x, v, z, phi, theta], [gripper.position]),
         length=ca.Function("length", [t, phi, theta], [string.length]),
         energies=ca.Function("energies", mechanics, [kinetic, potential]),
-        forces=ca.Function("forces", mechanics, [load.force, string.torque]),
+        forces=ca.Function("forces", [*mechanics, memory], [load.force, string.torque]),
         tension=ca.Function("tension", [tension, phi, rate, acceleration, length, theta], [pull.value]),
-        readings=ca.Function("readings", [t, tension, phi, rate, theta], [sensor.force, sensor.angle, sensor.rate]),
-        timing=ca.Function("timing", [theta], [sensor.lag, sensor.delay, gripper.lag]),
+        readings=ca.Function(
+            "readings", [t, tension, phi, rate, theta, memory], [sensor.force, sensor.angle, sensor.rate]
+        ),
+        memory_rates=ca.Function("memory_rates", [*mechanics, memory, tension], [rates]),
+        memory_start=ca.Function("memory_start", [theta], [starts]),
+        timing=ca.Function("timing", [theta], timing),
         compliance=ca.Function("compliance", [theta], [ca.densify(compliance)]),
         string_weight=ca.Function("string_weight", [theta], [-STANDARD_GRAVITY * string.mass * up]),
         string_mass=ca.Function("string_mass", [theta], [string.mass]),

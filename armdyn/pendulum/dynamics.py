@@ -35,8 +35,9 @@ class Dynamics(System):
     """Functions of state s = (phi, P), input w = (t, x, v, a, z, vz, az) and parameters theta.
 
     The gripper moves along its line with x, v, a and, where its height is measured, up and down with z, vz, az. Where
-    the load also swings across the line, s ends in the three moments of `transverse`; where something yields, w ends in
-    the gripper's jerk and the output in an impulse, kg m/s, whose time derivative adds to the force.
+    the load also swings across the line, s goes on with the three moments of `transverse`; last come the states that
+    effects bring. Where something yields, w ends in the gripper's jerk and the output in an impulse, kg m/s, whose time
+    derivative adds to the force.
 
     `initial` takes phi and p = P/M, the swing rate seen from rest in space: phi' = p + (v/l) cos(phi). A load at rest
     has p = 0 whatever the gripper does.
@@ -61,7 +62,8 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
 
     Args:
         composition: the pendulum with its effects.
-        planar: for control: two states, seven inputs; lag and compliance to first order, no swing across the line.
+        planar: for control: two states, seven inputs; lag and compliance to first order, no swing across the line, and
+            what effects remember stays as it is at the start of a run.
     """
     yields, crosses = composition.yields and not planar, composition.crosses and not planar
     attachment, string = composition.attachment, composition.length
@@ -73,6 +75,7 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
     jerk = ca.SX.sym("jerk")
     phi, rate, momentum = ca.SX.sym("phi"), ca.SX.sym("rate"), ca.SX.sym("P")
     moments = ca.SX.sym("moments", transverse.MOMENTS)
+    memory = composition.memory_start(theta) if planar else ca.SX.sym("memory", composition.remembers)
     stretch, stretching, give, giving = (ca.SX.sym(s) for s in ("d", "dd", "e", "de"))
 
     def along_motion(expression: Expression, rate_of_rate: Expression = None) -> Expression:
@@ -99,7 +102,7 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
     mechanics = (t, q, qd, g, gd, phi, rate, theta)
     kinetic, potential = composition.energies(*mechanics)
     lagrangian = kinetic - potential
-    force, torque = composition.forces(*mechanics)
+    force, torque = composition.forces(*mechanics, memory)
 
     def on_string(expression: Expression) -> Expression:
         """At the string's length: rigid, or still to be filled in where it yields or is seen askew."""
@@ -139,7 +142,10 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
         displaced[stretch] += across.stretch
         displaced[stretching] += across.stretching
     tension = composition.tension(tension, phi, rate, a, length, theta)
-    reading = ca.vertcat(*composition.readings(t, tension, phi, rate, theta), impulse)
+    if composition.remembers and not planar:
+        s.append(memory)
+        extra = ca.vertcat(extra, composition.memory_rates(*mechanics, memory, tension))
+    reading = ca.vertcat(*composition.readings(t, tension, phi, rate, theta, memory), impulse)
 
     state, given = ca.vertcat(*s), ca.vertcat(*w)
 
@@ -155,6 +161,8 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
     if crosses:
         start.append(composition.transverse(theta) * length**2)
         start[1] = ca.substitute(start[1], moments, start[2])
+    if composition.remembers and not planar:
+        start.append(composition.memory_start(theta))
     return Dynamics(
         names=composition.names,
         states=state.numel(),

@@ -204,7 +204,9 @@ def _formulation(effects: tuple[Effect, ...]) -> _Formulation:
 def _burden(effect: Effect) -> int:
     """How much an effect adds to every step of a simulation: 2 for further states, 1 for further inputs, else 0."""
     composition = compose([effect])
-    return 2 if composition.crosses else int(composition.yields or composition.gripper_lag is not None)
+    if composition.crosses or composition.remembers:
+        return 2
+    return int(composition.yields or composition.gripper_lag is not None)
 
 
 @lru_cache(maxsize=64)
