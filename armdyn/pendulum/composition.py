@@ -118,11 +118,11 @@ def compose(effects: Sequence[Effect]) -> Composition:
     potential = STANDARD_GRAVITY * (load.mass * ca.dot(up, q) + string.mass * ca.dot(up, q + g) / 2)
     mechanics = [t, q, qd, g, gd, phi, rate, theta]
     compliance = ca.vertcat(string.compliance, gripper.compliance)
-    brought = [m for stage in (gripper, string, load, pull, sensor) for m in stage.memory]
+    brought = [m for stage in (string, load, pull, sensor) for m in stage.memory]
     memory, rates, starts = (ca.vertcat(*(m[i] for m in brought)) if brought else ca.SX(0, 1) for i in range(3))
     timing = [sensor.lag, sensor.delay, gripper.lag]
     elsewhere = [gripper.position, string.length, kinetic, potential, pull.value, compliance, load.transverse, starts]
-    if brought and ca.depends_on(ca.vertcat(*elsewhere, *timing), memory):
+    if gripper.memory or (brought and ca.depends_on(ca.vertcat(*elsewhere, *timing), memory)):
         raise InputError("an effect lets a state of its own act otherwise than by a force, a torque or a reading")
     return Composition(
         names=names,
