@@ -16,7 +16,7 @@ from armdyn.model import Model
 from armdyn.parameter import Parameter, Prior
 from armdyn.units import parse_quantity, si_factor
 
-BASES = {"pendulum": "armdyn.pendulum.base", "arm": "armdyn.arm.base"}
+BASES = {"pendulum": "armdyn.pendulum.model", "arm": "armdyn.arm.model"}
 """Where each base is read; a user's own is the path of a Python file."""
 KEYS = ("base", "effects", "parameters", "history")
 """Keys of every model file; each base has its own besides."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -21,6 +21,9 @@ from armdyn.model import Bend, Model, Prediction, joined
 from armdyn.parameter import Parameter, Quantity
 from armdyn.preparation import Preparation
 from armdyn.run import Channel, Run
+
+KEYS = ("urdf", "robot", "joints", "tool")
+"""Keys of a model file that belong to this base."""
 
 
 @dataclass(frozen=True)
@@ -266,3 +269,23 @@ def arm_model(
     for item in effects:
         model = model.with_effect(item)
     return model
+
+
+def read_base(table: Mapping[str, Any], folder: Path) -> tuple[ArmModel, dict[str, Any]]:
+    """The model without effects, and the keys that say which arm it is.
+
+    Args:
+        table: of the file.
+        folder: where a path in it begins.
+
+    Raises:
+        InputError: not exactly one of both is given, or the arm cannot be used.
+    """
+    description = {key: table[key] for key in KEYS if key in table}
+    if ("urdf" in description) == ("robot" in description):
+        raise InputError('an arm needs either urdf = "path" or robot = "baxter"')
+    urdf = description.get("urdf")
+    if urdf is not None and not Path(urdf).is_absolute():
+        urdf = folder / urdf
+    robot, joints, tool = (description.get(key) for key in ("robot", "joints", "tool"))
+    return arm_model(urdf, robot, joints, tool=tool), description

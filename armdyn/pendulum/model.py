@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 
 from armdyn.effects.effect import Effect
 from armdyn.effects.tension import printed_tension
-from armdyn.errors import InputError
+from armdyn.errors import InputError, UnknownNameError
 from armdyn.parameter import Parameter
 from armdyn.pendulum.composition import STAGES, compose, natural_order
 from armdyn.pendulum.dynamics import OUTPUTS, Dynamics, derive_dynamics
@@ -29,6 +29,8 @@ from armdyn.physics.simulate import Rollout, Simulator
 from armdyn.physics.simulated import SimulatedModel, measured_start
 from armdyn.run import Channel, Run
 
+KEYS = ("tension",)
+"""Keys of a model file that belong to this base."""
 INITIAL = ("initial_angle", "initial_rate")
 STEEPEST = 1.5
 """rad; no load hangs at rest beyond."""
@@ -249,3 +251,16 @@ def pendulum_model(length: float, mass: float, effects: Iterable[Effect] = ()) -
     for item in effects:
         model = model.with_effect(item)
     return model
+
+
+def read_base(table: Mapping[str, Any], folder: File) -> tuple[PendulumModel, dict[str, Any]]:
+    """The model without effects, and what else of the file belongs to the base.
+
+    Raises:
+        UnknownNameError: there is no such formula of the tension.
+    """
+    del folder
+    tension = table.get("tension", "exact")
+    if tension not in ("exact", "printed"):
+        raise UnknownNameError("tension formula", str(tension), ("exact", "printed"))
+    return pendulum_model(0.35, 0.1, [printed_tension] if tension == "printed" else []), {}

@@ -134,6 +134,15 @@ def test_drag_and_a_sheaves_friction_are_found_on_a_crane(tmp_path, crane, lifts
     assert answer(tmp_path, "compare", output, runs)["channels"]["load_force"]["chi2_per_sample"] < 1.2
 
 
+def test_a_sway_that_no_sensor_measures_is_found_from_the_rope_s_pull(tmp_path, crane):
+    head, noise = "time [s],gripper_x [m],q.hoist [m],load_force [N]", np.array([1e-4, 1e-4, 0.1])
+    rows = [PLANTS.crane(PLANTS.carried(k), sway=0.4)[:, [0, 1, 2, 4]] for k in range(3)]
+    runs = [PLANTS.write(tmp_path / f"pull_{k}.csv", head, r, noise, k) for k, r in enumerate(rows)]
+    found = answer(tmp_path, "compare", crane, runs)
+    assert found["channels"]["load_force"]["chi2_per_sample"] < 1.3
+    assert found["parameters"]["hook"]["value"] == pytest.approx(0.0, abs=2e-3)
+
+
 def test_a_model_file_keeps_the_way_to_its_base(tmp_path, crane):
     from armdyn.model_file import read_model_file, write_model_file
 
