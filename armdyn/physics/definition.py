@@ -198,7 +198,7 @@ class Physics:
         summary: one sentence.
         source: where the equations come from.
         parameters: of all runs.
-        states: by name, what each is at the start of a run, one parameter per run.
+        states: by name, what each is at the start of a run, one parameter per run; none where all is algebra.
         inputs: channels that must be recorded, with their units.
         outputs: channels that are predicted, with their units.
         equations: from a moment to what holds there.
@@ -233,8 +233,10 @@ def physics(
     """Make a `Physics` of a function from a `Moment` to its `Equations`; see `Physics` and the head of this file.
 
     Raises:
-        InputError: a channel is unknown or has another unit, or a name is used twice.
+        InputError: a channel is unknown or has another unit, a name is used twice, or there is nothing to fit.
     """
+    if not parameters or not outputs:
+        raise InputError(f"physics '{name}': declare a parameter and an output at least")
     for channel, unit in (*inputs.items(), *outputs.items()):
         if unit not in channel_units(channel, "channel"):
             raise InputError(f"physics '{name}': {channel} is in {' or '.join(channel_units(channel))}, not in {unit}")

@@ -63,6 +63,7 @@ def formulated(physics: Physics, effects: tuple[Effect, ...], names: tuple[str, 
     """
     time, theta = ca.SX.sym("t"), ca.SX.sym("theta", len(names))
     by_name = dict(zip(names, ca.vertsplit(theta), strict=True))
+    nothing = ca.SX(0, 1)
     own = {p.name: by_name[p.name] for p in physics.parameters}
     states = {name: ca.SX.sym(name) for name in physics.states}
     symbols = {channel: ca.SX.sym(channel.replace(".", "_"), MOTION) for channel in physics.inputs}
@@ -71,12 +72,12 @@ def formulated(physics: Physics, effects: tuple[Effect, ...], names: tuple[str, 
     found = _asked(physics, moment)
     readings = {n: v if isinstance(v, Reading) else Reading(v) for n, v in found.outputs.items()}
     memory = moment.memory
-    s = ca.vertcat(*states.values(), *(m.symbol for m in memory))
+    s = ca.vertcat(nothing, *states.values(), *(m.symbol for m in memory))
     w = ca.vertcat(time, *symbols.values())
-    rates = ca.vertcat(*(found.rates[name] for name in states), *(m.rate for m in memory))
+    rates = ca.vertcat(nothing, *(found.rates[name] for name in states), *(m.rate for m in memory))
     values = ca.vertcat(*(readings[channel].value for channel in physics.outputs))
     timing = ca.vertcat(*(ca.horzcat(readings[c].lag, readings[c].delay) for c in physics.outputs))
-    beginning = ca.vertcat(*states.values(), *(m.start for m in memory))
+    beginning = ca.vertcat(nothing, *states.values(), *(m.start for m in memory))
     _check(physics, ca.vertcat(rates, values), [s, w, theta], "depends on something that it was not given")
     _check(physics, timing, [theta], "lets a lag or delay change with the motion")
     _check(physics, beginning, [*states.values(), w, theta], "lets a state begin with a value that is not known then")
@@ -84,8 +85,9 @@ def formulated(physics: Physics, effects: tuple[Effect, ...], names: tuple[str, 
         **{name: (states[name], p.unit) for name, p in physics.states.items()},
         **{channel: (signals[channel].value, unit) for channel, unit in physics.inputs.items()},
     }
+    held_against = ca.densify(ca.vertcat(nothing, *(expression for expression, _ in against.values())))
     everything = ca.vertcat(rates, values, beginning, ca.reshape(timing, -1, 1))
-    depends = ca.which_depends(everything, theta, 1, False) if len(names) else []
+    depends = ca.which_depends(everything, theta, 1, False)
     return Formulation(
         names=names,
         states=s.numel(),
@@ -95,7 +97,7 @@ def formulated(physics: Physics, effects: tuple[Effect, ...], names: tuple[str, 
         derivative=ca.Function("derivative", [s, w, theta], [ca.densify(rates)]),
         output=ca.Function("output", [s, w, theta], [ca.densify(values)]),
         initial=ca.Function("initial", [*states.values(), w, theta], [ca.densify(beginning)]),
-        against=ca.Function("against", [s, w, theta], [ca.densify(ca.vertcat(*(e for e, _ in against.values())))]),
+        against=ca.Function("against", [s, w, theta], [held_against]),
         against_units={name: unit for name, (_, unit) in against.items()},
         chain=SensorChain(physics.outputs, timing, theta),
         depends=frozenset(name for name, used in zip(names, depends, strict=True) if used),

@@ -19,7 +19,7 @@ from armdyn.physics.definition import Physics
 from armdyn.physics.formulation import Formulation, formulated, ordered
 from armdyn.physics.readout import SensorChain
 from armdyn.physics.recorded import Path, RecordedInputs, recorded_inputs
-from armdyn.physics.simulate import Rollout, Simulator
+from armdyn.physics.simulate import Rollout, Simulator, evaluated
 from armdyn.physics.simulated import SimulatedModel, measured_start
 from armdyn.run import Channel, Run
 
@@ -86,9 +86,9 @@ class PhysicsModel(SimulatedModel):
         return self._formulation.chain
 
     @property
-    def first_window(self) -> float:
+    def first_window(self) -> float | None:
         """See `Model.first_window`."""
-        return FIRST_WINDOW * self.physics.period
+        return FIRST_WINDOW * self.physics.period if self.physics.states else None
 
     def reachable(self, effect: Effect) -> tuple[str, ...]:
         """See `Model.reachable`: the joints of its stage on which an effect changes something.
@@ -153,6 +153,8 @@ class PhysicsModel(SimulatedModel):
 
     def rollout(self, path: Path, theta: np.ndarray, channels: tuple[str, ...]) -> Rollout:
         """See `SimulatedModel`."""
+        if not self._formulation.states:
+            return evaluated(self._formulation, path, theta[self._order[1]], channels)
         simulator = _simulator(self._formulation, self.base, channels)
         return simulator.rollout(path, theta[self._order[1]], *self._start(theta))
 

@@ -60,6 +60,22 @@ class Rollout(NamedTuple):
     sensitivities: np.ndarray
 
 
+def evaluated(system: System, path: Path, theta: np.ndarray, channels: tuple[str, ...]) -> Rollout:
+    """The outputs of a system without states, which is algebra at every node; for the arguments see `Simulator`."""
+    nodes, _ = path.rows(with_jerk=False)
+    at, K = _algebra(system), nodes.shape[1]
+    values, slopes = (np.asarray(a) for a in at.map(K)(nodes, np.repeat(theta[:, None], K, axis=1)))
+    rows = [system.outputs.index(name) for name in channels]
+    by_theta = slopes.T.reshape(K, len(theta), len(system.outputs)).transpose(0, 2, 1)
+    return Rollout(np.zeros((K, 0)), np.zeros((0, len(theta))), values.T[:, rows], by_theta[:, rows])
+
+
+def _algebra(system: System) -> ca.Function:
+    w, theta = ca.SX.sym("w", system.inputs), ca.SX.sym("theta", len(system.names))
+    y = system.output(ca.SX(0, 1), w, theta)
+    return ca.Function("algebra", [w, theta], [y, ca.densify(ca.vec(ca.jacobian(y, theta)))])
+
+
 class Simulator:
     """Integrates one system by the classical Runge-Kutta method; sensitivities are those of the integrator.
 
@@ -199,5 +215,5 @@ def _start(dynamics: System, active: list[int]) -> ca.Function:
     theta = ca.SX.sym("theta", len(dynamics.names))
     state = dynamics.initial(*start, given[: dynamics.inputs], theta)
     by_theta = _by_theta(state, given, theta, dynamics)
-    sensitivity = ca.horzcat(by_theta, ca.jacobian(state, ca.vertcat(*start)))[:, active]
+    sensitivity = ca.horzcat(by_theta, ca.jacobian(state, ca.vertcat(ca.SX(0, 1), *start)))[:, active]
     return ca.Function("start", [*start, given, theta], [ca.densify(state), ca.densify(sensitivity)])

@@ -135,6 +135,21 @@ def test_a_wrong_declaration_is_refused_in_one_line(changed, message):
         physics_model(oscillator(**changed)).names  # noqa: B018
 
 
+def test_a_physics_without_states_is_algebra(run):
+    @physics("scale", summary="", source="", parameters=(constant("stiffness", "N/m", 10.0),), states=(),
+             inputs={"gripper_x": "m"}, outputs={"load_force": "N"})  # fmt: skip
+    def scale(at):
+        return Equations({}, {"load_force": at.stage("probe", Reading(at["stiffness"] * at.input("gripper_x").value))})
+
+    time = run.channels["q.mass"].time
+    weighed = replace(run, channels={**run.channels, "load_force": Channel(time, 0 * time, "N")})
+    model = physics_model(scale, [late, slow]).with_values({"slow.time": 0.05})
+    theta = model.with_values({"late.time": 0.0333}).theta()
+    exact = model.predict(weighed, theta).sensitivities
+    assert exact.shape == (len(time), 3)
+    assert_jacobian(lambda changed: model.predict(weighed, changed).values, theta, exact, 1e-4, 1e-5)
+
+
 def test_a_run_without_what_drives_the_motion_is_refused(run):
     bare = {"q.mass": run.channels["q.mass"]}
     with pytest.raises(InputError, match="holds no 'gripper_x', which drives the motion"):
