@@ -100,9 +100,7 @@ class PhysicsModel(SimulatedModel):
         found = _reached(self.physics, effect)
         joints = _bare(self.physics).stages[effect.acts_on]
         for joint in effect.joints:
-            if joints == ("",):
-                break
-            if joint not in joints:
+            if joints != ("",) and joint not in joints:
                 raise UnknownNameError(f"joint of the {effect.acts_on}", joint, joints)
         return found
 
@@ -142,8 +140,8 @@ class PhysicsModel(SimulatedModel):
                 for inside in [(c.time >= start) & (c.time <= end)]
             }
             if min(len(channel) for channel in cut.values()) < MIN_SAMPLES:
-                raise InputError(f"{run.source or run.name}: {' and '.join(self.physics.inputs)} were not recorded "
-                                 f"together with {', '.join(names)}: record them together")  # fmt: skip
+                driven = f"{' and '.join(self.physics.inputs)} were not recorded together with {', '.join(names)}"
+                raise InputError(f"{run.source or run.name}: {driven}: record them together")
             run = replace(run, channels={**run.channels, **cut})
         return super().prepared(run)
 
@@ -160,29 +158,27 @@ class PhysicsModel(SimulatedModel):
 
     def initial_guess(self, run: Run) -> Mapping[str, float]:
         """What a channel measures of the states, and of the states that are their rates; see `Model`."""
-        bare, guess = _bare(self.physics), {}
+        bare, states = _bare(self.physics), self.physics.states
+        values, rates = {}, {}
         for name, channel in bare.measured.items():
             if channel in run.channels:
-                value, rate = measured_start(run.channels[channel])
-                guess[name] = value
-                if name in bare.rates and bare.rates[name] not in bare.measured:
-                    guess[bare.rates[name]] = rate
-        parameters = self.physics.states
-        return {
-            parameters[n].name: float(np.clip(v, parameters[n].lower, parameters[n].upper)) for n, v in guess.items()
-        }
+                values[name], slope = measured_start(run.channels[channel])
+                if name in bare.rates:
+                    rates[bare.rates[name]] = slope
+        guess = {**rates, **values}  # what is measured itself is better than a slope
+        return {states[n].name: float(np.clip(v, states[n].lower, states[n].upper)) for n, v in guess.items()}
 
     def plausible_starts(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
         """A lattice of the states that no channel measures; see `Model.plausible_starts`."""
         del theta
         guess = self.initial_guess(run)
         unknown = [p for p in self.physics.states.values() if p.name not in guess]
-        levels = np.linspace(-FARTHEST, FARTHEST, LEVELS.get(len(unknown), 1)) if unknown else np.zeros(0)
-        lattice = (np.clip([p.value + p.typical * k for p, k in zip(unknown, at, strict=True)],
-                           [p.lower for p in unknown], [p.upper for p in unknown])
-                   for at in product(levels, repeat=len(unknown)))  # fmt: skip
+        if len(unknown) not in LEVELS:
+            return []
+        levels = np.linspace(-FARTHEST, FARTHEST, LEVELS[len(unknown)])
+        values = [np.clip(p.value + levels * p.typical, p.lower, p.upper).tolist() for p in unknown]
         names = [p.name for p in unknown]
-        return [{**guess, **dict(zip(names, at.tolist(), strict=True))} for at in lattice] if len(levels) > 1 else []
+        return [{**guess, **dict(zip(names, at, strict=True))} for at in product(*values)]
 
     def first_stretch(self, theta: np.ndarray) -> float:
         """A period; see `Model.first_stretch`."""

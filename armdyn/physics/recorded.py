@@ -58,7 +58,7 @@ class RecordedInputs:
 
 
 def recorded_inputs(run: Run, inputs: Iterable[str], outputs: Iterable[str], step: float) -> RecordedInputs:
-    """The inputs of a run, over what all of them cover; where there are none, over what was measured.
+    """The inputs of a run, from where the outputs begin to where an input ends; without inputs over the outputs.
 
     Args:
         run: with the channels.
@@ -72,7 +72,7 @@ def recorded_inputs(run: Run, inputs: Iterable[str], outputs: Iterable[str], ste
     driving = {name: run.channels[name] for name in inputs}
     measured = [run.channels[name] for name in outputs if name in run.channels]
     if driving:
-        start = max(float(c.time[0]) for c in driving.values())
+        start = max(*(float(c.time[0]) for c in driving.values()), min(float(c.time[0]) for c in measured))
         end = min(float(c.time[-1]) for c in driving.values())
     else:
         start, end = min(float(c.time[0]) for c in measured), max(float(c.time[-1]) for c in measured)
