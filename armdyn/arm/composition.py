@@ -16,7 +16,7 @@ from armdyn.arm.memory import Remembered
 from armdyn.arm.physics import Base, Expression, Joint, Link, Neighbour
 from armdyn.arm.vectorised import OverTime
 from armdyn.codegen import Buffered
-from armdyn.effects.effect import Effect
+from armdyn.effects.effect import Effect, applied
 from armdyn.errors import InputError
 
 INPUTS = ("time", "position", "velocity", "acceleration", "direction", "load", "inner q", "inner v", "inner a")
@@ -216,7 +216,7 @@ def _composed(effects: tuple[_Applied, ...]) -> JointFunctions:
     added = []
     for e in effects:
         joint = replace(joint, torque=before)
-        joint = e.function(joint, **{short: by_name[f"{e.name}.{short}"] for short in e.quantities})
+        joint = applied(e.name, e.function, joint, {short: by_name[f"{e.name}.{short}"] for short in e.quantities})
         added.append(ca.substitute(joint.torque, before, 0))
         if not ca.is_equal(ca.jacobian(joint.torque, before), one):
             raise InputError(f"effect '{e.name}': what it does to the joint's torque must be added, by 'with_torque'")
