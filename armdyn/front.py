@@ -4,8 +4,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TypeAlias
 
-from armdyn.effects.catalogue import CATALOGUE
 from armdyn.effects.effect import Effect
+from armdyn.effects.user import available
 from armdyn.identify import compare as _compare
 from armdyn.identify import diagnose as _diagnose
 from armdyn.identify import repair as _repair
@@ -72,5 +72,4 @@ def repair(
 def _study(model: AnyModel, runs: Runs, held_out: Runs, effects: Iterable[Effect] | None) -> Study:
     known = model if isinstance(model, Model) else read_model(model)
     training, others = ([r if isinstance(r, Run) else read_run(r) for r in given] for given in (runs, held_out))
-    wanted = (*CATALOGUE.values(), *known.own_effects) if effects is None else tuple(effects)
-    return Study(known, training, others, [e for e in wanted if e.acts_on in known.stages])
+    return Study(known, training, others, available(known) if effects is None else tuple(effects))

@@ -2,13 +2,17 @@
 
 import importlib.util
 import sys
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 from armdyn.effects.catalogue import CATALOGUE, STAGES
 from armdyn.effects.effect import Effect
 from armdyn.errors import ArmdynError, InputError
+
+if TYPE_CHECKING:
+    from armdyn.model import Model
 
 
 def load_effects(path: str | Path, stages: Collection[str] | None = STAGES) -> tuple[Effect, ...]:
@@ -28,19 +32,30 @@ def load_effects(path: str | Path, stages: Collection[str] | None = STAGES) -> t
     if not own:
         raise InputError(f"{path}: defines no effect: write a function with @effect(...), see examples/my_effects.py")
     if stages is not None:
-        check_stages(own, stages, path)
+        _check_stages(own, stages, path)
     return own
 
 
-def check_stages(effects: Iterable[Effect], stages: Collection[str], path: Path | None) -> None:
-    """Refuse effects of a file on stages that there are not.
+def available(model: "Model", own: Sequence[Effect] = (), path: str | Path | None = None) -> tuple[Effect, ...]:
+    """Effects that a model can have: of the catalogue, of its base, and of the user's file.
+
+    Args:
+        model: whose stages count.
+        own: effects of a file, read with `stages` = None.
+        path: of that file, for the message.
 
     Raises:
-        InputError: an effect acts on nothing.
+        InputError: an effect of the file acts on nothing that any model has.
     """
+    _check_stages(own, (*STAGES, *model.stages), path)
+    return tuple(e for e in (*CATALOGUE.values(), *model.own_effects, *own) if e.acts_on in model.stages)
+
+
+def _check_stages(effects: Iterable[Effect], stages: Iterable[str], path: str | Path | None) -> None:
+    known = dict.fromkeys(stages)
     for item in effects:
-        if item.acts_on not in stages:
-            listed = ", ".join(dict.fromkeys(stages))
+        if item.acts_on not in known:
+            listed = ", ".join(known)
             raise InputError(f"{path}: effect '{item.name}' acts on '{item.acts_on}': choose one of {listed}")
 
 

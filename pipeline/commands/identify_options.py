@@ -65,17 +65,14 @@ def read_study(
     Raises:
         InputError: something cannot be used.
     """
-    from armdyn.effects.catalogue import CATALOGUE, STAGES
-    from armdyn.effects.user import check_stages, load_effects
+    from armdyn.effects.user import available, load_effects
     from armdyn.identify.study import Study
     from armdyn.model_file import read_model_file
     from armdyn.run import read_run
 
     own = load_effects(effects, stages=None) if effects is not None else ()
     file = read_model_file(model, own)
-    own = (*file.model.own_effects, *own)
-    check_stages(own, (*STAGES, *file.model.stages), effects)
-    catalogue = tuple(e for e in (*CATALOGUE.values(), *own) if e.acts_on in file.model.stages)
+    catalogue = available(file.model, own, effects)
     training, others, last = ([read_run(file) for file in files or ()] for files in (runs, held_out, exam))
     return Given(file, catalogue, Study(file.model, training, others, catalogue, last))
 

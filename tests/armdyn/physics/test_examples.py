@@ -154,6 +154,23 @@ def test_a_model_file_keeps_the_way_to_its_base(tmp_path, crane):
     assert read_model_file(str(moved)).model.parameters == file.model.parameters
 
 
+def test_a_file_of_effects_may_act_on_a_stage_of_ones_own_base(tmp_path, capsys, crane, lifts):
+    mine = tmp_path / "mine.py"
+    text = (
+        "from armdyn.effects.effect import effect\nfrom armdyn.parameter import quantity\n"
+        "@effect('stiff_rope', acts_on='sheave', summary='', source='')\n"
+        "def stiff_rope(sheave, drag=quantity('N s/m', typical=1.0)):\n"
+        "    return sheave.with_pull(sheave.pull - drag * sheave.speed)\n"
+    )
+    mine.write_text(text)
+    runs, output = lifts(), tmp_path / "stiff.toml"
+    armdyn("add", crane, "stiff_rope", runs[0], "--effects", mine, "--output", output)
+    assert 'effects = ["stiff_rope"]' in output.read_text()
+    mine.write_text(text.replace("sheave'", "sheeve'"))
+    assert status("add", crane, "stiff_rope", runs[0], "--effects", mine, "--output", output) == 2
+    assert "acts on 'sheeve': choose one of" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
