@@ -3,14 +3,15 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from types import MappingProxyType
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from armdyn.effects.effect import STAGES, Effect
+from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
-from armdyn.parameter import Parameter, Prior
+from armdyn.parameter import Parameter, Prior, Quantity
 from armdyn.preparation import Preparation
 from armdyn.run import Channel, Run
 
@@ -32,6 +33,14 @@ class Prediction:
     time: np.ndarray
     values: np.ndarray
     sensitivities: np.ndarray
+
+
+def joined(parts: Sequence[tuple[str, np.ndarray, np.ndarray, np.ndarray]]) -> Prediction:
+    """A prediction of channels, each with its name, times (n,) s, values (n,) and sensitivities (n, p)."""
+    names, times, values, sensitivities = zip(*parts, strict=True)
+    ends = np.cumsum([len(time) for time in times]).tolist()
+    slices = {name: slice(end - len(time), end) for name, time, end in zip(names, times, ends, strict=True)}
+    return Prediction(names, slices, *(np.concatenate(blocks) for blocks in (times, values, sensitivities)))
 
 
 @dataclass(frozen=True)
@@ -59,13 +68,28 @@ class Model(ABC):
     effects: tuple[Effect, ...]
     parameters: Mapping[str, Parameter]
 
-    base: ClassVar[str] = ""
-    first_window: ClassVar[float | None] = None
-    """s; shortest stretch of a run that a fit from afar starts with, doubling; None where any start will do."""
     linear: ClassVar[bool] = False
     """Whether predictions are linear in most unknowns, so that one expansion foretells what any set of effects does."""
-    stages = STAGES
-    """What effects of this model may act on."""
+
+    @property
+    @abstractmethod
+    def base(self) -> str:
+        """Name of the physics, without effects."""
+
+    @property
+    @abstractmethod
+    def stages(self) -> tuple[str, ...]:
+        """What effects of this model may act on."""
+
+    def described(self, folder: Path) -> Mapping[str, Any]:
+        """What a model file says of the base, beside which arm it is; paths begin at the file's `folder`."""
+        del folder
+        return {"base": self.base}
+
+    @property
+    def first_window(self) -> float | None:
+        """Shortest stretch of a run, s, that a fit from afar starts with; None where any start will do."""
+        return None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -81,33 +105,91 @@ class Model(ABC):
         return np.array([p.value for p in self.parameters.values()])
 
     def with_effect(self, effect: Effect) -> Self:
-        """The model with one effect more, at its null value, where it changes nothing.
+        """The model with one effect more, or with one that it has on more joints, at its null value.
 
         Raises:
             InputError: the model has it already, or nothing that it could act on.
+            UnknownNameError: it is meant for a joint that the model lacks.
         """
         if effect.acts_on not in self.stages:
             raise InputError(
                 f"the effect '{effect.name}' acts on a {effect.acts_on}, which a model of base '{self.base}' lacks: "
                 f"choose one that acts on {' or '.join(self.stages)}"
             )
-        if any(e.name == effect.name for e in self.effects):
-            raise InputError(f"the model already has the effect '{effect.name}'")
-        added = {p.name: p for p in effect.parameters()}
-        return replace(self, effects=(*self.effects, effect), parameters=MappingProxyType({**self.parameters, **added}))
+        reachable = self.reachable(effect)
+        if effect.joints and reachable == ("",):
+            listed = ",".join(effect.joints)
+            raise InputError(f"the effect '{effect.name}' acts on the {effect.acts_on}: leave out ':{listed}'")
+        has = self.joints_with(effect.name)
+        wanted = effect.joints or reachable
+        new = tuple(joint for joint in reachable if joint in wanted and joint not in has)
+        if not new:
+            raise InputError(f"the model already has the effect '{effect.label}'")
+        joints = tuple(joint for joint in reachable if joint in has or joint in new)
+        whole = effect.on(*(() if joints == reachable else joints))
+        effects = [whole if e.name == effect.name else e for e in self.effects]
+        added = [
+            self.effect_parameter(quantity, effect.name, short, joint)
+            for joint in new
+            for short, quantity in effect.quantities.items()
+        ]
+        return replace(
+            self,
+            effects=tuple(effects if has else [*effects, whole]),
+            parameters=MappingProxyType({**self.parameters, **{p.name: p for p in added}}),
+        )
 
     def without_effect(self, name: str) -> Self:
-        """The model with one effect less.
+        """The model with one effect less, or ``"<effect>:<joint>,<joint>"`` with one on fewer joints.
 
         Raises:
             UnknownNameError: the model does not have it.
         """
-        if all(e.name != name for e in self.effects):
+        name, _, listed = name.partition(":")
+        has = self.joints_with(name)
+        if not has:
             raise UnknownNameError("effect of this model", name, [e.name for e in self.effects])
-        kept = {k: p for k, p in self.parameters.items() if not k.startswith(f"{name}.")}
-        return replace(
-            self, effects=tuple(e for e in self.effects if e.name != name), parameters=MappingProxyType(kept)
-        )
+        gone = tuple(listed.split(",")) if listed else has
+        for joint in gone:
+            if joint not in has:
+                raise UnknownNameError(f"joint with the effect '{name}'", joint, has)
+        left = tuple(joint for joint in has if joint not in gone)
+        kept = {n: p for n, p in self.parameters.items() if p.effect != name or p.joint in left}
+        effects = (e.on(*left) if e.name == name else e for e in self.effects if e.name != name or left)
+        return replace(self, effects=tuple(effects), parameters=MappingProxyType(kept))
+
+    def with_only(self, effects: Collection[str], *, wrong: bool = True) -> Self:
+        """The model with these effects only, and with formulas known to be wrong unless `wrong` is False.
+
+        Its parameters keep their order.
+        """
+        kept = tuple(effect for effect in self.effects if effect.name in effects or (wrong and effect.wrong))
+        if len(kept) == len(self.effects):
+            return self
+        own = {n: p for n, p in self.parameters.items() if not p.effect or p.effect in effects}
+        return replace(self, effects=kept, parameters=MappingProxyType(own))
+
+    @property
+    def own_effects(self) -> tuple[Effect, ...]:
+        """Effects that come with the base, beside the catalogue's."""
+        return ()
+
+    def reachable(self, effect: Effect) -> tuple[str, ...]:
+        """Joints that an effect can act on, ``("",)`` where its stage has none, in the order of the model.
+
+        Raises:
+            InputError: it cannot act on the joints that it names, or on none.
+        """
+        del effect
+        return ("",)
+
+    def effect_parameter(self, quantity: Quantity, effect: str, short: str, joint: str) -> Parameter:
+        """A parameter of an effect on a joint, in the units and of the size that it has there."""
+        return quantity.parameter(effect, short, joint)
+
+    def joints_with(self, effect: str) -> tuple[str, ...]:
+        """Joints on which the model has an effect, ``("",)`` where its stage has none, empty where it lacks it."""
+        return next((e.joints or self.reachable(e) for e in self.effects if e.name == effect), ())
 
     def with_values(self, values: Mapping[str, float]) -> Self:
         """The model with other parameter values (in their units); standard deviations are forgotten."""
@@ -140,7 +222,9 @@ class Model(ABC):
 
     def lacks(self, effect: Effect) -> bool:
         """Whether `with_effect` would add something."""
-        return effect.acts_on in self.stages and all(e.name != effect.name for e in self.effects)
+        if effect.acts_on not in self.stages:
+            return False
+        return not set(effect.joints or self.reachable(effect)) <= set(self.joints_with(effect.name))
 
     def holding(self, needed: Collection[str]) -> Self:
         """A model that may lack effects which are not `needed`, where it is cheaper to evaluate without them.
@@ -183,7 +267,10 @@ class Model(ABC):
 
     def parts(self, effect: str) -> Mapping[str, tuple[str, ...]]:
         """Names of an effect's parameters by the joint that they belong to, ``""`` where there is none."""
-        return {"": tuple(name for name in self.names if name.startswith(f"{effect}."))}
+        return {
+            joint: tuple(p.name for p in self.parameters.values() if p.effect == effect and p.joint == joint)
+            for joint in self.joints_with(effect)
+        }
 
     def bend(self, names: Sequence[str], theta: np.ndarray) -> "Bend | None":
         """How predictions depend on the parameters `names` where that is not linear but simple; None elsewhere.
@@ -227,8 +314,9 @@ class Model(ABC):
         return self.parameters[name]
 
     def corrected(self) -> "Self | None":
-        """The model with the right formula where this one has one that is known to be wrong; None where it has none."""
-        return None
+        """The model with the right formulas where it has some that are known to be wrong; None where it has none."""
+        right = self.with_only([e.name for e in self.effects if not e.wrong], wrong=False)
+        return None if right is self else right
 
     @abstractmethod
     def predicted_channels(self, run: Run) -> tuple[str, ...]:

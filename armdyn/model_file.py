@@ -4,8 +4,9 @@ import math
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from armdyn import atomic
 from armdyn.effects.catalogue import find
@@ -15,11 +16,10 @@ from armdyn.model import Model
 from armdyn.parameter import Parameter, Prior
 from armdyn.units import parse_quantity, si_factor
 
-if TYPE_CHECKING:
-    from armdyn.pendulum.model import PendulumModel
-
-BASES = ("pendulum", "arm")
-KEYS = ("base", "effects", "parameters", "history", "tension", "urdf", "robot", "joints", "tool")
+BASES = {"pendulum": "armdyn.pendulum.model", "arm": "armdyn.arm.model"}
+"""Where each base is read; a user's own is the path of a Python file."""
+KEYS = ("base", "effects", "parameters", "history")
+"""Keys of every model file; each base has its own besides."""
 FIELDS = ("value", "std", "unit", "fitted", "prior")
 
 
@@ -29,7 +29,7 @@ class ModelFile:
 
     Attributes:
         model: with its effects and parameters.
-        description: keys that say which arm it is; empty for a pendulum.
+        description: keys that belong to the base, such as which arm it is.
         history: one entry per change, as in the contract.
     """
 
@@ -38,12 +38,12 @@ class ModelFile:
     history: tuple[Mapping[str, Any], ...] = ()
 
 
-def read_model(path: Path, extra: Iterable[Effect] = ()) -> Model:
+def read_model(path: Path | str, extra: Iterable[Effect] = ()) -> Model:
     """The model in a file; see `read_model_file`."""
     return read_model_file(path, extra).model
 
 
-def read_model_file(path: Path, extra: Iterable[Effect] = ()) -> ModelFile:
+def read_model_file(path: Path | str, extra: Iterable[Effect] = ()) -> ModelFile:
     """Read a model file.
 
     Args:
@@ -53,6 +53,7 @@ def read_model_file(path: Path, extra: Iterable[Effect] = ()) -> ModelFile:
     Raises:
         InputError: names the file, the field, what is wrong and what to do.
     """
+    path = Path(path)
     if path.is_dir():
         raise InputError(f"{path} is a directory: give the model's file")
     try:
@@ -69,30 +70,27 @@ def read_model_file(path: Path, extra: Iterable[Effect] = ()) -> ModelFile:
         raise InputError(f"{path}: {error}") from error
 
 
-def write_model_file(path: Path, file: ModelFile) -> None:
+def write_model_file(path: Path | str, file: ModelFile) -> None:
     """Write a model file in one step.
 
     Raises:
         InputError: the directory is missing or cannot be written to.
     """
+    path = Path(path)
     if path.is_dir():
         raise InputError(f"{path} is a directory: give the file to write")
-    atomic.write_text(path, model_text(file))
+    atomic.write_text(path, model_text(file, path.parent))
 
 
-def model_text(file: ModelFile) -> str:
-    """The model file as TOML."""
+def model_text(file: ModelFile, folder: Path) -> str:
+    """The model file as TOML; paths in it begin at the folder where it will lie."""
     import tomlkit
 
     model = file.model
     document = tomlkit.document()
-    document["base"] = model.base
-    for key, value in file.description.items():
+    for key, value in {**model.described(folder), **file.description}.items():
         document[key] = value
-    tension = getattr(model, "tension", "exact")
-    if tension != "exact":
-        document["tension"] = tension
-    document["effects"] = [effect.label for effect in model.effects]
+    document["effects"] = [effect.label for effect in model.effects if not effect.wrong]
     parameters = tomlkit.table()
     usual = {p.name: p.prior for effect in model.effects for p in effect.parameters()}
     for name, parameter in model.parameters.items():
@@ -127,20 +125,25 @@ def model_text(file: ModelFile) -> str:
     return tomlkit.dumps(document)
 
 
-def base_pendulum(known: Mapping[str, str] | None = None) -> "PendulumModel":
-    """A bare pendulum with what is known of it.
+def base_pendulum(known: Mapping[str, str] | None = None) -> Model:
+    """A bare pendulum with what is known of it; see `with_known`."""
+    from armdyn.pendulum.model import pendulum_model
+
+    return with_known(pendulum_model(0.35, 0.1), known or {})
+
+
+def with_known(model: Model, known: Mapping[str, str]) -> Model:
+    """A model with what is known of its parameters.
 
     Args:
+        model: without it.
         known: such as ``{"mass": "80 g +/- 0.4 g"}``; without a standard deviation a value is only a first guess.
 
     Raises:
         InputError: an unknown name, unit or value.
     """
-    from armdyn.pendulum.model import pendulum_model
-
-    model = pendulum_model(0.35, 0.1)
     settable = [name for name, p in model.parameters.items() if p.scope == "shared"]
-    for name, text in (known or {}).items():
+    for name, text in known.items():
         if name not in settable:
             raise UnknownNameError("parameter", name, settable)
         parameter = model.parameters[name]
@@ -162,15 +165,19 @@ def base_pendulum(known: Mapping[str, str] | None = None) -> "PendulumModel":
 
 
 def _parsed(table: Mapping[str, Any], folder: Path, extra: Sequence[Effect]) -> ModelFile:
-    for key in table:
-        if key not in KEYS:
-            raise UnknownNameError("key", key, KEYS)
     base = table.get("base")
     if base is None:
         raise InputError('there is no base: write base = "pendulum" or base = "arm" on the first line')
-    if base not in BASES:
+    own = str(base).endswith(".py")
+    if base not in BASES and not own:
         raise UnknownNameError("base", str(base), BASES)
-    model, description = _base(table, folder)
+    reader = import_module("armdyn.physics.user" if own else BASES[base])
+    keys = (*KEYS, *reader.KEYS)
+    for key in table:
+        if key not in keys:
+            raise UnknownNameError("key", key, keys)
+    model, description = reader.read_base(table, folder)
+    extra = (*extra, *model.own_effects)
     effects = table.get("effects", [])
     if not isinstance(effects, list) or not all(isinstance(name, str) for name in effects):
         raise InputError('effects: write a list of names, such as effects = ["linear_drag"]')
@@ -184,27 +191,6 @@ def _parsed(table: Mapping[str, Any], folder: Path, extra: Sequence[Effect]) -> 
     if not isinstance(history, list):
         raise InputError("[[history]]: write a list of tables")
     return ModelFile(model.with_parameters(changed), description, tuple(history))
-
-
-def _base(table: Mapping[str, Any], folder: Path) -> tuple[Model, dict[str, Any]]:
-    if table["base"] == "pendulum":
-        from armdyn.pendulum.model import pendulum_model
-
-        tension = table.get("tension", "exact")
-        if tension not in ("exact", "printed"):
-            raise UnknownNameError("tension formula", str(tension), ("exact", "printed"))
-        return pendulum_model(0.35, 0.1, tension=tension), {}
-    from armdyn.arm.model import arm_model
-
-    description = {key: table[key] for key in ("urdf", "robot", "joints", "tool") if key in table}
-    if ("urdf" in description) == ("robot" in description):
-        raise InputError('an arm needs either urdf = "path" or robot = "baxter"')
-    urdf = description.get("urdf")
-    if urdf is not None and not Path(urdf).is_absolute():
-        urdf = folder / urdf
-    return arm_model(
-        urdf, description.get("robot"), description.get("joints"), tool=description.get("tool")
-    ), description
 
 
 def _parameter(model: Model, name: str, entry: Any) -> Parameter:

@@ -43,6 +43,8 @@ class Parameter:
         scope: ``"shared"`` by all runs, or one value ``"per_run"``.
         fitted: whether a fit may change it.
         source: where the value comes from.
+        effect: name of the effect that it belongs to, ``""`` for a parameter of the base.
+        joint: the joint that it belongs to, ``""`` for none.
     """
 
     name: str
@@ -57,6 +59,8 @@ class Parameter:
     scope: Scope = "shared"
     fitted: bool = True
     source: str = ""
+    effect: str = ""
+    joint: str = ""
 
     def __post_init__(self) -> None:
         if not isfinite(self.value):
@@ -85,10 +89,11 @@ class Quantity:
     summary: str = ""
     spread: float | None = None
 
-    def parameter(self, name: str) -> Parameter:
-        """The parameter at its null value."""
+    def parameter(self, effect: str, short: str, joint: str = "") -> Parameter:
+        """The parameter `short` of an effect, on a joint or on none, at its null value."""
         return Parameter(
-            name=name, unit=self.unit, value=self.null, typical=self.typical, null=self.null,
+            name=f"{effect}.{short}[{joint}]" if joint else f"{effect}.{short}", effect=effect, joint=joint,
+            unit=self.unit, value=self.null, typical=self.typical, null=self.null,
             lower=self.lower, upper=self.upper, scope=self.scope, source=self.summary,
             prior=None if self.spread is None else Prior(self.null, self.spread),
         )  # fmt: skip

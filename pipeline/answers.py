@@ -99,7 +99,7 @@ def link_answer(link: "LinkChange") -> dict[str, Any]:
 
 def model_answer(study: Study) -> dict[str, Any]:
     """Base and effects of the model as given."""
-    return {"base": study.model.base, "effects": [effect.name for effect in study.model.effects]}
+    return {"base": study.model.base, "effects": [effect.name for effect in study.model.effects if not effect.wrong]}
 
 
 def fit_answer(found: Comparison) -> dict[str, Any]:

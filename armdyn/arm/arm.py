@@ -77,16 +77,17 @@ class Arm:
         }
         return (BASE,) if reach == "base" else tuple(self.joints[i] for i in chosen[reach])
 
-    def parameter(self, quantity: Quantity, name: str, joint: str) -> Parameter:
+    def parameter(self, quantity: Quantity, effect: str, short: str, joint: str) -> Parameter:
         """A parameter of an effect on one joint, in the units of that joint and of the size that it has there.
 
         Args:
             quantity: as written for a joint that turns with an effort of 50 N m.
-            name: ``"<effect>.<quantity>"``.
+            effect: its name.
+            short: name of the quantity.
             joint: which, or `BASE`.
         """
         if joint == BASE:
-            return quantity.parameter(name)
+            return quantity.parameter(effect, short)
         i = self.joints.index(joint)
         effort = float(self.robot.limits.effort[i])
         torque, angle = _powers(quantity.unit)
@@ -102,7 +103,7 @@ class Arm:
             upper=quantity.upper * scale,
             spread=None if quantity.spread is None else quantity.spread * scale,
         )
-        return adapted.parameter(f"{name}[{joint}]")
+        return adapted.parameter(effect, short, joint)
 
 
 def find_arm(

@@ -12,10 +12,11 @@ import casadi as ca
 import numpy as np
 
 from armdyn.arm.inertia import inertial_parameters
+from armdyn.arm.memory import Remembered
 from armdyn.arm.physics import Base, Expression, Joint, Link, Neighbour
 from armdyn.arm.vectorised import OverTime
 from armdyn.codegen import Buffered
-from armdyn.effects.effect import Effect
+from armdyn.effects.effect import Effect, applied
 from armdyn.errors import InputError
 
 INPUTS = ("time", "position", "velocity", "acceleration", "direction", "load", "inner q", "inner v", "inner a")
@@ -29,6 +30,7 @@ class Term:
         expression: of inputs and parameters.
         inputs: (9,) symbols in the order of `INPUTS`.
         theta: (k,) symbols.
+        remembered: states of the joint's effects, on which the expression may depend.
 
     Attributes:
         linear: indices of the parameters with columns of their own.
@@ -37,11 +39,15 @@ class Term:
         empty: whether it is always zero.
     """
 
-    def __init__(self, expression: Expression, inputs: Expression, theta: Expression) -> None:
-        derivative = ca.jacobian(expression, theta)
-        state = ca.vertcat(theta, inputs[LOAD])
-        used = [i for i in range(theta.numel()) if derivative[0, i].nnz()]
-        self.linear = tuple(i for i in used if not ca.depends_on(derivative[0, i], state))
+    def __init__(
+        self, expression: Expression, inputs: Expression, theta: Expression, remembered: Remembered
+    ) -> None:
+        derivative, z = ca.jacobian(expression, theta), remembered.symbols
+        state = ca.vertcat(theta, inputs[LOAD], z)
+        self._remembered = remembered if z.numel() and ca.depends_on(expression, z) else None
+        through = remembered.depends if self._remembered is not None else np.zeros(theta.numel(), dtype=bool)
+        used = [i for i in range(theta.numel()) if derivative[0, i].nnz() or through[i]]
+        self.linear = tuple(i for i in used if not (through[i] or ca.depends_on(derivative[0, i], state)))
         self.nonlinear = tuple(i for i in used if i not in self.linear)
         rest = ca.substitute(expression, _part(theta, self.linear), ca.SX.zeros(len(self.linear)))
         rest = ca.simplify(rest)
@@ -50,6 +56,9 @@ class Term:
         self.empty = not self.linear and not self.has_rest
         self._columns = OverTime(_part(derivative.T, self.linear), inputs, theta)
         outputs = [rest, *(ca.jacobian(rest, theta)[0, i] for i in self.nonlinear), ca.jacobian(rest, inputs[LOAD])]
+        if self._remembered is not None:
+            outputs += ca.horzsplit(ca.jacobian(rest, z))
+            inputs = ca.vertcat(inputs, z)
         self._rest = OverTime(ca.vertcat(*outputs), inputs, theta)
 
     def columns(self, inputs: np.ndarray, size: int) -> np.ndarray:
@@ -63,7 +72,13 @@ class Term:
 
         It depends on the entries `nonlinear` of (k,) `theta` only.
         """
-        return self._rest(inputs, theta).T
+        if self._remembered is None:
+            return self._rest(inputs, theta).T
+        z, derivatives = self._remembered.over(inputs, theta)
+        everything = self._rest(np.vstack([inputs, z]), theta)
+        rest, by_state = everything[: 2 + len(self.nonlinear)], everything[2 + len(self.nonlinear) :]
+        rest[1:-1] += np.einsum("mn,mkn->kn", by_state, derivatives[:, list(self.nonlinear)])
+        return rest.T
 
 
 class LinkFunction:
@@ -201,13 +216,14 @@ def _composed(effects: tuple[_Applied, ...]) -> JointFunctions:
     added = []
     for e in effects:
         joint = replace(joint, torque=before)
-        joint = e.function(joint, **{short: by_name[f"{e.name}.{short}"] for short in e.quantities})
+        joint = applied(e.name, e.function, joint, {short: by_name[f"{e.name}.{short}"] for short in e.quantities})
         added.append(ca.substitute(joint.torque, before, 0))
         if not ca.is_equal(ca.jacobian(joint.torque, before), one):
             raise InputError(f"effect '{e.name}': what it does to the joint's torque must be added, by 'with_torque'")
+    remembered = Remembered(joint.memory, inputs, load, theta)
     parameters = inertial_parameters(joint.link.pseudo_inertia)
     sensor = ca.vertcat(joint.gain, joint.delay)
-    if ca.depends_on(ca.vertcat(parameters, sensor), inputs):
+    if ca.depends_on(ca.vertcat(parameters, sensor), ca.vertcat(inputs, remembered.symbols)):
         raise InputError(
             f"effects {', '.join(e.name for e in effects)}: gain, delay and link of a joint can depend on parameters "
             "only: write what changes with the motion as a torque or an offset"
@@ -215,20 +231,22 @@ def _composed(effects: tuple[_Applied, ...]) -> JointFunctions:
     null = np.array([null for e in effects for null in e.null])
     return JointFunctions(
         names=names,
-        torque=_terms(added, inputs, theta),
-        inner_torque=Term(joint.inner_torque, inputs, theta),
-        offset=Term(joint.offset, inputs, theta),
+        torque=_terms(added, inputs, theta, remembered),
+        inner_torque=Term(joint.inner_torque, inputs, theta, remembered),
+        offset=Term(joint.offset, inputs, theta, remembered),
         sensor=SensorFunction(sensor, theta),
         link=LinkFunction(parameters, shape, theta, null) if ca.depends_on(parameters, theta) else None,
     )
 
 
-def _terms(added: Sequence[Expression], inputs: Expression, theta: Expression) -> tuple[Term, ...]:
+def _terms(
+    added: Sequence[Expression], inputs: Expression, theta: Expression, remembered: Remembered
+) -> tuple[Term, ...]:
     """One term for all that is linear, and one for each expression that is not."""
-    terms = [Term(expression, inputs, theta) for expression in added]
+    terms = [Term(expression, inputs, theta, remembered) for expression in added]
     linear = [expression for expression, term in zip(added, terms, strict=True) if not term.has_rest]
     rest = [term for term in terms if term.has_rest]
-    return (Term(sum(linear, ca.SX(0)), inputs, theta), *rest)
+    return (Term(sum(linear, ca.SX(0)), inputs, theta, remembered), *rest)
 
 
 def _part(vector: Expression, indices: Sequence[int]) -> Expression:

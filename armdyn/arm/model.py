@@ -1,26 +1,29 @@
 """The arm as a model: joint torques of a run, with exact sensitivities, for any composition of effects."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
 from armdyn.arm import recorded
-from armdyn.arm.arm import BASE, Arm, find_arm
+from armdyn.arm.arm import Arm, find_arm
 from armdyn.arm.bodies import OF_BASE, Bodies
 from armdyn.arm.composition import BaseFunction, JointFunctions, compose_joint
 from armdyn.arm.motion import measured_motion
 from armdyn.arm.prepared import PreparedRun
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
-from armdyn.model import Bend, Model, Prediction
-from armdyn.parameter import Parameter
+from armdyn.model import Bend, Model, Prediction, joined
+from armdyn.parameter import Parameter, Quantity
 from armdyn.preparation import Preparation
 from armdyn.run import Channel, Run
+
+KEYS = ("urdf", "robot", "joints", "tool")
+"""Keys of a model file that belong to this base."""
 
 
 @dataclass(frozen=True)
@@ -45,96 +48,42 @@ class ArmModel(Model):
         """Names of the joints from base to tool; every other joint of the URDF stays at its zero."""
         return self.arm.joints
 
-    def with_effect(self, effect: Effect) -> Self:
-        """The model with one effect more, or with one that it has on more joints, at its null value.
+    def reachable(self, effect: Effect) -> tuple[str, ...]:
+        """See `Model.reachable`; ``("",)`` for an effect on the base.
 
         Raises:
-            InputError: the model has it on all these joints already, or it cannot act on them.
+            InputError: it cannot act on these joints, or on this arm.
             UnknownNameError: it is meant for a joint that the arm lacks.
         """
-        if effect.acts_on != "joint":
-            return super().with_effect(effect)  # which says what is wrong
         reachable = self.arm.within(effect.reach)
         for joint in effect.joints:
             if joint not in self.joints:
                 raise UnknownNameError("joint of the arm", joint, self.joints)
             if joint not in reachable:
                 raise InputError(f"the effect '{effect.name}' cannot act on joint '{joint}': {_REASON[effect.reach]}")
-        if not reachable:
-            raise InputError(f"the effect '{effect.name}' cannot act on this arm: {_REASON[effect.reach]}")
-        has = self.joints_with(effect.name)
-        wanted = effect.joints or reachable
-        new = tuple(joint for joint in reachable if joint in wanted and joint not in has)
-        if not new:
-            raise InputError(f"the model already has the effect '{effect.label}'")
-        joints = tuple(joint for joint in reachable if joint in has or joint in new)
-        whole = effect.on(*(() if joints == reachable else joints))
-        effects = [whole if e.name == effect.name else e for e in self.effects]
-        added = {
-            parameter.name: parameter
-            for joint in new
-            for short, quantity in effect.quantities.items()
-            for parameter in [self.arm.parameter(quantity, f"{effect.name}.{short}", joint)]
-        }
-        return replace(
-            self,
-            effects=tuple(effects if has else [*effects, whole]),
-            parameters=MappingProxyType({**self.parameters, **added}),
-        )
+        return reachable
 
-    def without_effect(self, name: str) -> Self:
-        """The model with one effect less, or ``"<effect>:<joint>,<joint>"`` with one on fewer joints.
+    def with_effect(self, effect: Effect) -> Self:
+        """See `Model.with_effect`.
 
         Raises:
-            UnknownNameError: the model does not have it.
+            InputError: nothing in this arm is what the effect acts on, or what it says there.
         """
-        name, _, listed = name.partition(":")
-        has = self.joints_with(name)
-        if not has:
-            raise UnknownNameError("effect of this model", name, [e.name for e in self.effects])
-        gone = tuple(listed.split(",")) if listed else has
-        for joint in gone:
-            if joint not in has:
-                raise UnknownNameError(f"joint with the effect '{name}'", joint, has)
-        left = tuple(joint for joint in has if joint not in gone)
-        dropped = {p for joint in gone for p in self.parts(name)[joint]}
-        return replace(
-            self,
-            effects=tuple(e.on(*left) if e.name == name else e for e in self.effects if e.name != name or left),
-            parameters=MappingProxyType({k: p for k, p in self.parameters.items() if k not in dropped}),
-        )
+        if effect.acts_on in self.stages and not self.reachable(effect):
+            raise InputError(f"the effect '{effect.name}' cannot act on this arm: {_REASON[effect.reach]}")
+        return super().with_effect(effect)
 
-    def lacks(self, effect: Effect) -> bool:
-        """See `Model.lacks`."""
-        if effect.acts_on != "joint":
-            return False
-        wanted = effect.joints or self.arm.within(effect.reach)
-        return not set(wanted) <= set(self.joints_with(effect.name))
-
-    def joints_with(self, effect: str) -> tuple[str, ...]:
-        """Joints on which the model has an effect; ``""`` for the base."""
-        found = [e.joints or self.arm.within(e.reach) for e in self.effects if e.name == effect]
-        return found[0] if found else ()
+    def effect_parameter(self, quantity: Quantity, effect: str, short: str, joint: str) -> Parameter:
+        """See `Model.effect_parameter`."""
+        return self.arm.parameter(quantity, effect, short, joint)
 
     def holding(self, needed: Collection[str]) -> Self:
         """See `Model.holding`; every effect costs time, so that only those needed are kept."""
-        kept = tuple(effect for effect in self.effects if effect.name in needed)
-        if len(kept) == len(self.effects):
-            return self
-        names = {effect.name for effect in kept}
-        own = {n: p for n, p in self.parameters.items() if n.partition(".")[0] in names}
-        return replace(self, effects=kept, parameters=MappingProxyType(own))
-
-    def parts(self, effect: str) -> Mapping[str, tuple[str, ...]]:
-        """See `Model.parts`."""
-        return {
-            joint: tuple(n for n in self.names if n.startswith(f"{effect}.") and n.endswith(_place(joint)))
-            for joint in self.joints_with(effect)
-        }
+        return self.with_only(needed)
 
     def bend(self, names: Sequence[str], theta: np.ndarray) -> Bend | None:
         """See `Model.bend`: what changes a link acts as a deformation of it does, through its inertial parameters."""
-        joint = names[0].partition("[")[2].removesuffix("]")
+        joint = self.parameters[names[0]].joint
         through = self.parts(DEFORMATION).get(joint, ())
         if not through:
             return None
@@ -215,21 +164,16 @@ class ArmModel(Model):
         channels = self.predicted_channels(run)
         per_joint = [theta[columns] for columns in self._columns]
         bodies = self._bodies(theta)
-        blocks, slices, stamps, first = [], {}, [], 0
-        total = sum(len(run.channels[name]) for name in channels)
-        sensitivities = np.zeros((total, len(theta)))
+        parts = []
         for name in channels:
             predictor = recorded.predictor(self.arm, run, run.channels[name], name)
             values, derivatives = predictor.predict(self._functions, per_joint, bodies)
-            rows = slice(first, first + len(values))
+            sensitivities = np.zeros((len(values), len(theta)))
             for joint, columns in derivatives.items():
                 where = self._base_columns if joint == OF_BASE else self._columns[joint]
-                sensitivities[rows, where] = columns
-            blocks.append(values)
-            stamps.append(run.channels[name].time)
-            slices[name] = rows
-            first = rows.stop
-        return Prediction(channels, slices, np.concatenate(stamps), np.concatenate(blocks), sensitivities)
+                sensitivities[:, where] = columns
+            parts.append((name, run.channels[name].time, values, sensitivities))
+        return joined(parts)
 
     def link_parameters(self) -> Mapping[str, np.ndarray]:
         """By joint: (10,) inertial parameters of the link that it moves, effects included; see `inertia`."""
@@ -272,7 +216,7 @@ class ArmModel(Model):
     @cached_property
     def _functions(self) -> tuple[JointFunctions, ...]:
         return tuple(
-            compose_joint([e for e in self.effects if joint in (e.joints or self.arm.within(e.reach))])
+            compose_joint([e for e in self.effects if joint in self.joints_with(e.name)])
             for joint in self.joints
         )
 
@@ -288,12 +232,6 @@ class ArmModel(Model):
 
 DEFORMATION = "link_inertia"
 """The effect whose parameters span all that can change in a link."""
-
-
-def _place(joint: str) -> str:
-    """How the names of parameters end that belong to a joint."""
-    return "" if joint == BASE else f"[{joint}]"
-
 
 _REASON = {
     "every": "the arm has no joint",
@@ -331,3 +269,23 @@ def arm_model(
     for item in effects:
         model = model.with_effect(item)
     return model
+
+
+def read_base(table: Mapping[str, Any], folder: Path) -> tuple[ArmModel, dict[str, Any]]:
+    """The model without effects, and the keys that say which arm it is.
+
+    Args:
+        table: of the file.
+        folder: where a path in it begins.
+
+    Raises:
+        InputError: not exactly one of both is given, or the arm cannot be used.
+    """
+    description = {key: table[key] for key in KEYS if key in table}
+    if ("urdf" in description) == ("robot" in description):
+        raise InputError('an arm needs either urdf = "path" or robot = "baxter"')
+    urdf = description.get("urdf")
+    if urdf is not None and not Path(urdf).is_absolute():
+        urdf = folder / urdf
+    robot, joints, tool = (description.get(key) for key in ("robot", "joints", "tool"))
+    return arm_model(urdf, robot, joints, tool=tool), description

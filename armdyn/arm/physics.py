@@ -5,11 +5,12 @@ that turns; one that slides has N for N m, m for rad and kg for kg m^2.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
 
 import casadi as ca
 
-Expression: TypeAlias = Any  # a casadi.SX, which carries no type information
+from armdyn.physics.definition import Expression, Stage
+
+__all__ = ["Base", "Expression", "Joint", "Link", "Neighbour"]
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ class Neighbour:
 
 
 @dataclass(frozen=True)
-class Joint:
+class Joint(Stage):
     """One joint, its drive and its torque sensor.
 
     Attributes:

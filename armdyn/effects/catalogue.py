@@ -15,6 +15,8 @@ def _collect() -> Mapping[str, Effect]:
 
 
 CATALOGUE: Mapping[str, Effect] = _collect()
+STAGES: tuple[str, ...] = tuple(dict.fromkeys(item.acts_on for item in CATALOGUE.values()))
+"""What effects of the catalogue act on; a user's own physics may have other stages."""
 
 
 def find(name: str, extra: Iterable[Effect] = ()) -> Effect:
@@ -26,7 +28,6 @@ def find(name: str, extra: Iterable[Effect] = ()) -> Effect:
 
     Raises:
         UnknownNameError: there is none; the message names the closest.
-        InputError: joints are given for an effect that does not act on joints.
     """
     name, _, joints = name.partition(":")
     known = {**CATALOGUE, **{item.name: item for item in extra}}

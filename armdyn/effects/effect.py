@@ -9,8 +9,6 @@ from typing import Any, Literal, TypeVar
 from armdyn.errors import InputError
 from armdyn.parameter import Parameter, Quantity
 
-Stage = Literal["gripper", "string", "load", "sensor", "joint"]
-STAGES: tuple[Stage, ...] = ("gripper", "string", "load", "sensor", "joint")
 Reach = Literal["every", "turning", "coupled", "last", "base"]
 """Joints that an effect on joints can act on: every one, those that turn, those whose neighbour towards the base is of
 the same kind, or the last one only; or the base that carries them all, of which there is one (a `Base`, no `Joint`)."""
@@ -23,23 +21,25 @@ class Effect:
 
     Attributes:
         name: the catalogue's name.
-        acts_on: the stage that it changes.
+        acts_on: the stage that it changes; the physics of a model says which it has.
         quantities: its parameters by short name.
         summary: one sentence.
         source: where the equation comes from.
         function: ``(stage, **parameters) -> stage``, pure.
         reach: joints that it can act on; for an effect on joints only.
         joints: joints that it does act on, in the order of the arm; all within its reach where empty.
+        wrong: whether it is a formula known to be wrong, which a comparison holds against the right one.
     """
 
     name: str
-    acts_on: Stage
+    acts_on: str
     quantities: Mapping[str, Quantity]
     summary: str
     source: str
     function: Callable[..., Any]
     reach: Reach = "every"
     joints: tuple[str, ...] = ()
+    wrong: bool = False
 
     @property
     def label(self) -> str:
@@ -47,13 +47,7 @@ class Effect:
         return f"{self.name}:{','.join(self.joints)}" if self.joints else self.name
 
     def on(self, *joints: str) -> "Effect":
-        """The same effect on these joints only, on all within its reach where none is given.
-
-        Raises:
-            InputError: it does not act on joints.
-        """
-        if joints and self.acts_on != "joint":
-            raise InputError(f"the effect '{self.name}' acts on the {self.acts_on}: leave out ':{','.join(joints)}'")
+        """The same effect on these joints only, on all within its reach where none is given."""
         return replace(self, joints=joints)
 
     def apply(self, stage: Physics, parameters: Mapping[str, Any]) -> Physics:
@@ -63,25 +57,40 @@ class Effect:
             stage: symbolic physics of the stage `acts_on`.
             parameters: expressions by full name, ``"<effect>.<quantity>"``.
         """
-        try:
-            changed = self.function(stage, **{short: parameters[f"{self.name}.{short}"] for short in self.quantities})
-        except (AttributeError, TypeError, ValueError, ZeroDivisionError, NotImplementedError) as error:
-            fault = f"{type(error).__name__}: {error}"
-            raise InputError(f"the effect '{self.name}' fails with {fault}: mend its file") from error
-        if not isinstance(changed, type(stage)):
-            raise InputError(
-                f"the effect '{self.name}' returns a {type(changed).__name__}: return the {self.acts_on} that it was "
-                "given, with something added"
-            )
-        return changed
+        values = {short: parameters[f"{self.name}.{short}"] for short in self.quantities}
+        return applied(self.name, self.function, stage, values)
 
     def parameters(self) -> tuple[Parameter, ...]:
         """The parameters with their full names, at their null values."""
-        return tuple(q.parameter(f"{self.name}.{short}") for short, q in self.quantities.items())
+        return tuple(q.parameter(self.name, short) for short, q in self.quantities.items())
+
+
+def applied(name: str, function: Callable[..., Any], stage: Physics, values: Mapping[str, Any]) -> Physics:
+    """The stage after an effect's function, with the faults of a user's file as sentences.
+
+    Args:
+        name: of the effect.
+        function: ``(stage, **values) -> stage``.
+        stage: symbolic physics.
+        values: expressions by short name.
+
+    Raises:
+        InputError: the function fails, or returns something else than a stage.
+    """
+    try:
+        changed = function(stage, **values)
+    except (AttributeError, TypeError, ValueError, ZeroDivisionError, NotImplementedError) as error:
+        raise InputError(f"the effect '{name}' fails with {type(error).__name__}: {error}: mend its file") from error
+    if not isinstance(changed, type(stage)):
+        kind, given = type(changed).__name__, type(stage).__name__.lower()
+        raise InputError(
+            f"the effect '{name}' returns a {kind}: return the {given} that it was given, with something added"
+        )
+    return changed
 
 
 def effect(
-    name: str, acts_on: Stage, *, summary: str, source: str, reach: Reach = "every"
+    name: str, acts_on: str, *, summary: str, source: str, reach: Reach = "every", wrong: bool = False
 ) -> Callable[[Callable[..., Physics]], Effect]:
     """Make an `Effect` of a function whose first argument is the stage and whose others default to `quantity`.
 
@@ -92,10 +101,8 @@ def effect(
     ```
 
     Raises:
-        InputError: the stage does not exist, or an argument declares no quantity.
+        InputError: an argument declares no quantity.
     """
-    if acts_on not in STAGES:
-        raise InputError(f"effect '{name}' acts on '{acts_on}': choose one of {', '.join(STAGES)}")
 
     def make(function: Callable[..., Physics]) -> Effect:
         _, *arguments = inspect.signature(function).parameters.values()
@@ -106,6 +113,6 @@ def effect(
                     f"effect '{name}': argument '{argument.name}' needs a default such as quantity(\"N\", typical=1.0)"
                 )
             quantities[argument.name] = argument.default
-        return Effect(name, acts_on, MappingProxyType(quantities), summary, source, function, reach)
+        return Effect(name, acts_on, MappingProxyType(quantities), summary, source, function, reach, wrong=wrong)
 
     return make

@@ -2,26 +2,91 @@
 
 import importlib.util
 import sys
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING
 
-from armdyn.effects.catalogue import CATALOGUE
+from armdyn.effects.catalogue import CATALOGUE, STAGES
 from armdyn.effects.effect import Effect
 from armdyn.errors import ArmdynError, InputError
 
+if TYPE_CHECKING:
+    from armdyn.model import Model
 
-def load_effects(path: Path) -> tuple[Effect, ...]:
+
+def load_effects(path: str | Path, stages: Collection[str] | None = STAGES) -> tuple[Effect, ...]:
     """The effects that a file defines, in their order there.
 
     The file is run as Python: it may do whatever a Python program may.
 
+    Args:
+        path: of the file.
+        stages: what effects may act on; anything where it is None.
+
     Raises:
-        InputError: it cannot be read or run, defines no effect, or one with a name of the catalogue.
+        InputError: it cannot be read or run, defines no effect, or one with a name of the catalogue or on no stage.
+    """
+    path = Path(path)
+    own = effects_of(path, vars(load_module(path, "effects")))
+    if not own:
+        raise InputError(f"{path}: defines no effect: write a function with @effect(...), see examples/my_effects.py")
+    if stages is not None:
+        _check_stages(own, stages, path)
+    return own
+
+
+def available(model: "Model", own: Sequence[Effect] = (), path: str | Path | None = None) -> tuple[Effect, ...]:
+    """Effects that a model can have: of the catalogue, of its base, and of the user's file.
+
+    Args:
+        model: whose stages count.
+        own: effects of a file, read with `stages` = None.
+        path: of that file, for the message.
+
+    Raises:
+        InputError: an effect of the file acts on nothing that any model has.
+    """
+    _check_stages(own, (*STAGES, *model.stages), path)
+    return tuple(e for e in (*CATALOGUE.values(), *model.own_effects, *own) if e.acts_on in model.stages)
+
+
+def _check_stages(effects: Iterable[Effect], stages: Iterable[str], path: str | Path | None) -> None:
+    known = dict.fromkeys(stages)
+    for item in effects:
+        if item.acts_on not in known:
+            listed = ", ".join(known)
+            raise InputError(f"{path}: effect '{item.name}' acts on '{item.acts_on}': choose one of {listed}")
+
+
+def effects_of(path: Path, defined: Mapping[str, object]) -> tuple[Effect, ...]:
+    """The effects among what a file defines, without those that it imports from the catalogue.
+
+    Raises:
+        InputError: one has a name of the catalogue.
+    """
+    own = {n: item for n, item in defined.items() if isinstance(item, Effect) and item not in CATALOGUE.values()}
+    clashing = [n for n, item in own.items() if item.name in CATALOGUE]
+    if clashing:
+        raise InputError(f"{path}: '{clashing[0]}' has the name of an effect of the catalogue: give it another")
+    return tuple(own.values())
+
+
+def load_module(path: Path, holds: str) -> ModuleType:
+    """A user's Python file, run.
+
+    Args:
+        path: of the file.
+        holds: what it should hold, such as ``"effects"``.
+
+    Raises:
+        InputError: it cannot be read or run.
     """
     if path.is_dir():
-        raise InputError(f"{path} is a directory: give the Python file with your effects")
+        raise InputError(f"{path} is a directory: give the Python file with your {holds}")
     if not path.is_file():
-        raise InputError(f"{path}: no such file: give the Python file with your effects")
-    spec = importlib.util.spec_from_file_location(f"armdyn_user_effects_{path.stem}", path)
+        raise InputError(f"{path}: no such file: give the Python file with your {holds}")
+    spec = importlib.util.spec_from_file_location(f"armdyn_user_{holds}_{path.stem}", path)
     if spec is None or spec.loader is None:
         raise InputError(f"{path}: is not a Python file: give one that ends in .py")
     module = importlib.util.module_from_spec(spec)
@@ -34,14 +99,7 @@ def load_effects(path: Path) -> tuple[Effect, ...]:
         line = error.lineno if isinstance(error, SyntaxError) else _line(error, path)
         where = f", line {line}" if line else ""
         raise InputError(f"{path}{where}: {type(error).__name__}: {error}") from error
-    found = tuple(item for item in vars(module).values() if isinstance(item, Effect) and item.name not in CATALOGUE)
-    own = {n: item for n, item in vars(module).items() if isinstance(item, Effect) and item not in CATALOGUE.values()}
-    clashing = [n for n, item in own.items() if item.name in CATALOGUE]
-    if clashing:
-        raise InputError(f"{path}: '{clashing[0]}' has the name of an effect of the catalogue: give it another")
-    if not found:
-        raise InputError(f"{path}: defines no effect: write a function with @effect(...), see examples/my_effects.py")
-    return found
+    return module
 
 
 def _line(error: Exception, path: Path) -> int | None:

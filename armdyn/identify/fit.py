@@ -157,7 +157,7 @@ def determined(problem: Problem, free: np.ndarray, values: np.ndarray) -> np.nda
 
 def told(problem: Problem, free: np.ndarray, window: float) -> np.ndarray:
     """(P,) bool: what of `free` is fitted to a stretch of `window` s: the base, and effects where it is long enough."""
-    base = np.array(["." not in column.parameter.name for column in problem.columns])
+    base = np.array([not column.parameter.effect for column in problem.columns])
     return free if window >= SETTLED_WINDOW else free & (problem.per_run | base)
 
 
@@ -177,8 +177,8 @@ def first_part(run: Run, window: float) -> Run:
 
 def duration(run: Run) -> float:
     """From the first to the last sample of what is compared, s."""
-    return max(float(run.channels[name].time[-1]) for name in run.measured) - _begin(run)
+    return max(float(run.channels[name].time[-1]) for name in run.measured or run.channels) - _begin(run)
 
 
 def _begin(run: Run) -> float:
-    return min(float(run.channels[name].time[0]) for name in run.measured)
+    return min(float(run.channels[name].time[0]) for name in run.measured or run.channels)

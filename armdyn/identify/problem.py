@@ -113,7 +113,7 @@ class Problem:
         self._of_run = [self._placed(i) for i in range(len(self.runs))]
         self._effects = tuple(effect.name for effect in model.effects)
         self._of_effects = np.array(
-            [[c.parameter.name.startswith(f"{name}.") for c in columns] for name in self._effects], dtype=bool
+            [[c.parameter.effect == name for c in columns] for name in self._effects], dtype=bool
         ).reshape(len(self._effects), len(columns))
         self._lean: dict[frozenset[str], tuple[frozenset[str], Model, np.ndarray]] = {}
 

@@ -67,7 +67,8 @@ class Study:
         self.effects = {effect.name: effect for effect in (*model.effects, *catalogue)}
         extended = model.with_candidates(self.effects.values())
         self.problem = Problem(extended, self.runs, self.noise)
-        self.present = tuple(_candidate(effect.name, model.parts(effect.name)) for effect in model.effects)
+        present = (effect for effect in model.effects if effect.quantities)
+        self.present = tuple(_candidate(effect.name, model.parts(effect.name)) for effect in present)
         given = set(model.names)
         absent = (
             (effect.name, {j: ns for j, ns in extended.parts(effect.name).items() if not set(ns) <= given})
@@ -141,7 +142,7 @@ class Study:
         model = self.model
         for candidate in self.candidates:
             free = {n for n in candidate.names if np.any(found.free & self.problem.of([n]))}
-            joints = tuple(j for j in candidate.joints if any(n.endswith(f"[{j}]") for n in free))
+            joints = tuple(j for j in candidate.joints if j in {self.problem.model.parameters[n].joint for n in free})
             if free:
                 effect = self.effects[candidate.effect]
                 model = model.with_effect(effect.on(*joints) if joints else effect)

@@ -12,12 +12,13 @@ from dataclasses import dataclass
 import casadi as ca
 
 from armdyn.effects.catalogue import CATALOGUE
-from armdyn.effects.effect import STAGES, Effect
-from armdyn.pendulum.physics import Expression, Gripper, Load, Sensor, String
+from armdyn.effects.effect import Effect
+from armdyn.errors import InputError
+from armdyn.pendulum.physics import STANDARD_GRAVITY as STANDARD_GRAVITY
+from armdyn.pendulum.physics import Expression, Gripper, Load, Sensor, String, Tension
 
-STANDARD_GRAVITY = 9.81
-"""m/s^2."""
-
+STAGES = ("gripper", "string", "load", "tension", "sensor")
+"""What effects may act on, in the order in which nature applies them."""
 BASE_PARAMETERS = ("length", "mass")
 
 
@@ -30,8 +31,12 @@ class Composition:
         attachment: ``(t, x, v, z, phi, theta) -> (3,)`` upper end of the string, m.
         length: ``(t, phi, theta) -> ()`` m.
         energies: ``(t, position, velocity, gripper, gripper_velocity, phi, rate, theta) -> kinetic, potential`` J.
-        forces: same arguments ``-> force (3,) N, torque () N m`` that no potential accounts for.
-        readings: ``(t, tension, phi, rate, theta) -> force N, angle rad, rate rad/s``.
+        forces: same arguments and memory ``-> force (3,) N, torque () N m`` that no potential accounts for.
+        tension: ``(tension, phi, rate, acceleration, length, theta) -> tension`` N, of the string.
+        readings: ``(t, tension, phi, rate, theta, memory) -> force N, angle rad, rate rad/s``.
+        memory_rates: ``(t, ..., theta, memory, tension) -> (n,)`` rates of the states that effects bring, with the
+            arguments of `energies` first.
+        memory_start: ``theta -> (n,)`` what they are at the start of a run.
         timing: ``theta -> lag, delay of the load cell, lag of the gripper``, s.
         compliance: ``theta -> (2,)`` of the string and of the gripper, m/N.
         string_weight: ``theta -> (3,)`` mass of the string times gravity, N, in the frame of the line.
@@ -40,7 +45,7 @@ class Composition:
         heavy: whether the string has mass.
         yields: whether string or gripper give way to the tension.
         crosses: whether the load swings across the line as well.
-        trails: whether the gripper trails its measured position.
+        gripper_lag: ``theta -> ()`` s; None where the gripper does not trail its measured position.
     """
 
     names: tuple[str, ...]
@@ -48,7 +53,10 @@ class Composition:
     length: ca.Function
     energies: ca.Function
     forces: ca.Function
+    tension: ca.Function
     readings: ca.Function
+    memory_rates: ca.Function
+    memory_start: ca.Function
     timing: ca.Function
     compliance: ca.Function
     string_weight: ca.Function
@@ -57,7 +65,12 @@ class Composition:
     heavy: bool
     yields: bool
     crosses: bool
-    trails: bool
+    gripper_lag: ca.Function | None
+
+    @property
+    def remembers(self) -> int:
+        """Number of states that effects bring."""
+        return int(self.memory_start.numel_out(0))
 
 
 def direction(phi: Expression) -> Expression:
@@ -91,6 +104,8 @@ def compose(effects: Sequence[Effect]) -> Composition:
     gripper: Gripper = applied(Gripper(t, x, v, z, phi, ca.vertcat(x, 0, z), none, none, none), "gripper")
     string: String = applied(String(t, phi, rate, mass, by_name["length"], none, none, none), "string")
     load: Load = applied(Load(t, mass, q, qd, phi, rate, nothing, none, nothing), "load")
+    acceleration, length = ca.SX.sym("a"), ca.SX.sym("l")
+    pull: Tension = applied(Tension(tension, phi, rate, mass, length, acceleration), "tension")
     sensor: Sensor = applied(Sensor(t, tension, phi, tension, phi, rate, none, none), "sensor")
 
     # A uniform string has the kinetic energy of a rod whose ends move as gripper and load do.
@@ -103,14 +118,25 @@ def compose(effects: Sequence[Effect]) -> Composition:
     potential = STANDARD_GRAVITY * (load.mass * ca.dot(up, q) + string.mass * ca.dot(up, q + g) / 2)
     mechanics = [t, q, qd, g, gd, phi, rate, theta]
     compliance = ca.vertcat(string.compliance, gripper.compliance)
+    brought = [m for stage in (string, load, pull, sensor) for m in stage.memory]
+    memory, rates, starts = (ca.vertcat(*(m[i] for m in brought)) if brought else ca.SX(0, 1) for i in range(3))
+    timing = [sensor.lag, sensor.delay, gripper.lag]
+    elsewhere = [gripper.position, string.length, kinetic, potential, pull.value, compliance, load.transverse, starts]
+    if gripper.memory or (brought and ca.depends_on(ca.vertcat(*elsewhere, *timing), memory)):
+        raise InputError("an effect lets a state of its own act otherwise than by a force, a torque or a reading")
     return Composition(
         names=names,
         attachment=ca.Function("attachment", [t, x, v, z, phi, theta], [gripper.position]),
         length=ca.Function("length", [t, phi, theta], [string.length]),
         energies=ca.Function("energies", mechanics, [kinetic, potential]),
-        forces=ca.Function("forces", mechanics, [load.force, string.torque]),
-        readings=ca.Function("readings", [t, tension, phi, rate, theta], [sensor.force, sensor.angle, sensor.rate]),
-        timing=ca.Function("timing", [theta], [sensor.lag, sensor.delay, gripper.lag]),
+        forces=ca.Function("forces", [*mechanics, memory], [load.force, string.torque]),
+        tension=ca.Function("tension", [tension, phi, rate, acceleration, length, theta], [pull.value]),
+        readings=ca.Function(
+            "readings", [t, tension, phi, rate, theta, memory], [sensor.force, sensor.angle, sensor.rate]
+        ),
+        memory_rates=ca.Function("memory_rates", [*mechanics, memory, tension], [rates]),
+        memory_start=ca.Function("memory_start", [theta], [starts]),
+        timing=ca.Function("timing", [theta], timing),
         compliance=ca.Function("compliance", [theta], [ca.densify(compliance)]),
         string_weight=ca.Function("string_weight", [theta], [-STANDARD_GRAVITY * string.mass * up]),
         string_mass=ca.Function("string_mass", [theta], [string.mass]),
@@ -118,7 +144,7 @@ def compose(effects: Sequence[Effect]) -> Composition:
         heavy=not string.mass.is_zero(),
         yields=not compliance.is_zero(),
         crosses=not load.transverse.is_zero(),
-        trails=not gripper.lag.is_zero(),
+        gripper_lag=None if gripper.lag.is_zero() else ca.Function("gripper_lag", [theta], [gripper.lag]),
     )
 
 
@@ -131,7 +157,7 @@ def quasi_static(composition: Composition, *, trailing: bool) -> tuple[ca.Functi
     Returns:
         ``(t, x, v, z, phi, theta) -> (3,)`` and ``(t, phi, theta) -> ()``, as in `Composition`.
     """
-    trailing = trailing and composition.trails
+    trailing = trailing and composition.gripper_lag is not None
     if not (composition.yields or trailing):
         return composition.attachment, composition.length
     t, x, v, z, phi = (ca.SX.sym(s) for s in ("t", "x", "v", "z", "phi"))

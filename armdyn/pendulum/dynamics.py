@@ -14,72 +14,56 @@ mass is pulled at its upper end by all of it, m_s [e . (g - g'') / 2 + l phi'^2 
 """
 
 from dataclasses import dataclass
-from typing import Literal
 
 import casadi as ca
 import numpy as np
 
 from armdyn.pendulum import transverse
-from armdyn.pendulum.composition import STANDARD_GRAVITY, Composition, direction, quasi_static
+from armdyn.pendulum.composition import Composition, direction, quasi_static
 from armdyn.pendulum.physics import Expression
 from armdyn.pendulum.yielding import slow_manifold
+from armdyn.physics.simulate import System
 
 STATE_SIZE = 2
 INPUTS = ("t", "x", "v", "a", "z", "vz", "az")
 INPUT_SIZE = len(INPUTS)
-TensionFormula = Literal["exact", "printed"]
 OUTPUTS = ("load_force", "swing_angle", "swing_rate")
 
 
-@dataclass(frozen=True)
-class Dynamics:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Dynamics(System):
     """Functions of state s = (phi, P), input w = (t, x, v, a, z, vz, az) and parameters theta.
 
     The gripper moves along its line with x, v, a and, where its height is measured, up and down with z, vz, az. Where
-    the load also swings across the line, s ends in the three moments of `transverse`; where something yields, w ends in
-    the gripper's jerk and the output in an impulse, kg m/s, whose time derivative adds to the force.
+    the load also swings across the line, s goes on with the three moments of `transverse`; last come the states that
+    effects bring. Where something yields, w ends in the gripper's jerk and the output in an impulse, kg m/s, whose time
+    derivative adds to the force.
+
+    `initial` takes phi and p = P/M, the swing rate seen from rest in space: phi' = p + (v/l) cos(phi). A load at rest
+    has p = 0 whatever the gripper does.
 
     Attributes:
-        names: parameters in the order of theta.
-        states: size of s.
-        inputs: size of w.
-        yields: whether the output has a fourth row.
-        derivative: ``(s, w, theta) -> (states,)``.
-        output: ``(s, w, theta) -> (3,)`` load_force N, swing_angle rad, swing_rate rad/s, and the impulse.
         tension: ``(s, w, theta) -> ()`` N, before the sensor.
-        initial: ``(phi, p, w, theta) -> s`` where p = P/M is the swing rate seen from rest in space:
-            phi' = p + (v/l) cos(phi). A load at rest has p = 0 whatever the gripper does.
         rate: ``(s, w, theta) -> ()`` phi', rad/s.
         energy: ``(s, w, theta) -> ()`` kinetic + potential, J.
         load_position: ``(s, w, theta) -> (3,)`` m.
         timing: see `Composition`.
     """
 
-    names: tuple[str, ...]
-    states: int
-    inputs: int
-    yields: bool
-    derivative: ca.Function
-    output: ca.Function
     tension: ca.Function
-    initial: ca.Function
     rate: ca.Function
     energy: ca.Function
     load_position: ca.Function
     timing: ca.Function
 
 
-def derive_dynamics(
-    composition: Composition, tension_formula: TensionFormula = "exact", *, planar: bool = False
-) -> Dynamics:
+def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynamics:
     """Equations of motion, readings and tension of a composition.
 
     Args:
         composition: the pendulum with its effects.
-        tension_formula: ``"exact"``, or ``"printed"`` for the formula in the paper,
-            m g cos(phi) - m l phi'^2 - u sin(phi), which has two wrong signs and one mass missing. It is kept so that
-            a comparison can show how it fails; the equations of motion are right in both cases.
-        planar: for control: two states, seven inputs; lag and compliance to first order, no swing across the line.
+        planar: for control: two states, seven inputs; lag and compliance to first order, no swing across the line, and
+            what effects remember stays as it is at the start of a run.
     """
     yields, crosses = composition.yields and not planar, composition.crosses and not planar
     attachment, string = composition.attachment, composition.length
@@ -91,6 +75,7 @@ def derive_dynamics(
     jerk = ca.SX.sym("jerk")
     phi, rate, momentum = ca.SX.sym("phi"), ca.SX.sym("rate"), ca.SX.sym("P")
     moments = ca.SX.sym("moments", transverse.MOMENTS)
+    memory = composition.memory_start(theta) if planar else ca.SX.sym("memory", composition.remembers)
     stretch, stretching, give, giving = (ca.SX.sym(s) for s in ("d", "dd", "e", "de"))
 
     def along_motion(expression: Expression, rate_of_rate: Expression = None) -> Expression:
@@ -117,7 +102,7 @@ def derive_dynamics(
     mechanics = (t, q, qd, g, gd, phi, rate, theta)
     kinetic, potential = composition.energies(*mechanics)
     lagrangian = kinetic - potential
-    force, torque = composition.forces(*mechanics)
+    force, torque = composition.forces(*mechanics, memory)
 
     def on_string(expression: Expression) -> Expression:
         """At the string's length: rigid, or still to be filled in where it yields or is seen askew."""
@@ -156,9 +141,11 @@ def derive_dynamics(
         across = transverse.shortening(moments, length)
         displaced[stretch] += across.stretch
         displaced[stretching] += across.stretching
-    if tension_formula == "printed":
-        tension = mass * STANDARD_GRAVITY * ca.cos(phi) - mass * length * rate**2 - a * ca.sin(phi)
-    reading = ca.vertcat(*composition.readings(t, tension, phi, rate, theta), impulse)
+    tension = composition.tension(tension, phi, rate, a, length, theta)
+    if composition.remembers and not planar:
+        s.append(memory)
+        extra = ca.vertcat(extra, composition.memory_rates(*mechanics, memory, tension))
+    reading = ca.vertcat(*composition.readings(t, tension, phi, rate, theta, memory), impulse)
 
     state, given = ca.vertcat(*s), ca.vertcat(*w)
 
@@ -174,11 +161,16 @@ def derive_dynamics(
     if crosses:
         start.append(composition.transverse(theta) * length**2)
         start[1] = ca.substitute(start[1], moments, start[2])
+    if composition.remembers and not planar:
+        start.append(composition.memory_start(theta))
     return Dynamics(
         names=composition.names,
         states=state.numel(),
+        starts=STATE_SIZE,
         inputs=given.numel(),
-        yields=yields,
+        outputs=OUTPUTS,
+        impulse_adds_to="load_force" if yields else None,
+        input_lag=composition.gripper_lag,
         derivative=function("derivative", ca.vertcat(rate, P_dot, extra)),
         output=function("output", reading),
         tension=function("tension", tension),

@@ -1,4 +1,4 @@
-"""The symbolic physics of a load on a string, stage by stage: gripper, string, load, sensor.
+"""The symbolic physics of a load on a string, stage by stage: gripper, string, load, tension, sensor.
 
 Each stage is an immutable bundle of CasADi expressions; an effect takes one and returns a changed one.
 Vectors are (3,) in the frame of the line: x along it, y across it, z up. The angle is 0 hanging, and the
@@ -6,12 +6,17 @@ load is at x = -l sin(angle): a positive angle puts it on the negative side.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
 
 import casadi as ca
 
-Expression: TypeAlias = Any  # a casadi.SX, which carries no type information
+from armdyn.physics.definition import Expression, Stage
 
+__all__ = [
+    "STANDARD_GRAVITY", "Expression", "Gripper", "Load", "Sensor", "Stage", "String", "Tension", "smooth_sign", "speed",
+]  # fmt: skip
+
+STANDARD_GRAVITY = 9.81
+"""m/s^2."""
 SPEED_FLOOR = 1e-9
 """m/s added in quadrature to the speed, so that its derivative exists at rest."""
 
@@ -22,7 +27,7 @@ def smooth_sign(rate: Expression, width: float) -> Expression:
 
 
 @dataclass(frozen=True)
-class Gripper:
+class Gripper(Stage):
     """The string's upper end.
 
     Attributes:
@@ -65,7 +70,7 @@ class Gripper:
 
 
 @dataclass(frozen=True)
-class String:
+class String(Stage):
     """What connects gripper and load.
 
     Attributes:
@@ -106,7 +111,7 @@ class String:
 
 
 @dataclass(frozen=True)
-class Load:
+class Load(Stage):
     """What hangs on the string.
 
     Attributes:
@@ -151,7 +156,32 @@ class Load:
 
 
 @dataclass(frozen=True)
-class Sensor:
+class Tension(Stage):
+    """The string's pull, which follows from the equations of motion.
+
+    Attributes:
+        value: N.
+        angle: rad.
+        rate: rad/s.
+        mass: of the load, kg.
+        length: of the string, m.
+        acceleration: of the gripper along its line, m/s^2.
+    """
+
+    value: Expression
+    angle: Expression
+    rate: Expression
+    mass: Expression
+    length: Expression
+    acceleration: Expression
+
+    def with_value(self, value: Expression) -> "Tension":
+        """Another formula, N."""
+        return replace(self, value=value)
+
+
+@dataclass(frozen=True)
+class Sensor(Stage):
     """What is measured.
 
     Attributes:

@@ -6,11 +6,10 @@ from functools import lru_cache
 import numpy as np
 
 from armdyn.pendulum.dynamics import OUTPUTS
-from armdyn.pendulum.path import GripperPath, fixed_path, grid_size, smoothed_path
+from armdyn.pendulum.path import GripperPath, fixed_path, smoothed_path
+from armdyn.physics.motion import grid_size
+from armdyn.physics.recorded import COARSEST_GRID, FINEST_GRID
 from armdyn.run import Run
-
-FINEST_GRID, COARSEST_GRID = 0.005, 0.01
-"""s; at 0.01 s a Runge-Kutta step of a 0.15 m pendulum is exact to 1e-7."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ derivative with respect to the start vanishes by symmetry.
 
 import numpy as np
 
-from armdyn.pendulum.composition import STANDARD_GRAVITY
+from armdyn.pendulum.physics import STANDARD_GRAVITY
 
 AMPLITUDES = (0.06, 0.2, 0.45, 0.8, 1.2, 1.7, 2.3, 2.8, 3.05)
 """rad; neighbours are so far apart as a few Gauss-Newton steps over one period bridge."""

@@ -7,8 +7,9 @@ from typing import TypeAlias
 import numpy as np
 from scipy.signal import lfilter
 
-from armdyn.pendulum.path import GripperPath, halfway, jerk
-from armdyn.pendulum.readout import lag_coefficients
+from armdyn.pendulum.path import GripperPath, jerk
+from armdyn.physics.motion import halfway
+from armdyn.physics.readout import lag_coefficients
 
 _Signals: TypeAlias = tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]
 
@@ -37,6 +38,14 @@ class TrailingPath:
     def dt(self) -> float:
         """Grid step, s."""
         return self.measured.dt
+
+    def rows(self, *, with_jerk: bool) -> tuple[np.ndarray, np.ndarray]:
+        """As of `GripperPath`, followed by their derivatives with respect to the lag."""
+        parts = [self.inputs, *([self.jerk] if with_jerk else ()), self.inputs_by_lag]
+        if with_jerk:
+            parts.append(self.jerk_by_lag)
+        nodes, middle = zip(*parts, strict=True)
+        return np.vstack(nodes), np.vstack(middle)
 
     @property
     def inputs(self) -> tuple[np.ndarray, np.ndarray]:

@@ -51,7 +51,7 @@ class VariationalStep:
 def derive_variational(composition: Composition) -> VariationalStep:
     """The integrator and its exact first and second derivatives.
 
-    Compliance enters to first order (`quasi_static`); a swing across the line is left out.
+    Compliance enters to first order (`quasi_static`); a swing across the line and states of effects are left out.
     """
     theta = ca.SX.sym("theta", len(composition.names))
     s, u, t, dt = ca.SX.sym("s", STATE_SIZE), ca.SX.sym("u"), ca.SX.sym("t"), ca.SX.sym("dt")
@@ -75,7 +75,7 @@ def derive_variational(composition: Composition) -> VariationalStep:
             time, middle, (q1 - q0) / dt, (g0 + g1) / 2, (g1 - g0) / dt, angle, (phi1 - phi0) / dt, theta,
         )  # fmt: skip
         kinetic, potential = composition.energies(*mechanics)
-        force, torque = composition.forces(*mechanics)
+        force, torque = composition.forces(*mechanics, composition.memory_start(theta))
         displaced = ca.vertcat(middle, angle)
         return dt * (kinetic - potential), displaced, dt * ca.vertcat(force, torque)
 

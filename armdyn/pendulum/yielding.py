@@ -18,8 +18,8 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from armdyn.pendulum.composition import STANDARD_GRAVITY, Composition
-from armdyn.pendulum.physics import Expression
+from armdyn.pendulum.composition import Composition
+from armdyn.pendulum.physics import STANDARD_GRAVITY, Expression
 
 
 class Yielding(NamedTuple):

@@ -73,15 +73,14 @@ class Inputs(NamedTuple):
         Raises:
             InputError: something cannot be used.
         """
-        from armdyn.effects.catalogue import CATALOGUE
-        from armdyn.effects.user import load_effects
+        from armdyn.effects.user import available, load_effects
         from armdyn.identify.study import Study
         from armdyn.model_file import read_model_file
         from armdyn.run import read_run
 
-        own = load_effects(self.effects) if self.effects is not None else ()
+        own = load_effects(self.effects, stages=None) if self.effects is not None else ()
         file = read_model_file(self.model, own)
-        catalogue = tuple(e for e in (*CATALOGUE.values(), *own) if e.acts_on in file.model.stages)
+        catalogue = available(file.model, own, self.effects)
         runs, held_out, exam = (
             [read_run(path) for path in paths or ()] for paths in (self.runs, self.held_out, self.exam)
         )

@@ -4,11 +4,27 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+import typer.core
 
 from pipeline.commands.identify import EffectsOption
 from pipeline.commands.output import JsonOption, check_outputs, to_screen, write_json
 
-commands = typer.Typer(help="Make a base model.", no_args_is_help=True)
+
+class _Bases(typer.core.TyperGroup):
+    """The group of bases, in which ``--base FILE.py`` stands for one of the user's own."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        own = any(arg.partition("=")[0] == "--base" for arg in args)
+        return super().parse_args(ctx, ["own", *args] if own else args)
+
+
+commands = typer.Typer(
+    help="Make a base model; --base FILE.py M.toml for a base of your own.", no_args_is_help=True, cls=_Bases
+)
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option("--set", help='What is known: mass="80 g +/- 0.4 g"; without +/- a first guess.'),
+]
 
 
 def register(app: typer.Typer) -> None:
@@ -20,29 +36,27 @@ def register(app: typer.Typer) -> None:
 @commands.command()
 def pendulum(
     model: Annotated[Path, typer.Argument(metavar="M.toml", help="File to write.")],
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", help='What is known: mass="80 g +/- 0.4 g"; without +/- a first guess.'),
-    ] = None,
+    settings: SetOption = None,
     json_file: JsonOption = None,
 ) -> None:
     """A load on a string below a moving gripper: length and mass."""
-    from armdyn.errors import InputError
-    from armdyn.model_file import ModelFile, base_pendulum, write_model_file
+    from armdyn.model_file import ModelFile, base_pendulum
 
-    known: dict[str, str] = {}
-    for setting in settings or ():
-        name, equals, text = setting.partition("=")
-        if not equals or not text.strip():
-            raise InputError(f'--set {setting}: write it as --set mass="80 g +/- 0.4 g"')
-        if name.strip() in known:
-            raise InputError(f"--set {setting}: '{name.strip()}' is set twice: give it once")
-        known[name.strip()] = text
-    check_outputs(model, json_file)
-    file = ModelFile(base_pendulum(known), {})
-    _check_target(model)
-    write_model_file(model, file)
-    _say(model, file, json_file)
+    _write(model, ModelFile(base_pendulum(_known(settings)), {}), json_file)
+
+
+@commands.command(name="own", hidden=True)
+def own_base(
+    model: Annotated[Path, typer.Argument(metavar="M.toml", help="File to write.")],
+    base: Annotated[Path, typer.Option("--base", help="Python file with a base of your own.")],
+    settings: SetOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """A base of your own, from a Python file that defines it with @physics."""
+    from armdyn.model_file import ModelFile, with_known
+    from armdyn.physics.user import load_base
+
+    _write(model, ModelFile(with_known(load_base(base), _known(settings)), {}), json_file)
 
 
 @commands.command()
@@ -59,21 +73,45 @@ def arm(
     """The rigid bodies of any URDF, held against joint torques."""
     from armdyn.arm.model import arm_model
     from armdyn.errors import InputError
-    from armdyn.model_file import ModelFile, write_model_file
+    from armdyn.model_file import ModelFile
 
     if (urdf is None) == (robot is None):
         raise InputError("an arm needs either --urdf FILE or --robot baxter")
-    check_outputs(model, json_file)
     names = [name.strip() for name in joints.split(",") if name.strip()] if joints is not None else None
     made = arm_model(urdf, robot, names, tool=tool)
     description: dict[str, Any] = {"robot": robot} if robot is not None else {"urdf": str(Path(str(urdf)).resolve())}
     description["joints"] = list(made.joints)
     if tool is not None:
         description["tool"] = tool
-    file = ModelFile(made, description)
-    _check_target(model)
-    write_model_file(model, file)
-    _say(model, file, json_file)
+    _write(model, ModelFile(made, description), json_file)
+
+
+def _known(settings: list[str] | None) -> dict[str, str]:
+    """What ``--set`` says, by parameter.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    from armdyn.errors import InputError
+
+    known: dict[str, str] = {}
+    for setting in settings or ():
+        name, equals, text = setting.partition("=")
+        if not equals or not text.strip():
+            raise InputError(f'--set {setting}: write it as --set mass="80 g +/- 0.4 g"')
+        if name.strip() in known:
+            raise InputError(f"--set {setting}: '{name.strip()}' is set twice: give it once")
+        known[name.strip()] = text
+    return known
+
+
+def _write(path: Path, file: Any, json_file: Path | None) -> None:
+    from armdyn.model_file import write_model_file
+
+    check_outputs(path, json_file)
+    _check_target(path)
+    write_model_file(path, file)
+    _say(path, file, json_file)
 
 
 def _say(path: Path, file: Any, json_file: Path | None) -> None:
@@ -113,8 +151,8 @@ def _check_target(model: Path) -> None:
 
 def effects(effects_file: EffectsOption = None, json_file: JsonOption = None) -> None:
     """Show the physical effects that a model can have, with their parameters."""
-    from armdyn.effects.catalogue import CATALOGUE
-    from armdyn.effects.effect import STAGES, Effect
+    from armdyn.effects.catalogue import CATALOGUE, STAGES
+    from armdyn.effects.effect import Effect
     from armdyn.effects.user import load_effects
 
     known = (*CATALOGUE.values(), *(load_effects(effects_file) if effects_file is not None else ()))

@@ -9,12 +9,12 @@ from hidden_effects.arm import REALISTIC, generate, true_parameters
 
 from armdyn.arm.inertia import is_physical
 from armdyn.arm.model import arm_model
-from armdyn.arm.overlap import imitated_share
 from armdyn.effects.catalogue import find
 from armdyn.errors import InputError
 from armdyn.run import Channel, Run
 
 from .conftest import JOINT_EFFECTS, chi2_per_sample, fitted, residuals
+from .overlap import imitated_share
 
 
 @pytest.fixture(scope="module")

@@ -141,8 +141,10 @@ def test_a_pendulum_refuses_effects_on_joints():
 
 
 def test_joints_in_a_name_are_for_effects_on_joints():
+    from armdyn.pendulum.model import pendulum_model
+
     with pytest.raises(InputError, match="leave out ':right_s0'"):
-        find("linear_drag:right_s0")
+        pendulum_model(0.4, 0.1).with_effect(find("linear_drag:right_s0"))
 
 
 def test_typical_sizes_grow_with_the_effort_of_the_joint(baxter):

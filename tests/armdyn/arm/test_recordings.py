@@ -5,11 +5,11 @@ import pytest
 
 from armdyn.arm.inertia import is_physical
 from armdyn.arm.model import arm_model
-from armdyn.arm.overlap import imitated_share
 from armdyn.effects.catalogue import find
 from armdyn.run import read_run
 
 from .conftest import RECORDINGS, fitted, total_rmse
+from .overlap import imitated_share
 
 pytestmark = pytest.mark.skipif(not RECORDINGS.is_dir(), reason="the recordings are not there")
 

@@ -7,7 +7,6 @@ import urdf
 from armdyn.arm.inertia import inertial_parameters, is_physical, pseudo_inertia, shape
 from armdyn.arm.motion import Motion
 from armdyn.arm.rigid import (
-    base_parameters,
     described_parameters,
     gravity_regressor,
     inverse_dynamics,
@@ -67,14 +66,6 @@ def test_torques_under_another_gravity_are_those_of_mujoco(baxter):
     assert inverse_dynamics(other, motion) == pytest.approx(theirs, abs=1e-9)
 
 
-def test_base_parameters_give_the_same_torques(baxter):
-    model = baxter.arm.model
-    found = base_parameters(model)
-    regressor = torque_regressor(model, random_motion(100, seed=3)).reshape(-1, 70)
-    reduced = regressor[:, found.independent]
-    assert reduced @ found.combination == pytest.approx(regressor, abs=1e-8 * np.abs(regressor).max())
-
-
 @pytest.mark.parametrize(
     ("joints", "count"),
     [
@@ -86,7 +77,10 @@ def test_base_parameters_give_the_same_torques(baxter):
 def test_base_parameters_are_as_many_as_by_hand(tmp_path, joints, count):
     path = tmp_path / "arm.urdf"
     path.write_text(urdfs.chain(joints))
-    assert len(base_parameters(urdf.load(path).model).independent) == count
+    model, rng = urdf.load(path).model, np.random.default_rng(0)
+    q, v, a = rng.standard_normal((3, 50, model.nv))
+    regressor = torque_regressor(model, Motion(np.arange(50.0), q, v, a, np.sign(v)))
+    assert np.linalg.matrix_rank(regressor.reshape(-1, 10 * model.nv), tol=1e-9 * np.abs(regressor).max()) == count
 
 
 def test_pseudo_inertia_gives_back_the_inertial_parameters():

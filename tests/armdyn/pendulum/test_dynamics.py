@@ -5,10 +5,11 @@ from derivatives import assert_jacobian
 from scipy.integrate import solve_ivp
 
 from armdyn.effects.catalogue import CATALOGUE
+from armdyn.effects.tension import printed_tension
 from armdyn.pendulum.composition import compose
 from armdyn.pendulum.dynamics import derive_dynamics
 from armdyn.pendulum.path import GripperPath
-from armdyn.pendulum.simulate import Simulator
+from armdyn.physics.simulate import Simulator
 
 LENGTH, MASS, G = 0.368, 0.1, 9.81
 THETA = np.array([LENGTH, MASS])
@@ -47,7 +48,7 @@ def test_tension_is_the_textbook_formula_and_not_the_printed_one(dynamics):
     at = np.array([0, 0, 0, u, 0, 0, 0])
     right = MASS * (G * np.cos(phi) + LENGTH * rate**2 + u * np.sin(phi))
     assert float(dynamics.tension(state, at, THETA)) == pytest.approx(right, rel=1e-13)
-    printed = derive_dynamics(compose([]), "printed")
+    printed = derive_dynamics(compose([printed_tension]))
     wrong = MASS * G * np.cos(phi) - MASS * LENGTH * rate**2 - u * np.sin(phi)
     assert float(printed.tension(state, at, THETA)) == pytest.approx(wrong, rel=1e-13)
     assert np.allclose(np.array(printed.derivative(state, at, THETA)), np.array(dynamics.derivative(state, at, THETA)))

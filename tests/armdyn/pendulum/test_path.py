@@ -3,7 +3,8 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from armdyn.errors import InputError
-from armdyn.pendulum.path import GripperPath, GrowingPath, differentiated, smoothed_path
+from armdyn.pendulum.path import GripperPath, GrowingPath, smoothed_path
+from armdyn.physics.motion import differentiated
 
 DT = 0.01
 TIME = np.arange(0.0, 10.0, DT)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from armdyn.pendulum.readout import lagged, sampled
+from armdyn.physics.readout import lagged, sampled
 
 DT = 0.01
 TIME = np.arange(0.0, 4.0, DT)

@@ -1,11 +1,10 @@
 """A swing misses for a hidden effect; the recording of that trial says why; the next swing lands."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from armdyn.effects.catalogue import CATALOGUE
+from armdyn.effects.tension import printed_tension
 from armdyn.identify.compare import compare
 from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
@@ -82,7 +81,7 @@ def test_a_load_in_wind_rests_where_the_wind_holds_it():
 
 def test_the_printed_tension_fails_and_the_comparison_says_where(tmp_path):
     run_trial(TrialSettings(out=tmp_path))
-    model = replace(read_model(tmp_path / "model.toml"), tension="printed")
+    model = read_model(tmp_path / "model.toml").with_effect(printed_tension)
     found = compare(Study(model, [read_run(tmp_path / "trial.csv")], [], PENDULUM))
     assert found.fit.chi2_per_sample > 100.0
     assert found.correction is not None

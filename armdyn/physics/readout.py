@@ -1,7 +1,13 @@
 """From the grid of the simulation to the samples of a sensor: lag, dead time, interpolation; with exact derivatives."""
 
+from collections.abc import Iterable
+
+import casadi as ca
 import numpy as np
 from scipy.signal import lfilter
+
+from armdyn.physics.definition import Expression
+from armdyn.physics.recorded import Path
 
 
 def lagged(values: np.ndarray, time_constant: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
@@ -89,3 +95,52 @@ def differentiated_columns(values: np.ndarray, dt: float) -> np.ndarray:
     slope[:2] = edge @ values[:5]
     slope[:-3:-1] = -edge @ values[:-6:-1]
     return slope
+
+
+class SensorChain:
+    """Lag, dead time and sampling of each output of a simulation, with exact derivatives.
+
+    Args:
+        outputs: names in the order of the rows of `timing`.
+        timing: (outputs, 2) lag and delay, s, as expressions of `theta`.
+        theta: (p,) symbols.
+    """
+
+    def __init__(self, outputs: Iterable[str], timing: Expression, theta: Expression) -> None:
+        self._rows = {name: i for i, name in enumerate(outputs)}
+        flat = ca.reshape(ca.densify(timing), -1, 1)
+        self._timing = ca.Function("timing", [theta], [flat, ca.densify(ca.jacobian(flat, theta))])
+        self._depends = [_dependent(flat[i], theta) for i in range(flat.numel())]
+        self._there = [not flat[i].is_zero() for i in range(flat.numel())]
+
+    def read(self, output: str, signal: np.ndarray, time: np.ndarray, path: Path, theta: np.ndarray) -> np.ndarray:
+        """What a sensor says at the times of its samples.
+
+        Args:
+            output: its name.
+            signal: (K, 1 + m) on the grid of `path`: the quantity and its derivatives, those by theta first.
+            time: (n,) s.
+            path: with `start` and `dt` of the grid.
+            theta: (p,).
+
+        Returns:
+            (n, 1 + m).
+        """
+        at = self._rows[output], self._rows[output] + len(self._rows)
+        lagging, late = (self._there[i] for i in at)
+        if not (lagging or late):
+            return sampled(signal, (time - path.start) / path.dt)[0]
+        timing, derivative = (np.asarray(a) for a in self._timing(theta))
+        lag, delay = (float(timing[i, 0]) for i in at)
+        if lagging:
+            signal, per_lag = lagged(signal, lag, path.dt)
+            for column in self._depends[at[0]]:
+                signal[:, 1 + column] += per_lag * derivative[at[0], column]
+        block, per_step = sampled(signal, (time - delay - path.start) / path.dt)
+        for column in self._depends[at[1]]:
+            block[:, 1 + column] -= per_step / path.dt * derivative[at[1], column]
+        return block
+
+
+def _dependent(expression: Expression, theta: Expression) -> tuple[int, ...]:
+    return tuple(i for i, depends in enumerate(ca.which_depends(expression, theta, 1, False)) if depends)

@@ -1,0 +1,300 @@
+"""The definition of a physics: states, equations, inputs, outputs, and where effects may act.
+
+```python
+@physics(
+    "spring",
+    summary="A mass on a spring.",
+    source="Goldstein, Classical Mechanics, 3rd ed., §6.1",
+    parameters=(constant("stiffness", "N/m", 10.0, lower=0.0), constant("mass", "kg", 1.0, lower=1e-3)),
+    states=(state("position", "m", typical=0.1), state("speed", "m/s", typical=0.3)),
+    outputs={"q.mass": "m"},
+)
+def spring(at: Moment) -> Equations:
+    slider = at.stage("slider", Slider(at["position"], at["speed"], force=0))  # effects act here
+    force = slider.force - at["stiffness"] * at["position"]
+    return Equations(
+        rates={"position": at["speed"], "speed": force / at["mass"]},
+        outputs={"q.mass": at["position"]},
+    )
+```
+
+A stage is any frozen dataclass that inherits `Stage`; its name, and the joints on which it occurs, are those with which
+the equations ask for it. All expressions are CasADi's, so that every derivative is exact.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import inf
+from types import MappingProxyType
+from typing import Any, NamedTuple, Self, TypeAlias, TypeVar
+
+import casadi as ca
+
+from armdyn.channels import channel_units
+from armdyn.effects.effect import Effect
+from armdyn.errors import InputError, UnknownNameError
+from armdyn.parameter import Parameter
+
+Expression: TypeAlias = Any  # a casadi.SX, which carries no type information
+
+
+class Memory(NamedTuple):
+    """A state that an effect brings.
+
+    Attributes:
+        symbol: the state.
+        rate: its time derivative.
+        start: its value at the start of a run.
+    """
+
+    symbol: Expression
+    rate: Expression
+    start: Expression
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Where effects may act: an immutable bundle of expressions; an effect takes one and returns a changed one.
+
+    Attributes:
+        memory: states that effects have brought.
+    """
+
+    memory: tuple[Memory, ...] = field(default=(), kw_only=True)
+
+    def with_state(self, rate: Callable[[Expression], Expression], start: Expression = 0) -> tuple[Self, Expression]:
+        """The stage with one state more, such as a bristle's deflection, and the state.
+
+        Args:
+            rate: from the state to its time derivative.
+            start: its value at the start of a run.
+        """
+        symbol = ca.SX.sym("memory")
+        return replace(self, memory=(*self.memory, Memory(symbol, rate(symbol), ca.SX(start)))), symbol
+
+
+S = TypeVar("S", bound=Stage)
+
+
+@dataclass(frozen=True)
+class Reading(Stage):
+    """What a sensor says of a quantity; return it among the outputs to give the quantity a lag and a delay.
+
+    Attributes:
+        value: in the channel's unit.
+        lag: first-order time constant, s.
+        delay: how late it is, s.
+    """
+
+    value: Expression
+    lag: Expression = 0
+    delay: Expression = 0
+
+    def with_value(self, value: Expression) -> Self:
+        """Let the sensor say `value`."""
+        return replace(self, value=value)
+
+    def with_lag(self, time_constant: Expression) -> Self:
+        """Let the reading pass a first-order lag, s; `time_constant` depends on parameters only."""
+        return replace(self, lag=self.lag + time_constant)
+
+    def with_delay(self, time: Expression) -> Self:
+        """Let the reading arrive late, s; `time` depends on parameters only."""
+        return replace(self, delay=self.delay + time)
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A recorded input.
+
+    Attributes:
+        value: in the channel's unit.
+        rate: per second.
+        acceleration: per second squared.
+    """
+
+    value: Expression
+    rate: Expression
+    acceleration: Expression
+
+
+@dataclass(frozen=True)
+class Equations:
+    """What a physics says of one moment.
+
+    Attributes:
+        rates: time derivative of every state, by name.
+        outputs: what is measured, by channel.
+        against: what a residual is held against, with its unit; states and inputs where it is not given. For a channel
+            ``"q.<joint>"`` only names that end in the joint are looked at.
+    """
+
+    rates: Mapping[str, Expression]
+    outputs: Mapping[str, "Expression | Reading"]
+    against: Mapping[str, tuple[Expression, str]] = field(default_factory=dict)
+
+
+class Moment:
+    """What the equations are given: the time, and by name parameters, states and inputs.
+
+    Args:
+        time: s since the start of the run.
+        values: of parameters and states, by name.
+        inputs: by channel.
+        effects: that act, in their order.
+        by_name: values of the effects' parameters.
+    """
+
+    def __init__(
+        self,
+        time: Expression,
+        values: Mapping[str, Expression],
+        inputs: Mapping[str, Signal],
+        effects: Sequence[Effect],
+        by_name: Mapping[str, Expression],
+    ) -> None:
+        self.time = time
+        self.memory: list[Memory] = []
+        self.stages: dict[str, list[str]] = {}
+        self._values, self._inputs, self._effects, self._by_name = values, inputs, effects, by_name
+
+    def __getitem__(self, name: str) -> Expression:
+        """A parameter or a state."""
+        if name not in self._values:
+            raise UnknownNameError("parameter or state", name, self._values)
+        return self._values[name]
+
+    def input(self, channel: str) -> Signal:
+        """A recorded input."""
+        if channel not in self._inputs:
+            raise UnknownNameError("input", channel, self._inputs)
+        return self._inputs[channel]
+
+    def stage(self, name: str, stage: S, joint: str = "") -> S:
+        """The stage after the effects that act on it.
+
+        Args:
+            name: what effects call it in `acts_on`.
+            stage: without any effect.
+            joint: which of several it is, ``""`` where there is one only.
+        """
+        self.stages.setdefault(name, []).append(joint)
+        for effect in self._effects:
+            if effect.acts_on == name and (joint in effect.joints or not effect.joints):
+                tail = f"[{joint}]" if joint else ""
+                names = {f"{effect.name}.{short}": f"{effect.name}.{short}{tail}" for short in effect.quantities}
+                if all(name in self._by_name for name in names.values()):  # it may change nothing on other joints
+                    stage = effect.apply(stage, {key: self._by_name[name] for key, name in names.items()})
+        self.memory += stage.memory
+        return stage
+
+
+@dataclass(frozen=True, eq=False)
+class Physics:
+    """A physics: what is its own.
+
+    Attributes:
+        name: for a person and in answers.
+        summary: one sentence.
+        source: where the equations come from.
+        parameters: of all runs.
+        states: by name, what each is at the start of a run, one parameter per run; none where all is algebra.
+        inputs: channels that must be recorded, with their units.
+        outputs: channels that are predicted, with their units.
+        equations: from a moment to what holds there.
+        period: s; about one swing: how much of a run tells how its motion began.
+        step: s; longest step of the integration.
+    """
+
+    name: str
+    summary: str
+    source: str
+    parameters: tuple[Parameter, ...]
+    states: Mapping[str, Parameter]
+    inputs: Mapping[str, str]
+    outputs: Mapping[str, str]
+    equations: Callable[[Moment], Equations]
+    period: float
+    step: float
+
+
+def physics(
+    name: str,
+    *,
+    summary: str,
+    source: str,
+    parameters: Sequence[Parameter],
+    states: Sequence[Parameter],
+    outputs: Mapping[str, str],
+    inputs: Mapping[str, str] = MappingProxyType({}),
+    period: float = 1.0,
+    step: float = 0.01,
+) -> Callable[[Callable[[Moment], Equations]], Physics]:
+    """Make a `Physics` of a function from a `Moment` to its `Equations`; see `Physics` and the head of this file.
+
+    Raises:
+        InputError: a channel is unknown or has another unit, a name is used twice, or there is nothing to fit.
+    """
+    if not parameters or not outputs:
+        raise InputError(f"physics '{name}': declare a parameter and an output at least")
+    for channel, unit in (*inputs.items(), *outputs.items()):
+        if unit not in channel_units(channel, "channel"):
+            raise InputError(f"physics '{name}': {channel} is in {' or '.join(channel_units(channel))}, not in {unit}")
+    names = [p.name for p in (*parameters, *states)]
+    if twice := {n for n in names if names.count(n) > 1 or "." in n}:
+        raise InputError(f"physics '{name}': give '{min(twice)}' a name without a dot that is used only once")
+    by_name = {p.name.removeprefix(_START): p for p in states}
+
+    def make(function: Callable[[Moment], Equations]) -> Physics:
+        return Physics(
+            name, summary, source, tuple(parameters), by_name, dict(inputs), dict(outputs), function, period, step
+        )
+
+    return make
+
+
+_START = "initial_"
+
+
+def constant(
+    name: str,
+    unit: str,
+    value: float,
+    *,
+    typical: float | None = None,
+    lower: float = -inf,
+    upper: float = inf,
+    summary: str = "",
+) -> Parameter:
+    """Declare a parameter of a physics.
+
+    Args:
+        name: without a dot.
+        unit: SI unit as text.
+        value: first guess.
+        typical: a realistic size; the first guess where it is not given.
+        lower: smallest physical value.
+        upper: largest physical value.
+        summary: one phrase on what the number is.
+    """
+    size = abs(value) if typical is None else typical
+    if not size > 0:
+        raise InputError(f"parameter '{name}': give a typical size, above 0")
+    return Parameter(name, unit, value, size, null=value, lower=lower, upper=upper, source=summary)
+
+
+def state(
+    name: str, unit: str, *, typical: float, start: float = 0.0, lower: float = -inf, upper: float = inf
+) -> Parameter:
+    """Declare a state of a physics; its value at the start of a run is fitted to every run.
+
+    Args:
+        name: without a dot.
+        unit: SI unit as text.
+        typical: a realistic size.
+        start: first guess of the value at the start of a run.
+        lower: smallest physical value at the start.
+        upper: largest physical value at the start.
+    """
+    summary = f"{name} at the start of a run"
+    return Parameter(f"{_START}{name}", unit, start, typical, start, None, lower, upper, None, "per_run", True, summary)

@@ -1,0 +1,135 @@
+"""A physics with any effects, as the functions that the simulator and the sensors need."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+
+from armdyn.effects.catalogue import CATALOGUE
+from armdyn.effects.effect import Effect
+from armdyn.errors import InputError, UnknownNameError
+from armdyn.physics.definition import Equations, Expression, Moment, Physics, Reading, Signal
+from armdyn.physics.readout import SensorChain
+from armdyn.physics.simulate import System
+
+MOTION = 3
+"""Value, rate and acceleration of every input."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Formulation(System):
+    """What is derived once per set of effects.
+
+    The states are those of the physics, which also say how the motion begins, then those that effects bring. The inputs
+    are the time, then value, rate and acceleration of each recorded channel.
+
+    Attributes:
+        against: ``(s, w, theta) -> (n,)`` what a residual is held against.
+        against_units: its names, with their units.
+        chain: lag and delay of the outputs.
+        depends: parameters on which anything depends.
+        measured: by state, the channel that reads it as it is.
+        rates: by state, the state that is its rate.
+        stages: where effects may act, with the joints of each.
+    """
+
+    against: ca.Function
+    against_units: dict[str, str]
+    chain: SensorChain
+    depends: frozenset[str]
+    measured: dict[str, str]
+    rates: dict[str, str]
+    stages: dict[str, tuple[str, ...]]
+
+
+def ordered(effects: Sequence[Effect]) -> tuple[Effect, ...]:
+    """Effects in the order in which they act on a stage: as the catalogue lists them, then by name."""
+    place = {name: i for i, name in enumerate(CATALOGUE)}
+    return tuple(sorted(effects, key=lambda e: (place.get(e.name, len(place)), e.name)))
+
+
+@lru_cache(maxsize=128)
+def formulated(physics: Physics, effects: tuple[Effect, ...], names: tuple[str, ...]) -> Formulation:
+    """Derive a physics with effects.
+
+    Args:
+        physics: states its equations.
+        effects: as `ordered` gives them.
+        names: of all parameters but those of the start, in the order of theta.
+
+    Raises:
+        InputError: the equations or an effect cannot be used.
+    """
+    time, theta = ca.SX.sym("t"), ca.SX.sym("theta", len(names))
+    by_name = dict(zip(names, ca.vertsplit(theta), strict=True))
+    nothing = ca.SX(0, 1)
+    own = {p.name: by_name[p.name] for p in physics.parameters}
+    states = {name: ca.SX.sym(name) for name in physics.states}
+    symbols = {channel: ca.SX.sym(channel.replace(".", "_"), MOTION) for channel in physics.inputs}
+    signals = {channel: Signal(*ca.vertsplit(symbol)) for channel, symbol in symbols.items()}
+    moment = Moment(time, {**own, **states}, signals, effects, by_name)
+    found = _asked(physics, moment)
+    readings = {n: v if isinstance(v, Reading) else Reading(v) for n, v in found.outputs.items()}
+    memory = moment.memory
+    s = ca.vertcat(nothing, *states.values(), *(m.symbol for m in memory))
+    w = ca.vertcat(time, *symbols.values())
+    rates = ca.vertcat(nothing, *(found.rates[name] for name in states), *(m.rate for m in memory))
+    values = ca.vertcat(*(readings[channel].value for channel in physics.outputs))
+    timing = ca.vertcat(*(ca.horzcat(readings[c].lag, readings[c].delay) for c in physics.outputs))
+    beginning = ca.vertcat(nothing, *states.values(), *(m.start for m in memory))
+    _check(physics, ca.vertcat(rates, values), [s, w, theta], "depends on something that it was not given")
+    _check(physics, timing, [theta], "lets a lag or delay change with the motion")
+    _check(physics, beginning, [*states.values(), w, theta], "lets a state begin with a value that is not known then")
+    against = dict(found.against) or {
+        **{name: (states[name], p.unit) for name, p in physics.states.items()},
+        **{channel: (signals[channel].value, unit) for channel, unit in physics.inputs.items()},
+    }
+    held_against = ca.densify(ca.vertcat(nothing, *(expression for expression, _ in against.values())))
+    everything = ca.vertcat(rates, values, beginning, ca.reshape(timing, -1, 1))
+    depends = ca.which_depends(everything, theta, 1, False)
+    return Formulation(
+        names=names,
+        states=s.numel(),
+        starts=len(states),
+        inputs=w.numel(),
+        outputs=tuple(physics.outputs),
+        derivative=ca.Function("derivative", [s, w, theta], [ca.densify(rates)]),
+        output=ca.Function("output", [s, w, theta], [ca.densify(values)]),
+        initial=ca.Function("initial", [*states.values(), w, theta], [ca.densify(beginning)]),
+        against=ca.Function("against", [s, w, theta], [held_against]),
+        against_units={name: unit for name, (_, unit) in against.items()},
+        chain=SensorChain(physics.outputs, timing, theta),
+        depends=frozenset(name for name, used in zip(names, depends, strict=True) if used),
+        measured={n: c for c in physics.outputs for n, x in states.items() if _same(readings[c].value, x)},
+        rates={n: m for n in states for m, x in states.items() if _same(found.rates[n], x)},
+        stages={name: tuple(joints) for name, joints in moment.stages.items()},
+    )
+
+
+def _asked(physics: Physics, moment: Moment) -> Equations:
+    """The equations, with errors of the user's file as sentences."""
+    try:
+        found = physics.equations(moment)
+    except (AttributeError, TypeError, ValueError, ZeroDivisionError, NotImplementedError) as error:
+        fault = f"{type(error).__name__}: {error}"
+        raise InputError(f"the equations of '{physics.name}' fail with {fault}: mend their file") from error
+    if not isinstance(found, Equations):
+        raise InputError(f"the equations of '{physics.name}' return a {type(found).__name__}: return Equations(...)")
+    for what, given, wanted in (("state", found.rates, physics.states), ("output", found.outputs, physics.outputs)):
+        for name in given:
+            if name not in wanted:
+                raise UnknownNameError(f"{what} of '{physics.name}'", name, wanted)
+        if missing := [name for name in wanted if name not in given]:
+            raise InputError(f"the equations of '{physics.name}' say nothing of the {what} '{missing[0]}'")
+    return found
+
+
+def _check(physics: Physics, expression: Expression, given: list[Expression], fault: str) -> None:
+    known = {symbol.element_hash() for vector in given for symbol in ca.vertsplit(vector)}
+    if any(symbol.element_hash() not in known for symbol in ca.symvar(ca.SX(expression))):
+        raise InputError(f"physics '{physics.name}': an effect or the equations {fault}: mend their file")
+
+
+def _same(one: Expression, other: Expression) -> bool:
+    return bool(ca.is_equal(ca.SX(one), other, 2))

@@ -1,0 +1,265 @@
+"""A physics as a model: what its sensors should have read in a run, for any composition of effects."""
+
+import os
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from itertools import product
+from pathlib import Path as File
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from armdyn.channels import MIN_SAMPLES
+from armdyn.effects.effect import Effect
+from armdyn.errors import InputError, UnknownNameError
+from armdyn.parameter import Parameter
+from armdyn.physics.definition import Physics
+from armdyn.physics.formulation import Formulation, formulated, ordered
+from armdyn.physics.readout import SensorChain
+from armdyn.physics.recorded import Path, RecordedInputs, recorded_inputs
+from armdyn.physics.simulate import Rollout, Simulator, evaluated
+from armdyn.physics.simulated import SimulatedModel, measured_start
+from armdyn.run import Channel, Run
+
+LEVELS = {1: 9, 2: 7, 3: 5, 4: 3}
+"""By number of states that no channel measures: how many values of each are tried as the start of a run."""
+FARTHEST = 2.0
+"""The largest of these, in typical sizes."""
+FIRST_WINDOW = 0.75
+"""Periods that a first fit starts with."""
+
+
+@dataclass(frozen=True)
+class PhysicsModel(SimulatedModel):
+    """A physics, such as one from a user's own file, and effects.
+
+    Attributes:
+        physics: its equations.
+        own_effects: effects that come with it.
+        file: from which it was read.
+    """
+
+    physics: Physics
+    own_effects: tuple[Effect, ...] = ()
+    file: File | None = None
+
+    @property
+    def base(self) -> str:
+        """Name of the physics."""
+        return self.physics.name
+
+    def described(self, folder: File) -> Mapping[str, Any]:
+        """See `Model.described`: where the user's file is.
+
+        Raises:
+            InputError: the physics comes from no file.
+        """
+        if self.file is None:
+            raise InputError(f"the physics '{self.base}' comes from no file: read it with load_base to keep its model")
+        return {"base": File(os.path.relpath(self.file, folder.resolve())).as_posix()}
+
+    @property
+    def stages(self) -> tuple[str, ...]:
+        """What its equations ask for."""
+        return tuple(_bare(self.physics).stages)
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """See `SimulatedModel`."""
+        return tuple(self.physics.outputs)
+
+    @property
+    def start_names(self) -> tuple[str, ...]:
+        """See `SimulatedModel`."""
+        return tuple(p.name for p in self.physics.states.values())
+
+    @property
+    def physics_names(self) -> tuple[str, ...]:
+        """See `SimulatedModel`."""
+        return self._formulation.names
+
+    @property
+    def chain(self) -> SensorChain:
+        """See `SimulatedModel`."""
+        return self._formulation.chain
+
+    @property
+    def first_window(self) -> float | None:
+        """See `Model.first_window`."""
+        return FIRST_WINDOW * self.physics.period if self.physics.states else None
+
+    def reachable(self, effect: Effect) -> tuple[str, ...]:
+        """See `Model.reachable`: the joints of its stage on which an effect changes something.
+
+        Raises:
+            UnknownNameError: it names a joint that the stage lacks.
+            InputError: it changes nothing there.
+        """
+        found = _reached(self.physics, effect)
+        joints = _bare(self.physics).stages[effect.acts_on]
+        for joint in effect.joints:
+            if joints != ("",) and joint not in joints:
+                raise UnknownNameError(f"joint of the {effect.acts_on}", joint, joints)
+        return found
+
+    def with_effect(self, effect: Effect) -> "PhysicsModel":
+        """See `Model.with_effect`.
+
+        Raises:
+            InputError: the effect changes nothing that this physics uses, or what it says there.
+        """
+        if effect.acts_on in self.stages and not self.reachable(effect):
+            raise InputError(f"the effect '{effect.name}' changes nothing in a model of base '{self.base}'")
+        return super().with_effect(effect)
+
+    def holding(self, needed: Collection[str]) -> "PhysicsModel":
+        """See `Model.holding`: effects that bring states are left out where they are not needed."""
+        return self.with_only([e.name for e in self.effects if e.name in needed or not _remembers(self.physics, e)])
+
+    def predicted_channels(self, run: Run) -> tuple[str, ...]:
+        """See `Model.predicted_channels`."""
+        channels = super().predicted_channels(run)
+        for name, unit in (*self.physics.inputs.items(), *((n, self.physics.outputs[n]) for n in channels)):
+            if name not in run.channels:
+                raise InputError(f"{run.source or run.name}: holds no '{name}', which drives the motion: record it")
+            if run.channels[name].unit != unit:
+                raise InputError(f"{run.source or run.name}: '{name}' is in {run.channels[name].unit}, not in {unit}")
+        return channels
+
+    def prepared(self, run: Run) -> Run:
+        """See `Model.prepared`; what was measured before or after the inputs were is left out."""
+        names = self.predicted_channels(run)
+        driving = [run.channels[name].time for name in self.physics.inputs]
+        if driving:
+            start, end = max(t[0] for t in driving), min(t[-1] for t in driving)
+            cut = {
+                n: Channel(c.time[inside], c.value[inside], c.unit)
+                for n, c in ((n, run.channels[n]) for n in names)
+                for inside in [(c.time >= start) & (c.time <= end)]
+            }
+            if min(len(channel) for channel in cut.values()) < MIN_SAMPLES:
+                driven = f"{' and '.join(self.physics.inputs)} were not recorded together with {', '.join(names)}"
+                raise InputError(f"{run.source or run.name}: {driven}: record them together")
+            run = replace(run, channels={**run.channels, **cut})
+        return super().prepared(run)
+
+    def path(self, run: Run) -> RecordedInputs:
+        """See `SimulatedModel`."""
+        return _recorded(run, self.physics)
+
+    def rollout(self, path: Path, theta: np.ndarray, channels: tuple[str, ...]) -> Rollout:
+        """See `SimulatedModel`."""
+        if not self._formulation.states:
+            return evaluated(self._formulation, path, theta[self._order[1]], channels)
+        simulator = _simulator(self._formulation, self.base, channels)
+        return simulator.rollout(path, theta[self._order[1]], *self._start(theta))
+
+    def initial_guess(self, run: Run) -> Mapping[str, float]:
+        """What a channel measures of the states, and of the states that are their rates; see `Model`."""
+        bare, states = _bare(self.physics), self.physics.states
+        values, rates = {}, {}
+        for name, channel in bare.measured.items():
+            if channel in run.channels:
+                values[name], slope = measured_start(run.channels[channel])
+                if name in bare.rates:
+                    rates[bare.rates[name]] = slope
+        guess = {**rates, **values}  # what is measured itself is better than a slope
+        return {states[n].name: float(np.clip(v, states[n].lower, states[n].upper)) for n, v in guess.items()}
+
+    def plausible_starts(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
+        """A lattice of the states that no channel measures; see `Model.plausible_starts`."""
+        del theta
+        guess = self.initial_guess(run)
+        unknown = [p for p in self.physics.states.values() if p.name not in guess]
+        if len(unknown) not in LEVELS:
+            return []
+        levels = np.linspace(-FARTHEST, FARTHEST, LEVELS[len(unknown)])
+        values = [np.clip(p.value + levels * p.typical, p.lower, p.upper).tolist() for p in unknown]
+        names = [p.name for p in unknown]
+        return [{**guess, **dict(zip(names, at, strict=True))} for at in product(*values)]
+
+    def first_stretch(self, theta: np.ndarray) -> float:
+        """A period; see `Model.first_stretch`."""
+        del theta
+        return self.physics.period
+
+    def circumstances(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
+        """What the physics says that a residual may depend on; see `Model.circumstances`."""
+        path, formulation = self.path(run), self._formulation
+        rollout = self.rollout(path, theta, self.predicted_channels(run))
+        many = formulation.against.map(len(path.time))
+        values = np.asarray(many(rollout.states.T, path.nodes, theta[self._order[1]]))
+        units = formulation.against_units
+        return {
+            name: Channel(path.time, row, unit)
+            for (name, unit), row in zip(units.items(), values, strict=True)
+            if np.isfinite(row).all()
+        }
+
+    @cached_property
+    def _formulation(self) -> Formulation:
+        starts = set(self.start_names)
+        return formulated(self.physics, ordered(self.effects), tuple(n for n in self.names if n not in starts))
+
+
+def physics_model(
+    physics: Physics, effects: Iterable[Effect] = (), own_effects: Sequence[Effect] = (), file: File | None = None
+) -> PhysicsModel:
+    """A physics with effects at their null values.
+
+    Args:
+        physics: its equations.
+        effects: to start with.
+        own_effects: that come with it, beside the catalogue's.
+        file: from which it was read.
+
+    Raises:
+        InputError: its equations cannot be used.
+    """
+    _bare(physics)
+    parameters: Mapping[str, Parameter] = MappingProxyType(
+        {p.name: p for p in (*physics.parameters, *physics.states.values())}
+    )
+    model = PhysicsModel((), parameters, physics, tuple(own_effects), file)
+    for name in (e.name for e in own_effects if e.acts_on not in model.stages):
+        raise InputError(f"effect '{name}' acts on none of the stages {', '.join(model.stages)} of '{physics.name}'")
+    for item in effects:
+        model = model.with_effect(item)
+    return model
+
+
+@lru_cache(maxsize=64)
+def _bare(physics: Physics) -> Formulation:
+    return formulated(physics, (), tuple(p.name for p in physics.parameters))
+
+
+@lru_cache(maxsize=512)
+def _reached(physics: Physics, effect: Effect) -> tuple[str, ...]:
+    """Joints of its stage on which an effect changes something."""
+    if effect.acts_on not in _bare(physics).stages:
+        return ()
+    joints = _bare(physics).stages[effect.acts_on]
+    names = {j: [q.parameter(effect.name, short, j).name for short, q in effect.quantities.items()] for j in joints}
+    everything = (*(p.name for p in physics.parameters), *(n for ns in names.values() for n in ns))
+    depends = formulated(physics, (effect.on(),), everything).depends
+    return tuple(joint for joint in joints if any(name in depends for name in names[joint]))
+
+
+@lru_cache(maxsize=512)
+def _remembers(physics: Physics, effect: Effect) -> bool:
+    joints = effect.joints or _bare(physics).stages[effect.acts_on]
+    names = [q.parameter(effect.name, short, j).name for j in joints for short, q in effect.quantities.items()]
+    with_it = formulated(physics, (effect,), (*(p.name for p in physics.parameters), *names))
+    return with_it.states > _bare(physics).states
+
+
+@lru_cache(maxsize=64)
+def _simulator(formulation: Formulation, name: str, channels: tuple[str, ...]) -> Simulator:
+    return Simulator(formulation, name, channels)
+
+
+@lru_cache(maxsize=64)
+def _recorded(run: Run, physics: Physics) -> RecordedInputs:
+    return recorded_inputs(run, physics.inputs, physics.outputs, physics.step)

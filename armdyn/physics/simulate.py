@@ -1,0 +1,219 @@
+"""Rollouts of a physics with exact sensitivities, in blocks of compiled Runge-Kutta steps."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from armdyn.codegen import Buffered, compiled
+from armdyn.physics.definition import Expression
+from armdyn.physics.readout import differentiated_columns
+from armdyn.physics.recorded import Path
+
+BLOCK = 128
+"""Steps per compiled call; a run of any length is a sequence of blocks, the last one cut."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class System:
+    """Continuous equations in states s, inputs w and parameters theta, as the simulator needs them.
+
+    Attributes:
+        names: parameters in the order of theta.
+        states: size of s.
+        starts: number of values that say how the motion begins.
+        inputs: size of w.
+        outputs: names of the rows of `output`.
+        derivative: ``(s, w, theta) -> (states,)``.
+        output: ``(s, w, theta) -> (outputs,)``, and the impulse where there is one.
+        initial: ``(start, ..., w, theta) -> s``, one argument for each of `starts`.
+        impulse_adds_to: the output to which the time derivative of one row more is added; None where there is none.
+        input_lag: ``theta -> ()`` time by which the inputs trail what was recorded, s; None where they do not.
+    """
+
+    names: tuple[str, ...]
+    states: int
+    starts: int
+    inputs: int
+    outputs: tuple[str, ...]
+    derivative: ca.Function
+    output: ca.Function
+    initial: ca.Function
+    impulse_adds_to: str | None = None
+    input_lag: ca.Function | None = None
+
+
+class Rollout(NamedTuple):
+    """A simulated run; derivatives are with respect to theta and the values at the start, m of them.
+
+    Attributes:
+        states: (K, n).
+        state_sensitivities: (n, m) of the last state.
+        outputs: (K, c) one column per channel of the simulator, before lag, delay and sampling.
+        sensitivities: (K, c, m) of the outputs.
+    """
+
+    states: np.ndarray
+    state_sensitivities: np.ndarray
+    outputs: np.ndarray
+    sensitivities: np.ndarray
+
+
+def evaluated(system: System, path: Path, theta: np.ndarray, channels: tuple[str, ...]) -> Rollout:
+    """The outputs of a system without states, which is algebra at every node; for the arguments see `Simulator`."""
+    nodes, _ = path.rows(with_jerk=False)
+    at, K = _algebra(system), nodes.shape[1]
+    values, slopes = (np.asarray(a) for a in at.map(K)(nodes, np.repeat(theta[:, None], K, axis=1)))
+    rows = [system.outputs.index(name) for name in channels]
+    by_theta = slopes.T.reshape(K, len(theta), len(system.outputs)).transpose(0, 2, 1)
+    return Rollout(np.zeros((K, 0)), np.zeros((0, len(theta))), values.T[:, rows], by_theta[:, rows])
+
+
+def _algebra(system: System) -> ca.Function:
+    w, theta = ca.SX.sym("w", system.inputs), ca.SX.sym("theta", len(system.names))
+    y = system.output(ca.SX(0, 1), w, theta)
+    return ca.Function("algebra", [w, theta], [y, ca.densify(ca.vec(ca.jacobian(y, theta)))])
+
+
+class Simulator:
+    """Integrates one system by the classical Runge-Kutta method; sensitivities are those of the integrator.
+
+    Args:
+        dynamics: the equations.
+        name: identifier of the composition, for the cache of compiled code.
+        channels: the outputs that are wanted, all when not given; fewer are faster.
+    """
+
+    def __init__(self, dynamics: System, name: str, channels: tuple[str, ...] | None = None) -> None:
+        self.channels = dynamics.outputs if channels is None else channels
+        self.parameters = len(dynamics.names)
+        self._dynamics = dynamics
+        self._active = _active(dynamics)
+        self._impulse = dynamics.impulse_adds_to in self.channels
+        rows = [dynamics.outputs.index(name) for name in self.channels] + [len(dynamics.outputs)] * self._impulse
+        built = compiled(
+            f"simulate_{name}",
+            {
+                "steps": _steps(dynamics, self._active, rows),
+                "start": _start(dynamics, self._active),
+            },
+        )
+        self._steps, self._start = Buffered(built["steps"]), Buffered(built["start"])
+
+    def rollout(self, path: Path, theta: np.ndarray, *start: float) -> Rollout:
+        """Simulate along recorded inputs.
+
+        Args:
+            path: on its grid of K nodes; where the inputs trail, it also holds their derivatives by the lag.
+            theta: (p,) in the order of the system's names.
+            start: values at the first node; those that are not given are 0.
+        """
+        nodes, middle = path.rows(with_jerk=self._dynamics.impulse_adds_to is not None)
+        rows, starts = len(nodes), self._dynamics.starts
+        K, m, n = nodes.shape[1], self.parameters + starts, self._dynamics.states
+        padded = -(-K // BLOCK) * BLOCK
+        inputs = np.zeros((3 * rows, padded))
+        inputs[:rows, :K] = nodes
+        inputs[rows : 2 * rows, : K - 1] = middle
+        inputs[2 * rows :, : K - 1] = nodes[:, 1:]
+        step = np.zeros((1, padded))  # zero beyond the end: there the state stays
+        step[0, : K - 1] = path.dt
+        columns = len(self.channels) + self._impulse
+        states = np.empty((padded, n))
+        outputs = np.empty((padded, columns))
+        sensitivities = np.empty((padded, m, columns))
+        state, sensitivity = self._start(*start, *[0.0] * (starts - len(start)), nodes[:, 0], theta)
+        for first in range(0, padded, BLOCK):
+            block = slice(first, first + BLOCK)
+            before, y, dy, state, sensitivity = self._steps(state, sensitivity, inputs[:, block], step[:, block], theta)
+            states[block], outputs[block] = before.T, y.T
+            sensitivities[block] = dy.T.reshape(BLOCK, m, columns)
+        last = np.zeros((n, m))
+        last[:, self._active] = sensitivity
+        outputs, by_theta = outputs[:K], sensitivities[:K].transpose(0, 2, 1)
+        if self._impulse:
+            outputs, by_theta = self._with_impulse(outputs, by_theta, path.dt)
+        return Rollout(states[:K], last, outputs, by_theta)
+
+    def _with_impulse(self, outputs: np.ndarray, by_theta: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        """Outputs and derivatives without the last column, whose time derivative has been added to the force."""
+        force = self.channels.index(str(self._dynamics.impulse_adds_to))
+        outputs, by_theta = outputs.copy(), by_theta.copy()
+        outputs[:, force] += differentiated_columns(outputs[:, -1:], dt)[:, 0]
+        by_theta[:, force] += differentiated_columns(by_theta[:, -1], dt)
+        return outputs[:, :-1], by_theta[:, :-1]
+
+
+def _steps(dynamics: System, active: list[int], rows: list[int]) -> ca.Function:
+    """One block of steps, with the outputs before each step and their derivatives.
+
+    The derivatives S of the state obey the integrator's own chain rule, stage by stage, and only for the columns in
+    `active`: a parameter of a sensor never moves the load. Where the inputs trail, they are followed by their
+    derivatives with respect to the lag.
+    """
+    parameters, n = len(dynamics.names), dynamics.states
+    width = dynamics.inputs * (1 if dynamics.input_lag is None else 2)
+    s, S = ca.SX.sym("s", n), ca.SX.sym("S", n, len(active))
+    theta, dt = ca.SX.sym("theta", parameters), ca.SX.sym("dt")
+    w = ca.SX.sym("w", 3 * width)
+    here, middle, there = ca.vertsplit(w, width)
+    point, given = ca.SX.sym("point", n), ca.SX.sym("given", width)
+    rate = dynamics.derivative(point, given[: dynamics.inputs], theta)
+    by_state = ca.jacobian(rate, point)
+    by_theta = ca.horzcat(_by_theta(rate, given, theta, dynamics), ca.SX(n, dynamics.starts))
+    slope = ca.Function("slope", [point, given, theta], [rate, by_state, by_theta[:, active]])
+
+    total, total_S = 0, 0
+    stage_s, stage_S = s, S
+    for inputs, reach, weight in ((here, 1 / 2, 1), (middle, 1 / 2, 2), (middle, 1, 2), (there, 0, 1)):
+        k, A, B = slope(stage_s, inputs, theta)
+        K = A @ stage_S + B
+        total, total_S = total + weight * k, total_S + weight * K
+        stage_s, stage_S = s + reach * dt * k, S + reach * dt * K
+    following, following_S = s + dt / 6 * total, S + dt / 6 * total_S
+
+    y = dynamics.output(s, here[: dynamics.inputs], theta)[rows]
+    dy = ca.horzcat(_by_theta(y, here, theta, dynamics), ca.SX(y.numel(), dynamics.starts))
+    dy[:, active] += ca.jacobian(y, s) @ S
+    stage = ca.Function(
+        "stage", [s, S, w, dt, theta], [following, ca.densify(following_S), s, ca.densify(y), ca.densify(dy)]
+    )
+    over = stage.mapaccum("over", BLOCK, 2)
+    s0, S0, P = ca.MX.sym("s", n), ca.MX.sym("S", n, len(active)), ca.MX.sym("theta", parameters)
+    W, DT = ca.MX.sym("w", 3 * width, BLOCK), ca.MX.sym("dt", 1, BLOCK)
+    after, sensitivity, before, Y, dY = over(s0, S0, W, DT, ca.repmat(P, 1, BLOCK))
+    return ca.Function("steps", [s0, S0, W, DT, P], [before, Y, dY, after[:, -1], sensitivity[:, -len(active) :]])
+
+
+def _by_theta(expression: Expression, given: Expression, theta: Expression, dynamics: System) -> Expression:
+    """Derivative with respect to theta, through trailing inputs as well."""
+    direct = ca.jacobian(expression, theta)
+    if dynamics.input_lag is None:
+        return direct
+    inputs, by_lag = given[: dynamics.inputs], given[dynamics.inputs :]
+    lag = dynamics.input_lag(theta)
+    return direct + ca.jtimes(expression, inputs, by_lag) @ ca.jacobian(lag, theta)
+
+
+def _active(dynamics: System) -> list[int]:
+    """Columns of (theta, start) on which the motion depends, not only the readings."""
+    theta, s = ca.SX.sym("theta", len(dynamics.names)), ca.SX.sym("s", dynamics.states)
+    w = ca.SX.sym("w", dynamics.inputs)
+    start = ca.vertsplit(ca.SX.sym("start", dynamics.starts)) if dynamics.starts else []
+    moving = ca.vertcat(dynamics.derivative(s, w, theta), dynamics.initial(*start, w, theta))
+    if dynamics.input_lag is not None:
+        moving = ca.vertcat(moving, dynamics.input_lag(theta))
+    depends = ca.which_depends(moving, theta, 1, False)
+    return [*(i for i, moves in enumerate(depends) if moves), *range(len(depends), len(depends) + dynamics.starts)]
+
+
+def _start(dynamics: System, active: list[int]) -> ca.Function:
+    """State at the start and its derivatives."""
+    start = [ca.SX.sym(f"start{i}") for i in range(dynamics.starts)]
+    given = ca.SX.sym("w", dynamics.inputs * (1 if dynamics.input_lag is None else 2))
+    theta = ca.SX.sym("theta", len(dynamics.names))
+    state = dynamics.initial(*start, given[: dynamics.inputs], theta)
+    by_theta = _by_theta(state, given, theta, dynamics)
+    sensitivity = ca.horzcat(by_theta, ca.jacobian(state, ca.vertcat(ca.SX(0, 1), *start)))[:, active]
+    return ca.Function("start", [*start, given, theta], [ca.densify(state), ca.densify(sensitivity)])

@@ -1,0 +1,101 @@
+"""What models have in common that simulate a motion in time and read it with sensors."""
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from armdyn.channels import Channel
+from armdyn.errors import InputError
+from armdyn.faults import without_saturation, without_spikes
+from armdyn.model import Model, Prediction, joined
+from armdyn.physics.readout import SensorChain
+from armdyn.physics.recorded import Path
+from armdyn.physics.simulate import Rollout
+from armdyn.run import Run
+from armdyn.thinning import thinned
+
+FIRST_STRETCH, FIRST_SAMPLES = 0.1, 5
+"""s, and at least as many samples, through which a parabola gives a value and its rate at the start."""
+
+
+@dataclass(frozen=True)
+class SimulatedModel(Model):
+    """A motion simulated along recorded inputs, its outputs read by sensors with lag, delay and sampling."""
+
+    @property
+    @abstractmethod
+    def outputs(self) -> tuple[str, ...]:
+        """Channels that the model can predict."""
+
+    @property
+    @abstractmethod
+    def start_names(self) -> tuple[str, ...]:
+        """Parameters that say how the motion begins, in the order of the simulator."""
+
+    @property
+    @abstractmethod
+    def physics_names(self) -> tuple[str, ...]:
+        """The other parameters: of the equations and of the sensors, in the order of theta there."""
+
+    @property
+    @abstractmethod
+    def chain(self) -> SensorChain:
+        """Lag and delay of the outputs."""
+
+    @abstractmethod
+    def path(self, run: Run) -> Path:
+        """The recorded inputs of a run on an even grid."""
+
+    @abstractmethod
+    def rollout(self, path: Any, theta: np.ndarray, channels: tuple[str, ...]) -> Rollout:
+        """Simulate `channels` along what `path` gives; `theta` (p,) in the order of `names`."""
+
+    def physics_theta(self) -> np.ndarray:
+        """(p,) present values in the order of `physics_names`."""
+        return np.array([self.parameters[name].value for name in self.physics_names])
+
+    def predicted_channels(self, run: Run) -> tuple[str, ...]:
+        """See `Model.predicted_channels`."""
+        channels = tuple(name for name in self.outputs if name in run.channels)
+        if not channels:
+            raise InputError(f"{run.name}: holds none of {', '.join(self.outputs)}, so there is nothing to compare")
+        return channels
+
+    def prepared(self, run: Run) -> Run:
+        """See `Model.prepared`: without faulty samples, thinned."""
+        names = self.predicted_channels(run)
+        return without_spikes(thinned(without_saturation(run, names)), names)
+
+    def predict(self, run: Run, theta: np.ndarray) -> Prediction:
+        """See `Model.predict`."""
+        channels, path = self.predicted_channels(run), self.path(run)
+        rollout = self.rollout(path, theta, channels)
+        columns, places = self._order
+        physics, parts = theta[places], []
+        for row, name in enumerate(channels):
+            time = run.channels[name].time
+            signal = np.column_stack([rollout.outputs[:, row], rollout.sensitivities[:, row]])
+            read = self.chain.read(name, signal, time, path, physics)
+            parts.append((name, time, read[:, 0], read[:, 1:][:, columns]))
+        return joined(parts)
+
+    @cached_property
+    def _order(self) -> tuple[list[int], list[int]]:
+        """Where the columns of a rollout are among `names`, and where the physics' parameters are."""
+        place = {name: i for i, name in enumerate((*self.physics_names, *self.start_names))}
+        return [place[name] for name in self.names], [self.names.index(name) for name in self.physics_names]
+
+    def _start(self, theta: np.ndarray) -> Sequence[float]:
+        return [float(theta[self.names.index(name)]) for name in self.start_names]
+
+
+def measured_start(channel: Channel) -> tuple[float, float]:
+    """Value and rate of a channel at its first sample, by a parabola through the first ones."""
+    since = channel.time - channel.time[0]
+    near = max(FIRST_SAMPLES, int(np.searchsorted(since, FIRST_STRETCH)))
+    curve = np.polyfit(since[:near], channel.value[:near], 2)
+    return float(curve[2]), float(curve[1])

@@ -1,0 +1,38 @@
+"""A base of the user's own, from a Python file that defines it with `@physics`."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from armdyn.effects.user import effects_of, load_module
+from armdyn.errors import InputError
+from armdyn.physics.definition import Physics
+from armdyn.physics.model import PhysicsModel, physics_model
+
+KEYS = ()
+
+
+def read_base(table: Mapping[str, Any], folder: Path) -> tuple[PhysicsModel, dict[str, Any]]:
+    """The model of a file whose base is the path of a Python file, from the model file's own folder."""
+    return load_base(folder / table["base"]), {}
+
+
+def load_base(path: str | Path) -> PhysicsModel:
+    """The model that a file defines: its physics, without effects, and the effects that come with it.
+
+    The file is run as Python: it may do whatever a Python program may.
+
+    Raises:
+        InputError: it cannot be read or run, defines no physics or several, or one that cannot be used.
+    """
+    path = Path(path)
+    defined = vars(load_module(path, "base"))
+    found = [item for item in defined.values() if isinstance(item, Physics)]
+    if len(found) != 1:
+        raise InputError(
+            f"{path}: defines {len(found)} bases: write one function with @physics(...), see examples/crane.py"
+        )
+    try:
+        return physics_model(found[0], own_effects=effects_of(path, defined), file=path.resolve())
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error

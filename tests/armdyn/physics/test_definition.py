@@ -1,0 +1,156 @@
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from derivatives import assert_jacobian
+
+from armdyn.effects.effect import effect
+from armdyn.errors import InputError, UnknownNameError
+from armdyn.parameter import quantity
+from armdyn.physics import Equations, Expression, Reading, Stage, constant, physics, state
+from armdyn.physics.model import physics_model
+from armdyn.run import Channel, Run
+
+
+@dataclass(frozen=True)
+class Slider(Stage):
+    speed: Expression
+    force: Expression = 0
+
+    def with_force(self, force):
+        return replace(self, force=self.force + force)
+
+
+def oscillator(**changed):
+    declared = {
+        "summary": "", "source": "", "outputs": {"q.mass": "m"}, "inputs": {"gripper_x": "m"}, "period": 2.0,
+        "parameters": (constant("stiffness", "N/m", 10.0, lower=0.0), constant("mass", "kg", 1.0, lower=1e-3)),
+        "states": (state("stretch", "m", typical=0.1), state("speed", "m/s", typical=0.3)),
+    }  # fmt: skip
+
+    @physics("oscillator", **{**declared, **changed})
+    def equations(at):
+        slider = at.stage("slider", Slider(at["speed"]), "left")
+        other = at.stage("slider", Slider(at["speed"]), "right")
+        force = slider.force + other.force - at["stiffness"] * at["stretch"]
+        rates = {"stretch": at["speed"], "speed": force / at["mass"] - at.input("gripper_x").acceleration}
+        return Equations(rates, {"q.mass": at.stage("probe", Reading(at["stretch"]))})
+
+    return equations
+
+
+@effect("viscous", acts_on="slider", summary="", source="")
+def viscous(slider, c=quantity("N s/m", typical=0.1, lower=0)):
+    return slider.with_force(-c * slider.speed)
+
+
+@effect("relaxing_spring", acts_on="slider", summary="a spring behind a dashpot: it remembers", source="Maxwell 1867")
+def relaxing_spring(slider, k=quantity("N/m", typical=1.0), rate=quantity("1/s", typical=1.0, null=1.0)):
+    slider, stretch = slider.with_state(lambda z: slider.speed - rate * z)
+    return slider.with_force(-k * stretch)
+
+
+@effect("late", acts_on="probe", summary="", source="")
+def late(probe, time=quantity("s", typical=0.02)):
+    return probe.with_delay(time)
+
+
+@effect("slow", acts_on="probe", summary="", source="")
+def slow(probe, time=quantity("s", typical=0.02, lower=0)):
+    return probe.with_lag(time)
+
+
+@effect("idle", acts_on="slider", summary="", source="")
+def idle(slider, size=quantity("N", typical=1.0)):
+    return slider.with_force(0 * size)
+
+
+EFFECTS = (viscous, relaxing_spring, late, slow)
+
+
+@pytest.fixture
+def run():
+    t = np.arange(0.0, 3.0, 0.01)
+    moved = Channel(t - 0.004, 0.1 * np.sin(4 * t), "m")
+    return Run("a.csv", {"gripper_x": moved, "q.mass": Channel(t[7:], 0.2 * np.cos(3 * t[7:]), "m")})
+
+
+def test_derivatives_are_exact_with_states_of_effects_lag_and_delay(run):
+    model = physics_model(oscillator(), EFFECTS)
+    sizes = {"viscous.c[left]": 0.3, "relaxing_spring.k[left]": 2.0, "relaxing_spring.rate[left]": 1.5,
+             "late.time": 0.0333, "slow.time": 0.02, "initial_stretch": 0.2, "initial_speed": 0.1}  # fmt: skip
+    theta = model.with_values(sizes).theta()
+    exact = model.predict(run, theta).sensitivities
+    assert_jacobian(lambda changed: model.predict(run, changed).values, theta, exact, 1e-4, 1e-5)
+
+
+def test_absent_effects_change_nothing(run):
+    bare, full = physics_model(oscillator()), physics_model(oscillator(), EFFECTS)
+    assert np.array_equal(bare.predict(run, bare.theta()).values, full.predict(run, full.theta()).values)
+
+
+def test_a_spring_in_vacuum_keeps_its_frequency(run):
+    model = physics_model(oscillator()).with_values({"initial_stretch": 0.2})
+    still = Channel(run.channels["gripper_x"].time, np.zeros(300), "m")
+    still = model.prepared(replace(run, channels={**run.channels, "gripper_x": still}))
+    predicted = model.predict(still, model.theta())
+    time = predicted.time - predicted.time[0]
+    assert np.allclose(predicted.values, 0.2 * np.cos(np.sqrt(10.0) * time), atol=1e-6)
+    assert len(time) == len(run.channels["q.mass"]) - 1  # the last was measured after the input's last
+
+
+def test_effects_act_joint_by_joint():
+    model = physics_model(oscillator()).with_effect(viscous.on("right"))
+    assert model.parameters["viscous.c[right]"].joint == "right"
+    assert model.with_effect(viscous).names[-2:] == ("viscous.c[right]", "viscous.c[left]")
+    with pytest.raises(UnknownNameError, match="joint of the slider"):
+        model.with_effect(viscous.on("middle"))
+
+
+def test_what_changes_nothing_is_refused():
+    model = physics_model(oscillator())
+    assert not model.lacks(idle)
+    with pytest.raises(InputError, match="changes nothing"):
+        model.with_effect(idle)
+
+
+def test_a_measured_state_and_its_rate_are_guessed(run):
+    guess = physics_model(oscillator()).initial_guess(run)
+    assert guess["initial_stretch"] == pytest.approx(0.2 * np.cos(0.21), abs=1e-3)
+    assert guess["initial_speed"] == pytest.approx(-0.6 * np.sin(0.21), abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"outputs": {"q.mass": "N"}}, "q.mass is in rad or m, not in N"),
+        ({"outputs": {"angle": "rad"}}, "unknown channel 'angle'"),
+        ({"states": (state("stretch", "m", typical=0.1),)}, "unknown parameter or state 'speed'"),
+        ({"outputs": {"q.mass": "m", "q.other": "m"}}, "say nothing of the output 'q.other'"),
+        ({"inputs": {}}, "unknown input 'gripper_x'"),
+    ],
+)  # fmt: skip
+def test_a_wrong_declaration_is_refused_in_one_line(changed, message):
+    with pytest.raises(InputError, match=message):
+        physics_model(oscillator(**changed)).names  # noqa: B018
+
+
+def test_a_physics_without_states_is_algebra(run):
+    @physics("scale", summary="", source="", parameters=(constant("stiffness", "N/m", 10.0),), states=(),
+             inputs={"gripper_x": "m"}, outputs={"load_force": "N"})  # fmt: skip
+    def scale(at):
+        return Equations({}, {"load_force": at.stage("probe", Reading(at["stiffness"] * at.input("gripper_x").value))})
+
+    time = run.channels["q.mass"].time
+    weighed = replace(run, channels={**run.channels, "load_force": Channel(time, 0 * time, "N")})
+    model = physics_model(scale, [late, slow]).with_values({"slow.time": 0.05})
+    theta = model.with_values({"late.time": 0.0333}).theta()
+    exact = model.predict(weighed, theta).sensitivities
+    assert exact.shape == (len(time), 3)
+    assert_jacobian(lambda changed: model.predict(weighed, changed).values, theta, exact, 1e-4, 1e-5)
+
+
+def test_a_run_without_what_drives_the_motion_is_refused(run):
+    bare = {"q.mass": run.channels["q.mass"]}
+    with pytest.raises(InputError, match="holds no 'gripper_x', which drives the motion"):
+        physics_model(oscillator()).predict(replace(run, channels=bare), physics_model(oscillator()).theta())
