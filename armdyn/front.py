@@ -62,9 +62,7 @@ def diagnose(
     return _diagnose.diagnose(_study(model, runs, held_out, effects))
 
 
-def repair(
-    model: AnyModel, runs: Runs, held_out: Runs = (), effects: Iterable[Effect] | None = None
-) -> _repair.Repair:
+def repair(model: AnyModel, runs: Runs, held_out: Runs = (), effects: Iterable[Effect] | None = None) -> _repair.Repair:
     """Diagnose and add until nothing is left to explain; see `diagnose` for the arguments."""
     return _repair.repair(_study(model, runs, held_out, effects))
 

@@ -39,9 +39,7 @@ class Term:
         empty: whether it is always zero.
     """
 
-    def __init__(
-        self, expression: Expression, inputs: Expression, theta: Expression, remembered: Remembered
-    ) -> None:
+    def __init__(self, expression: Expression, inputs: Expression, theta: Expression, remembered: Remembered) -> None:
         derivative, z = ca.jacobian(expression, theta), remembered.symbols
         state = ca.vertcat(theta, inputs[LOAD], z)
         self._remembered = remembered if z.numel() and ca.depends_on(expression, z) else None

@@ -216,8 +216,7 @@ class ArmModel(Model):
     @cached_property
     def _functions(self) -> tuple[JointFunctions, ...]:
         return tuple(
-            compose_joint([e for e in self.effects if joint in self.joints_with(e.name)])
-            for joint in self.joints
+            compose_joint([e for e in self.effects if joint in self.joints_with(e.name)]) for joint in self.joints
         )
 
     @cached_property

@@ -32,8 +32,8 @@ BEHIND = 30.0
 """Chi2 by which a set that lacks an effect of the best one may be foretold to stay behind it: foretelling is off by
 less."""
 LEAST_SHARE = 0.25
-"""Of what is left above the noise, what each effect must explain where the model's own error is left: errors of the
-measured motion and effects that are missing leave a residual that small gains only happen to look like."""
+"""Of what is left above the noise, what each effect must explain: errors of the measured motion and effects that are
+missing leave a residual that small gains only happen to look like."""
 
 
 class Refitted(Appraiser):
@@ -64,12 +64,10 @@ class Refitted(Appraiser):
 
     def useful(self, more: Appraisal, fewer: Appraisal) -> bool:
         """See `Appraiser.useful`; each effect must also explain `LEAST_SHARE` of what is left above the noise."""
-        if self.limited == 0.0:
-            return True
-        judged = np.flatnonzero(~self.sums.training) if np.any(~self.sums.training) else self._training
-        noise = float(self._importance[judged] @ self.sums.noise[judged] ** 2)
-        asked = LEAST_SHARE * (len(more.effects) - len(fewer.effects)) * max(fewer.misfit - noise, 0.0)
-        return super().useful(more, fewer) and fewer.misfit - more.misfit >= self.limited * asked
+        before, after = self.fit(fewer), self.fit(more)
+        left = max(before.cost - before.samples - np.sqrt(2.0 * before.samples), 0.0)
+        asked = LEAST_SHARE * (len(more.effects) - len(fewer.effects)) * left
+        return super().useful(more, fewer) and before.cost - after.cost >= asked
 
     def advance(self, now: Appraisal) -> None:
         """See `Appraiser.advance`: expand there, and measure by what the richest model leaves there."""
