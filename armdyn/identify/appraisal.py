@@ -20,6 +20,7 @@ samples of a correlation time of k samples are worth N/k (Bayley & Hammersley, J
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import log
 from typing import ClassVar
 
@@ -113,9 +114,9 @@ class Appraiser(ABC):
 
     level: np.ndarray
     independent: np.ndarray
-    pairs: ClassVar[bool] = False
-    """Whether two effects at once are tried where no single one helps: on an arm with joints of its own they hardly
-    ever imitate a third."""
+    few: ClassVar[bool] = False
+    """Whether there are few candidates with a value or two each, as a pendulum's: then two at once are tried as well,
+    which a third may imitate, and worth alone says which set is best."""
 
     def __init__(self, sums: Sums, always: np.ndarray, candidates: Sequence[Candidate]) -> None:
         self.sums = sums
@@ -208,6 +209,18 @@ class Appraiser(ABC):
             total += log(len(names)) + joints * (log(reach) + SURE)
         return total
 
+    @cached_property
+    def _judged(self) -> np.ndarray:
+        """Units whose error is the `misfit` of a set."""
+        # Runs that were given to be held out are another motion; runs held out in turn are often much alike.
+        held_out = np.flatnonzero(~self.sums.training)
+        return held_out if len(held_out) else self._training
+
+    @property
+    def floor(self) -> float:
+        """The `misfit` of noise alone."""
+        return float(self._importance[self._judged] @ self.sums.noise[self._judged] ** 2)
+
     @property
     def limited(self) -> float:
         """Share of what the richest model leaves that is more than noise: 0 noise-limited, 1 model-limited."""
@@ -230,9 +243,8 @@ class Appraiser(ABC):
         transfer = -0.5 * float(self.independent[units] @ _misfit(predicted / s.noise[units] ** 2))
         # Where only noise is left, likelihood says all that predicted runs could say.
         transfer = self.limited * transfer + (1.0 - self.limited) * fit
-        # Runs that were given to be held out are another motion; runs held out in turn are often much alike.
-        others = ~s.training[units] if np.any(~s.training[units]) else np.ones(len(units), dtype=bool)
         if len(units):
+            others = np.isin(units, self._judged)
             judged, errors_there = units[others], predicted[others]
         else:
             judged, errors_there = self._training, left

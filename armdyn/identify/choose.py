@@ -30,6 +30,7 @@ MOST_ROUNDS = 60
 
 Say = Callable[[str], None]
 Refused = Collection[frozenset[Candidate]]
+_Move = Callable[[Appraiser, Appraisal, Sequence[Candidate], Refused], Appraisal | None]
 
 
 def chosen(appraiser: Appraiser, firm: Sequence[Candidate] = (), say: Say | None = None) -> Appraisal:
@@ -45,7 +46,11 @@ def chosen(appraiser: Appraiser, firm: Sequence[Candidate] = (), say: Say | None
     for _ in range(MOST_ROUNDS):
         if say is not None:
             say(f"{len(now.effects)} effects chosen")
-        found = (step(appraiser, now, firm, refused) for step in (_added, _exchanged, _paired))
+        steps: tuple[_Move, ...] = (_added, _exchanged, _paired)
+        if appraiser.few and appraiser.limited > 0.0:
+            # Beside the best of two imitations a third effect may seem missing: the right two compete with it.
+            steps = (_added_or_paired, _exchanged)
+        found = (step(appraiser, now, firm, refused) for step in steps)
         better = next((one for one in found if one is not None), None)
         if better is None:
             break
@@ -89,7 +94,7 @@ def _better(appraiser: Appraiser, now: Appraisal, options: Iterable[Appraisal], 
 
 def _paired(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate], refused: Refused) -> Appraisal | None:
     """With two effects more, also in place of one: two that a third imitates are found so."""
-    if not appraiser.pairs or len(now.effects) > MOST_PAIRED:
+    if not appraiser.few or len(now.effects) > MOST_PAIRED:
         return None
     left = [c for c in appraiser.candidates if c not in now.effects]
     leaving = [(), *((c,) for c in now.effects if c not in firm)]
@@ -98,9 +103,16 @@ def _paired(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate], ref
     return foremost(appraiser, now, options) if options else None
 
 
+def _added_or_paired(
+    appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate], refused: Refused
+) -> Appraisal | None:
+    found = [step(appraiser, now, firm, refused) for step in (_added, _paired)]
+    return max((one for one in found if one is not None), key=lambda one: one.worth, default=None)
+
+
 def foremost(appraiser: Appraiser, now: Appraisal, options: Sequence[Appraisal]) -> Appraisal:
     """What is worth most; where the model's own error is left, what explains most or nearly, with fewest values."""
-    if appraiser.limited == 0.0:
+    if appraiser.few or appraiser.limited == 0.0:
         return max(options, key=lambda o: o.worth)
     gains = {o: float(np.log(now.misfit / o.misfit)) for o in options}
     best = max(options, key=lambda o: gains[o])

@@ -6,6 +6,7 @@ little: there every effect is sketched in a few steps, and the best get other st
 """
 
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 
@@ -31,6 +32,10 @@ HOPELESS = 0.5
 BEHIND = 30.0
 """Chi2 by which a set that lacks an effect of the best one may be foretold to stay behind it: foretelling is off by
 less."""
+PAIRED = 5
+"""Effects whose pairs are sketched where an expansion says little."""
+SAME = 1e-4
+"""Relative difference of the costs of two effects that do the same."""
 LEAST_SHARE = 0.25
 """Of what is left above the noise, what each effect must explain: errors of the measured motion and effects that are
 missing leave a residual that small gains only happen to look like."""
@@ -43,7 +48,7 @@ class Refitted(Appraiser):
         study: model, runs, catalogue.
     """
 
-    pairs = True
+    few = True
 
     def __init__(self, study: Study) -> None:
         self._study = study
@@ -63,11 +68,15 @@ class Refitted(Appraiser):
         return self._fits[frozenset(one.effects)]
 
     def useful(self, more: Appraisal, fewer: Appraisal) -> bool:
-        """See `Appraiser.useful`; each effect must also explain `LEAST_SHARE` of what is left above the noise."""
+        """Whether each further effect explains `LEAST_SHARE` of what is left above the noise.
+
+        As in the score, likelihood says how much that is where only noise is left, and predicted runs where more is.
+        """
         before, after = self.fit(fewer), self.fit(more)
-        left = max(before.cost - before.samples - np.sqrt(2.0 * before.samples), 0.0)
-        asked = LEAST_SHARE * (len(more.effects) - len(fewer.effects)) * left
-        return super().useful(more, fewer) and before.cost - after.cost >= asked
+        by_cost = _share(before.cost, after.cost, before.samples + np.sqrt(2.0 * before.samples))
+        by_runs = _share(fewer.misfit, more.misfit, self.floor)
+        share = self.limited * by_runs + (1.0 - self.limited) * by_cost
+        return share >= LEAST_SHARE * (len(more.effects) - len(fewer.effects))
 
     def advance(self, now: Appraisal) -> None:
         """See `Appraiser.advance`: expand there, and measure by what the richest model leaves there."""
@@ -132,6 +141,8 @@ class Refitted(Appraiser):
         alone = changes and all(not gone and len(come) == 1 for gone, come in changes)
         if alone and not now.effects and self.fit(now).chi2_per_sample > GROSS:
             return self._raced(now, [come for _, come in changes])
+        if changes and len(changes[0][1]) == 2 and self.fit(now).chi2_per_sample > GROSS:
+            return self._followed(self._pairs_of_best(now, changes))
         here, around = self._around.of(now.effects), self._around
         standing = around.remaining(here) + 2.0 * self.price(now.effects)
         sets = []
@@ -141,6 +152,19 @@ class Refitted(Appraiser):
             if foretold - standing < (min(BEHIND, (2.0 - HOPELESS) * further) if grown else BEHIND):
                 sets.append(effects)
         return self._followed(sets[: min(most, SKETCHED)])
+
+    def _pairs_of_best(self, now: Appraisal, changes: Sequence[Change]) -> list[tuple[Candidate, ...]]:
+        """Where an expansion says little: pairs, in place of an effect, of those that alone did best there."""
+        sets = []
+        for gone in dict.fromkeys(tuple(gone) for gone, _ in changes if gone):
+            rest = [c for c in now.effects if c not in gone]
+            keys = {c: frozenset((*rest, c)) for c in self.candidates if c not in rest}
+            alone = sorted((c for c in keys if keys[c] in self._fits), key=lambda c: self._fits[keys[c]].cost)
+            costs = [self._fits[keys[c]].cost for c in alone]
+            # Of those that do exactly the same one will do.
+            distinct = [c for i, c in enumerate(alone) if i == 0 or costs[i] - costs[i - 1] > SAME * costs[i]]
+            sets += [(*rest, *pair) for pair in combinations(distinct[:PAIRED], 2) if gone[0] not in pair]
+        return sets
 
     def contenders(self, rest: Appraisal) -> tuple[Candidate, ...]:
         """See `Appraiser.contenders`."""
@@ -207,3 +231,8 @@ class Refitted(Appraiser):
 
     def _carry_on(self, key: frozenset[Candidate]) -> None:
         self._keep(key, self._study.fit_with((*self._study.present, *key), self._fits[key]))
+
+
+def _share(before: float, after: float, noise: float) -> float:
+    """Of what is left above the noise, the share that is gone; 1 where nothing is left."""
+    return 1.0 if before <= noise else (before - after) / (before - noise)
