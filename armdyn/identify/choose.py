@@ -47,7 +47,7 @@ def chosen(appraiser: Appraiser, firm: Sequence[Candidate] = (), say: Say | None
         if say is not None:
             say(f"{len(now.effects)} effects chosen")
         steps: tuple[_Move, ...] = (_added, _exchanged, _paired)
-        if appraiser.few and appraiser.limited > 0.0:
+        if appraiser.few and appraiser.limited > 0.0 and now.effects:
             # Beside the best of two imitations a third effect may seem missing: the right two compete with it.
             steps = (_added_or_paired, _exchanged)
         found = (step(appraiser, now, firm, refused) for step in steps)

@@ -23,7 +23,7 @@ SKETCHED = 5
 """Sets, of those that are foretold to be best, that are sketched in a round."""
 REFITTED = 9
 """Effects that are carried on where all had to be sketched."""
-THOROUGH = 4
+THOROUGH = 5
 """Sets that are fitted from other starts, where none is close."""
 LEADING = 2
 """Of the refitted sets, how many are carried on after a sketch, beside those that are nearly as good."""
@@ -182,18 +182,21 @@ class Refitted(Appraiser):
         for effects in sets:
             key, wanted = frozenset(effects), (*study.present, *effects)
             if key not in self._fits:
-                sketches = [study.sketch(wanted, near), study.sketch(wanted, near, afresh=True)]
-                self._fits[key] = min(sketches, key=lambda fit: fit.cost)
+                self._fits[key] = study.sketch(wanted, near)
                 self._rough.add(key)
         ranked = sorted(sets, key=lambda effects: self._fits[frozenset(effects)].cost)[:REFITTED]
-        found = self._followed(ranked)
+        found = [one.effects for one in self._followed(ranked)]
         if min(self._fits[frozenset(effects)].chi2_per_sample for effects in ranked) > NOISY:
-            for one in sorted(found, key=lambda one: self.fit(one).cost)[:THOROUGH]:
-                fit = study.fit_thoroughly((*study.present, *one.effects), self.fit(one))
-                self._keep(frozenset(one.effects), fit)
-                if fit.chi2_per_sample < NOISY:
+            whole = sorted(found, key=lambda effects: self._fits[frozenset(effects)].cost)
+            early = sorted(sets, key=lambda effects: study.begins((*study.present, *effects), near))
+            tried = list(dict.fromkeys(e for pair in zip(early, whole, strict=False) for e in pair))[:THOROUGH]
+            found += [effects for effects in tried if effects not in found]
+            for effects in tried:
+                key = frozenset(effects)
+                self._keep(key, study.fit_thoroughly((*study.present, *effects), self._fits[key]))
+                if self._fits[key].chi2_per_sample < NOISY:
                     break
-        return [self.of(one.effects) for one in found]
+        return [self.of(effects) for effects in found]
 
     def _sketched(self, effects: Sequence[Candidate]) -> None:
         """Sketch a set that is new, and one that stands worse than the best set could be exchanged for it."""

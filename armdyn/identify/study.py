@@ -8,7 +8,7 @@ from armdyn.effects.effect import Effect
 from armdyn.identify.appraisal import Appraisal, Appraiser
 from armdyn.identify.exam import Judge, judges, prepared_exam
 from armdyn.identify.first_fit import first_fit
-from armdyn.identify.fit import GROWTHS, Fit, determined, fit
+from armdyn.identify.fit import GROWTHS, SETTLED_WINDOW, Fit, determined, first_part, fit
 from armdyn.identify.held_out import held_out_blocks
 from armdyn.identify.least_squares import Outcome
 from armdyn.identify.prepare import noise_of_runs, prepared, stated_noise
@@ -28,6 +28,8 @@ MORE = 4
 FIRST_STEPS = 3
 """Steps after which hopeless candidates are left behind."""
 
+PERIODS = 3.0
+"""Of small swings, that tell one effect from another."""
 LONG = 4000
 """Samples beyond which it pays to derive a formulation of its own for a fit."""
 
@@ -102,14 +104,18 @@ class Study:
         free, start = self._released(effects, near)
         return fit(self.problem, free, start if values is None else values, most_steps=QUICK_STEPS)
 
-    def sketch(
-        self, effects: Sequence[Candidate], near: Fit, values: np.ndarray | None = None, *, afresh: bool = False
-    ) -> Fit:
-        """As `fit_with`, after a few steps only; `afresh` from where the runs' motions were found to begin."""
+    def sketch(self, effects: Sequence[Candidate], near: Fit, values: np.ndarray | None = None) -> Fit:
+        """As `fit_with`, after a few steps only."""
         free, start = self._released(effects, near)
-        if values is None:
-            values = self._cold(effects, near) if afresh else start
-        return fit(self.problem, free, values, most_steps=FIRST_STEPS)
+        return fit(self.problem, free, start if values is None else values, most_steps=FIRST_STEPS)
+
+    def begins(self, effects: Sequence[Candidate], near: Fit) -> float:
+        """Cost of the beginning of the runs with these effects: where errors grow, it says more than the whole."""
+        free, _ = self._released(effects, near)
+        model = self.problem.model
+        window = max(SETTLED_WINDOW, PERIODS * model.first_stretch(self.problem.theta(0, near.values)))
+        cut = Problem(model, [first_part(run, window) for run in self.runs], self.noise)
+        return fit(cut, free, self._cold(effects, near), most_steps=QUICK_STEPS).cost
 
     def to_the_end(self, found: Fit) -> Fit:
         """A fit after as many more steps as lower the cost by what matters in a comparison."""
