@@ -196,6 +196,9 @@ class Refitted(Appraiser):
                 self._keep(key, study.fit_thoroughly((*study.present, *effects), self._fits[key]))
                 if self._fits[key].chi2_per_sample < NOISY:
                     break
+        self._contenders[frozenset(now.effects)] = tuple(
+            c for effects in found for c in effects if c not in now.effects
+        )
         return [self.of(effects) for effects in found]
 
     def _sketched(self, effects: Sequence[Candidate]) -> None:
