@@ -60,6 +60,9 @@ def chosen(appraiser: Appraiser, firm: Sequence[Candidate] = (), say: Say | None
         if not back and not _displaces(appraiser, fewer, now):
             refused.add(frozenset(fewer.effects))
             appraiser.advance(fewer)
+            if appraiser.few and not _better(appraiser, now, [appraiser.of(fewer.effects)], ()):
+                appraiser.advance(now)  # at its minimum it is not what its first steps promised
+                continue
             now = appraiser.of(fewer.effects)
     return _simplified(appraiser, now, firm)
 
