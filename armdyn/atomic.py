@@ -1,26 +1,106 @@
-"""Files that are either the old one or the whole new one, never half of it."""
+"""Files that are either the old one or the whole new one, never half of it, and stay what their owner made of them.
+
+Only a regular file is replaced, by a rename; a link stays and the file that it points to is replaced; mode and owner
+are kept. Pipes and devices are written to.
+"""
 
 import os
+import re
+import secrets
+import stat
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import BinaryIO
 
 from armdyn.errors import InputError
 
+_OPEN_FILE = re.compile(r"/(?:dev|proc/self)/fd/(\d+)")
+_STANDARD = {"/dev/stdout": 1, "/dev/stderr": 2}
+
 
 def write_text(path: Path, text: str) -> None:
-    """Write `text` to `path` in one step: a temporary file beside it, then a rename.
+    """Write `text` as UTF-8; see `replacing`."""
+    with replacing(path) as file:
+        file.write(text.encode("utf-8", errors="replace"))
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[BinaryIO]:
+    """A file to write to, which takes the place of `path` when the block ends well.
+
+    Args:
+        path: of a file, which may be there or not; of a link to one; of a pipe or device, which is written to.
 
     Raises:
-        InputError: the directory is missing or cannot be written to.
+        InputError: the directory is missing, it or the file cannot be written to, or the disk is full; the old file is
+            then as it was, and nothing is left beside it.
     """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
-        if path.exists() and not path.is_file():  # a device or a pipe is written to, not replaced
-            path.write_text(text, encoding="utf-8", newline="")
-            return
-        try:
-            temporary.write_text(text, encoding="utf-8", newline="")
-            temporary.replace(path)
-        finally:
-            temporary.unlink(missing_ok=True)
+        if is_stream(path):
+            with _stream(path) as file:
+                yield file
+        else:
+            with _beside(Path(os.path.realpath(path))) as file:
+                yield file
     except OSError as error:
         raise InputError(f"cannot write {path}: {error.strerror or error}; choose another place") from error
+    except ValueError as error:
+        if "null" not in str(error):
+            raise
+        raise InputError(f"cannot write {str(path)!r}: a name holds no null character; choose another") from error
+
+
+def is_stream(path: Path) -> bool:
+    """Whether this is a pipe, a device or a file that is open already: it is written to and never replaced."""
+    if _open_descriptor(path) is not None:
+        return True
+    try:
+        mode = path.stat().st_mode
+    except (OSError, ValueError):
+        return False
+    return not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
+
+
+def _open_descriptor(path: Path) -> int | None:
+    name = os.path.normpath(path)
+    match = _OPEN_FILE.fullmatch(name)
+    return int(match[1]) if match else _STANDARD.get(name)
+
+
+def _stream(path: Path) -> BinaryIO:
+    descriptor = _open_descriptor(path)
+    if descriptor is None:
+        return path.open("wb", buffering=0)
+    for standard in (sys.stdout, sys.stderr):  # what was printed before stands before
+        with suppress(OSError, ValueError, AttributeError):
+            standard.flush()
+    return os.fdopen(os.dup(descriptor), "wb")
+
+
+@contextmanager
+def _beside(target: Path) -> Iterator[BinaryIO]:
+    if target.is_symlink():  # what is left of links in a circle
+        raise OSError(0, "it is a link that leads back to itself")
+    if target.is_dir():
+        raise IsADirectoryError(0, "it is a directory")
+    old = target.stat() if target.exists() else None
+    if old is not None and not os.access(target, os.W_OK):
+        raise PermissionError(0, "it is write-protected")
+    temporary = target.with_name(f".armdyn-{os.getpid()}-{secrets.token_hex(6)}.tmp")
+    mode = 0o666 if old is None else stat.S_IMODE(old.st_mode)
+    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_CLOEXEC", 0), mode & 0o777)
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            yield file
+            file.flush()
+            if old is not None:
+                with suppress(PermissionError):  # another's file that we may write: it becomes ours
+                    os.fchown(descriptor, old.st_uid, old.st_gid)
+                os.fchmod(descriptor, mode)  # whatever the umask, and after the owner, which clears bits
+            os.fsync(descriptor)  # a disk that is full says so at the latest here
+        temporary.replace(target)
+    finally:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)

@@ -1,15 +1,76 @@
-"""Where things that are slow to make are kept between calls."""
+"""Where things that are slow to make are kept between calls: a folder that nobody else can write to.
+
+What lies there is loaded as machine code, so an entry that somebody else could have put there is never used.
+"""
 
 import os
+import re
+import shutil
+import stat
+import tempfile
+from atexit import register
+from contextlib import suppress
+from functools import cache
 from pathlib import Path
+
+OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
+LONGEST_NAME = 100
+"""Characters of an entry's name; 255 is the most that file systems take, and a hash follows."""
 
 
 def cache_directory() -> Path:
-    """Directory for generated code and tables, created if absent.
+    """Directory for generated tables: the user's private one, or one that lasts as long as this process.
 
     ``$ARMDYN_CACHE`` if set, else ``$XDG_CACHE_HOME/armdyn``, else ``~/.cache/armdyn``.
     """
-    root = os.environ.get("ARMDYN_CACHE")
-    directory = Path(root) if root else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "armdyn"
-    directory.mkdir(parents=True, exist_ok=True)
+    return private_directory() or _passing_directory()
+
+
+def private_directory() -> Path | None:
+    """The user's cache, created if absent; None where it cannot be written to, or others can write to it.
+
+    A folder in the usual place that is ours is closed to others; one that ``$ARMDYN_CACHE`` names stays as it is.
+    """
+    chosen = os.environ.get("ARMDYN_CACHE")
+    try:
+        root = Path(chosen) if chosen else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "armdyn"
+        root.mkdir(mode=0o700, parents=True, exist_ok=True)
+        directory = root.resolve(strict=True)
+        found = directory.stat()
+        if not chosen and _is_ours(found) and found.st_mode & OTHERS_WRITE:
+            directory.chmod(stat.S_IMODE(found.st_mode) & ~OTHERS_WRITE)
+            found = directory.stat()
+    except (OSError, RuntimeError, ValueError):  # no home, no place, links in a circle, a null character
+        return None
+    private = _is_ours(found) and not found.st_mode & OTHERS_WRITE
+    return directory if private and os.access(directory, os.R_OK | os.W_OK | os.X_OK) else None
+
+
+def is_private(file: Path) -> bool:
+    """Whether this is a regular file, no link, of ours that nobody else can write to."""
+    try:
+        found = file.lstat()
+    except OSError:
+        return False
+    return stat.S_ISREG(found.st_mode) and _is_ours(found) and not found.st_mode & OTHERS_WRITE
+
+
+def entry_name(name: str) -> str:
+    """A name, such as that of a robot in a file, as part of the name of a file: letters, digits, ``_`` and ``-``."""
+    return re.sub(r"[^A-Za-z0-9_-]", "_", name)[:LONGEST_NAME] or "_"
+
+
+def _is_ours(found: os.stat_result) -> bool:
+    return not hasattr(os, "geteuid") or found.st_uid == os.geteuid()
+
+
+@cache
+def _passing_directory() -> Path:
+    directory = Path(tempfile.mkdtemp(prefix="armdyn-"))
+
+    def remove() -> None:
+        with suppress(OSError):
+            shutil.rmtree(directory)
+
+    register(remove)
     return directory

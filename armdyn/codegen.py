@@ -3,6 +3,7 @@
 import hashlib
 import os
 import platform
+import re
 import shutil
 import subprocess
 import tempfile
@@ -13,7 +14,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from armdyn.cache import cache_directory
+from armdyn.cache import is_private, private_directory
 
 # No -ffinite-math-only: a NaN must stay a NaN. No -march=native: the cache may be shared between machines. No
 # reassociation and no contraction: an effect at its null value must change nothing to the last digit.
@@ -35,8 +36,9 @@ def compiler() -> str | None:
 def compiled(name: str, functions: Mapping[str, ca.Function]) -> dict[str, ca.Function]:
     """The same functions as machine code where a compiler exists, else as they are.
 
-    The library is kept in the cache directory under a hash of its source, so that the compiler runs once per
-    formulation. A failing compiler is no error: the virtual machine gives the same numbers, more slowly.
+    The library is kept in the user's private cache under a hash of its source and a digest of itself, so that the
+    compiler runs once per formulation, and again where the library was damaged. A failing compiler, a full disk or a
+    cache that others can write to is no error: the virtual machine gives the same numbers, more slowly.
 
     Args:
         name: prefix of the file in the cache, an identifier.
@@ -45,15 +47,42 @@ def compiled(name: str, functions: Mapping[str, ca.Function]) -> dict[str, ca.Fu
     command = compiler()
     if command is None:
         return dict(functions)
+    directory = private_directory()
+    if directory is None:
+        return dict(functions)
+    name = _identifier(name)[:48].rstrip("_")
     generator = ca.CodeGenerator(f"{name}.c", {"with_header": False})
     for key, function in functions.items():
         generator.add(function if function.name() == key else _renamed(key, function))
     source = generator.dump()
     identity = "\n".join((source, command, *_flags(source), platform.machine(), ca.__version__))
-    library = cache_directory() / f"{name[:48]}-{hashlib.sha256(identity.encode()).hexdigest()[:20]}.so"
-    if not library.exists() and not _compile(command, source, library):
-        return dict(functions)
-    return {key: ca.external(key, str(library)) for key in functions}
+    stem = f"{name}-{hashlib.sha256(identity.encode()).hexdigest()[:20]}"
+    try:
+        library = _kept(directory, stem) or _compile(command, source, directory, stem)
+        if library is not None:
+            return {key: ca.external(key, str(library)) for key in functions}
+    except (OSError, RuntimeError):  # a disk that is full or forbids to execute, or a library that cannot be loaded
+        pass
+    return dict(functions)
+
+
+def _kept(directory: Path, stem: str) -> Path | None:
+    """The library in the cache whose content has the digest in its name; what is damaged is removed."""
+    for library in sorted(directory.glob(f"{stem}-*.so")):
+        if is_private(library) and library.name == _library_name(stem, library.read_bytes()):
+            return library
+        library.unlink(missing_ok=True)
+    return None
+
+
+def _library_name(stem: str, content: bytes) -> str:
+    return f"{stem}-{hashlib.sha256(content).hexdigest()[:32]}.so"
+
+
+def _identifier(name: str) -> str:
+    """As CasADi takes one: letters, digits and single underscores, a letter first."""
+    plain = re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_")
+    return plain if plain[:1].isalpha() else f"code_{plain}".rstrip("_")
 
 
 def _flags(source: str) -> tuple[str, ...]:
@@ -65,17 +94,18 @@ def _renamed(key: str, function: ca.Function) -> ca.Function:
     return ca.Function(key, inputs, function.call(inputs), function.name_in(), function.name_out())
 
 
-def _compile(command: str, source: str, library: Path) -> bool:
-    with tempfile.TemporaryDirectory(dir=library.parent) as scratch:
+def _compile(command: str, source: str, directory: Path, stem: str) -> Path | None:
+    """The library, made anew; None where the compiler fails."""
+    with tempfile.TemporaryDirectory(dir=directory) as scratch:
         code, product = Path(scratch, "code.c"), Path(scratch, "code.so")
         code.write_text(source)
         result = subprocess.run(
             [command, *_flags(source), str(code), "-o", str(product), "-lm"], capture_output=True, check=False
         )
         if result.returncode != 0:
-            return False
-        product.replace(library)
-    return True
+            return None
+        product.chmod(0o700)
+        return product.replace(directory / _library_name(stem, product.read_bytes()))
 
 
 class Buffered:

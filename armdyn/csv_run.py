@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from armdyn import atomic
+from armdyn.bytes_in import read_bytes
 from armdyn.channels import (
     LARGEST,
     MIN_SAMPLES,
@@ -75,14 +76,7 @@ def write_csv(path: Path, channels: Mapping[str, Channel]) -> None:
 
 
 def _text(path: Path) -> str:
-    try:
-        data = path.read_bytes()
-    except IsADirectoryError as error:
-        raise InputError(f"{path} is a directory: give the recording's file") from error
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file") from error
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    data = read_bytes(path)
     if not data.strip():
         raise InputError(f"{path}: is empty: record again or give another file")
     if data.startswith(b"\x89MCAP"):

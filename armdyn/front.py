@@ -13,6 +13,7 @@ from armdyn.identify.study import Study
 from armdyn.model import Model
 from armdyn.model_file import read_model
 from armdyn.run import Run, read_run
+from armdyn.run_checks import check_run
 
 AnyModel: TypeAlias = Model | str | Path
 Runs: TypeAlias = Sequence[Run | str | Path]
@@ -70,4 +71,6 @@ def repair(model: AnyModel, runs: Runs, held_out: Runs = (), effects: Iterable[E
 def _study(model: AnyModel, runs: Runs, held_out: Runs, effects: Iterable[Effect] | None) -> Study:
     known = model if isinstance(model, Model) else read_model(model)
     training, others = ([r if isinstance(r, Run) else read_run(r) for r in given] for given in (runs, held_out))
+    for run in (*training, *others):
+        check_run(known, run)
     return Study(known, training, others, available(known) if effects is None else tuple(effects))

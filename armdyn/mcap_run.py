@@ -14,8 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
+from armdyn.bytes_in import read_bytes
 from armdyn.channels import LARGEST, Channel, channel_unit, first_implausible, in_contract
 from armdyn.errors import InputError
+from armdyn.mcap_sizes import check_chunk_sizes
 from armdyn.sidecar import Sidecar, parse_sidecar
 
 SIDECAR_RECORD = "armdyn.sidecar"
@@ -71,7 +73,12 @@ def read_mcap(path: Path, recover: bool = False) -> McapRecording:
     Raises:
         InputError: the file cannot be read, is cut off or damaged (unless `recover`), or holds no channels of armdyn.
     """
-    content = _scan(_bytes(path))
+    data = _bytes(path)
+    try:
+        check_chunk_sizes(data)
+        content = _scan(data)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
     recorded = {name: samples for name, samples in content.samples.items() if samples.time}
     warnings: tuple[str, ...] = ()
     if content.problem is not None:
@@ -93,14 +100,7 @@ def read_mcap(path: Path, recover: bool = False) -> McapRecording:
 
 
 def _bytes(path: Path) -> bytes:
-    try:
-        data = path.read_bytes()
-    except IsADirectoryError as error:
-        raise InputError(f"{path} is a directory: give the recording's file") from error
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file") from error
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    data = read_bytes(path)
     if not data:
         raise InputError(f"{path}: is empty: record again or give another file")
     if not data.startswith(b"\x89MCAP0\r\n"[: len(data)]):
@@ -118,7 +118,7 @@ def _scan(data: bytes) -> _Content:
     labels: dict[int, dict[str, tuple[str, str]]] = {}
     # Cut or damaged bytes surface as a dozen exceptions of struct, zstd, json and mcap; a user can do the same for all.
     try:
-        for record in StreamReader(io.BytesIO(data), validate_crcs=True).records:
+        for record in StreamReader(io.BytesIO(data), validate_crcs=True, record_size_limit=len(data)).records:
             if isinstance(record, Topic):
                 labels[record.id] = _labels(record.metadata)
                 for name, unit in labels[record.id].values():
@@ -129,6 +129,8 @@ def _scan(data: bytes) -> _Content:
                 content.sidecar = parse_sidecar(record.metadata["toml"])
     except (EndOfFile, struct.error):
         content.problem = "is cut off, its recording did not end properly"
+    except InputError:
+        raise
     except Exception as error:
         content.problem = f"is damaged ({type(error).__name__})"
     return content

@@ -8,20 +8,30 @@ load_force = "3 mN"
 mass = "80 g +/- 0.4 g"
 ```
 
-Other keys and tables, such as ``source``, ``licence`` or ``[published]``, are for the reader and are not used.
+Other keys and tables, such as ``source``, ``licence`` or ``[published]``, are for the reader and are not used; one that
+resembles a key above is refused as misspelt.
 """
 
+import difflib
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from armdyn.channels import channel_kind, channel_unit
+from armdyn.bytes_in import LARGEST_TEXT, read_bytes
+from armdyn.channels import channel_kind, channel_unit, in_contract
 from armdyn.errors import InputError
 from armdyn.units import Known, parse_quantity
 
 POSITIVE = {"mass": "kg", "length": "m"}
 """Known values of the base pendulum that have a fixed unit and cannot be zero or less."""
+
+
+KEYS = ("description", "noise", "known", "source", "licence", "license", "published", "urdf", "notes")
+"""Keys that are used, and those that recordings have for their readers."""
+ALIKE = 0.75
+"""Ratio of common letters (`difflib`) from which a key is a misspelling: 'nosie' and 'knwon' have 0.8, and 'author'
+none of its own kind."""
 
 
 @dataclass(frozen=True)
@@ -39,17 +49,17 @@ def read_sidecar(path: Path) -> Sidecar:
     Raises:
         InputError: names the file, the field, what is wrong and what to do.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
+    if not path.exists():
         return Sidecar()
+    try:
+        text = read_bytes(path, LARGEST_TEXT).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: is not UTF-8 text: save it as UTF-8") from error
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
     try:
         return parse_sidecar(text)
-    except tomllib.TOMLDecodeError as error:
+    except RecursionError as error:
+        raise InputError(f"{path}: is nested too deeply: write '[known]' and below it a line per value") from error
+    except (tomllib.TOMLDecodeError, ValueError) as error:  # a number of 5000 digits is a ValueError
         raise InputError(f"{path}: is not TOML: {error}") from error
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
@@ -63,12 +73,27 @@ def parse_sidecar(text: str) -> Sidecar:
         InputError: a field cannot be used.
     """
     table = tomllib.loads(text)
+    _check_keys(table)
     description = table.get("description", "")
     if not isinstance(description, str):
         raise InputError(f"description: {description!r} is not a text: put it in quotes")
     noise = {name: _noise(name, value) for name, value in _entries(table, "noise").items()}
     known = {name: _known(name, value) for name, value in _entries(table, "known").items()}
     return Sidecar(description, noise, known)
+
+
+def _check_keys(table: Mapping[str, object]) -> None:
+    """Refuse a misspelt key, and a value that stands outside its table; keys that resemble none are the reader's."""
+    for key in table:
+        if key in KEYS:
+            continue
+        if key in POSITIVE:
+            raise InputError(f"'{key}' stands outside every table: put it below a line '[known]'")
+        if in_contract(key):
+            raise InputError(f"'{key}' stands outside every table: put it below a line '[noise]'")
+        close = difflib.get_close_matches(key.lower(), KEYS, n=1, cutoff=ALIKE)
+        if close:
+            raise InputError(f"unknown key '{key}': did you mean '{close[0]}'?")
 
 
 def sidecar_text(sidecar: Sidecar) -> str:

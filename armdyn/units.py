@@ -21,6 +21,13 @@ _PLUS_MINUS = re.compile(r"\s*(?:\+/-|±|\+-)\s*")
 _NEWTON_METRE = re.compile(r"\bNm\b")
 
 
+LONGEST = 80
+"""Characters of a unit."""
+_POWER = re.compile(r"(?:\^|\*\*)\s*(?:[-+]?\d(?:\.\d{1,3})?|\([-+]?\d(?:\s*/\s*\d)?\))(?![\w.])(?!\s*(?:\^|\*\*))")
+_SUPERSCRIPTS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺", "0123456789-+")
+_SUPERSCRIPT = re.compile(r"[⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺]+")
+
+
 @dataclass(frozen=True)
 class Known:
     """A number with its unit and, where it was measured, its standard deviation.
@@ -89,6 +96,8 @@ def parse_quantity(text: str, expected: str | None = None) -> Known:
         raise InputError(f"'{text}' has no unit: write it as '{text} {expected or 'kg'}'")
     si = expected if expected is not None else si_unit(unit)
     scale = si_factor(unit, si)
+    if not math.isfinite(value * scale):
+        raise InputError(f"'{text}' is too large: write a number, such as '80 g'")
     if len(numbers) == 1:
         return Known(value * scale, None, si)
     spread, spread_unit = numbers[1]
@@ -131,6 +140,7 @@ def _registry() -> "pint.UnitRegistry[float]":
 
 @lru_cache(maxsize=256)
 def _parse(unit: str) -> _Unit:
+    _check_size(unit)
     registry = _registry()
     text = _NEWTON_METRE.sub("N m", unit)
     # A bad unit surfaces as one of a dozen exceptions of pint and of Python's tokenizer; the remedy is always the same.
@@ -152,6 +162,19 @@ def _parse(unit: str) -> _Unit:
         is_angle="radian" in str(base.units),
         names=str(parsed),
     )
+
+
+def _check_size(unit: str) -> None:
+    """Refuse what takes for ever to work out, such as ``N**9**9**9**9``: pint computes every number in a unit."""
+    plain = _SUPERSCRIPT.sub(lambda match: "^" + match.group().translate(_SUPERSCRIPTS), unit)
+    powers = plain.count("^") + plain.count("**")
+    depth = deepest = 0
+    for character in plain:
+        depth += (character == "(") - (character == ")")
+        deepest = max(deepest, depth)
+    if len(unit) > LONGEST or deepest > 2 or len(_POWER.findall(plain)) != powers:
+        shown = unit if len(unit) <= LONGEST else f"{unit[:40]}..."
+        raise InputError(f"unknown unit '{shown}': write powers of one digit, such as 's', 'mm', 'm/s^2', 'N s^2/m^2'")
 
 
 def _number_and_unit(part: str, text: str) -> tuple[float, str]:

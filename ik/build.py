@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from armdyn.cache import cache_directory
+from armdyn.cache import cache_directory, entry_name
 from armdyn.errors import InputError
 from ik.branch import Branch
 from ik.chain import Chain
@@ -120,7 +120,7 @@ def _plan(robot: Robot, chain: Chain, path: Path, wish: Wish) -> tuple[Branch, A
 
 def default_path(robot: Robot) -> File:
     """Where the table of a robot's own line is kept."""
-    return cache_directory() / f"{robot.name}-{robot.fingerprint[:16]}-{FORMAT}.npz"
+    return cache_directory() / f"{entry_name(robot.name)}-{robot.fingerprint[:16]}-{FORMAT}.npz"
 
 
 def default_table(robot: Robot, progress: Progress | None = None) -> LineTable:

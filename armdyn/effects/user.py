@@ -1,18 +1,30 @@
 """A user's own effects, from a Python file that defines them with `@effect`."""
 
 import importlib.util
+import signal
 import sys
-from collections.abc import Collection, Iterable, Mapping, Sequence
+import threading
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
 from armdyn.effects.catalogue import CATALOGUE, STAGES
 from armdyn.effects.effect import Effect
+from armdyn.effects.tried import check_declared, check_tried, line_in
 from armdyn.errors import ArmdynError, InputError
 
 if TYPE_CHECKING:
     from armdyn.model import Model
+
+
+READING = 8.0
+"""s that running a user's file may take; importing the heaviest libraries takes a few."""
+
+
+class _TooSlowError(BaseException):
+    """Not an `Exception`, which a user's file may catch."""
 
 
 def load_effects(path: str | Path, stages: Collection[str] | None = STAGES) -> tuple[Effect, ...]:
@@ -33,6 +45,8 @@ def load_effects(path: str | Path, stages: Collection[str] | None = STAGES) -> t
         raise InputError(f"{path}: defines no effect: write a function with @effect(...), see examples/my_effects.py")
     if stages is not None:
         _check_stages(own, stages, path)
+        for item in own:
+            check_tried(item, path)
     return own
 
 
@@ -48,6 +62,10 @@ def available(model: "Model", own: Sequence[Effect] = (), path: str | Path | Non
         InputError: an effect of the file acts on nothing that any model has.
     """
     _check_stages(own, (*STAGES, *model.stages), path)
+    if path is not None and model.base in ("pendulum", "arm"):  # another base may call something else a load
+        for item in own:
+            if item.acts_on in model.stages:
+                check_tried(item, Path(path))
     return tuple(e for e in (*CATALOGUE.values(), *model.own_effects, *own) if e.acts_on in model.stages)
 
 
@@ -63,12 +81,14 @@ def effects_of(path: Path, defined: Mapping[str, object]) -> tuple[Effect, ...]:
     """The effects among what a file defines, without those that it imports from the catalogue.
 
     Raises:
-        InputError: one has a name of the catalogue.
+        InputError: one has a name of the catalogue or of another, or cannot be used as it is declared.
     """
-    own = {n: item for n, item in defined.items() if isinstance(item, Effect) and item not in CATALOGUE.values()}
+    found = {n: item for n, item in defined.items() if isinstance(item, Effect) and item not in CATALOGUE.values()}
+    own = {n: item for n, item in found.items() if all(item is not found[m] for m in list(found)[: [*found].index(n)])}
     clashing = [n for n, item in own.items() if item.name in CATALOGUE]
     if clashing:
         raise InputError(f"{path}: '{clashing[0]}' has the name of an effect of the catalogue: give it another")
+    check_declared(tuple(own.values()), path)
     return tuple(own.values())
 
 
@@ -92,20 +112,38 @@ def load_module(path: Path, holds: str) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     try:
-        spec.loader.exec_module(module)
+        with _time_limit():
+            spec.loader.exec_module(module)
+    except _TooSlowError as error:
+        line = line_in(error, path)
+        raise InputError(f"{path}, line {line}: takes longer than {READING:g} s to read: do less there") from error
+    except SystemExit as error:
+        raise InputError(f"{path}, line {line_in(error, path)}: ends the program: remove sys.exit or exit") from error
     except ArmdynError as error:
-        raise InputError(f"{path}: {error}") from error
+        line = line_in(error, path)
+        raise InputError(f"{path}{f', line {line}' if line else ''}: {error}") from error
     except Exception as error:  # whatever a user's program may raise, the remedy is in their file
-        line = error.lineno if isinstance(error, SyntaxError) else _line(error, path)
+        line = error.lineno if isinstance(error, SyntaxError) else line_in(error, path)
         where = f", line {line}" if line else ""
         raise InputError(f"{path}{where}: {type(error).__name__}: {error}") from error
     return module
 
 
-def _line(error: Exception, path: Path) -> int | None:
-    trace, line = error.__traceback__, None
-    while trace is not None:
-        if Path(trace.tb_frame.f_code.co_filename) == path:
-            line = trace.tb_lineno
-        trace = trace.tb_next
-    return line
+@contextmanager
+def _time_limit() -> Iterator[None]:
+    """End the block after `READING` s, where this thread can be told to and nobody else uses the timer."""
+    here = threading.current_thread() is threading.main_thread() and hasattr(signal, "setitimer")
+    if not here or signal.getsignal(signal.SIGALRM) is not signal.SIG_DFL:
+        yield
+        return
+
+    def end(*_: object) -> None:
+        raise _TooSlowError
+
+    signal.signal(signal.SIGALRM, end)
+    signal.setitimer(signal.ITIMER_REAL, READING)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)

@@ -67,16 +67,21 @@ class Inputs(NamedTuple):
         """Every recording."""
         return [*self.runs, *(self.held_out or ()), *(self.exam or ())]
 
-    def read(self) -> "Given":
+    def read(self, adding: str | None = None) -> "Given":
         """Read everything that a study needs.
+
+        Args:
+            adding: name of an effect that the model is about to get.
 
         Raises:
             InputError: something cannot be used.
         """
+        from armdyn.effects.catalogue import find
         from armdyn.effects.user import available, load_effects
         from armdyn.identify.study import Study
         from armdyn.model_file import read_model_file
         from armdyn.run import read_run
+        from armdyn.run_checks import check_run
 
         own = load_effects(self.effects, stages=None) if self.effects is not None else ()
         file = read_model_file(self.model, own)
@@ -84,6 +89,8 @@ class Inputs(NamedTuple):
         runs, held_out, exam = (
             [read_run(path) for path in paths or ()] for paths in (self.runs, self.held_out, self.exam)
         )
+        for run in (*runs, *held_out, *exam):
+            check_run(file.model, run, [find(adding, catalogue)] if adding is not None else ())
         return Given(file, catalogue, Study(file.model, runs, held_out, catalogue, exam))
 
 
@@ -174,7 +181,7 @@ def add(
     inputs = Inputs(model, runs, held_out, exam, effects)
     inputs.check_repair(output, report, json_file)
     with spinner() as say:
-        given = inputs.read()
+        given = inputs.read(adding=effect)
         wanted = find(effect, given.catalogue)
         given.file.model.with_effect(wanted)  # refuses an effect that does not fit before anything is fitted
         say("fitting")

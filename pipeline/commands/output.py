@@ -1,10 +1,12 @@
 """What every command does with its answer: the screen, JSON, files to write, and progress."""
 
 import json
+import os
 import shlex
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -24,7 +26,15 @@ def to_screen() -> "Console":
     """Standard output for tables and coloured lines."""
     from rich.console import Console
 
+    any_encoding()
     return Console(highlight=False, width=None if sys.stdout.isatty() else PIPED_WIDTH)
+
+
+def any_encoding() -> None:
+    """Let standard output and error take every character: what their encoding lacks becomes a question mark."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="replace")
 
 
 def write_json(answer: dict[str, Any], file: Path) -> None:
@@ -34,10 +44,19 @@ def write_json(answer: dict[str, Any], file: Path) -> None:
         InputError: the file cannot be written.
     """
     from armdyn import atomic
+    from armdyn.errors import InputError
 
     text = json.dumps(answer, indent=1, allow_nan=False)
     if file == Path("-"):
-        typer.echo(text)
+        try:
+            typer.echo(text)
+            sys.stdout.flush()
+        except BrokenPipeError:
+            # The reader has seen enough, such as `head`; nor must Python's own last flush complain.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        except (OSError, ValueError, AttributeError) as error:  # full, or closed in two ways
+            why = getattr(error, "strerror", None) or "it is closed"
+            raise InputError(f"cannot write to standard output: {why}; give --json a file") from error
     else:
         atomic.write_text(file, text + "\n")
 
@@ -72,19 +91,27 @@ def check_outputs(*files: Path | None, inputs: Sequence[Path] = ()) -> None:
     Raises:
         InputError: a directory is missing, or is given in place of a file; a file is to be written twice or was read.
     """
+    from armdyn.atomic import is_stream
     from armdyn.errors import InputError
 
     taken = {file.resolve(): "an input" for file in inputs}
     for file in files:
         if file is None or file == Path("-"):
             continue
-        if file.resolve() in taken:
-            raise InputError(f"{file} is {taken[file.resolve()]}: choose another file to write")
-        taken[file.resolve()] = "also to be written as something else"
-        if file.is_dir():
+        if is_stream(file):
+            continue
+        try:
+            target = file.resolve(strict=False)
+            directory = file.is_dir()
+        except (OSError, RuntimeError, ValueError) as error:  # a name too long, links in a circle, a null character
+            raise InputError(f"cannot write {str(file)!r}: {error}; choose another place") from error
+        if target in taken:
+            raise InputError(f"{file} is {taken[target]}: choose another file to write")
+        taken[target] = "also to be written as something else"
+        if directory:
             raise InputError(f"{file} is a directory: give the file to write")
-        if not file.absolute().parent.is_dir():
-            raise InputError(f"cannot write {file}: there is no directory {file.parent}; choose another place")
+        if not target.parent.is_dir():
+            raise InputError(f"cannot write {file}: there is no directory {target.parent}; choose another place")
 
 
 @contextmanager

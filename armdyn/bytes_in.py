@@ -1,0 +1,34 @@
+"""Bytes of a file from outside: never more of them than fit, and no device that never ends."""
+
+from pathlib import Path
+
+from armdyn.errors import InputError
+
+LARGEST_FILE = 256 * 2**20
+"""Bytes of a recording; as text they take eight times as much memory, and five million samples of two columns fit."""
+LARGEST_TEXT = 2**20
+"""Bytes of a sidecar or of settings, which a person writes."""
+
+
+def read_bytes(path: Path, largest: int = LARGEST_FILE) -> bytes:
+    """The content of a file or pipe.
+
+    Args:
+        path: of the file.
+        largest: number of bytes beyond which it is refused, before more of it is read.
+
+    Raises:
+        InputError: it is absent, a directory, unreadable or too large.
+    """
+    try:
+        with path.open("rb") as file:
+            data = file.read(largest + 1)
+    except IsADirectoryError as error:
+        raise InputError(f"{path} is a directory: give the recording's file") from error
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such file") from error
+    except (OSError, ValueError) as error:  # a name with a null character is a ValueError
+        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    if len(data) > largest:
+        raise InputError(f"{path}: is larger than {largest / 2**20:g} MiB: cut it, or record at a lower rate")
+    return data

@@ -1,0 +1,232 @@
+"""A user's effect tried out when it is read: what would end in the middle of a fit is told at once, in one sentence.
+
+It is checked as declared (name, units, sizes), then applied to every stage of the catalogue's physics, at rest and in
+motion, at its null and at its typical values.
+"""
+
+import math
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from armdyn.arm.physics import Base, Joint, Link, Neighbour
+from armdyn.effects.effect import Effect
+from armdyn.errors import ArmdynError, InputError
+from armdyn.parameter import Quantity
+from armdyn.pendulum.physics import Gripper, Load, Sensor, String, Tension
+from armdyn.physics.definition import Expression, Memory
+from armdyn.units import si_unit
+
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,59}")
+
+
+def check_declared(effects: Sequence[Effect], path: Path) -> None:
+    """Refuse effects of a file whose names, units or sizes cannot be used.
+
+    Raises:
+        InputError: names the file, its line, what is wrong and what to do.
+    """
+    seen: dict[str, Effect] = {}
+    for item in effects:
+        if not isinstance(item.name, str) or not _NAME.fullmatch(item.name):
+            raise _fault(item, path, "its name is not made of letters, digits and '_', a letter first: rename it")
+        if seen.setdefault(item.name, item) is not item:
+            raise _fault(item, path, "another effect of this file has the same name: rename one")
+        for what in ("acts_on", "summary", "source"):
+            if not isinstance(getattr(item, what), str):
+                raise _fault(item, path, f"{what} is not a text: put it in quotes")
+        for short, declared in item.quantities.items():
+            _check_quantity(item, short, declared, path)
+
+
+def check_tried(item: Effect, path: Path) -> None:
+    """Apply an effect to its stage, where that is one of the catalogue's, and evaluate it.
+
+    Raises:
+        InputError: it fails, changes something at its null values, or gives no finite value or derivative.
+    """
+    stage = STAGES.get("base" if (item.acts_on, item.reach) == ("joint", "base") else item.acts_on)
+    if stage is None:
+        return
+    given, inputs = stage.make()
+    theta = ca.SX.sym("theta", len(item.quantities))
+    try:
+        changed = item.function(given, **dict(zip(item.quantities, ca.vertsplit(theta), strict=True)))
+    except ArmdynError as error:
+        raise _fault(item, path, str(error), error) from error
+    except (Exception, SystemExit) as error:  # whatever a user's function may raise, the remedy is in their file
+        raise _fault(item, path, _why(error), error) from error
+    if not isinstance(changed, type(given)):
+        kind = type(changed).__name__
+        raise _fault(item, path, f"it returns a {kind}: return the {item.acts_on} that it was given, with changes")
+    before, after = _expressions(given), _expressions(changed)
+    brought = getattr(changed, "memory", ())
+    remembered = ca.vertcat(ca.SX(0, 1), *(m.symbol for m in brought))
+    try:
+        difference = ca.densify(ca.vertcat(*(a - b for a, b in zip(after, before, strict=True))))
+        rates = ca.vertcat(ca.SX(0, 1), *(ca.vertcat(m.rate, m.start) for m in brought))
+        everything = ca.densify(ca.vertcat(*after, rates))
+        slopes, along = ca.jacobian(everything, theta), ca.jacobian(everything, inputs)
+        evaluate = ca.Function("tried", [inputs, theta, remembered], [difference, everything, slopes, along])
+    except (RuntimeError, TypeError, ValueError, NotImplementedError) as error:
+        raise _fault(item, path, "it makes something of another shape, or of symbols of its own: mend it") from error
+    null = [q.null for q in item.quantities.values()]
+    typical = [float(np.clip(q.null + q.typical, q.lower, q.upper)) for q in item.quantities.values()]
+    for where, point in stage.points.items():
+        for at, values in (("null", null), ("typical", typical)):
+            found = [np.asarray(x.full()) for x in evaluate(point, values, np.zeros(remembered.numel()))]
+            change, value, by_theta, by_inputs = found
+            if not np.isfinite(value).all():
+                hint = "write it with casadi, such as ca.sin, and without a division by zero"
+                raise _fault(item, path, f"it is not finite at its {at} values {where}: {hint}")
+            if at == "null" and np.any(change != 0.0):
+                raise _fault(item, path, "it changes something at its null values: make it vanish there")
+            # At rest a force may well have a corner, but how it depends on its parameters must be known there.
+            if not np.isfinite(by_theta).all() or (where == MOVING and not np.isfinite(by_inputs).all()):
+                hint = "its derivative is infinite: move the null value, or add a small number below the root"
+                raise _fault(item, path, f"it has no finite derivative at its {at} values {where}: {hint}")
+
+
+def _check_quantity(item: Effect, short: str, declared: Quantity, path: Path) -> None:
+    def fault(what: str) -> InputError:
+        return _fault(item, path, f"'{short}': {what}")
+
+    for what in ("typical", "null", "lower", "upper"):
+        value = getattr(declared, what)
+        if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
+            raise fault(f"{what} is {value!r}: write a number")
+    if not (0.0 < declared.typical < math.inf):
+        raise fault(f"typical is {declared.typical:g}: write the size that it has in nature, more than 0")
+    if not (declared.lower <= declared.null <= declared.upper and math.isfinite(declared.null)):
+        raise fault(f"null is {declared.null:g}, outside {declared.lower:g} to {declared.upper:g}: widen the range")
+    if declared.lower == declared.upper:
+        raise fault("lower and upper are the same: leave it out, or widen the range")
+    if declared.scope not in ("shared", "per_run"):
+        raise fault(f"scope is {declared.scope!r}: write 'shared' or 'per_run'")
+    spread = declared.spread
+    if spread is not None and not (isinstance(spread, int | float) and 0.0 < spread < math.inf):
+        raise fault(f"spread is {spread!r}: write a number of more than 0, or leave it out")
+    if not isinstance(declared.unit, str):
+        raise fault(f"unit is {declared.unit!r}: write a text such as 'N s/m'")
+    try:
+        si = si_unit(declared.unit)
+    except InputError as error:
+        raise fault(str(error)) from error
+    if si.replace(" ", "") != declared.unit.replace(" ", "") and declared.unit != "Nm":
+        raise fault(f"'{declared.unit}' is no SI unit: write '{si}' and the numbers in it")
+
+
+@dataclass(frozen=True)
+class _Stage:
+    """A stage of the catalogue's physics, and where it is tried.
+
+    Attributes:
+        make: the stage and the symbols that it is made of (n,).
+        points: (n,) values of these, by what they are called.
+    """
+
+    make: Callable[[], tuple[Any, Expression]]
+    points: dict[str, list[float]]
+
+
+AT_REST, MOVING = "at rest", "in motion"
+
+
+def _stage(build: Callable[..., Any], rest: Sequence[float], moving: Sequence[float]) -> _Stage:
+    def make() -> tuple[Any, Expression]:
+        symbols = ca.SX.sym("w", len(rest))
+        return build(*ca.vertsplit(symbols)), symbols
+
+    return _Stage(make, {AT_REST: list(rest), MOVING: list(moving)})
+
+
+def _joint(*w: Expression) -> Joint:
+    zero, one, shape = ca.SX(0), ca.SX(1), ca.SX(np.diag([0.1, 0.1, 0.1, 1.0]))
+    time, q, v, a, direction, load, *inner = w
+    link = Link(shape, ca.SX(4, 4))
+    return Joint(time, q, v, a, direction, load, Neighbour(*inner), link, zero, zero, one, zero, zero)
+
+
+def _none() -> Expression:
+    return ca.SX(0)
+
+
+STAGES = {
+    "gripper": _stage(
+        lambda t, x, v, z, phi: Gripper(t, x, v, z, phi, ca.vertcat(x, 0, z), _none(), _none(), _none()),
+        [0.0, 0.0, 0.0, 0.0, 0.0],
+        [0.7, 0.1, -0.3, 0.02, 0.2],
+    ),
+    "string": _stage(
+        lambda t, phi, rate, mass, length: String(t, phi, rate, mass, length, _none(), _none(), _none()),
+        [0.0, 0.0, 0.0, 0.08, 0.37],
+        [0.7, 0.2, -0.9, 0.08, 0.37],
+    ),
+    "load": _stage(
+        lambda t, m, x, y, z, u, v, w, phi, rate: Load(
+            t, m, ca.vertcat(x, y, z), ca.vertcat(u, v, w), phi, rate, ca.SX.zeros(3), _none(), ca.SX.zeros(3)
+        ),
+        [0.0, 0.08, 0.0, 0.0, -0.37, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [0.7, 0.08, 0.03, 0.0, -0.36, -0.2, 0.0, 0.03, 0.2, -0.9],
+    ),
+    "tension": _stage(Tension, [0.785, 0.0, 0.0, 0.08, 0.37, 0.0], [0.82, 0.2, -0.9, 0.08, 0.37, 0.4]),
+    "sensor": _stage(
+        lambda t, tension, phi, rate: Sensor(t, tension, phi, tension, phi, rate, _none(), _none()),
+        [0.0, 0.785, 0.0, 0.0],
+        [0.7, 0.82, 0.2, -0.9],
+    ),
+    "joint": _stage(_joint, [0.0] * 9, [0.7, 0.4, -0.8, 0.5, -1.0, 3.0, 0.2, 0.3, -0.6]),
+    "base": _stage(lambda x, y, z: Base(ca.vertcat(x, y, z)), [0.0, 0.0, -9.81], [0.3, -0.2, -9.8]),
+}
+"""Stages of pendulum and arm, with values such as a small load on a string and a slow joint have."""
+
+
+def _expressions(stage: Any) -> list[Expression]:
+    """What a stage is made of, as columns, without the states that effects bring."""
+    found: list[Expression] = []
+    for each in fields(stage):
+        value = getattr(stage, each.name)
+        if isinstance(value, Link):
+            found.append(ca.reshape(value.pseudo_inertia, -1, 1))
+        elif isinstance(value, Memory | tuple):
+            continue
+        elif is_dataclass(value):
+            found += _expressions(value)
+        else:
+            found.append(ca.reshape(ca.densify(ca.SX(value)), -1, 1))
+    return found
+
+
+def _why(error: BaseException) -> str:
+    text = " ".join(str(error).split())
+    if "truth value" in text:
+        return (
+            "it asks 'if', 'and', 'max' or the like of a quantity that has no value yet: write ca.if_else(when, a, b)"
+        )
+    if isinstance(error, SystemExit):
+        return "it calls sys.exit: raise an exception instead"
+    return f"it fails with {type(error).__name__}: {text[:200]}: mend its file"
+
+
+def _fault(item: Effect, path: Path, what: str, error: BaseException | None = None) -> InputError:
+    line = None if error is None else line_in(error, path)
+    if line is None:
+        code = getattr(item.function, "__code__", None)
+        line = code.co_firstlineno if code is not None and Path(code.co_filename) == path else None
+    where = f"{path}, line {line}" if line else f"{path}"
+    return InputError(f"{where}: the effect '{str(item.name)[:60]}': {what}")
+
+
+def line_in(error: BaseException, path: Path) -> int | None:
+    """The last line of a file that an exception came through."""
+    trace, line = error.__traceback__, None
+    while trace is not None:
+        if Path(trace.tb_frame.f_code.co_filename) == path:
+            line = trace.tb_lineno
+        trace = trace.tb_next
+    return line

@@ -1,0 +1,135 @@
+"""What a recording must be before a model is held against it: a sane clock, possible positions, values that it has.
+
+A file can be well formed and still be of no use: milliseconds declared as seconds, a clock that was set while it ran,
+an encoder that sent nonsense once. A simulation over such a span would need gigabytes, so it is refused here.
+"""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from armdyn.channels import Channel
+from armdyn.effects.effect import Effect
+from armdyn.errors import InputError, UnknownNameError
+from armdyn.model import Model
+from armdyn.run import Run
+from armdyn.sidecar import POSITIVE
+from armdyn.units import si_factor
+
+SLOWEST = 0.2
+"""s between samples, on average, beyond which no motion of a load or of an arm shows. It bounds the memory: a
+simulation has at most `SLOWEST` / 0.005 s = 40 steps per sample."""
+SHORT_SPAN = 200.0
+"""s; so long a recording may have gaps of any kind: a simulation of it is small."""
+FASTEST = 2e-5
+"""s between samples below which the unit of time is wrong: load cells and joints are sampled at 10 kHz at most."""
+REPEATED = 5e-7
+"""s; samples that are closer are one sample that was stamped twice."""
+IMPOSSIBLE = {"rad": (10.0, 300.0), "m": (1.0, 50.0)}
+"""Step between samples and speed, per s, that together no joint or gripper makes; a turn that is counted from zero
+again (6.3 rad) is a smaller step."""
+
+
+def check_run(model: Model, run: Run, adding: Iterable[Effect] = ()) -> None:
+    """Refuse a recording that this model cannot use.
+
+    Args:
+        model: that is held against it.
+        run: the recording.
+        adding: effects that the model is about to get; their values may be known, too.
+
+    Raises:
+        InputError: names the file, the channel or value and the time, what is wrong and what to do.
+    """
+    try:
+        _check_known(model, run, adding)
+        _check_clock(run)
+        for name, channel in run.channels.items():
+            _check_steps(name, channel)
+    except InputError as error:
+        raise InputError(f"{run.source or run.name}: {error}") from error
+
+
+def _check_known(model: Model, run: Run, adding: Iterable[Effect]) -> None:
+    for effect in adding:
+        if model.lacks(effect):
+            model = model.with_effect(effect)
+    for name, known in run.known.items():
+        where = f"[known] {name}"
+        if name not in model.parameters:
+            if name in POSITIVE:
+                continue  # what hangs on the gripper is written beside every recording, also of an arm
+            raise _unknown(model, name)
+        try:
+            si_factor(known.unit, model.parameters[name].unit)
+        except InputError as error:
+            raise InputError(f"{where}: {error}") from error
+
+
+def _unknown(model: Model, name: str) -> InputError:
+    from armdyn.effects.catalogue import CATALOGUE
+
+    effect = name.partition(".")[0]
+    if effect in CATALOGUE and not model.joints_with(effect):
+        return InputError(
+            f"[known] {name}: this model lacks the effect '{effect}': add it with 'armdyn add', or remove the line"
+        )
+    return UnknownNameError("quantity in [known]", name, model.names)
+
+
+def _check_clock(run: Run) -> None:
+    channels = {name: c for name, c in run.channels.items() if len(c) > 1}
+    if not channels:
+        return
+    for name, channel in channels.items():
+        steps = np.diff(channel.time)
+        typical, least = float(np.median(steps)), int(np.argmin(steps))
+        if typical < FASTEST:
+            raise InputError(
+                f"time: '{name}' has a sample every {typical:.3g} s, which no sensor does: check the unit of 'time', "
+                "such as 'time [s]'"
+            )
+        if steps[least] < REPEATED:
+            raise InputError(
+                f"time: '{name}' has two samples {steps[least]:.3g} s apart at {channel.time[least]:.9g} s: "
+                "remove one of them"
+            )
+    names = list(channels)
+    start, end = (np.array([c.time[i] for c in channels.values()]) for i in (0, -1))
+    if end.max() - start.min() <= max(SHORT_SPAN, SLOWEST * max(map(len, channels.values()))):
+        return
+    for name, channel in channels.items():
+        span, steps = float(channel.time[-1] - channel.time[0]), np.diff(channel.time)
+        if span <= max(SHORT_SPAN, SLOWEST * len(channel)):
+            continue
+        longest = int(np.argmax(steps))
+        if steps[longest] > 0.5 * span:
+            raise InputError(
+                f"time: '{name}' jumps by {steps[longest]:.6g} s after {channel.time[longest]:.9g} s: "
+                "cut the recording there into two files"
+            )
+        raise InputError(
+            f"time: '{name}' has a sample every {np.median(steps):.3g} s over {span:.6g} s, too few to show a motion: "
+            "check the unit of 'time' (milliseconds are 'time [ms]'), or record faster"
+        )
+    first, last = names[int(np.argmin(start))], names[int(np.argmax(end))]
+    raise InputError(
+        f"time: '{first}' begins at {start.min():.9g} s and '{last}' ends at {end.max():.9g} s: "
+        "record all channels with one clock"
+    )
+
+
+def _check_steps(name: str, channel: Channel) -> None:
+    quantity = name.partition(".")[0]
+    bound = IMPOSSIBLE.get(channel.unit)
+    if bound is None or quantity not in ("q", "swing_angle", "gripper_x", "gripper_z") or len(channel) < 2:
+        return
+    step, interval = np.diff(channel.value), np.diff(channel.time)
+    beyond = np.flatnonzero((np.abs(step) > bound[0]) & (np.abs(step) > bound[1] * interval))
+    if beyond.size:
+        i = int(beyond[0])
+        raise InputError(
+            f"'{name}' goes from {channel.value[i]:.6g} to {channel.value[i + 1]:.6g} {channel.unit} within "
+            f"{interval[i]:.3g} s at {channel.time[i + 1]:.6g} s, which nothing does: empty the cells where the sensor "
+            "failed, or check the unit"
+        )

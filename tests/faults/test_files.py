@@ -1,0 +1,208 @@
+"""Files stay what their owner made of them, and are the old one or the whole new one."""
+
+import errno
+import os
+import stat
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from armdyn import atomic
+from armdyn.errors import InputError
+from pipeline.commands.output import check_outputs
+
+TEXT = "new\n" * 1000
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_a_link_stays_and_its_target_is_replaced(tmp_path):
+    (tmp_path / "there").mkdir()
+    target, link, second = tmp_path / "there" / "m.toml", tmp_path / "link.toml", tmp_path / "second.toml"
+    target.write_text("old")
+    link.symlink_to(target)
+    second.symlink_to("link.toml")
+    atomic.write_text(second, TEXT)
+    assert link.is_symlink()
+    assert second.is_symlink()
+    assert target.read_text() == TEXT
+    assert names(target.parent) == ["m.toml"]
+
+
+def test_a_link_to_a_file_that_is_not_there_yet_makes_it(tmp_path):
+    (tmp_path / "link").symlink_to("new.txt")
+    atomic.write_text(tmp_path / "link", TEXT)
+    assert (tmp_path / "new.txt").read_text() == TEXT
+    assert names(tmp_path) == ["link", "new.txt"]
+
+
+def test_links_in_a_circle_are_refused(tmp_path):
+    (tmp_path / "a").symlink_to("b")
+    (tmp_path / "b").symlink_to("a")
+    with pytest.raises(InputError, match="cannot write"):
+        atomic.write_text(tmp_path / "a", TEXT)
+    assert names(tmp_path) == ["a", "b"]
+
+
+@pytest.mark.parametrize("mode", [0o600, 0o640, 0o664, 0o755])
+def test_the_mode_of_a_file_is_kept(tmp_path, mode):
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    path.chmod(mode)
+    atomic.write_text(path, TEXT)
+    assert stat.S_IMODE(path.stat().st_mode) == mode
+
+
+def test_a_new_file_has_the_mode_of_the_umask(tmp_path):
+    before = os.umask(0o027)
+    try:
+        atomic.write_text(tmp_path / "a.txt", TEXT)
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "a.txt").stat().st_mode) == 0o640
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everything")
+def test_a_write_protected_file_is_refused(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    path.chmod(0o400)
+    with pytest.raises(InputError, match="write-protected"):
+        atomic.write_text(path, TEXT)
+    assert path.read_text() == "old"
+
+
+def test_a_fifo_is_written_to_and_stays(tmp_path):
+    fifo, read = tmp_path / "fifo", []
+    os.mkfifo(fifo)
+    reader = threading.Thread(target=lambda: read.append(fifo.read_text()))
+    reader.start()
+    atomic.write_text(fifo, TEXT)
+    reader.join(5)
+    assert read == [TEXT]
+    assert stat.S_ISFIFO(fifo.stat().st_mode)
+    assert names(tmp_path) == ["fifo"]
+
+
+def test_a_link_to_a_device_and_the_device_stay(tmp_path):
+    (tmp_path / "null").symlink_to("/dev/null")
+    for path in (tmp_path / "null", Path("/dev/null")):
+        atomic.write_text(path, TEXT)
+        assert stat.S_ISCHR(path.stat().st_mode)
+    check_outputs(Path("/dev/null"), Path("/dev/null"))
+
+
+@pytest.mark.parametrize("place", ["pipe", "file"])
+def test_standard_output_is_written_to_in_order(tmp_path, place):
+    code = (
+        "from pathlib import Path; from armdyn import atomic; print('before'); "
+        "atomic.write_text(Path('/dev/stdout'), 'middle\\n'); print('after')"
+    )
+    if place == "pipe":
+        shown = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout
+    else:
+        with (tmp_path / "out").open("w") as out:
+            subprocess.run([sys.executable, "-c", code], check=True, stdout=out)
+        shown = (tmp_path / "out").read_text()
+    assert shown == "before\nmiddle\nafter\n"
+
+
+def test_a_full_disk_is_one_line_and_leaves_the_old_file_alone(tmp_path, monkeypatch):
+    (tmp_path / "a.txt").write_text("old")
+
+    def full(_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(InputError, match="No space left on device; choose another place"):
+        atomic.write_text(tmp_path / "a.txt", TEXT)
+    assert (tmp_path / "a.txt").read_text() == "old"
+    assert names(tmp_path) == ["a.txt"]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no such device here")
+def test_a_full_device_is_one_line():
+    with pytest.raises(InputError, match="No space left"):
+        atomic.write_text(Path("/dev/full"), TEXT)
+
+
+def test_a_file_size_limit_is_one_line_and_no_leftovers(tmp_path):
+    code = (
+        "import resource, signal, sys; from pathlib import Path; from armdyn import atomic\n"
+        "from armdyn.errors import InputError\n"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN); resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n"
+        "try: atomic.write_text(Path(sys.argv[1]), 'x' * 10000)\n"
+        "except InputError as error: print(error)"
+    )
+    path = tmp_path / "a.txt"
+    done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True)
+    assert "cannot write" in done.stdout
+    assert names(tmp_path) == []
+
+
+def test_an_interrupt_leaves_the_old_file_alone(tmp_path):
+    (tmp_path / "a.txt").write_text("old")
+
+    def interrupted():
+        with atomic.replacing(tmp_path / "a.txt") as file:
+            file.write(b"half")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert (tmp_path / "a.txt").read_text() == "old"
+    assert names(tmp_path) == ["a.txt"]
+
+
+def test_many_writers_of_one_file_leave_one_whole_file(tmp_path):
+    texts = [letter * 200_000 for letter in "abcdefgh"]
+    writers = [threading.Thread(target=atomic.write_text, args=(tmp_path / "a.txt", text)) for text in texts]
+    for writer in writers:
+        writer.start()
+    for writer in writers:
+        writer.join()
+    assert (tmp_path / "a.txt").read_text() in texts
+    assert names(tmp_path) == ["a.txt"]
+
+
+def test_names_that_no_file_can_have_are_refused(tmp_path):
+    for name in ("x" * 300, "nul\0l", "absent/a.txt"):
+        with pytest.raises(InputError, match="cannot write"):
+            atomic.write_text(tmp_path / name, TEXT)
+        with pytest.raises(InputError, match="cannot write"):
+            check_outputs(tmp_path / name)
+
+
+def test_a_longest_name_can_be_written(tmp_path):
+    atomic.write_text(tmp_path / ("x" * 255), TEXT)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no such device here")
+@pytest.mark.parametrize("where", [">/dev/full", ">&-"])
+def test_json_on_a_full_or_closed_standard_output_is_refused(where):
+    code = (
+        "from pathlib import Path; from armdyn.errors import InputError\n"
+        "from pipeline.commands.output import write_json\n"
+        "try: write_json({'a': 1}, Path('-'))\n"
+        "except InputError: import os; os._exit(7)"
+    )
+    done = subprocess.run(["sh", "-c", f'"$0" -c "$1" {where}', sys.executable, code], check=False)
+    assert done.returncode == 7
+
+
+def test_a_reader_that_ends_early_is_no_error():
+    code = (
+        "from pathlib import Path; from pipeline.commands.output import write_json\n"
+        "write_json({'a': list(range(200000))}, Path('-'))"
+    )
+    done = subprocess.run(
+        ["bash", "-c", 'set -o pipefail; "$0" -c "$1" | head -c 10', sys.executable, code],
+        capture_output=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
