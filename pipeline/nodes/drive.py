@@ -100,9 +100,7 @@ class DriveNode:
         previous, moving = self._smoother.state, not self._smoother.at_rest
         late = 0.0 if self.sent_at is None else self._robot.time - self.sent_at
         if moving and not 0.0 <= late <= LATEST:
-            self.fault = (
-                self.fault or f"motion at {now:.2f} s: no command for {1e3 * late:.0f} ms, and the arm went on"
-            )
+            self.fault = self.fault or f"motion at {now:.2f} s: no command for {1e3 * late:.0f} ms, and the arm went on"
             self.halt()
             return
         state, refusal = self._checked(now, previous)
