@@ -31,7 +31,8 @@ class Recorder:
 
     Channels of the contract (see `armdyn.channels`) make up the run; any others, such as ``estimate.length``, are kept
     beside it in the MCAP file. A bad sample never stops a motion: a missing or infinite value, or one
-    that is not later than the channel's last, is left out and counted in `dropped`.
+    that is not later than the channel's last, is left out and counted in `dropped`. Nor does a full disk: `failure`
+    says so, nothing more is written, and the samples stay in memory.
 
     Args:
         path: the ``.mcap`` file; CSV and TOML of the same stem are written beside it on closing.
@@ -39,6 +40,11 @@ class Recorder:
         description: a sentence for a person.
         noise: standard deviation per channel, in its unit, where known.
         known: values measured by hand, such as ``{"mass": Known(0.08, 0.0004, "kg")}``.
+
+    Attributes:
+        path: of the MCAP file.
+        dropped: samples that were left out, by channel.
+        failure: a sentence once the file could not be written, else None.
 
     Raises:
         InputError: the file cannot be written, or a channel of the contract is not in SI units.
@@ -59,6 +65,7 @@ class Recorder:
     ) -> None:
         self.path = Path(path)
         self.dropped: dict[str, int] = {}
+        self.failure: str | None = None
         self._units = {name: _si(name, unit) for name, unit in channels.items()}
         for name in noise or {}:
             if name not in self._units:
@@ -106,6 +113,14 @@ class Recorder:
             self.dropped[channel] = self.dropped.get(channel, 0) + 1
             return
         samples.extend((time, value))  # in one step: Ctrl-C cannot come between the two
+        if self.failure is not None:
+            return
+        try:
+            self._write(channel, time, value)
+        except OSError as error:
+            self._fail(error)
+
+    def _write(self, channel: str, time: float, value: float) -> None:
         if time - self._flushed_at >= FLUSH_INTERVAL:
             self.flush()
             self._flushed_at = time
@@ -135,7 +150,7 @@ class Recorder:
         warnings = tuple(
             f"{name}: {count} samples left out (missing, infinite, or not later than the one before)"
             for name, count in self.dropped.items()
-        )
+        ) + ((self.failure,) if self.failure else ())
         noise = {name: std for name, std in self._noise.items() if name in channels}
         return Run(self.path.name, channels, self._known, noise, self._description, self.path, warnings)
 
@@ -151,19 +166,35 @@ class Recorder:
         Closing twice is fine.
 
         Raises:
-            InputError: CSV or sidecar cannot be written; the MCAP file is whole nevertheless.
+            InputError: CSV or sidecar cannot be written; the MCAP file is whole nevertheless, unless `failure` says
+                that it can only be read in part.
         """
         run = self.run()
         if not self._closed:
             self._closed = True
+            self._finish_file()
+            if run.channels:
+                write_run_csv(run, self.path.with_suffix(".csv"))
+        return run
+
+    def _finish_file(self) -> None:
+        try:
             self.flush()
             if self.dropped:
                 self._writer.add_metadata(DROPPED_RECORD, {name: str(count) for name, count in self.dropped.items()})
             self._writer.finish()
+        except OSError as error:
+            self._fail(error)
+        try:
             self._stream.close()
-            if run.channels:
-                write_run_csv(run, self.path.with_suffix(".csv"))
-        return run
+        except OSError as error:
+            self._fail(error)
+
+    def _fail(self, error: OSError) -> None:
+        self.failure = self.failure or (
+            f"the recording {self.path.name} could not be written any further: {error.strerror or error}; make room, "
+            "or choose another place"
+        )
 
     def __enter__(self) -> Self:
         return self

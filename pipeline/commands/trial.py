@@ -77,15 +77,16 @@ def trial(
     )  # fmt: skip
     with phase_progress() as progress:
         done = simulate(settings, progress)
+        # The result first: a report that cannot be made, after a fault or on a full disk, must not cost it.
+        result = done.result
+        if json_file is not None:
+            write_json(result.as_json(), json_file)
         progress("writing the report", 0.97)
         report = out / "report.html"
-        done.report(command_line()).write(report)
+        told = _report(done, report)
         if picture:
             progress("rendering the swing", 0.98)
             _render(done, out)
-    result = done.result
-    if json_file is not None:
-        write_json(result.as_json(), json_file)
     if json_file != Path("-"):
         say = to_screen().print
         if result.estimates:
@@ -93,13 +94,26 @@ def trial(
                 f"length {result.length_estimate:.4f} m +/- {1e3 * result.length_std:.2f} mm "
                 f"(true {length:g} m, guess {guess:g} m)"
             )
-        say(f"[bold {'green' if result.success else 'red'}]{result.message}[/]")
-        say(f"report {report}, recording {result.recording}", soft_wrap=True)
+        say(result.message, style=f"bold {'green' if result.success else 'red'}", markup=False)
+        for note in (*result.notes, *([told] if told else [])):
+            say(note, soft_wrap=True, markup=False)
+        say(f"{'' if told else f'report {report}, '}recording {result.recording}", soft_wrap=True)
         if not result.success and result.estimates:
             repair = f"armdyn repair {out / 'model.toml'} {out / 'trial.csv'} --output repaired.toml"
             say(f"what the model lacks: {repair}", soft_wrap=True)
     if not result.success:
         raise typer.Exit(1)
+
+
+def _report(done: "SimulatedTrial", report: Path) -> str | None:
+    """Write the report; a sentence where what stopped the trial also keeps the report from being made."""
+    try:
+        done.report(command_line()).write(report)
+    except Exception as error:
+        if not done.result.stopped:
+            raise
+        return f"no report: {type(error).__name__}: {' '.join(str(error).split())}"
+    return None
 
 
 def _pendulum(file: Path, effects: Path | None) -> "PendulumModel":

@@ -28,6 +28,7 @@ class Refusal(Enum):
     JOINT_POSITION = "A joint would leave its range: the table does not belong to this robot; build it again."
     JOINT_VELOCITY = "A joint would be faster than its limit: slow the motion down."
     JOINT_ACCELERATION = "A joint would accelerate more than its limit: smooth the motion."
+    NO_WAY_TO_REST = "The reference cannot be brought to rest within the limits: slow down earlier."
     ARM_ELSEWHERE = "The arm is not where the reference is: something holds it, or the motion starts elsewhere."
 
 

@@ -1,9 +1,12 @@
 """The drive: every cycle the next reference on the line, smoothed or played, through the table to the joints."""
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 
+from armdyn.errors import InputError
 from ik import LineTable
 from pipeline.motion import Gate, LineSmoother, LineState, LineTrajectory
+from pipeline.motion.gate import Refusal
 from pipeline.nodes.measurement import MeasurementNode
 from pipeline.record import Recorder
 from pipeline.robot.protocol import RobotInterface
@@ -11,12 +14,21 @@ from pipeline.robot.protocol import RobotInterface
 Reference = Callable[[float], Sequence[LineState]]
 """``now -> states at the ends of the coming cycles``."""
 
+LATEST = 0.031
+"""A moving arm that has had no command for longer than this [s] has missed three cycles. The robot extrapolates the
+last one; after three cycles the next reference would pull it back, faster than its limits allow."""
+
 
 class DriveNode:
     """Moves the arm at 100 Hz and lets nothing through that the gate refuses.
 
+    There are two ways to rest. `stop` brakes along the line, cycle by cycle, as long as the loop runs. `halt` tells the
+    robot to brake on its own; nothing is sent after it. Whatever is raised in a step ends in `halt`.
+
     Attributes:
         fault: a sentence once the gate has refused, else None; the arm is then on its way to rest.
+        halted: whether the robot was told to come to rest on its own.
+        sent_at: robot's time of the last command [s]; None before the first.
     """
 
     name = "drive"
@@ -37,6 +49,8 @@ class DriveNode:
         self._trajectory: LineTrajectory | None = None
         self._played = 0
         self.fault: str | None = None
+        self.halted = False
+        self.sent_at: float | None = None
 
     @property
     def state(self) -> LineState:
@@ -44,9 +58,14 @@ class DriveNode:
         return self._smoother.state
 
     @property
+    def standing(self) -> bool:
+        """Whether the arm was last told to stand still."""
+        return self.halted or self._smoother.at_rest
+
+    @property
     def at_rest(self) -> bool:
         """Whether the arm is told to stand still and nothing is left to play."""
-        return self._smoother.at_rest and self._trajectory is None and self._reference is None
+        return self.standing and self._trajectory is None and self._reference is None
 
     def follow(self, reference: Reference) -> None:
         """Smooth a reference that is made while it is followed."""
@@ -60,11 +79,31 @@ class DriveNode:
         """Brake within the limits and stay."""
         self._reference = self._trajectory = None
 
+    def halt(self) -> None:
+        """Let the robot brake on its own and hold; send nothing any more."""
+        self.stop()
+        self.halted = True
+        self._robot.stop()
+
     def step(self, now: float) -> None:
         """Send the next reference."""
-        previous = self._smoother.state
-        state = self._next(now)
-        refusal = self._gate.check(state, previous, measured=self._measurement.state.q)
+        if self.halted:
+            return
+        try:
+            self._send(now)
+        except BaseException:
+            with suppress(Exception):  # a robot that cannot be told to stop must not hide the reason
+                self.halt()
+            raise
+
+    def _send(self, now: float) -> None:
+        previous, moving = self._smoother.state, not self._smoother.at_rest
+        late = 0.0 if self.sent_at is None else self._robot.time - self.sent_at
+        if moving and not 0.0 <= late <= LATEST:
+            self.fault = self.fault or f"motion at {now:.2f} s: no command for {1e3 * late:.0f} ms, and the arm went on"
+            self.halt()
+            return
+        state, refusal = self._checked(now, previous)
         if refusal is not None:
             self.fault = self.fault or f"motion at {now:.2f} s: {refusal.value}"
             self.stop()
@@ -72,13 +111,25 @@ class DriveNode:
             state = self._smoother.stop()
         motion = self._table.joint_motion(state.s, state.v, state.a)
         self._robot.command(motion.q, motion.v, motion.a)
+        self.sent_at = self._robot.time
         for name, value in (("reference.x", state.s), ("reference.v", state.v), ("reference.a", state.a)):
             self._recorder.record(name, now, value)
+
+    def _checked(self, now: float, previous: LineState) -> tuple[LineState, Refusal | None]:
+        """The next reference, and why it must not be sent."""
+        played = self._trajectory
+        state = self._next(now)
+        refusal = self._gate.check(state, previous, measured=self._measurement.state.q)
+        if refusal is None and played is not None:
+            try:
+                self._smoother.reset(state)
+            except InputError:
+                refusal = Refusal.NO_WAY_TO_REST
+        return state, refusal
 
     def _next(self, now: float) -> LineState:
         if self._trajectory is not None:
             state = self._trajectory[self._played]
-            self._smoother.reset(state)
             self._played += 1
             if self._played == len(self._trajectory):
                 self._trajectory = None

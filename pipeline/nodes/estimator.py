@@ -1,8 +1,10 @@
 """The estimator node: the length from everything measured since the motion began, twice a second."""
 
 from dataclasses import dataclass
+from math import isfinite
 from time import perf_counter
 
+from armdyn.errors import TaskFailedError
 from armdyn.identify.estimator import Estimator
 from armdyn.identify.least_squares import Outcome
 from armdyn.pendulum.model import PendulumModel
@@ -48,11 +50,12 @@ class EstimatorNode:
         self.start: float | None = None
         self.history: list[LengthEstimate] = []
         self._running = False
+        self._model = estimator.model
 
     @property
     def model(self) -> PendulumModel:
-        """The model with the latest estimate."""
-        return self._estimator.model
+        """The model with the latest estimate that is a number."""
+        return self._model
 
     def begin(self, now: float) -> None:
         """The load hangs at rest now, and what follows is used."""
@@ -64,7 +67,11 @@ class EstimatorNode:
         self._running = False
 
     def step(self, now: float) -> None:
-        """Update the estimate once there are enough data."""
+        """Update the estimate once there are enough data.
+
+        Raises:
+            TaskFailedError: the estimate is not a number; `model` stays as it was.
+        """
         if not self._running or self.start is None or now - self.start < FIRST_UPDATE - 1e-9:
             return
         self._measurement.update_path()
@@ -73,6 +80,9 @@ class EstimatorNode:
         estimate = self._estimator.update(run)
         seconds = perf_counter() - begun
         std = estimate.std("length") * self._estimator.widening(run)
+        if not (isfinite(estimate.value("length")) and isfinite(std)):
+            raise TaskFailedError(f"the estimate of the length at {now:.2f} s is not a number: check the model")
+        self._model = self._estimator.model
         entry = LengthEstimate(now, estimate.value("length"), std, estimate.outcome, seconds)
         self.history.append(entry)
         self._recorder.record("estimate.length", now, entry.value)

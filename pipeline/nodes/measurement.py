@@ -13,8 +13,9 @@ from armdyn.pendulum.path import GripperPath, GrowingPath
 from armdyn.pendulum.recorded import GrowingRun
 from armdyn.run import Channel
 from pipeline.loadcell.faults import FaultDetector
+from pipeline.nodes.door import ForceDoor, JointDoor, Refused
 from pipeline.record import Recorder
-from pipeline.robot.protocol import JointState, RobotInterface
+from pipeline.robot.protocol import ForceSample, JointState, RobotInterface
 
 
 class LineSensor:
@@ -40,6 +41,12 @@ SLACK_TIME = 0.05
 """See `SLACK_FORCE` [s]."""
 WAIT = 2 * SLACK_TIME
 """Time that samples wait before they are recorded [s]."""
+LARGEST_JUMP = 0.25
+"""Share of the load's weight by which a taut string's pull may change between two samples; healthy trials show 0.10."""
+NOISE_JUMP = 10.0
+"""Standard deviations of one sample that come on top of `LARGEST_JUMP`."""
+GRAVITY = 9.81
+"""For the load's weight [m/s^2]."""
 LINE_CHANNELS = {"gripper_x": "m", "gripper_z": "m", "load_force": "N"}
 
 
@@ -109,7 +116,7 @@ class _SmoothedPath:
 
 
 class MeasurementNode:
-    """Reads the robot at 100 Hz.
+    """Reads the robot at 100 Hz, and judges every reading at its door.
 
     The recording is one of a hanging load: once the load is let down (`load_hangs` is False) what is measured goes to
     channels called ``landing.*``, so that the recording can be held against a pendulum as it is; so does what is
@@ -122,6 +129,7 @@ class MeasurementNode:
         fault: a sentence once the load cell or the string has failed, else None.
         state: the latest reading of the joints.
         gripper: the latest coordinate along the line [m].
+        joint_door, force_door: judge the readings, and count those that they refuse.
     """
 
     name = "measurement"
@@ -134,6 +142,7 @@ class MeasurementNode:
         recorder: Recorder,
         detector: FaultDetector,
         noise: dict[str, float],
+        mass: float,
     ) -> None:
         self._robot, self._recorder, self._detector, self._noise = robot, recorder, detector, noise
         self._sensor = LineSensor(description)
@@ -144,23 +153,22 @@ class MeasurementNode:
         self._path: _SmoothedPath | None = None
         self.load_hangs, self.hangs_until = True, inf
         self.fault: str | None = None
+        jump = LARGEST_JUMP * GRAVITY * mass + NOISE_JUMP * noise["load_force"]
+        self.joint_door = JointDoor(description.limits)
+        self.force_door = ForceDoor(jump, SLACK_FORCE)
         self.state: JointState = robot.joint_state()
         self.gripper = self._sensor.locate(self.state.q)[0]
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """A sentence per kind of reading that was refused."""
+        return self.joint_door.notes + self.force_door.notes
+
     def step(self, now: float) -> None:
-        """Take and record what has arrived."""
-        self.state = state = self._robot.joint_state()
-        along, height = self._sensor.locate(state.q)
-        self.gripper = along
-        self._gripper.append(state.time, along)
-        self._height.append(state.time, height)
-        record, wait = self._recorder.record, self._waiting.append
-        wait(("gripper_x", state.time, along))
-        wait(("gripper_z", state.time, height))
-        for prefix, values in (("q", state.q), ("v", state.v), ("tau", state.tau)):
-            for name, value in zip(self._joints, values, strict=True):
-                record(f"{prefix}.{name}", state.time, float(value))
-        samples = self._robot.load_cell()
+        """Take and record what has arrived and is good."""
+        self._take_joints()
+        wait = self._waiting.append
+        samples = self._force_samples()
         for sample in samples:
             self._force.append(sample.time, sample.force)
             wait(("load_force", sample.time, sample.force))
@@ -175,6 +183,53 @@ class MeasurementNode:
         found = self._detector.update(now, samples)
         if found is not None and self.load_hangs and self.fault is None:
             self.fault = f"load cell at {now:.2f} s: {found.value}"
+        # Nobody needs the load cell once the load is let down; the joints are needed as long as the arm moves.
+        bad_force = self.force_door.fault if self.load_hangs else None
+        self.fault = self.fault or self.joint_door.fault or bad_force
+
+    def _take_joints(self) -> None:
+        """Take and record one reading of the joints; where it is bad, the gripper's path is continued without it."""
+        now = self._robot.time
+        try:
+            state = self._robot.joint_state()
+        except Exception:  # whatever a driver raises: this reading is missing
+            self.joint_door.refuse(Refused.UNREADABLE, now)
+            self._bridge()
+            return
+        if self.joint_door.judge(state, now) is not None:
+            self._bridge()
+            return
+        self.state = state
+        along, height = self._sensor.locate(state.q)
+        if self._gripper.count and state.time <= self._gripper.time[self._gripper.count - 1]:
+            return  # a bridge already stands there
+        self._append(state.time, along, height)
+        self._waiting.append(("gripper_x", state.time, along))
+        self._waiting.append(("gripper_z", state.time, height))
+        for prefix, values in (("q", state.q), ("v", state.v), ("tau", state.tau)):
+            for name, value in zip(self._joints, values, strict=True):
+                self._recorder.record(f"{prefix}.{name}", state.time, float(value))
+
+    def _bridge(self) -> None:
+        """Continue the gripper's path over a missing reading: the path needs a value in every period."""
+        if self._gripper.count and self.joint_door.fault is None:
+            time = float(self._gripper.time[self._gripper.count - 1]) + self.period
+            self._append(time, *self._sensor.locate(self.joint_door.bridged(time - self.state.time)))
+
+    def _append(self, time: float, along: float, height: float) -> None:
+        self.gripper = along
+        self._gripper.append(time, along)
+        self._height.append(time, height)
+
+    def _force_samples(self) -> list[ForceSample]:
+        """The good samples of the load cell that have arrived."""
+        now = self._robot.time
+        try:
+            samples = self._robot.load_cell()
+        except Exception:  # whatever a driver raises: these samples are missing
+            self.force_door.refuse(Refused.UNREADABLE, now)
+            return []
+        return self.force_door.judge(samples, now, self.hangs_until)
 
     def expect_touch(self, time: float) -> None:
         """From `time` s on the load may touch the box: what is measured then is recorded as landing."""

@@ -6,6 +6,7 @@ from time import perf_counter
 import numpy as np
 
 from armdyn.control.sac import SacAction, SacSettings, SacState, SequentialActionControl
+from armdyn.errors import TaskFailedError
 from armdyn.pendulum.recorded import run_path
 from pipeline.motion import LineState
 from pipeline.nodes.drive import DriveNode
@@ -58,7 +59,11 @@ class SacNode:
         self._drive.stop()
 
     def step(self, now: float) -> None:
-        """Choose the next action."""
+        """Choose the next action.
+
+        Raises:
+            TaskFailedError: the action is not a number.
+        """
         start = self._estimator.start
         if self._begun is None or start is None or now - self._begun < 2 * KICK_TIME - 1e-9:
             return
@@ -77,6 +82,8 @@ class SacNode:
             ),
             model,
         )
+        if not np.isfinite(action.schedule).all():
+            raise TaskFailedError(f"the action chosen at {now:.2f} s is not a number: check the model")
         self.actions.append(action)
         self.seconds.append(perf_counter() - begun)
         self._lay_out(now, action.schedule)

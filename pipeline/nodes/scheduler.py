@@ -1,13 +1,22 @@
 """One loop that runs every node at its own rate, in order, on a simulated or a real clock."""
 
 import time as wall
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from math import isfinite
 from time import perf_counter
 from typing import Protocol
 
-from armdyn.errors import InputError
+from armdyn.errors import InputError, TaskFailedError
 from pipeline.robot.protocol import RobotInterface
+
+UNSTEADY = 1e-3
+"""Difference between two readings of a clock that a step of the simulation or of the operating system explains [s]."""
+
+
+class ClockError(TaskFailedError):
+    """The loop stood still, or its clock jumped: commands no longer follow from one another."""
 
 
 class Clock(Protocol):
@@ -118,9 +127,15 @@ class Scheduler:
     Args:
         clock: simulated or real.
         nodes: in the order in which data flow.
+        patience: how long the loop may stand still now [s]; asked before every wait and every round. None where
+            lateness is only counted.
+
+    Attributes:
+        timing: of each node, by name.
+        running: name of the node that makes a step, or made the last one.
     """
 
-    def __init__(self, clock: Clock, nodes: Sequence[Node]) -> None:
+    def __init__(self, clock: Clock, nodes: Sequence[Node], patience: Callable[[], float] | None = None) -> None:
         for node in nodes:
             if not node.period > 0:
                 raise InputError(f"node '{node.name}' has a period of {node.period} s: it must be positive")
@@ -128,6 +143,8 @@ class Scheduler:
         start = clock.time
         self._start = {node.name: start for node in nodes}
         self._count = {node.name: 0 for node in nodes}
+        self._patience, self._seen = patience, start
+        self.running = nodes[0].name
         self.timing = {node.name: Timing(node.name, node.period) for node in nodes}
 
     def run(self, until: Callable[[], bool], longest: float) -> bool:
@@ -139,6 +156,9 @@ class Scheduler:
 
         Returns:
             Whether the condition came to hold.
+
+        Raises:
+            ClockError: the loop stood still for too long, or the clock jumped; only where `patience` is given.
         """
         end = self._clock.time + longest
         while not until():
@@ -146,11 +166,34 @@ class Scheduler:
             if due > end + 1e-9:
                 self._clock.advance_to(end)
                 return until()
-            self._clock.advance_to(due)
-            for node in self._nodes:
-                if self._due(node) <= due + 1e-9:
-                    self._step(node)
+            with self._watched("waiting", max(due - self._clock.time, 0.0)):
+                self._clock.advance_to(due)
+            with self._watched("the nodes", 0.0):
+                for node in self._nodes:
+                    if self._due(node) <= due + 1e-9:
+                        self._step(node)
         return True
+
+    @contextmanager
+    def _watched(self, what: str, expected: float) -> Iterator[None]:
+        """The clock must run on by about `expected` seconds, and not have jumped since it was last looked at."""
+        if self._patience is None:
+            yield
+            return
+        patience = self._patience()
+        self._require_steady("pausing", self._clock.time - self._seen, patience)
+        self._seen = self._clock.time
+        yield
+        self._require_steady(what, self._clock.time - self._seen - expected, patience)
+        self._seen = self._clock.time
+
+    def _require_steady(self, what: str, late: float, patience: float) -> None:
+        # In this form a time that is not a number is a fault, too.
+        if not -UNSTEADY <= late <= patience:
+            raise ClockError(
+                f"the loop stood still or its clock jumped at {self._seen:.2f} s: while {what} ({self.running} node) "
+                f"{1e3 * late:.0f} ms passed that should not have: check this computer's load and the robot's clock"
+            )
 
     def _due(self, node: Node) -> float:
         return self._start[node.name] + self._count[node.name] * node.period
@@ -158,6 +201,7 @@ class Scheduler:
     def _step(self, node: Node) -> None:
         due, timing = self._due(node), self.timing[node.name]
         late = self._clock.time - due
+        self.running = node.name
         begun = perf_counter()
         node.step(due)
         took = perf_counter() - begun
@@ -167,7 +211,8 @@ class Scheduler:
         if took > node.period or late > node.period:
             timing.overruns += 1
         self._count[node.name] += 1
-        behind = int((self._clock.time - self._due(node)) / node.period)
+        behind = (self._clock.time - self._due(node)) / node.period
+        behind = int(behind) if isfinite(behind) else 0
         if behind > 0:
             timing.skipped += behind
             self._count[node.name] += behind

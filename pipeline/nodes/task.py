@@ -165,11 +165,13 @@ class TaskNode:
 
     def _feasible(self, plan: SwingPlan) -> LineTrajectory:
         """The motion within the limits of the line that is nearest to the plan, from the drive's present state."""
+        if not all(np.isfinite(part).all() for part in (plan.x, plan.v, plan.a, plan.load, plan.tension)):
+            raise TaskFailedError("the plan holds a NaN or an infinity: check the model and the target")
         v = np.gradient(plan.x, DT)
         v[-1] = plan.v[-1] + DT / 2 * plan.a[-1]  # the plan's speeds belong to the middle of each step
         motion = smooth_reference(plan.x, v, DT, self._limits, start=self._drive.state)
         missed = np.abs(motion.s - plan.x)
-        if missed.max() > PLAN_TOLERANCE:
+        if not missed.max() <= PLAN_TOLERANCE:
             k = int(missed.argmax())
             raise TaskFailedError(
                 f"the plan is not feasible: at {plan.time[k]:.2f} s it wants the gripper at {plan.x[k]:.3f} m with "

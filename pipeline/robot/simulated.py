@@ -34,6 +34,9 @@ IN_BOX_FOR = 0.2
 HISTORY_EVERY = 10
 """Steps between two entries of the history."""
 
+COMMAND_TOLERANCE = 1e-3
+"""Share by which a command may exceed a limit, for rounding and for tables between nodes: that of the gate."""
+
 DIVERGED = 1e8
 """Sum of squared velocities [rad^2/s^2, m^2/s^2] that no arm and no load on a string reaches."""
 
@@ -143,13 +146,21 @@ class SimulatedRobot:
             a: accelerations (n,) [rad/s^2].
 
         Raises:
-            InputError: a wrong length, or a value that is not finite; the arm goes on as before.
+            InputError: a wrong length, a value that is not finite or beyond a limit of the joints; the arm goes on as
+                before, and brakes when no good command follows.
         """
-        names = ("position", "velocity", "acceleration")
-        self._reference.command(
-            self.time,
-            *(checked_vector(x, len(self._dofs), f"command: {n}") for x, n in zip((q, v, a), names, strict=True)),
-        )
+        names, limits = ("position", "velocity", "acceleration"), self._robot.limits
+        q, v, a = (checked_vector(x, len(self._dofs), f"command: {n}") for x, n in zip((q, v, a), names, strict=True))
+        most = 1.0 + COMMAND_TOLERANCE
+        for name, beyond in (
+            ("position", (q < limits.lower) | (q > limits.upper)),
+            ("velocity", np.abs(v) > most * limits.velocity),
+            ("acceleration", np.abs(a) > most * limits.acceleration),
+        ):
+            if beyond.any():
+                joint = self.joint_names[int(np.argmax(beyond))]
+                raise InputError(f"command: {name} of {joint} is beyond its limit: stay within the robot's limits")
+        self._reference.command(self.time, q, v, a)
 
     def stop(self) -> None:
         """Brake within the acceleration limits and hold, until the next command."""

@@ -1,12 +1,12 @@
 """The protocol of one trial, phase by phase: rest, learn, settle, plan, swing, finish over the box, look.
 
 It knows a robot and a clock, and not whether they are simulated. `Experiment.run` is the one place that owns the arm
-from the first motion to the last.
+from the first motion to the last: whatever is raised, late or not finite on the way becomes the reason why the trial
+ended, and is told only when the arm is at rest.
 """
 
-import signal
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
@@ -14,7 +14,7 @@ import numpy as np
 
 import urdf
 from armdyn.control.task import SwingPlan, SwingState
-from armdyn.errors import TaskFailedError
+from armdyn.errors import ArmdynError
 from armdyn.identify.estimator import Estimator
 from armdyn.identify.least_squares import Outcome
 from armdyn.pendulum.recorded import run_path
@@ -23,15 +23,18 @@ from ik import LineTable
 from pipeline.loadcell.faults import FaultDetector, FaultLimits
 from pipeline.motion import Gate, LineLimits, LineSmoother, LineState, LineTrajectory
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, Swing, check_line
-from pipeline.nodes.drive import DriveNode
+from pipeline.nodes.drive import LATEST, DriveNode
 from pipeline.nodes.estimator import EstimatorNode
 from pipeline.nodes.measurement import MeasurementNode, channel_units
 from pipeline.nodes.sac import SacNode
-from pipeline.nodes.scheduler import Clock, Scheduler
+from pipeline.nodes.scheduler import Clock, Node, Scheduler
 from pipeline.nodes.task import DT, TaskNode
 from pipeline.record import Recorder
 from pipeline.robot.protocol import RobotInterface
+from pipeline.trial.reason import sentence_of
+from pipeline.trial.rest import come_to_rest
 from pipeline.trial.settings import ProtocolSettings
+from pipeline.trial.signals import noted_signals
 
 REST = 0.5
 """Time at rest before the motion [s]: the estimate starts from a load that hangs still."""
@@ -39,6 +42,8 @@ CALM = 0.6
 """Time between settling and swing [s]."""
 LOOK = 1.5
 """Time after the finish in which the load must come to rest in the box [s]."""
+THINKING = 10.0
+"""Time that the loop may stand still while the arm stands still too [s]: the planner needs 1 to 3 s in one go."""
 
 Progress = Callable[[str, float], None]
 """``(what is going on, share of the trial that is done)``."""
@@ -73,12 +78,12 @@ class Course:
     Attributes:
         phases: what went on when.
         feasibility: report on the last planned motion; None before there is one.
-        interrupted: whether the user wants it to end.
+        interrupted: who wants it to end, as a sentence; None while nobody does.
     """
 
     phases: list[PhaseSpan] = field(default_factory=list)
     feasibility: FeasibilityReport | None = None
-    interrupted: bool = False
+    interrupted: str | None = None
 
 
 @dataclass(frozen=True)
@@ -89,14 +94,16 @@ class Ending:
         success: whether the load came to rest in the box.
         message: a sentence for a person.
         stopped: whether it was ended before its time, for safety or by the user.
+        cause: the error that ended it, for whoever mends it; None where none did.
     """
 
     success: bool
     message: str
     stopped: bool
+    cause: BaseException | None = None
 
 
-class _StopError(Exception):
+class _StopError(ArmdynError):
     """The trial ends here, with this sentence."""
 
 
@@ -140,12 +147,12 @@ class Experiment:
         progress: Progress | None = None,
     ) -> None:
         self.settings, self.description, self.table = settings, description, table
-        self._clock, self._recorder, self._landed = clock, recorder, landed
+        self._robot, self._clock, self._recorder, self._landed = robot, clock, recorder, landed
         self._progress = progress or (lambda _what, _share: None)
         self.course = Course()
         limits, model = LineLimits.from_table(table), settings.starting_model()
         noise = {"load_force": settings.force_noise}
-        self.measurement = MeasurementNode(robot, description, recorder, FaultDetector(cell), noise)
+        self.measurement = MeasurementNode(robot, description, recorder, FaultDetector(cell), noise, settings.mass)
         self.estimator = EstimatorNode(self.measurement, Estimator(model, noise), recorder)
         gate = Gate(limits, table, description.limits, DT)
         smoother = LineSmoother(limits, DT, LineState(0.0))
@@ -154,18 +161,25 @@ class Experiment:
         # Without an estimate the planner is the paper's, which knows no box: that is what Table I compares with.
         task = settings.task if settings.estimate or settings.model else replace(settings.task, cautious=False)
         self.task = TaskNode(model, self.drive, limits, self._check, task)
-        self.scheduler = Scheduler(clock, [self.measurement, self.estimator, self.sac, self.task, self.drive])
+        nodes: list[Node] = [self.measurement, self.estimator, self.sac, self.task, self.drive]
+        self.scheduler = Scheduler(clock, nodes, lambda: THINKING if self.drive.standing else LATEST)
 
     def run(self) -> Ending:
-        """The whole protocol; where it is ended early the arm is brought to rest first."""
-        with self._interruptible():
+        """The whole protocol; the arm is at rest when it returns, and also when it is left by a second Ctrl-C."""
+        with noted_signals(self._interrupt):
             try:
                 success = self._protocol()
                 ending = Ending(success, f"the load {'came to rest in' if success else 'missed'} the box", False)
-            except (_StopError, TaskFailedError) as reason:
-                ending = Ending(False, str(reason), True)
-                self._come_to_rest()
-            self.measurement.finish()
+            except (Exception, SystemExit) as error:  # a user's effect may call sys.exit
+                ending = self._stopped(error)
+            finally:
+                with suppress(Exception):  # the robot holds on its own, whatever becomes of this program
+                    self._robot.stop()
+            try:
+                self.measurement.finish()
+            except Exception as error:
+                said = sentence_of(error, "completing the recording", self._clock.time)
+                ending = replace(ending, message=f"{ending.message}; {said}")
             return ending
 
     def channel(self, name: str) -> Channel:
@@ -220,19 +234,23 @@ class Experiment:
     def _reason(self) -> str | None:
         """Why the trial must stop now."""
         if self.course.interrupted:
-            return f"interrupted by the user at {self._clock.time:.2f} s"
-        return self.measurement.fault or self.drive.fault
+            return f"{self.course.interrupted} at {self._clock.time:.2f} s"
+        return self.measurement.fault or self.drive.fault or self._recorder.failure
 
-    def _come_to_rest(self) -> None:
-        self._progress(Phase.STOP.value, 0.9)
+    def _interrupt(self, sentence: str) -> None:
+        self.course.interrupted = self.course.interrupted or sentence
+
+    def _stopped(self, error: BaseException) -> Ending:
+        """The arm comes to rest first; then it is told why."""
+        reason = sentence_of(error, f"the {self.scheduler.running} node", self._clock.time)
+        with suppress(Exception):
+            self._progress(Phase.STOP.value, 0.9)
         start = self._clock.time
         self.task.cancel()
-        self.sac.end()
         self.estimator.end()
-        self.drive.stop()
-        self.scheduler.run(lambda: self.drive.at_rest, 3.0)
-        self.scheduler.run(lambda: False, 0.3)
+        failed = come_to_rest(self.drive, self.measurement, self._robot)
         self.course.phases.append(PhaseSpan(Phase.STOP, start, self._clock.time))
+        return Ending(False, "; ".join([reason, *failed]), True, None if isinstance(error, _StopError) else error)
 
     def _certain(self) -> bool:
         c, history = self.settings, self.estimator.history
@@ -280,22 +298,3 @@ class Experiment:
         )
         self.course.feasibility = report
         report.require_feasible("the plan")
-
-    @contextmanager
-    def _interruptible(self) -> Iterator[None]:
-        """Ctrl-C is noted, and acted on between two rounds of the nodes; a second one ends the program."""
-
-        def note(_number: int, _frame: object) -> None:
-            if self.course.interrupted:
-                raise KeyboardInterrupt
-            self.course.interrupted = True
-
-        try:
-            before = signal.signal(signal.SIGINT, note)
-        except ValueError:  # not the main thread: whoever started the thread handles Ctrl-C
-            yield
-            return
-        try:
-            yield
-        finally:
-            signal.signal(signal.SIGINT, before)

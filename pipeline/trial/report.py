@@ -48,6 +48,7 @@ def _notes(experiment: Experiment) -> tuple[str, ...]:
     notes = ["The box is not the paper's, which gives none: it was chosen so that the paper's table comes out."]
     if not experiment.settings.estimate:
         notes.append("Nothing was learnt in this trial: the swing was planned with the guess.")
+    notes += [note[:1].upper() + note[1:] + "." for note in experiment.measurement.notes]
     return tuple(notes)
 
 

@@ -53,6 +53,7 @@ class TrialResult:
         cycle_seconds: mean time that SAC took to predict the state and choose an action.
         stopped: whether the trial was ended for safety, or by the user.
         recording: the MCAP file, None where nothing was kept.
+        notes: a sentence per kind of reading that was left out; empty in a healthy trial.
     """
 
     success: bool
@@ -73,6 +74,7 @@ class TrialResult:
     cycle_seconds: float
     stopped: bool
     recording: Path | None
+    notes: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """The contract's ``armdyn.trial/1``."""
@@ -101,6 +103,7 @@ class TrialResult:
                 name: {"value": p.value, "std": p.std, "unit": p.unit} for name, p in self.model.parameters.items()
             },
             "recording": str(self.recording) if self.recording else None,
+            **({"notes": list(self.notes)} if self.notes else {}),
         }  # fmt: skip
 
 
@@ -127,7 +130,7 @@ def result_of(experiment: Experiment, ending: Ending, length_true: float | None,
         length_estimate=experiment.estimator.model.value("length"),
         length_std=history[-1].std if history else 0.0,
         estimates=tuple(history),
-        peak=_peaks(experiment),
+        peak=_known_peaks(experiment, ending),
         minimum_tension=float(force.min()) if len(force) else 0.0,
         feasible=None if report is None else report.feasible,
         iterations=len(swing.solution.iterations) if swing else 0,
@@ -138,7 +141,18 @@ def result_of(experiment: Experiment, ending: Ending, length_true: float | None,
         cycle_seconds=float(np.mean(cycles)) if cycles else 0.0,
         stopped=ending.stopped,
         recording=recording,
+        notes=experiment.measurement.notes,
     )
+
+
+def _known_peaks(experiment: Experiment, ending: Ending) -> Peaks:
+    """The peaks; 0 where what ended the trial also keeps them from being computed."""
+    try:
+        return _peaks(experiment)
+    except Exception:
+        if not ending.stopped:
+            raise
+        return Peaks(0.0, 0.0, 0.0, 0.0)
 
 
 def _peaks(experiment: Experiment) -> Peaks:

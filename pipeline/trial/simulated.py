@@ -1,7 +1,7 @@
 """A trial on the simulated robot: builds it, runs the protocol on it, and adds what only a simulation knows."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -11,17 +11,17 @@ import numpy as np
 
 import ik
 import urdf
-from armdyn.errors import InputError
+from armdyn.errors import ArmdynError, InputError
 from armdyn.model_file import ModelFile, write_model_file
 from armdyn.run import Known
 from pipeline.loadcell.faults import FaultLimits
 from pipeline.nodes.scheduler import SimulatedClock
 from pipeline.record import Recorder
-from pipeline.robot.protocol import Vector
+from pipeline.robot.protocol import RobotInterface, Vector
 from pipeline.robot.settings import PlantSettings
 from pipeline.robot.simulated import SimulatedRobot
 from pipeline.robot.truth import History
-from pipeline.trial.experiment import Experiment, Progress, recorded_channels
+from pipeline.trial.experiment import Ending, Experiment, Progress, recorded_channels
 from pipeline.trial.result import TrialResult, result_of
 from pipeline.trial.settings import TrialSettings
 
@@ -79,8 +79,17 @@ class SimulatedTrial:
         return SwingTrace(time, along(history.pivot), along(history.load), history.load[:, 2] - line.origin[2])
 
 
-def simulate(settings: TrialSettings, progress: Progress | None = None) -> SimulatedTrial:
+def simulate(
+    settings: TrialSettings,
+    progress: Progress | None = None,
+    through: Callable[[SimulatedRobot], RobotInterface] | None = None,
+) -> SimulatedTrial:
     """One whole trial on the simulated robot; the recording and the model are written where settings say so.
+
+    Args:
+        settings: of protocol and simulation.
+        progress: told what is going on.
+        through: what stands between the robot and the protocol, such as a fault that is tried; nothing if not given.
 
     Raises:
         InputError: settings that cannot be used.
@@ -91,21 +100,27 @@ def simulate(settings: TrialSettings, progress: Progress | None = None) -> Simul
     table = ik.default_table(description, progress=lambda stage: say(stage, 0.0))
     plant = replace(c.plant, length=c.length, mass=c.mass, load_radius=c.load_radius)
     robot = SimulatedRobot(description, table.posture(0.0).q, plant, c.hidden, c.seed)
-    with _directory(c.out) as directory, _recorder(directory, c, description) as recorder:
-        experiment = Experiment(
-            robot,
-            SimulatedClock(robot),
-            description,
-            table,
-            recorder,
-            c,
-            cell=FaultLimits.of(plant.cell.noise, plant.cell.resolution, plant.cell.full_scale),
-            landed=robot.load_in_box,
-            progress=say,
-        )
-        ending = experiment.run()
-        if c.out is not None:
-            write_model_file(c.out / "model.toml", ModelFile(experiment.estimator.model, {}))
+    reached = through(robot) if through is not None else robot
+    with _directory(c.out) as directory:
+        recorder = _recorder(directory, c, description)
+        try:
+            experiment = Experiment(
+                reached,
+                SimulatedClock(reached),
+                description,
+                table,
+                recorder,
+                c,
+                cell=FaultLimits.of(plant.cell.noise, plant.cell.resolution, plant.cell.full_scale),
+                landed=robot.load_in_box,
+                progress=say,
+            )
+            ending = experiment.run()
+        except BaseException:
+            with suppress(ArmdynError, OSError):  # the recording is completed, but must not hide what happened
+                recorder.close()
+            raise
+        ending = _kept(experiment, ending, recorder, c.out)
         result = result_of(experiment, ending, c.length, recorder.path if c.out else None)
     return SimulatedTrial(c, plant, robot, experiment, result)
 
@@ -113,6 +128,24 @@ def simulate(settings: TrialSettings, progress: Progress | None = None) -> Simul
 def run_trial(settings: TrialSettings, progress: Progress | None = None) -> TrialResult:
     """The outcome of one whole trial on the simulated robot, see `simulate`."""
     return simulate(settings, progress).result
+
+
+def _kept(experiment: Experiment, ending: Ending, recorder: Recorder, out: Path | None) -> Ending:
+    """Complete the recording and write the model; what cannot be written is added to how the trial ended."""
+    problems = []
+    try:
+        recorder.close()
+    except (ArmdynError, OSError) as error:
+        problems.append(str(error))
+    if recorder.failure is not None:
+        problems.append(recorder.failure)
+    if out is not None:
+        try:
+            write_model_file(out / "model.toml", ModelFile(experiment.estimator.model, {}))
+        except (ArmdynError, OSError) as error:
+            problems.append(f"the model was not written: {error}")
+    new = [problem for problem in problems if problem not in ending.message]
+    return replace(ending, message="; ".join([ending.message, *new])) if new else ending
 
 
 @contextmanager

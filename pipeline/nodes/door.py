@@ -1,0 +1,201 @@
+"""The door of measurement: every reading is judged before anything is computed from it.
+
+A single bad reading is left out and counted; the motion goes on. What lasts is a fault, and ends the trial.
+"""
+
+from collections import Counter
+from enum import Enum
+from math import isfinite
+
+import numpy as np
+
+import urdf
+from pipeline.robot.protocol import ForceSample, JointState, Vector
+
+PATIENCE = 5.0
+"""Bad readings in a row that are bridged: 0.05 s at 100 Hz, in which the fastest swing moves the gripper by 5 cm."""
+FORGIVEN = 0.1
+"""Bad readings that each good one makes up for: one in ten may be bad for ever, more than that are a fault."""
+STALE = 0.05
+"""A reading that was taken longer ago than this [s] says nothing about where the arm is now."""
+AHEAD = 0.02
+"""A stamp may be ahead of the robot's clock by two cycles [s]: it is read before the clock."""
+QUICKEST = 2.0
+"""No joint moves faster than this share of its velocity limit; in healthy trials 0.74 is the most."""
+ENCODER_ERROR = 0.01
+"""Difference of two readings of a joint at rest [rad], far above noise and resolution (0.0005 rad)."""
+EFFORT_ROOM = 3.0
+"""An effort is plausible up to this share of the joint's limit: gains and offsets of the measurement included."""
+
+
+class Refused(Enum):
+    """Why a reading is left out; the value completes "the reading ..."."""
+
+    UNREADABLE = "cannot be read"
+    WRONG_NUMBER = "has the wrong number of values"
+    NOT_A_NUMBER = "holds a NaN or an infinity"
+    OUT_OF_ORDER = "has a time stamp that is not later than the one before"
+    STALE = "is too old"
+    AHEAD = "has a time stamp in the future: a clock has jumped"
+    OUT_OF_RANGE = "is out of range"
+    JUMP = "jumps farther than is physically possible"
+    SPIKE = "is a single spike"
+
+
+class Door:
+    """Counts what is refused, and says when that is more than can be bridged.
+
+    Args:
+        source: what is read, for messages, such as "joints".
+
+    Attributes:
+        refused: how many readings were left out, by reason.
+        fault: a sentence once bad readings have lasted; None before.
+    """
+
+    def __init__(self, source: str) -> None:
+        self._source = source
+        self._level = 0.0
+        self._seen_good = False
+        self.refused: Counter[Refused] = Counter()
+        self.fault: str | None = None
+
+    def let_in(self) -> None:
+        """Note a good reading."""
+        self._seen_good = True
+        self._level = max(0.0, self._level - FORGIVEN)
+
+    def refuse(self, why: Refused, now: float) -> None:
+        """Note a bad reading at `now` [s]."""
+        self.refused[why] += 1
+        self._level += 1.0
+        if self.fault is None and (self._level > PATIENCE or not self._seen_good):
+            self.fault = (
+                f"{self._source} at {now:.2f} s: the reading {why.value}, and {self.refused.total()} were refused in "
+                "all: check sensor, cable and clock"
+            )
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """A sentence per kind of refused reading."""
+        return tuple(
+            f"{self._source}: {count} reading{'s' if count > 1 else ''} left out: the reading {why.value}"
+            for why, count in self.refused.items()
+        )
+
+
+class JointDoor(Door):
+    """Judges the readings of the joints.
+
+    Args:
+        limits: of the joints.
+    """
+
+    def __init__(self, limits: urdf.Limits) -> None:
+        super().__init__("joints")
+        self._limits = limits
+        self._last: JointState | None = None
+
+    def judge(self, state: JointState, now: float) -> Refused | None:
+        """Why a reading that was handed out at `now` [s] cannot be used; None where it can, and it is remembered."""
+        why = self._why_not(state, now)
+        if why is None:
+            self._last = state
+            self.let_in()
+        else:
+            self.refuse(why, now)
+        return why
+
+    def _why_not(self, state: JointState, now: float) -> Refused | None:
+        joints = self._limits.velocity.shape
+        values = (state.q, state.v, state.tau)
+        if any(np.shape(value) != joints for value in values):
+            return Refused.WRONG_NUMBER
+        if not (isfinite(state.time) and all(np.isfinite(value).all() for value in values)):
+            return Refused.NOT_A_NUMBER
+        last = self._last
+        if last is not None and state.time <= last.time:
+            return Refused.OUT_OF_ORDER
+        stamp = _stamp_problem(state.time, now)
+        if stamp is not None:
+            return stamp
+        quick = QUICKEST * self._limits.velocity
+        if not (np.all(np.abs(state.v) <= quick) and np.all(np.abs(state.tau) <= EFFORT_ROOM * self._limits.effort)):
+            return Refused.OUT_OF_RANGE
+        if last is not None and np.any(np.abs(state.q - last.q) > quick * (state.time - last.time) + ENCODER_ERROR):
+            return Refused.JUMP
+        return None
+
+    def bridged(self, period: float) -> Vector:
+        """Where the joints are a period [s] after the last good reading, if they go on as they moved then (n,) [rad].
+
+        Only for readings that are bridged one by one; a fault ends the trial before the guess is far off.
+        """
+        last = self._last
+        assert last is not None, "bridging needs a good reading"
+        position: Vector = last.q + last.v * period
+        return position
+
+
+class ForceDoor(Door):
+    """Judges the samples of the load cell.
+
+    A sample that jumps is held back until the next one tells a spike from a change that lasts.
+
+    Args:
+        jump: largest change of the force between two samples while the string is taut [N].
+        taut: force above which the string is taut [N]; a string that was slack may pull with any jerk.
+    """
+
+    def __init__(self, jump: float, taut: float) -> None:
+        super().__init__("load cell")
+        self._jump, self._taut = jump, taut
+        self._last: ForceSample | None = None
+        self._held: ForceSample | None = None
+        self._stamp = -np.inf
+
+    def judge(self, samples: list[ForceSample], now: float, hangs_until: float) -> list[ForceSample]:
+        """The samples that can be used, oldest first, of those that were handed out at `now` [s].
+
+        From `hangs_until` [s] on the load may touch something, and any jump is possible.
+        """
+        good: list[ForceSample] = []
+        for sample in samples:
+            why = self._why_not(sample, now)
+            if why is not None:
+                self.refuse(why, now)
+                continue
+            self._stamp = sample.time
+            held, self._held, last = self._held, None, self._last
+            touches = sample.time > hangs_until
+            if last is None or touches or last.force <= self._taut or abs(sample.force - last.force) <= self._jump:
+                if held is not None and touches:
+                    good.append(self._take(held))
+                elif held is not None:
+                    self.refuse(Refused.SPIKE, now)
+                good.append(self._take(sample))
+            elif held is not None and abs(sample.force - held.force) <= self._jump:
+                good += [self._take(held), self._take(sample)]
+            else:
+                if held is not None:
+                    self.refuse(Refused.SPIKE, now)
+                self._held = sample
+        return good
+
+    def _take(self, sample: ForceSample) -> ForceSample:
+        self._last = sample
+        self.let_in()
+        return sample
+
+    def _why_not(self, sample: ForceSample, now: float) -> Refused | None:
+        if not (isfinite(sample.time) and isfinite(sample.force)):
+            return Refused.NOT_A_NUMBER
+        if sample.time <= self._stamp:
+            return Refused.OUT_OF_ORDER
+        return _stamp_problem(sample.time, now)
+
+
+def _stamp_problem(stamp: float, now: float) -> Refused | None:
+    if stamp > now + AHEAD:
+        return Refused.AHEAD
+    return Refused.STALE if now - stamp > STALE else None
