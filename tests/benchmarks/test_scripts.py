@@ -27,6 +27,7 @@ def test_optimisers_find_the_same_swing(tmp_path: Path) -> None:
         assert row["cost"] == pytest.approx(row["best_cost"], abs=1e-6), row["solver"]
 
 
+@pytest.mark.slow
 def test_estimators_find_the_same_length_at_the_bound(tmp_path: Path) -> None:
     found = run("estimator.py", tmp_path, "--quick")
     assert max(row["off"] for row in found["rows"] if row["off"] is not None) < 0.02
@@ -40,6 +41,7 @@ def test_action_control_agrees_with_plain_numpy(tmp_path: Path) -> None:
     assert found["gradient_error"] < 1e-6
 
 
+@pytest.mark.slow
 def test_action_control_tells_more_than_a_generic_chirp(tmp_path: Path) -> None:
     found = run("information.py", tmp_path, "--quick")
     assert found["sac"]["full_bound"] < 5e-4

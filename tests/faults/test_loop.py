@@ -78,7 +78,8 @@ class Case:
 def lasting(name, says, robot, by_itself=False):
     """The fault from an instant of each phase on."""
     return [
-        Case(f"{name}-{phase}", says, lambda at=at: robot(at, INF), by_itself=by_itself) for phase, at in PHASES.items()
+        Case(f"{name}-{phase}", says, lambda at=at: robot(at, INF), by_itself=by_itself, slow=at == KICK)
+        for phase, at in PHASES.items()
     ]
 
 
