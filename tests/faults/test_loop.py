@@ -311,8 +311,11 @@ def test_a_full_disk_ends_at_rest_and_leaves_what_was_written(tmp_path):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.parametrize("at", [0.2, SAC, *(pytest.param(at, marks=pytest.mark.slow) for at in (KICK, LEARNT))])
-def test_a_signal_ends_at_rest(number, at, tmp_path):
+def test_a_signal_ends_at_rest(number, at, tmp_path, request):
     robot = Signals(number, at)
+    # Started by nohup, as a long test run may be, the trial rightly ignores SIGHUP: here it must not.
+    before = signal.signal(number, signal.default_int_handler)
+    request.addfinalizer(lambda: signal.signal(number, before))
     handlers = [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
     trial = simulate(replace(LEARNING, out=tmp_path), through=robot.around)
     assert_at_rest_within_limits(trial, robot)

@@ -102,7 +102,7 @@ def test_a_model_of_a_double_pendulum_without_friction_is_explained(tmp_path, do
     ("effect", "hidden", "parameter"),
     [
         ("hinge_viscous_friction", {"damping": (2e-3, 1e-3)}, "coefficient"),
-        ("hinge_coulomb_friction", {"dry": (2e-3, 1e-3)}, "torque"),
+        pytest.param("hinge_coulomb_friction", {"dry": (2e-3, 1e-3)}, "torque", marks=pytest.mark.slow),
     ],
 )
 def test_hidden_friction_of_a_double_pendulum_is_named_and_added(tmp_path, double, swings, effect, hidden, parameter):
@@ -134,6 +134,7 @@ def test_drag_and_a_sheaves_friction_are_found_on_a_crane(tmp_path, crane, lifts
     assert answer(tmp_path, "compare", output, runs)["channels"]["load_force"]["chi2_per_sample"] < 1.2
 
 
+@pytest.mark.slow
 def test_a_sway_that_no_sensor_measures_is_found_from_the_rope_s_pull(tmp_path, crane):
     head, noise = "time [s],gripper_x [m],q.hoist [m],load_force [N]", np.array([1e-4, 1e-4, 0.1])
     rows = [PLANTS.crane(PLANTS.carried(k), sway=0.4)[:, [0, 1, 2, 4]] for k in range(3)]
