@@ -271,7 +271,14 @@ SWING_CASES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("case", [case.as_parameter for case in SWING_CASES])
+SWING_BY_DEFAULT = 3
+"""Of the faults in a swing, each third runs by default."""
+
+
+@pytest.mark.parametrize(
+    "case",
+    [replace(case, slow=case.slow or i % SWING_BY_DEFAULT > 0).as_parameter for i, case in enumerate(SWING_CASES)],
+)
 def test_a_fault_in_the_swing_ends_at_rest_with_a_reason(case, tmp_path, monkeypatch, planned):
     robot = case.robot()
     monkeypatch.setattr(TaskPlanner, "plan", planned)
