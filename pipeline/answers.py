@@ -9,7 +9,7 @@ from armdyn.identify.diagnose import Diagnosis
 from armdyn.identify.localise import Place
 from armdyn.identify.problem import Problem
 from armdyn.identify.repair import Repair
-from armdyn.identify.rung import Rung
+from armdyn.identify.repair_step import RepairStep
 from armdyn.identify.study import Study
 from armdyn.identify.suspects import Suspect
 from armdyn.identify.unknown import Unknown
@@ -55,7 +55,7 @@ def repair_answer(found: Repair) -> dict[str, Any]:
         "explained": number(found.explained),
         "effects": [effect.name for effect in found.model.effects],
         **fit_answer(found.after),
-        "steps": [step_answer(step) for step in found.ladder],
+        "steps": [step_answer(step) for step in found.steps],
         "links": [link_answer(link) for link in found.links],
         "unknown": unknown_answer(found.unknown),
     }
@@ -70,7 +70,6 @@ def history_entries(study: Study, found: Repair) -> list[dict[str, Any]]:
         {
             "added": _one_or_list(step.added),
             "joints": list(step.joints) or None,
-            "removed": list(step.removed) or None,
             **names,
             "rmse": errors(step.rmse),
             "held_out_rmse": errors(step.held_out_rmse) or None,
@@ -78,7 +77,7 @@ def history_entries(study: Study, found: Repair) -> list[dict[str, Any]]:
             "chi2_per_sample": number(step.chi2_per_sample),
             "bic": number(step.bic),
         }
-        for step in found.ladder[1:]
+        for step in found.steps[1:]
     ]
 
 
@@ -153,12 +152,12 @@ def parameters_answer(parameters: Mapping[str, FittedParameter]) -> dict[str, An
     }
 
 
-def step_answer(step: Rung) -> dict[str, Any]:
+def step_answer(step: RepairStep) -> dict[str, Any]:
     """One step of the repair path."""
     return {
         "added": _one_or_list(step.added),
         "joints": list(step.joints),
-        "removed": list(step.removed),
+        "removed": [],  # the format knows it; a repair only adds
         "tied_with": list(step.tied_with),
         "rmse": errors(step.rmse),
         "held_out_rmse": errors(step.held_out_rmse),
@@ -178,7 +177,7 @@ def unknown_answer(found: Unknown | None) -> dict[str, Any] | None:
         "terms": [{"channel": t.channel, "expression": t.expression, "share": number(t.share)} for t in found.terms],
         "frequencies": [
             {"channel": t.channel, "frequency": number(t.frequency), "amplitude": number(t.amplitude), "unit": t.unit}
-            for t in found.tones
+            for t in found.peaks
         ],
     }
 

@@ -178,7 +178,9 @@ def _exchanged(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate], 
     left = [c for c in appraiser.candidates if c not in now.effects]
     changes = [(part, (c,)) for part in parts for c in left]
     best: Appraisal | None = None
-    for option in appraiser.promising(now, changes, PROMISING // 2 * len(parts)):
+    options = appraiser.promising(now, changes, PROMISING // 2 * len(parts))
+    now = appraiser.of(now.effects)  # its refits may have shown better what noise there is
+    for option in options:
         if option.worth <= max(now.worth, best.worth if best else -np.inf) or frozenset(option.effects) in refused:
             continue
         rest = appraiser.of([c for c in now.effects if c in option.effects])

@@ -10,10 +10,10 @@ from armdyn.identify.held_out import chi2_of
 from armdyn.identify.localise import Place, localise
 from armdyn.identify.noise import ljung_box
 from armdyn.identify.problem import Problem
+from armdyn.identify.residual_tests import ResidualTests, residual_tests
 from armdyn.identify.study import Study
 from armdyn.identify.uncertainty import uncertainty
 from armdyn.identify.unknown import absorbed_share
-from armdyn.identify.whiteness import Remainder, remainder
 
 NOT_WHITE = 0.01
 
@@ -93,7 +93,7 @@ class Comparison:
         fit: the minimum, with all residuals.
         parameters: of the model, by name, with the run in brackets where a value belongs to one run.
         channels: by name.
-        remainder: what is left, in numbers.
+        tests: what is left, in numbers.
         places: where it fails.
         absorbed: share of the misfit that behaves like missing dynamics, 0 to 1; None where that cannot be said.
         intervals_hold: whether the standard deviations can be trusted.
@@ -108,7 +108,7 @@ class Comparison:
     fit: Fit
     parameters: dict[str, FittedParameter]
     channels: dict[str, ChannelQuality]
-    remainder: Remainder
+    tests: ResidualTests
     places: tuple[Place, ...]
     absorbed: float | None
     intervals_hold: bool
@@ -121,7 +121,7 @@ class Comparison:
     @property
     def explained(self) -> bool:
         """Whether nothing is left to explain."""
-        return not self.remainder.fails
+        return not self.tests.fails
 
     @property
     def scale(self) -> Scale:
@@ -163,7 +163,7 @@ class Comparison:
 def compare(study: Study) -> Comparison:
     """Fit the model of a study as it is and look at what is left."""
     fit = study.first()
-    found = comparison(study, fit, remainder(fit, study.scores(fit, study.present)))
+    found = comparison(study, fit, residual_tests(fit, study.scores(fit, study.present)))
     return replace(found, correction=_correction(study))
 
 
@@ -180,7 +180,7 @@ def _correction(study: Study) -> Correction | None:
     return Correction(best, fitted_parameters(others, best), wrong, places)
 
 
-def comparison(study: Study, fit: Fit, left: Remainder, *, absorbed: bool = True) -> Comparison:
+def comparison(study: Study, fit: Fit, left: ResidualTests, *, absorbed: bool = True) -> Comparison:
     """What there is to say about one fit; `absorbed` = False leaves out the slow question dynamics or sensor."""
     held_out = study.held_out_blocks(fit)
     held_out_rmse = channel_rmse(held_out) if held_out is not None else {}
@@ -203,7 +203,7 @@ def comparison(study: Study, fit: Fit, left: Remainder, *, absorbed: bool = True
         fit=fit,
         parameters=fitted_parameters(study, fit),
         channels=channels,
-        remainder=left,
+        tests=left,
         places=localise(fit),
         absorbed=absorbed_share(fit) if absorbed and left.fails else None,
         intervals_hold=not left.fails and all(c.white > NOT_WHITE / len(channels) for c in channels.values()),

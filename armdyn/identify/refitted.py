@@ -10,7 +10,7 @@ from itertools import combinations
 
 import numpy as np
 
-from armdyn.identify.appraisal import NOISY, Appraisal, Appraiser, Change, level_of
+from armdyn.identify.appraisal import NOISY, Appraisal, Appraiser, Change
 from armdyn.identify.fit import GROSS, Fit
 from armdyn.identify.problem import Block
 from armdyn.identify.score import Candidate
@@ -95,11 +95,8 @@ class Refitted(Appraiser):
     def _learn(self, fit: Fit) -> None:
         """A fit that leaves less than the richest model of the expansion shows better what noise there is."""
         units, importance = self._training, self._importance[self._training]
-        before = self.level[units]
         left = {unit: block.misfit for unit, block in zip(units.tolist(), fit.blocks, strict=True)}
-        error = np.zeros(len(self.level))
-        error[units] = [np.mean(residual**2) for residual in left.values()]
-        if importance @ level_of(self.sums, error)[units] < importance @ before:
+        if importance @ self._levels(left)[units] < importance @ self.level[units]:
             self.measure(left)
 
     def _solved(self, effects: tuple[Candidate, ...]) -> tuple[Solver, Subset]:
@@ -180,10 +177,8 @@ class Refitted(Appraiser):
         study, near = self._study, self.fit(now)
         sets = [(*now.effects, *option) for option in options]
         for effects in sets:
-            key, wanted = frozenset(effects), (*study.present, *effects)
-            if key not in self._fits:
-                self._fits[key] = study.sketch(wanted, near)
-                self._rough.add(key)
+            if frozenset(effects) not in self._fits:
+                self._sketched(effects)
         ranked = sorted(sets, key=lambda effects: self._fits[frozenset(effects)].cost)[:REFITTED]
         found = [one.effects for one in self._followed(ranked)]
         if min(self._fits[frozenset(effects)].chi2_per_sample for effects in ranked) > NOISY:

@@ -65,14 +65,12 @@ class Score:
         drop: predicted fall of chi2, respecting the bounds.
         independence: share of its derivatives that the fitted parameters leave, 0 to 1.
         same_as: the fitted parameters that imitate it, where the independence is below `IDENTIFIABLE`.
-        signature: (N,) unit vector of what it would change in the residual beyond the fitted parameters.
     """
 
     candidate: Candidate
     drop: float
     independence: float
     same_as: tuple[str, ...]
-    signature: np.ndarray
 
 
 def stacked(problem: Problem, blocks: Sequence[Block], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -107,9 +105,8 @@ def _score(
     problem = fit.problem
     norms = np.linalg.norm(directions, axis=0)
     seen = directions[:, norms > 0]
-    nothing = Score(candidate, 0.0, 0.0, (), np.zeros(len(residual)))
     if seen.shape[1] == 0:
-        return nothing
+        return Score(candidate, 0.0, 0.0, ())
     shares = Q.T @ seen
     left = seen - Q @ shares
     independence = float(np.max(np.linalg.norm(left, axis=0) / norms[norms > 0]))
@@ -117,14 +114,13 @@ def _score(
         weights = np.abs(np.linalg.solve(R, shares[:, 0]) * np.linalg.norm(R, axis=0))
         names = [c.name for c, f in zip(problem.columns, fit.free, strict=True) if f]
         imitators = tuple(n for n, w in zip(names, weights, strict=True) if w > 0.3 * weights.max())
-        return Score(candidate, 0.0, independence, imitators, nothing.signature)
+        return Score(candidate, 0.0, independence, imitators)
     step = np.zeros(len(norms))
     step[norms > 0] = np.linalg.lstsq(left, residual, rcond=1e-6)[0]
     values = fit.values[columns]
     allowed = np.where(step < 0, values > problem.lower[columns], values < problem.upper[columns])
     inside = left[:, allowed[norms > 0]]
     if inside.shape[1] == 0:
-        return Score(candidate, 0.0, independence, (), nothing.signature)
+        return Score(candidate, 0.0, independence, ())
     change = inside @ np.linalg.lstsq(inside, residual, rcond=1e-6)[0]
-    size = float(np.linalg.norm(change))
-    return Score(candidate, size**2, independence, (), change / size if size > 0 else nothing.signature)
+    return Score(candidate, float(change @ change), independence, ())

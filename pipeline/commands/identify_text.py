@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from armdyn.identify.exam import Judge
     from armdyn.identify.localise import Place
     from armdyn.identify.repair import Repair
-    from armdyn.identify.rung import Rung
+    from armdyn.identify.repair_step import RepairStep
 
 MOST_JOINTS = 3
 """Joints that are named in a line; of more only the number, as the JSON has them all."""
@@ -53,7 +53,7 @@ def say_diagnosis(found: "Diagnosis") -> None:
 def say_repair(found: "Repair", judges: "Sequence[Judge]") -> None:
     """Print the answer of add and repair."""
     typer.echo(found.sentence)
-    _say_path(found.ladder, found.after.scale.units, judges)
+    _say_path(found.steps, found.after.scale.units, judges)
     say_links(found.links)
     _say_fit(found.after)
 
@@ -113,7 +113,7 @@ def _say_places(places: "Sequence[Place]", most: int = 6) -> None:
         )
 
 
-def _say_path(path: "tuple[Rung, ...]", units: "Mapping[str, str]", judges: "Sequence[Judge]") -> None:
+def _say_path(path: "tuple[RepairStep, ...]", units: "Mapping[str, str]", judges: "Sequence[Judge]") -> None:
     """Print the error falling; three channels or more, such as an arm's joints, as the root of their summed squares."""
     from rich.table import Column, Table
 
@@ -126,11 +126,10 @@ def _say_path(path: "tuple[Rung, ...]", units: "Mapping[str, str]", judges: "Seq
     columns = [Column(head, overflow="fold") for head in ("step", *heads, "χ²/sample", "BIC")]
     table = Table(*columns, box=None, header_style="dim")
     for step in path:
-        name = "+ " + " + ".join(step.added) if step.added else "as given" if not step.removed else ""
+        name = "+ " + " + ".join(step.added) if step.added else "as given"
         if step.joints:
             few = len(step.joints) <= MOST_JOINTS
             name += f" on {', '.join(step.joints)}" if few else f" on {len(step.joints)} joints"
-        name += "".join(f" − {removed}" for removed in step.removed)
         name += f" (or {', '.join(step.tied_with)})" if step.tied_with else ""
         kinds = (step.rmse, step.held_out_rmse, step.exam_rmse)[: 1 + len(unseen)]
         if together:

@@ -11,7 +11,7 @@ from armdyn.identify.diagnose import Diagnosis
 from armdyn.identify.exam import Judge
 from armdyn.identify.explained import Scale
 from armdyn.identify.repair import Repair
-from armdyn.identify.rung import Rung
+from armdyn.identify.repair_step import RepairStep
 from armdyn.identify.sentence import MOST_JOINTS, totals
 from armdyn.identify.study import Study
 from armdyn.identify.suspects import Suspect
@@ -79,7 +79,7 @@ class RepairPathSection(Section):
 
     title: ClassVar[str] = "The error falling"
 
-    path: Sequence[Rung]
+    path: Sequence[RepairStep]
     scale: Scale
     judges: Sequence[Judge] = ()
 
@@ -145,9 +145,9 @@ class RepairPathSection(Section):
         return f" [{units.pop()}]" if len(units) == 1 else ""
 
 
-def step_name(step: Rung) -> str:
+def step_name(step: RepairStep) -> str:
     """Such as ``+ quadratic_drag − linear_drag``."""
-    parts = [f"+ {name}" for name in step.added] + [f"− {name}" for name in step.removed]
+    parts = [f"+ {name}" for name in step.added]
     text = " ".join(parts) or "as given"
     if not step.joints:
         return text
@@ -242,7 +242,7 @@ def repair_report(study: Study, found: Repair, command: str = "") -> Report:
         title="Repair: add what is missing, watch the error fall",
         level=repair_level(found),
         verdict=found.sentence,
-        sections=[RepairPathSection(found.ladder, found.after.scale, study.judges), *links, *fit_sections(found.after)],
+        sections=[RepairPathSection(found.steps, found.after.scale, study.judges), *links, *fit_sections(found.after)],
         subtitle=runs_of(study),
         key_figures=key_figures(found.after),
         command=command,

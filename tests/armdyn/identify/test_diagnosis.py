@@ -75,8 +75,8 @@ def test_wind_and_tilt_are_an_honest_tie_with_advice():
 def test_repair_lets_both_errors_fall_to_the_noise():
     found = repair(study_of(recordings(hidden={"cross_axis_sensitivity": 0.03, "sensor_delay": 0.01})))
     assert {effect.name for effect in found.model.effects} == {"cross_axis_sensitivity", "sensor_delay"}
-    assert [rung.chi2_per_sample for rung in found.ladder] == sorted(
-        (rung.chi2_per_sample for rung in found.ladder), reverse=True
+    assert [step.chi2_per_sample for step in found.steps] == sorted(
+        (step.chi2_per_sample for step in found.steps), reverse=True
     )
     assert found.after.channels["load_force"].held_out_rmse < 1.1 * 3e-3
 

@@ -7,7 +7,7 @@ import pytest
 from armdyn.arm.links import LinkChange, LinkQuantity
 from armdyn.identify.exam import Judge
 from armdyn.identify.explained import Scale
-from armdyn.identify.rung import Rung
+from armdyn.identify.repair_step import RepairStep
 from armdyn.identify.verdict import Verdict
 from pipeline.answers import link_answer
 from pipeline.commands.identify_text import say_links
@@ -63,7 +63,7 @@ def test_what_rounding_left_of_zero_is_zero_and_each_value_says_whether_it_is_de
 
 
 def test_the_repair_path_tells_total_errors_and_the_exams():
-    given = Rung((), (), (), (), {"tau.a": 3.0, "tau.b": 4.0}, {"tau.a": 6.0, "tau.b": 8.0}, 9.0, 1.0, {"tau.a": 7.0})
+    given = RepairStep((), (), (), {"tau.a": 3.0, "tau.b": 4.0}, {"tau.a": 6.0, "tau.b": 8.0}, 9.0, 1.0, {"tau.a": 7.0})
     section = RepairPathSection([given], Scale({"tau.a": "N m", "tau.b": "N m"}, {}), (Judge.EXAM, Judge.HELD_OUT))
     (table,) = section.tables()
     assert table.header[1:4] == ["rms error [N m]", "held out [N m]", "exam [N m]"]
