@@ -28,8 +28,8 @@ from typing import ClassVar
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri
 
+from armdyn.identify.candidate import Candidate
 from armdyn.identify.noise import correlation_time
-from armdyn.identify.score import Candidate
 from armdyn.identify.subset import Solver, Subset
 from armdyn.identify.sums import Sums
 

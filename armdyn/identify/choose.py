@@ -12,7 +12,7 @@ from itertools import combinations
 import numpy as np
 
 from armdyn.identify.appraisal import Appraisal, Appraiser
-from armdyn.identify.score import Candidate
+from armdyn.identify.candidate import Candidate
 
 PROMISING = 12
 """Effects with the largest foretold gain that are appraised in each round."""

@@ -4,13 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from armdyn.identify.candidate import Candidate
 from armdyn.identify.compare import Comparison, comparison
 from armdyn.identify.explained import Scale, share_gone
 from armdyn.identify.fit import channel_rmse
 from armdyn.identify.remedies import remedies
 from armdyn.identify.repair_step import repair_step
 from armdyn.identify.residual_tests import LARGEST_Z
-from armdyn.identify.score import Candidate
 from armdyn.identify.search import Progress, Search, Step, search
 from armdyn.identify.sentence import Left, repair_sentences
 from armdyn.identify.study import Study

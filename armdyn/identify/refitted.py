@@ -11,9 +11,9 @@ from itertools import combinations
 import numpy as np
 
 from armdyn.identify.appraisal import NOISY, Appraisal, Appraiser, Change
+from armdyn.identify.candidate import Candidate
 from armdyn.identify.fit import GROSS, Fit
 from armdyn.identify.problem import Block
-from armdyn.identify.score import Candidate
 from armdyn.identify.study import Study
 from armdyn.identify.subset import Solver, Subset
 from armdyn.identify.summed import Summed, deviations
@@ -59,7 +59,7 @@ class Refitted(Appraiser):
         self._contenders: dict[frozenset[Candidate], tuple[Candidate, ...]] = {}
         p = study.problem
         self._base = p.fitted & ~p.of([n for c in study.candidates for n in c.names])
-        candidates = tuple(c.on([joint]) if joint else c for c in study.candidates for joint in (c.joints or ("",)))
+        candidates = tuple(atom for c in study.candidates for atom in c.apart())
         super().__init__(sums_at(first, first.blocks, self._held_out(first)), self._base, candidates)
         self._expand(first, frozenset())
 

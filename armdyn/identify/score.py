@@ -4,56 +4,17 @@ With r the residual and J the derivatives of everything fitted, Q = orth(J), an 
 chi2 by about (d' r)^2 / (d' d), d' = d - Q Q^T d: Rao's score test (Rao 1948; Silvey, Statistical Inference, §7.4).
 """
 
-from collections.abc import Sequence, Set
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from armdyn.identify.candidate import Candidate
 from armdyn.identify.fit import Fit
 from armdyn.identify.problem import Block, Problem
 
 IDENTIFIABLE = 1e-3
 """An effect of whose derivatives the fitted parameters leave less than this share cannot be seen in these runs."""
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """One effect that could be added.
-
-    Attributes:
-        effect: its name.
-        joints: where, for an arm.
-        names: of its parameters.
-    """
-
-    effect: str
-    joints: tuple[str, ...]
-    names: tuple[str, ...]
-
-    @property
-    def label(self) -> str:
-        """The name, with the joints, as commands take it."""
-        return f"{self.effect}:{','.join(self.joints)}" if self.joints else self.effect
-
-    @property
-    def spoken(self) -> str:
-        """For a person: the name, with a joint or two, or with how many they are."""
-        if not self.joints:
-            return self.effect
-        return f"{self.effect} on " + (
-            " and ".join(self.joints) if len(self.joints) < 3 else f"{len(self.joints)} joints"
-        )
-
-    def on(self, joints: Sequence[str]) -> "Candidate":
-        """The same effect on some of its joints."""
-        names = tuple(n for n in self.names if any(n.endswith(f"[{joint}]") for joint in joints))
-        return Candidate(self.effect, tuple(joints), names)
-
-    def without(self, taken: Set[str]) -> "Candidate":
-        """What is left of it when these parameters are in the model already."""
-        names = tuple(n for n in self.names if n not in taken)
-        joints = tuple(j for j in self.joints if any(n.endswith(f"[{j}]") for n in names))
-        return Candidate(self.effect, joints, names)
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from armdyn.identify.appraisal import Appraisal, Appraiser
+from armdyn.identify.candidate import Candidate
 from armdyn.identify.choose import chosen, foremost
 from armdyn.identify.fit import Fit
 from armdyn.identify.refitted import Refitted
 from armdyn.identify.repair_path import merged, rises
 from armdyn.identify.residual_tests import ResidualTests, residual_tests
-from armdyn.identify.score import Candidate
 from armdyn.identify.study import Study
 from armdyn.identify.suspects import Suspect, suspects
 

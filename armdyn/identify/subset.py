@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg.lapack import dposv
 
-from armdyn.identify.score import Candidate
+from armdyn.identify.candidate import Candidate
 from armdyn.identify.sums import Sums
 from armdyn.model import Bend
 

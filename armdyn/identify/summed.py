@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from armdyn.identify.appraisal import Appraisal, Appraiser, Change, level_of
-from armdyn.identify.score import Candidate
+from armdyn.identify.candidate import Candidate
 from armdyn.identify.subset import Solver, Subset
 from armdyn.identify.sums import Sums
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from armdyn.identify.candidate import Candidate
 from armdyn.identify.fit import Fit
 from armdyn.identify.problem import Block, Problem
-from armdyn.identify.score import Candidate
 
 ALONE = 3
 """Steps of the fits that settle unknowns which act through another."""

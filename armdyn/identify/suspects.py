@@ -7,10 +7,10 @@ import numpy as np
 from scipy.stats import chi2 as chi2_distribution
 
 from armdyn.identify.appraisal import Appraisal, Appraiser
+from armdyn.identify.candidate import Candidate
 from armdyn.identify.choose import needed
 from armdyn.identify.compare import FittedParameter
 from armdyn.identify.repair_path import merged
-from armdyn.identify.score import Candidate
 
 MOST_NAMED = 8
 
