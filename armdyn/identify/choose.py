@@ -1,9 +1,9 @@
 """The set of effects that is worth most, by an appraiser: forward, backward, exchange, until nothing is better.
 
 Adding one effect at a time fails where the first one imitates two others. So after every addition what has become
-superfluous goes; whole effects, on all their joints at once, compete with single ones, and at the end each effect is
-exchanged for others. A set costs one small linear solve for each run, so that thousands of them take about a second
-(floating search: Pudil, Novovičová & Kittler, Pattern Recognition Letters 15, 1994).
+superfluous goes (backward elimination); whole effects, on all their joints at once, compete with single ones, and at
+the end each effect is exchanged for others. A set costs one small linear solve for each run, so that thousands of them
+take about a second (floating search: Pudil, Novovičová & Kittler, Pattern Recognition Letters 15, 1994).
 """
 
 from collections.abc import Callable, Collection, Iterable, Sequence
@@ -55,7 +55,7 @@ def chosen(appraiser: Appraiser, firm: Sequence[Candidate] = (), say: Say | None
         if better is None:
             break
         refused.add(frozenset(better.effects))
-        fewer = needed(appraiser, better, firm)
+        fewer = backward_elimination(appraiser, better, firm)
         back = fewer is not better and frozenset(fewer.effects) in refused
         if not back and not _displaces(appraiser, fewer, now):
             refused.add(frozenset(fewer.effects))
@@ -152,12 +152,12 @@ def _whole(appraiser: Appraiser, left: Sequence[Candidate]) -> list[Appraisal]:
     for name in dict.fromkeys(c.effect for c in left):
         joints = [c for c in left if c.effect == name]
         if len(joints) > 1:
-            found.append(needed(appraiser, appraiser.of(joints)))
+            found.append(backward_elimination(appraiser, appraiser.of(joints)))
     return found
 
 
-def needed(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate] = ()) -> Appraisal:
-    """Without what has become superfluous, one after the other; `firm` effects stay."""
+def backward_elimination(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate] = ()) -> Appraisal:
+    """Backward elimination: without what the others make superfluous, one after the other; `firm` effects stay."""
     while len(now.effects) > len(firm):
         fewer = [appraiser.of([c for c in now.effects if c != gone]) for gone in now.effects if gone not in firm]
         best = max(fewer, key=lambda o: o.worth)

@@ -6,6 +6,7 @@ little: there every effect is sketched in a few steps, and the best get other st
 """
 
 from collections.abc import Sequence
+from functools import cache
 from itertools import combinations
 
 import numpy as np
@@ -14,7 +15,7 @@ from armdyn.identify.appraisal import NOISY, Appraisal, Appraiser, Change
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.fit import GROSS, Fit
 from armdyn.identify.problem import Block
-from armdyn.identify.study import Study
+from armdyn.identify.study import LONG, Study
 from armdyn.identify.subset import Solver, Subset
 from armdyn.identify.summed import Summed, deviations
 from armdyn.identify.sums import sums_at
@@ -173,9 +174,19 @@ class Refitted(Appraiser):
         return self._contenders[key]
 
     def _raced(self, now: Appraisal, options: Sequence[Sequence[Candidate]]) -> list[Appraisal]:
-        """Every option is sketched; the best are carried on, and get other starts where none comes close."""
+        """Every option is sketched; the best are carried on, and get other starts where none comes close.
+
+        Of a long recording only those are sketched whole that suit its beginning best.
+        """
         study, near = self._study, self.fit(now)
         sets = [(*now.effects, *option) for option in options]
+
+        @cache
+        def begins(effects: tuple[Candidate, ...]) -> float:
+            return study.begins((*study.present, *effects), near)
+
+        if near.samples > LONG:
+            sets = sorted(sets, key=begins)[:REFITTED]
         for effects in sets:
             if frozenset(effects) not in self._fits:
                 self._sketched(effects)
@@ -183,7 +194,7 @@ class Refitted(Appraiser):
         found = [one.effects for one in self._followed(ranked)]
         if min(self._fits[frozenset(effects)].chi2_per_sample for effects in ranked) > NOISY:
             whole = sorted(found, key=lambda effects: self._fits[frozenset(effects)].cost)
-            early = sorted(sets, key=lambda effects: study.begins((*study.present, *effects), near))
+            early = sorted(sets, key=begins)
             tried = list(dict.fromkeys(e for pair in zip(early, whole, strict=False) for e in pair))[:THOROUGH]
             found += [effects for effects in tried if effects not in found]
             for effects in tried:
