@@ -1,6 +1,6 @@
 """The pendulum as a model: what a load cell and an angle sensor should have read in a run."""
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path as File
@@ -18,16 +18,15 @@ from armdyn.parameter import Parameter
 from armdyn.pendulum.composition import STAGES, compose, natural_order
 from armdyn.pendulum.dynamics import OUTPUTS, Dynamics, derive_dynamics
 from armdyn.pendulum.path import GripperPath
-from armdyn.pendulum.physics import STANDARD_GRAVITY
-from armdyn.pendulum.pieces import pieces
 from armdyn.pendulum.recorded import run_path
-from armdyn.pendulum.starts import phase_plane, rates_near
+from armdyn.pendulum.start import PendulumStart
 from armdyn.pendulum.trailing import TrailingPath
 from armdyn.pendulum.variational import VariationalStep, derive_variational
 from armdyn.physics.readout import SensorChain
 from armdyn.physics.simulate import Rollout, Simulator
-from armdyn.physics.simulated import SimulatedModel, measured_start
+from armdyn.physics.simulated import SimulatedModel
 from armdyn.run import Channel, Run
+from armdyn.start import Start
 
 KEYS = ("tension",)
 """Keys of a model file that belong to this base."""
@@ -44,7 +43,11 @@ class PendulumModel(SimulatedModel):
     stages = STAGES
     outputs = OUTPUTS
     start_names = INITIAL
-    first_window = 0.75
+
+    @property
+    def start(self) -> Start:
+        """See `Model.start`."""
+        return PendulumStart(self.value("length"), self.names.index("length"))
 
     @cached_property
     def physics_names(self) -> tuple[str, ...]:
@@ -123,42 +126,13 @@ class PendulumModel(SimulatedModel):
             return self
         return self.with_only({effect.name for effect in kept})
 
-    def pieces(self, run: Run) -> Sequence[Run]:
-        """See `Model.pieces`."""
-        return pieces(run)
-
     def described(self, folder: File) -> Mapping[str, Any]:
         """See `Model.described`."""
         printed = printed_tension in self.effects
         return {**super().described(folder), **({"tension": "printed"} if printed else {})}
 
-    def initial_guess(self, run: Run) -> Mapping[str, float]:
-        """Angle and rate at the start where an angle was measured; see `Model.initial_guess`."""
-        if "swing_angle" not in run.channels:
-            return {}
-        angle, rate = measured_start(run.channels["swing_angle"])
-        speed = float(run_path(run).v[0]) / self.value("length")
-        return {"initial_angle": angle, "initial_rate": rate - speed * float(np.cos(angle))}
-
-    def plausible_starts(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
-        """See `Model.plausible_starts`: orbits in the phase plane, near the measured angle where there is one."""
-        length = float(theta[self.names.index("length")])
-        plane = phase_plane(length)
-        if "swing_angle" in run.channels:
-            angle, rate = measured_start(run.channels["swing_angle"])
-            plane = np.array([(angle, rate + change) for change in rates_near(length)])
-        speed = float(run_path(run).v[0]) / length
-        return [
-            {"initial_angle": float(angle), "initial_rate": float(rate - speed * np.cos(angle))}
-            for angle, rate in plane
-        ]
-
-    def first_stretch(self, theta: np.ndarray) -> float:
-        """A period of small swings; see `Model.first_stretch`."""
-        return float(2 * np.pi * np.sqrt(theta[self.names.index("length")] / STANDARD_GRAVITY))
-
-    def circumstances(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
-        """Swing angle and rate as predicted, and the gripper's motion; see `Model.circumstances`."""
+    def covariates(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
+        """Swing angle and rate as predicted, and the gripper's motion; see `Model.covariates`."""
         path = run_path(run)
         values = dict(zip(self.names, theta.tolist(), strict=True))
         lean = self.without_null_effects(values)
