@@ -9,7 +9,7 @@ from armdyn.arm.bodies import Stretch
 from armdyn.arm.motion import measured_motion
 from armdyn.arm.prediction import ChannelPredictor
 from armdyn.arm.prepared import PreparedRun, interior, prepare, settled
-from armdyn.arm.sampling import LowPassed, Sampler, Unfiltered
+from armdyn.readout import Interpolated, LowPassed, Sampler
 from armdyn.run import Channel, Run
 
 
@@ -31,7 +31,7 @@ def predictor(arm: Arm, run: Run, channel: Channel, name: str) -> ChannelPredict
         sampler = LowPassed(stamps, cutoff, channel.time, known)
     else:
         stretch = _stretch(run, arm, name, False)
-        sampler = Unfiltered(channel.time)
+        sampler = Interpolated(channel.time, channel.time)
     return ChannelPredictor(stretch, sampler, joint)
 
 

@@ -22,9 +22,9 @@ from armdyn.pendulum.recorded import run_path
 from armdyn.pendulum.start import PendulumStart
 from armdyn.pendulum.trailing import TrailingPath
 from armdyn.pendulum.variational import VariationalStep, derive_variational
-from armdyn.physics.readout import SensorChain
 from armdyn.physics.simulate import Rollout, Simulator
 from armdyn.physics.simulated import SimulatedModel
+from armdyn.readout import Sensor
 from armdyn.run import Channel, Run
 from armdyn.start import Start
 
@@ -109,9 +109,9 @@ class PendulumModel(SimulatedModel):
         return run_path(run)
 
     @property
-    def chain(self) -> SensorChain:
-        """Lag and delay of the load cell."""
-        return self._formulation.chain
+    def sensors(self) -> Mapping[str, Sensor]:
+        """See `SimulatedModel`; the load cell has a lag and a delay."""
+        return self._formulation.sensors
 
     def without_null_effects(self, values: Mapping[str, float]) -> "PendulumModel":
         """The model without the effects that change nothing at these values."""
@@ -159,7 +159,7 @@ class _Formulation:
 
     names: tuple[str, ...]
     dynamics: Dynamics
-    chain: SensorChain
+    sensors: Mapping[str, Sensor]
 
 
 @lru_cache(maxsize=64)
@@ -168,12 +168,8 @@ def _formulation(effects: tuple[Effect, ...]) -> _Formulation:
     dynamics = derive_dynamics(composition)
     theta = ca.SX.sym("theta", len(dynamics.names))
     lag, delay, _ = dynamics.timing(theta)
-    timing = ca.vertcat(ca.horzcat(lag, delay), ca.SX(len(OUTPUTS) - 1, 2))  # of the load cell only
-    return _Formulation(
-        names=dynamics.names,
-        dynamics=dynamics,
-        chain=SensorChain(OUTPUTS, timing, theta),
-    )
+    sensors = {name: Sensor(theta) for name in OUTPUTS} | {"load_force": Sensor(theta, lag=lag, delay=delay)}
+    return _Formulation(dynamics.names, dynamics, sensors)
 
 
 @lru_cache(maxsize=256)

@@ -17,10 +17,10 @@ from armdyn.errors import InputError, UnknownNameError
 from armdyn.parameter import Parameter
 from armdyn.physics.definition import Physics
 from armdyn.physics.formulation import Formulation, formulated, ordered
-from armdyn.physics.readout import SensorChain
 from armdyn.physics.recorded import Path, RecordedInputs, recorded_inputs
 from armdyn.physics.simulate import Rollout, Simulator, evaluated
 from armdyn.physics.simulated import SimulatedModel, measured_start
+from armdyn.readout import Sensor
 from armdyn.run import Channel, Run
 from armdyn.start import Start
 
@@ -82,9 +82,9 @@ class PhysicsModel(SimulatedModel):
         return self._formulation.names
 
     @property
-    def chain(self) -> SensorChain:
+    def sensors(self) -> Mapping[str, Sensor]:
         """See `SimulatedModel`."""
-        return self._formulation.chain
+        return self._formulation.sensors
 
     @property
     def start(self) -> Start:

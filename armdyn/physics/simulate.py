@@ -8,7 +8,7 @@ import numpy as np
 
 from armdyn.codegen import Buffered, compiled
 from armdyn.physics.definition import Expression
-from armdyn.physics.readout import differentiated_columns
+from armdyn.physics.motion import slope
 from armdyn.physics.recorded import Path
 
 BLOCK = 128
@@ -140,8 +140,8 @@ class Simulator:
         """Outputs and derivatives without the last column, whose time derivative has been added to the force."""
         force = self.channels.index(str(self._dynamics.impulse_adds_to))
         outputs, by_theta = outputs.copy(), by_theta.copy()
-        outputs[:, force] += differentiated_columns(outputs[:, -1:], dt)[:, 0]
-        by_theta[:, force] += differentiated_columns(by_theta[:, -1], dt)
+        outputs[:, force] += slope(outputs[:, -1:], dt)[:, 0]
+        by_theta[:, force] += slope(by_theta[:, -1], dt)
         return outputs[:, :-1], by_theta[:, :-1]
 
 

@@ -1,7 +1,7 @@
 """What models have in common that simulate a motion in time and read it with sensors."""
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -12,9 +12,9 @@ from armdyn.channels import Channel
 from armdyn.errors import InputError
 from armdyn.faults import without_saturation, without_spikes
 from armdyn.model import Model, Prediction, joined
-from armdyn.physics.readout import SensorChain
 from armdyn.physics.recorded import Path
 from armdyn.physics.simulate import Rollout
+from armdyn.readout import Interpolated, Sensor
 from armdyn.run import Run
 from armdyn.thinning import thinned
 
@@ -43,8 +43,8 @@ class SimulatedModel(Model):
 
     @property
     @abstractmethod
-    def chain(self) -> SensorChain:
-        """Lag and delay of the outputs."""
+    def sensors(self) -> Mapping[str, Sensor]:
+        """What reads each output."""
 
     @abstractmethod
     def path(self, run: Run) -> Path:
@@ -75,11 +75,12 @@ class SimulatedModel(Model):
         channels, path = self.predicted_channels(run), self.path(run)
         rollout = self.rollout(path, theta, channels)
         columns, places = self._order
+        nodes = path.start + path.dt * np.arange(len(rollout.outputs))
         physics, parts = theta[places], []
         for row, name in enumerate(channels):
             time = run.channels[name].time
             signal = np.column_stack([rollout.outputs[:, row], rollout.sensitivities[:, row]])
-            read = self.chain.read(name, signal, time, path, physics)
+            read = self.sensors[name].read(signal, Interpolated(nodes, time), physics)
             parts.append((name, time, read[:, 0], read[:, 1:][:, columns]))
         return joined(parts)
 
