@@ -166,13 +166,6 @@ class ArmModel(Model):
             parts.append((name, run.channels[name].time, values, sensitivities))
         return joined(parts)
 
-    def link_parameters(self) -> Mapping[str, np.ndarray]:
-        """By joint: (10,) inertial parameters of the link that it moves, effects included; see `inertia`."""
-        changes, described = self._bodies(self.theta()).links, self.arm.described
-        return {
-            joint: described[i] + changes.get(i, np.zeros(len(described[i]))) for i, joint in enumerate(self.joints)
-        }
-
     def changed_links(self, theta: np.ndarray) -> Mapping[int, tuple[np.ndarray, np.ndarray]]:
         """By index of the joint whose link effects can change: (10,) change at (p,) `theta`, (10, p) derivatives."""
         bodies = self._bodies(theta)

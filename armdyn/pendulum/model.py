@@ -7,7 +7,6 @@ from pathlib import Path as File
 from types import MappingProxyType
 from typing import Any
 
-import casadi as ca
 import numpy as np
 from scipy.optimize import brentq
 
@@ -16,15 +15,13 @@ from armdyn.effects.tension import printed_tension
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.parameter import Parameter
 from armdyn.pendulum.composition import STAGES, compose, natural_order
-from armdyn.pendulum.dynamics import OUTPUTS, Dynamics, derive_dynamics
+from armdyn.pendulum.dynamics import Dynamics, derive_dynamics
 from armdyn.pendulum.path import GripperPath
 from armdyn.pendulum.recorded import run_path
 from armdyn.pendulum.start import PendulumStart
 from armdyn.pendulum.trailing import TrailingPath
 from armdyn.pendulum.variational import VariationalStep, derive_variational
-from armdyn.physics.simulate import Rollout, Simulator
 from armdyn.physics.simulated import SimulatedModel
-from armdyn.readout import Sensor
 from armdyn.run import Channel, Run
 from armdyn.start import Start
 
@@ -41,7 +38,6 @@ class PendulumModel(SimulatedModel):
 
     base = "pendulum"
     stages = STAGES
-    outputs = OUTPUTS
     start_names = INITIAL
 
     @property
@@ -50,13 +46,8 @@ class PendulumModel(SimulatedModel):
         return PendulumStart(self.value("length"), self.names.index("length"))
 
     @cached_property
-    def physics_names(self) -> tuple[str, ...]:
-        """Parameters of the equations of motion and of the sensors, in the order of theta there."""
-        return self._formulation.names
-
-    @cached_property
     def formulation(self) -> str:
-        """Identifier of the equations: two models that share it differ in numbers only."""
+        """See `SimulatedModel`."""
         return "_".join(["pendulum", *(e.name for e in natural_order(self.effects))])
 
     def dynamics(self) -> Dynamics:
@@ -82,36 +73,25 @@ class PendulumModel(SimulatedModel):
             raise InputError("the load of this model does not come to rest below the gripper: check its effects")
         return float(brentq(moment, -STEEPEST, STEEPEST, xtol=1e-12))
 
-    def rollout(self, path: GripperPath, theta: np.ndarray, channels: tuple[str, ...] = OUTPUTS) -> Rollout:
-        """Simulate `channels` along a gripper path; `theta` (p,) in the order of `names`."""
-        physics = theta[self._order[1]]
-        formulation = self._formulation
-        simulator = _simulator(formulation.dynamics, self.formulation, channels)
-        return simulator.rollout(self._hung_from(path, physics), physics, *self._start(theta))
-
-    def _hung_from(self, path: GripperPath, physics: np.ndarray) -> GripperPath | TrailingPath:
-        return path if self._formulation.dynamics.input_lag is None else TrailingPath(path, self.gripper_lag(physics))
+    def driven_by(self, path: GripperPath, physics: np.ndarray) -> GripperPath | TrailingPath:
+        """The path of the string's upper end where the gripper's was recorded; see `SimulatedModel`."""
+        return path if self.system.input_lag is None else TrailingPath(path, self.gripper_lag(physics))
 
     def gripper_lag(self, physics: np.ndarray) -> float:
         """Time by which the string's upper end trails the measured gripper, s; `physics` as `physics_theta`."""
-        return float(self._formulation.dynamics.timing(physics)[2])
+        return float(self.system.timing(physics)[2])
 
     def swing_at_the_end(self, path: GripperPath) -> tuple[float, float, float]:
         """Speed of the string's upper end (m/s), angle (rad) and rate (rad/s) after a path, with the present values."""
-        physics, dynamics = self.physics_theta(), self._formulation.dynamics
+        physics, dynamics = self.physics_theta(), self.system
         state = self.rollout(path, self.theta(), channels=("load_force",)).states[-1]
-        hung_from = self._hung_from(path, physics)
+        hung_from = self.driven_by(path, physics)
         motion = np.append(hung_from.inputs[0][:, -1], hung_from.jerk[0][0, -1])[: dynamics.inputs]
         return float(motion[2]), float(state[0]), float(dynamics.rate(state, motion, physics))
 
     def path(self, run: Run) -> GripperPath:
         """See `SimulatedModel`."""
         return run_path(run)
-
-    @property
-    def sensors(self) -> Mapping[str, Sensor]:
-        """See `SimulatedModel`; the load cell has a lag and a delay."""
-        return self._formulation.sensors
 
     def without_null_effects(self, values: Mapping[str, float]) -> "PendulumModel":
         """The model without the effects that change nothing at these values."""
@@ -149,27 +129,14 @@ class PendulumModel(SimulatedModel):
         return found
 
     @cached_property
-    def _formulation(self) -> "_Formulation":
-        return _formulation(natural_order(self.effects))
-
-
-@dataclass(frozen=True)
-class _Formulation:
-    """What is derived and compiled once per set of effects."""
-
-    names: tuple[str, ...]
-    dynamics: Dynamics
-    sensors: Mapping[str, Sensor]
+    def system(self) -> Dynamics:
+        """See `SimulatedModel`."""
+        return _dynamics(natural_order(self.effects))
 
 
 @lru_cache(maxsize=64)
-def _formulation(effects: tuple[Effect, ...]) -> _Formulation:
-    composition = compose(effects)
-    dynamics = derive_dynamics(composition)
-    theta = ca.SX.sym("theta", len(dynamics.names))
-    lag, delay, _ = dynamics.timing(theta)
-    sensors = {name: Sensor(theta) for name in OUTPUTS} | {"load_force": Sensor(theta, lag=lag, delay=delay)}
-    return _Formulation(dynamics.names, dynamics, sensors)
+def _dynamics(effects: tuple[Effect, ...]) -> Dynamics:
+    return derive_dynamics(compose(effects))
 
 
 @lru_cache(maxsize=256)
@@ -179,11 +146,6 @@ def _burden(effect: Effect) -> int:
     if composition.crosses or composition.remembers:
         return 2
     return int(composition.yields or composition.gripper_lag is not None)
-
-
-@lru_cache(maxsize=64)
-def _simulator(dynamics: Dynamics, name: str, channels: tuple[str, ...]) -> Simulator:
-    return Simulator(dynamics, name, channels)
 
 
 @lru_cache(maxsize=64)

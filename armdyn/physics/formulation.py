@@ -27,7 +27,6 @@ class Formulation(System):
     Attributes:
         against: ``(s, w, theta) -> (n,)`` what a residual is held against.
         against_units: its names, with their units.
-        sensors: what reads each output.
         depends: parameters on which anything depends.
         measured: by state, the channel that reads it as it is.
         rates: by state, the state that is its rate.
@@ -36,7 +35,6 @@ class Formulation(System):
 
     against: ca.Function
     against_units: dict[str, str]
-    sensors: dict[str, Sensor]
     depends: frozenset[str]
     measured: dict[str, str]
     rates: dict[str, str]

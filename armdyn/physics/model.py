@@ -17,10 +17,8 @@ from armdyn.errors import InputError, UnknownNameError
 from armdyn.parameter import Parameter
 from armdyn.physics.definition import Physics
 from armdyn.physics.formulation import Formulation, formulated, ordered
-from armdyn.physics.recorded import Path, RecordedInputs, recorded_inputs
-from armdyn.physics.simulate import Rollout, Simulator, evaluated
+from armdyn.physics.recorded import RecordedInputs, recorded_inputs
 from armdyn.physics.simulated import SimulatedModel, measured_start
-from armdyn.readout import Sensor
 from armdyn.run import Channel, Run
 from armdyn.start import Start
 
@@ -67,24 +65,20 @@ class PhysicsModel(SimulatedModel):
         return tuple(_bare(self.physics).stages)
 
     @property
-    def outputs(self) -> tuple[str, ...]:
-        """See `SimulatedModel`."""
-        return tuple(self.physics.outputs)
-
-    @property
     def start_names(self) -> tuple[str, ...]:
         """See `SimulatedModel`."""
         return tuple(p.name for p in self.physics.states.values())
 
     @property
-    def physics_names(self) -> tuple[str, ...]:
+    def formulation(self) -> str:
         """See `SimulatedModel`."""
-        return self._formulation.names
+        return self.base
 
-    @property
-    def sensors(self) -> Mapping[str, Sensor]:
+    @cached_property
+    def system(self) -> Formulation:
         """See `SimulatedModel`."""
-        return self._formulation.sensors
+        starts = set(self.start_names)
+        return formulated(self.physics, ordered(self.effects), tuple(n for n in self.names if n not in starts))
 
     @property
     def start(self) -> Start:
@@ -150,16 +144,9 @@ class PhysicsModel(SimulatedModel):
         """See `SimulatedModel`."""
         return _recorded(run, self.physics)
 
-    def rollout(self, path: Path, theta: np.ndarray, channels: tuple[str, ...]) -> Rollout:
-        """See `SimulatedModel`."""
-        if not self._formulation.states:
-            return evaluated(self._formulation, path, theta[self._order[1]], channels)
-        simulator = _simulator(self._formulation, self.base, channels)
-        return simulator.rollout(path, theta[self._order[1]], *self._start(theta))
-
     def covariates(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
         """What the physics says that a residual may depend on; see `Model.covariates`."""
-        path, formulation = self.path(run), self._formulation
+        path, formulation = self.path(run), self.system
         rollout = self.rollout(path, theta, self.predicted_channels(run))
         many = formulation.against.map(len(path.time))
         values = np.asarray(many(rollout.states.T, path.nodes, theta[self._order[1]]))
@@ -169,11 +156,6 @@ class PhysicsModel(SimulatedModel):
             for (name, unit), row in zip(units.items(), values, strict=True)
             if np.isfinite(row).all()
         }
-
-    @cached_property
-    def _formulation(self) -> Formulation:
-        starts = set(self.start_names)
-        return formulated(self.physics, ordered(self.effects), tuple(n for n in self.names if n not in starts))
 
 
 class _PhysicsStart(Start):
@@ -262,11 +244,6 @@ def _remembers(physics: Physics, effect: Effect) -> bool:
     names = [q.parameter(effect.name, short, j).name for j in joints for short, q in effect.quantities.items()]
     with_it = formulated(physics, (effect,), (*(p.name for p in physics.parameters), *names))
     return with_it.states > _bare(physics).states
-
-
-@lru_cache(maxsize=64)
-def _simulator(formulation: Formulation, name: str, channels: tuple[str, ...]) -> Simulator:
-    return Simulator(formulation, name, channels)
 
 
 @lru_cache(maxsize=64)
