@@ -13,6 +13,7 @@ from armdyn import atomic
 from armdyn.channels import MIN_SAMPLES, Channel, channel_kind, check_joint_units, in_contract
 from armdyn.csv_run import read_csv, write_csv
 from armdyn.errors import InputError, UnknownNameError
+from armdyn.preparation import Preparation
 from armdyn.sidecar import Sidecar, read_sidecar, sidecar_text
 from armdyn.units import Known
 
@@ -58,6 +59,16 @@ class Run:
         # A MappingProxyType cannot be pickled, and runs go to other processes.
         mappings = (dict(self.channels), dict(self.known), dict(self.noise))
         return partial(Run, began=self.began), (self.name, *mappings, self.description, self.source, self.warnings)
+
+    @property
+    def recording(self) -> "Run":
+        """What was recorded, at its own rate: this run, unless a model prepared it for comparison."""
+        return self
+
+    @property
+    def preparations(self) -> Mapping[str, Preparation]:
+        """What a model did to channels before it compares them; nothing where it takes them as they are."""
+        return {}
 
     @property
     def measured(self) -> tuple[str, ...]:

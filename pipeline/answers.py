@@ -140,7 +140,7 @@ def preparation_answer(problem: Problem) -> dict[str, Any]:
             "recorded": done.recorded,
             "left_out": number(done.left_out),
         }
-        for name, done in of_all_runs(map(problem.model.preparations, problem.runs)).items()
+        for name, done in of_all_runs(run.preparations for run in problem.runs).items()
     }
 
 

@@ -1,5 +1,6 @@
 """A robot as the rest of the house sees it: kinematic model, limits, tool, line."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -185,6 +186,24 @@ class Robot:
     def tool_frame_id(self) -> int:
         """Index of the tool frame in the model."""
         return int(self.model.getFrameId(self.tool_frame))
+
+    def spring_torque(self, q: Array, springs: Sequence[Spring] | None = None) -> Array:
+        """What the motors give on top because of springs [N m], at postures q, (..., n), of the same shape.
+
+        Args:
+            q: joint positions [rad].
+            springs: which; all that are known when not given.
+
+        Raises:
+            UrdfError: a spring is on a joint that the arm does not have.
+        """
+        torque = np.zeros_like(q)
+        for spring in self.springs if springs is None else springs:
+            if spring.joint not in self.joint_names:
+                raise UrdfError(f"robot '{self.name}': a spring is on joint '{spring.joint}', which the arm lacks")
+            joint = self.joint_names.index(spring.joint)
+            torque[..., joint] += spring.torque(q[..., joint])
+        return torque
 
     def tool_pose(self, q: Array) -> pin.SE3:
         """Pose of the tool frame at the tool point, in the base frame, at one posture (n,)."""

@@ -65,7 +65,7 @@ class Stretch:
     @cached_property
     def described(self) -> np.ndarray:
         """(n, nj) torques of the arm as described."""
-        return inverse_dynamics(self.model, self.motion)
+        return inverse_dynamics(self.model, self.motion.q, self.motion.v, self.motion.a)
 
     @cached_property
     def regressor(self) -> np.ndarray:

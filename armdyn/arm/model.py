@@ -17,9 +17,8 @@ from armdyn.arm.motion import measured_motion
 from armdyn.arm.prepared import PreparedRun
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
-from armdyn.model import Bend, Model, Prediction, joined
+from armdyn.model import Bend, Linear, Model, Prediction, joined
 from armdyn.parameter import Parameter, Quantity
-from armdyn.preparation import Preparation
 from armdyn.run import Channel, Run
 
 KEYS = ("urdf", "robot", "joints", "tool")
@@ -40,8 +39,12 @@ class ArmModel(Model):
     arm: Arm
 
     base = "arm"
-    linear = True
     stages = ("joint",)
+
+    @property
+    def linear(self) -> Linear:
+        """See `Model.linear`."""
+        return self
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -82,7 +85,7 @@ class ArmModel(Model):
         return self.with_only(needed)
 
     def bend(self, names: Sequence[str], theta: np.ndarray) -> Bend | None:
-        """See `Model.bend`: what changes a link acts as a deformation of it does, through its inertial parameters."""
+        """See `Linear.bend`: what changes a link acts as a deformation of it does, through its inertial parameters."""
         joint = self.parameters[names[0]].joint
         through = self.parts(DEFORMATION).get(joint, ())
         if not through:
@@ -104,11 +107,11 @@ class ArmModel(Model):
 
         return Bend(tuple(through), bent)
 
-    def circumstances(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
-        """See `Model.circumstances`: position, velocity and acceleration of every joint."""
+    def covariates(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
+        """See `Model.covariates`: position, velocity and acceleration of every joint."""
         del theta
-        motion = measured_motion(recorded.original(run), self.joints)
-        first = recorded.original(run).channels[f"q.{self.joints[0]}"]
+        motion = measured_motion(run.recording, self.joints)
+        first = run.recording.channels[f"q.{self.joints[0]}"]
         time = first.time[(first.time >= motion.start) & (first.time <= motion.end)]
         at = motion.at(time)
         found = {}
@@ -147,18 +150,6 @@ class ArmModel(Model):
             return run
         return recorded.prepared(run, self.arm, self.predicted_channels(run))
 
-    def recording(self, run: Run) -> Run:
-        """See `Model.recording`."""
-        return recorded.original(run)
-
-    def preparations(self, run: Run) -> Mapping[str, Preparation]:
-        """See `Model.preparations`."""
-        return run.preparations if isinstance(run, PreparedRun) else {}
-
-    def stated_noise(self, run: Run) -> Mapping[str, float]:
-        """See `Model.stated_noise`."""
-        return recorded.original(run).noise
-
     def predict(self, run: Run, theta: np.ndarray) -> Prediction:
         """See `Model.predict`."""
         channels = self.predicted_channels(run)
@@ -174,13 +165,6 @@ class ArmModel(Model):
                 sensitivities[:, where] = columns
             parts.append((name, run.channels[name].time, values, sensitivities))
         return joined(parts)
-
-    def link_parameters(self) -> Mapping[str, np.ndarray]:
-        """By joint: (10,) inertial parameters of the link that it moves, effects included; see `inertia`."""
-        changes, described = self._bodies(self.theta()).links, self.arm.described
-        return {
-            joint: described[i] + changes.get(i, np.zeros(len(described[i]))) for i, joint in enumerate(self.joints)
-        }
 
     def changed_links(self, theta: np.ndarray) -> Mapping[int, tuple[np.ndarray, np.ndarray]]:
         """By index of the joint whose link effects can change: (10,) change at (p,) `theta`, (10, p) derivatives."""

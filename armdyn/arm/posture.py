@@ -102,10 +102,6 @@ def arm_posture(robot: Robot, q: ArrayLike | None = None, v: ArrayLike | None = 
     still = np.zeros(model.nv)
     pose = robot.tool_pose(at)
     gravity = pin.computeGeneralizedGravity(model, data, at).copy()
-    springs = np.zeros(model.nv)
-    for spring in robot.springs:
-        joint = robot.joint_names.index(spring.joint)
-        springs[joint] += spring.torque(at[joint])
     upper = np.triu(pin.crba(model, data, at).reshape(model.nv, model.nv))  # of a single joint it is flat
     jacobian = _tool_jacobian(robot, data, at)
     linear = jacobian[:3]
@@ -117,7 +113,7 @@ def arm_posture(robot: Robot, q: ArrayLike | None = None, v: ArrayLike | None = 
         tool_rotation=read_only(pose.rotation),
         margin=read_only(robot.limits.margin(at)),
         gravity=read_only(gravity),
-        springs=read_only(springs),
+        springs=read_only(robot.spring_torque(at)),
         inertia=read_only(upper + np.triu(upper, 1).T),
         coriolis=read_only(pin.computeCoriolisMatrix(model, data, at, rate).reshape(model.nv, model.nv)),
         damping=read_only(model.damping),

@@ -5,8 +5,9 @@ filtering biases nothing. Sampled at about twice the cut-off nothing of the band
 the same again. What the noise of positions brings in is counted as noise.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -36,16 +37,25 @@ class PreparedRun(Run):
 
     Attributes:
         original: the recording.
-        preparations: by torque channel.
+        done: to it, by torque channel.
     """
 
-    original: Run | None = None
-    preparations: Mapping[str, Preparation] = field(default_factory=dict)
+    original: Run = field(kw_only=True)
+    done: Mapping[str, Preparation] = field(kw_only=True)
 
-    def __reduce__(self) -> tuple[type[Run], tuple[Any, ...]]:
-        mappings = (dict(self.channels), dict(self.known), dict(self.noise))
-        rest = (self.description, self.source, self.warnings, self.original, dict(self.preparations))
-        return PreparedRun, (self.name, *mappings, *rest)
+    def __reduce__(self) -> tuple[Callable[..., Run], tuple[Any, ...]]:
+        _, arguments = super().__reduce__()
+        return partial(PreparedRun, original=self.original, done=dict(self.done), began=self.began), arguments
+
+    @property
+    def recording(self) -> Run:
+        """See `Run.recording`."""
+        return self.original
+
+    @property
+    def preparations(self) -> Mapping[str, Preparation]:
+        """See `Run.preparations`."""
+        return self.done
 
 
 def prepare(run: Run, model: pin.Model, joints: tuple[str, ...], measured: tuple[str, ...]) -> PreparedRun:
@@ -89,8 +99,9 @@ def prepare(run: Run, model: pin.Model, joints: tuple[str, ...], measured: tuple
     for i, joint in enumerate(joints):
         channels |= _smooth_channels(run.channels[f"q.{joint}"], joint, motion.joints[i].curve)
     return PreparedRun(
-        run.name, channels, run.known, noise, run.description, run.source, run.warnings, run, preparations
-    )
+        run.name, channels, run.known, noise, run.description, run.source, run.warnings,
+        original=run, done=preparations,
+    )  # fmt: skip
 
 
 def interior(channel: Channel, motion: MeasuredMotion) -> np.ndarray:

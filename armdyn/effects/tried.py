@@ -146,37 +146,26 @@ def _stage(build: Callable[..., Any], rest: Sequence[float], moving: Sequence[fl
 
 
 def _joint(*w: Expression) -> Joint:
-    zero, one, shape = ca.SX(0), ca.SX(1), ca.SX(np.diag([0.1, 0.1, 0.1, 1.0]))
+    link = Link(ca.SX(np.diag([0.1, 0.1, 0.1, 1.0])), ca.SX(4, 4))
     time, q, v, a, direction, load, *inner = w
-    link = Link(shape, ca.SX(4, 4))
-    return Joint(time, q, v, a, direction, load, Neighbour(*inner), link, zero, zero, one, zero, zero)
-
-
-def _none() -> Expression:
-    return ca.SX(0)
+    return Joint(time, q, v, a, direction, load, Neighbour(*inner), link)
 
 
 STAGES = {
     "gripper": _stage(
-        lambda t, x, v, z, phi: Gripper(t, x, v, z, phi, ca.vertcat(x, 0, z), _none(), _none(), _none()),
+        lambda t, x, v, z, phi: Gripper(t, x, v, z, phi, ca.vertcat(x, 0, z)),
         [0.0, 0.0, 0.0, 0.0, 0.0],
         [0.7, 0.1, -0.3, 0.02, 0.2],
     ),
-    "string": _stage(
-        lambda t, phi, rate, mass, length: String(t, phi, rate, mass, length, _none(), _none(), _none()),
-        [0.0, 0.0, 0.0, 0.08, 0.37],
-        [0.7, 0.2, -0.9, 0.08, 0.37],
-    ),
+    "string": _stage(String, [0.0, 0.0, 0.0, 0.08, 0.37], [0.7, 0.2, -0.9, 0.08, 0.37]),
     "load": _stage(
-        lambda t, m, x, y, z, u, v, w, phi, rate: Load(
-            t, m, ca.vertcat(x, y, z), ca.vertcat(u, v, w), phi, rate, ca.SX.zeros(3), _none(), ca.SX.zeros(3)
-        ),
+        lambda t, m, x, y, z, u, v, w, phi, rate: Load(t, m, ca.vertcat(x, y, z), ca.vertcat(u, v, w), phi, rate),
         [0.0, 0.08, 0.0, 0.0, -0.37, 0.0, 0.0, 0.0, 0.0, 0.0],
         [0.7, 0.08, 0.03, 0.0, -0.36, -0.2, 0.0, 0.03, 0.2, -0.9],
     ),
     "tension": _stage(Tension, [0.785, 0.0, 0.0, 0.08, 0.37, 0.0], [0.82, 0.2, -0.9, 0.08, 0.37, 0.4]),
     "sensor": _stage(
-        lambda t, tension, phi, rate: Sensor(t, tension, phi, tension, phi, rate, _none(), _none()),
+        lambda t, tension, phi, rate: Sensor(t, tension, phi, tension, phi, rate),
         [0.0, 0.785, 0.0, 0.0],
         [0.7, 0.82, 0.2, -0.9],
     ),

@@ -46,9 +46,7 @@ class Place:
 def localise(fit: Fit) -> tuple[Place, ...]:
     """The worst places first; empty where nothing stands out of the noise."""
     problem = fit.problem
-    circumstances = [
-        problem.model.circumstances(run, problem.theta(i, fit.values)) for i, run in enumerate(problem.runs)
-    ]
+    circumstances = [problem.model.covariates(run, problem.theta(i, fit.values)) for i, run in enumerate(problem.runs)]
     by_name = {run.name: found for run, found in zip(problem.runs, circumstances, strict=True)}
     places: list[Place] = []
     for channel in dict.fromkeys(block.channel for block in fit.blocks):

@@ -114,7 +114,7 @@ class Study:
         """Cost of the beginning of the runs with these effects: where errors grow, it says more than the whole."""
         free, _ = self._released(effects, near)
         model = self.problem.model
-        window = max(SETTLED_WINDOW, PERIODS * model.first_stretch(self.problem.theta(0, near.values)))
+        window = max(SETTLED_WINDOW, PERIODS * model.start.stretch(self.problem.theta(0, near.values)))
         cut = Problem(model, [first_part(run, window) for run in self.runs], self.noise)
         return fit(cut, free, self._cold(effects, near), most_steps=QUICK_STEPS).cost
 

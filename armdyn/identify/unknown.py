@@ -112,7 +112,7 @@ def absorbed_share(fit: Fit) -> float | None:
                 for (name, p), v in zip(model.parameters.items(), theta, strict=True)
             }
         )
-        states = model.circumstances(run, theta)
+        states = model.covariates(run, theta)
         for piece in segments(run):
             noise = {
                 (piece.name, channel): problem.noise[run.name, channel]
@@ -158,7 +158,7 @@ def sparse_terms(fit: Fit) -> tuple[Term, ...]:
     """Orthogonal matching pursuit of the whitened residual over functions of the circumstances."""
     problem, filters = fit.problem, whitening(fit.blocks)
     states = {
-        run.name: problem.model.circumstances(run, problem.theta(i, fit.values)) for i, run in enumerate(problem.runs)
+        run.name: problem.model.covariates(run, problem.theta(i, fit.values)) for i, run in enumerate(problem.runs)
     }
     found: list[Term] = []
     channels = dict.fromkeys(block.channel for block in fit.blocks)

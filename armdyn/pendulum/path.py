@@ -12,6 +12,7 @@ from armdyn.physics.motion import (
     grid_size,
     halfway,
     penalised,
+    slope,
     smoothed_motion,
 )
 
@@ -70,7 +71,7 @@ class GripperPath:
 
 def jerk(a: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Rate of an acceleration (K,) at its nodes (1, K) and halfway between them (1, K-1)."""
-    rate = differentiated(a, dt)[0] if len(a) >= 5 else np.gradient(a, dt)
+    rate = slope(a, dt)
     return rate[None], (rate[None, :-1] + rate[None, 1:]) / 2
 
 

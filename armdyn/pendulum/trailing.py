@@ -5,11 +5,10 @@ from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
-from scipy.signal import lfilter
 
 from armdyn.pendulum.path import GripperPath, jerk
 from armdyn.physics.motion import halfway
-from armdyn.physics.readout import lag_coefficients
+from armdyn.readout import lagged
 
 _Signals: TypeAlias = tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]
 
@@ -81,10 +80,10 @@ class TrailingPath:
         starts = (path.x[0] - tau * path.v[0] + tau**2 * path.a[0], path.v[0] - tau * path.a[0], path.a[0])
         slopes = (2 * tau * path.a[0] - path.v[0], -path.a[0], 0.0)
         pairs = [
-            _trailed(signal, start, slope, tau, path.dt)
+            lagged(signal[:, None], tau, path.dt, start, slope)
             for signal, start, slope in zip((path.x, path.v, path.a), starts, slopes, strict=True)
         ]
-        trailed, by_lag = (np.vstack(signals) for signals in zip(*pairs, strict=True))
+        trailed, by_lag = (np.vstack([signal.ravel() for signal in signals]) for signals in zip(*pairs, strict=True))
         nodes, middle = path.inputs
         return (
             (_with_motion(nodes, trailed), _with_motion(middle, halfway(trailed, path.dt)), jerk(trailed[2], path.dt)),
@@ -99,11 +98,3 @@ class TrailingPath:
 def _with_motion(rows: np.ndarray, motion: np.ndarray) -> np.ndarray:
     """Inputs with other x, v, a."""
     return np.vstack([rows[:1], motion, rows[4:]])
-
-
-def _trailed(y: np.ndarray, start: float, start_slope: float, tau: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """(K,) lagged signal from z(0) = start, and (K,) its derivative with respect to tau."""
-    e, b, c, de, db, dc = lag_coefficients(tau, dt)
-    z = np.concatenate([[start], lfilter([1.0], [1.0, -e], b * y[:-1] + c * y[1:], zi=[e * start])[0]])
-    drive = de * z[:-1] + db * y[:-1] + dc * y[1:]
-    return z, np.concatenate([[start_slope], lfilter([1.0], [1.0, -e], drive, zi=[e * start_slope])[0]])

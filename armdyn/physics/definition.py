@@ -36,6 +36,8 @@ from armdyn.errors import InputError, UnknownNameError
 from armdyn.parameter import Parameter
 
 Expression: TypeAlias = Any  # a casadi.SX, which carries no type information
+NONE: Expression = ca.SX(0)
+"""What a stage has none of before effects add to it."""
 
 
 class Memory(NamedTuple):
@@ -77,30 +79,39 @@ S = TypeVar("S", bound=Stage)
 
 
 @dataclass(frozen=True)
-class Reading(Stage):
+class Timed(Stage):
+    """A stage that ends in a sensor with a lag and a delay; both depend on parameters only.
+
+    Attributes:
+        lag: first-order time constant, s.
+        delay: how late the reading is, s.
+    """
+
+    lag: Expression = field(default=NONE, kw_only=True)
+    delay: Expression = field(default=NONE, kw_only=True)
+
+    def with_lag(self, time_constant: Expression) -> Self:
+        """Let the reading pass a first-order lag, s."""
+        return replace(self, lag=self.lag + time_constant)
+
+    def with_delay(self, time: Expression) -> Self:
+        """Let the reading arrive late, s."""
+        return replace(self, delay=self.delay + time)
+
+
+@dataclass(frozen=True)
+class Reading(Timed):
     """What a sensor says of a quantity; return it among the outputs to give the quantity a lag and a delay.
 
     Attributes:
         value: in the channel's unit.
-        lag: first-order time constant, s.
-        delay: how late it is, s.
     """
 
     value: Expression
-    lag: Expression = 0
-    delay: Expression = 0
 
     def with_value(self, value: Expression) -> Self:
         """Let the sensor say `value`."""
         return replace(self, value=value)
-
-    def with_lag(self, time_constant: Expression) -> Self:
-        """Let the reading pass a first-order lag, s; `time_constant` depends on parameters only."""
-        return replace(self, lag=self.lag + time_constant)
-
-    def with_delay(self, time: Expression) -> Self:
-        """Let the reading arrive late, s; `time` depends on parameters only."""
-        return replace(self, delay=self.delay + time)
 
 
 @dataclass(frozen=True)

@@ -105,6 +105,11 @@ def differentiated(x: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
     return (m2 - 8 * m1 + 8 * p1 - p2) / (12 * dt), (-m2 + 16 * m1 - 30 * c + 16 * p1 - p2) / (12 * dt**2)
 
 
+def slope(x: np.ndarray, dt: float) -> np.ndarray:
+    """First derivative of even samples, or of columns of them; see `differentiated`, but also for fewer than five."""
+    return differentiated(x, dt)[0] if len(x) >= 5 else np.gradient(x, dt, axis=0)
+
+
 def _extrapolated(near: np.ndarray) -> np.ndarray:
     """Two samples beyond the end, nearest first, on the quartic through the five samples `near` (nearest first)."""
     a, b, c, d, e = near

@@ -1,9 +1,8 @@
 """What models have in common that simulate a motion in time and read it with sensors."""
 
 from abc import abstractmethod
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -12,9 +11,9 @@ from armdyn.channels import Channel
 from armdyn.errors import InputError
 from armdyn.faults import without_saturation, without_spikes
 from armdyn.model import Model, Prediction, joined
-from armdyn.physics.readout import SensorChain
 from armdyn.physics.recorded import Path
-from armdyn.physics.simulate import Rollout
+from armdyn.physics.simulate import Rollout, Simulator, System, evaluated
+from armdyn.readout import Interpolated
 from armdyn.run import Run
 from armdyn.thinning import thinned
 
@@ -28,31 +27,42 @@ class SimulatedModel(Model):
 
     @property
     @abstractmethod
-    def outputs(self) -> tuple[str, ...]:
-        """Channels that the model can predict."""
-
-    @property
-    @abstractmethod
     def start_names(self) -> tuple[str, ...]:
         """Parameters that say how the motion begins, in the order of the simulator."""
 
     @property
     @abstractmethod
-    def physics_names(self) -> tuple[str, ...]:
-        """The other parameters: of the equations and of the sensors, in the order of theta there."""
+    def system(self) -> System:
+        """The equations with their effects."""
 
     @property
     @abstractmethod
-    def chain(self) -> SensorChain:
-        """Lag and delay of the outputs."""
+    def formulation(self) -> str:
+        """Identifier of the equations: two models that share it differ in numbers only."""
 
     @abstractmethod
     def path(self, run: Run) -> Path:
         """The recorded inputs of a run on an even grid."""
 
-    @abstractmethod
-    def rollout(self, path: Any, theta: np.ndarray, channels: tuple[str, ...]) -> Rollout:
-        """Simulate `channels` along what `path` gives; `theta` (p,) in the order of `names`."""
+    def driven_by(self, path: Any, physics: np.ndarray) -> Path:
+        """What drives the motion where `path` was recorded; `physics` as `physics_theta`."""
+        del physics
+        found: Path = path
+        return found
+
+    @property
+    def physics_names(self) -> tuple[str, ...]:
+        """Parameters of the equations and of the sensors, in the order of theta there: all but those of the start."""
+        return self.system.names
+
+    def rollout(self, path: Any, theta: np.ndarray, channels: tuple[str, ...] | None = None) -> Rollout:
+        """Simulate `channels`, all when not given, along recorded inputs; `theta` (p,) in the order of `names`."""
+        system, physics = self.system, theta[self._order[1]]
+        channels = system.outputs if channels is None else channels
+        if not system.states:
+            return evaluated(system, self.driven_by(path, physics), physics, channels)
+        start = (float(theta[self.names.index(name)]) for name in self.start_names)
+        return _simulator(system, self.formulation, channels).rollout(self.driven_by(path, physics), physics, *start)
 
     def physics_theta(self) -> np.ndarray:
         """(p,) present values in the order of `physics_names`."""
@@ -60,9 +70,10 @@ class SimulatedModel(Model):
 
     def predicted_channels(self, run: Run) -> tuple[str, ...]:
         """See `Model.predicted_channels`."""
-        channels = tuple(name for name in self.outputs if name in run.channels)
+        outputs = self.system.outputs
+        channels = tuple(name for name in outputs if name in run.channels)
         if not channels:
-            raise InputError(f"{run.name}: holds none of {', '.join(self.outputs)}, so there is nothing to compare")
+            raise InputError(f"{run.name}: holds none of {', '.join(outputs)}, so there is nothing to compare")
         return channels
 
     def prepared(self, run: Run) -> Run:
@@ -75,11 +86,12 @@ class SimulatedModel(Model):
         channels, path = self.predicted_channels(run), self.path(run)
         rollout = self.rollout(path, theta, channels)
         columns, places = self._order
+        nodes = path.start + path.dt * np.arange(len(rollout.outputs))
         physics, parts = theta[places], []
         for row, name in enumerate(channels):
             time = run.channels[name].time
             signal = np.column_stack([rollout.outputs[:, row], rollout.sensitivities[:, row]])
-            read = self.chain.read(name, signal, time, path, physics)
+            read = self.system.sensors[name].read(signal, Interpolated(nodes, time), physics)
             parts.append((name, time, read[:, 0], read[:, 1:][:, columns]))
         return joined(parts)
 
@@ -89,8 +101,10 @@ class SimulatedModel(Model):
         place = {name: i for i, name in enumerate((*self.physics_names, *self.start_names))}
         return [place[name] for name in self.names], [self.names.index(name) for name in self.physics_names]
 
-    def _start(self, theta: np.ndarray) -> Sequence[float]:
-        return [float(theta[self.names.index(name)]) for name in self.start_names]
+
+@lru_cache(maxsize=128)
+def _simulator(system: System, name: str, channels: tuple[str, ...]) -> Simulator:
+    return Simulator(system, name, channels)
 
 
 def measured_start(channel: Channel) -> tuple[float, float]:

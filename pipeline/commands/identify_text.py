@@ -78,7 +78,7 @@ def _say_fit(found: "Comparison") -> None:
         )
     console.print(channels)
     problem = found.fit.problem
-    if done := sentence(of_all_runs(map(problem.model.preparations, problem.runs))):
+    if done := sentence(of_all_runs(run.preparations for run in problem.runs)):
         console.print(f"[dim]{done}[/]")
     if not found.intervals_hold:
         console.print(f"[yellow]{found.how_certain}[/]")

@@ -38,17 +38,16 @@ class FitSection(Section):
         shaded = any(place.against == "time" for place in self.places)
         text = "Shaded: where the residual is far above the noise." if shaded else "No stretch of time stands out."
         problem = self.fit.problem
-        return f"{text} {sentence(of_all_runs(map(problem.model.preparations, problem.runs)))}".strip()
+        return f"{text} {sentence(of_all_runs(run.preparations for run in problem.runs))}".strip()
 
     def charts(self) -> Sequence[Chart]:
         """One figure per channel and run."""
         return [self._chart(block) for block in self.fit.blocks]
 
     def _chart(self, block: Block) -> Chart:
-        model = self.fit.problem.model
         run = next(run for run in self.fit.problem.runs if run.name == block.run)
         channel = run.channels[block.channel]
-        done = model.preparations(run).get(block.channel)
+        done = run.preparations.get(block.channel)
         measured = np.interp(block.time, channel.time, channel.value)
         every = slice(None, None, max(1, len(block.time) // MOST_POINTS))
         phases = [
@@ -58,7 +57,7 @@ class FitSection(Section):
         ]
         title = f"{block.channel} [{channel.unit}]"
         figure = stacked([title, f"residual [{channel.unit}]"], [0.6, 0.4], phases, 400)
-        shown = channel if done is None else model.recording(run).channels[block.channel]
+        shown = channel if done is None else run.recording.channels[block.channel]
         figure.update_layout(xaxis_range=[float(shown.time[0]), float(shown.time[-1])])
         time = block.time[every]
         if done is not None:
@@ -129,9 +128,9 @@ class DependenceSection(Section):
         problem, points = self.fit.problem, dict[tuple[str, str], list[tuple[np.ndarray, np.ndarray]]]()
         units = {}
         for i, run in enumerate(problem.runs):
-            circumstances = problem.model.circumstances(run, problem.theta(i, self.fit.values))
+            covariates = problem.model.covariates(run, problem.theta(i, self.fit.values))
             for block in (b for b in self.fit.blocks if b.run == run.name):
-                for name, channel in circumstances.items():
+                for name, channel in covariates.items():
                     if name.startswith(("q.", "v.")) and name[2:] != block.channel.removeprefix("tau."):
                         continue  # a joint's torque is shown against that joint
                     at = np.interp(block.time, channel.time, channel.value)
