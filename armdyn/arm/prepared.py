@@ -5,8 +5,9 @@ filtering biases nothing. Sampled at about twice the cut-off nothing of the band
 the same again. What the noise of positions brings in is counted as noise.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -42,10 +43,10 @@ class PreparedRun(Run):
     original: Run | None = None
     preparations: Mapping[str, Preparation] = field(default_factory=dict)
 
-    def __reduce__(self) -> tuple[type[Run], tuple[Any, ...]]:
+    def __reduce__(self) -> tuple[Callable[..., Run], tuple[Any, ...]]:
         mappings = (dict(self.channels), dict(self.known), dict(self.noise))
         rest = (self.description, self.source, self.warnings, self.original, dict(self.preparations))
-        return PreparedRun, (self.name, *mappings, *rest)
+        return partial(PreparedRun, began=self.began, outliers=dict(self.outliers)), (self.name, *mappings, *rest)
 
 
 def prepare(run: Run, model: pin.Model, joints: tuple[str, ...], measured: tuple[str, ...]) -> PreparedRun:
@@ -89,8 +90,9 @@ def prepare(run: Run, model: pin.Model, joints: tuple[str, ...], measured: tuple
     for i, joint in enumerate(joints):
         channels |= _smooth_channels(run.channels[f"q.{joint}"], joint, motion.joints[i].curve)
     return PreparedRun(
-        run.name, channels, run.known, noise, run.description, run.source, run.warnings, run, preparations
-    )
+        run.name, channels, run.known, noise, run.description, run.source, run.warnings, run, preparations,
+        outliers=run.outliers,
+    )  # fmt: skip
 
 
 def interior(channel: Channel, motion: MeasuredMotion) -> np.ndarray:

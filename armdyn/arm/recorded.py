@@ -10,6 +10,7 @@ from armdyn.arm.motion import measured_motion
 from armdyn.arm.prediction import ChannelPredictor
 from armdyn.arm.prepared import PreparedRun, interior, prepare, settled
 from armdyn.arm.sampling import LowPassed, Sampler, Unfiltered
+from armdyn.faults import without_spikes
 from armdyn.run import Channel, Run
 
 
@@ -20,8 +21,10 @@ def original(run: Run) -> Run:
 
 @lru_cache(maxsize=64)
 def prepared(run: Run, arm: Arm, measured: tuple[str, ...]) -> PreparedRun:
-    """See `prepare`."""
-    return prepare(run, arm.model, arm.joints, measured)
+    """See `prepare`; isolated outliers are left out before."""
+    motion = (f"{kind}.{joint}" for joint in arm.joints for kind in "qva")
+    clean = without_spikes(run, (*(name for name in motion if name in run.channels), *measured))
+    return prepare(clean, arm.model, arm.joints, measured)
 
 
 @lru_cache(maxsize=512)

@@ -32,6 +32,7 @@ from armdyn.run import Channel, Run
 KEYS = ("tension",)
 """Keys of a model file that belong to this base."""
 INITIAL = ("initial_angle", "initial_rate")
+GRIPPER = ("gripper_x", "gripper_v", "gripper_a", "gripper_z")
 STEEPEST = 1.5
 """rad; no load hangs at rest beyond."""
 
@@ -43,6 +44,7 @@ class PendulumModel(SimulatedModel):
     base = "pendulum"
     stages = STAGES
     outputs = OUTPUTS
+    inputs = GRIPPER
     start_names = INITIAL
     first_window = 0.75
 
