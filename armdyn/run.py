@@ -33,6 +33,7 @@ class Run:
         source: the file it came from; None where it was made in memory.
         warnings: a sentence per thing that was lost, such as the end of a recording that was cut off.
         began: s; when the recording began of which this is a later piece. None where it is whole.
+        outliers: number of samples that were left out as faulty, by channel.
 
     Raises:
         InputError: a joint turns in one channel and slides in another.
@@ -47,18 +48,20 @@ class Run:
     source: Path | None = None
     warnings: tuple[str, ...] = ()
     began: float | None = field(default=None, kw_only=True)
+    outliers: Mapping[str, int] = field(default_factory=dict, kw_only=True)
 
     def __post_init__(self) -> None:
         for name in self.channels:
             channel_kind(name)
         check_joint_units((name, channel.unit) for name, channel in self.channels.items())
-        for attribute in ("channels", "known", "noise"):
+        for attribute in ("channels", "known", "noise", "outliers"):
             object.__setattr__(self, attribute, MappingProxyType(dict(getattr(self, attribute))))
 
     def __reduce__(self) -> tuple[Callable[..., "Run"], tuple[Any, ...]]:
         # A MappingProxyType cannot be pickled, and runs go to other processes.
         mappings = (dict(self.channels), dict(self.known), dict(self.noise))
-        return partial(Run, began=self.began), (self.name, *mappings, self.description, self.source, self.warnings)
+        rest = partial(Run, began=self.began, outliers=dict(self.outliers))
+        return rest, (self.name, *mappings, self.description, self.source, self.warnings)
 
     @property
     def recording(self) -> "Run":

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
+from armdyn.faults import outliers_of
 from armdyn.identify.compare import Comparison, Correction, FittedParameter
 from armdyn.identify.diagnose import Diagnosis
 from armdyn.identify.localise import Place
@@ -110,6 +111,7 @@ def fit_answer(found: Comparison) -> dict[str, Any]:
         "at_bound": list(found.at_bound),
         "not_determined": list(found.undetermined),
         "left_out": list(found.left_out),
+        "outliers": outliers_of(found.fit.problem.runs),
         "channels": {
             name: {
                 "unit": c.unit,

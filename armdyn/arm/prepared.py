@@ -45,7 +45,8 @@ class PreparedRun(Run):
 
     def __reduce__(self) -> tuple[Callable[..., Run], tuple[Any, ...]]:
         _, arguments = super().__reduce__()
-        return partial(PreparedRun, original=self.original, done=dict(self.done), began=self.began), arguments
+        made = partial(PreparedRun, original=self.original, done=dict(self.done))
+        return partial(made, began=self.began, outliers=dict(self.outliers)), arguments
 
     @property
     def recording(self) -> Run:
@@ -100,7 +101,7 @@ def prepare(run: Run, model: pin.Model, joints: tuple[str, ...], measured: tuple
         channels |= _smooth_channels(run.channels[f"q.{joint}"], joint, motion.joints[i].curve)
     return PreparedRun(
         run.name, channels, run.known, noise, run.description, run.source, run.warnings,
-        original=run, done=preparations,
+        original=run, done=preparations, outliers=run.outliers,
     )  # fmt: skip
 
 

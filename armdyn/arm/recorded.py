@@ -9,14 +9,17 @@ from armdyn.arm.bodies import Stretch
 from armdyn.arm.motion import measured_motion
 from armdyn.arm.prediction import ChannelPredictor
 from armdyn.arm.prepared import PreparedRun, interior, prepare, settled
+from armdyn.faults import without_spikes
 from armdyn.readout import Interpolated, LowPassed, Sampler
 from armdyn.run import Channel, Run
 
 
 @lru_cache(maxsize=64)
 def prepared(run: Run, arm: Arm, measured: tuple[str, ...]) -> PreparedRun:
-    """See `prepare`."""
-    return prepare(run, arm.model, arm.joints, measured)
+    """See `prepare`; isolated outliers are left out before."""
+    motion = (f"{kind}.{joint}" for joint in arm.joints for kind in "qva")
+    clean = without_spikes(run, (*(name for name in motion if name in run.channels), *measured))
+    return prepare(clean, arm.model, arm.joints, measured)
 
 
 @lru_cache(maxsize=512)

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from armdyn.faults import outlier_sentence
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.compare import Comparison, comparison
 from armdyn.identify.explained import Scale, share_gone
@@ -64,11 +65,14 @@ def diagnose(study: Study, progress: Progress | None = None) -> Diagnosis:
     advice: tuple[str, ...] = ()
     if verdict is Verdict.CANNOT_TELL_APART:
         advice = remedies([e.effect for e in (*_added(found), *_ties(study, found))])
+    said = (
+        headline(study, found, unknown)
+        if verdict is Verdict.EFFECT_MISSING
+        else _sentence(verdict, found, unknown, advice, explained_share(study, start, last), _ties(study, found))
+    )
     return Diagnosis(
         verdict=verdict,
-        sentence=headline(study, found, unknown)
-        if verdict is Verdict.EFFECT_MISSING
-        else _sentence(verdict, found, unknown, advice, explained_share(study, start, last), _ties(study, found)),
+        sentence=said + outlier_sentence(study.runs),
         comparison=comparison(study, start.fit, start.tests),
         suspects=found.suspects,
         unseen=unseen,

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
+from armdyn.faults import outlier_sentence
 from armdyn.identify.bodies import links_of
 from armdyn.identify.compare import Comparison, comparison
 from armdyn.identify.diagnose import IDEALISED, explained_share, judge
@@ -91,7 +92,7 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
     )
     return Repair(
         verdict=verdict,
-        sentence=repair_sentences(steps, study.judges[0], after.scale, left),
+        sentence=repair_sentences(steps, study.judges[0], after.scale, left) + outlier_sentence(study.runs),
         model=fitted_model(study, last),
         steps=steps,
         before=comparison(study, start.fit, start.tests, absorbed=False),

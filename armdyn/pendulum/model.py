@@ -28,6 +28,7 @@ from armdyn.start import Start
 KEYS = ("tension",)
 """Keys of a model file that belong to this base."""
 INITIAL = ("initial_angle", "initial_rate")
+GRIPPER = ("gripper_x", "gripper_v", "gripper_a", "gripper_z")
 STEEPEST = 1.5
 """rad; no load hangs at rest beyond."""
 
@@ -38,6 +39,7 @@ class PendulumModel(SimulatedModel):
 
     base = "pendulum"
     stages = STAGES
+    inputs = GRIPPER
     start_names = INITIAL
 
     @property

@@ -65,6 +65,11 @@ class PhysicsModel(SimulatedModel):
         return tuple(_bare(self.physics).stages)
 
     @property
+    def inputs(self) -> tuple[str, ...]:
+        """See `SimulatedModel`."""
+        return tuple(self.physics.inputs)
+
+    @property
     def start_names(self) -> tuple[str, ...]:
         """See `SimulatedModel`."""
         return tuple(p.name for p in self.physics.states.values())

@@ -9,13 +9,12 @@ import numpy as np
 
 from armdyn.channels import Channel
 from armdyn.errors import InputError
-from armdyn.faults import without_saturation, without_spikes
+from armdyn.faults import cleaned
 from armdyn.model import Model, Prediction, joined
 from armdyn.physics.recorded import Path
 from armdyn.physics.simulate import Rollout, Simulator, System, evaluated
 from armdyn.readout import Interpolated
 from armdyn.run import Run
-from armdyn.thinning import thinned
 
 FIRST_STRETCH, FIRST_SAMPLES = 0.1, 5
 """s, and at least as many samples, through which a parabola gives a value and its rate at the start."""
@@ -24,6 +23,11 @@ FIRST_STRETCH, FIRST_SAMPLES = 0.1, 5
 @dataclass(frozen=True)
 class SimulatedModel(Model):
     """A motion simulated along recorded inputs, its outputs read by sensors with lag, delay and sampling."""
+
+    @property
+    @abstractmethod
+    def inputs(self) -> tuple[str, ...]:
+        """Channels that drive the motion, as far as a run has them."""
 
     @property
     @abstractmethod
@@ -78,8 +82,7 @@ class SimulatedModel(Model):
 
     def prepared(self, run: Run) -> Run:
         """See `Model.prepared`: without faulty samples, thinned."""
-        names = self.predicted_channels(run)
-        return without_spikes(thinned(without_saturation(run, names)), names)
+        return cleaned(run, self.predicted_channels(run), self.inputs)
 
     def predict(self, run: Run, theta: np.ndarray) -> Prediction:
         """See `Model.predict`."""

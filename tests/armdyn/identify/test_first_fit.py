@@ -118,7 +118,7 @@ def test_what_was_left_out_is_said():
     runs = recorded("spikes").runs
     found = compare(Study(model_for("spikes"), runs, [], EFFECTS))
     assert found.explained
-    assert found.left_out[0].startswith("r0.csv: load_force: 5 samples far from its neighbours left out")
+    assert found.left_out[0].startswith("r0.csv: load_force: 5 of 1500 samples far from its neighbours left out")
 
 
 def test_one_weighing_for_all_runs_is_one_unknown():
