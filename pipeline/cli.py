@@ -13,7 +13,7 @@ app = typer.Typer(
     name="armdyn",
     help="Learn what a robot arm handles, use it, and find out where the model is wrong.",
     no_args_is_help=True,
-    add_completion=False,
+    rich_markup_mode="markdown",  # a unit in brackets is text
     pretty_exceptions_enable=False,
 )
 

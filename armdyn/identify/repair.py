@@ -39,6 +39,7 @@ class Repair:
         unknown: what is left, where something is.
         links: those of an arm that effects change, in kg, m and kg m^2.
         explained: share of the misfit that is gone; see `explained`.
+        steps: with the fit of every rung of the ladder.
     """
 
     verdict: Verdict
@@ -50,6 +51,7 @@ class Repair:
     unknown: Unknown | None
     links: tuple["LinkChange", ...] = ()
     explained: float = 0.0
+    steps: tuple[Step, ...] = ()
 
 
 def repair(study: Study, progress: Progress | None = None) -> Repair:
@@ -99,6 +101,7 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
         unknown=unknown,
         links=links,
         explained=explained(ladder[0], ladder[-1], study.judges[0], after.scale),
+        steps=found.steps,
     )
 
 
