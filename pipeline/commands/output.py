@@ -114,6 +114,19 @@ def check_outputs(*files: Path | None, inputs: Sequence[Path] = ()) -> None:
             raise InputError(f"cannot write {file}: there is no directory {target.parent}; choose another place")
 
 
+def free_to_write(file: Path, force: bool) -> None:
+    """Refuse to write over what is there, unless that is asked for.
+
+    Raises:
+        InputError: the file is there.
+    """
+    from armdyn.atomic import is_stream
+    from armdyn.errors import InputError
+
+    if file.exists() and not force and not is_stream(file):
+        raise InputError(f"{file} is there already: choose another name, or write over it with --force")
+
+
 @contextmanager
 def spinner() -> Iterator[Callable[[str], None]]:
     """Say on standard error what is going on, until the block ends."""
