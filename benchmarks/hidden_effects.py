@@ -103,14 +103,14 @@ def pair(one: str, two: str, seed: int, keep: Path | None) -> hidden_table.Row:
     found = repair(study)
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
     names = {effect.name for effect in found.model.effects}
-    tied = {t for step in found.steps for t in step.tied_with}
+    tied = {t for step in found.path for t in step.tied_with}
     return {
         "what": f"{one}+{two}",
         "seed": seed,
         "exact": names == truth.keys(),
         "honest": names == truth.keys() or (len(names) == len(truth) and truth.keys() <= names | tied),
         "found": sorted(names),
-        "steps": [(step.added, step.tied_with, step.chi2_per_sample) for step in found.steps],
+        "steps": [(step.added, step.tied_with, step.chi2_per_sample) for step in found.path],
         "chi2": found.after.fit.chi2_per_sample,
         **hidden_table.held_out_chi2(study, found.after.fit, runs[2:]),
         "verdict": found.verdict.key,

@@ -95,8 +95,8 @@ def examine(robot: str, name: str, seed: int) -> hidden_table.Row:
         "seconds": time.perf_counter() - begun, "cpu": time.process_time() - cpu,
         "verdict": mended.verdict.key, "sentence": mended.sentence,
         "draws": case.draws, "dominance": case.dominance() if truth else case.largest_single,
-        "steps": [[list(step.added), list(step.joints)] for step in mended.steps[1:]],
-        "removed": [removed_share(*pair) for pair in zip(mended.steps[:-1], mended.steps[1:], strict=True)],
+        "steps": [[list(step.added), list(step.joints)] for step in mended.path[1:]],
+        "removed": [removed_share(*pair) for pair in zip(mended.path[:-1], mended.path[1:], strict=True)],
         "added": len(mended.model.names) - len(model.names),
         "exam_error": exam_error(mended.model, case.exam), "exam_as_given": exam_error(model, case.exam),
     }  # fmt: skip
@@ -105,7 +105,7 @@ def examine(robot: str, name: str, seed: int) -> hidden_table.Row:
     reference = exam_error(with_true_effects(model, case, case.held_out).model, case.exam)
     row |= {"values": row["added"] / case.values, "exam_true": reference, "exam": row["exam_error"] / reference}
     return row | {
-        "named": len(mended.steps) > 1 and named(mended.steps[1], truth),
+        "named": len(mended.path) > 1 and named(mended.path[1], truth),
         "few": row["values"] <= FEW,
         "close": row["exam"] <= CLOSE,
     }

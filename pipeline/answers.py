@@ -56,7 +56,7 @@ def repair_answer(found: Repair) -> dict[str, Any]:
         "explained": number(found.explained),
         "effects": [effect.name for effect in found.model.effects],
         **fit_answer(found.after),
-        "steps": [step_answer(step) for step in found.steps],
+        "steps": [step_answer(step) for step in found.path],
         "links": [link_answer(link) for link in found.links],
         "unknown": unknown_answer(found.unknown),
     }
@@ -78,7 +78,7 @@ def history_entries(study: Study, found: Repair) -> list[dict[str, Any]]:
             "chi2_per_sample": number(step.chi2_per_sample),
             "bic": number(step.bic),
         }
-        for step in found.steps[1:]
+        for step in found.path[1:]
     ]
 
 

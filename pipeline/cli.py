@@ -13,11 +13,11 @@ app = typer.Typer(
     name="armdyn",
     help="Learn what a robot arm handles, use it, and find out where the model is wrong.",
     no_args_is_help=True,
-    add_completion=False,
+    rich_markup_mode="markdown",  # a unit in brackets is text
     pretty_exceptions_enable=False,
 )
 
-COMMANDS = ("trial", "models", "identify", "ik", "arm", "check", "loadcell")
+COMMANDS = ("trial", "models", "importing", "identify", "ik", "arm", "check", "loadcell")
 """Modules of `pipeline.commands`, in the order in which `armdyn --help` lists their commands."""
 
 

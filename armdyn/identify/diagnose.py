@@ -64,7 +64,7 @@ def diagnose(study: Study, progress: Progress | None = None) -> Diagnosis:
     verdict = judge(study, found, unknown)
     advice: tuple[str, ...] = ()
     if verdict is Verdict.CANNOT_TELL_APART:
-        advice = remedies([e.effect for e in (*_added(found), *_ties(study, found))])
+        advice = remedies([e.effect for e in (*_added(found), *_ties(study, found))], study.runs)
     said = (
         headline(study, found, unknown)
         if verdict is Verdict.EFFECT_MISSING

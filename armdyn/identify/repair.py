@@ -34,23 +34,25 @@ class Repair:
         verdict: of the model after the repair.
         sentence: for a person.
         model: with the effects and their fitted values.
-        steps: the model as given first.
+        path: the model as given first.
         before: the model as given, against the runs.
         after: the repaired model, against the runs.
         unknown: what is left, where something is.
         links: those of an arm that effects change, in kg, m and kg m^2.
         explained: share of the misfit that is gone; see `explained`.
+        steps: the same with their fits.
     """
 
     verdict: Verdict
     sentence: str
     model: Model
-    steps: tuple[RepairStep, ...]
+    path: tuple[RepairStep, ...]
     before: Comparison
     after: Comparison
     unknown: Unknown | None
     links: tuple["LinkChange", ...] = ()
     explained: float = 0.0
+    steps: tuple[Step, ...] = ()
 
 
 def repair(study: Study, progress: Progress | None = None) -> Repair:
@@ -81,7 +83,7 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
     verdict = _verdict(study, found, unknown)
     if verdict is Verdict.UNKNOWN_EFFECT and not searched:
         verdict = Verdict.EFFECT_MISSING  # the catalogue was not asked
-    steps = tuple(repair_step(study, step) for step in found.steps)
+    path = tuple(repair_step(study, step) for step in found.steps)
     after = comparison(study, last.fit, last.tests, absorbed=False)
     links = links_of(study, last.fit)
     left = Left(
@@ -92,14 +94,15 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
     )
     return Repair(
         verdict=verdict,
-        sentence=repair_sentences(steps, study.judges[0], after.scale, left) + outlier_sentence(study.runs),
+        sentence=repair_sentences(path, study.judges[0], after.scale, left) + outlier_sentence(study.runs),
         model=fitted_model(study, last),
-        steps=steps,
+        path=path,
         before=comparison(study, start.fit, start.tests, absorbed=False),
         after=after,
         unknown=unknown,
         links=links,
-        explained=explained(steps[0], steps[-1], study.judges[0], after.scale),
+        explained=explained(path[0], path[-1], study.judges[0], after.scale),
+        steps=found.steps,
     )
 
 

@@ -155,7 +155,7 @@ def segments(run: Run) -> list[Run]:
 
 
 def sparse_terms(fit: Fit) -> tuple[Term, ...]:
-    """Orthogonal matching pursuit of the whitened residual over functions of the circumstances."""
+    """Orthogonal matching pursuit of the whitened residual over functions of the covariates."""
     problem, filters = fit.problem, whitening(fit.blocks)
     states = {
         run.name: problem.model.covariates(run, problem.theta(i, fit.values)) for i, run in enumerate(problem.runs)

@@ -1,5 +1,6 @@
 """`armdyn compare`, `diagnose`, `add` and `repair`: a model against recordings."""
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
@@ -131,6 +132,7 @@ def compare(
         write_json(comparison_answer(given.study, found), json_file)
     if json_file != Path("-"):
         say_comparison(found)
+        say_report(report)
 
 
 def diagnose(
@@ -161,6 +163,7 @@ def diagnose(
         write_json(diagnosis_answer(given.study, found), json_file)
     if json_file != Path("-"):
         say_diagnosis(found)
+        say_report(report)
 
 
 def add(
@@ -217,9 +220,11 @@ def _conclude(given: Given, found: "Repair", output: Path, report: Path | None, 
     from pipeline.commands.identify_text import say_repair
 
     if report is not None:
+        from pipeline.report.page import NextStep
         from pipeline.report.repair import repair_report
 
-        repair_report(given.study, found, command_line()).write(report)
+        steps = [NextStep(f"{what}:", command) for what, command in next_steps(given.study, output).items()]
+        repair_report(given.study, found, command_line(), steps).write(report)
     history = (*given.file.history, *history_entries(given.study, found))
     write_model_file(output, ModelFile(found.model, given.file.description, history))
     if json_file is not None:
@@ -227,3 +232,20 @@ def _conclude(given: Given, found: "Repair", output: Path, report: Path | None, 
     if json_file != Path("-"):
         say_repair(found, given.study.judges)
         typer.echo(f"written to {output}")
+        say_report(report)
+        for what, command in next_steps(given.study, output).items():
+            typer.echo(f"{what}: {command}")
+
+
+def say_report(report: Path | None) -> None:
+    """Print where the report went."""
+    if report is not None:
+        typer.echo(f"report {report}")
+
+
+def next_steps(study: "Study", output: Path) -> dict[str, str]:
+    """Commands that use a repaired model, by what they do."""
+    steps = {}
+    if study.model.base == "pendulum":
+        steps["swing with it"] = shlex.join(["armdyn", "trial", "--model", str(output)])
+    return steps

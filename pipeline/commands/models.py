@@ -175,11 +175,13 @@ def effects(effects_file: EffectsOption = None, json_file: JsonOption = None) ->
         write_json({"schema": "armdyn.effects/1", "effects": [answer(effect) for effect in known]}, json_file)
     if json_file == Path("-"):
         return
+    from rich.text import Text
+
     console = to_screen()
     for stage in STAGES:
-        console.print(f"[bold]{stage}[/]")
+        console.print(stage, style="bold")
         for effect in (e for e in known if e.acts_on == stage):
-            console.print(f"  [cyan]{effect.name}[/]  {effect.summary}")
+            console.print(Text.assemble("  ", (effect.name, "cyan"), f"  {effect.summary}"))
             for short, q in effect.quantities.items():
                 bounds = f"{q.lower:g} to {q.upper:g}".replace("-inf", "any").replace("inf", "any")
                 console.print(

@@ -23,11 +23,11 @@ PIPED_WIDTH = 140
 
 
 def to_screen() -> "Console":
-    """Standard output for tables and coloured lines."""
+    """Standard output for tables and coloured lines; colours are given as `style`, so that ``[m]`` is text."""
     from rich.console import Console
 
     any_encoding()
-    return Console(highlight=False, width=None if sys.stdout.isatty() else PIPED_WIDTH)
+    return Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else PIPED_WIDTH)
 
 
 def any_encoding() -> None:
@@ -71,7 +71,7 @@ def phase_progress() -> Iterator[Callable[[str, float], None]]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-    columns = (TextColumn("{task.description:<24}"), BarColumn(), TimeElapsedColumn())
+    columns = (TextColumn("{task.description:<24}", markup=False), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("starting", total=1.0)
 
@@ -114,13 +114,27 @@ def check_outputs(*files: Path | None, inputs: Sequence[Path] = ()) -> None:
             raise InputError(f"cannot write {file}: there is no directory {target.parent}; choose another place")
 
 
+def free_to_write(file: Path, force: bool) -> None:
+    """Refuse to write over what is there, unless that is asked for.
+
+    Raises:
+        InputError: the file is there.
+    """
+    from armdyn.atomic import is_stream
+    from armdyn.errors import InputError
+
+    if file.exists() and not force and not is_stream(file):
+        raise InputError(f"{file} is there already: choose another name, or write over it with --force")
+
+
 @contextmanager
 def spinner() -> Iterator[Callable[[str], None]]:
     """Say on standard error what is going on, until the block ends."""
     from rich.console import Console
+    from rich.text import Text
 
-    with Console(stderr=True).status("reading") as status:
-        yield status.update
+    with Console(stderr=True).status(Text("reading")) as status:
+        yield lambda what: status.update(Text(what))
 
 
 def command_line() -> str:

@@ -98,9 +98,8 @@ def trial(
         for note in (*result.notes, *([told] if told else [])):
             say(note, soft_wrap=True, markup=False)
         say(f"{'' if told else f'report {report}, '}recording {result.recording}", soft_wrap=True)
-        if not result.success and result.estimates:
-            repair = f"armdyn repair {out / 'model.toml'} {out / 'trial.csv'} --output repaired.toml"
-            say(f"what the model lacks: {repair}", soft_wrap=True)
+        if result.repair_command is not None:
+            say(f"what the model lacks: {result.repair_command}", soft_wrap=True)
     if not result.success:
         raise typer.Exit(1)
 

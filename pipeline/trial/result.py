@@ -1,5 +1,6 @@
 """What a trial came to: its numbers, and how they follow from the experiment."""
 
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -75,6 +76,16 @@ class TrialResult:
     stopped: bool
     recording: Path | None
     notes: tuple[str, ...] = ()
+
+    @property
+    def repair_command(self) -> str | None:
+        """The command that finds what the model lacks; None where the swing succeeded or there is nothing to go by."""
+        if self.success or not self.estimates or self.recording is None:
+            return None
+        kept = self.recording.parent
+        return shlex.join(
+            ["armdyn", "repair", f"{kept / 'model.toml'}", f"{kept / 'trial.csv'}", "--output", "repaired.toml"]
+        )
 
     def as_json(self) -> dict[str, Any]:
         """The contract's ``armdyn.trial/1``."""
