@@ -125,7 +125,7 @@ def fit_answer(found: Comparison) -> dict[str, Any]:
             for name, c in found.channels.items()
         },
         "preparation": preparation_answer(found.fit.problem),
-        "behaves_like_dynamics": number(found.absorbed),
+        "behaves_like_dynamics": number(found.process_error),
         "where": [_place(place) for place in found.places],
     }
 
@@ -175,7 +175,7 @@ def unknown_answer(found: Unknown | None) -> dict[str, Any] | None:
         return None
     return {
         "sentence": found.sentence,
-        "behaves_like_dynamics": number(found.absorbed),
+        "behaves_like_dynamics": number(found.process_error),
         "terms": [{"channel": t.channel, "expression": t.expression, "share": number(t.share)} for t in found.terms],
         "frequencies": [
             {"channel": t.channel, "frequency": number(t.frequency), "amplitude": number(t.amplitude), "unit": t.unit}

@@ -84,7 +84,7 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
     if verdict is Verdict.UNKNOWN_EFFECT and not searched:
         verdict = Verdict.EFFECT_MISSING  # the catalogue was not asked
     path = tuple(repair_step(study, step) for step in found.steps)
-    after = comparison(study, last.fit, last.tests, absorbed=False)
+    after = comparison(study, last.fit, last.tests, process_error=False)
     links = links_of(study, last.fit)
     left = Left(
         something=verdict is not Verdict.EXPLAINED,
@@ -97,7 +97,7 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
         sentence=repair_sentences(path, study.judges[0], after.scale, left) + outlier_sentence(study.runs),
         model=fitted_model(study, last),
         path=path,
-        before=comparison(study, start.fit, start.tests, absorbed=False),
+        before=comparison(study, start.fit, start.tests, process_error=False),
         after=after,
         unknown=unknown,
         links=links,

@@ -15,6 +15,8 @@ MOST_TERMS = 3
 SIGNIFICANCE = 1e-3
 SEGMENT = 1.5
 """s; in so short a stretch a free start absorbs missing dynamics, but no sensor error."""
+MOSTLY_DYNAMICS, MOSTLY_SENSOR = 0.7, 0.4
+"""Process-error shares above and below which it is said whether dynamics or a sensor is to blame."""
 FREQUENCIES = 600
 CHUNK = 200
 """Frequencies that are looked at together."""
@@ -53,13 +55,13 @@ class Unknown:
     """What is known of an effect outside the catalogue.
 
     Attributes:
-        absorbed: share of the misfit that free initial states in short segments absorb, 0 to 1; None where the model
-            has no initial states.
+        process_error: share of the misfit that free initial states in short segments take up, 0 to 1; None where the
+            model has no initial states.
         terms: best first.
         peaks: of the channels that have one.
     """
 
-    absorbed: float | None
+    process_error: float | None
     terms: tuple[Term, ...]
     peaks: tuple[SpectralPeak, ...]
 
@@ -72,13 +74,9 @@ class Unknown:
     def sentence(self) -> str:
         """For a person."""
         parts = []
-        if self.absorbed is not None:
-            if self.absorbed > 0.7:
-                parts.append(f"it behaves like missing dynamics ({100 * self.absorbed:.0f} % vanish with a free state)")
-            elif self.absorbed < 0.4:
-                parts.append(f"it behaves like a sensor error ({100 * self.absorbed:.0f} % vanish with a free state)")
-            else:
-                parts.append(f"dynamics or sensor: undecided ({100 * self.absorbed:.0f} % vanish with a free state)")
+        if self.process_error is not None:
+            share = f"({100 * self.process_error:.0f} % vanish with a free state)"
+            parts.append(f"{behaves_like(self.process_error)} {share}")
         if self.terms:
             parts.append("it depends on " + ", ".join(term.expression for term in self.terms))
         if self.peaks:
@@ -86,12 +84,19 @@ class Unknown:
         return "; ".join(parts)
 
 
+def behaves_like(process_error: float) -> str:
+    """In words, what a process-error share says."""
+    if process_error > MOSTLY_DYNAMICS:
+        return "it behaves like missing dynamics"
+    return "it behaves like a sensor error" if process_error < MOSTLY_SENSOR else "dynamics or sensor: undecided"
+
+
 def characterise(fit: Fit) -> Unknown:
     """Describe what a fit leaves."""
-    return Unknown(absorbed_share(fit), sparse_terms(fit), spectral_peaks(fit))
+    return Unknown(process_error_share(fit), sparse_terms(fit), spectral_peaks(fit))
 
 
-def absorbed_share(fit: Fit) -> float | None:
+def process_error_share(fit: Fit) -> float | None:
     """Share of the misfit that vanishes when every `SEGMENT` starts with a state of its own."""
     problem = fit.problem
     model = problem.model
