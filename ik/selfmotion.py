@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ik.chain import Chain, rotation_error
+from ik.chain import Chain, shortened
 from ik.path import Path
 from urdf import Limits
 from urdf.robot import Array
@@ -57,12 +57,9 @@ def project(
     q = q.copy()
     for _ in range(corrections):
         motion = chain.motion(q)
-        error = np.concatenate((position - motion.position, rotation_error(rotation, motion.rotation)))
-        step = (np.linalg.pinv(chain.jacobian(motion).transpose(2, 0, 1)) @ error.T[:, :, None])[:, :, 0]
-        q += step * np.minimum(1.0, 0.3 / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
-    motion = chain.motion(q)
-    error = np.concatenate((position - motion.position, rotation_error(rotation, motion.rotation)))
-    return q, np.abs(error).max(axis=0)
+        inverse = np.linalg.pinv(chain.jacobian(motion).transpose(2, 0, 1))
+        q += shortened((inverse @ motion.error(rotation, position).T[:, :, None])[:, :, 0], 0.3)
+    return q, np.abs(chain.motion(q).error(rotation, position)).max(axis=0)
 
 
 def null_space(jacobian: Array) -> Array:

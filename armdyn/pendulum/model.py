@@ -16,10 +16,9 @@ from armdyn.errors import InputError, UnknownNameError
 from armdyn.parameter import Parameter
 from armdyn.pendulum.composition import STAGES, compose, natural_order
 from armdyn.pendulum.dynamics import Dynamics, derive_dynamics
-from armdyn.pendulum.path import GripperPath
+from armdyn.pendulum.path import GripperPath, TrailingPath, trailing
 from armdyn.pendulum.recorded import run_path
 from armdyn.pendulum.start import PendulumStart
-from armdyn.pendulum.trailing import TrailingPath
 from armdyn.pendulum.variational import VariationalStep, derive_variational
 from armdyn.physics.simulated import SimulatedModel
 from armdyn.run import Channel, Run
@@ -75,7 +74,7 @@ class PendulumModel(SimulatedModel):
 
     def driven_by(self, path: GripperPath, physics: np.ndarray) -> GripperPath | TrailingPath:
         """The path of the string's upper end where the gripper's was recorded; see `SimulatedModel`."""
-        return path if self.system.input_lag is None else TrailingPath(path, self.gripper_lag(physics))
+        return path if self.system.input_lag is None else trailing(path, self.gripper_lag(physics))
 
     def gripper_lag(self, physics: np.ndarray) -> float:
         """Time by which the string's upper end trails the measured gripper, s; `physics` as `physics_theta`."""
@@ -85,8 +84,8 @@ class PendulumModel(SimulatedModel):
         """Speed of the string's upper end (m/s), angle (rad) and rate (rad/s) after a path, with the present values."""
         physics, dynamics = self.physics_theta(), self.system
         state = self.rollout(path, self.theta(), channels=("load_force",)).states[-1]
-        hung_from = self.driven_by(path, physics)
-        motion = np.append(hung_from.inputs[0][:, -1], hung_from.jerk[0][0, -1])[: dynamics.inputs]
+        nodes, _ = self.driven_by(path, physics).rows(with_jerk=True)
+        motion = nodes[: dynamics.inputs, -1]
         return float(motion[2]), float(state[0]), float(dynamics.rate(state, motion, physics))
 
     def path(self, run: Run) -> GripperPath:

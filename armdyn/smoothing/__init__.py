@@ -2,9 +2,18 @@
 
 from armdyn.smoothing.choice import HIGHEST, ORDERS, Choice, best_smoothing, derivative_noise
 from armdyn.smoothing.fused import Rates, smoothed
-from armdyn.smoothing.spline import FEWEST, UNDISTORTED, WHITE, Curve, LowPass, Samples, basis_matrix
+from armdyn.smoothing.spline import (
+    FEWEST,
+    UNDISTORTED,
+    WHITE,
+    Curve,
+    LowPass,
+    Samples,
+    basis_matrix,
+    difference_penalty,
+)  # fmt: skip
 
 __all__ = [
     "FEWEST", "HIGHEST", "ORDERS", "UNDISTORTED", "WHITE", "Choice", "Curve", "LowPass", "Rates", "Samples",
-    "basis_matrix", "best_smoothing", "derivative_noise", "smoothed",
+    "basis_matrix", "best_smoothing", "derivative_noise", "difference_penalty", "smoothed",
 ]  # fmt: skip
