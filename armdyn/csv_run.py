@@ -92,7 +92,7 @@ def _text(path: Path) -> str:
     except UnicodeDecodeError as error:
         row = data.count(b"\n", 0, error.start) + 1
         raise InputError(f"{path}: row {row} is not UTF-8 text: give a CSV saved as UTF-8, or an .mcap") from error
-    # Quotes protect nothing here: a comma inside them is a decimal comma, which the ragged row then reveals.
+    # Quotes are dropped: a comma inside them is a decimal comma, which gives the row too many cells: an error below.
     return text.replace("\r\n", "\n").replace("\r", "\n").replace('"', "")
 
 

@@ -97,10 +97,10 @@ class PendulumModel(SimulatedModel):
         return self.with_only({p.effect for name, p in self.parameters.items() if values[name] != p.null})
 
     def holding(self, needed: Collection[str]) -> "PendulumModel":
-        """See `Model.holding`; what swings across the line costs most, then what gives way or trails."""
-        present = {effect: _burden(effect) for effect in self.effects}
-        worst = max((burden for effect, burden in present.items() if effect.name in needed), default=None)
-        kept = [effect for effect, burden in present.items() if worst is not None and burden <= worst]
+        """See `Model.holding`; a swing across the line costs most, then compliance and lag."""
+        present = {effect: _cost(effect) for effect in self.effects}
+        worst = max((cost for effect, cost in present.items() if effect.name in needed), default=None)
+        kept = [effect for effect, cost in present.items() if worst is not None and cost <= worst]
         if len(kept) == len(self.effects):
             return self
         return self.with_only({effect.name for effect in kept})
@@ -114,9 +114,9 @@ class PendulumModel(SimulatedModel):
         """Swing angle and rate as predicted, and the gripper's motion; see `Model.covariates`."""
         path = run_path(run)
         values = dict(zip(self.names, theta.tolist(), strict=True))
-        lean = self.without_null_effects(values)
+        reduced = self.without_null_effects(values)
         channels = ("swing_angle", "swing_rate")
-        outputs = lean.rollout(path, np.array([values[name] for name in lean.names]), channels).outputs
+        outputs = reduced.rollout(path, np.array([values[name] for name in reduced.names]), channels).outputs
         time = np.asarray(path.start + path.dt * np.arange(len(path.x)), dtype=np.float64)
         found = {
             "swing_angle": Channel(time, outputs[:, 0], "rad"),
@@ -139,7 +139,7 @@ def _dynamics(effects: tuple[Effect, ...]) -> Dynamics:
 
 
 @lru_cache(maxsize=256)
-def _burden(effect: Effect) -> int:
+def _cost(effect: Effect) -> int:
     """How much an effect adds to every step of a simulation: 2 for further states, 1 for further inputs, else 0."""
     composition = compose([effect])
     if composition.crosses or composition.remembers:

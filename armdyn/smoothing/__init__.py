@@ -1,4 +1,4 @@
-"""Smoothing and differentiation of noisy samples at any stamps, by splines that know their noise."""
+"""Smoothing and differentiation of noisy samples at any stamps, by splines whose noise level is estimated."""
 
 from armdyn.smoothing.choice import HIGHEST, ORDERS, Choice, best_smoothing, derivative_noise
 from armdyn.smoothing.fused import Rates, smoothed

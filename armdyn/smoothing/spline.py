@@ -1,4 +1,4 @@
-r"""Smoothing and differentiation of noisy samples at any stamps, without phase shift, by splines that know their noise.
+r"""Smoothing and differentiation of noisy samples at any stamps, without phase shift, the noise level estimated.
 
 A curve x(t) of quintic B-splines minimises (Eilers & Marx, Statistical Science 11, 1996)
 

@@ -25,7 +25,7 @@ EVEN = 0.01
 
 
 def differentiated(time: Array, position: Array) -> tuple[Array, Array, Array]:
-    """Speed and acceleration by a quintic smoothing spline that knows the noise of the positions.
+    """Speed and acceleration by a quintic smoothing spline for the noise that the positions have.
 
     The noise is taken from sixth differences, so that rounding is smoothed away and a clean motion is left alone.
 
@@ -42,7 +42,7 @@ def differentiated(time: Array, position: Array) -> tuple[Array, Array, Array]:
 
 
 def noise(time: Array, position: Array) -> float:
-    """Standard deviation of the noise of positions, 0 where it cannot be seen.
+    """Standard deviation of the noise of positions, 0 where it cannot be estimated.
 
     Args:
         time: (n,) [s].

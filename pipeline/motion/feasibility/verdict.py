@@ -1,4 +1,4 @@
-"""Values against their bounds, and what a check says of them: every violation, and the margin to every limit."""
+"""Values with their bounds, and the result of a check: every violation, and the margin to every limit."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ SCHEMA = "armdyn.check/1"
 
 
 def in_words(unit: str) -> str:
-    """A unit as it stands behind a number: nothing for a pure number."""
+    """A unit as it is written behind a number: empty for a pure number."""
     return "" if unit == "1" else f" {unit}"
 
 
