@@ -85,12 +85,12 @@ class Model(ABC):
 
     @property
     def start(self) -> Start:
-        """What it says of how the motion of a run began."""
+        """How to find the state at the start of a run."""
         return Start()
 
     @property
     def linear(self) -> "Linear | None":
-        """What it says as a model that is linear in most unknowns; None where it is not."""
+        """The model as one that is linear in most unknowns; None where it is not."""
         return None
 
     @property
@@ -104,7 +104,7 @@ class Model(ABC):
         """What effects of this model may act on."""
 
     def described(self, folder: Path) -> Mapping[str, Any]:
-        """What a model file says of the base, beside which arm it is; paths begin at the file's `folder`."""
+        """Entries of a model file that name the base; paths in them are relative to the file's `folder`."""
         del folder
         return {"base": self.base}
 
@@ -125,7 +125,7 @@ class Model(ABC):
         """The model with one effect more, or with one that it has on more joints, at its null value.
 
         Raises:
-            InputError: the model has it already, or nothing that it could act on.
+            InputError: the model has it already, or lacks the stage on which it acts.
             UnknownNameError: it is meant for a joint that the model lacks.
         """
         if effect.acts_on not in self.stages:

@@ -154,7 +154,7 @@ class Sensor:
         return self.moved(samples, coefficients[:, 0], sampler, theta)
 
     def moved(self, samples: np.ndarray, coefficients: np.ndarray, sampler: Sampler, theta: np.ndarray) -> np.ndarray:
-        """The samples with what their derivatives owe to the dead time; `coefficients` (N,) of the quantity."""
+        """The samples, with the derivatives by the dead time added; `coefficients` (N,) of the quantity."""
         if not self.delays:
             return samples
         return self._with(samples, 2, -(sampler.matrix(self.delay(theta), 1) @ coefficients), theta)

@@ -1,4 +1,4 @@
-"""A run: one recording, read from CSV or MCAP, in SI units, ready to be held against a model."""
+"""A run: one recording, read from CSV or MCAP, in SI units, ready to be compared with a model."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -44,7 +44,7 @@ class Sidecar:
 
 
 def read_sidecar(path: Path) -> Sidecar:
-    """Read the file at `path`; an absent one says nothing.
+    """Read the file at `path`; without one nothing is known.
 
     Raises:
         InputError: names the file, the field, what is wrong and what to do.

@@ -1,4 +1,4 @@
-"""How the motion of a run began: what a model says of it, so that a fit can find it."""
+"""The state at the start of a run: first guesses and candidates, from which a fit finds it."""
 
 from collections.abc import Mapping, Sequence
 
@@ -8,7 +8,7 @@ from armdyn.run import Run
 
 
 class Start:
-    """The start of a model without states, such as an arm's torques: every sample is predicted by itself.
+    """The start of a model without states, such as an arm's torques: each sample is predicted from that moment alone.
 
     A model that simulates a motion overrides this: its parameters of scope ``"per_run"`` are the state at the start of
     each run, from which a fit may go to a wrong minimum.
@@ -25,7 +25,7 @@ class Start:
         return {}
 
     def candidates(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
-        """Starts that a run may have had, from which a fit is tried; empty where a fit finds the start from anywhere.
+        """Possible starts of a run, from each of which a fit is tried; empty where a fit converges from anywhere.
 
         Args:
             run: a recording.
@@ -35,7 +35,7 @@ class Start:
         return ()
 
     def stretch(self, theta: np.ndarray) -> float:
-        """How much of a run tells the candidates apart, s; `theta` (p,)."""
+        """Length of a run that is long enough to choose among the candidates, s; `theta` (p,)."""
         del theta
         return np.inf
 

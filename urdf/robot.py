@@ -1,4 +1,4 @@
-"""A robot as the rest of the house sees it: kinematic model, limits, tool, line."""
+"""A robot: kinematic model, limits, tool, line."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -97,7 +97,7 @@ def check_limits(root: ET.Element, path: Path, joints: tuple[str, ...]) -> None:
         missing = [key for key in needed if limit is None or limit.get(key) is None]
         if missing:
             raise UrdfError(f"{path}: joint '{name}' has no limit {', '.join(missing)}; add it to its <limit>")
-        values = {} if limit is None else {key: _number(limit, key, name, path) for key in needed}
+        values = {} if limit is None else {key: finite_number(limit, key, f"{path}: joint '{name}'") for key in needed}
         for key in ("effort", "velocity"):
             if not values[key] > 0:
                 raise UrdfError(f"{path}: joint '{name}' has {key} limit {values[key]:g}; it must be positive")
@@ -108,14 +108,19 @@ def check_limits(root: ET.Element, path: Path, joints: tuple[str, ...]) -> None:
             )
 
 
-def _number(limit: ET.Element, key: str, joint: str, path: Path) -> float:
-    text = limit.get(key, "")
+def finite_number(element: ET.Element, key: str, where: str, default: str = "") -> float:
+    """An attribute of a URDF's element.
+
+    Raises:
+        UrdfError: it is no finite number; `where` begins the message.
+    """
+    text = element.get(key, default)
     try:
         value = float(text)
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise UrdfError(f"{path}: joint '{joint}' has {key}=\"{text}\"; it must be a finite number")
+        raise UrdfError(f'{where} has {key}="{text}"; it must be a finite number')
     return value
 
 

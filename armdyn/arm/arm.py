@@ -1,4 +1,4 @@
-"""Which arm: its joints, their kinds, and what its URDF says of their links."""
+"""The arm: its joints, their kinds, and their links as the URDF describes them."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence

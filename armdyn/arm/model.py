@@ -70,7 +70,7 @@ class ArmModel(Model):
         """See `Model.with_effect`.
 
         Raises:
-            InputError: nothing in this arm is what the effect acts on, or what it says there.
+            InputError: this arm has no joint on which the effect can act, or not the joint that it names.
         """
         if effect.acts_on in self.stages and not self.reachable(effect):
             raise InputError(f"the effect '{effect.name}' cannot act on this arm: {_REASON[effect.reach]}")

@@ -1,4 +1,4 @@
-"""The symbolic physics of an arm's base and of one joint, as effects see and change them.
+"""The symbolic physics of an arm's base and of one joint, as effects read and change them.
 
 Each stage is an immutable bundle of CasADi expressions, scalar unless a shape is given. Units are written for a joint
 that turns; one that slides has N for N m, m for rad and kg for kg m^2.

@@ -161,9 +161,11 @@ def _force(linear: Array, limits: Array, gravity: Array) -> Ellipsoid:
     with np.errstate(divide="ignore"):
         lengths = np.where(full > 1e-12, 1.0 / full, np.inf)
         # Torque J^T f + g within the limits: each joint bounds t from its own side.
-        push = linear.T
-        room = np.where(push > 0, limits[:, None] - gravity[:, None], limits[:, None] + gravity[:, None])
-        along = np.where(np.abs(push) > 1e-12, np.maximum(room, 0.0) / np.maximum(np.abs(push), 1e-300), np.inf)
+        per_force = linear.T
+        room = np.where(per_force > 0, limits[:, None] - gravity[:, None], limits[:, None] + gravity[:, None])
+        along = np.where(
+            np.abs(per_force) > 1e-12, np.maximum(room, 0.0) / np.maximum(np.abs(per_force), 1e-300), np.inf
+        )
     order = np.argsort(lengths)[::-1]
     return Ellipsoid(read_only(axes.T[:, order]), read_only(lengths[order]), read_only(along.min(axis=0)))
 

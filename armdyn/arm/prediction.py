@@ -152,7 +152,7 @@ class ChannelPredictor:
     def _add_gravity(
         self, total: Signal, carried: Sequence[int], bodies: Bodies, gravity: np.ndarray, reduced: "_Reduction"
     ) -> None:
-        """Add what another gravity than the described one asks of the joint."""
+        """Add the torque that follows from a gravity other than the described one."""
         columns = reduced.per_gravity
         for i in carried:
             if bodies.links[i].any():

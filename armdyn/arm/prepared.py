@@ -1,8 +1,8 @@
 """A run of an arm made ready for comparison: torques low-passed, and thinned until their noise is white again.
 
 Measured and predicted torques pass the same filter, as in the parallel filtering of Gautier (ICRA 1997), so that
-filtering biases nothing. Sampled at about twice the cut-off nothing of the band is lost: more samples would only say
-the same again. What the noise of positions brings in is counted as noise.
+filtering causes no bias. Samples at about twice the cut-off keep the whole band: more of them would add no information.
+The torque that the positions' noise causes is counted as noise.
 """
 
 from collections.abc import Callable, Mapping
@@ -108,7 +108,7 @@ def prepare(run: Run, model: pin.Model, joints: tuple[str, ...], measured: tuple
 def interior(channel: Channel, motion: MeasuredMotion) -> np.ndarray:
     """(n,) bool: samples that were taken while the motion was recorded, but not at its ends.
 
-    At an end a smoothed acceleration leans on one side only and is several times less certain.
+    At an end a smoothed acceleration has neighbours on one side only, and a standard deviation several times larger.
     """
     edge = EDGE * max(1.0 / j.choice.cutoff for j in motion.joints)
     edge = min(edge, 0.1 * (motion.end - motion.start))
@@ -139,7 +139,7 @@ def _inside(run: Run, name: str, motion: MeasuredMotion) -> tuple[np.ndarray, np
 
 
 def settled(motion: MeasuredMotion, joint: int, stamps: np.ndarray, cutoff: float) -> np.ndarray:
-    """(n,) bool: samples at which it is known which way the joint moves, and those where it stands for long.
+    """(n,) bool: samples at which the direction of motion is known, and those where the joint stands still for long.
 
     Where a joint turns round, its dry friction changes sign at a moment that is less certain than the stamps: one
     sample of a friction that is 25 times the noise, on the wrong side, is an error of 3 standard deviations after the

@@ -1,4 +1,4 @@
-"""Joint torques of rigid bodies by Pinocchio, and what they owe to each inertial parameter."""
+"""Joint torques of rigid bodies by Pinocchio, and their derivatives by the inertial parameters."""
 
 import numpy as np
 import pinocchio as pin

@@ -1,4 +1,4 @@
-"""A user's effect tried out when it is read: what would end in the middle of a fit is told at once, in one sentence.
+"""A user's effect tried out when it is read: a mistake that would end a fit later is reported at once, in one sentence.
 
 It is checked as declared (name, units, sizes), then applied to every stage of the catalogue's physics, at rest and in
 motion, at its null and at its typical values.

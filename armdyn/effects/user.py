@@ -59,7 +59,7 @@ def available(model: "Model", own: Sequence[Effect] = (), path: str | Path | Non
         path: of that file, for the message.
 
     Raises:
-        InputError: an effect of the file acts on nothing that any model has.
+        InputError: an effect of the file acts on a stage that no model has.
     """
     _check_stages(own, (*STAGES, *model.stages), path)
     if path is not None and model.base in ("pendulum", "arm"):  # another base may call something else a load
@@ -131,7 +131,7 @@ def load_module(path: Path, holds: str) -> ModuleType:
 
 @contextmanager
 def _time_limit() -> Iterator[None]:
-    """End the block after `READING` s, where this thread can be told to and nobody else uses the timer."""
+    """End the block after `READING` s, where this thread gets signals and the timer is free."""
     here = threading.current_thread() is threading.main_thread() and hasattr(signal, "setitimer")
     if not here or signal.getsignal(signal.SIGALRM) is not signal.SIG_DFL:
         yield

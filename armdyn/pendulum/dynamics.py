@@ -103,7 +103,7 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
     force, torque = composition.forces(*mechanics, memory)
 
     def on_string(expression: Expression) -> Expression:
-        """At the string's length: rigid, or still to be filled in where it yields or is seen askew."""
+        """With no stretch where the string is rigid; else the stretch is substituted later."""
         if yields or crosses:
             return expression
         return ca.substitute(expression, ca.vertcat(stretch, stretching), ca.SX.zeros(2))

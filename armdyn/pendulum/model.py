@@ -16,10 +16,9 @@ from armdyn.errors import InputError, UnknownNameError
 from armdyn.parameter import Parameter
 from armdyn.pendulum.composition import STAGES, compose, natural_order
 from armdyn.pendulum.dynamics import Dynamics, derive_dynamics
-from armdyn.pendulum.path import GripperPath
+from armdyn.pendulum.path import GripperPath, TrailingPath, trailing
 from armdyn.pendulum.recorded import run_path
 from armdyn.pendulum.start import PendulumStart
-from armdyn.pendulum.trailing import TrailingPath
 from armdyn.pendulum.variational import VariationalStep, derive_variational
 from armdyn.physics.simulated import SimulatedModel
 from armdyn.run import Channel, Run
@@ -77,7 +76,7 @@ class PendulumModel(SimulatedModel):
 
     def driven_by(self, path: GripperPath, physics: np.ndarray) -> GripperPath | TrailingPath:
         """The path of the string's upper end where the gripper's was recorded; see `SimulatedModel`."""
-        return path if self.system.input_lag is None else TrailingPath(path, self.gripper_lag(physics))
+        return path if self.system.input_lag is None else trailing(path, self.gripper_lag(physics))
 
     def gripper_lag(self, physics: np.ndarray) -> float:
         """Time by which the string's upper end trails the measured gripper, s; `physics` as `physics_theta`."""
@@ -87,8 +86,8 @@ class PendulumModel(SimulatedModel):
         """Speed of the string's upper end (m/s), angle (rad) and rate (rad/s) after a path, with the present values."""
         physics, dynamics = self.physics_theta(), self.system
         state = self.rollout(path, self.theta(), channels=("load_force",)).states[-1]
-        hung_from = self.driven_by(path, physics)
-        motion = np.append(hung_from.inputs[0][:, -1], hung_from.jerk[0][0, -1])[: dynamics.inputs]
+        nodes, _ = self.driven_by(path, physics).rows(with_jerk=True)
+        motion = nodes[: dynamics.inputs, -1]
         return float(motion[2]), float(state[0]), float(dynamics.rate(state, motion, physics))
 
     def path(self, run: Run) -> GripperPath:
@@ -100,10 +99,10 @@ class PendulumModel(SimulatedModel):
         return self.with_only({p.effect for name, p in self.parameters.items() if values[name] != p.null})
 
     def holding(self, needed: Collection[str]) -> "PendulumModel":
-        """See `Model.holding`; what swings across the line costs most, then what gives way or trails."""
-        present = {effect: _burden(effect) for effect in self.effects}
-        worst = max((burden for effect, burden in present.items() if effect.name in needed), default=None)
-        kept = [effect for effect, burden in present.items() if worst is not None and burden <= worst]
+        """See `Model.holding`; a swing across the line costs most, then compliance and lag."""
+        present = {effect: _cost(effect) for effect in self.effects}
+        worst = max((cost for effect, cost in present.items() if effect.name in needed), default=None)
+        kept = [effect for effect, cost in present.items() if worst is not None and cost <= worst]
         if len(kept) == len(self.effects):
             return self
         return self.with_only({effect.name for effect in kept})
@@ -117,9 +116,9 @@ class PendulumModel(SimulatedModel):
         """Swing angle and rate as predicted, and the gripper's motion; see `Model.covariates`."""
         path = run_path(run)
         values = dict(zip(self.names, theta.tolist(), strict=True))
-        lean = self.without_null_effects(values)
+        reduced = self.without_null_effects(values)
         channels = ("swing_angle", "swing_rate")
-        outputs = lean.rollout(path, np.array([values[name] for name in lean.names]), channels).outputs
+        outputs = reduced.rollout(path, np.array([values[name] for name in reduced.names]), channels).outputs
         time = np.asarray(path.start + path.dt * np.arange(len(path.x)), dtype=np.float64)
         found = {
             "swing_angle": Channel(time, outputs[:, 0], "rad"),
@@ -142,7 +141,7 @@ def _dynamics(effects: tuple[Effect, ...]) -> Dynamics:
 
 
 @lru_cache(maxsize=256)
-def _burden(effect: Effect) -> int:
+def _cost(effect: Effect) -> int:
     """How much an effect adds to every step of a simulation: 2 for further states, 1 for further inputs, else 0."""
     composition = compose([effect])
     if composition.crosses or composition.remembers:

@@ -39,7 +39,7 @@ class Gripper(Stage):
         angle: swing angle, rad.
         position: (3,) where the string is attached, m.
         lag: first-order time constant with which the real gripper trails the measured one, s.
-        compliance: by how much it gives way along the line, m/N.
+        compliance: displacement along the line per force, m/N.
         tilt: of the line against the horizontal, rad; positive lets gravity pull towards +.
     """
 

@@ -24,7 +24,7 @@ PHASES = 8
 WHIRLS = (1.2,)
 """Rates at the lowest point, over that which just reaches the upright."""
 BLIND = 0.25
-"""s without a position of the gripper over which a spline still tells where it was: motions of up to 1.5 Hz to 2 %."""
+"""s; longest gap in the gripper's positions over which a spline interpolates motions of up to 1.5 Hz to 2 %."""
 STILL = 1e-3
 """m that the gripper is displaced around a gap in which it rested."""
 
@@ -102,7 +102,7 @@ def rates_near(length: float) -> np.ndarray:
 
 
 def pieces(run: Run) -> tuple[Run, ...]:
-    """The run, cut where the gripper moved unseen; `Run.warnings` says so, and `Run.began` keeps the time."""
+    """The run, cut where the gripper moved while no position was recorded; see `Run.warnings` and `Run.began`."""
     gripper = run.channels.get("gripper_x")
     if gripper is None:
         return (run,)

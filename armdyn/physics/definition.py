@@ -101,7 +101,7 @@ class Timed(Stage):
 
 @dataclass(frozen=True)
 class Reading(Timed):
-    """What a sensor says of a quantity; return it among the outputs to give the quantity a lag and a delay.
+    """What a sensor reads of a quantity; return it among the outputs to give the quantity a lag and a delay.
 
     Attributes:
         value: in the channel's unit.
@@ -110,7 +110,7 @@ class Reading(Timed):
     value: Expression
 
     def with_value(self, value: Expression) -> Self:
-        """Let the sensor say `value`."""
+        """Let the sensor read `value`."""
         return replace(self, value=value)
 
 
@@ -131,12 +131,12 @@ class Signal:
 
 @dataclass(frozen=True)
 class Equations:
-    """What a physics says of one moment.
+    """The equations of a physics at one moment.
 
     Attributes:
         rates: time derivative of every state, by name.
         outputs: what is measured, by channel.
-        against: what a residual is held against, with its unit; states and inputs where it is not given. For a channel
+        against: covariates of a residual, with units; states and inputs where they are not given. For a channel
             ``"q.<joint>"`` only names that end in the joint are looked at.
     """
 
@@ -213,7 +213,7 @@ class Physics:
         inputs: channels that must be recorded, with their units.
         outputs: channels that are predicted, with their units.
         equations: from a moment to what holds there.
-        period: s; about one swing: how much of a run tells how its motion began.
+        period: s; about one swing: the length of a run from which its start can be found.
         step: s; longest step of the integration.
     """
 

@@ -25,7 +25,7 @@ class Formulation(System):
     are the time, then value, rate and acceleration of each recorded channel.
 
     Attributes:
-        against: ``(s, w, theta) -> (n,)`` what a residual is held against.
+        against: ``(s, w, theta) -> (n,)`` covariates of a residual.
         against_units: its names, with their units.
         depends: parameters on which anything depends.
         measured: by state, the channel that reads it as it is.

@@ -108,7 +108,7 @@ class PhysicsModel(SimulatedModel):
         """See `Model.with_effect`.
 
         Raises:
-            InputError: the effect changes nothing that this physics uses, or what it says there.
+            InputError: the effect changes nothing that this physics uses.
         """
         if effect.acts_on in self.stages and not self.reachable(effect):
             raise InputError(f"the effect '{effect.name}' changes nothing in a model of base '{self.base}'")
@@ -150,7 +150,7 @@ class PhysicsModel(SimulatedModel):
         return _recorded(run, self.physics)
 
     def covariates(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
-        """What the physics says that a residual may depend on; see `Model.covariates`."""
+        """The physics' own choice; see `Model.covariates`."""
         path, formulation = self.path(run), self.system
         rollout = self.rollout(path, theta, self.predicted_channels(run))
         many = formulation.against.map(len(path.time))

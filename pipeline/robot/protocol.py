@@ -1,4 +1,4 @@
-"""What the pipeline asks of a robot, simulated or real."""
+"""The interface of a robot, simulated or real."""
 
 from dataclasses import dataclass
 from typing import Protocol

@@ -144,7 +144,7 @@ def test_a_missing_sample_is_named_with_its_time(tmp_path: Path, joints: list[st
         (["s"], "has no unit"),
         (["s [rad]"], "column 's'"),
         (["s [m]", "speed [m/s]"], "unknown column"),
-        (["s [m]", "s [m]"], "two columns"),
+        (["s [m]", "s [m]"], "are both 's'"),
     ],
 )
 def test_a_bad_header_is_named(tmp_path: Path, header: list[str], match: str) -> None:
