@@ -1,6 +1,7 @@
 """From a robot and a path to the table."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path as File
 from typing import Any
 
@@ -135,5 +136,6 @@ def default_table(robot: Robot, progress: Progress | None = None) -> LineTable:
         return LineTable.load(path, robot)
     except InputError:
         table = build_line_table(robot, progress=progress)
-        table.save(path)
+        with suppress(InputError):  # a cache that cannot be written to costs time, not the answer
+            table.save(path)
         return table

@@ -13,6 +13,8 @@ from armdyn.errors import InputError
 from urdf import Line
 from urdf.robot import Array, read_only
 
+LONGEST = 20.0  # m of path; no arm on a fixed base follows a longer one
+
 
 class Path(Protocol):
     """A smooth path; base axes, linear rows first, the batch of k coordinates s as the last axis."""

@@ -6,9 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from armdyn.errors import InputError
 from ik.chain import Chain
 from ik.errors import UnreachableError
-from ik.path import LinePath
+from ik.path import LONGEST, LinePath
 from ik.plan import plan_free
 from ik.selfmotion import Goal
 from ik.solver import Solver
@@ -58,6 +59,10 @@ class Demand:
     s_min: float = -0.25
     s_max: float = 0.25
     core: tuple[float, float] = (-0.15, 0.15)
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.s_max - self.s_min <= LONGEST:
+            raise InputError(f"a line from {self.s_min:g} to {self.s_max:g} m: give one of {LONGEST:g} m at most")
 
 
 def search_line(robot: Robot, demand: Demand | None = None, progress: Callable[[str], None] | None = None) -> Found:

@@ -9,6 +9,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from urdf.find import locate_mesh
+from urdf.quiet import Said, quiet, reason
 from urdf.robot import Array, UrdfError
 from urdf.validate import finite_number
 
@@ -204,8 +205,13 @@ def _mesh_bounds(path: Path, scale: Array) -> tuple[Array, Array]:
     """Lowest and highest corner (3,) [m] of a mesh."""
     import coal
 
-    mesh = coal.MeshLoader().load(str(path), scale)
-    mesh.computeLocalAABB()
+    said = Said()
+    try:
+        with quiet() as said:
+            mesh = coal.MeshLoader().load(str(path), scale)
+            mesh.computeLocalAABB()
+    except (ValueError, RuntimeError) as error:
+        raise UrdfError(f"mesh {path} cannot be read ({reason(said, error)}); mend or replace it") from error
     return np.array(mesh.aabb_local.min_), np.array(mesh.aabb_local.max_)
 
 

@@ -28,6 +28,10 @@ def rotation_of(roll: float, pitch: float, yaw: float) -> Array:
     return np.asarray(np.round(pin.rpy.rpyToMatrix(roll, pitch, yaw), 15) + 0.0)
 
 
+LARGEST = {"velocity": 1e3, "acceleration": 1e5, "jerk": 1e8, "effort": 1e6}
+"""Largest limit that any arm has, in rad or m, s, N m or N: beyond it the file is wrong."""
+
+
 @dataclass(frozen=True)
 class Limits:
     """What each joint may do; every array has shape (n,).
@@ -39,6 +43,9 @@ class Limits:
         acceleration: largest acceleration [rad/s^2 or m/s^2].
         jerk: largest jerk [rad/s^3 or m/s^3].
         effort: largest torque or force [N m or N].
+
+    Raises:
+        UrdfError: a limit that would guard nothing: not a number, infinite, not above 0, or a range that is empty.
     """
 
     lower: Array
@@ -51,6 +58,14 @@ class Limits:
     def __post_init__(self) -> None:
         for name in ("lower", "upper", "velocity", "acceleration", "jerk", "effort"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
+        for name, largest in LARGEST.items():
+            values = getattr(self, name)
+            wrong = np.flatnonzero(~((values > 0.0) & (values <= largest)))
+            if values.shape != self.lower.shape or wrong.size:
+                value = f"{values[wrong[0]]:g}" if wrong.size else f"given for {values.size} joints"
+                raise UrdfError(f"the {name} limit of a joint is {value}; give one above 0 and at most {largest:g}")
+        if not (np.isfinite(self.lower).all() and np.isfinite(self.upper).all() and np.all(self.lower < self.upper)):
+            raise UrdfError("the position limits of a joint are no range; give finite ones, the lower one first")
 
     def margin(self, q: Array) -> Array:
         """Distance of each joint to its nearer position limit, negative beyond it.

@@ -1,5 +1,6 @@
 """The arm as a model: joint torques of a run, with exact sensitivities, for any composition of effects."""
 
+import os
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -40,6 +41,16 @@ class ArmModel(Model):
 
     base = "arm"
     stages = ("joint",)
+
+    def described(self, folder: Path) -> Mapping[str, Any]:
+        """See `Model.described`: which arm it is, its file as seen from the model's own."""
+        if self.arm.file is None:
+            return super().described(folder)
+        try:
+            place = Path(os.path.relpath(self.arm.file, folder.resolve())).as_posix()
+        except ValueError:  # on another drive
+            place = str(self.arm.file)
+        return {**super().described(folder), "urdf": place}
 
     @property
     def linear(self) -> Linear:
@@ -267,8 +278,13 @@ def read_base(table: Mapping[str, Any], folder: Path) -> tuple[ArmModel, dict[st
     description = {key: table[key] for key in KEYS if key in table}
     if ("urdf" in description) == ("robot" in description):
         raise InputError('an arm needs either urdf = "path" or robot = "baxter"')
-    urdf = description.get("urdf")
-    if urdf is not None and not Path(urdf).is_absolute():
-        urdf = folder / urdf
-    robot, joints, tool = (description.get(key) for key in ("robot", "joints", "tool"))
-    return arm_model(urdf, robot, joints, tool=tool), description
+    for key in ("urdf", "robot", "tool"):
+        if not isinstance(description.get(key, ""), str) or description.get(key) == "":
+            raise InputError(f"{key} = {description[key]!r:.60} is no name: put a text in quotes")
+    joints = description.get("joints")
+    if joints is not None and not (isinstance(joints, list) and all(isinstance(name, str) for name in joints)):
+        raise InputError(f'joints = {joints!r:.60}: write a list of names, such as joints = ["right_s0", "right_s1"]')
+    urdf, robot, tool = (description.get(key) for key in ("urdf", "robot", "tool"))
+    # Where the URDF is depends on where the model is written: `ArmModel.described` says it.
+    rest = {key: value for key, value in description.items() if key != "urdf"}
+    return arm_model(None if urdf is None else folder / urdf, robot, joints, tool=tool), rest

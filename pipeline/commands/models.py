@@ -79,7 +79,7 @@ def arm(
         raise InputError("an arm needs either --urdf FILE or --robot baxter")
     names = [name.strip() for name in joints.split(",") if name.strip()] if joints is not None else None
     made = arm_model(urdf, robot, names, tool=tool)
-    description: dict[str, Any] = {"robot": robot} if robot is not None else {"urdf": str(Path(str(urdf)).resolve())}
+    description: dict[str, Any] = {} if robot is None else {"robot": robot}
     description["joints"] = list(made.joints)
     if tool is not None:
         description["tool"] = tool
@@ -120,11 +120,11 @@ def _say(path: Path, file: Any, json_file: Path | None) -> None:
         answer = {
             "schema": "armdyn.model/1",
             "file": str(path),
-            "base": model.base,
             "effects": [],
             "parameters": {
                 n: {"value": p.value, "unit": p.unit} for n, p in model.parameters.items() if p.scope == "shared"
             },
+            **model.described(path.parent),
             **file.description,
         }
         write_json(answer, json_file)
