@@ -15,7 +15,7 @@ from armdyn.errors import ArmdynError, InputError
 from armdyn.model_file import ModelFile, write_model_file
 from armdyn.run import Known
 from pipeline.loadcell.faults import FaultLimits
-from pipeline.nodes.scheduler import SimulatedClock
+from pipeline.nodes.scheduler import Clock, SimulatedClock
 from pipeline.record import Recorder
 from pipeline.robot.protocol import RobotInterface, Vector
 from pipeline.robot.settings import PlantSettings
@@ -83,6 +83,7 @@ def simulate(
     settings: TrialSettings,
     progress: Progress | None = None,
     through: Callable[[SimulatedRobot], RobotInterface] | None = None,
+    clock: Callable[[RobotInterface], Clock] = SimulatedClock,
 ) -> SimulatedTrial:
     """One whole trial on the simulated robot; the recording and the model are written where settings say so.
 
@@ -90,6 +91,7 @@ def simulate(
         settings: of protocol and simulation.
         progress: told what is going on.
         through: what stands between the robot and the protocol, such as a fault that is tried; nothing if not given.
+        clock: of what the protocol then sees; one that is real where that goes on by itself.
 
     Raises:
         InputError: settings that cannot be used.
@@ -106,7 +108,7 @@ def simulate(
         try:
             experiment = Experiment(
                 reached,
-                SimulatedClock(reached),
+                clock(reached),
                 description,
                 table,
                 recorder,
