@@ -81,10 +81,12 @@ def trial(
         result = done.result
         if json_file is not None:
             write_json(result.as_json(), json_file)
-        progress("writing the report", 0.97)
         report = out / "report.html"
-        told = _report(done, report)
-        if picture:
+        told: str | None = "no report: who interrupts a trial wants it to end"
+        if result.signal is None:
+            progress("writing the report", 0.97)
+            told = _report(done, report)
+        if picture and result.signal is None:
             progress("rendering the swing", 0.98)
             _render(done, out)
     if json_file != Path("-"):
@@ -98,9 +100,11 @@ def trial(
         for note in (*result.notes, *([told] if told else [])):
             say(note, soft_wrap=True, markup=False)
         say(f"{'' if told else f'report {report}, '}recording {result.recording}", soft_wrap=True)
-        if not result.success and result.estimates:
+        if not result.success and result.estimates and result.signal is None:
             repair = f"armdyn repair {out / 'model.toml'} {out / 'trial.csv'} --output repaired.toml"
             say(f"what the model lacks: {repair}", soft_wrap=True)
+    if result.signal is not None:
+        raise typer.Exit(128 + result.signal)
     if not result.success:
         raise typer.Exit(1)
 
