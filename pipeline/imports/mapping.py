@@ -14,17 +14,16 @@ and ``[noise]`` are those of a run's sidecar and go there.
 """
 
 import json
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from armdyn.bytes_in import LARGEST_TEXT, read_bytes
 from armdyn.channels import channel_kind
 from armdyn.errors import InputError
 from armdyn.sidecar import Sidecar, parse_sidecar
 from pipeline.imports.foreign import Foreign, ImportProblemsError
+from urdf.table_file import TableFileError, read_table
 
 KEYS = ("channel", "unit", "sign", "offset", "gear_ratio", "torque_constant")
 SIDECAR_KEYS = ("description", "known", "noise")
@@ -79,9 +78,11 @@ def read_map(path: Path) -> ColumnMap:
         InputError: it cannot be read, or lists everything in it that cannot be used.
     """
     try:
-        table = tomllib.loads(read_bytes(path, LARGEST_TEXT).decode("utf-8-sig"))
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path}: is not TOML: {error}") from error
+        table = read_table(path)[1]
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such file") from error
+    except TableFileError as error:
+        raise InputError(f"{path}: {error}") from error
     problems: list[str] = []
     for key in table:
         if key not in ("time", "columns", *SIDECAR_KEYS):
