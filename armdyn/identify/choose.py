@@ -46,10 +46,8 @@ def chosen(appraiser: Appraiser, firm: Sequence[Candidate] = (), say: Say | None
     for _ in range(MOST_ROUNDS):
         if say is not None:
             say(f"{len(now.effects)} effects chosen")
-        steps: tuple[_Move, ...] = (_added, _exchanged, _paired)
-        if appraiser.few and appraiser.limited > 0.0 and now.effects:
-            # Beside the best of two imitations a third effect may seem missing: the right two compete with it.
-            steps = (_added_or_paired, _exchanged)
+        # Beside the best of two imitations a third effect may seem missing: the right two compete with it.
+        steps: tuple[_Move, ...] = (_added_or_paired if now.effects else _added, _exchanged, _paired)
         found = (step(appraiser, now, firm, refused) for step in steps)
         better = next((one for one in found if one is not None), None)
         if better is None:
