@@ -34,7 +34,8 @@ def test_name_and_stage_are_those_of_the_function_where_they_are_not_given():
 
     assert (hinge_spring.name, hinge_spring.acts_on) == ("hinge_spring", "string")
     assert (named_otherwise.name, named_otherwise.acts_on) == ("slow", "sensor")
-    assert pendulum_model(0.3, 0.1, [hinge_spring, named_otherwise]).names[-2:] == ("hinge_spring.stiffness", "slow.time")
+    names = pendulum_model(0.3, 0.1, [hinge_spring, named_otherwise]).names
+    assert names[-2:] == ("hinge_spring.stiffness", "slow.time")
 
 
 @pytest.mark.parametrize(
