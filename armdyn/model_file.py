@@ -149,16 +149,10 @@ def with_known(model: Model, known: Mapping[str, str]) -> Model:
             value = parse_quantity(text, parameter.unit)
         except InputError as error:
             raise InputError(f"{name}: {error}") from error
-        if not parameter.lower <= value.value <= parameter.upper:
-            raise InputError(
-                f"{name}: '{text}' is outside its physical range {parameter.lower:g} to {parameter.upper:g} "
-                f"{parameter.unit}"
-            )
-        model = (
-            model.with_values({name: value.value})
-            if value.std is None
-            else model.with_prior(name, value.value, value.std)
-        )
+        if value.std is None:
+            model = model.with_values({name: value.value})
+        else:
+            model = model.with_prior(name, value.value, value.std)
     return model
 
 
@@ -207,9 +201,6 @@ def _parameter(model: Model, name: str, entry: Any) -> Parameter:
         raise InputError(f"parameter {name}: value and std are numbers, without quotes")
     value = float(entry["value"]) * factor
     std = float(entry["std"]) * factor if "std" in entry else None
-    if not parameter.lower <= value <= parameter.upper:
-        allowed = f"{parameter.lower:g} to {parameter.upper:g} {parameter.unit}"
-        raise InputError(f"parameter {name}: {value:g} {parameter.unit} is outside its physical range {allowed}")
     if std is not None and not 0.0 <= std < math.inf:
         raise InputError(f"parameter {name}: std is {std:g}: write a finite number that is not negative, or none")
     fitted = entry.get("fitted", parameter.fitted)

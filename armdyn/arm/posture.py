@@ -11,14 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import linprog
 
 from armdyn.errors import InputError
 from urdf import Robot
-from urdf.robot import read_only
-
-Array = NDArray[np.float64]
+from urdf.robot import Array, read_only
 
 LOOKS_LIKE_DEGREES = 2 * np.pi  # rad beyond a limit's side: nobody means so many radians
 PER_LINK = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")  # kg, kg m, kg m^2 about the joint

@@ -3,10 +3,9 @@
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-import numpy.typing as npt
+from urdf.robot import Array
 
-Vector = npt.NDArray[np.float64]
+Vector = Array
 
 
 @dataclass(frozen=True)
