@@ -71,9 +71,10 @@ def trial(
     check_outputs(json_file)
     given = _pendulum(model, effects) if model else None
     guess = length_guess if length_guess is not None else given.value("length") if given else 0.328
+    held = given is not None and not given.parameters["length"].fitted
     settings = TrialSettings(
-        length_guess=guess, length=length, estimate=not no_estimation, hidden=parse_hidden(hidden or []), model=given,
-        seed=seed, out=out,
+        length_guess=guess, length=length, estimate=not (no_estimation or held), hidden=parse_hidden(hidden or []),
+        model=given, seed=seed, out=out,
     )  # fmt: skip
     with phase_progress() as progress:
         done = simulate(settings, progress)
@@ -94,6 +95,8 @@ def trial(
                 f"length {result.length_estimate:.4f} m +/- {1e3 * result.length_std:.2f} mm "
                 f"(true {length:g} m, guess {guess:g} m)"
             )
+        if held and not no_estimation:
+            say(f"{model} holds the length fixed: it was not estimated", markup=False)
         say(result.message, style=f"bold {'green' if result.success else 'red'}", markup=False)
         for note in (*result.notes, *([told] if told else [])):
             say(note, soft_wrap=True, markup=False)
