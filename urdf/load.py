@@ -81,6 +81,9 @@ def _locate(settings: Settings, source: Path) -> tuple[Path, Path | None]:
     urdf_path, srdf = found
     if urdf_path is None:
         raise UrdfError(f"{source}: it names no URDF; add 'file' to [urdf]")
+    for key, file in (("[urdf] file", urdf_path), ("[collision] srdf", srdf)):
+        if file is not None and not file.is_file():
+            raise UrdfError(f"{source}: {key}: there is no file {file}; correct the name")
     return urdf_path, srdf
 
 

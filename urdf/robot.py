@@ -106,7 +106,7 @@ class Line:
             object.__setattr__(self, name, read_only(getattr(self, name)))
         if not self.s_min < self.s_max:
             raise UrdfError(f"line: range [{self.s_min}, {self.s_max}] is empty; give the smaller end first")
-        if abs(np.linalg.norm(self.direction) - 1.0) > 1e-9:
+        if np.any(np.abs(self.direction) > 2.0) or abs(np.linalg.norm(self.direction) - 1.0) > 1e-9:
             raise UrdfError(f"line: direction {self.direction.tolist()} is not a unit vector; divide it by its length")
 
     def position(self, s: ArrayLike) -> Array:

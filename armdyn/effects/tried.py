@@ -25,6 +25,10 @@ from armdyn.units import si_unit
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,59}")
 
 
+LARGEST = 1e100
+"""Of what a quantity may be, bounds that are infinite apart: numbers beyond overflow in the equations."""
+
+
 def check_declared(effects: Sequence[Effect], path: Path) -> None:
     """Refuse effects of a file whose names, units or sizes cannot be used.
 
@@ -98,8 +102,9 @@ def _check_quantity(item: Effect, short: str, declared: Quantity, path: Path) ->
 
     for what in ("typical", "null", "lower", "upper"):
         value = getattr(declared, what)
-        if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
-            raise fault(f"{what} is {value!r}: write a number")
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not number or value != value or (abs(value) > LARGEST and abs(value) != math.inf):  # an int may be no float
+            raise fault(f"{what} is {value!r:.60}: write a number")
     if not (0.0 < declared.typical < math.inf):
         raise fault(f"typical is {declared.typical:g}: write the size that it has in nature, more than 0")
     if not (declared.lower <= declared.null <= declared.upper and math.isfinite(declared.null)):

@@ -4,6 +4,7 @@ import importlib.util
 import signal
 import sys
 import threading
+import warnings
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -112,7 +113,8 @@ def load_module(path: Path, holds: str) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     try:
-        with _time_limit():
+        with _time_limit(), warnings.catch_warnings():
+            warnings.simplefilter("ignore", SyntaxWarning)  # Python's opinion of their style
             spec.loader.exec_module(module)
     except _TooSlowError as error:
         line = line_in(error, path)

@@ -78,15 +78,17 @@ def trial(
     check_outputs(json_file)
     given = _pendulum(model, effects) if model else None
     guess = length_guess if length_guess is not None else given.value("length") if given else 0.328
+    held = given is not None and not given.parameters["length"].fitted
     settings = TrialSettings(
-        length_guess=guess, length=length, estimate=not no_estimation, hidden=parse_hidden(hidden or []), model=given,
-        seed=seed,
+        length_guess=guess, length=length, estimate=not (no_estimation or held), hidden=parse_hidden(hidden or []),
+        model=given, seed=seed,
     )  # fmt: skip
     with own_folder(out, Path("out/trial")) as folder:
-        _run(replace(settings, out=folder), folder, json_file, picture=picture)
+        note = f"{model} holds the length fixed: it was not estimated" if held and not no_estimation else ""
+        _run(replace(settings, out=folder), folder, json_file, note, picture=picture)
 
 
-def _run(settings: "TrialSettings", out: Path, json_file: Path | None, *, picture: bool) -> None:
+def _run(settings: "TrialSettings", out: Path, json_file: Path | None, note: str, *, picture: bool) -> None:
     """One trial in a folder that nobody else writes to, and what there is to say about it."""
     from pipeline.trial import simulate
 
@@ -111,6 +113,8 @@ def _run(settings: "TrialSettings", out: Path, json_file: Path | None, *, pictur
                 f"length {result.length_estimate:.4f} m +/- {1e3 * result.length_std:.2f} mm "
                 f"(true {settings.length:g} m, guess {settings.length_guess:g} m)"
             )
+        if note:
+            say(note, markup=False)
         say(result.message, style=f"bold {'green' if result.success else 'red'}", markup=False)
         for note in (*result.notes, *([told] if told else [])):
             say(note, soft_wrap=True, markup=False)

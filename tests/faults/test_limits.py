@@ -37,11 +37,7 @@ WRONG = {
     "tool in millimetres": ("offset = [0.0, 0.0, 0.03]", "offset = [0, 0, 300]", "too far away"),
     "spring on no joint": ('joint = "right_s1"', 'joint = "nose"', "no joint 'nose'"),
     "spring half on": ("enabled = false", 'enabled = "no"', "neither true nor false"),
-    "frame on no link": (
-        'parent = "right_gripper"',
-        'parent = "nowhere"',
-        "[[frames]] load_cell: there is no link 'nowhere'",
-    ),
+    "frame on no link": ('parent = "right_gripper"', 'parent = "nowhere"', "load_cell: there is no link 'nowhere'"),
     "nested": ('name = "baxter"', "name = " + 3000 * "[" + 3000 * "]", "nested too deeply"),
 }
 
