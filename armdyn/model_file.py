@@ -1,6 +1,7 @@
 """Model files: readable TOML, the only state that is kept between commands."""
 
 import math
+import os
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -20,6 +21,8 @@ BASES = {"pendulum": "armdyn.pendulum.model", "arm": "armdyn.arm.model"}
 """Where each base is read; a user's own is the path of a Python file."""
 KEYS = ("base", "effects", "parameters", "history")
 """Keys of every model file; each base has its own besides."""
+PATHS = ("urdf",)
+"""Keys whose value is a path: it begins at the model file's folder, and is absolute in a `ModelFile`."""
 FIELDS = ("value", "std", "unit", "fitted", "prior")
 
 
@@ -89,7 +92,8 @@ def model_text(file: ModelFile, folder: Path) -> str:
     model = file.model
     document = tomlkit.document()
     for key, value in {**model.described(folder), **file.description}.items():
-        document[key] = value
+        # A folder that is moved with all that is in it stays whole.
+        document[key] = os.path.relpath(Path(value).resolve(), folder.resolve()) if key in PATHS else value
     document["effects"] = [effect.label for effect in model.effects if not effect.wrong]
     parameters = tomlkit.table()
     usual = {p.name: p.prior for effect in model.effects for p in effect.parameters()}

@@ -284,7 +284,7 @@ def read_base(table: Mapping[str, Any], folder: Path) -> tuple[ArmModel, dict[st
     if ("urdf" in description) == ("robot" in description):
         raise InputError('an arm needs either urdf = "path" or robot = "baxter"')
     urdf = description.get("urdf")
-    if urdf is not None and not Path(urdf).is_absolute():
-        urdf = folder / urdf
+    if urdf is not None:
+        description["urdf"] = urdf = str((folder / urdf).resolve())
     robot, joints, tool = (description.get(key) for key in ("robot", "joints", "tool"))
     return arm_model(urdf, robot, joints, tool=tool), description
