@@ -2,10 +2,12 @@
 
 import sys
 from importlib import import_module
+from typing import Annotated
 
 import typer
 from typer.exceptions import TyperException
 
+from armdyn import __version__
 from armdyn.errors import ArmdynError, TaskFailedError
 from urdf.robot import UrdfError
 
@@ -17,8 +19,24 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
+
+def _version(asked: bool) -> None:
+    if asked:
+        print(f"armdyn {__version__}")
+        raise typer.Exit
+
+
 COMMANDS = ("trial", "models", "importing", "identify", "export", "ik", "arm", "check", "loadcell")
 """Modules of `pipeline.commands`, in the order in which `armdyn --help` lists their commands."""
+
+
+@app.callback()
+def _common(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version and stop.", is_eager=True, callback=_version)
+    ] = False,
+) -> None:
+    del version
 
 
 def _register() -> None:

@@ -14,9 +14,9 @@ from armdyn.arm.model import ArmModel
 from armdyn.arm.symbolic import joint_axes
 from pipeline.exports.parts import HELD, ArmParts, about_centre, left_over, parts_of
 
-STIFF = "0.9999 0.9999 0.001 0.5 2"
-"""Impedance of dry friction. As MuJoCo has it by default, a light link slides through it: of a wrist without armature
-only a part is left at 2 rad/s."""
+DRY = {"solimpfriction": "0.9999 0.9999 0.001 0.5 2", "solreffriction": "0.004 1"}
+"""Dry friction as hard as the solver takes it at its usual step of 2 ms. As MuJoCo has it by default, a light link
+without armature slides through it at 2 rad/s, and its sign changes with the acceleration at speeds of 0.03 rad/s."""
 LEVER = 0.1
 """m from the joint's axis to either end of a spring; its stiffness follows."""
 THICKNESS = 0.02
@@ -69,7 +69,7 @@ def _add_bodies(world: ET.Element, model: ArmModel, parts: ArmParts) -> None:
         dynamics = {"damping": joint.damping, "frictionloss": joint.friction, "armature": joint.armature}
         attributes = {key: repr(value) for key, value in dynamics.items() if value}
         if joint.friction:
-            attributes["solimpfriction"] = STIFF
+            attributes |= DRY
         lower, upper = float(limits.lower[i]), float(limits.upper[i])
         if np.isfinite(lower) and np.isfinite(upper):
             attributes["range"] = f"{lower!r} {upper!r}"
