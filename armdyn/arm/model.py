@@ -187,6 +187,13 @@ class ArmModel(Model):
             found[i] = change, derivatives
         return found
 
+    def link_parameters(self) -> Mapping[str, np.ndarray]:
+        """By joint: (10,) inertial parameters of the link that it moves, effects included; see `inertia`."""
+        changes, described = self._bodies(self.theta()).links, self.arm.described
+        return {
+            joint: described[i] + changes.get(i, np.zeros(len(described[i]))) for i, joint in enumerate(self.joints)
+        }
+
     def gravity(self) -> np.ndarray:
         """(3,) acceleration of free fall in the frame of the base, m/s^2, effects included."""
         described, change = np.array(self.arm.model.gravity.linear), self._bodies(self.theta()).gravity

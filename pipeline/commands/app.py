@@ -3,10 +3,12 @@
 import os
 import sys
 from importlib import import_module
+from typing import Annotated
 
 import typer
 from typer.exceptions import TyperException
 
+from armdyn import __version__
 from armdyn.errors import ArmdynError, TaskFailedError
 from pipeline.commands.streams import tolerant_streams
 from pipeline.commands.unforeseen import report_unforeseen
@@ -20,8 +22,23 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-COMMANDS = ("trial", "models", "importing", "identify", "ik", "arm", "check", "loadcell")
+COMMANDS = ("trial", "models", "importing", "identify", "export", "ik", "arm", "check", "loadcell")
 """Modules of `pipeline.commands`, in the order in which `armdyn --help` lists their commands."""
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        print(f"armdyn {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _common(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version and stop.", is_eager=True, callback=_version)
+    ] = False,
+) -> None:
+    del version
 
 
 def run(interrupts: Interrupts) -> int:

@@ -32,6 +32,7 @@ def import_(
         bool, typer.Option("--guess", help="Propose a mapping from names, units and ranges; nothing is imported.")
     ] = False,
     urdf: Annotated[Path | None, typer.Option(help="With --guess: the robot, for the names of its joints.")] = None,
+    robot: Annotated[str | None, typer.Option(help="The same, of a known robot such as ur5.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Write over runs that are there.")] = False,
     json_file: JsonOption = None,
 ) -> None:
@@ -50,7 +51,7 @@ def import_(
             say(f"reading {file}")
             recordings += read_foreign(file)
         if guess:
-            _propose(files, recordings, output, urdf, force, json_file)
+            _propose(files, recordings, output, _joints(urdf, robot), force, json_file)
             return
         given = read_map(mapping) if mapping is not None else None
         runs, problems = [], []
@@ -90,7 +91,12 @@ def _write(runs: "list[Run]", output: Path, inputs: list[Path], force: bool) -> 
 
 
 def _propose(
-    files: list[Path], recordings: "list[Foreign]", output: Path, urdf: Path | None, force: bool, json_file: Path | None
+    files: list[Path],
+    recordings: "list[Foreign]",
+    output: Path,
+    joints: tuple[str, ...],
+    force: bool,
+    json_file: Path | None,
 ) -> None:
     """Write a mapping that a person reads before it is used."""
     from armdyn import atomic
@@ -98,7 +104,7 @@ def _propose(
     from pipeline.imports.guess import guessed
     from pipeline.imports.mapping import map_text
 
-    found = guessed(recordings[0], _joints(urdf) if urdf is not None else ())
+    found = guessed(recordings[0], joints)
     target = output / "map.toml"
     free_to_write(target, force)
     making_directory(output)
@@ -112,10 +118,13 @@ def _propose(
         typer.echo(f"read it, mend what is wrong, then: {again}")
 
 
-def _joints(urdf: Path) -> tuple[str, ...]:
+def _joints(urdf: Path | None, robot: str | None) -> tuple[str, ...]:
+    """Of the robot, from base to tool; none where no robot is given."""
+    if urdf is None and robot is None:
+        return ()
     from armdyn.arm.model import arm_model
 
-    return tuple(arm_model(str(urdf), None, None).joints)
+    return tuple(arm_model(urdf, robot).joints)
 
 
 def _say_guess(found: "ColumnMap", foreign: "Foreign", target: Path) -> None:

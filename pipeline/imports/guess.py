@@ -50,6 +50,8 @@ IDLE = {
     "robot", "arm", "real", "feedback", "act", "state", "states", "pos", "of", "from",
 }  # fmt: skip
 """Words that say nothing about which joint it is."""
+NUMBERED = re.compile(r"joint_\d+")
+"""A joint that is only counted."""
 TURNS = 7.0
 """rad; positions beyond are degrees, of an arm whose joints turn a little more than once."""
 SUFFIXES = {"deg": "deg", "degrees": "deg", "rad": "rad", "nm": "N m", "amp": "A", "amps": "A", "ms": "ms", "us": "us",
@@ -199,12 +201,13 @@ def _named(found: dict[str, tuple[str, str]], joints: Sequence[str]) -> dict[str
     names: dict[str, str] = {}
     for joint in ids:
         same = [known for known in joints if _letters(known) == _letters(joint)]
-        same = same or [known for known in joints if _letters(joint) and _letters(joint) in _letters(known)]
+        if not NUMBERED.fullmatch(joint):  # the 1 of joint_1 is not that of wrist_1
+            same = same or [known for known in joints if _letters(joint) and _letters(joint) in _letters(known)]
         if len(same) == 1:
             names[joint] = same[0]
     left = [joint for joint in ids if joint not in names]
     free = [joint for joint in joints if joint not in names.values()]
-    if left and len(left) == len(free) and all(re.search(r"\d+$", joint) for joint in left):
+    if left and len(left) == len(free) and all(NUMBERED.fullmatch(joint) for joint in left):
         ordered = sorted(left, key=lambda joint: int(re.search(r"\d+$", joint)[0]))  # type: ignore[index]
         names |= dict(zip(ordered, free, strict=True))
     return names

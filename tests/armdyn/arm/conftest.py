@@ -38,12 +38,3 @@ def chi2_per_sample(model, run):
 def total_rmse(model, run):
     """Root of the sum over the joints of the squared RMSE."""
     return float(np.sqrt(sum(np.mean(r**2) for r in residuals(model, run).values())))
-
-
-def link_parameters(model):
-    """By joint: (10,) inertial parameters of the link that it moves, effects included."""
-    changed = model.changed_links(model.theta())
-    return {
-        joint: described + (changed[i][0] if i in changed else 0.0)
-        for i, (joint, described) in enumerate(zip(model.joints, model.arm.described, strict=True))
-    }

@@ -13,7 +13,7 @@ from armdyn.effects.catalogue import find
 from armdyn.errors import InputError
 from armdyn.run import Channel, Run
 
-from .conftest import JOINT_EFFECTS, chi2_per_sample, fitted, link_parameters, residuals
+from .conftest import JOINT_EFFECTS, chi2_per_sample, fitted, residuals
 from .overlap import imitated_share
 
 
@@ -123,13 +123,13 @@ def test_links_stay_bodies_whatever_the_parameters(baxter):
     for size in (0.3, 3.0, 30.0):
         theta = np.clip(size * rng.standard_normal(len(model.names)), -6.9, 6.9)
         changed = model.with_values(dict(zip(model.names, theta, strict=True)))
-        assert all(is_physical(p) for p in link_parameters(changed).values())
+        assert all(is_physical(p) for p in changed.link_parameters().values())
 
 
 def test_the_mass_parameter_is_the_logarithm_of_the_mass_ratio(baxter):
     model = baxter.with_effect(find("link_inertia:right_e0"))
     heavier = model.with_values({"link_inertia.mass[right_e0]": np.log(2.0)})
-    before, after = (link_parameters(m)["right_e0"] for m in (model, heavier))
+    before, after = (m.link_parameters()["right_e0"] for m in (model, heavier))
     assert after == pytest.approx(2.0 * before, rel=1e-3)
 
 
@@ -137,7 +137,7 @@ def test_a_payload_adds_its_mass_where_it_is(baxter):
     model = baxter.with_effect(find("payload"))
     names = [f"payload.{q}[right_w2]" for q in ("mass", "x", "y", "z")]
     loaded = model.with_values(dict(zip(names, (2.0, 0.1, 0.0, 0.3), strict=True)))
-    gained = link_parameters(loaded)["right_w2"] - link_parameters(baxter)["right_w2"]
+    gained = loaded.link_parameters()["right_w2"] - baxter.link_parameters()["right_w2"]
     assert gained == pytest.approx([2.0, 0.2, 0.0, 0.6, 0.18, 0.0, 0.2, -0.06, 0.0, 0.02])
 
 

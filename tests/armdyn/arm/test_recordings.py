@@ -8,7 +8,7 @@ from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import find
 from armdyn.run import read_run
 
-from .conftest import RECORDINGS, fitted, link_parameters, total_rmse
+from .conftest import RECORDINGS, fitted, total_rmse
 from .overlap import imitated_share
 
 pytestmark = pytest.mark.skipif(not RECORDINGS.is_dir(), reason="the recordings are not there")
@@ -39,7 +39,7 @@ def test_emps_gives_the_published_parameters(emps):
     friction = ("joint_viscous_friction", "joint_coulomb_friction", "torque_offset")
     found, _ = fitted(with_effects(model, "link_inertia", *friction), [reference])
     assert total_rmse(found, pulses) < 3.8
-    assert link_parameters(found)["slide"][0] == pytest.approx(95.1089, rel=0.01)
+    assert found.link_parameters()["slide"][0] == pytest.approx(95.1089, rel=0.01)
     assert found.value("joint_viscous_friction.coefficient[slide]") == pytest.approx(203.5034, rel=0.01)
     assert found.value("joint_coulomb_friction.torque[slide]") == pytest.approx(20.3935, rel=0.03)
     assert found.value("torque_offset.torque[slide]") == pytest.approx(-3.1648, rel=0.03)
@@ -69,7 +69,7 @@ def test_ur10e_is_predicted_on_a_motion_that_was_held_out(ur10e):
     full = with_effects(model, "joint_viscous_friction", "joint_coulomb_friction", "link_inertia")
     found, _ = fitted(full, training, most_steps=25)
     assert total_rmse(found, held_out) < 5.2  # N m up to 10 Hz, with the ripple of the drives; up to 2.5 Hz it is 3.8
-    assert all(is_physical(p) for p in link_parameters(found).values())
+    assert all(is_physical(p) for p in found.link_parameters().values())
     friction = [found.value(n) for n in found.names if n.startswith("joint_")]
     assert min(friction) > 0.0
     least_squares = [17.9, 16.6, 8.9, 2.8, 2.0, 2.8, 14.3, 14.7, 5.8, 2.4, 3.0, 2.5]
