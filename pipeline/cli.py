@@ -17,7 +17,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-COMMANDS = ("trial", "models", "identify", "ik", "arm", "check", "loadcell")
+COMMANDS = ("trial", "models", "identify", "ik", "arm", "check", "loadcell", "ros")
 """Modules of `pipeline.commands`, in the order in which `armdyn --help` lists their commands."""
 
 
