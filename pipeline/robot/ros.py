@@ -21,6 +21,7 @@ from pipeline.ros.bridge import Bridge
 from pipeline.ros.gate import FRESH, PERIOD, CommandGate
 from pipeline.ros.latency import Spread, round_trip
 from pipeline.ros.states import JointStates
+from pipeline.ros.telemetry import Telemetry
 from pipeline.ros.topics import RosTopics
 from pipeline.ros.wording import command_message, point_message, positions_in
 
@@ -86,6 +87,7 @@ class RosRobot:
 
     Attributes:
         figures: what was measured.
+        telemetry: told what is commanded and measured, for others to see; None where nobody is.
 
     Raises:
         InputError: no bridge, no joint states, or somebody else commands the arm.
@@ -101,6 +103,7 @@ class RosRobot:
     ) -> None:
         self._description, self._topics, self._cell, self._clock = description, topics, cell, clock
         self.figures = Figures()
+        self.telemetry: Telemetry | None = None
         self._states = JointStates(description.joint_names)
         self._gate = CommandGate(description.joint_names, description.limits)
         self._lock = threading.RLock()
@@ -239,6 +242,8 @@ class RosRobot:
         samples = self._cell.read()
         if not samples and not self._cell.status().connected:
             raise TaskFailedError(f"load cell: {Fault.DISCONNECTED.value}")
+        if self.telemetry is not None:
+            self.telemetry.load_force(samples)
         return samples
 
     def close(self) -> None:
@@ -313,6 +318,8 @@ class RosRobot:
         if self._sent_at is not None and now - self._sent_at < 10 * PERIOD:
             self.figures.intervals.append(now - self._sent_at)
         self._sent, self._sent_at = (q, v, a), now
+        if self.telemetry is not None:
+            self.telemetry.reference(q, v)
         return None
 
     def _take_echo(self, message: Any, now: float) -> None:

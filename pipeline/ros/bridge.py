@@ -71,6 +71,11 @@ class Bridge:
     def __exit__(self, *_error: object) -> None:
         self.close()
 
+    @property
+    def time(self) -> float:
+        """The clock of the times of reception [s]."""
+        return self._clock()
+
     def subscribe(self, topic: str, kind: str, take: Take, *, throttle: float = 0.0) -> None:
         """Have `take` called with every message of a topic.
 

@@ -81,7 +81,7 @@ def round_trip(bridge: Bridge, pings: int = 50) -> Spread:
         if heard.wait(0.05):
             break
     for number in range(pings):
-        sent[number] = time.monotonic()
+        sent[number] = bridge.time
         bridge.publish(topic, {"data": float(number)})
         time.sleep(EVERY)
     end = time.monotonic() + PATIENCE

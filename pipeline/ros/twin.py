@@ -5,6 +5,7 @@ is disabled have no effect, no command for the timeout makes it hold where it is
 ignored. Modes other than the two position modes are ignored as well.
 """
 
+import gc
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -162,6 +163,8 @@ class Twin:
         Args:
             until: the condition; looked at every few ms.
         """
+        gc.collect()
+        gc.freeze()  # what was loaded stays; looking through it again and again would take 50 ms each time
         start = time.monotonic() - self.robot.time
         next_state = self.robot.time
         while not until() and self.bridge.failure is None:

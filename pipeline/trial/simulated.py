@@ -1,18 +1,16 @@
 """A trial on the simulated robot: builds it, runs the protocol on it, and adds what only a simulation knows."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 import ik
 import urdf
-from armdyn.errors import ArmdynError, InputError
-from armdyn.model_file import ModelFile, write_model_file
+from armdyn.errors import ArmdynError
 from armdyn.run import Known
 from pipeline.loadcell.faults import FaultLimits
 from pipeline.nodes.scheduler import SimulatedClock
@@ -21,7 +19,8 @@ from pipeline.robot.protocol import RobotInterface, Vector
 from pipeline.robot.settings import PlantSettings
 from pipeline.robot.simulated import SimulatedRobot
 from pipeline.robot.truth import History
-from pipeline.trial.experiment import Ending, Experiment, Progress, recorded_channels
+from pipeline.trial.experiment import Experiment, Progress, recorded_channels
+from pipeline.trial.keeping import directory, kept
 from pipeline.trial.result import TrialResult, result_of
 from pipeline.trial.settings import TrialSettings
 
@@ -101,8 +100,8 @@ def simulate(
     plant = replace(c.plant, length=c.length, mass=c.mass, load_radius=c.load_radius)
     robot = SimulatedRobot(description, table.posture(0.0).q, plant, c.hidden, c.seed)
     reached = through(robot) if through is not None else robot
-    with _directory(c.out) as directory:
-        recorder = _recorder(directory, c, description)
+    with directory(c.out) as folder:
+        recorder = _recorder(folder, c, description)
         try:
             experiment = Experiment(
                 reached,
@@ -120,7 +119,7 @@ def simulate(
             with suppress(ArmdynError, OSError):  # the recording is completed, but must not hide what happened
                 recorder.close()
             raise
-        ending = _kept(experiment, ending, recorder, c.out)
+        ending = kept(experiment, ending, recorder, c.out)
         result = result_of(experiment, ending, c.length, recorder.path if c.out else None)
     return SimulatedTrial(c, plant, robot, experiment, result)
 
@@ -130,41 +129,9 @@ def run_trial(settings: TrialSettings, progress: Progress | None = None) -> Tria
     return simulate(settings, progress).result
 
 
-def _kept(experiment: Experiment, ending: Ending, recorder: Recorder, out: Path | None) -> Ending:
-    """Complete the recording and write the model; what cannot be written is added to how the trial ended."""
-    problems = []
-    try:
-        recorder.close()
-    except (ArmdynError, OSError) as error:
-        problems.append(str(error))
-    if recorder.failure is not None:
-        problems.append(recorder.failure)
-    if out is not None:
-        try:
-            write_model_file(out / "model.toml", ModelFile(experiment.estimator.model, {}))
-        except (ArmdynError, OSError) as error:
-            problems.append(f"the model was not written: {error}")
-    new = [problem for problem in problems if problem not in ending.message]
-    return replace(ending, message="; ".join([ending.message, *new])) if new else ending
-
-
-@contextmanager
-def _directory(out: Path | None) -> Iterator[Path]:
-    """Where the recording is written: the given directory, else one that is gone at the end."""
-    if out is None:
-        with TemporaryDirectory() as scratch:
-            yield Path(scratch)
-        return
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot write to {out}: {error.strerror or error}; choose another directory") from error
-    yield out
-
-
-def _recorder(directory: Path, settings: TrialSettings, description: urdf.Robot) -> Recorder:
+def _recorder(folder: Path, settings: TrialSettings, description: urdf.Robot) -> Recorder:
     return Recorder(
-        directory / "trial.mcap",
+        folder / "trial.mcap",
         recorded_channels(description.joint_names),
         description=f"simulated Baxter, load on a string, seed {settings.seed}",
         noise={"load_force": settings.force_noise},
