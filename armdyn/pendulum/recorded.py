@@ -1,7 +1,9 @@
 """The gripper's path in a run, recorded or still being recorded."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import lru_cache, partial
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +23,10 @@ class GrowingRun(Run):
     """
 
     path: GripperPath = field(kw_only=True)
+
+    def __reduce__(self) -> tuple[Callable[..., Run], tuple[Any, ...]]:
+        _make, arguments = super().__reduce__()
+        return partial(GrowingRun, began=self.began, path=self.path), arguments
 
 
 def run_path(run: Run) -> GripperPath:

@@ -80,9 +80,9 @@ class DriveNode:
         self._reference = self._trajectory = None
 
     def halt(self) -> None:
-        """Let the robot brake on its own and hold; send nothing any more."""
-        self.stop()
+        """Let the robot brake on its own and hold; send nothing any more. The watchdog calls it from its thread."""
         self.halted = True
+        self.stop()
         self._robot.stop()
 
     def step(self, now: float) -> None:
@@ -110,7 +110,12 @@ class DriveNode:
             self._smoother.reset(previous)
             state = self._smoother.stop()
         motion = self._table.joint_motion(state.s, state.v, state.a)
+        if self.halted:  # by the watchdog, while this was computed
+            return
         self._robot.command(motion.q, motion.v, motion.a)
+        if self.halted:  # by the watchdog, just before the command
+            self._robot.stop()
+            return
         self.sent_at = self._robot.time
         for name, value in (("reference.x", state.s), ("reference.v", state.v), ("reference.a", state.a)):
             self._recorder.record(name, now, value)

@@ -1,6 +1,7 @@
 """The measurement node: joints and load cell in, one recording out, and faults of the load cell noticed."""
 
 from collections import deque
+from contextlib import suppress
 from dataclasses import dataclass
 from math import inf
 
@@ -240,6 +241,11 @@ class MeasurementNode:
             self.force_door.refuse(Refused.UNREADABLE, now)
             return []
         return self.force_door.judge(samples, now, self.hangs_until)
+
+    def discard(self) -> None:
+        """Leave out what the load cell has measured so far: it waited, and is too old."""
+        with suppress(Exception):  # a cell that cannot be read is judged in the next step
+            self._robot.load_cell()
 
     def expect_touch(self, time: float) -> None:
         """From `time` s on the load may touch the box: what is measured then is recorded as landing."""

@@ -7,7 +7,9 @@ import numpy as np
 
 from armdyn.control.sac import SacAction, SacSettings, SacState, SequentialActionControl
 from armdyn.errors import TaskFailedError
+from armdyn.pendulum.path import fixed_path
 from armdyn.pendulum.recorded import run_path
+from armdyn.physics.simulate import Rollout
 from pipeline.motion import LineState
 from pipeline.nodes.drive import DriveNode
 from pipeline.nodes.estimator import EstimatorNode
@@ -46,6 +48,17 @@ class SacNode:
         self.actions: list[SacAction] = []
         self.seconds: list[float] = []
 
+    def warm_up(self) -> None:
+        """Compute once what `step` computes, on a gripper that stands: the first time takes longer than a cycle."""
+        model = self._estimator.model
+        rollout = model.rollout(fixed_path(0.0, 1.0, self.settings.dt), model.theta(), channels=("load_force",))
+        self._control.act(SacState(1.0, 0.0, 0.0, rollout.states[-1], self._length_column(rollout)), model)
+
+    def _length_column(self, rollout: Rollout) -> np.ndarray:
+        """(2,) derivative of the last state with respect to the length."""
+        column: np.ndarray = rollout.state_sensitivities[:, self._estimator.model.physics_names.index("length")]
+        return column
+
     def begin(self, now: float) -> None:
         """Kick, then inform."""
         self._begun = now
@@ -78,7 +91,7 @@ class SacNode:
                 x=here.s,
                 v=here.v,
                 pendulum=rollout.states[-1],
-                sensitivity=rollout.state_sensitivities[:, model.physics_names.index("length")],
+                sensitivity=self._length_column(rollout),
             ),
             model,
         )

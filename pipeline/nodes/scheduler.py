@@ -4,7 +4,7 @@ import time as wall
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from math import isfinite
+from math import inf, isfinite
 from time import perf_counter
 from typing import Protocol
 
@@ -23,6 +23,15 @@ class Clock(Protocol):
     """Where the time comes from."""
 
     @property
+    def real(self) -> bool:
+        """Whether time, and with it the arm, goes on while this program computes.
+
+        Then long work is done beside the loop, and a watchdog stops an arm whose loop hangs. On a simulated clock
+        nothing moves meanwhile: how long a computation takes changes no result.
+        """
+        ...
+
+    @property
     def time(self) -> float:
         """Time since the start [s]."""
         ...
@@ -34,6 +43,8 @@ class Clock(Protocol):
 
 class SimulatedClock:
     """The time of a simulated robot, which moves only while this clock is advanced."""
+
+    real = False
 
     def __init__(self, robot: RobotInterface) -> None:
         self._robot = robot
@@ -50,8 +61,16 @@ class SimulatedClock:
             self._robot.advance(remaining)
 
 
+class RobotClock(SimulatedClock):
+    """The time of a robot that goes on by itself; its `advance` waits."""
+
+    real = True
+
+
 class RealClock:
     """Monotonic time of this computer from the clock's creation on."""
+
+    real = True
 
     def __init__(self) -> None:
         self._start = wall.monotonic()
@@ -129,23 +148,34 @@ class Scheduler:
         nodes: in the order in which data flow.
         patience: how long the loop may stand still now [s]; asked before every wait and every round. None where
             lateness is only counted.
+        each_round: called at the beginning of every round; None for nothing.
 
     Attributes:
         timing: of each node, by name.
         running: name of the node that makes a step, or made the last one.
     """
 
-    def __init__(self, clock: Clock, nodes: Sequence[Node], patience: Callable[[], float] | None = None) -> None:
+    def __init__(
+        self,
+        clock: Clock,
+        nodes: Sequence[Node],
+        patience: Callable[[], float] | None = None,
+        each_round: Callable[[], None] | None = None,
+    ) -> None:
         for node in nodes:
             if not node.period > 0:
                 raise InputError(f"node '{node.name}' has a period of {node.period} s: it must be positive")
         self._clock, self._nodes = clock, tuple(nodes)
-        start = clock.time
-        self._start = {node.name: start for node in nodes}
-        self._count = {node.name: 0 for node in nodes}
-        self._patience, self._seen = patience, start
+        self._patience, self._each_round = patience, each_round
+        self.begin()
         self.running = nodes[0].name
         self.timing = {node.name: Timing(node.name, node.period) for node in nodes}
+
+    def begin(self) -> None:
+        """The first steps are due now; where it is not called, they are from the scheduler's creation on."""
+        self._seen = self._clock.time
+        self._start = {node.name: self._seen for node in self._nodes}
+        self._count = {node.name: 0 for node in self._nodes}
 
     def run(self, until: Callable[[], bool], longest: float) -> bool:
         """Run until a condition holds, looked at after every round.
@@ -166,17 +196,19 @@ class Scheduler:
             if due > end + 1e-9:
                 self._clock.advance_to(end)
                 return until()
-            with self._watched("waiting", max(due - self._clock.time, 0.0)):
+            with self._watched("waiting", until=due):
                 self._clock.advance_to(due)
-            with self._watched("the nodes", 0.0):
+            with self._watched("the nodes"):
+                if self._each_round is not None:
+                    self._each_round()
                 for node in self._nodes:
                     if self._due(node) <= due + 1e-9:
                         self._step(node)
         return True
 
     @contextmanager
-    def _watched(self, what: str, expected: float) -> Iterator[None]:
-        """The clock must run on by about `expected` seconds, and not have jumped since it was last looked at."""
+    def _watched(self, what: str, until: float = -inf) -> Iterator[None]:
+        """The clock must run on to about `until` [s], and not have jumped since it was last looked at."""
         if self._patience is None:
             yield
             return
@@ -184,7 +216,7 @@ class Scheduler:
         self._require_steady("pausing", self._clock.time - self._seen, patience)
         self._seen = self._clock.time
         yield
-        self._require_steady(what, self._clock.time - self._seen - expected, patience)
+        self._require_steady(what, self._clock.time - max(until, self._seen), patience)
         self._seen = self._clock.time
 
     def _require_steady(self, what: str, late: float, patience: float) -> None:

@@ -1,18 +1,25 @@
-"""The task node: plans the swing with the estimated length, has it checked, and plays it open loop."""
+"""The task node: plans the swing with the estimated length, has it checked, and plays it open loop.
 
-from collections.abc import Callable
+Planning takes one to three seconds. On a simulated clock the motion begins at once. On a real one the arm comes to rest
+first, the plan is made beside the loop for an instant ahead, and is played when that instant comes.
+"""
+
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from math import cos, sin
 
 import numpy as np
 
 from armdyn.control.task import SwingPlan, SwingState, TaskCost, TaskPlanner
-from armdyn.errors import TaskFailedError
+from armdyn.errors import ArmdynError, TaskFailedError
 from armdyn.pendulum.model import PendulumModel
 from pipeline.box import Box
-from pipeline.motion import LineLimits, LineTrajectory, finish_over_box
+from pipeline.motion import LineLimits, LineState, LineTrajectory, finish_over_box
+from pipeline.motion.feasibility import FeasibilityReport
 from pipeline.motion.reference import smooth_reference
+from pipeline.nodes.beside import AtOnce, Beside
 from pipeline.nodes.drive import DriveNode
+from pipeline.robot.protocol import Vector
 
 DT = 0.01
 """Control cycle and step of the variational integrator [s]."""
@@ -23,8 +30,15 @@ NEAR_WALL = 0.05
 END_MARGIN = 0.01
 """Distance that plans keep from the ends of the line [m]."""
 
-Check = Callable[[LineTrajectory, SwingPlan], None]
-"""Raises `TaskFailedError` when a trajectory, with the swing that belongs to it, is not feasible."""
+LEAD = 2.0
+"""So far ahead is planned on a real clock [s]; planning and check take 1 s on a quiet core."""
+TRIES = 3
+"""Plans that may come too late before it is given up; each is made for an instant twice as far ahead."""
+LONGEST_PLANNING = LEAD * (2**TRIES - 1) + 2.0
+"""Time that planning, and coming to rest before it, may take on a real clock [s]."""
+
+Check = Callable[[LineTrajectory, SwingPlan, PendulumModel, Vector], FeasibilityReport]
+"""Judges a trajectory with the swing that belongs to it, for an arm that is at joint positions (n,) [rad]."""
 
 
 @dataclass(frozen=True)
@@ -80,60 +94,146 @@ class TaskSettings:
         )
 
 
+@dataclass(frozen=True)
+class _Task:
+    """What is to be planned; it can be copied to another process.
+
+    Attributes:
+        cost: what the swing is for.
+        values: of the model's parameters.
+        start: of gripper and load.
+        here: what the arm was last told.
+        at: joint positions (n,) [rad].
+        finish: whether the finish over the box follows.
+    """
+
+    cost: TaskCost
+    values: Mapping[str, float]
+    start: SwingState
+    here: LineState
+    at: Vector
+    finish: bool
+
+
+@dataclass(frozen=True)
+class _Planned:
+    """What came of it; `problem` says why there is no trajectory."""
+
+    plan: SwingPlan
+    trajectory: LineTrajectory | None = None
+    report: FeasibilityReport | None = None
+    problem: str | None = None
+
+
+@dataclass
+class _Request:
+    """A motion that was asked for: what to plan for an instant [s], and what to do when it begins."""
+
+    task: Callable[[float], _Task]
+    begin: Callable[[float, _Planned], None]
+    keep: Callable[[_Planned], None]
+    lead: float = LEAD
+    tries: int = 0
+    due: float | None = None
+    ready: _Planned | None = None
+
+    def again(self) -> None:
+        """The plan came too late: the next one is made for an instant farther ahead."""
+        self.ready = self.due = None
+        self.lead *= 2.0
+
+
 class TaskNode:
-    """Plans on request and plays what it planned; a request is carried out in its next step.
+    """Plans on request and plays what it planned; a request is carried out from its next step on.
 
     Attributes:
         swing: the plan of the last swing.
         trajectory: what the gripper was told to do in it, finish included.
         started: time at which the swing began [s].
+        feasibility: report on the last planned motion; None before there is one.
     """
 
     name = "task"
     period = 0.1
 
     def __init__(
-        self, model: PendulumModel, drive: DriveNode, limits: LineLimits, check: Check, settings: TaskSettings
+        self,
+        model: PendulumModel,
+        drive: DriveNode,
+        limits: LineLimits,
+        check: Check,
+        measured: Callable[[], Vector],
+        settings: TaskSettings,
+        beside: Beside | None = None,
     ) -> None:
         self._drive, self._limits, self._check, self.settings = drive, limits, check, settings
-        self._swing_planner = TaskPlanner(model, round(settings.duration / DT), DT)
-        self._settle_planner = TaskPlanner(model, round(settings.settling / DT), DT)
-        self._request: Callable[[float], None] | None = None
+        self._model, self._measured, self._beside = model, measured, beside or AtOnce()
+        self._planners = {
+            seconds: TaskPlanner(model, round(seconds / DT), DT) for seconds in (settings.duration, settings.settling)
+        }
+        self._beside.provide(self.name, self._plan)
+        self._request: _Request | None = None
         self.swing: SwingPlan | None = None
         self.trajectory: LineTrajectory | None = None
         self.started: float | None = None
+        self.feasibility: FeasibilityReport | None = None
 
     @property
     def idle(self) -> bool:
         """Whether nothing is asked for and nothing is played."""
         return self._request is None and self._drive.at_rest
 
+    @property
+    def longest_planning(self) -> float:
+        """Time that passes before a motion that was asked for begins, at most [s]."""
+        return 0.0 if self._beside.at_once else LONGEST_PLANNING
+
     def step(self, now: float) -> None:
-        """Carry out the request, if there is one."""
-        if self._request is not None:
-            request, self._request = self._request, None
-            request(now)
+        """Carry out the request, if there is one.
+
+        Raises:
+            TaskFailedError: there is no feasible plan, or planning takes too long.
+        """
+        request = self._request
+        if request is None:
+            return
+        if self._beside.at_once:
+            self._request = None
+            request.due = now
+            self._beside.ask(self.name, request.task(now), lambda planned: self._take(request, planned))
+            self._begin(request)
+        elif request.ready is None or request.due is None:
+            if not self._beside.busy(self.name) and self._drive.at_rest:
+                self._ask_ahead(request, now)
+        elif now > request.due + self.period / 2:
+            request.again()
+        elif now > request.due - self.period / 2:
+            self._request = None
+            self._begin(request)
+
+    def _ask_ahead(self, request: _Request, now: float) -> None:
+        request.tries += 1
+        if request.tries > TRIES:
+            raise TaskFailedError(f"planning took longer than {request.lead / 2:g} s: this computer is too busy")
+        request.due = now + request.lead
+        self._beside.ask(self.name, request.task(request.due), lambda planned: self._take(request, planned))
 
     def cancel(self) -> None:
         """Forget the request."""
         self._request = None
 
-    def settle(self, model: PendulumModel, state: Callable[[], SwingState]) -> None:
+    def settle(self, model: PendulumModel, state: Callable[[float], SwingState]) -> None:
         """Ask for the load to be brought to rest.
 
         Args:
             model: with the present estimate.
-            state: gives gripper and load at the time of planning.
+            state: gives gripper and load at an instant [s], now or ahead of an arm that stands.
         """
 
-        def carry_out(_now: float) -> None:
-            cost = self.settings.settling_cost(model.value("length"), model.rest_angle())
-            plan = self._settle_planner.plan(model, cost, state())
-            trajectory = self._feasible(plan)
-            self._check(trajectory, plan)
-            self._drive.play(trajectory)
+        def task(at: float) -> _Task:
+            return self._task(model, self.settings.settling_cost(model.value("length"), model.rest_angle()), state(at))
 
-        self._request = carry_out
+        self._request = _Request(task, lambda _at, _planned: None, lambda _planned: None)
 
     def throw(self, model: PendulumModel, begun: float | None, announce: Callable[[float], None]) -> None:
         """Ask for the swing into the box, from rest.
@@ -144,32 +244,68 @@ class TaskNode:
             announce: is told the time from which the load may touch the box [s], when the swing begins.
         """
 
-        def carry_out(now: float) -> None:
-            elapsed = 0.0 if begun is None else now - begun
+        def task(at: float) -> _Task:
+            elapsed = 0.0 if begun is None else at - begun
             start = SwingState(self._drive.state.s, angle=model.rest_angle(), time=elapsed)
-            self.swing = self._swing_planner.plan(model, self.settings.swing_cost(self._limits), start)
-            swing = self._feasible(self.swing)
-            finish = finish_over_box(swing.end, self.settings.finish_x, self._limits, DT)
-            self.trajectory = swing.then(finish)
-            self._check(self.trajectory, self.swing)
-            self.started = now
-            announce(now + self._approach(self.swing))
-            self._drive.play(self.trajectory)
+            return self._task(model, self.settings.swing_cost(self._limits), start, finish=True)
 
-        self._request = carry_out
+        def keep(planned: _Planned) -> None:
+            self.swing = planned.plan
+            self.trajectory = planned.trajectory
+
+        def begin(at: float, planned: _Planned) -> None:
+            self.started = at
+            announce(at + self._approach(planned.plan))
+
+        self._request = _Request(task, begin, keep)
+
+    def _task(self, model: PendulumModel, cost: TaskCost, start: SwingState, finish: bool = False) -> _Task:
+        values = {name: p.value for name, p in model.parameters.items()}
+        return _Task(cost, values, start, self._drive.state, self._measured(), finish)
+
+    def _plan(self, task: _Task) -> _Planned:
+        """The motion, checked; beside the loop."""
+        model = self._model.with_values(task.values)
+        planner = self._planners[self.settings.duration if task.finish else self.settings.settling]
+        plan = planner.plan(model, task.cost, task.start)
+        try:
+            trajectory = self._feasible(plan, task.here)
+            if task.finish:
+                trajectory = trajectory.then(finish_over_box(trajectory.end, self.settings.finish_x, self._limits, DT))
+        except ArmdynError as error:
+            return _Planned(plan, problem=str(error))
+        return _Planned(plan, trajectory, self._check(trajectory, plan, model, task.at))
+
+    def _take(self, request: _Request, planned: _Planned) -> None:
+        """Keep a plan that is ready; where its instant has passed, the next step asks for another."""
+        request.keep(planned)
+        self.feasibility = planned.report
+        if planned.problem is not None:
+            raise TaskFailedError(planned.problem)
+        if planned.report is not None:
+            planned.report.require_feasible("the plan")
+        request.ready = planned
+
+    def _begin(self, request: _Request) -> None:
+        """Play what is ready."""
+        planned, due = request.ready, request.due
+        if planned is None or planned.trajectory is None or due is None:
+            raise TaskFailedError("there is no plan to play: this is a mistake of the program")
+        request.begin(due, planned)
+        self._drive.play(planned.trajectory)
 
     def _approach(self, swing: SwingPlan) -> float:
         """Time in the swing from which the load may touch the box [s]."""
         close = swing.load[:, 0] > self.settings.box.near_wall - NEAR_WALL
         return float(swing.time[int(close.argmax())]) if close.any() else float(swing.time[-1])
 
-    def _feasible(self, plan: SwingPlan) -> LineTrajectory:
-        """The motion within the limits of the line that is nearest to the plan, from the drive's present state."""
+    def _feasible(self, plan: SwingPlan, here: LineState) -> LineTrajectory:
+        """The motion within the limits of the line that is nearest to the plan, from what the arm was last told."""
         if not all(np.isfinite(part).all() for part in (plan.x, plan.v, plan.a, plan.load, plan.tension)):
             raise TaskFailedError("the plan holds a NaN or an infinity: check the model and the target")
         v = np.gradient(plan.x, DT)
         v[-1] = plan.v[-1] + DT / 2 * plan.a[-1]  # the plan's speeds belong to the middle of each step
-        motion = smooth_reference(plan.x, v, DT, self._limits, start=self._drive.state)
+        motion = smooth_reference(plan.x, v, DT, self._limits, start=here)
         missed = np.abs(motion.s - plan.x)
         if not missed.max() <= PLAN_TOLERANCE:
             k = int(missed.argmax())

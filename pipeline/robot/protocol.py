@@ -57,7 +57,10 @@ class RobotInterface(Protocol):
         ...
 
     def stop(self) -> None:
-        """Come to rest within the acceleration limits and hold, until the next command."""
+        """Come to rest within the acceleration limits and hold, until the next command.
+
+        On a robot that goes on by itself a watchdog may call it from another thread while any method here is running.
+        """
         ...
 
     def advance(self, duration: float) -> None:

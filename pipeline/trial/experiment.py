@@ -5,8 +5,9 @@ from the first motion to the last: whatever is raised, late or not finite on the
 ended, and is told only when the arm is at rest.
 """
 
-from collections.abc import Callable
-from contextlib import suppress
+import gc
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
@@ -17,20 +18,24 @@ from armdyn.control.task import SwingPlan, SwingState
 from armdyn.errors import ArmdynError
 from armdyn.identify.estimator import Estimator
 from armdyn.identify.least_squares import Outcome
+from armdyn.pendulum.model import PendulumModel
+from armdyn.pendulum.path import GripperPath
 from armdyn.pendulum.recorded import run_path
 from armdyn.run import Channel
 from ik import LineTable
 from pipeline.loadcell.faults import FaultDetector, FaultLimits
 from pipeline.motion import Gate, LineLimits, LineSmoother, LineState, LineTrajectory
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, Swing, check_line
+from pipeline.nodes.beside import AtOnce, Beside, InAProcess
 from pipeline.nodes.drive import LATEST, DriveNode
 from pipeline.nodes.estimator import EstimatorNode
 from pipeline.nodes.measurement import MeasurementNode, channel_units
 from pipeline.nodes.sac import SacNode
 from pipeline.nodes.scheduler import Clock, Node, Scheduler
 from pipeline.nodes.task import DT, TaskNode
+from pipeline.nodes.watchdog import Watchdog
 from pipeline.record import Recorder
-from pipeline.robot.protocol import RobotInterface
+from pipeline.robot.protocol import RobotInterface, Vector
 from pipeline.trial.reason import sentence_of
 from pipeline.trial.rest import come_to_rest
 from pipeline.trial.settings import ProtocolSettings
@@ -42,6 +47,8 @@ CALM = 0.6
 """Time between settling and swing [s]."""
 LOOK = 1.5
 """Time after the finish in which the load must come to rest in the box [s]."""
+FRESH = 0.1
+"""Time before the first cycle on a real clock [s], in which the robot's latest readings arrive."""
 THINKING = 10.0
 """Time that the loop may stand still while the arm stands still too [s]: the planner needs 1 to 3 s in one go."""
 
@@ -77,12 +84,10 @@ class Course:
 
     Attributes:
         phases: what went on when.
-        feasibility: report on the last planned motion; None before there is one.
         interrupted: who wants it to end, as a sentence; None while nobody does.
     """
 
     phases: list[PhaseSpan] = field(default_factory=list)
-    feasibility: FeasibilityReport | None = None
     interrupted: str | None = None
 
 
@@ -131,6 +136,7 @@ class Experiment:
         course: how far it has come.
         measurement, estimator, sac, task, drive: the nodes.
         scheduler: runs them.
+        watchdog: stops the arm where the loop hangs; None on a simulated clock.
     """
 
     def __init__(
@@ -153,21 +159,27 @@ class Experiment:
         limits, model = LineLimits.from_table(table), settings.starting_model()
         noise = {"load_force": settings.force_noise}
         self.measurement = MeasurementNode(robot, description, recorder, FaultDetector(cell), noise, settings.mass)
-        self.estimator = EstimatorNode(self.measurement, Estimator(model, noise), recorder)
+        self._beside: Beside = InAProcess() if clock.real else AtOnce()
+        self.estimator = EstimatorNode(self.measurement, Estimator(model, noise), recorder, self._beside)
         gate = Gate(limits, table, description.limits, DT)
         smoother = LineSmoother(limits, DT, LineState(0.0))
         self.drive = DriveNode(robot, table, smoother, gate, self.measurement, recorder)
         self.sac = SacNode(self.measurement, self.estimator, self.drive)
         # Without an estimate the planner is the paper's, which knows no box: that is what Table I compares with.
         task = settings.task if settings.estimate or settings.model else replace(settings.task, cautious=False)
-        self.task = TaskNode(model, self.drive, limits, self._check, task)
+        self.task = TaskNode(
+            model, self.drive, limits, self._check, lambda: self.measurement.state.q, task, self._beside
+        )
         nodes: list[Node] = [self.measurement, self.estimator, self.sac, self.task, self.drive]
-        self.scheduler = Scheduler(clock, nodes, lambda: THINKING if self.drive.standing else LATEST)
+        each_round = self._come_round if clock.real else None
+        self.scheduler = Scheduler(clock, nodes, lambda: THINKING if self.drive.standing else LATEST, each_round)
+        self.watchdog = Watchdog(self.drive.halt, lambda: not self.drive.standing, LATEST) if clock.real else None
 
     def run(self) -> Ending:
         """The whole protocol; the arm is at rest when it returns, and also when it is left by a second Ctrl-C."""
-        with noted_signals(self._interrupt):
+        with noted_signals(self._interrupt), ExitStack() as ended:
             try:
+                self._begin(ended)
                 success = self._protocol()
                 ending = Ending(success, f"the load {'came to rest in' if success else 'missed'} the box", False)
             except (Exception, SystemExit) as error:  # a user's effect may call sys.exit
@@ -181,6 +193,25 @@ class Experiment:
                 said = sentence_of(error, "completing the recording", self._clock.time)
                 ending = replace(ending, message=f"{ending.message}; {said}")
             return ending
+
+    def _begin(self, ended: ExitStack) -> None:
+        """On a real clock: what works beside the loop is started while the arm stands."""
+        ended.callback(self._beside.end)
+        if self.watchdog is None:
+            return
+        self.sac.warm_up()
+        self._beside.start()
+        ended.enter_context(self.watchdog)  # a thread: only now, because the process is a copy of this one
+        ended.enter_context(_no_collection())
+        self._clock.advance_to(self._clock.time + FRESH)
+        self.measurement.discard()
+        self.scheduler.begin()
+
+    def _come_round(self) -> None:
+        """At the beginning of every round on a real clock."""
+        if self.watchdog is not None:
+            self.watchdog.beat()
+        self._beside.collect()
 
     def channel(self, name: str) -> Channel:
         """What was recorded of a channel so far."""
@@ -202,10 +233,11 @@ class Experiment:
             self.estimator.end()
             self._require_estimate()
             self.task.settle(self.estimator.model, self._swing_state)
-            self._run(Phase.SETTLE, 0.5, c.task.settling + 2.0, lambda: self.task.idle)
+            longest = self.task.longest_planning + c.task.settling + 2.0
+            self._run(Phase.SETTLE, 0.5, longest, lambda: self.task.idle)
             self._run(Phase.CALM, 0.65, CALM)
         self.task.throw(self.estimator.model, self.estimator.start, self.measurement.expect_touch)
-        self._run(Phase.SWING, 0.7, c.task.duration + 1.0, self._swing_ends)
+        self._run(Phase.SWING, 0.7, self.task.longest_planning + c.task.duration + 1.0, self._swing_ends)
         self.measurement.let_down(self._clock.time)
         self._run(Phase.FINISH, 0.9, 3.0, lambda: self.task.idle)
         self._run(Phase.LOOK, 0.95, LOOK)
@@ -248,9 +280,13 @@ class Experiment:
         start = self._clock.time
         self.task.cancel()
         self.estimator.end()
-        failed = come_to_rest(self.drive, self.measurement, self._robot)
+        stopped_by = [self.watchdog.fault] if self.watchdog is not None and self.watchdog.fault else []
+        failed = come_to_rest(
+            self.drive, self.measurement, self._robot, self.watchdog.beat if self.watchdog is not None else None
+        )
         self.course.phases.append(PhaseSpan(Phase.STOP, start, self._clock.time))
-        return Ending(False, "; ".join([reason, *failed]), True, None if isinstance(error, _StopError) else error)
+        message = "; ".join([reason, *stopped_by, *failed])
+        return Ending(False, message, True, None if isinstance(error, _StopError) else error)
 
     def _certain(self) -> bool:
         c, history = self.settings, self.estimator.history
@@ -273,28 +309,51 @@ class Experiment:
         swing, started = self.task.swing, self.task.started
         return swing is not None and started is not None and self._clock.time >= started + swing.time[-1] - DT / 2
 
-    def _swing_state(self) -> SwingState:
-        """Gripper and load now, from the measured path and the latest estimate."""
-        model, here = self.estimator.model, self.drive.state
+    def _swing_state(self, at: float) -> SwingState:
+        """Gripper and load at an instant [s], from the measured path and the latest estimate.
+
+        An instant ahead is one of a gripper that stands where it is now; the load swings on under it.
+        """
+        model, here, begun = self.estimator.model, self.drive.state, self.estimator.start or 0.0
         self.measurement.update_path()
         path = run_path(self.measurement.run())
+        path = _waiting(path, at - begun) if self._clock.real else path
         speed, angle, rate = model.swing_at_the_end(path)
         # With a lag the string's upper end is behind the gripper and has another speed.
         lag = model.gripper_lag(model.physics_theta())
         hung_at, at_speed = (here.s - lag * speed, speed) if lag else (here.s, here.v)
-        return SwingState(hung_at, at_speed, angle, rate, self._clock.time - path.start)
+        return SwingState(hung_at, at_speed, angle, rate, at - begun)
 
-    def _check(self, trajectory: LineTrajectory, plan: SwingPlan) -> None:
-        """Refuse a motion that the arm cannot do; the box is left out where the load is meant to go in."""
-        c, length = self.settings, self.estimator.model.value("length")
+    def _check(
+        self, trajectory: LineTrajectory, plan: SwingPlan, model: PendulumModel, at: Vector
+    ) -> FeasibilityReport:
+        """Judge a motion; the box is left out where the load is meant to go in."""
+        c, length = self.settings, model.value("length")
         swing = Swing(plan.time, plan.angle, np.append(plan.tension, plan.tension[-1]), length, c.load_radius)
-        report = check_line(
-            self.table,
-            self.description,
-            trajectory,
-            CheckSettings(load_mass=c.mass),
-            swing,
-            at=self.measurement.state.q,
-        )
-        self.course.feasibility = report
-        report.require_feasible("the plan")
+        return check_line(self.table, self.description, trajectory, CheckSettings(load_mass=c.mass), swing, at=at)
+
+
+@contextmanager
+def _no_collection() -> Iterator[None]:
+    """Leave Python's collection of cyclic garbage until the end: it stops the loop for 20 to 50 ms at a time."""
+    was_on = gc.isenabled()
+    gc.collect()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()
+
+
+def _waiting(path: GripperPath, end: float) -> GripperPath:
+    """The path, on which the gripper then stands until `end` [s]."""
+    steps = max(0, round((end - path.start) / path.dt) - (len(path.x) - 1))
+    still = np.zeros(steps)
+    height = path.height
+    if height is not None:
+        level = np.vstack([np.full(steps, height[0, -1]), still, still])
+        height = np.hstack([height, level])
+    x = np.append(path.x, np.full(steps, path.x[-1]))
+    v, a = (np.append(part, still) for part in (path.v, path.a))
+    return GripperPath(path.start, path.dt, x, v, a, height, path.elapsed)

@@ -24,7 +24,7 @@ def report_of(
         command: how to run it again.
         executed: the swing as it was; None where nobody saw it.
     """
-    feasibility = experiment.course.feasibility
+    feasibility = experiment.task.feasibility
     return trial_report(
         TrialReportData(
             level=Level.GOOD if result.success else Level.BAD,

@@ -1,5 +1,6 @@
 """Bringing the arm to rest, whatever has happened: with as little as possible that could fail as well."""
 
+from collections.abc import Callable
 from contextlib import suppress
 
 from pipeline.nodes.drive import DriveNode
@@ -12,7 +13,9 @@ SETTLED_FOR = 0.3
 """How long the arm is watched at rest [s]: its servo is soft, and the end of the motion belongs to the recording."""
 
 
-def come_to_rest(drive: DriveNode, measurement: MeasurementNode, robot: RobotInterface) -> list[str]:
+def come_to_rest(
+    drive: DriveNode, measurement: MeasurementNode, robot: RobotInterface, beat: Callable[[], None] | None = None
+) -> list[str]:
     """Brake along the line within its limits, then hold; where that fails, let the robot brake on its own.
 
     Only the drive and the measurement run. The time is counted in cycles, because the clock may be what failed.
@@ -21,13 +24,14 @@ def come_to_rest(drive: DriveNode, measurement: MeasurementNode, robot: RobotInt
         drive: that sends the commands.
         measurement: that records how the arm comes to rest.
         robot: that is told to hold at the end.
+        beat: tells a watchdog in every cycle that this goes on; None where there is none.
 
     Returns:
         A sentence for everything that failed on the way; empty where nothing did.
     """
     failed: list[str] = []
     drive.stop()
-    _brake(drive, measurement, robot, failed)
+    _brake(drive, measurement, robot, beat, failed)
     try:
         # Also after a perfect stop: from here on the robot holds without this program.
         drive.halt()
@@ -36,14 +40,21 @@ def come_to_rest(drive: DriveNode, measurement: MeasurementNode, robot: RobotInt
     for _ in range(round(SETTLED_FOR / drive.period)):
         try:
             robot.advance(drive.period)
-        except Exception:
+        except Exception as error:
+            failed.append(f"how the arm came to rest was not watched to the end ({type(error).__name__}: {error})")
             break
         with suppress(Exception):  # it has been noted why the trial ended; this only completes the recording
             measurement.step(robot.time)
     return failed
 
 
-def _brake(drive: DriveNode, measurement: MeasurementNode, robot: RobotInterface, failed: list[str]) -> None:
+def _brake(
+    drive: DriveNode,
+    measurement: MeasurementNode,
+    robot: RobotInterface,
+    beat: Callable[[], None] | None,
+    failed: list[str],
+) -> None:
     """Send braking references until the arm is told to stand still."""
     try:
         sent = drive.sent_at
@@ -51,6 +62,8 @@ def _brake(drive: DriveNode, measurement: MeasurementNode, robot: RobotInterface
         for _ in range(round(LONGEST / drive.period)):
             if drive.at_rest:
                 return
+            if beat is not None:
+                beat()
             if not due:
                 robot.advance(drive.period)
                 with suppress(Exception):  # a stop needs no measurement

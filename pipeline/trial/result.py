@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from armdyn.errors import InputError
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.recorded import run_path
 from pipeline.nodes.estimator import LengthEstimate
@@ -15,7 +16,7 @@ from pipeline.trial.experiment import Ending, Experiment, Phase, PhaseSpan
 
 @dataclass(frozen=True)
 class Peaks:
-    """Largest magnitudes while the length was learnt, or during the swing where it was not.
+    """Largest magnitudes while the length was learnt, or during the swing where it was not; None where unknown.
 
     Attributes:
         x: gripper [m].
@@ -24,10 +25,10 @@ class Peaks:
         swing_angle: of the model along the measured path [rad].
     """
 
-    x: float
-    v: float
-    a: float
-    swing_angle: float
+    x: float | None
+    v: float | None
+    a: float | None
+    swing_angle: float | None
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class TrialResult:
         length_std: [m]; 0 where nothing was estimated.
         estimates: every update of the estimator.
         peak: largest magnitudes.
-        minimum_tension: smallest measured force before the swing ended [N].
+        minimum_tension: smallest measured force before the swing ended [N]; None where none was measured.
         feasible: whether the plan passed the check; None where it did not come to a plan.
         iterations: of the optimiser.
         cost: of the plan.
@@ -53,7 +54,8 @@ class TrialResult:
         cycle_seconds: mean time that SAC took to predict the state and choose an action.
         stopped: whether the trial was ended for safety, or by the user.
         recording: the MCAP file, None where nothing was kept.
-        notes: a sentence per kind of reading that was left out; empty in a healthy trial.
+        missed_cycles: cycles of the loop that were left out because it was late; 0 on a simulated clock.
+        notes: a sentence per kind of reading that was left out, and on missed cycles; empty in a healthy trial.
     """
 
     success: bool
@@ -64,7 +66,7 @@ class TrialResult:
     length_std: float
     estimates: tuple[LengthEstimate, ...]
     peak: Peaks
-    minimum_tension: float
+    minimum_tension: float | None
     feasible: bool | None
     iterations: int
     cost: float | None
@@ -74,6 +76,7 @@ class TrialResult:
     cycle_seconds: float
     stopped: bool
     recording: Path | None
+    missed_cycles: int = 0
     notes: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
@@ -103,6 +106,7 @@ class TrialResult:
                 name: {"value": p.value, "std": p.std, "unit": p.unit} for name, p in self.model.parameters.items()
             },
             "recording": str(self.recording) if self.recording else None,
+            "missed_cycles": self.missed_cycles,
             **({"notes": list(self.notes)} if self.notes else {}),
         }  # fmt: skip
 
@@ -119,9 +123,11 @@ def result_of(experiment: Experiment, ending: Ending, length_true: float | None,
     history, swing = experiment.estimator.history, experiment.task.swing
     force, report, cycles = (
         experiment.channel("load_force").value,
-        experiment.course.feasibility,
+        experiment.task.feasibility,
         experiment.sac.seconds,
     )
+    cycle = experiment.scheduler.timing[experiment.drive.name]
+    late = (f"the loop was late: {cycle.skipped} of {cycle.skipped + cycle.steps} cycles were missed",)
     return TrialResult(
         success=ending.success,
         message=ending.message,
@@ -130,8 +136,8 @@ def result_of(experiment: Experiment, ending: Ending, length_true: float | None,
         length_estimate=experiment.estimator.model.value("length"),
         length_std=history[-1].std if history else 0.0,
         estimates=tuple(history),
-        peak=_known_peaks(experiment, ending),
-        minimum_tension=float(force.min()) if len(force) else 0.0,
+        peak=_peaks(experiment),
+        minimum_tension=float(force.min()) if len(force) else None,
         feasible=None if report is None else report.feasible,
         iterations=len(swing.solution.iterations) if swing else 0,
         cost=swing.solution.cost if swing else None,
@@ -141,39 +147,38 @@ def result_of(experiment: Experiment, ending: Ending, length_true: float | None,
         cycle_seconds=float(np.mean(cycles)) if cycles else 0.0,
         stopped=ending.stopped,
         recording=recording,
-        notes=experiment.measurement.notes,
+        missed_cycles=cycle.skipped,
+        notes=experiment.measurement.notes + (late if cycle.skipped else ()),
     )
-
-
-def _known_peaks(experiment: Experiment, ending: Ending) -> Peaks:
-    """The peaks; 0 where what ended the trial also keeps them from being computed."""
-    try:
-        return _peaks(experiment)
-    except Exception:
-        if not ending.stopped:
-            raise
-        return Peaks(0.0, 0.0, 0.0, 0.0)
 
 
 def _peaks(experiment: Experiment) -> Peaks:
     """Largest magnitudes while learning, or in the swing where nothing was learnt."""
     span = experiment.span(Phase.LEARN if experiment.settings.estimate else Phase.SWING)
     if span is None:
-        return Peaks(0.0, 0.0, 0.0, 0.0)
+        return Peaks(None, None, None, None)
 
-    def peak(name: str) -> float:
+    def peak(name: str) -> float | None:
         channel = experiment.channel(name)
         inside = (channel.time >= span.start) & (channel.time <= span.end)
-        return float(np.max(np.abs(channel.value[inside]), initial=0.0))
+        return float(np.max(np.abs(channel.value[inside]))) if inside.any() else None
 
     return Peaks(peak("reference.x"), peak("reference.v"), peak("reference.a"), _largest_angle(experiment, span))
 
 
-def _largest_angle(experiment: Experiment, span: PhaseSpan) -> float:
-    """Of the model with the last estimate along the measured path."""
+def _largest_angle(experiment: Experiment, span: PhaseSpan) -> float | None:
+    """Of the model with the last estimate along the measured path; None where there is no path or no such angle."""
     if experiment.estimator.start is None:
         swing = experiment.task.swing
-        return float(np.max(np.abs(swing.angle))) if swing else 0.0
-    path, model = run_path(experiment.measurement.run()), experiment.estimator.model
-    angles = model.rollout(path, model.theta(), channels=("load_force",)).states[:, 0]
-    return float(np.max(np.abs(angles[: int((span.end - span.start) / path.dt)]), initial=0.0))
+        return float(np.max(np.abs(swing.angle))) if swing else None
+    try:
+        run = experiment.measurement.run()
+    except InputError:  # it ended before anything was measured
+        return None
+    path, model = run_path(run), experiment.estimator.model
+    try:
+        angles = model.rollout(path, model.theta(), channels=("load_force",)).states[:, 0]
+    except ArithmeticError:  # a model that cannot be computed, which then also ended the trial
+        return None
+    angles = angles[: int((span.end - span.start) / path.dt)]
+    return float(np.max(np.abs(angles))) if len(angles) and np.isfinite(angles).all() else None

@@ -13,7 +13,7 @@ import urdf
 from armdyn.errors import ArmdynError
 from armdyn.run import Known
 from pipeline.loadcell.faults import FaultLimits
-from pipeline.nodes.scheduler import SimulatedClock
+from pipeline.nodes.scheduler import Clock, SimulatedClock
 from pipeline.record import Recorder
 from pipeline.robot.protocol import RobotInterface, Vector
 from pipeline.robot.settings import PlantSettings
@@ -82,6 +82,7 @@ def simulate(
     settings: TrialSettings,
     progress: Progress | None = None,
     through: Callable[[SimulatedRobot], RobotInterface] | None = None,
+    clock: Callable[[RobotInterface], Clock] = SimulatedClock,
 ) -> SimulatedTrial:
     """One whole trial on the simulated robot; the recording and the model are written where settings say so.
 
@@ -89,6 +90,7 @@ def simulate(
         settings: of protocol and simulation.
         progress: told what is going on.
         through: what stands between the robot and the protocol, such as a fault that is tried; nothing if not given.
+        clock: of what the protocol then sees; one that is real where that goes on by itself.
 
     Raises:
         InputError: settings that cannot be used.
@@ -105,7 +107,7 @@ def simulate(
         try:
             experiment = Experiment(
                 reached,
-                SimulatedClock(reached),
+                clock(reached),
                 description,
                 table,
                 recorder,

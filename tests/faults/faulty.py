@@ -5,11 +5,16 @@ Every fault begins at a time and ends at another; between them a reading, a comm
 
 import math
 import os
+import threading
 from dataclasses import replace
+from time import monotonic, sleep
 
 import numpy as np
 
 from pipeline.robot.protocol import ForceSample, JointState
+
+AT_REST = 0.02
+"""Speed along the line of an arm that stands [m/s]; one that moves has 0.1 to 1."""
 
 
 class Through:
@@ -165,3 +170,73 @@ def with_force(change):
 
 def one_joint_fewer(state):
     return JointState(state.time, state.q[:-1], state.v[:-1], state.tau[:-1])
+
+
+class InRealTime(Through):
+    """A simulated robot that goes on by itself, as a real one does: a thread keeps it up with the clock on the wall."""
+
+    def __init__(self, *when):
+        super().__init__(*when)
+        self._lock, self._ended = threading.Lock(), threading.Event()
+
+    def around(self, robot):
+        self._begun = monotonic()
+        threading.Thread(target=self._go_on, args=(robot,), daemon=True).start()
+        return super().around(robot)
+
+    def leave(self):
+        self._ended.set()
+
+    @property
+    def time(self):
+        return monotonic() - self._begun
+
+    @property
+    def active(self):
+        return self.start <= self.time
+
+    def _go_on(self, robot):
+        while not self._ended.wait(0.002):
+            with self._lock:
+                robot.advance(max(0.0, self.time - robot.time))
+
+    def advance(self, duration):
+        sleep(duration)
+
+    def command(self, q, v, a):
+        with self._lock:
+            super().command(q, v, a)
+
+    def stop(self):
+        with self._lock:
+            super().stop()
+
+    def joint_state(self):
+        with self._lock:
+            return super().joint_state()
+
+    def load_cell(self):
+        with self._lock:
+            return super().load_cell()
+
+    def speed(self):
+        with self._lock:
+            return abs(self.robot.gripper_truth().s_velocity)
+
+
+class Hangs(InRealTime):
+    """Asked for the load cell, it does not answer until the arm stands, or for 5 s."""
+
+    def load_cell(self):
+        if self.active and not self.hung and self.speed() > 0.1:
+            self.hung = True
+            begun = monotonic()
+            self.fastest = self.speed()
+            while (
+                not (self.speed() < AT_REST and any(len(told) == 1 for told in self.told)) and monotonic() < begun + 5
+            ):
+                sleep(0.002)
+            self.stood_after = monotonic() - begun
+        return super().load_cell()
+
+    hung = False

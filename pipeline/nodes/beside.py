@@ -1,0 +1,188 @@
+"""Work that takes longer than a cycle of the loop: at once on a simulated clock, in another process on a real one.
+
+A process and not a thread: the check of a motion holds Python's lock for up to 0.1 s at a time, and the estimator and
+SAC would share CasADi's buffers.
+"""
+
+import multiprocessing
+import pickle
+import signal
+import traceback
+from collections.abc import Callable
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from typing import Any, Protocol
+
+from armdyn.errors import ArmdynError, InputError, TaskFailedError
+
+Work = Callable[[Any], Any]
+Then = Callable[[Any], None]
+
+
+class Beside(Protocol):
+    """Where long work is done."""
+
+    at_once: bool
+    """Whether `ask` returns only when the work is done, and no time passes meanwhile."""
+
+    def provide(self, name: str, work: Work) -> None:
+        """Make known what can be asked for; before `start`."""
+        ...
+
+    def start(self) -> None:
+        """Get ready; from now on changes of what the work belongs to may no longer reach it."""
+        ...
+
+    def ask(self, name: str, argument: Any, then: Then) -> None:
+        """Have `work(argument)` done, and `then` called with its result in the loop, by `collect` at the latest."""
+        ...
+
+    def busy(self, name: str) -> bool:
+        """Whether work of this name was asked for and is not done."""
+        ...
+
+    def collect(self) -> None:
+        """Take what is done; called in every round of the loop.
+
+        Raises:
+            Exception: what the work has raised.
+        """
+        ...
+
+    def end(self) -> None:
+        """Do no more; results that are not taken are lost."""
+        ...
+
+
+class AtOnce:
+    """Does the work in the loop: right where no time passes meanwhile."""
+
+    at_once = True
+
+    def __init__(self) -> None:
+        self._work: dict[str, Work] = {}
+
+    def provide(self, name: str, work: Work) -> None:
+        """See `Beside`."""
+        self._work[name] = work
+
+    def start(self) -> None:
+        """Nothing to prepare."""
+
+    def ask(self, name: str, argument: Any, then: Then) -> None:
+        """See `Beside`."""
+        then(self._work[name](argument))
+
+    def busy(self, name: str) -> bool:  # noqa: ARG002
+        """Never."""
+        return False
+
+    def collect(self) -> None:
+        """Nothing is left to take."""
+
+    def end(self) -> None:
+        """Nothing to end."""
+
+
+class InAProcess:
+    """Does the work in a process that begins as a copy of this one, so that the loop goes on meanwhile.
+
+    Arguments and results are copied, and must be such that they can be pickled; what the work changes in its objects
+    stays in the process. `start` it while the arm stands, and before other threads are started where that is possible.
+
+    Raises:
+        InputError: this system cannot copy a process.
+    """
+
+    at_once = False
+
+    def __init__(self) -> None:
+        if "fork" not in multiprocessing.get_all_start_methods():
+            raise InputError("a robot that moves by itself needs Linux or macOS: this system cannot copy a process")
+        self._work: dict[str, Work] = {}
+        self._then: dict[str, list[Then]] = {}
+        self._connection: Connection | None = None
+        self._process: multiprocessing.process.BaseProcess | None = None
+
+    def provide(self, name: str, work: Work) -> None:
+        """See `Beside`."""
+        self._work[name], self._then[name] = work, []
+
+    def start(self) -> None:
+        """See `Beside`."""
+        context = multiprocessing.get_context("fork")
+        self._connection, other = context.Pipe()
+        self._process = context.Process(
+            target=_serve, args=(self._connection, other, self._work), name="armdyn beside", daemon=True
+        )
+        self._process.start()
+        other.close()
+
+    def ask(self, name: str, argument: Any, then: Then) -> None:
+        """See `Beside`."""
+        if self._connection is None:
+            raise RuntimeError("start the process before it is asked")
+        self._then[name].append(then)
+        try:
+            self._connection.send_bytes(pickle.dumps((name, argument)))
+        except OSError as error:
+            raise _gone() from error
+
+    def busy(self, name: str) -> bool:
+        """See `Beside`."""
+        return bool(self._then[name])
+
+    def collect(self) -> None:
+        """See `Beside`."""
+        if self._connection is None:
+            return
+        try:
+            while self._connection.poll():
+                name, result, problem = pickle.loads(self._connection.recv_bytes())
+                then = self._then[name].pop(0)
+                if problem is not None:
+                    raise TaskFailedError(problem)
+                then(result)
+        except (EOFError, OSError) as error:
+            raise _gone() from error
+
+    def end(self) -> None:
+        """See `Beside`."""
+        if self._process is not None and self._connection is not None:
+            self._connection.close()
+            self._process.kill()
+            self._process.join()
+        self._process = self._connection = None
+        for waiting in self._then.values():
+            waiting.clear()
+
+
+def _gone() -> TaskFailedError:
+    return TaskFailedError("the process that estimates and plans has ended: check this computer's memory")
+
+
+def _serve(ours: Connection, connection: Connection, work: dict[str, Work]) -> None:
+    """The process: work until the other end is closed."""
+    ours.close()  # else this process would keep its own pipe open, and outlive the other
+    for name in ("SIGINT", "SIGHUP"):  # a terminal sends them to all of a group; the loop decides what they mean
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    with suppress(EOFError, OSError):
+        while True:
+            name, argument = pickle.loads(connection.recv_bytes())
+            try:
+                answer = pickle.dumps((name, work[name](argument), None))
+            except BaseException as error:
+                answer = pickle.dumps((name, None, _sentence(name, error)))
+            connection.send_bytes(answer)
+
+
+def _sentence(name: str, error: BaseException) -> str:
+    """What was raised: an exception of a foreign kind may not survive the copy."""
+    said = " ".join(str(error).split())
+    if isinstance(error, ArmdynError):
+        return said
+    frames = traceback.extract_tb(error.__traceback__)
+    place = f" ({frames[-1].filename.rpartition('/')[2]}, line {frames[-1].lineno})" if frames else ""
+    return f"the {name} failed: {type(error).__name__}{': ' if said else ''}{said[:300]}{place}"

@@ -1,0 +1,103 @@
+import os
+import signal
+from time import monotonic, sleep
+
+import numpy as np
+import pytest
+
+from armdyn.errors import InputError, TaskFailedError
+from pipeline.nodes.beside import AtOnce, InAProcess
+
+
+class Counter:
+    """Work that remembers how often it was done."""
+
+    def __init__(self):
+        self.count = 0
+
+    def work(self, values):
+        self.count += 1
+        return self.count, os.getpid(), 2.0 * np.asarray(values)
+
+
+def collected(beside, done, patience=20.0):
+    end = monotonic() + patience
+    while not done and monotonic() < end:
+        beside.collect()
+        sleep(0.002)
+    return done
+
+
+@pytest.fixture
+def process():
+    beside = InAProcess()
+    yield beside
+    beside.end()
+
+
+def test_at_once_is_done_before_it_returns():
+    beside, counter, found = AtOnce(), Counter(), []
+    beside.provide("double", counter.work)
+    beside.ask("double", [1.0], found.append)
+    assert found[0][:2] == (1, os.getpid())
+    assert not beside.busy("double")
+
+
+def test_another_process_works_and_remembers(process):
+    counter, found = Counter(), []
+    process.provide("double", counter.work)
+    process.start()
+    for _ in range(2):
+        process.ask("double", [1.5], found.append)
+        assert process.busy("double")
+        before = len(found)
+        while len(found) == before:
+            assert collected(process, found)
+            process.collect()
+    assert [(f[0], f[2][0]) for f in found] == [(1, 3.0), (2, 3.0)]
+    assert found[0][1] != os.getpid()
+    assert counter.count == 0
+    assert not process.busy("double")
+
+
+def raised(error):
+    def work(_argument):
+        raise error
+
+    return work
+
+
+@pytest.mark.parametrize(
+    ("error", "says"),
+    [
+        (InputError("a sentence of ours"), "^a sentence of ours$"),
+        (np.linalg.LinAlgError("singular"), r"odd failed: LinAlgError: singular \(test_beside.py, line"),
+        (SystemExit(0), "SystemExit"),
+    ],
+)
+def test_what_the_work_raises_is_raised_in_the_loop(process, error, says):
+    process.provide("odd", raised(error))
+    process.start()
+    process.ask("odd", None, lambda _result: None)
+    with pytest.raises(TaskFailedError, match=says):
+        collected(process, [])
+    assert not process.busy("odd")
+
+
+def test_a_process_that_was_killed_is_a_sentence(process):
+    process.provide("dies", lambda _argument: os.kill(os.getpid(), signal.SIGKILL))
+    process.start()
+    process.ask("dies", None, lambda _result: None)
+    with pytest.raises(TaskFailedError, match="has ended"):
+        collected(process, [])
+
+
+def test_ctrl_c_in_the_terminal_is_left_to_the_loop(process):
+    found = []
+    process.provide("pid", lambda _argument: os.getpid())
+    process.start()
+    process.ask("pid", None, found.append)
+    os.kill(collected(process, found)[0], signal.SIGINT)
+    process.ask("pid", None, found.append)
+    while len(found) < 2:
+        process.collect()
