@@ -23,6 +23,7 @@ from pipeline.robot.protocol import Vector
 from pipeline.robot.settings import PlantSettings
 from pipeline.robot.simulated import SimulatedRobot
 from pipeline.ros.bridge import Bridge
+from pipeline.ros.priority import ask_for_real_time
 from pipeline.ros.topics import RosTopics
 
 STEP = 0.002
@@ -163,6 +164,7 @@ class Twin:
         Args:
             until: the condition; looked at every few ms.
         """
+        ask_for_real_time()
         gc.collect()
         gc.freeze()  # what was loaded stays; looking through it again and again would take 50 ms each time
         start = time.monotonic() - self.robot.time

@@ -21,6 +21,7 @@ from pipeline.motion.feasibility import CheckSettings, box_and_table, check_join
 from pipeline.nodes.measurement import GRAVITY
 from pipeline.nodes.scheduler import RealClock
 from pipeline.robot.ros import Figures, RosRobot
+from pipeline.ros.priority import ask_for_real_time
 from pipeline.ros.telemetry import PublishingRecorder, Telemetry
 from pipeline.ros.topics import RosTopics
 from pipeline.trial.experiment import Experiment, Progress, recorded_channels
@@ -40,8 +41,6 @@ CALM = 2.0
 """Standard deviations of one sample that the force may vary by at rest, over `CALM_TIME`."""
 CALM_TIME, CALM_PATIENCE = 2.0, 60.0
 """How long the load must hang still, and how long that is waited for [s]."""
-BREATH = 0.2
-"""Time for the threads that receive to catch up after the models were built [s]."""
 OPEN_CELL = 6.0
 """Longest time to the first sample of the load cell [s]: most boards restart when their port is opened."""
 
@@ -150,10 +149,6 @@ def run_real(
                 robot, clock, link.arm, table, recorder, c,
                 cell=_cell_limits(link.calibration), landed=lambda: True, progress=show,
             )  # fmt: skip
-            gc.collect()
-            gc.freeze()  # what was loaded stays; looking through it again and again would cost cycles
-            robot.advance(BREATH)
-            robot.load_cell()  # what arrived meanwhile is too old to be used
             ending = experiment.run()
         except BaseException:
             with suppress(ArmdynError, OSError):  # the recording is completed, but must not hide what happened
@@ -201,8 +196,13 @@ def rehearse(
 
 
 def _tell_link(robot: RosRobot, asking: Asking) -> None:
+    gc.collect()
+    gc.freeze()  # what was loaded stays; looking through it again and again would stop a motion for 50 ms
+    granted = ask_for_real_time()
     assert robot.figures.round_trip is not None, "it is measured at the start"
     asking.tell(f"round trip to the robot's master: median {robot.figures.round_trip.milliseconds}")
+    if not granted:
+        asking.tell("this program runs with ordinary priority: close others, or allow real time (docs/robot.md)")
 
 
 def _require_force(robot: RosRobot, c: ProtocolSettings) -> None:
