@@ -20,7 +20,7 @@ from pipeline.ros.baxter import Power
 from pipeline.ros.bridge import Bridge
 from pipeline.ros.gate import FRESH, PERIOD, CommandGate
 from pipeline.ros.latency import Spread, round_trip
-from pipeline.ros.states import JointStates
+from pipeline.ros.states import EvenTimes, JointStates
 from pipeline.ros.telemetry import Telemetry
 from pipeline.ros.topics import RosTopics
 from pipeline.ros.wording import command_message, point_message, positions_in
@@ -112,7 +112,7 @@ class RosRobot:
         self._foreign = False
         self._sent: tuple[Vector, Vector, Vector] | None = None
         self._sent_at: float | None = None
-        self._read_at: float | None = None
+        self._reader = EvenTimes(PERIOD)
         self._brake_from: tuple[Vector, Vector, Vector] | None = None
         self._braking, self._closing = threading.Event(), threading.Event()
         self.bridge = Bridge(uri, clock=clock)
@@ -209,14 +209,7 @@ class RosRobot:
         now = self.time
         if now - newest.time > FRESH:
             return newest  # its age says that something is wrong
-        wanted = now - LAG
-        if self._read_at is None:
-            self._read_at = wanted
-        else:
-            # Even steps: a cycle that begins late must not bend the path. Only whole missed steps are left out.
-            missed = (wanted - self._read_at) / PERIOD
-            self._read_at += PERIOD * (int(missed) if missed >= 2.0 else missed > 0.05)
-        state = self._states.at(self._read_at)
+        state = self._states.at(self._reader.next(now - LAG))
         assert state is not None, "there is a newest state"
         return state
 

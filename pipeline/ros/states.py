@@ -135,6 +135,43 @@ class JointStates:
         return JointState(self._stamps.local(stamp, received) if stamp > 0.0 else received, q, v, tau)
 
 
+LATE = 5
+"""A cycle may begin late now and then; only when so many in a row are late was one left out."""
+FAR = 3.0
+"""Periods behind that are caught up at once."""
+
+
+class EvenTimes:
+    """Even times to read at, for a loop whose cycles begin a little late now and then, or are left out.
+
+    Late cycles must not bend what is read into a path; a cycle that was left out leaves a gap of whole periods.
+
+    Args:
+        period: of the loop [s].
+    """
+
+    def __init__(self, period: float) -> None:
+        self._period = period
+        self._last: float | None = None
+        self._behind: deque[float] = deque(maxlen=LATE)
+
+    def next(self, wanted: float) -> float:
+        """When to read in this cycle [s]: one period after the last time, unless that is far from `wanted` [s]."""
+        if self._last is None:
+            self._last = wanted
+            return wanted
+        behind = (wanted - self._last) / self._period - 1.0
+        if behind < -0.5:  # asked twice in one cycle
+            return self._last
+        self._behind.append(behind)
+        steps = 1
+        if behind >= FAR or (len(self._behind) == LATE and min(self._behind) > 0.9):
+            steps += int(behind if behind >= FAR else min(self._behind) + 0.1)
+            self._behind.clear()
+        self._last += steps * self._period
+        return self._last
+
+
 def stamp_of(message: Mapping[str, Any]) -> float:
     """Time stamp of a message's header [s]; 0 where it has none, and nan where it cannot be read."""
     header = message.get("header")

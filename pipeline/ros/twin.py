@@ -120,6 +120,7 @@ class Twin:
         self.bridge = Bridge(uri)
         self._enabled, self._stopped, self._button, self._source = False, False, 0, 0
         self._enabling: float | None = None
+        self._epoch = 0.0
         self._order = sorted((*OTHERS, *self._names))
         self._connect()
 
@@ -168,6 +169,7 @@ class Twin:
         gc.collect()
         gc.freeze()  # what was loaded stays; looking through it again and again would take 50 ms each time
         start = time.monotonic() - self.robot.time
+        self._epoch = time.time() - self.robot.time + self._stamp_offset
         next_state = self.robot.time
         while not until() and self.bridge.failure is None:
             now = time.monotonic()
@@ -175,6 +177,7 @@ class Twin:
             if late > FAR_BEHIND:
                 self.tally.behind += late - STEP
                 start += late - STEP
+                self._epoch += late - STEP
             self._live(now, now - start)
             if self.robot.time >= next_state - STEP / 2:
                 next_state = max(next_state + STATE_EVERY, self.robot.time)
@@ -211,7 +214,8 @@ class Twin:
             for n, q, v, t in zip(self._names, state.q, state.v, state.tau, strict=True)
         }
         columns = [[rows[name][i] for name in self._order] for i in range(3)]
-        stamp = time.time() + self._stamp_offset
+        # Of the plant's time: what a busy computer sends late is still what was measured then.
+        stamp = self._epoch + self.robot.time
         self._say(self._topics.joint_states, {
             "header": {"stamp": {"secs": int(stamp), "nsecs": round(1e9 * (stamp % 1.0)) % 1_000_000_000}},
             "name": self._order, "position": columns[0], "velocity": columns[1], "effort": columns[2],
