@@ -110,6 +110,8 @@ class _SmoothedPath:
 
     def update(self) -> None:
         """Take what was measured since the last time."""
+        if not self.count:  # what was measured before the start may arrive after it
+            self._first = self._series[0].first(self.start)
         new = slice(self._first + self.count, self._series[0].count)
         pairs = zip(self._growing, self._series, strict=True)
         self.along, self.height = (growing.extend(series.value[new]) for growing, series in pairs)

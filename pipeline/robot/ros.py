@@ -245,7 +245,7 @@ class RosRobot:
             self.stop()
             end = self.time + 2.0
             while self._braking.is_set() and self.time < end:
-                time.sleep(PERIOD)
+                self.advance(PERIOD)
         self._closing.set()
         self._braking.set()
         self._braker.join(1.0)
@@ -277,7 +277,7 @@ class RosRobot:
                 "the robot on, and is this its topic?"
             )
         self.figures.round_trip = round_trip(bridge)
-        time.sleep(max(0.0, advertised + REPEATED - self.time))
+        self.advance(advertised + REPEATED - self.time)
         if self._foreign:
             raise InputError(f"another program sends commands on {topics.command}: end it first")
 
@@ -345,7 +345,7 @@ class RosRobot:
             q, v, a = motion.next()
             held += motion.done
             due += PERIOD
-            time.sleep(max(0.0, due - self.time))
+            self.advance(due - self.time)
             with self._lock:
                 if not self._braking.is_set() or self._send(q, v, a) is not None:
                     return
