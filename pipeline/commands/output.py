@@ -48,6 +48,8 @@ def write_json(answer: dict[str, Any], file: Path) -> None:
 
     text = json.dumps(answer, indent=1, allow_nan=False)
     if file == Path("-"):
+        if sys.__stdout__ is None:
+            raise InputError("cannot write to standard output: it is closed; give --json a file")
         try:
             typer.echo(text)
             sys.stdout.flush()

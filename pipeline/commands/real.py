@@ -42,6 +42,8 @@ def real_trial(
         _show_rehearsal(figures, farthest, json_file)
         return
     _show(done, out, json_file)
+    if done.result.signal is not None:
+        raise typer.Exit(128 + done.result.signal)
     if not done.result.success:
         raise typer.Exit(1)
 

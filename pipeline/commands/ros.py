@@ -60,7 +60,7 @@ def twin(
     if seed < 0:
         raise InputError(f"--seed {seed}: give a whole number from 0 on")
     plant = replace(PlantSettings(), length=length)
-    ends: list[str] = []
+    ends: list[int] = []
     topics = read_topics(settings_file("baxter"))
     with Twin(ros, arm, topics, posture, plant, parse_hidden(hidden or []), seed) as robot:
         if calibration is not None:

@@ -1,5 +1,6 @@
 """`armdyn trial` and `armdyn table`: one whole experiment, and the paper's Table I."""
 
+from dataclasses import replace
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,7 +13,7 @@ from pipeline.commands.output import JsonOption, check_outputs, command_line, ph
 
 if TYPE_CHECKING:
     from armdyn.pendulum.model import PendulumModel
-    from pipeline.trial import SimulatedTrial
+    from pipeline.trial import SimulatedTrial, TrialSettings
 
 
 def parse_hidden(given: list[str]) -> dict[str, float | None]:
@@ -61,7 +62,12 @@ def trial(
     ] = None,
     effects: EffectsOption = None,
     seed: Annotated[int, typer.Option(help="Of everything random in the simulation.")] = 0,
-    out: Annotated[Path, typer.Option(help="Directory for the recording and the report.")] = Path("out/trial"),
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Directory for the recording and the report; out/trial, or out/trial-2 where one is running."
+        ),
+    ] = None,
     picture: Annotated[bool, typer.Option("--picture", help="Render the swing: swing.png and swing.gif.")] = False,
     mass: Annotated[str, typer.Option(help="Of the load, as weighed.")] = "80 g +/- 0.8 g",
     robot: Annotated[str, typer.Option(help="'simulated', or 'ros': a robot behind rosbridge.")] = "simulated",
@@ -83,7 +89,8 @@ def trial(
     json_file: JsonOption = None,
 ) -> None:
     """Learn the string's length, plan the swing, put the load into the box."""
-    from pipeline.trial import ProtocolSettings, TrialSettings, simulate
+    from pipeline.trial import ProtocolSettings, TrialSettings
+    from pipeline.trial.folder import own_folder
 
     check_outputs(json_file)
     given = _pendulum(model, effects) if model else None
@@ -98,7 +105,8 @@ def trial(
         protocol = ProtocolSettings(
             length_guess=guess, estimate=not no_estimation, model=given, mass=weighed, mass_std=weighed_std
         )
-        real_trial(protocol, ros, arm, loadcell, calibration, out, rehearse, yes, landed, json_file)
+        with own_folder(out, Path("out/trial")) as folder:
+            real_trial(protocol, ros, arm, loadcell, calibration, folder, rehearse, yes, landed, json_file)
         return
     if robot != "simulated":
         raise InputError(f"--robot {robot}: choose 'simulated' or 'ros'")
@@ -107,18 +115,28 @@ def trial(
             raise InputError(f"{option}: needs --robot ros")
     settings = TrialSettings(
         length_guess=guess, length=length, estimate=not no_estimation, hidden=parse_hidden(hidden or []), model=given,
-        seed=seed, out=out, mass=weighed, mass_std=weighed_std,
+        seed=seed, mass=weighed, mass_std=weighed_std,
     )  # fmt: skip
+    with own_folder(out, Path("out/trial")) as folder:
+        _run(replace(settings, out=folder), folder, json_file, picture=picture)
+
+
+def _run(settings: "TrialSettings", out: Path, json_file: Path | None, *, picture: bool) -> None:
+    """One trial in a folder that nobody else writes to, and what there is to say about it."""
+    from pipeline.trial import simulate
+
     with phase_progress() as progress:
         done = simulate(settings, progress)
         # The result first: a report that cannot be made, after a fault or on a full disk, must not cost it.
         result = done.result
         if json_file is not None:
             write_json(result.as_json(), json_file)
-        progress("writing the report", 0.97)
         report = out / "report.html"
-        told = _report(done, report)
-        if picture:
+        told: str | None = "no report: who interrupts a trial wants it to end"
+        if result.signal is None:
+            progress("writing the report", 0.97)
+            told = _report(done, report)
+        if picture and result.signal is None:
             progress("rendering the swing", 0.98)
             _render(done, out)
     if json_file != Path("-"):
@@ -126,15 +144,17 @@ def trial(
         if result.estimates:
             say(
                 f"length {result.length_estimate:.4f} m +/- {1e3 * result.length_std:.2f} mm "
-                f"(true {length:g} m, guess {guess:g} m)"
+                f"(true {settings.length:g} m, guess {settings.length_guess:g} m)"
             )
         say(result.message, style=f"bold {'green' if result.success else 'red'}", markup=False)
         for note in (*result.notes, *([told] if told else [])):
             say(note, soft_wrap=True, markup=False)
         say(f"{'' if told else f'report {report}, '}recording {result.recording}", soft_wrap=True)
-        if not result.success and result.estimates:
+        if not result.success and result.estimates and result.signal is None:
             repair = f"armdyn repair {out / 'model.toml'} {out / 'trial.csv'} --output repaired.toml"
             say(f"what the model lacks: {repair}", soft_wrap=True)
+    if result.signal is not None:
+        raise typer.Exit(128 + result.signal)
     if not result.success:
         raise typer.Exit(1)
 

@@ -25,6 +25,8 @@ class Beside(Protocol):
 
     at_once: bool
     """Whether `ask` returns only when the work is done, and no time passes meanwhile."""
+    thinking: bool
+    """Whether the work is being done in this process now."""
 
     def provide(self, name: str, work: Work) -> None:
         """Make known what can be asked for; before `start`."""
@@ -61,6 +63,7 @@ class AtOnce:
     at_once = True
 
     def __init__(self) -> None:
+        self.thinking = False
         self._work: dict[str, Work] = {}
 
     def provide(self, name: str, work: Work) -> None:
@@ -72,7 +75,12 @@ class AtOnce:
 
     def ask(self, name: str, argument: Any, then: Then) -> None:
         """See `Beside`."""
-        then(self._work[name](argument))
+        self.thinking = True
+        try:
+            result = self._work[name](argument)
+        finally:
+            self.thinking = False
+        then(result)
 
     def busy(self, name: str) -> bool:  # noqa: ARG002
         """Never."""
@@ -95,7 +103,7 @@ class InAProcess:
         InputError: this system cannot copy a process.
     """
 
-    at_once = False
+    at_once = thinking = False
 
     def __init__(self) -> None:
         if "fork" not in multiprocessing.get_all_start_methods():

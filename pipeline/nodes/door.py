@@ -39,7 +39,7 @@ class Refused(Enum):
     AHEAD = "has a time stamp in the future: a clock has jumped"
     OUT_OF_RANGE = "is out of range"
     JUMP = "jumps farther than is physically possible"
-    SPIKE = "is a single spike"
+    SPIKE = "is a spike"
 
 
 class Door:
@@ -140,19 +140,25 @@ class JointDoor(Door):
 class ForceDoor(Door):
     """Judges the samples of the load cell.
 
-    A sample that jumps is held back until the next one tells a spike from a change that lasts.
+    Samples that jump are held back. Where the force comes back within `PATIENCE` samples they were spikes; where it
+    stays, the string has gone slack, which is taken in, or the cell has failed.
 
     Args:
         jump: largest change of the force between two samples while the string is taut [N].
+        drift: how much more it may change with every sample that is held back [N].
         taut: force above which the string is taut [N]; a string that was slack may pull with any jerk.
+
+    Attributes:
+        failed: samples of the last call that jumped and stayed; what is wrong with the cell may show in them.
     """
 
-    def __init__(self, jump: float, taut: float) -> None:
+    def __init__(self, jump: float, drift: float, taut: float) -> None:
         super().__init__("load cell")
-        self._jump, self._taut = jump, taut
+        self._jump, self._drift, self._taut = jump, drift, taut
         self._last: ForceSample | None = None
-        self._held: ForceSample | None = None
+        self._held: list[ForceSample] = []
         self._stamp = -np.inf
+        self.failed: list[ForceSample] = []
 
     def judge(self, samples: list[ForceSample], now: float, hangs_until: float) -> list[ForceSample]:
         """The samples that can be used, oldest first, of those that were handed out at `now` [s].
@@ -160,27 +166,45 @@ class ForceDoor(Door):
         From `hangs_until` [s] on the load may touch something, and any jump is possible.
         """
         good: list[ForceSample] = []
+        self.failed = []
         for sample in samples:
             why = self._why_not(sample, now)
             if why is not None:
                 self.refuse(why, now)
                 continue
             self._stamp = sample.time
-            held, self._held, last = self._held, None, self._last
             touches = sample.time > hangs_until
-            if last is None or touches or last.force <= self._taut or abs(sample.force - last.force) <= self._jump:
-                if held is not None and touches:
-                    good.append(self._take(held))
-                elif held is not None:
-                    self.refuse(Refused.SPIKE, now)
+            if touches:
+                good += self._take_held()
+            if touches or self._follows(sample):
+                self._refuse_held(now)
                 good.append(self._take(sample))
-            elif held is not None and abs(sample.force - held.force) <= self._jump:
-                good += [self._take(held), self._take(sample)]
+                continue
+            self._held.append(sample)
+            if len(self._held) <= PATIENCE:
+                continue
+            if all(held.force <= self._taut for held in self._held[1:]):
+                good += self._take_held()
             else:
-                if held is not None:
-                    self.refuse(Refused.SPIKE, now)
-                self._held = sample
+                self.failed += self._held
+                self._refuse_held(now, Refused.JUMP)
         return good
+
+    def _follows(self, sample: ForceSample) -> bool:
+        """Whether a force can follow from the last good one."""
+        last = self._last
+        if last is None or last.force <= self._taut:
+            return True
+        return abs(sample.force - last.force) <= self._jump + self._drift * len(self._held)
+
+    def _take_held(self) -> list[ForceSample]:
+        held, self._held = self._held, []
+        return [self._take(sample) for sample in held]
+
+    def _refuse_held(self, now: float, why: Refused = Refused.SPIKE) -> None:
+        for _ in self._held:
+            self.refuse(why, now)
+        self._held = []
 
     def _take(self, sample: ForceSample) -> ForceSample:
         self._last = sample

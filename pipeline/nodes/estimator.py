@@ -9,6 +9,7 @@ from math import isfinite
 from time import perf_counter
 
 from armdyn.errors import TaskFailedError
+from armdyn.faults import without_spikes
 from armdyn.identify.estimator import Estimator
 from armdyn.identify.least_squares import Outcome
 from armdyn.pendulum.model import PendulumModel
@@ -56,6 +57,8 @@ class EstimatorNode:
     Attributes:
         start: time at which the load hung at rest and the data begin [s]; None while it does not estimate.
         history: every update so far.
+        left_out: a sentence on the samples that the last update left out, because they do not belong to their
+            neighbours; empty where there were none.
     """
 
     name = "estimator"
@@ -73,6 +76,7 @@ class EstimatorNode:
         self._beside.provide(self.name, self._update)
         self.start: float | None = None
         self.history: list[LengthEstimate] = []
+        self.left_out: tuple[str, ...] = ()
         self._running = False
         self._model = estimator.model
 
@@ -101,7 +105,9 @@ class EstimatorNode:
         if self._beside.busy(self.name):
             return
         self._measurement.update_path()
-        self._beside.ask(self.name, self._measurement.run(), lambda found: self._take(now, found))
+        run = without_spikes(self._measurement.run(), ("load_force",))
+        self.left_out = run.warnings
+        self._beside.ask(self.name, run, lambda found: self._take(now, found))
 
     def _update(self, run: Run) -> _Update:
         """The estimate from all data so far."""

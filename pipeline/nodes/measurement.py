@@ -44,6 +44,8 @@ WAIT = 2 * SLACK_TIME
 """Time that samples wait before they are recorded [s]."""
 LARGEST_JUMP = 0.25
 """Share of the load's weight by which a taut string's pull may change between two samples; healthy trials show 0.10."""
+JUMP_DRIFT = 0.05
+"""Share by which it may change further with every sample that is held back after a jump."""
 NOISE_JUMP = 10.0
 """Standard deviations of one sample that come on top of `LARGEST_JUMP`."""
 GRAVITY = 9.81
@@ -156,9 +158,10 @@ class MeasurementNode:
         self._path: _SmoothedPath | None = None
         self.load_hangs, self.hangs_until = True, inf
         self.fault: str | None = None
-        jump = LARGEST_JUMP * GRAVITY * mass + NOISE_JUMP * noise["load_force"]
+        weight = GRAVITY * mass
+        jump = LARGEST_JUMP * weight + NOISE_JUMP * noise["load_force"]
         self.joint_door = JointDoor(description.limits)
-        self.force_door = ForceDoor(jump, SLACK_FORCE)
+        self.force_door = ForceDoor(jump, JUMP_DRIFT * weight, SLACK_FORCE)
         self.state: JointState = robot.joint_state()
         self.gripper = self._sensor.locate(self.state.q)[0]
 
@@ -183,7 +186,7 @@ class MeasurementNode:
                 )
                 self.let_down(self._pulled_at)
         self._record_until(now - WAIT)
-        found = self._detector.update(now, samples)
+        found = self._detector.update(now, [*samples, *self.force_door.failed])
         if found is not None and self.load_hangs and self.fault is None:
             self.fault = f"load cell at {now:.2f} s: {found.value}"
         # Nobody needs the load cell once the load is let down; the joints are needed as long as the arm moves.

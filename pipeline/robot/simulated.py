@@ -37,6 +37,9 @@ HISTORY_EVERY = 10
 COMMAND_TOLERANCE = 1e-3
 """Share by which a command may exceed a limit, for rounding and for tables between nodes: that of the gate."""
 
+FARTHEST = 0.2
+"""Farthest that a commanded position may be from where the joint is [rad]; Baxter's own server stops there."""
+
 DIVERGED = 1e8
 """Sum of squared velocities [rad^2/s^2, m^2/s^2] that no arm and no load on a string reaches."""
 
@@ -149,8 +152,8 @@ class SimulatedRobot:
             a: accelerations (n,) [rad/s^2].
 
         Raises:
-            InputError: a wrong length, a value that is not finite or beyond a limit of the joints; the arm goes on as
-                before, and brakes when no good command follows.
+            InputError: a wrong length, a value that is not finite, beyond a limit of the joints or far from where the
+                arm is; the arm goes on as before, and brakes when no good command follows.
         """
         names, limits = ("position", "velocity", "acceleration"), self._robot.limits
         q, v, a = (checked_vector(x, len(self._dofs), f"command: {n}") for x, n in zip((q, v, a), names, strict=True))
@@ -163,6 +166,12 @@ class SimulatedRobot:
             if beyond.any():
                 joint = self.joint_names[int(np.argmax(beyond))]
                 raise InputError(f"command: {name} of {joint} is beyond its limit: stay within the robot's limits")
+        away = np.abs(q - self._data.qpos[self._dofs])
+        if away.max() > FARTHEST:
+            joint = self.joint_names[int(np.argmax(away))]
+            raise InputError(
+                f"command: position of {joint} is {away.max():.2f} rad from where the joint is: start from there"
+            )
         self._reference.command(self.time, q, v, a)
 
     def stop(self) -> None:

@@ -39,7 +39,7 @@ from pipeline.robot.protocol import RobotInterface, Vector
 from pipeline.trial.reason import sentence_of
 from pipeline.trial.rest import come_to_rest
 from pipeline.trial.settings import ProtocolSettings
-from pipeline.trial.signals import noted_signals
+from pipeline.trial.signals import noted_signals, sentence_of_signal
 
 REST = 0.5
 """Time at rest before the motion [s]: the estimate starts from a load that hangs still."""
@@ -84,11 +84,11 @@ class Course:
 
     Attributes:
         phases: what went on when.
-        interrupted: who wants it to end, as a sentence; None while nobody does.
+        interrupted: number of the signal that asks for its end; None while none does.
     """
 
     phases: list[PhaseSpan] = field(default_factory=list)
-    interrupted: str | None = None
+    interrupted: int | None = None
 
 
 @dataclass(frozen=True)
@@ -110,6 +110,10 @@ class Ending:
 
 class _StopError(ArmdynError):
     """The trial ends here, with this sentence."""
+
+
+class _InterruptedError(BaseException):
+    """A signal came while something was computed at once; of no kind that the computation would handle."""
 
 
 def recorded_channels(joint_names: tuple[str, ...]) -> dict[str, str]:
@@ -182,7 +186,7 @@ class Experiment:
                 self._begin(ended)
                 success = self._protocol()
                 ending = Ending(success, f"the load {'came to rest in' if success else 'missed'} the box", False)
-            except (Exception, SystemExit) as error:  # a user's effect may call sys.exit
+            except (Exception, SystemExit, _InterruptedError) as error:  # a user's effect may call sys.exit
                 ending = self._stopped(error)
             finally:
                 with suppress(Exception):  # the robot holds on its own, whatever becomes of this program
@@ -265,16 +269,20 @@ class Experiment:
 
     def _reason(self) -> str | None:
         """Why the trial must stop now."""
-        if self.course.interrupted:
-            return f"{self.course.interrupted} at {self._clock.time:.2f} s"
+        if self.course.interrupted is not None:
+            return f"{sentence_of_signal(self.course.interrupted)} at {self._clock.time:.2f} s"
         return self.measurement.fault or self.drive.fault or self._recorder.failure
 
-    def _interrupt(self, sentence: str) -> None:
-        self.course.interrupted = self.course.interrupted or sentence
+    def _interrupt(self, number: int) -> None:
+        if self.course.interrupted is None:
+            self.course.interrupted = number
+            if self._beside.thinking:  # it changes nothing that must be kept whole, and may take seconds
+                raise _InterruptedError
 
     def _stopped(self, error: BaseException) -> Ending:
         """The arm comes to rest first; then it is told why."""
-        reason = sentence_of(error, f"the {self.scheduler.running} node", self._clock.time)
+        interrupted = self._reason() if isinstance(error, _InterruptedError) else None
+        reason = interrupted or sentence_of(error, f"the {self.scheduler.running} node", self._clock.time)
         with suppress(Exception):
             self._progress(Phase.STOP.value, 0.9)
         start = self._clock.time
@@ -286,7 +294,7 @@ class Experiment:
         )
         self.course.phases.append(PhaseSpan(Phase.STOP, start, self._clock.time))
         message = "; ".join([reason, *stopped_by, *failed])
-        return Ending(False, message, True, None if isinstance(error, _StopError) else error)
+        return Ending(False, message, True, None if isinstance(error, _StopError | _InterruptedError) else error)
 
     def _certain(self) -> bool:
         c, history = self.settings, self.estimator.history

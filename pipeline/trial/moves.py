@@ -12,7 +12,7 @@ from pipeline.motion import LineTrajectory
 from pipeline.motion.trajectory import JointTrajectory
 from pipeline.robot.protocol import RobotInterface, Vector
 from pipeline.ros.gate import PERIOD
-from pipeline.trial.signals import noted_signals
+from pipeline.trial.signals import noted_signals, sentence_of_signal
 
 JOINT_SPEED = 0.2
 """Largest joint speed on the way to the start posture [rad/s]: somebody beside the arm can step back."""
@@ -75,13 +75,13 @@ def play(
     Raises:
         TaskFailedError: it was interrupted, or the robot refused; the arm is brought to rest.
     """
-    said: list[str] = []
-    with noted_signals(said.append):
+    signals: list[int] = []
+    with noted_signals(signals.append):
         begun = due = robot.time
         try:
             for posture in motion:
-                if said:
-                    raise TaskFailedError(f"{said[0]}: the arm holds")
+                if signals:
+                    raise TaskFailedError(f"{sentence_of_signal(signals[0])}: the arm was brought to rest")
                 robot.command(*posture)
                 due = max(due + PERIOD, robot.time)
                 robot.advance(due - robot.time)

@@ -25,7 +25,8 @@ from pipeline.ros.priority import ask_for_real_time
 from pipeline.ros.telemetry import PublishingRecorder, Telemetry
 from pipeline.ros.topics import RosTopics
 from pipeline.trial.experiment import Experiment, Progress, recorded_channels
-from pipeline.trial.keeping import directory, kept
+from pipeline.trial.folder import gathered
+from pipeline.trial.keeping import kept
 from pipeline.trial.moves import Posture, along, approach, play, rehearsal
 from pipeline.trial.result import TrialResult, result_of
 from pipeline.trial.settings import ProtocolSettings
@@ -135,7 +136,7 @@ def run_real(
             telemetry.phase(what)
             say(what, share)
 
-        folder = stack.enter_context(directory(out))
+        folder = stack.enter_context(gathered(out))
         recorder = PublishingRecorder(
             folder / "trial.mcap",
             recorded_channels(link.arm.joint_names),
@@ -158,8 +159,8 @@ def run_real(
             success = asking.landed()
             said = f"the load {'came to rest in' if success else 'missed'} the box (as the user said)"
             ending = replace(ending, success=success, message=said)
-        ending = kept(experiment, ending, recorder, out)
-        result = result_of(experiment, ending, None, recorder.path if out else None)
+        ending = kept(experiment, ending, recorder, folder)
+        result = result_of(experiment, ending, None, out / recorder.path.name if out else None)
         return RealTrial(c, link, experiment, result, robot.figures)
 
 

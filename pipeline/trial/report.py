@@ -32,7 +32,7 @@ def report_of(
             subtitle=subtitle,
             command=command,
             phases=tuple(Span(span.phase.value, span.start, span.end) for span in experiment.course.phases),
-            notes=_notes(experiment),
+            notes=_notes(experiment, result),
             estimates=(_estimate(result),) if result.estimates else (),
             force=_force(experiment),
             gripper=_gripper(experiment),
@@ -44,11 +44,11 @@ def report_of(
     )
 
 
-def _notes(experiment: Experiment) -> tuple[str, ...]:
+def _notes(experiment: Experiment, result: TrialResult) -> tuple[str, ...]:
     notes = ["The box is not the paper's, which gives none: it was chosen so that the paper's table comes out."]
     if not experiment.settings.estimate:
         notes.append("Nothing was learnt in this trial: the swing was planned with the guess.")
-    notes += [note[:1].upper() + note[1:] + "." for note in experiment.measurement.notes]
+    notes += [note[:1].upper() + note[1:] + "." for note in result.notes]
     return tuple(notes)
 
 

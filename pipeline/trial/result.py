@@ -54,6 +54,7 @@ class TrialResult:
         cycle_seconds: mean time that SAC took to predict the state and choose an action.
         stopped: whether the trial was ended for safety, or by the user.
         recording: the MCAP file, None where nothing was kept.
+        signal: number of the signal that ended it; None where none did.
         missed_cycles: cycles of the loop that were left out because it was late; 0 on a simulated clock.
         notes: a sentence per kind of reading that was left out, and on missed cycles; empty in a healthy trial.
     """
@@ -76,6 +77,7 @@ class TrialResult:
     cycle_seconds: float
     stopped: bool
     recording: Path | None
+    signal: int | None = None
     missed_cycles: int = 0
     notes: tuple[str, ...] = ()
 
@@ -147,8 +149,9 @@ def result_of(experiment: Experiment, ending: Ending, length_true: float | None,
         cycle_seconds=float(np.mean(cycles)) if cycles else 0.0,
         stopped=ending.stopped,
         recording=recording,
+        signal=experiment.course.interrupted,
         missed_cycles=cycle.skipped,
-        notes=experiment.measurement.notes + (late if cycle.skipped else ()),
+        notes=experiment.measurement.notes + experiment.estimator.left_out + (late if cycle.skipped else ()),
     )
 
 

@@ -5,21 +5,27 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from types import FrameType
 
-ENDINGS = {
-    name: sentence
-    for name, sentence in (
-        ("SIGINT", "interrupted by the user"),
-        ("SIGTERM", "ended from outside (SIGTERM)"),
-        ("SIGHUP", "ended because its terminal was closed (SIGHUP)"),
-    )
-    if hasattr(signal, name)  # Windows has no SIGHUP
+from pipeline.interrupts import Interrupts, numbers
+
+_SENTENCES = {
+    "SIGINT": "interrupted by the user",
+    "SIGTERM": "ended from outside (SIGTERM)",
+    "SIGHUP": "ended because its terminal was closed (SIGHUP)",
 }
-"""What each signal means, by its name."""
+
+
+def sentence_of_signal(number: int) -> str:
+    """What a signal means."""
+    return _SENTENCES[signal.Signals(number).name]
 
 
 @contextmanager
-def noted_signals(note: Callable[[str], None]) -> Iterator[None]:
-    """Have `note` called with a sentence instead of what these signals usually do; a second Ctrl-C is raised."""
+def noted_signals(note: Callable[[int], None]) -> Iterator[None]:
+    """Have `note` called with the number of the signal, instead of what it usually does; a second Ctrl-C is raised.
+
+    Raises:
+        Interrupt: a signal came before, and a library has swallowed what it raised.
+    """
     pressed = False
 
     def handle(number: int, _frame: FrameType | None) -> None:
@@ -28,17 +34,20 @@ def noted_signals(note: Callable[[str], None]) -> Iterator[None]:
             if pressed:
                 raise KeyboardInterrupt
             pressed = True
-        note(ENDINGS[signal.Signals(number).name])
+        note(number)
 
     with ExitStack() as restored:
-        for name in ENDINGS:
-            number = getattr(signal, name)
-            before = signal.getsignal(number)
-            if before is signal.SIG_IGN and name != "SIGINT":
+        before = {number: signal.getsignal(number) for number in numbers()}
+        for number, usual in before.items():
+            if usual is signal.SIG_IGN and number != signal.SIGINT:
                 continue  # nohup wants the program to go on
             try:
                 signal.signal(number, handle)
             except ValueError:  # not the main thread: whoever started the thread handles signals
                 break
-            restored.callback(signal.signal, number, before or signal.SIG_DFL)
+            restored.callback(signal.signal, number, usual or signal.SIG_DFL)
+        # Only now: from here on no signal can come unnoticed.
+        for usual in before.values():
+            if isinstance(usual, Interrupts):
+                usual.check()
         yield

@@ -20,7 +20,8 @@ from pipeline.robot.settings import PlantSettings
 from pipeline.robot.simulated import SimulatedRobot
 from pipeline.robot.truth import History
 from pipeline.trial.experiment import Experiment, Progress, recorded_channels
-from pipeline.trial.keeping import directory, kept
+from pipeline.trial.folder import gathered
+from pipeline.trial.keeping import kept
 from pipeline.trial.result import TrialResult, result_of
 from pipeline.trial.settings import TrialSettings
 
@@ -102,8 +103,8 @@ def simulate(
     plant = replace(c.plant, length=c.length, mass=c.mass, load_radius=c.load_radius)
     robot = SimulatedRobot(description, table.posture(0.0).q, plant, c.hidden, c.seed)
     reached = through(robot) if through is not None else robot
-    with directory(c.out) as folder:
-        recorder = _recorder(folder, c, description)
+    with gathered(c.out) as directory:
+        recorder = _recorder(directory, c, description)
         try:
             experiment = Experiment(
                 reached,
@@ -121,8 +122,9 @@ def simulate(
             with suppress(ArmdynError, OSError):  # the recording is completed, but must not hide what happened
                 recorder.close()
             raise
-        ending = kept(experiment, ending, recorder, c.out)
-        result = result_of(experiment, ending, c.length, recorder.path if c.out else None)
+        ending = kept(experiment, ending, recorder, directory)
+        recording = c.out / recorder.path.name if c.out else None
+        result = result_of(experiment, ending, c.length, recording)
     return SimulatedTrial(c, plant, robot, experiment, result)
 
 
@@ -131,9 +133,9 @@ def run_trial(settings: TrialSettings, progress: Progress | None = None) -> Tria
     return simulate(settings, progress).result
 
 
-def _recorder(folder: Path, settings: TrialSettings, description: urdf.Robot) -> Recorder:
+def _recorder(directory: Path, settings: TrialSettings, description: urdf.Robot) -> Recorder:
     return Recorder(
-        folder / "trial.mcap",
+        directory / "trial.mcap",
         recorded_channels(description.joint_names),
         description=f"simulated Baxter, load on a string, seed {settings.seed}",
         noise={"load_force": settings.force_noise},

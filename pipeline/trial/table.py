@@ -3,7 +3,7 @@
 import math
 import os
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from armdyn.errors import InputError
 from pipeline.trial.settings import TrialSettings
 from pipeline.trial.simulated import run_trial
+from pipeline.workers import worker_pool
 
 GUESSES = (0.308, 0.328, 0.348, 0.368, 0.388, 0.408, 0.428, 0.448, 0.468)
 """First guesses of the paper [m], whose string is 0.368 m long."""
@@ -134,7 +135,7 @@ def run_table(
         for estimate in (False, True)
     }
     outcomes: dict[tuple[float, bool, int], tuple[bool, float, float]] = {}
-    with ProcessPoolExecutor(workers or os.cpu_count()) as pool:
+    with worker_pool(workers or os.cpu_count() or 1) as pool:
         futures = {pool.submit(_outcome, s): key for key, s in settings.items()}
         for future in as_completed(futures):
             outcomes[futures[future]] = future.result()

@@ -1,0 +1,84 @@
+"""Collects the commands, and turns what they raise into one line and an exit status."""
+
+import os
+import sys
+from importlib import import_module
+
+import typer
+from typer.exceptions import TyperException
+
+from armdyn.errors import ArmdynError, TaskFailedError
+from pipeline.commands.streams import tolerant_streams
+from pipeline.commands.unforeseen import report_unforeseen
+from pipeline.interrupts import Interrupt, Interrupts
+
+app = typer.Typer(
+    name="armdyn",
+    help="Learn what a robot arm handles, use it, and find out where the model is wrong.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+COMMANDS = ("trial", "models", "identify", "ik", "arm", "check", "loadcell", "ros")
+"""Modules of `pipeline.commands`, in the order in which `armdyn --help` lists their commands."""
+
+
+def run(interrupts: Interrupts) -> int:
+    """Run the command of this process's arguments.
+
+    Args:
+        interrupts: that handle its signals.
+
+    Returns:
+        The exit status: 0 done, 1 the answer is no, 2 bad input, 3 a mistake of ours, 128 + n ended by signal n.
+    """
+    with tolerant_streams() as streams:
+        try:
+            status = _told(interrupts)
+        except BaseException as error:
+            status = _say_why(error, interrupts)
+        problem = streams.problem()
+        if problem is not None and status in (0, 1):
+            status = _say(f"cannot write to standard output: {problem}; choose another place", 2)
+    return status
+
+
+def _told(interrupts: Interrupts) -> int:
+    for name in COMMANDS:
+        import_module(f"pipeline.commands.{name}").register(app)
+    interrupts.check()
+    status = app(standalone_mode=False)
+    interrupts.check()
+    return status if isinstance(status, int) else 0
+
+
+def _say_why(error: BaseException, interrupts: Interrupts) -> int:
+    """One line on what was raised; the exit status that belongs to it."""
+    if interrupts.received is not None and not isinstance(error, Interrupt):
+        error = Interrupt(interrupts.received)  # libraries turn it into errors of their own
+    if isinstance(error, Interrupt):
+        return _say(str(error), 128 + error.number)
+    if isinstance(error, KeyboardInterrupt | typer.Abort):
+        return _say("interrupted", 130)
+    if isinstance(error, TyperException):
+        return _say(error.format_message(), 2)
+    if isinstance(error, TaskFailedError):
+        return _say(str(error), 1)
+    if isinstance(error, ArmdynError) or _is_urdf_error(error):
+        return _say(str(error), 2)
+    return _say(report_unforeseen(error), 3)
+
+
+def _is_urdf_error(error: BaseException) -> bool:
+    """Whether `urdf` raised it; it is not loaded for that, which takes half a second."""
+    module = sys.modules.get("urdf.robot")
+    return module is not None and isinstance(error, module.UrdfError)
+
+
+def _say(message: str, status: int) -> int:
+    line = f"armdyn: {' '.join(message.split())}{os.linesep}"
+    if sys.stderr is not None:
+        sys.stderr.write(line)
+        sys.stderr.flush()
+    return status

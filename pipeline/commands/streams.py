@@ -1,0 +1,119 @@
+"""Standard output and error that never raise: full, closed, with a reader that ends, in any encoding."""
+
+import errno
+import io
+import os
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import Any, TextIO
+
+from pipeline.commands.unforeseen import report_unforeseen
+
+
+class Tolerant(io.RawIOBase):
+    """The bytes of a standard stream; what cannot be written is dropped.
+
+    Attributes:
+        problem: why bytes were dropped; None where they were not, or where the reader simply has seen enough.
+    """
+
+    def __init__(self, descriptor: int) -> None:
+        super().__init__()
+        self._descriptor = descriptor
+        self._gone = False
+        self.problem: str | None = None
+
+    def writable(self) -> bool:
+        """It is."""
+        return True
+
+    def fileno(self) -> int:
+        """Of the stream."""
+        return self._descriptor
+
+    def isatty(self) -> bool:
+        """Whether a person reads it."""
+        return not self._gone and os.isatty(self._descriptor)
+
+    def write(self, data: Any) -> int | None:
+        """Write what can be written; says that everything was."""
+        size = len(data)
+        if not self._gone:
+            try:
+                return os.write(self._descriptor, data)
+            except BlockingIOError:
+                return None
+            except OSError as error:
+                self._gone = True
+                if error.errno != errno.EPIPE:
+                    self.problem = error.strerror or str(error)
+        return size
+
+
+class Streams:
+    """The two streams of a process, while they are tolerant."""
+
+    def __init__(self) -> None:
+        self._kept: list[tuple[str, TextIO | None]] = []
+        self._raw: Tolerant | None = None
+
+    def begin(self) -> None:
+        """Take the place of those standard streams that are files, not of what a test has put there."""
+        for number, name in ((1, "stdout"), (2, "stderr")):
+            before = getattr(sys, name)
+            if before is not None and before is not getattr(sys, f"__{name}__"):
+                continue
+            if before is None:
+                _occupy(number)
+            raw = Tolerant(number)
+            encoding = getattr(before, "encoding", None) or "utf-8"
+            buffer = io.BufferedWriter(raw)
+            new = io.TextIOWrapper(buffer, encoding, errors="replace", line_buffering=number == 2 or raw.isatty())
+            if number == 1:
+                self._raw = raw
+            self._kept.append((name, before))
+            setattr(sys, name, new)
+
+    def problem(self) -> str | None:
+        """Why something of standard output was dropped; None where nothing was."""
+        with suppress(OSError, ValueError, AttributeError):
+            sys.stdout.flush()
+        return self._raw.problem if self._raw is not None else None
+
+    def end(self) -> None:
+        """Put the old ones back."""
+        for name, before in self._kept:
+            with suppress(OSError, ValueError, AttributeError):
+                getattr(sys, name).flush()
+            setattr(sys, name, before)
+
+
+def _occupy(number: int) -> None:
+    """A standard stream that is closed leads nowhere, rather than into the next file that is opened."""
+    try:
+        os.fstat(number)
+    except OSError:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        if nowhere != number:
+            os.dup2(nowhere, number)
+            os.close(nowhere)
+
+
+@contextmanager
+def tolerant_streams() -> Iterator[Streams]:
+    """Let nothing that is printed raise an error, and let a thread that fails print one line."""
+    streams, usual = Streams(), threading.excepthook
+    streams.begin()
+
+    def told(what: threading.ExceptHookArgs) -> None:
+        if what.exc_value is not None and not isinstance(what.exc_value, SystemExit):
+            print(f"armdyn: {report_unforeseen(what.exc_value)}", file=sys.stderr)
+
+    threading.excepthook = told
+    try:
+        yield streams
+    finally:
+        threading.excepthook = usual
+        streams.end()

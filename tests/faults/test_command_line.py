@@ -1,0 +1,206 @@
+"""The command line's last net: whatever is raised, whoever reads, whichever signal comes."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import types
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+import typer
+
+from pipeline import interrupts
+from pipeline.cli import main
+from pipeline.commands import app as commands
+from pipeline.workers import worker_pool
+
+ARMDYN = "from pipeline.cli import main; main()"
+
+
+@pytest.fixture
+def armdyn(monkeypatch, capsys, tmp_path):
+    """A command `fail` of this process that does what it is given: exit status, standard output, standard error."""
+
+    def run(work):
+        module = types.ModuleType("pipeline.commands.failing")
+        module.register = lambda app: (app.command("fail")(work), app.command("other")(lambda: None))
+        monkeypatch.setitem(sys.modules, module.__name__, module)
+        monkeypatch.setattr(commands, "COMMANDS", ("failing",))
+        monkeypatch.setattr(commands, "app", typer.Typer())
+        monkeypatch.setattr(sys, "argv", ["armdyn", "fail"])
+        monkeypatch.setenv("TMPDIR", str(tmp_path))
+        monkeypatch.setattr("tempfile.tempdir", None)
+        before = {number: signal.getsignal(number) for number in interrupts.numbers()}
+        unraisable = sys.unraisablehook
+        try:
+            with pytest.raises(SystemExit) as stop:
+                main()
+        finally:
+            sys.unraisablehook = unraisable
+            for number, handler in before.items():
+                signal.signal(number, handler)
+        return stop.value.code, *capsys.readouterr()
+
+    return run
+
+
+def raises(error):
+    def work():
+        raise error
+
+    return work
+
+
+@pytest.mark.parametrize(
+    "error",
+    [ZeroDivisionError("division\nby zero"), MemoryError(), RecursionError(), OSError(5, "Input/output error"),
+     AssertionError(), SystemExit(0), UnicodeDecodeError("utf-8", b"\xff", 0, 1, "invalid start byte")],
+    ids=lambda error: type(error).__name__,
+)  # fmt: skip
+def test_what_was_never_foreseen_is_one_line_and_a_report(armdyn, tmp_path, error):
+    status, out, err = armdyn(raises(error))
+    assert status == 3
+    assert out == ""
+    assert len(err.splitlines()) == 1
+    assert type(error).__name__ in err
+    report = Path(re.search(r"please send (\S+)", err)[1])
+    assert report.parent == tmp_path
+    assert "Traceback" in report.read_text()
+    assert "command: armdyn fail" in report.read_text()
+
+
+def test_a_report_that_cannot_be_written_still_leaves_a_line(armdyn, monkeypatch):
+    def full(*_arguments, **_named):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("pipeline.commands.unforeseen.tempfile.NamedTemporaryFile", full)
+    status, _, err = armdyn(raises(ZeroDivisionError()))
+    assert status == 3
+    assert re.search(r"it came from .*test_command_line.py, line \d+$", err.strip())
+
+
+@pytest.mark.parametrize("number", interrupts.numbers())
+def test_a_signal_is_a_line_and_its_status(armdyn, monkeypatch, number):
+    monkeypatch.setattr(interrupts._thread, "start_new_thread", lambda *_: None)  # it would end this process
+    status, _, err = armdyn(lambda: os.kill(os.getpid(), number))
+    assert status == 128 + number
+    assert len(err.splitlines()) == 1
+
+
+def test_an_interrupt_that_a_library_swallows_or_renames_still_ends_the_command(armdyn, monkeypatch):
+    monkeypatch.setattr(interrupts._thread, "start_new_thread", lambda *_: None)
+
+    def swallows():
+        with suppress(BaseException):
+            os.kill(os.getpid(), signal.SIGINT)
+
+    def renames():
+        try:
+            os.kill(os.getpid(), signal.SIGTERM)
+        except BaseException as error:
+            raise ImportError("cannot import") from error
+
+    assert armdyn(swallows)[0] == 130
+    assert armdyn(renames)[0] == 143
+
+
+def process(code, *arguments, **named):
+    return subprocess.run(
+        [sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=False, **named
+    )
+
+
+def test_a_command_that_goes_on_after_a_swallowed_signal_is_ended():
+    code = (
+        "import os, signal, time; from pipeline.interrupts import Interrupts; Interrupts().install()\n"
+        "try: os.kill(os.getpid(), signal.SIGTERM)\n"
+        "except BaseException: pass\n"
+        "time.sleep(60)"
+    )
+    done = process(code, timeout=50)
+    assert done.returncode == 143
+    assert done.stderr == ""
+
+
+def test_an_interrupt_in_a_finalizer_prints_nothing_and_ends_the_command():
+    code = (
+        "import os, signal, time; from pipeline.interrupts import Interrupts; Interrupts().install()\n"
+        "class Odd:\n"
+        "    def __del__(self): os.kill(os.getpid(), signal.SIGINT)\n"
+        "odd = Odd(); del odd\n"
+        "time.sleep(60)"
+    )
+    done = process(code, timeout=50)
+    assert done.returncode == 130
+    assert done.stderr == ""
+
+
+def test_nohup_is_respected():
+    code = (
+        "import os, signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n"
+        "from pipeline.interrupts import Interrupts; Interrupts().install()\n"
+        "os.kill(os.getpid(), signal.SIGHUP); print('on')"
+    )
+    assert process(code).stdout == "on\n"
+
+
+def slow(seconds):
+    signal.pause() if seconds else None
+    return os.getpid()
+
+
+def test_a_pool_that_is_interrupted_ends_its_workers_at_once():
+    def interrupted():
+        with worker_pool(2) as pool:
+            running.extend(pool.submit(slow, 1) for _ in range(6))
+            while len(pool._processes) < 2:
+                pass
+            processes.extend(pool._processes.values())
+            raise KeyboardInterrupt
+
+    running, processes = [], []
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    for worker in processes:
+        worker.join(timeout=30)
+        assert not worker.is_alive()
+
+
+def test_workers_of_a_killed_parent_end():
+    code = (
+        "import os, signal, sys; from pipeline.workers import worker_pool\n"
+        "from faults.test_command_line import slow\n"
+        "with worker_pool(1) as pool:\n"
+        "    print(pool.submit(slow, 0).result(), flush=True)\n"
+        "    pool.submit(slow, 1)\n"
+        "    os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    tests = str(Path(__file__).parents[1])
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([tests, *filter(None, sys.path)])},
+    ) as parent:  # fmt: skip
+        # Until nobody holds the pipe any more: neither the parent nor the worker that was its copy.
+        assert parent.communicate(timeout=60)[0].strip().isdigit()
+    assert parent.returncode == -signal.SIGKILL
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no such device here")
+@pytest.mark.parametrize(
+    ("shell", "status", "lines"),
+    [
+        ('"$0" -c "$1" --help >/dev/full', 2, 1),
+        ('"$0" -c "$1" --help >&-', 0, 0),
+        ('"$0" -c "$1" nonsense 2>&-', 2, 0),
+        ('"$0" -c "$1" nonsense 2>/dev/full', 2, 0),
+        ('set -o pipefail; "$0" -c "$1" --help | head -c 1 >/dev/null', 0, 0),
+        ('PYTHONIOENCODING=latin-1 "$0" -c "$1" effects >/dev/null', 0, 0),
+    ],
+)
+def test_any_standard_output_gives_a_sensible_status_and_no_traceback(shell, status, lines):
+    done = subprocess.run(["bash", "-c", shell, sys.executable, ARMDYN], capture_output=True, text=True, check=False)
+    assert done.returncode == status
+    assert len(done.stderr.splitlines()) == lines, done.stderr

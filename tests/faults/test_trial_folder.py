@@ -1,0 +1,101 @@
+"""Trials that share a folder, or are killed, leave whole files that belong together."""
+
+import os
+import signal
+import subprocess
+import sys
+from contextlib import ExitStack
+
+import pytest
+
+from armdyn.errors import InputError
+from pipeline.trial.folder import gathered, own_folder
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir() if path.name != ".lock")
+
+
+def test_what_is_there_stays_until_everything_new_is_there(tmp_path):
+    (tmp_path / "trial.mcap").write_text("old")
+    (tmp_path / "report.html").write_text("old")
+    with gathered(tmp_path) as folder:
+        (folder / "trial.mcap").write_text("new")
+        (folder / "model.toml").write_text("new")
+        assert (tmp_path / "trial.mcap").read_text() == "old"
+    assert names(tmp_path) == ["model.toml", "trial.mcap"]  # the old report does not belong to the new recording
+    assert (tmp_path / "trial.mcap").read_text() == "new"
+
+
+def test_what_was_written_before_an_exception_is_kept(tmp_path):
+    def fails():
+        with gathered(tmp_path) as folder:
+            (folder / "trial.mcap").write_text("new")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        fails()
+    assert names(tmp_path) == ["trial.mcap"]
+
+
+def test_links_and_rights_stay(tmp_path):
+    elsewhere, out = tmp_path / "elsewhere.toml", tmp_path / "out"
+    out.mkdir()
+    elsewhere.write_text("old")
+    elsewhere.chmod(0o600)
+    (out / "model.toml").symlink_to(elsewhere)
+    with gathered(out) as folder:
+        (folder / "model.toml").write_text("new")
+    assert (out / "model.toml").is_symlink()
+    assert elsewhere.read_text() == "new"
+    assert elsewhere.stat().st_mode & 0o777 == 0o600
+
+
+def test_a_killed_trial_leaves_the_old_files_and_its_recording(tmp_path):
+    (tmp_path / "trial.mcap").write_text("old")
+    (tmp_path / "report.html").write_text("old")
+    code = (
+        "import os, signal, sys; from pathlib import Path; from pipeline.trial.folder import gathered\n"
+        "with gathered(Path(sys.argv[1])) as folder:\n"
+        "    (folder / 'trial.mcap').write_text('half'); os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    done = subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=False)
+    assert done.returncode == -signal.SIGKILL
+    assert [(tmp_path / name).read_text() for name in ("trial.mcap", "report.html")] == ["old", "old"]
+    assert [path.read_text() for path in tmp_path.glob("unfinished-*/trial.mcap")] == ["half"]
+
+
+def test_a_second_trial_takes_a_folder_of_its_own(tmp_path):
+    usual = tmp_path / "out" / "trial"
+    with ExitStack() as running:
+        taken = [running.enter_context(own_folder(None, usual)).name for _ in range(3)]
+        assert taken == ["trial", "trial-2", "trial-3"]
+        with pytest.raises(InputError, match=r"another trial writes to .*trial: wait"), own_folder(usual, usual):
+            pass
+    with own_folder(None, usual) as folder:
+        assert folder == usual
+
+
+def test_the_folder_of_a_killed_trial_is_free_again(tmp_path):
+    code = (
+        "import os, signal, sys; from pathlib import Path; from pipeline.trial.folder import own_folder\n"
+        "with own_folder(Path(sys.argv[1]), Path('x')): os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=False)
+    with own_folder(tmp_path, tmp_path) as folder:
+        assert folder == tmp_path
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_without_rights_is_one_line(tmp_path):
+    tmp_path.chmod(0o500)
+    with pytest.raises(InputError, match="choose another directory"), own_folder(tmp_path / "out", tmp_path):
+        pass
+
+
+def test_a_file_in_place_of_the_folder_is_one_line(tmp_path):
+    (tmp_path / "out").write_text("")
+    with pytest.raises(InputError, match="choose another directory"), own_folder(tmp_path / "out", tmp_path):
+        pass
+    with pytest.raises(InputError, match="choose another directory"), gathered(tmp_path / "out"):
+        pass
