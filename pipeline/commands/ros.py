@@ -10,7 +10,7 @@ from pipeline.commands.trial import parse_hidden
 
 RosOption = Annotated[str, typer.Option("--ros", help="Address of the rosbridge, ws://HOST:9090.")]
 ArmOption = Annotated[
-    str, typer.Option("--arm", help="The arm behind it: a known robot, or a settings file with a table [ros].")
+    str, typer.Option("--arm", help="The arm behind it: a known robot, or a settings file with a table for ROS.")
 ]
 TWIN_LENGTH = 0.368
 

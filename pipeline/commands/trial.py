@@ -73,7 +73,7 @@ def trial(
     robot: Annotated[str, typer.Option(help="'simulated', or 'ros': a robot behind rosbridge.")] = "simulated",
     ros: Annotated[str | None, typer.Option("--ros", help="With --robot ros: its rosbridge, ws://HOST:9090.")] = None,
     arm: Annotated[
-        str, typer.Option("--arm", help="With --robot ros: a known arm, or a settings file with a table [ros].")
+        str, typer.Option("--arm", help="With --robot ros: a known arm, or a settings file with a table for ROS.")
     ] = "baxter",
     loadcell: Annotated[str | None, typer.Option(help="With --robot ros: serial port of the load cell.")] = None,
     calibration: Annotated[

@@ -17,6 +17,7 @@ from pipeline.loadcell.cell import LoadCell
 from pipeline.loadcell.faults import Fault
 from pipeline.robot.protocol import ForceSample, JointState, Vector
 from pipeline.ros.baxter import Power
+from pipeline.ros.blend import Blend
 from pipeline.ros.bridge import Bridge
 from pipeline.ros.gate import FRESH, PERIOD, CommandGate
 from pipeline.ros.latency import Spread, round_trip
@@ -110,6 +111,7 @@ class RosRobot:
         self._ours: deque[tuple[tuple[float, ...], float]] = deque(maxlen=OURS)
         self._ended: str | None = None
         self._foreign = False
+        self._blend: Blend | None = None
         self._sent: tuple[Vector, Vector, Vector] | None = None
         self._sent_at: float | None = None
         self._reader = EvenTimes(PERIOD)
@@ -178,7 +180,12 @@ class RosRobot:
         with self._lock:
             if self._ended is None:
                 self._braking.clear()
-                problem = self._send(q, v, a)
+                state = self._states.latest
+                if state is not None and q.shape == state.q.shape and self._gate.begins(self.time):
+                    self._blend = Blend(state.q, q)
+                if self._blend is not None and q.shape == v.shape == a.shape:
+                    q, v, a = self._blend.next(q, v, a)
+                problem = self._send(q, v, a, state)
                 if problem is None:
                     return
                 self._ended = problem
@@ -289,12 +296,12 @@ class RosRobot:
             return f"another program sends commands on {self._topics.command}: end it, then start again"
         return None if self._power is None else self._power.trouble
 
-    def _send(self, q: Vector, v: Vector, a: Vector) -> str | None:
+    def _send(self, q: Vector, v: Vector, a: Vector, state: JointState | None) -> str | None:
         """Send one posture; a sentence where it was withheld."""
         trouble = self._trouble()
         if trouble is not None:
             return trouble
-        now, state = self.time, self._states.latest
+        now = self.time
         refusal = self._gate.judge(q, v, a, state, now)
         if refusal is not None:
             return refusal.sentence
@@ -347,7 +354,9 @@ class RosRobot:
             due += PERIOD
             self.advance(due - self.time)
             with self._lock:
-                if not self._braking.is_set() or self._send(q, v, a) is not None:
+                if self._closing.is_set() or not self._braking.is_set():
+                    return
+                if self._send(q, v, a, self._states.latest) is not None:
                     return
 
 

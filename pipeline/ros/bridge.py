@@ -23,6 +23,8 @@ CONNECT = 5.0
 """Longest time to connect, and to answer a service call [s]."""
 SEND = 0.02
 """Longest time that the operating system may take to accept one message [s]; two control cycles."""
+GOODBYE = 1.0
+"""Longest time that the other side may take to end the connection [s]."""
 RECEIVE = 1 << 16
 """Bytes that are read at once."""
 REMARKS = 20
@@ -145,9 +147,10 @@ class Bridge:
         with self._lock, suppress(InvalidState):
             self._protocol.send_close()
             self._flush()
+        # The other side says goodbye when it has read everything; what is cut off before may be lost.
+        self._thread.join(GOODBYE)
         self._lose("it was closed here")
-        if threading.current_thread() is not self._thread:
-            self._thread.join(CONNECT)
+        self._thread.join(CONNECT)
 
     def _connect(self) -> None:
         try:

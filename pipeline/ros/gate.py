@@ -14,8 +14,8 @@ FRESH = 0.05
 """Oldest joint state with which a command may be sent [s]."""
 GAP = 0.05
 """Silence after which a stream of commands is a new one [s]."""
-NEAR = 0.02
-"""How far from where the arm is a stream may begin [rad]. Baxter counts 0.0087 rad as arrived."""
+NEAR = 1e-6
+"""How far from where the arm is a stream may begin [rad]: for rounding. A step would break every limit."""
 TOLERANCE = 1e-3
 """Share by which a limit may be exceeded, for rounding and for tables between nodes: that of the motion's gate."""
 REST_SPEED = 1e-3
@@ -74,6 +74,10 @@ class CommandGate:
         """Whether the last two commands were the same posture."""
         return len(self._last) < 2 or bool(np.all(np.abs(self._last[-1] - self._last[-2]) <= REST_SPEED * PERIOD))
 
+    def begins(self, now: float) -> bool:
+        """Whether the next command begins a stream, from rest [s]."""
+        return not self._last or (now - self._sent > GAP and self.at_rest)
+
     def judge(self, q: Vector, v: Vector, a: Vector, state: JointState | None, now: float) -> Refusal | None:
         """Why a command must not be sent; None where it may, and it is then counted as sent.
 
@@ -109,10 +113,9 @@ class CommandGate:
 
     def _beginning(self, q: Vector, v: Vector, state: JointState | None, now: float) -> Refusal | None:
         """A stream begins at rest where the arm is; one that paused while the arm moved does not go on."""
-        if self._last and now - self._sent <= GAP:
-            return None
-        if self._last and not self.at_rest:
-            return Refusal(Withheld.GAP, f"{1e3 * (now - self._sent):.0f} ms")
+        if not self.begins(now):
+            late = now - self._sent
+            return None if late <= GAP else Refusal(Withheld.GAP, f"{1e3 * late:.0f} ms")
         self._last = []
         assert state is not None, "the state was judged before"
         moving = self._most(Withheld.ELSEWHERE, np.abs(v), np.full(len(q), REST_SPEED), "rad/s")

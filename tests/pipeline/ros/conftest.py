@@ -25,8 +25,9 @@ class LoopbackBridge:
     def __init__(self):
         self.requests, self.answers = [], {}
         self._subscribers = defaultdict(set)
-        self._changed = threading.Condition()
+        self._changed = threading.Condition(threading.RLock())
         self._clients = set()
+        self.stopped = threading.Event()
         self._listening = threading.Event()
         self._listening.set()
         self._server = serve(self._serve, "127.0.0.1", 0, compression=None, max_size=None)
@@ -35,7 +36,7 @@ class LoopbackBridge:
         self._thread.start()
 
     def published(self, topic):
-        with self._changed:
+        with self._changed:  # whoever waits for something may look at it
             return [r["msg"] for r in self.requests if r["op"] == "publish" and r["topic"] == topic]
 
     def wait_for(self, condition, patience=10.0):
@@ -69,6 +70,7 @@ class LoopbackBridge:
                 client.socket.shutdown(socket.SHUT_RDWR)
 
     def close(self):
+        self.stopped.set()
         self._listening.set()
         self._server.shutdown()
         self.drop()
@@ -78,6 +80,8 @@ class LoopbackBridge:
         try:
             for text in client:
                 self._listening.wait()
+                if self.stopped.is_set():
+                    return
                 request = json.loads(text)
                 with self._changed:
                     self.requests.append(request)
