@@ -69,7 +69,9 @@ def twin(
         typer.echo("READY")
         end = None if seconds is None else time.monotonic() + seconds
         with noted_signals(ends.append):
-            robot.run(lambda: bool(ends) or (end is not None and time.monotonic() >= end))
+            robot.run(
+                lambda: bool(ends) or robot.bridge.failure is not None or (end is not None and time.monotonic() >= end)
+            )
         lost = robot.bridge.failure
         answer = robot.summary()
     if json_file is not None:

@@ -28,8 +28,6 @@ from pipeline.ros.wording import command_message, point_message, positions_in
 
 LAG = 0.01
 """How far behind now the joints are read [s]: by then the reading of that time has usually arrived."""
-FIRST_STATE = 3.0
-"""Longest time to the first joint state [s]."""
 REPEATED = 1.2
 """For a second after `advertise` rosbridge repeats what we send to new subscribers: nothing moves before that [s]."""
 OURS = 300
@@ -277,12 +275,7 @@ class RosRobot:
                 bridge.advertise(topic, kind)
         advertised = self.time
         self._power = None if topics.enabling is None else Power(bridge, topics.enabling)
-        if self._states.wait(FIRST_STATE) is None:
-            seen = f"; {self._states.unreadable} could not be read" if self._states.unreadable else ""
-            raise InputError(
-                f"{topics.joint_states}: no state of {', '.join(self.joint_names)} within {FIRST_STATE:g} s{seen}: is "
-                "the robot on, and is this its topic?"
-            )
+        self._states.first(topics.joint_states)
         self.figures.round_trip = round_trip(bridge)
         self.advance(advertised + REPEATED - self.time)
         if self._foreign:

@@ -9,7 +9,7 @@ import numpy as np
 
 import urdf
 from armdyn.channels import Channel
-from armdyn.errors import InputError, TaskFailedError
+from armdyn.errors import TaskFailedError
 from armdyn.run import Run, write_run_csv
 from pipeline.loadcell.calibration import Calibration, default_path
 from pipeline.loadcell.cell import LoadCell
@@ -19,8 +19,6 @@ from pipeline.ros.bridge import Bridge, Message
 from pipeline.ros.states import JointStates
 from pipeline.ros.topics import RosTopics
 
-FIRST_STATE = 3.0
-"""Longest time to the first joint state [s]."""
 SILENT = 1.0
 """Longest time between two joint states [s]: slower drivers shall be recorded too."""
 
@@ -70,11 +68,7 @@ def record_run(
                 states.append(newest)
 
         bridge.subscribe(topics.joint_states, "sensor_msgs/JointState", take)
-        if joints.wait(FIRST_STATE) is None:
-            raise InputError(
-                f"{topics.joint_states}: no state of {', '.join(arm.joint_names)} within {FIRST_STATE:g} s: is the "
-                "robot on, and is this its topic?"
-            )
+        joints.first(topics.joint_states)
         start = time.monotonic()
         while (elapsed := time.monotonic() - start) < seconds:
             time.sleep(min(0.05, seconds - elapsed))

@@ -9,10 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from armdyn.errors import InputError
 from pipeline.robot.protocol import JointState, Vector
+from pipeline.ros.bridge import Bridge
 
 DRIFT = 1e-4
 """Largest rate at which two computers' clocks part [1]; crystals differ by less than half of that."""
+FIRST_STATE = 3.0
+"""Longest time to the first joint state [s]."""
 KEPT = 64
 """States that are kept: more than half a second at 100 Hz."""
 
@@ -86,11 +90,24 @@ class JointStates:
         with self._changed:
             return self._states[-1] if self._states else None
 
-    def wait(self, patience: float) -> JointState | None:
-        """The newest state, waited for where there is none yet; None where none came in time [s]."""
+    def first(self, topic: str) -> JointState:
+        """The newest state, waited for where there is none yet.
+
+        Args:
+            topic: they come from, for the message.
+
+        Raises:
+            InputError: none came in time.
+        """
         with self._changed:
-            self._changed.wait_for(lambda: bool(self._states), patience)
-            return self._states[-1] if self._states else None
+            self._changed.wait_for(lambda: bool(self._states), FIRST_STATE)
+            if self._states:
+                return self._states[-1]
+            seen = f"; {self.unreadable} could not be read" if self.unreadable else ""
+        raise InputError(
+            f"{topic}: no state of {', '.join(self._names)} within {FIRST_STATE:g} s{seen}: is the robot on, and is "
+            "this its topic?"
+        )
 
     def at(self, time: float) -> JointState | None:
         """The state at a time [s]: between two states by a cubic, beyond the newest along its velocity.
@@ -170,6 +187,23 @@ class EvenTimes:
             self._behind.clear()
         self._last += steps * self._period
         return self._last
+
+
+def where_is(uri: str, names: Sequence[str], topic: str) -> JointState:
+    """Where an arm is now; nothing is sent to it.
+
+    Args:
+        uri: of its rosbridge.
+        names: of its joints.
+        topic: of its joint states.
+
+    Raises:
+        InputError: no bridge, or no state of these joints in time.
+    """
+    joints = JointStates(names)
+    with Bridge(uri) as bridge:
+        bridge.subscribe(topic, "sensor_msgs/JointState", joints.take)
+        return joints.first(topic)
 
 
 def stamp_of(message: Mapping[str, Any]) -> float:

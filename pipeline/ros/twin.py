@@ -8,6 +8,7 @@ ignored. Modes other than the two position modes are ignored as well.
 import gc
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from math import isfinite
@@ -22,7 +23,7 @@ from pipeline.loadcell.emulator import EmulatedPort
 from pipeline.robot.protocol import Vector
 from pipeline.robot.settings import PlantSettings
 from pipeline.robot.simulated import SimulatedRobot
-from pipeline.ros.bridge import Bridge
+from pipeline.ros.bridge import Bridge, BridgeError
 from pipeline.ros.priority import ask_for_real_time
 from pipeline.ros.topics import RosTopics
 
@@ -160,7 +161,7 @@ class Twin:
         self.bridge.close()
 
     def run(self, until: Callable[[], bool]) -> None:
-        """Live in real time until a condition holds or the bridge is lost.
+        """Live in real time until a condition holds; without the bridge the arm holds, as the robot would.
 
         Args:
             until: the condition; looked at every few ms.
@@ -171,7 +172,7 @@ class Twin:
         start = time.monotonic() - self.robot.time
         self._epoch = time.time() - self.robot.time + self._stamp_offset
         next_state = self.robot.time
-        while not until() and self.bridge.failure is None:
+        while not until():
             now = time.monotonic()
             late = now - start - self.robot.time
             if late > FAR_BEHIND:
@@ -226,7 +227,7 @@ class Twin:
         })  # fmt: skip
 
     def _say(self, topic: str, message: Mapping[str, Any]) -> None:
-        if self.bridge.failure is None:
+        with suppress(BridgeError):
             self.bridge.publish(topic, message)
 
     def _connect(self) -> None:
@@ -254,6 +255,10 @@ class Twin:
                 self._inbox.append(lambda now: act(message, now))
 
         return put
+
+    def between_steps(self, act: Callable[[], None]) -> None:
+        """Have something done between two steps of the plant, from any thread."""
+        self._later(lambda _message, _now: act())({}, 0.0)
 
     def press(self, button: int = 1, source: int = 1) -> None:
         """Press the red button (or stop by software: 2, 2): the arm is disabled until it is released and reset."""

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import pipeline.robot.ros as ros_module
+import pipeline.ros.states as states_module
 import urdf
 from armdyn.errors import InputError, TaskFailedError
 from pipeline.robot.ros import RosRobot
@@ -78,7 +79,7 @@ def baxter():
 @pytest.fixture
 def arm(loopback, baxter, monkeypatch):
     monkeypatch.setattr(ros_module, "round_trip", lambda _bridge: Spread(50, 0.001, 0.002, 0.003, 0.004))
-    monkeypatch.setattr(ros_module, "FIRST_STATE", 10.0)
+    monkeypatch.setattr(states_module, "FIRST_STATE", 10.0)
     obedient = ObedientArm(loopback, baxter.joint_names)
 
     def first_states():  # until somebody has subscribed
@@ -261,7 +262,7 @@ def test_another_commander_at_the_start_is_refused(arm, baxter):
 
 
 def test_without_joint_states_the_topic_is_named(loopback, baxter, monkeypatch):
-    monkeypatch.setattr(ros_module, "FIRST_STATE", 0.05)
+    monkeypatch.setattr(states_module, "FIRST_STATE", 0.05)
     with pytest.raises(InputError, match=r"/robot/joint_states: no state of right_s0, .* within 0.05 s"):
         RosRobot(loopback.uri, baxter, TOPICS)
 

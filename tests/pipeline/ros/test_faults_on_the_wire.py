@@ -1,0 +1,139 @@
+"""What can be killed, stalled or pressed while the arm moves: it stands, nothing is replayed, the recording is whole.
+
+ARMDYN_ROS_REPETITIONS=10 tries each fault ten times, at other instants.
+"""
+
+import os
+import random
+import re
+import signal
+import time
+
+import numpy as np
+import pytest
+from ros_wire.wire import TracedTwin, Trial, Wire, missing, suspend
+
+import urdf
+from armdyn.run import read_run
+from pipeline.ros.bridge import Bridge
+from pipeline.ros.gate import GAP, PERIOD
+from pipeline.ros.topics import read_topics, settings_file
+
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(missing() is not None, reason=str(missing()))]
+
+REPETITIONS = int(os.environ.get("ARMDYN_ROS_REPETITIONS", "1"))
+STANDS = 0.3
+"""Longest time from the fault to an arm that stands [s]."""
+STILL = 0.02
+"""Fastest joint of an arm that stands [rad/s]: its load goes on swinging."""
+TOPICS = read_topics(settings_file("baxter"))
+LEARNING = 1.0
+"""Time from the first command to the first motion [s]."""
+
+
+def press(_wire, twin, _trial):
+    twin.tell("press")
+
+
+def unplug(_wire, twin, _trial):
+    twin.tell("unplug")
+
+
+def interrupt(_wire, _twin, trial):
+    trial.process.send_signal(signal.SIGINT)
+
+
+def kill_trial(_wire, _twin, trial):
+    trial.process.kill()
+
+
+def kill_bridge(wire, _twin, _trial):
+    os.kill(wire.pids["BRIDGE_PID"], signal.SIGKILL)
+
+
+def stall_bridge(wire, _twin, _trial):
+    suspend(wire.pids["BRIDGE_PID"], 1.0)
+
+
+def intrude(wire, _twin, _trial):
+    """Ten commands of somebody else, 0.02 rad from where the arm begins."""
+    names = urdf.load("baxter").joint_names
+    with Bridge(wire.uri) as bridge:
+        seen = []
+        bridge.subscribe(TOPICS.command, TOPICS.kind.value, lambda message, _now: seen.append(message["command"]))
+        bridge.advertise(TOPICS.command, TOPICS.kind.value)
+        while not seen:
+            time.sleep(0.001)
+        intrude.began = time.monotonic()
+        for _ in range(10):
+            message = {"mode": 4, "names": list(names), "command": [q + 0.02 for q in seen[0]]}
+            bridge.publish(TOPICS.command, message)
+            time.sleep(PERIOD)
+
+
+FAULTS = {
+    "ctrl-c": (interrupt, "interrupted by the user"),
+    "program-killed": (kill_trial, None),
+    "bridge-killed": (kill_bridge, "connection to the bridge .* is lost|too old"),
+    "bridge-stalled": (stall_bridge, "too old|stood still"),
+    "emergency-stop": (press, "stopped by the red button"),
+    "second-commander": (intrude, "another program sends commands"),
+    "load-cell-dies": (unplug, "load cell"),
+}
+
+
+def standing_after(trace, fault):
+    """Time from a fault [s] to the beginning of the standstill that lasts."""
+    time_, q = trace["time"], trace["q"]
+    speed = np.max(np.abs(np.diff(q, axis=0)), axis=1) / np.diff(time_)
+    moving = np.flatnonzero((speed > STILL) & (time_[1:] > fault))
+    return 0.0 if not moving.size else float(time_[1:][moving[-1]] - fault)
+
+
+def largest_share(trace):
+    """Largest share of a limit that a command used, over the streams of commands."""
+    limits, worst = urdf.load("baxter").limits, 0.0
+    breaks = np.flatnonzero(np.diff(trace["received"]) > GAP) + 1
+    for q in np.split(trace["positions"], breaks):
+        for order, bound in ((1, limits.velocity), (2, limits.acceleration), (3, limits.jerk)):
+            if len(q) > order:
+                worst = max(worst, np.max(np.abs(np.diff(q, n=order, axis=0)) / PERIOD**order / bound))
+    return worst
+
+
+@pytest.mark.parametrize("repetition", range(REPETITIONS))
+@pytest.mark.parametrize("name", FAULTS)
+def test_the_arm_stands(name, repetition, tmp_path):
+    inject, says = FAULTS[name]
+    rng = random.Random(f"{name} {repetition}")
+    with Wire() as wire:
+        twin = TracedTwin(wire, tmp_path, seed=repetition)
+        trial = Trial(wire, twin, tmp_path)
+        with Bridge(wire.uri) as watch:
+            moved = []
+            watch.subscribe(TOPICS.command, TOPICS.kind.value, lambda _message, now: moved.append(now), throttle=0.1)
+            while not moved and trial.process.poll() is None:
+                time.sleep(0.01)
+        instant = LEARNING + rng.uniform(0.0, 16.0)
+        time.sleep(instant)
+        assert trial.process.poll() is None, trial.wait()[1]
+        fault = time.monotonic()
+        inject(wire, twin, trial)
+        fault = getattr(inject, "began", fault)
+        status, said, _ = trial.wait()
+        time.sleep(0.5)
+        trace = twin.end()
+    took = standing_after(trace, fault)
+    late = int(np.sum(trace["received"] > fault + STANDS + 0.35))  # braking, and 0.3 s of holding
+    print(
+        f"{name} at {instant:.2f} s: stands after {took:.3f} s, {late} late commands, "
+        f"largest share of a limit {largest_share(trace):.2f}; {' '.join(said.split())[-300:]}"
+    )
+    assert took <= STANDS
+    if name not in ("second-commander", "bridge-stalled"):
+        assert late == 0
+        assert largest_share(trace) <= 1.001
+    if says is not None:
+        assert status in (1, 130)
+        assert re.search(says, " ".join(said.split())), said
+        read_run(trial.out / "trial.mcap")
