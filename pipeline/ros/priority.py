@@ -6,9 +6,6 @@ import threading
 PRIORITY = 10
 """Of 1 to 99: above every ordinary program, below what the system itself runs with."""
 
-BESIDE = 5
-"""Of a process that estimates and plans for such a program."""
-
 
 def ask_for_real_time() -> bool:
     """Have all threads of this program run before ordinary programs; those started later inherit it.
@@ -27,7 +24,7 @@ def ask_for_real_time() -> bool:
     return True
 
 
-def step_back() -> None:
-    """In a process that computes for a loop with real-time scheduling: never run where the loop wants to."""
+def be_ordinary() -> None:
+    """Give it back, in a process that computes for seconds beside such a program: it must never make a loop wait."""
     if hasattr(os, "sched_setscheduler") and os.sched_getscheduler(0) == os.SCHED_RR:
-        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(BESIDE))
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
