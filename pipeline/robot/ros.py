@@ -264,7 +264,7 @@ class RosRobot:
     def _begin(self) -> None:
         bridge, topics = self.bridge, self._topics
         bridge.subscribe(topics.joint_states, "sensor_msgs/JointState", self._states.take)
-        bridge.subscribe(topics.command, topics.kind.value, self._take_echo)
+        bridge.subscribe(topics.command, topics.kind.value, self._take_echo, every=True)
         bridge.advertise(topics.command, topics.kind.value)
         for topic, kind in (
             (topics.feed_forward, "trajectory_msgs/JointTrajectoryPoint"),

@@ -78,7 +78,7 @@ class Bridge:
         """The clock of the times of reception [s]."""
         return self._clock()
 
-    def subscribe(self, topic: str, kind: str, take: Take, *, throttle: float = 0.0) -> None:
+    def subscribe(self, topic: str, kind: str, take: Take, *, throttle: float = 0.0, every: bool = False) -> None:
         """Have `take` called with every message of a topic.
 
         Args:
@@ -86,12 +86,12 @@ class Bridge:
             kind: its type, such as ``sensor_msgs/JointState``.
             take: see `Take`.
             throttle: least time between two messages [s]; those between are left out by the bridge.
+            every: whether a bridge that is late passes on every message; else the newest.
         """
         self._takers[topic].append(take)
-        # A queue of one: where the bridge is late, the newest message is the one that is wanted.
-        self._send({
-            "op": "subscribe", "topic": topic, "type": kind, "queue_length": 1, "throttle_rate": round(1e3 * throttle),
-        })  # fmt: skip
+        # A queue of one keeps the newest message; without a queue all are passed on.
+        queue, rate = 0 if every else 1, round(1e3 * throttle)
+        self._send({"op": "subscribe", "topic": topic, "type": kind, "queue_length": queue, "throttle_rate": rate})
 
     def advertise(self, topic: str, kind: str, *, latch: bool = False) -> None:
         """Say that we shall publish. For a second the bridge repeats messages to new subscribers: wait before moving.

@@ -94,6 +94,12 @@ class Twin:
         hidden: effects that nobody's model knows.
         seed: of everything random.
         stamp_offset: by how much the robot's clock is ahead of this computer's [s].
+
+    Attributes:
+        robot: the plant.
+        tally: what it was sent.
+        port: the microcontroller's end of the load cell's line.
+        start: this computer's monotonic time at the plant's time 0, once it runs [s].
     """
 
     def __init__(
@@ -121,7 +127,7 @@ class Twin:
         self.bridge = Bridge(uri)
         self._enabled, self._stopped, self._button, self._source = False, False, 0, 0
         self._enabling: float | None = None
-        self._epoch = 0.0
+        self._epoch = self.start = 0.0
         self._order = sorted((*OTHERS, *self._names))
         self._connect()
 
@@ -169,7 +175,7 @@ class Twin:
         ask_for_real_time()
         gc.collect()
         gc.freeze()  # what was loaded stays; looking through it again and again would take 50 ms each time
-        start = time.monotonic() - self.robot.time
+        start = self.start = time.monotonic() - self.robot.time
         self._epoch = time.time() - self.robot.time + self._stamp_offset
         next_state = self.robot.time
         while not until():
@@ -177,7 +183,7 @@ class Twin:
             late = now - start - self.robot.time
             if late > FAR_BEHIND:
                 self.tally.behind += late - STEP
-                start += late - STEP
+                start = self.start = start + late - STEP
                 self._epoch += late - STEP
             self._live(now, now - start)
             if self.robot.time >= next_state - STEP / 2:
@@ -245,7 +251,7 @@ class Twin:
             (f"{root}/set_super_stop", "std_msgs/Empty", lambda _m, _now: self.press(button=2, source=2)),
         ):
             if topic is not None:
-                bridge.subscribe(topic, kind, self._later(act))
+                bridge.subscribe(topic, kind, self._later(act), every=True)
 
     def _later(self, act: Callable[[Mapping[str, Any], float], None]) -> Callable[[Mapping[str, Any], float], None]:
         """Messages arrive in the bridge's thread; they are acted on between two steps of the plant."""

@@ -2,7 +2,6 @@
 
 import sys
 import threading
-import time
 from pathlib import Path
 
 import numpy as np
@@ -30,12 +29,11 @@ with Twin(uri, baxter, topics, posture, hidden=hidden, seed=int(seed), stamp_off
         ended.set()
 
     threading.Thread(target=obey, daemon=True).start()
-    begun = time.monotonic() - twin.robot.time
     twin.run(ended.is_set)
     history, tally = twin.robot.history(), twin.tally
     np.savez(
         trace,
-        time=begun + history.time + tally.behind,
+        time=twin.start + history.time,
         q=history.q,
         received=np.array(tally.received),
         positions=np.array(tally.positions).reshape(-1, 7),

@@ -27,8 +27,12 @@ STANDS = 0.3
 STILL = 0.02
 """Fastest joint of an arm that stands [rad/s]: its load goes on swinging."""
 TOPICS = read_topics(settings_file("baxter"))
-LEARNING = 1.0
-"""Time from the first command to the first motion [s]."""
+PHASES = {"learning": (1.2, 6.0), "planning": (6.5, 13.0), "swinging": (15.0, 18.5)}
+"""When the arm does what, counted from the first command [s]."""
+AWAKE = 1.0
+"""How long a bridge is stalled [s]."""
+LATE_WAY = 0.1
+"""How far a joint may move [rad] by the commands that a stalled bridge still held: 50 ms at 1.5 rad/s, and the lag."""
 
 
 def press(_wire, twin, _trial):
@@ -52,7 +56,7 @@ def kill_bridge(wire, _twin, _trial):
 
 
 def stall_bridge(wire, _twin, _trial):
-    suspend(wire.pids["BRIDGE_PID"], 1.0)
+    suspend(wire.pids["BRIDGE_PID"], AWAKE)
 
 
 def intrude(wire, _twin, _trial):
@@ -101,8 +105,14 @@ def largest_share(trace):
     return worst
 
 
-@pytest.mark.parametrize("repetition", range(REPETITIONS))
+def way_after(trace, instant):
+    """How far the joint that moves most goes from where it is at an instant [rad]."""
+    later = trace["q"][trace["time"] > instant]
+    return float(np.max(np.abs(later - later[0])))
+
+
 @pytest.mark.parametrize("name", FAULTS)
+@pytest.mark.parametrize("repetition", range(REPETITIONS))
 def test_the_arm_stands(name, repetition, tmp_path):
     inject, says = FAULTS[name]
     rng = random.Random(f"{name} {repetition}")
@@ -114,25 +124,32 @@ def test_the_arm_stands(name, repetition, tmp_path):
             watch.subscribe(TOPICS.command, TOPICS.kind.value, lambda _message, now: moved.append(now), throttle=0.1)
             while not moved and trial.process.poll() is None:
                 time.sleep(0.01)
-        instant = LEARNING + rng.uniform(0.0, 16.0)
+        phase = list(PHASES)[repetition % len(PHASES)]
+        instant = rng.uniform(*PHASES[phase])
         time.sleep(instant)
         assert trial.process.poll() is None, trial.wait()[1]
         fault = time.monotonic()
         inject(wire, twin, trial)
         fault = getattr(inject, "began", fault)
-        status, said, _ = trial.wait()
+        status, said, answer = trial.wait()
         time.sleep(0.5)
         trace = twin.end()
-    took = standing_after(trace, fault)
-    late = int(np.sum(trace["received"] > fault + STANDS + 0.35))  # braking, and 0.3 s of holding
+    stalled = name == "bridge-stalled"
+    # The bridge holds what it was sent before the trial noticed: that is the only motion after the arm stood.
+    until = fault + AWAKE if stalled else np.inf
+    before = {key: trace[key][trace["time"] < until] for key in ("time", "q")}
+    took, late = standing_after(before, fault), int(np.sum(trace["received"] > fault + STANDS + 0.35))
+    lost = None if answer is None else answer["robot"]["commands"] - len(trace["received"])
+    share, way = largest_share(trace), way_after(trace, until) if stalled else 0.0
     print(
-        f"{name} at {instant:.2f} s: stands after {took:.3f} s, {late} late commands, "
-        f"largest share of a limit {largest_share(trace):.2f}; {' '.join(said.split())[-300:]}"
+        f"{name} while {phase}, at {instant:.2f} s: stands after {took:.3f} s, {late} late commands, {lost} lost, "
+        f"largest share of a limit {share:.2f}, late way {way:.4f} rad: {' '.join(said.split())[:400]}"
     )
     assert took <= STANDS
-    if name not in ("second-commander", "bridge-stalled"):
-        assert late == 0
-        assert largest_share(trace) <= 1.001
+    assert late <= (6 if stalled else 0)
+    assert way <= LATE_WAY
+    if lost == 0:  # where the bridge lost one, two steps look like one
+        assert share <= 1.001
     if says is not None:
         assert status in (1, 130)
         assert re.search(says, " ".join(said.split())), said
