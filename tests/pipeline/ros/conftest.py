@@ -30,7 +30,7 @@ class LoopbackBridge:
         self.stopped = threading.Event()
         self._listening = threading.Event()
         self._listening.set()
-        self._server = serve(self._serve, "127.0.0.1", 0, compression=None, max_size=None)
+        self._server = serve(self._serve, "127.0.0.1", 0, compression=None, max_size=None, close_timeout=0.5)
         self.uri = f"ws://127.0.0.1:{self._server.socket.getsockname()[1]}"
         self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
         self._thread.start()
@@ -72,8 +72,8 @@ class LoopbackBridge:
     def close(self):
         self.stopped.set()
         self._listening.set()
-        self._server.shutdown()
         self.drop()
+        self._server.shutdown()
 
     def _serve(self, client):
         self._clients.add(client)

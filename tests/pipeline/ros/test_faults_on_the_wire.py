@@ -105,6 +105,13 @@ def largest_share(trace):
     return worst
 
 
+def moving_commands_after(trace, instant):
+    """How many commands that arrived after an instant [s] ask for motion; those that hold do not."""
+    later = np.flatnonzero(trace["received"][1:] > instant) + 1
+    steps = np.max(np.abs(trace["positions"][later] - trace["positions"][later - 1]), axis=1, initial=0.0)
+    return int(np.sum(steps > STILL * PERIOD))
+
+
 def way_after(trace, instant):
     """How far the joint that moves most goes from where it is at an instant [rad]."""
     later = trace["q"][trace["time"] > instant]
@@ -138,7 +145,7 @@ def test_the_arm_stands(name, repetition, tmp_path):
     # The bridge holds what it was sent before the trial noticed: that is the only motion after the arm stood.
     until = fault + AWAKE if stalled else np.inf
     before = {key: trace[key][trace["time"] < until] for key in ("time", "q")}
-    took, late = standing_after(before, fault), int(np.sum(trace["received"] > fault + STANDS + 0.35))
+    took, late = standing_after(before, fault), moving_commands_after(trace, fault + STANDS)
     lost = None if answer is None else answer["robot"]["commands"] - len(trace["received"])
     share, way = largest_share(trace), way_after(trace, until) if stalled else 0.0
     print(
