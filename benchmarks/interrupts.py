@@ -3,8 +3,8 @@
     python benchmarks/interrupts.py [--tries N] [--signals INT,TERM,HUP,KILL] [--command "trial ..."] [--json FILE]
 
 Each try starts `armdyn` in a directory of its own and sends one signal at a random instant, from the first import of
-armdyn on. What counts: the exit status, no traceback, the time to the end, and that every recording can be read and
-belongs to the report beside it.
+armdyn on. What counts: the exit status, no traceback, the time to the end, and that the recording in its folder is the
+old one with the old report, or a new one that can be read and has no old report beside it.
 """
 
 import _timing as bench  # isort: skip
@@ -28,6 +28,8 @@ from armdyn.run import read_run
 START = "import sys; import pipeline; sys.stderr.write('armdyn\\n'); from pipeline.cli import main; main()"
 """Says when the interpreter is ready and armdyn's first import begins: what comes before belongs to Python."""
 LONGEST = 120.0
+BEFORE, OLD = ("trial.mcap", "trial.csv", "model.toml", "report.html"), "of the last trial"
+"""Files that are there before, and what they hold."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,9 @@ def attempt(name: str, at: float, command: list[str]) -> Try:
     """Start, signal, wait, look."""
     number = getattr(signal, f"SIG{name}")
     with TemporaryDirectory() as scratch:
+        (Path(scratch) / "out").mkdir()
+        for file in BEFORE:
+            (Path(scratch) / "out" / file).write_text(OLD)
         process = subprocess.Popen(
             [sys.executable, "-c", START, *command], cwd=scratch, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
             start_new_session=True,
@@ -74,11 +79,14 @@ def over(seconds: float) -> set[int]:
 
 def damage(folder: Path, killed: bool) -> list[str]:
     """What is left and cannot be read, or was only written for a moment."""
-    found = []
-    for recording in folder.rglob("trial.mcap"):
+    found, out = [], folder / "out"
+    old = {name for name in BEFORE if (out / name).exists() and (out / name).read_bytes() == OLD.encode()}
+    if "report.html" in old and old != set(BEFORE):
+        found.append(f"an old report beside new files: old are {sorted(old)}")
+    if "trial.mcap" not in old:
         try:
-            read_run(recording)
-        except ArmdynError as error:
+            read_run(out / "trial.mcap")
+        except (ArmdynError, OSError) as error:
             found.append(f"recording: {error}")
     if not killed:
         found += [f"left over: {path.name}" for path in folder.rglob(".armdyn-*") if path.is_file()]

@@ -1,10 +1,12 @@
 """The real load cell: a thread that reads the serial line, stamps what it reads and watches it; forces and faults."""
 
 import contextlib
+import math
 import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from typing import NamedTuple
 
 from pipeline.loadcell.calibration import Calibration
@@ -64,10 +66,39 @@ SMALLEST_NOISE = 0.5
 """Counts; assumed of a cell that is not calibrated. The HX711's own is about 40 (90 nV of 20 mV at 80 samples/s)."""
 
 
+SPIKE = 1e-3
+"""Share of the converter's range by which a spike stands out at least, about 0.1 N of a 1 kg cell; and ..."""
+SPIKE_NOISE = 10.0
+"""... so many standard deviations of the noise."""
+PUSH = 0.1
+"""A string cannot push: a force below minus this [N] is more than the zero of a cell moves in a day."""
+DRIFT = 0.1
+"""Faster than this [N/s] no cell creeps or warms up."""
+
+
 def count_limits(noise: float = SMALLEST_NOISE, silent_after: float = 0.2) -> FaultLimits:
     """Fault limits for the counts of an HX711 with `noise` [counts]."""
-    repeats = implausible_repeats(noise, 1.0)
-    return FaultLimits(MINIMUM_COUNTS, MAXIMUM_COUNTS, repeats, silent_after, START_UP)
+    return FaultLimits(
+        MINIMUM_COUNTS,
+        MAXIMUM_COUNTS,
+        implausible_repeats(noise, 1.0),
+        step=1.0,
+        within_step=implausible_repeats(noise, 2.0),
+        spike=SPIKE * (MAXIMUM_COUNTS - MINIMUM_COUNTS) + SPIKE_NOISE * noise,
+        silent_after=silent_after,
+        start_up=START_UP,
+    )
+
+
+def calibrated_limits(calibration: Calibration, silent_after: float = 0.2) -> FaultLimits:
+    """The same for a cell whose counts are known to be forces."""
+    limit, pull_raises = calibration.counts(-PUSH), calibration.scale > 0
+    return replace(
+        count_limits(calibration.count_noise, silent_after),
+        drift=DRIFT / abs(calibration.scale),
+        least=limit if pull_raises else -math.inf,
+        most=math.inf if pull_raises else limit,
+    )
 
 
 class CountSample(NamedTuple):
@@ -230,7 +261,7 @@ class LoadCell:
         queue: int = QUEUE,
     ) -> None:
         self._calibration = calibration
-        limits = count_limits(calibration.count_noise, silent_after)
+        limits = calibrated_limits(calibration, silent_after)
         self._reader = CountReader(open_port(port, baud), limits, clock, queue)
 
     def __enter__(self) -> "LoadCell":

@@ -2,9 +2,11 @@
 
 import math
 import sys
+from collections import deque
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
+from itertools import pairwise
 
 from pipeline.robot.protocol import ForceSample
 
@@ -18,6 +20,9 @@ class Fault(Enum):
     FROZEN = (
         "one value is repeated for longer than the noise allows: check the wires of cell, HX711 and microcontroller"
     )
+    SPIKES = "single samples are far from those around them: check ground and supply, and shield the wires"
+    NEGATIVE = "the force is negative: check the wires of the bridge and how the cell is mounted, and calibrate again"
+    DRIFTING = "the force goes steadily up or down: wait until the cell is warm, and check what touches it"
     RESTARTED = "the microcontroller started its count anew: check its power supply"
     MALFORMED = "a line on the serial port is not a sample: check baud rate, cable and ground"
     DROPPED = "samples were lost on their way from the microcontroller: check the cable and the load of this computer"
@@ -30,7 +35,15 @@ class Fault(Enum):
         return self in _LASTING
 
 
-_LASTING = (Fault.DISCONNECTED, Fault.SILENT, Fault.SATURATED, Fault.FROZEN)
+_LASTING = (
+    Fault.DISCONNECTED,
+    Fault.SILENT,
+    Fault.SATURATED,
+    Fault.FROZEN,
+    Fault.SPIKES,
+    Fault.NEGATIVE,
+    Fault.DRIFTING,
+)
 
 
 @dataclass(frozen=True)
@@ -58,6 +71,12 @@ class FaultLimits:
         lower: end of the range, itself not in order, in the unit of the stream [N].
         upper: end of the range, itself not in order [N].
         identical: so many identical values in a row are a frozen cell.
+        step: of the converter [N]; 0 where it is not known.
+        within_step: so many values in a row that differ by one step at most are a frozen cell.
+        spike: how far a single sample may be from both of its neighbours, on the same side [N].
+        least: below this a force is impossible, for longer than a moment [N].
+        most: above this likewise [N].
+        drift: how fast the mean force may go one way for `STEADY` blocks [N/s].
         silent_after: so long without a sample is silence [s].
         start_up: how much longer the first sample may take [s]; most boards restart when the port is opened.
     """
@@ -65,13 +84,26 @@ class FaultLimits:
     lower: float = -math.inf
     upper: float = math.inf
     identical: int = 10
+    step: float = 0.0
+    within_step: int = sys.maxsize
+    spike: float = math.inf
+    least: float = -math.inf
+    most: float = math.inf
+    drift: float = math.inf
     silent_after: float = 0.2
     start_up: float = 0.0
 
     @classmethod
     def of(cls, noise: float, resolution: float, full_scale: float, silent_after: float = 0.2) -> "FaultLimits":
         """Limits of a cell with this noise, resolution and range of either sign [N]."""
-        return cls(-full_scale, full_scale, implausible_repeats(noise, resolution), silent_after)
+        return cls(
+            -full_scale,
+            full_scale,
+            implausible_repeats(noise, resolution),
+            resolution,
+            implausible_repeats(noise, 2.0 * resolution),
+            silent_after=silent_after,
+        )
 
 
 def implausible_repeats(noise: float, resolution: float, false_alarms: float = 1e-9) -> int:
@@ -94,8 +126,81 @@ def implausible_repeats(noise: float, resolution: float, false_alarms: float = 1
     return sys.maxsize if p >= 1.0 else max(3, 1 + math.ceil(math.log(false_alarms) / math.log(p)))
 
 
+RECENT = 100
+"""Samples among which spikes are counted."""
+MANY, FEW = 3, 1
+"""Spikes among them from which on, and down to which, the cell cannot be relied on; one in a hundred is bridged."""
+MOMENT = 10
+"""Impossible forces in a row that are no longer a moment, such as a load that bounces."""
+BLOCK, STEADY = 0.5, 4
+"""Length of a block [s] whose mean is compared with the next, and how many must go one way: a load that swings or is
+hung on goes back, or stops, within 2 s."""
+
+
+class _Stuck:
+    """Counts the values in a row, up to the last, that are equal, and those that differ by one step at most."""
+
+    def __init__(self, step: float) -> None:
+        self._room = 1.01 * step
+        self._last = self._low = self._high = math.nan
+        self.equal = self.close = 0
+
+    def add(self, value: float) -> None:
+        low, high = min(self._low, value), max(self._high, value)
+        if high - low <= self._room:  # not where there is no last value
+            self.close += 1
+        elif abs(value - self._last) <= self._room:
+            low, high, self.close = min(self._last, value), max(self._last, value), self.equal + 1
+        else:
+            low, high, self.close = value, value, 1
+        self.equal = self.equal + 1 if value == self._last else 1
+        self._last, self._low, self._high = value, low, high
+
+
+class _Spikes:
+    """Counts the samples among the latest that stand out from both neighbours."""
+
+    def __init__(self, limit: float) -> None:
+        self._limit = limit
+        self._three: deque[float] = deque(maxlen=3)
+        self._found: deque[bool] = deque(maxlen=RECENT)
+
+    @property
+    def count(self) -> int:
+        return sum(self._found)
+
+    def add(self, value: float) -> None:
+        self._three.append(value)
+        if len(self._three) == 3:
+            before, middle, after = self._three
+            self._found.append(
+                min(abs(middle - before), abs(middle - after)) > self._limit and (middle > before) == (middle > after)
+            )
+
+
+class _Drift:
+    """Compares the means of blocks: whether the last ones all went one way, faster than the limit."""
+
+    def __init__(self, limit: float) -> None:
+        self._least = limit * BLOCK
+        self._begin, self._sum, self._count = math.nan, 0.0, 0
+        self._means: deque[float] = deque(maxlen=STEADY + 1)
+        self.steady = False
+
+    def add(self, time: float, value: float) -> None:
+        if not time < self._begin + BLOCK:
+            if self._count:
+                self._means.append(self._sum / self._count)
+                steps = [after - before for before, after in pairwise(self._means)]
+                one_way = all(s > self._least for s in steps) or all(s < -self._least for s in steps)
+                self.steady = len(steps) == STEADY and one_way
+            self._begin, self._sum, self._count = time, 0.0, 0
+        self._sum += value
+        self._count += 1
+
+
 class FaultDetector:
-    """Finds a frozen, saturated or silent load cell in its stream of samples. It has no clock and no thread.
+    """Finds a load cell that cannot be relied on in its stream of samples. It has no clock and no thread.
 
     Args:
         limits: what is still in order.
@@ -107,8 +212,9 @@ class FaultDetector:
         self._events: list[FaultEvent] = []
         self._heard: float | None = None
         self._patience = self._limits.start_up + self._limits.silent_after
-        self._value = math.nan
-        self._repeats = 0
+        self._stuck, self._spikes = _Stuck(self._limits.step), _Spikes(self._limits.spike)
+        self._drift = _Drift(self._limits.drift)
+        self._impossible = 0
 
     @property
     def active(self) -> tuple[Fault, ...]:
@@ -126,11 +232,20 @@ class FaultDetector:
         self.check(time)
         self._heard, self._patience = time, self._limits.silent_after
         self._set(Fault.SILENT, False, time)
-        self._repeats = self._repeats + 1 if value == self._value else 1
-        self._value = value
-        self._set(Fault.FROZEN, self._repeats >= self._limits.identical, time)
+        limits, stuck = self._limits, self._stuck
+        stuck.add(value)
+        self._set(Fault.FROZEN, stuck.equal >= limits.identical or stuck.close >= limits.within_step, time)
+        if limits.spike < math.inf:
+            self._spikes.add(value)
+            fewest = FEW + 1 if Fault.SPIKES in self._active else MANY
+            self._set(Fault.SPIKES, self._spikes.count >= fewest, time)
+        if limits.drift < math.inf:
+            self._drift.add(time, value)
+            self._set(Fault.DRIFTING, self._drift.steady, time)
+        self._impossible = 0 if limits.least <= value <= limits.most else self._impossible + 1
+        self._set(Fault.NEGATIVE, self._impossible >= MOMENT, time)
         # In this form a value that is not a number is out of range, too.
-        self._set(Fault.SATURATED, not self._limits.lower < value < self._limits.upper, time)
+        self._set(Fault.SATURATED, not limits.lower < value < limits.upper, time)
 
     def check(self, now: float) -> Fault | None:
         """Look for silence at `now` [s]; the most serious fault that holds now, if any."""

@@ -1,7 +1,6 @@
 """Whatever fails in the loop: the arm is at rest, the recording can be read, and the result says why in a sentence."""
 
 import json
-import math
 import re
 import resource
 import signal
@@ -12,20 +11,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from faults.faulty import (
-    BadForce,
-    BadJoints,
-    ClockJumps,
-    Raises,
-    Signals,
-    Stale,
-    Stalls,
-    Through,
-    one_joint_fewer,
-    with_force,
-    with_stamp,
-    with_values,
-)
+from faults.faulty import AT_REST, BadForce, ClockJumps, Raises, Signals, Stalls, Through, with_force
+from faults.kinds import INF, NAN, SENSORS
 
 import ik
 import urdf
@@ -40,13 +27,18 @@ from pipeline.nodes.sac import SacNode
 from pipeline.nodes.task import TaskNode, TaskSettings
 from pipeline.record import Recorder
 from pipeline.trial import TrialSettings, simulate
+from pipeline.trial.experiment import Phase
 
-NAN, INF = math.nan, math.inf
 KICK, SAC, LEARNT = 0.75, 1.2, 1.5
 """Instants [s]: in the doublet, while SAC acts, after the first estimate. The arm moves in all of them."""
 USUAL = ("force-nan", "q-nan", "joints-stale", "force-raises")
 """Single bad readings that are tried by default; the others with -m slow."""
-PHASES = {"kick": KICK, "sac": SAC}
+PHASES = {"kick": KICK, "sac": SAC, "rest": 0.3, "learnt": LEARNT}
+"""The load cell's first sample comes at 0.02 s: at rest a fault has readings before it."""
+LONGEST_STOP = 0.5
+"""Time from the reason to an arm that is told to stand [s]; braking from the highest speed takes 0.3 s."""
+WATCHED = 0.3
+"""For so long it is then watched [s]."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +70,7 @@ class Case:
 def lasting(name, says, robot, by_itself=False):
     """The fault from an instant of each phase on."""
     return [
-        Case(f"{name}-{phase}", says, lambda at=at: robot(at, INF), by_itself=by_itself, slow=at == KICK)
+        Case(f"{name}-{phase}", says, lambda at=at: robot(at, INF), by_itself=by_itself, slow=at != SAC)
         for phase, at in PHASES.items()
     ]
 
@@ -86,7 +78,7 @@ def lasting(name, says, robot, by_itself=False):
 def single(name, robot):
     """The fault for one reading or two, which is bridged."""
     return [
-        Case(f"{name}-once-{phase}", None, lambda at=at: robot(at, at + 0.0105), slow=at == KICK or name not in USUAL)
+        Case(f"{name}-once-{phase}", None, lambda at=at: robot(at, at + 0.0105), slow=at != SAC or name not in USUAL)
         for phase, at in PHASES.items()
     ]
 
@@ -98,33 +90,6 @@ def raised(error):
     return instead
 
 
-def cell(spoil):
-    return lambda *when: BadForce(spoil, *when)
-
-
-def joints(spoil):
-    return lambda *when: BadJoints(spoil, *when)
-
-
-SENSORS = {
-    "force-nan": (cell(with_force(lambda _f: NAN)), "load cell .* NaN"),
-    "force-inf": (cell(with_force(lambda _f: INF)), "load cell .* NaN or an infinity"),
-    "force-stamp-ahead": (cell(with_stamp(lambda t: t + 1000.0)), "load cell .* future"),
-    "force-stamp-back": (cell(with_stamp(lambda t: t - 0.5)), "load cell .* not later"),
-    "force-stamp-nan": (cell(with_stamp(lambda _t: NAN)), "load cell .* NaN"),
-    "force-raises": (lambda *when: Raises("load_cell", OSError("port gone"), *when), "load cell .* cannot be read"),
-    "q-nan": (joints(with_values("q", NAN)), "joints .* NaN"),
-    "v-inf": (joints(with_values("v", INF)), "joints .* NaN or an infinity"),
-    "tau-nan": (joints(with_values("tau", NAN)), "joints .* NaN"),
-    "q-elsewhere": (joints(with_values("q", 0.0)), "joints .* jumps"),
-    "v-huge": (joints(with_values("v", 50.0)), "joints .* out of range"),
-    "joint-missing": (joints(one_joint_fewer), "joints .* wrong number"),
-    "joint-stamp-ahead": (joints(with_stamp(lambda t: t + 1000.0)), "joints .* clock has jumped"),
-    "joint-stamp-back": (joints(with_stamp(lambda t: t - 0.3)), "joints .* not later"),
-    "joint-stamp-nan": (joints(with_stamp(lambda _t: NAN)), "joints .* NaN"),
-    "joints-stale": (Stale, "joints .* not later"),
-    "joints-raise": (lambda *when: Raises("joint_state", RuntimeError("bus"), *when), "joints .* cannot be read"),
-}
 NODES = {
     "measurement": MeasurementNode,
     "estimator": EstimatorNode,
@@ -136,17 +101,23 @@ CASES = [
     *(case for name, (robot, says) in SENSORS.items() for case in lasting(name, says, robot)),
     *(case for name, (robot, _says) in SENSORS.items() for case in single(name, robot)),
     *(
-        Case(f"force-spike-{size:g}N", None, lambda size=size: BadForce(with_force(lambda _f: size), SAC, SAC + 0.0105))
-        for size in (5.0, -3.0)
+        Case(
+            f"force-spike-{size:g}N-{long:g}s-{phase}", None,
+            lambda size=size, long=long, at=at: BadForce(with_force(lambda f: f + size), at, at + long),
+            slow=(size, long, at) not in ((5.0, 0.0105, SAC), (-3.0, 0.0305, SAC)),
+        )
+        for size in (2.0, 5.0, 8.0, -3.0) for long in (0.0105, 0.0305) for phase, at in PHASES.items()
     ),
     *lasting("command", "the drive node failed .* link", lambda *w: Raises("command", OSError("link"), *w), True),
     *(
-        Case(f"stall-{longer:g}s", "stood still", lambda longer=longer: Stalls(SAC, longer), by_itself=True)
-        for longer in (0.05, 0.2, 2)
+        Case(f"stall-{longer:g}s-{at:g}s", "stood still", lambda longer=longer, at=at: Stalls(at, longer),
+             by_itself=True, slow=(at, longer) not in ((SAC, 0.05), (SAC, 2.0)))
+        for longer in (0.05, 0.2, 2.0) for at in (KICK, SAC, LEARNT)
     ),
     *(
-        Case(f"clock-{by:g}s", "clock jumped", lambda by=by: ClockJumps(SAC, by), by_itself=True)
-        for by in (1000.0, -1.0, -0.05, NAN)
+        Case(f"clock-{by:g}s-{at:g}s", "clock jumped", lambda by=by, at=at: ClockJumps(at, by), by_itself=True,
+             slow=at != SAC)
+        for by in (1000.0, -1.0, -0.05, NAN) for at in (KICK, SAC, LEARNT)
     ),
     *(
         Case(f"{name}-raises-{at:g}s", f"the {name} node failed at .* FloatingPointError: odd",
@@ -187,7 +158,10 @@ def assert_at_rest_within_limits(trial, robot, by_itself=False):
         assert np.all(np.abs(v1 - v0) <= 1.05 * limits.acceleration * max(t1 - t0, 0.01)), t1
     if not by_itself:
         assert np.all(commands[-1][2] == 0.0)
-    assert abs(trial.robot.gripper_truth().s_velocity) < 0.02  # a robot that moves has 0.1 to 1 m/s
+    assert abs(trial.robot.gripper_truth().s_velocity) < AT_REST
+    stop = trial.experiment.span(Phase.STOP)
+    if np.isfinite(stop.end - stop.start):  # not where the clock itself fails
+        assert stop.end - stop.start < LONGEST_STOP + WATCHED + 1e-6
 
 
 def assert_told(trial, says, out):
@@ -258,16 +232,27 @@ SWINGING = TrialSettings(length_guess=0.368, estimate=False, task=TaskSettings(d
 """It swings at once, from 0.5 to 3.5 s; the load would miss the box."""
 SWING_CASES = [
     *(
-        Case(f"{name}-{at:g}s", SENSORS[name][1], lambda name=name, at=at: SENSORS[name][0](at, INF), slow=at != 2.2)
-        for name in ("force-nan", "q-nan", "joints-stale", "joint-stamp-ahead") for at in (0.9, 2.2, 3.1)
+        Case(
+            f"{name}-{at:g}s", SENSORS[name][1], lambda name=name, at=at: SENSORS[name][0](at, INF),
+            slow=at != 2.2 or name not in ("force-nan", "q-nan", "joints-stale", "joint-stamp-ahead"),
+        )
+        for name in SENSORS for at in (0.9, 2.2, 3.1)
     ),
     Case("played-nan", "NaN", patch=(LineTrajectory, "__getitem__", 2.2, lambda *_: LineState(NAN, NAN, NAN))),
     Case("played-jump", "does not follow", patch=(LineTrajectory, "__getitem__", 2.2, lambda *_: LineState(0.1))),
     Case("planner-raises", "task node failed .* LinAlgError: singular",
          patch=(TaskPlanner, "plan", 0.0, raised(np.linalg.LinAlgError("singular")))),
-    Case("command-raises", "drive node failed", lambda: Raises("command", OSError("link"), 2.2), by_itself=True),
-    Case("stall", "stood still", lambda: Stalls(2.2, 0.1), by_itself=True),
-    Case("clock", "clock jumped", lambda: ClockJumps(2.2, 1000.0), by_itself=True),
+    *(
+        case
+        for at in (2.2, 0.9, 3.1)
+        for case in (
+            Case(f"command-raises-{at:g}s", "drive node failed",
+                 lambda at=at: Raises("command", OSError("link"), at), by_itself=True, slow=at != 2.2),
+            Case(f"stall-{at:g}s", "stood still", lambda at=at: Stalls(at, 0.1), by_itself=True, slow=at != 2.2),
+            Case(f"clock-{at:g}s", "clock jumped", lambda at=at: ClockJumps(at, 1000.0), by_itself=True,
+                 slow=at != 2.2),
+        )
+    ),
 ]  # fmt: skip
 
 

@@ -115,3 +115,23 @@ def test_diverging_simulation_says_so(baxter, q_start):
     plant = SimulatedRobot(baxter, q_start, PlantSettings(mass=1e-3, start_angle=0.5), {"linear_drag": 5.0})
     with pytest.raises(TaskFailedError, match="diverged"):
         plant.advance(2.0)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "says"),
+    [
+        (lambda q, v, a: (q + 5.0, v, a), "position of right_s0 is beyond its limit"),
+        (lambda q, v, a: (q + np.eye(7)[6] * 0.3, v, a), "position of right_w2 is 0.30 rad from where the joint is"),
+        (lambda q, v, a: (q, v + 50.0, a), "velocity of right_s0 is beyond"),
+        (lambda q, v, a: (q, v, a + 500.0), "acceleration of right_s0 is beyond"),
+        (lambda q, v, a: (q * np.nan, v, a), "not finite"),
+        (lambda q, v, a: (q[:-1], v, a), "7 joints"),
+    ],
+)
+def test_a_command_that_a_real_arm_would_refuse_is_refused_and_the_arm_stays(baxter, q_start, spoil, says):
+    plant = SimulatedRobot(baxter, q_start)
+    still = np.zeros(7)
+    with pytest.raises(InputError, match=says):
+        plant.command(*spoil(q_start, still, still))
+    plant.advance(0.1)
+    assert abs(plant.gripper_truth().s_velocity) < 1e-3
