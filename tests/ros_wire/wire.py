@@ -115,6 +115,13 @@ class TracedTwin:
         self.port = next(line.split()[1] for line in self._process.stdout if line.startswith("loadcell"))
         assert self._process.stdout.readline() == "READY\n"
 
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_error):
+        self._process.kill()
+        self._process.wait()
+
     def tell(self, word):
         self._process.stdin.write(f"{word}\n")
         self._process.stdin.flush()
@@ -143,6 +150,17 @@ class Trial:
              "--json", str(self._answer), *options],
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment(), cwd=folder,
         )  # fmt: skip
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_error):
+        self.process.kill()
+        self.process.wait()
+
+    @property
+    def runs(self):
+        return self.process.poll() is None
 
     def wait(self):
         """Exit status, what was said, and the answer; None where there is none."""

@@ -29,11 +29,11 @@ def run(wire, folder, *options, seed=0):
     for attempt in range(TRIES):
         here = folder / str(attempt)
         here.mkdir()
-        twin, stalls = TracedTwin(wire, here, seed), Stalls()
-        trial = Trial(wire, twin, here, *options)
-        status, said, answer = trial.wait()
-        stalls.close()
-        trace = twin.end()
+        stalls = Stalls()
+        with TracedTwin(wire, here, seed) as twin, Trial(wire, twin, here, *options) as trial:
+            status, said, answer = trial.wait()
+            stalls.close()
+            trace = twin.end()
         spoiled = status == 1 and any(words in said for words in TIMING) and stalls.worst > STOOD_STILL
         if not spoiled:
             return status, said, answer, trace, trial
@@ -57,10 +57,9 @@ def test_the_load_lands_in_the_box_over_ros(wire, tmp_path):
 
 @pytest.mark.slow
 def test_a_rehearsal_needs_no_load_cell(wire, tmp_path):
-    twin = TracedTwin(wire, tmp_path)
-    trial = Trial(wire, twin, tmp_path, "--rehearse")
-    status, said, answer = trial.wait()
-    trace = twin.end()
+    with TracedTwin(wire, tmp_path) as twin, Trial(wire, twin, tmp_path, "--rehearse") as trial:
+        status, said, answer = trial.wait()
+        trace = twin.end()
     assert status == 0, said
     assert answer["tracking_error"] < 0.05
     assert np.max(np.abs(np.diff(trace["positions"], axis=0))) / PERIOD < 0.4

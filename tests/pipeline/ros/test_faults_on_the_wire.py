@@ -27,8 +27,10 @@ STANDS = 0.3
 STILL = 0.02
 """Fastest joint of an arm that stands [rad/s]: its load goes on swinging."""
 TOPICS = read_topics(settings_file("baxter"))
-PHASES = {"learning": (1.2, 6.0), "planning": (6.5, 13.0), "swinging": (15.0, 18.5)}
-"""When the arm does what, counted from the first command [s]."""
+PHASES = {"learning the length": (0.3, 5.5), "settling": (0.0, 3.0), "swing": (2.3, 6.5)}
+"""Phases of a trial, and when the fault comes after their beginning [s]: while it learns, plans and swings."""
+TRIES = 3
+"""Runs that may end before their fault because this machine is too slow."""
 AWAKE = 1.0
 """How long a bridge is stalled [s]."""
 LATE_WAY = 0.1
@@ -59,18 +61,18 @@ def stall_bridge(wire, _twin, _trial):
     suspend(wire.pids["BRIDGE_PID"], AWAKE)
 
 
-def intrude(wire, _twin, _trial):
+def intrude(wire, _twin, trial):
     """Ten commands of somebody else, 0.02 rad from where the arm begins."""
     names = urdf.load("baxter").joint_names
     with Bridge(wire.uri) as bridge:
         seen = []
         bridge.subscribe(TOPICS.command, TOPICS.kind.value, lambda message, _now: seen.append(message["command"]))
         bridge.advertise(TOPICS.command, TOPICS.kind.value)
-        while not seen:
+        while not seen and trial.runs:
             time.sleep(0.001)
         intrude.began = time.monotonic()
         for _ in range(10):
-            message = {"mode": 4, "names": list(names), "command": [q + 0.02 for q in seen[0]]}
+            message = {"mode": 4, "names": list(names), "command": [q + 0.02 for q in seen[-1]]}
             bridge.publish(TOPICS.command, message)
             time.sleep(PERIOD)
 
@@ -84,6 +86,17 @@ FAULTS = {
     "second-commander": (intrude, "another program sends commands"),
     "load-cell-dies": (unplug, "load cell"),
 }
+
+
+def reaches(wire, trial, phase, instant):
+    """Wait until so long after the beginning of a phase [s]; whether the trial still runs then."""
+    phases = []
+    with Bridge(wire.uri) as watch:
+        watch.subscribe("/armdyn/phase", "std_msgs/String", lambda message, _now: phases.append(message["data"]))
+        while phase not in phases and trial.runs:
+            time.sleep(0.005)
+        time.sleep(instant)
+    return trial.runs
 
 
 def standing_after(trace, fault):
@@ -123,24 +136,24 @@ def way_after(trace, instant):
 def test_the_arm_stands(name, repetition, tmp_path):
     inject, says = FAULTS[name]
     rng = random.Random(f"{name} {repetition}")
-    with Wire() as wire:
-        twin = TracedTwin(wire, tmp_path, seed=repetition)
-        trial = Trial(wire, twin, tmp_path)
-        with Bridge(wire.uri) as watch:
-            moved = []
-            watch.subscribe(TOPICS.command, TOPICS.kind.value, lambda _message, now: moved.append(now), throttle=0.1)
-            while not moved and trial.process.poll() is None:
-                time.sleep(0.01)
-        phase = list(PHASES)[repetition % len(PHASES)]
+    phase = list(PHASES)[repetition % len(PHASES)]
+    for attempt in range(TRIES):
+        here = tmp_path / str(attempt)
+        here.mkdir()
         instant = rng.uniform(*PHASES[phase])
-        time.sleep(instant)
-        assert trial.process.poll() is None, trial.wait()[1]
-        fault = time.monotonic()
-        inject(wire, twin, trial)
-        fault = getattr(inject, "began", fault)
-        status, said, answer = trial.wait()
-        time.sleep(0.5)
-        trace = twin.end()
+        with Wire() as wire, TracedTwin(wire, here, seed=repetition) as twin, Trial(wire, twin, here) as trial:
+            reached = reaches(wire, trial, phase, instant)
+            if reached:
+                fault = time.monotonic()
+                inject(wire, twin, trial)
+                fault = getattr(inject, "began", fault)
+            status, said, answer = trial.wait()
+            time.sleep(0.5)
+            trace = twin.end()
+        if reached:
+            break
+    else:
+        pytest.skip(f"this machine is too slow for a run in real time: {' '.join(said.split())}")
     stalled = name == "bridge-stalled"
     # The bridge holds what it was sent before the trial noticed: that is the only motion after the arm stood.
     until = fault + AWAKE if stalled else np.inf
@@ -160,4 +173,5 @@ def test_the_arm_stands(name, repetition, tmp_path):
     if says is not None:
         assert status in (1, 130)
         assert re.search(says, " ".join(said.split())), said
-        read_run(trial.out / "trial.mcap")
+    (recording,) = [*trial.out.glob("trial.mcap"), *trial.out.glob("unfinished-*/trial.mcap")]
+    assert len(read_run(recording).channels["gripper_x"]) > 50
