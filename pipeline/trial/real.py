@@ -184,7 +184,7 @@ def rehearse(
     total, farthest = float(motion.time[-1]), 0.0
     with RosRobot(link.uri, link.arm, link.topics, None, lambda: clock.time) as robot:
         _tell_link(robot, asking)
-        _go_to_start(robot, link.arm, table, settings, asking, say, "moves along its whole line")
+        _go_to_start(robot, link.arm, table, settings, asking, say, "moves slowly along its whole line")
 
         def watched() -> Iterator[Posture]:
             nonlocal farthest
@@ -239,7 +239,7 @@ def _go_to_start(
     c: ProtocolSettings,
     asking: Asking,
     say: Progress,
-    then: str = "moves",
+    then: str = "swings the load",
 ) -> None:
     """Ask, enable the arm, and move it from where it is to the start posture."""
     here, goal = robot.newest_state().q, table.posture(0.0).q
@@ -252,8 +252,8 @@ def _go_to_start(
             raise InputError(
                 f"the way to the start posture is not free: {checked.sentence} Move the arm by hand nearer to it"
             )
-    first = f"to its start posture, {away:.2f} rad away, in {motion.time[-1]:.0f} s; then it " if away > THERE else ""
-    if not asking.may_move(f"The arm now moves {first}{then}. Is its space free, and a hand on the emergency stop?"):
+    first = f"goes to its start posture, {away:.2f} rad away, in {motion.time[-1]:.0f} s, then " if away > THERE else ""
+    if not asking.may_move(f"The arm now {first}{then}. Is its space free, and a hand on the emergency stop?"):
         raise TaskFailedError("nothing was moved")
     robot.prepare()
     here = robot.newest_state().q
