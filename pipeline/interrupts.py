@@ -5,6 +5,8 @@ import os
 import signal
 import sys
 import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from types import FrameType
 
 NAMES = ("SIGINT", "SIGTERM", "SIGHUP")
@@ -73,10 +75,38 @@ class Interrupts:
                 signal.signal(number, lambda number, _frame: leave(number))
 
 
-def installed() -> Interrupts | None:
-    """The one that handles signals in this process; None where somebody else does."""
-    handler = signal.getsignal(signal.SIGINT)
-    return handler if isinstance(handler, Interrupts) else None
+@contextmanager
+def noted_signals(note: Callable[[int], None]) -> Iterator[None]:
+    """Have `note` called with the number of a signal, so that what runs ends in order; a second Ctrl-C is raised.
+
+    Raises:
+        Interrupt: a signal came before, and a library has swallowed what it raised.
+    """
+    pressed = False
+
+    def handle(number: int, _frame: FrameType | None) -> None:
+        nonlocal pressed
+        if number == signal.SIGINT:
+            if pressed:
+                raise KeyboardInterrupt
+            pressed = True
+        note(number)
+
+    with ExitStack() as restored:
+        before = {number: signal.getsignal(number) for number in numbers()}
+        for number, usual in before.items():
+            if usual is signal.SIG_IGN and number != signal.SIGINT:
+                continue  # nohup wants the program to go on
+            try:
+                signal.signal(number, handle)
+            except ValueError:  # not the main thread: whoever started the thread handles signals
+                break
+            restored.callback(signal.signal, number, usual or signal.SIG_DFL)
+        # Only now: from here on no signal can come unnoticed.
+        for usual in before.values():
+            if isinstance(usual, Interrupts):
+                usual.check()
+        yield
 
 
 def leave(number: int) -> None:

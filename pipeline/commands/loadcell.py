@@ -128,6 +128,7 @@ def _watch(cell: Any, console: "Console", seconds: float | None) -> tuple["Monit
 
     from rich.live import Live
 
+    from pipeline.interrupts import noted_signals
     from pipeline.loadcell.faults import Fault
     from pipeline.loadcell.monitor import Monitor, monitor_table
 
@@ -136,9 +137,11 @@ def _watch(cell: Any, console: "Console", seconds: float | None) -> tuple["Monit
     status = cell.status()
     if seconds is None:
         console.print("Ctrl-C ends")
+    ends: list[int] = []
     with Live(console=console, refresh_per_second=10) as live:
-        try:
-            while status.connected:
+        # Ctrl-C is the usual way to end it: it is no interruption.
+        with noted_signals(ends.append):
+            while status.connected and not ends:
                 time.sleep(0.05)
                 seen.add(cell.read(), cell.events())
                 status = cell.status()
@@ -148,8 +151,6 @@ def _watch(cell: Any, console: "Console", seconds: float | None) -> tuple["Monit
                     begin = now
                 if seconds is not None and begin is not None and now - begin >= seconds:
                     break
-        except KeyboardInterrupt:
-            pass  # the usual way to end it
         seen.add(cell.read(), cell.events())
         live.update(monitor_table(seen, status, start))
     if not console.is_terminal:

@@ -9,7 +9,7 @@ from armdyn.errors import InputError
 from pipeline.commands.output import command_line, phase_progress, to_screen, write_json
 
 if TYPE_CHECKING:
-    from pipeline.robot.ros import Figures
+    from pipeline.ros.latency import Figures
     from pipeline.trial import ProtocolSettings
     from pipeline.trial.real import Asking, Link, RealTrial
 

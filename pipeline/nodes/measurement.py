@@ -110,11 +110,13 @@ class _SmoothedPath:
         """The coordinate along the line as it was measured."""
         return self._series[0].since(self.start, "m", self._first + self.count)
 
-    def update(self) -> None:
-        """Take what was measured since the last time."""
+    def update(self, end: int) -> None:
+        """Take what was measured since the last time, up to sample number `end`."""
         if not self.count:  # what was measured before the start may arrive after it
             self._first = self._series[0].first(self.start)
-        new = slice(self._first + self.count, self._series[0].count)
+        new = slice(self._first + self.count, end)
+        if new.stop <= new.start:
+            return
         pairs = zip(self._growing, self._series, strict=True)
         self.along, self.height = (growing.extend(series.value[new]) for growing, series in pairs)
         self.count = new.stop - self._first
@@ -156,6 +158,7 @@ class MeasurementNode:
         self._pulled_at: float | None = None
         self._waiting: deque[tuple[str, float, float]] = deque()
         self._path: _SmoothedPath | None = None
+        self._guessed = 0  # samples at the end of the gripper's path that were bridged
         self.load_hangs, self.hangs_until = True, inf
         self.fault: str | None = None
         weight = GRAVITY * mass
@@ -210,6 +213,7 @@ class MeasurementNode:
         if self._gripper.count and state.time <= self._gripper.time[self._gripper.count - 1]:
             return  # a bridge already stands there
         self._append(state.time, along, height)
+        self._guessed = 0
         self._waiting.append(("gripper_x", state.time, along))
         self._waiting.append(("gripper_z", state.time, height))
         for prefix, values in (("q", state.q), ("v", state.v), ("tau", state.tau)):
@@ -221,6 +225,7 @@ class MeasurementNode:
         if self._gripper.count and self.joint_door.fault is None:
             time = float(self._gripper.time[self._gripper.count - 1]) + self.period
             self._append(time, *self._sensor.locate(self.joint_door.bridged(time - self.state.time)))
+            self._guessed += 1
 
     def _append(self, time: float, along: float, height: float) -> None:
         """Continue the gripper's path; cycles that the loop left out are laid on a straight line."""
@@ -279,7 +284,8 @@ class MeasurementNode:
     def update_path(self) -> None:
         """Take what was measured since the last time into the smoothed path of the run."""
         if self._path is not None:
-            self._path.update()
+            # The end of a path weighs most in its accelerations: no guess may stand there.
+            self._path.update(self._gripper.count - self._guessed)
 
     def run(self) -> GrowingRun:
         """What was measured from `begin` to the last `update_path`; time counts from the beginning.
@@ -292,5 +298,6 @@ class MeasurementNode:
         start, raw = self._path.start, self._path.raw
         x, v, a = self._path.along
         path = GripperPath(float(raw.time[0]), self.period, x, v, a, self._path.height)
-        channels = {"gripper_x": raw, "load_force": self._force.since(start, "N")}
+        end = self._force.first(start + float(raw.time[-1]) + self.period / 2) if self._guessed else None
+        channels = {"gripper_x": raw, "load_force": self._force.since(start, "N", end)}
         return GrowingRun("trial", channels, noise=self._noise, path=path)

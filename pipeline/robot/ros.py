@@ -5,11 +5,9 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
 from typing import Any, Self
 
 import numpy as np
-from ruckig import ControlInterface, InputParameter, OutputParameter, Result, Ruckig
 
 import urdf
 from armdyn.errors import ArmdynError, InputError, TaskFailedError
@@ -18,9 +16,10 @@ from pipeline.loadcell.faults import Fault
 from pipeline.robot.protocol import ForceSample, JointState, Vector
 from pipeline.ros.baxter import Power
 from pipeline.ros.blend import Blend
+from pipeline.ros.braking import Braking
 from pipeline.ros.bridge import Bridge
 from pipeline.ros.gate import FRESH, PERIOD, CommandGate
-from pipeline.ros.latency import Spread, round_trip
+from pipeline.ros.latency import Figures, round_trip
 from pipeline.ros.states import EvenTimes, JointStates
 from pipeline.ros.telemetry import Telemetry
 from pipeline.ros.topics import RosTopics
@@ -32,43 +31,12 @@ REPEATED = 1.2
 """For a second after `advertise` rosbridge repeats what we send to new subscribers: nothing moves before that [s]."""
 OURS = 300
 """Commands that are remembered, so that others' are recognised: 3 s, longer than any bridge may stall."""
-BRAKING = 0.5
-"""Share of the joints' acceleration and jerk limits with which the arm brakes on its own."""
 HELD = 0.3
 """How long the last posture is still commanded after braking [s]."""
 SDK_TIMEOUT = 0.2
 """Baxter's own command timeout, restored at the end [s]."""
 SDK_SPEED_RATIO = 0.3
 """Baxter's own speed ratio, restored at the end."""
-
-
-@dataclass
-class Figures:
-    """What is measured while it runs.
-
-    Attributes:
-        round_trip: of messages before the first motion [s]; None before it was measured.
-        intervals: between two commands of one stream [s].
-        ages: of the newest joint state when a command was sent [s].
-        echoes: from sending a command to seeing it on its topic [s].
-        commands: sent.
-    """
-
-    round_trip: Spread | None = None
-    intervals: deque[float] = field(default_factory=lambda: deque(maxlen=100_000))
-    ages: deque[float] = field(default_factory=lambda: deque(maxlen=100_000))
-    echoes: deque[float] = field(default_factory=lambda: deque(maxlen=100_000))
-    commands: int = 0
-
-    def as_json(self) -> dict[str, Any]:
-        """Spread of each [s]."""
-        spreads = {"command_interval": self.intervals, "state_age": self.ages, "command_echo": self.echoes}
-        found = {name: Spread.of(tuple(values)) for name, values in spreads.items()}
-        return {
-            "commands": self.commands,
-            "round_trip": self.round_trip.as_json() if self.round_trip else None,
-            **{name: spread.as_json() if spread else None for name, spread in found.items()},
-        }
 
 
 class RosRobot:
@@ -338,7 +306,7 @@ class RosRobot:
 
     def _brake(self, start: tuple[Vector, Vector, Vector]) -> None:
         """Command the way to rest, cycle by cycle, until it is done, withheld, or a new command comes."""
-        motion = _Braking(start, self._description.limits)
+        motion = Braking(start, self._description.limits)
         held = 0
         due = self.time
         while held < round(HELD / PERIOD):
@@ -351,29 +319,3 @@ class RosRobot:
                     return
                 if self._send(q, v, a, self._states.latest) is not None:
                     return
-
-
-class _Braking:
-    """The way to rest of every joint by itself, with bounded acceleration and jerk, cycle by cycle."""
-
-    def __init__(self, start: tuple[Vector, Vector, Vector], limits: urdf.Limits) -> None:
-        n = len(start[0])
-        self._otg, self._input, self._output = Ruckig(n, PERIOD), InputParameter(n), OutputParameter(n)
-        given = self._input
-        given.control_interface = ControlInterface.Velocity
-        given.current_position, given.current_velocity, given.current_acceleration = (x.tolist() for x in start)
-        given.target_velocity = given.target_acceleration = [0.0] * n
-        # What is under way may accelerate more than the share with which it is braked.
-        most = np.maximum(BRAKING * limits.acceleration, np.abs(start[2]))
-        given.max_acceleration, given.max_jerk = most.tolist(), (BRAKING * limits.jerk).tolist()
-        given.max_velocity = limits.velocity.tolist()
-        self.done = False
-
-    def next(self) -> tuple[Vector, Vector, Vector]:
-        """Posture, velocity and acceleration one cycle on (n,)."""
-        result = self._otg.update(self._input, self._output)
-        self.done = result != Result.Working
-        self._output.pass_to_input(self._input)
-        out = self._output
-        q, v, a = (np.array(x) for x in (out.new_position, out.new_velocity, out.new_acceleration))
-        return (q, np.zeros_like(v), np.zeros_like(a)) if self.done else (q, v, a)

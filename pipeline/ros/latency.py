@@ -2,9 +2,11 @@
 
 import threading
 import time
+from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import count
+from typing import Any
 
 import numpy as np
 
@@ -93,3 +95,32 @@ def round_trip(bridge: Bridge, pings: int = 50) -> Spread:
             f"{bridge.uri}: {len(took)} of {pings} messages came back: does the bridge reach the ROS master?"
         )
     return spread
+
+
+@dataclass
+class Figures:
+    """What is measured while it runs.
+
+    Attributes:
+        round_trip: of messages before the first motion [s]; None before it was measured.
+        intervals: between two commands of one stream [s].
+        ages: of the newest joint state when a command was sent [s].
+        echoes: from sending a command to seeing it on its topic [s].
+        commands: sent.
+    """
+
+    round_trip: Spread | None = None
+    intervals: deque[float] = field(default_factory=lambda: deque(maxlen=100_000))
+    ages: deque[float] = field(default_factory=lambda: deque(maxlen=100_000))
+    echoes: deque[float] = field(default_factory=lambda: deque(maxlen=100_000))
+    commands: int = 0
+
+    def as_json(self) -> dict[str, Any]:
+        """Spread of each [s]."""
+        spreads = {"command_interval": self.intervals, "state_age": self.ages, "command_echo": self.echoes}
+        found = {name: Spread.of(tuple(values)) for name, values in spreads.items()}
+        return {
+            "commands": self.commands,
+            "round_trip": self.round_trip.as_json() if self.round_trip else None,
+            **{name: spread.as_json() if spread else None for name, spread in found.items()},
+        }

@@ -20,7 +20,8 @@ from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS
 from pipeline.motion.feasibility import CheckSettings, box_and_table, check_joints, check_line
 from pipeline.nodes.measurement import GRAVITY
 from pipeline.nodes.scheduler import RealClock
-from pipeline.robot.ros import Figures, RosRobot
+from pipeline.robot.ros import RosRobot
+from pipeline.ros.latency import Figures
 from pipeline.ros.priority import ask_for_real_time
 from pipeline.ros.telemetry import PublishingRecorder, Telemetry
 from pipeline.ros.topics import RosTopics

@@ -1,5 +1,7 @@
 import io
 import json
+import os
+import signal
 import sys
 import time
 import tomllib
@@ -131,7 +133,7 @@ def test_ctrl_c_ends_monitoring_in_the_usual_way(armdyn, monkeypatch, tmp_path):
     def interrupted(cell):
         calls.append(cell)
         if len(calls) == 5:
-            raise KeyboardInterrupt
+            os.kill(os.getpid(), signal.SIGINT)
         return read(cell)
 
     monkeypatch.setattr(LoadCell, "read", interrupted)
