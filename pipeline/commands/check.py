@@ -35,6 +35,9 @@ def check(
     start: Annotated[
         str | None, typer.Option(help="Where the arm is: joint positions in rad, separated by commas.")
     ] = None,
+    ros: Annotated[
+        str | None, typer.Option("--ros", help="Start from where the arm is: its rosbridge, ws://HOST:9090.")
+    ] = None,
     report: Annotated[Path | None, typer.Option(help="Where to write a page with plots (HTML).")] = None,
     json_file: JsonOption = None,
 ) -> int:
@@ -57,7 +60,7 @@ def check(
         settings = CheckSettings(
             load_mass=mass, springs=springs, obstacles=box_and_table(line, Box()) if box and line is not None else ()
         )
-        at = _start(start, arm)
+        at = _start(start, arm) if ros is None else _where(ros, robot, start, arm)
         if isinstance(motion, LineTrajectory):
             result = check_line(default_table(arm), arm, motion, settings, at=at)
         else:
@@ -100,6 +103,18 @@ def _start(text: str | None, arm: "urdf.Robot") -> "list[float] | None":
             f"--start {text}: give {len(arm.joint_names)} numbers in rad, for {', '.join(arm.joint_names)}"
         )
     return values
+
+
+def _where(uri: str, robot: str, start: str | None, arm: "urdf.Robot") -> "list[float]":
+    """Where the arm behind a rosbridge is; nothing is sent to it."""
+    from armdyn.errors import InputError
+    from pipeline.ros.states import where_is
+    from pipeline.ros.topics import read_topics, settings_file
+
+    if start is not None:
+        raise InputError("--start and --ros: give one of them")
+    at = where_is(uri, arm.joint_names, read_topics(settings_file(robot)).joint_states)
+    return [float(angle) for angle in at.q]
 
 
 def _write_report(result: "FeasibilityReport", trajectory: Path, file: Path) -> None:

@@ -69,22 +69,58 @@ def trial(
         ),
     ] = None,
     picture: Annotated[bool, typer.Option("--picture", help="Render the swing: swing.png and swing.gif.")] = False,
+    mass: Annotated[str, typer.Option(help="Of the load, as weighed.")] = "80 g +/- 0.8 g",
+    robot: Annotated[str, typer.Option(help="'simulated', or 'ros': a robot behind rosbridge.")] = "simulated",
+    ros: Annotated[str | None, typer.Option("--ros", help="With --robot ros: its rosbridge, ws://HOST:9090.")] = None,
+    arm: Annotated[
+        str, typer.Option("--arm", help="With --robot ros: a known arm, or a settings file with a table for ROS.")
+    ] = "baxter",
+    loadcell: Annotated[str | None, typer.Option(help="With --robot ros: serial port of the load cell.")] = None,
+    calibration: Annotated[
+        Path | None, typer.Option(help="Of the load cell, by 'armdyn loadcell calibrate'; your settings if not given.")
+    ] = None,
+    rehearse: Annotated[
+        bool, typer.Option("--rehearse", help="With --robot ros: only move along the line, slowly, without a load.")
+    ] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="With --robot ros: move without asking, for scripts.")] = False,
+    landed: Annotated[
+        str | None, typer.Option(help="With --robot ros: whether the load landed, 'yes' or 'no'; else you are asked.")
+    ] = None,
     json_file: JsonOption = None,
 ) -> None:
     """Learn the string's length, plan the swing, put the load into the box."""
-    from pipeline.trial import TrialSettings
+    from pipeline.trial import ProtocolSettings, TrialSettings
     from pipeline.trial.folder import own_folder
 
     check_outputs(json_file)
     given = _pendulum(model, effects) if model else None
     guess = length_guess if length_guess is not None else given.value("length") if given else 0.328
     held = given is not None and not given.parameters["length"].fitted
+    estimate = not (no_estimation or held)
+    note = f"{model} holds the length fixed: it was not estimated" if held and not no_estimation else ""
+    weighed, weighed_std = _mass(mass)
+    if robot == "ros":
+        from pipeline.commands.real import real_trial
+
+        for option, unused in (("--hidden", hidden), ("--picture", picture)):
+            if unused:
+                raise InputError(f"{option}: only the simulated robot has it; leave it out, or leave out --robot ros")
+        protocol = ProtocolSettings(
+            length_guess=guess, estimate=estimate, model=given, mass=weighed, mass_std=weighed_std
+        )
+        with own_folder(out, Path("out/trial")) as folder:
+            real_trial(protocol, ros, arm, loadcell, calibration, folder, rehearse, yes, landed, json_file)
+        return
+    if robot != "simulated":
+        raise InputError(f"--robot {robot}: choose 'simulated' or 'ros'")
+    for option, text in (("--ros", ros), ("--loadcell", loadcell), ("--landed", landed), ("--rehearse", rehearse)):
+        if text:
+            raise InputError(f"{option}: needs --robot ros")
     settings = TrialSettings(
-        length_guess=guess, length=length, estimate=not (no_estimation or held), hidden=parse_hidden(hidden or []),
-        model=given, seed=seed,
+        length_guess=guess, length=length, estimate=estimate, hidden=parse_hidden(hidden or []), model=given,
+        seed=seed, mass=weighed, mass_std=weighed_std,
     )  # fmt: skip
     with own_folder(out, Path("out/trial")) as folder:
-        note = f"{model} holds the length fixed: it was not estimated" if held and not no_estimation else ""
         _run(replace(settings, out=folder), folder, json_file, note, picture=picture)
 
 
@@ -136,6 +172,17 @@ def _report(done: "SimulatedTrial", report: Path) -> str | None:
             raise
         return f"no report: {type(error).__name__}: {' '.join(str(error).split())}"
     return None
+
+
+def _mass(text: str) -> tuple[float, float]:
+    """Value and standard deviation [kg]; 1 % where none is given."""
+    from armdyn.units import parse_quantity
+
+    try:
+        known = parse_quantity(text, "kg")
+    except InputError as error:
+        raise InputError(f"--mass: {error}") from error
+    return known.value, known.std if known.std else 0.01 * known.value
 
 
 def _pendulum(file: Path, effects: Path | None) -> "PendulumModel":

@@ -14,6 +14,7 @@ from multiprocessing.connection import Connection
 from typing import Any, Protocol
 
 from armdyn.errors import ArmdynError, InputError, TaskFailedError
+from pipeline.ros.priority import be_ordinary
 
 Work = Callable[[Any], Any]
 Then = Callable[[Any], None]
@@ -171,6 +172,7 @@ def _gone() -> TaskFailedError:
 
 def _serve(ours: Connection, connection: Connection, work: dict[str, Work]) -> None:
     """The process: work until the other end is closed."""
+    be_ordinary()
     ours.close()  # else this process would keep its own pipe open, and outlive the other
     for name in ("SIGINT", "SIGHUP"):  # a terminal sends them to all of a group; the loop decides what they mean
         if hasattr(signal, name):

@@ -112,6 +112,8 @@ class _SmoothedPath:
 
     def update(self, end: int) -> None:
         """Take what was measured since the last time, up to sample number `end`."""
+        if not self.count:  # what was measured before the start may arrive after it
+            self._first = self._series[0].first(self.start)
         new = slice(self._first + self.count, end)
         if new.stop <= new.start:
             return
@@ -226,7 +228,17 @@ class MeasurementNode:
             self._guessed += 1
 
     def _append(self, time: float, along: float, height: float) -> None:
+        """Continue the gripper's path; cycles that the loop left out are laid on a straight line."""
         self.gripper = along
+        last = self._gripper.count - 1
+        if last >= 0:
+            before = float(self._gripper.time[last]), float(self._gripper.value[last]), float(self._height.value[last])
+            missed = round((time - before[0]) / self.period) - 1
+            for k in range(1, missed + 1):
+                share = k / (missed + 1)
+                stamp, x, z = (a + share * (b - a) for a, b in zip(before, (time, along, height), strict=True))
+                self._gripper.append(stamp, x)
+                self._height.append(stamp, z)
         self._gripper.append(time, along)
         self._height.append(time, height)
 

@@ -19,10 +19,11 @@ class Reference:
         q: where the arm rests (n,) [rad].
         acceleration: limit with which it brakes (n,) [rad/s^2].
         hold_after: silence after which it brakes [s].
+        extrapolate: whether a command's position is carried on along its velocity until the next one comes.
     """
 
-    def __init__(self, q: Vector, acceleration: Vector, hold_after: float) -> None:
-        self._limit, self._hold_after = acceleration, hold_after
+    def __init__(self, q: Vector, acceleration: Vector, hold_after: float, extrapolate: bool = True) -> None:
+        self._limit, self._hold_after, self._extrapolate = acceleration, hold_after, extrapolate
         self._start, self._brake_at = 0.0, math.inf
         self._q, self._v, self._a = q.copy(), np.zeros_like(q), np.zeros_like(q)
         self._brake_from = (self._q, self._v, 0.0)
@@ -53,6 +54,9 @@ class Reference:
 
     def _extrapolated(self, time: float) -> tuple[Vector, Vector, Vector]:
         age = time - self._start
+        if not self._extrapolate:
+            fresh = float(age <= TRUST_ACCELERATION)
+            return self._q, fresh * self._v, fresh * self._a
         trusted = min(age, TRUST_ACCELERATION)
         v = self._v + self._a * trusted
         q = self._q + self._v * trusted + 0.5 * self._a * trusted**2 + v * (age - trusted)
@@ -61,6 +65,8 @@ class Reference:
     def _braking(self, time: float) -> tuple[Vector, Vector, float]:
         """Position and velocity at which braking begins, and the time that it takes all joints together."""
         q, v, _ = self._extrapolated(time)
+        if not self._extrapolate:
+            return q, np.zeros_like(v), 0.0
         return q, v, float(np.max(np.abs(v) / self._limit))
 
 

@@ -40,6 +40,8 @@ class ServoSettings:
         friction: dry friction of the joint, unknown to the controller [N m].
         filter_time: time constant through which reference and feed-forward pass [s].
         hold_after: without a command for this long the arm brakes and holds [s].
+        extrapolate: whether a position is carried on along its velocity until the next command, or held; then its
+            velocity and acceleration are feed-forward only.
     """
 
     stiffness: tuple[float, ...] = (800.0, 800.0, 600.0, 600.0, 120.0, 120.0, 60.0)
@@ -48,6 +50,7 @@ class ServoSettings:
     friction: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0, 0.3, 0.3, 0.3)
     filter_time: float = 0.015
     hold_after: float = 0.1
+    extrapolate: bool = True
 
     def __post_init__(self) -> None:
         _require_finite(self, ("stiffness", "damping", "armature", "friction"), at_least=0.0)

@@ -103,7 +103,10 @@ class SimulatedRobot:
             pull,
             self._hidden["out_of_plane_swing"],
         )
-        self._reference = Reference(q, np.asarray(robot.limits.acceleration), settings.servo.hold_after)
+        servo = settings.servo
+        self._reference = Reference(
+            q, np.asarray(robot.limits.acceleration), servo.hold_after, extrapolate=servo.extrapolate
+        )
         self._servo = Servo(
             robot.model,
             settings.servo,

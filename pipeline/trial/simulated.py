@@ -11,7 +11,6 @@ import numpy as np
 import ik
 import urdf
 from armdyn.errors import ArmdynError
-from armdyn.model_file import ModelFile, write_model_file
 from armdyn.run import Known
 from pipeline.loadcell.faults import FaultLimits
 from pipeline.nodes.scheduler import Clock, SimulatedClock
@@ -20,8 +19,9 @@ from pipeline.robot.protocol import RobotInterface, Vector
 from pipeline.robot.settings import PlantSettings
 from pipeline.robot.simulated import SimulatedRobot
 from pipeline.robot.truth import History
-from pipeline.trial.experiment import Ending, Experiment, Progress, recorded_channels
+from pipeline.trial.experiment import Experiment, Progress, recorded_channels
 from pipeline.trial.folder import gathered
+from pipeline.trial.keeping import kept
 from pipeline.trial.result import TrialResult, result_of
 from pipeline.trial.settings import TrialSettings
 
@@ -122,7 +122,7 @@ def simulate(
             with suppress(ArmdynError, OSError):  # the recording is completed, but must not hide what happened
                 recorder.close()
             raise
-        ending = _kept(experiment, ending, recorder, directory)
+        ending = kept(experiment, ending, recorder, directory)
         recording = c.out / recorder.path.name if c.out else None
         result = result_of(experiment, ending, c.length, recording)
     return SimulatedTrial(c, plant, robot, experiment, result)
@@ -131,23 +131,6 @@ def simulate(
 def run_trial(settings: TrialSettings, progress: Progress | None = None) -> TrialResult:
     """The outcome of one whole trial on the simulated robot, see `simulate`."""
     return simulate(settings, progress).result
-
-
-def _kept(experiment: Experiment, ending: Ending, recorder: Recorder, folder: Path) -> Ending:
-    """Complete the recording and write the model; what cannot be written is added to how the trial ended."""
-    problems = []
-    try:
-        recorder.close()
-    except (ArmdynError, OSError) as error:
-        problems.append(str(error))
-    if recorder.failure is not None:
-        problems.append(recorder.failure)
-    try:
-        write_model_file(folder / "model.toml", ModelFile(experiment.estimator.model, {}))
-    except (ArmdynError, OSError) as error:
-        problems.append(f"the model was not written: {error}")
-    new = [problem for problem in problems if problem not in ending.message]
-    return replace(ending, message="; ".join([ending.message, *new])) if new else ending
 
 
 def _recorder(directory: Path, settings: TrialSettings, description: urdf.Robot) -> Recorder:

@@ -1,0 +1,153 @@
+"""`armdyn trial --robot ros`: the experiment and its rehearsal on a robot behind rosbridge."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from armdyn.errors import InputError
+from pipeline.commands.output import command_line, phase_progress, to_screen, write_json
+
+if TYPE_CHECKING:
+    from pipeline.ros.latency import Figures
+    from pipeline.trial import ProtocolSettings
+    from pipeline.trial.real import Asking, Link, RealTrial
+
+
+def real_trial(
+    settings: "ProtocolSettings",
+    ros: str | None,
+    arm: str,
+    port: str | None,
+    calibration: Path | None,
+    out: Path,
+    rehearsed: bool,
+    yes: bool,
+    landed: str | None,
+    json_file: Path | None,
+) -> None:
+    """Run or rehearse a trial on a robot; exit status 1 where the load did not land."""
+    from pipeline.trial.real import rehearse, run_real
+
+    if ros is None:
+        raise InputError("--robot ros: say where it is: --ros ws://HOST:9090")
+    link = _link(ros, arm, None if rehearsed else port, calibration)
+    with phase_progress() as progress:
+        asking = _asking(yes, landed, json_file)
+        if rehearsed:
+            figures, farthest = rehearse(settings, link, asking, progress)
+        else:
+            done = run_real(settings, link, asking, out, progress)
+    if rehearsed:
+        _show_rehearsal(figures, farthest, json_file)
+        return
+    _show(done, out, json_file)
+    if done.result.signal is not None:
+        raise typer.Exit(128 + done.result.signal)
+    if not done.result.success:
+        raise typer.Exit(1)
+
+
+def _link(ros: str, arm: str, port: str | None, calibration: Path | None) -> "Link":
+    import urdf
+    from pipeline.loadcell.calibration import Calibration, default_path
+    from pipeline.ros.topics import read_topics, settings_file
+    from pipeline.trial.real import Link
+
+    topics = read_topics(settings_file(arm))
+    used = None if port is None else Calibration.load(calibration or default_path())
+    return Link(ros, urdf.load(arm), topics, port, used)
+
+
+def _asking(yes: bool, landed: str | None, json_file: Path | None) -> "Asking":
+    from pipeline.trial.real import Asking
+
+    if landed not in (None, "yes", "no"):
+        raise InputError(f"--landed {landed}: say 'yes' or 'no', or leave it out to be asked")
+
+    def tell(sentence: str) -> None:
+        typer.echo(sentence, err=json_file == Path("-"))
+
+    def may_move(question: str) -> bool:
+        if yes:
+            tell(question.partition(" Is its space")[0])
+            return True
+        return typer.confirm(question, err=True)
+
+    def has_landed() -> bool:
+        if landed is not None:
+            return landed == "yes"
+        return typer.confirm("Did the load come to rest in the box?", err=True)
+
+    return Asking(tell, may_move, has_landed)
+
+
+def _show(done: "RealTrial", out: Path, json_file: Path | None) -> None:
+    result = done.result
+    answer: dict[str, Any] = {**result.as_json(), "robot": done.figures.as_json(), "nodes": _nodes(done)}
+    if json_file is not None:
+        write_json(answer, json_file)
+    report = out / "report.html"
+    try:
+        done.report(command_line()).write(report)
+        told = None
+    except Exception as error:
+        if not result.stopped:
+            raise
+        told = f"no report: {type(error).__name__}: {' '.join(str(error).split())}"
+    if json_file == Path("-"):
+        return
+    say = to_screen().print
+    if result.estimates:
+        say(
+            f"length {result.length_estimate:.4f} m +/- {1e3 * result.length_std:.2f} mm "
+            f"(guess {result.length_guess:g} m)"
+        )
+    say(result.message, style=f"bold {'green' if result.success else 'red'}", markup=False)
+    for note in (*result.notes, *_timing(done.figures), *([told] if told else [])):
+        say(note, soft_wrap=True, markup=False)
+    say(f"{'' if told else f'report {report}, '}recording {result.recording}", soft_wrap=True)
+    if not result.success and result.estimates and not result.stopped:
+        repair = f"armdyn repair {out / 'model.toml'} {out / 'trial.csv'} --output repaired.toml"
+        say(f"what the model lacks: {repair}", soft_wrap=True)
+
+
+def _show_rehearsal(figures: "Figures", farthest: float, json_file: Path | None) -> None:
+    answer = {"schema": "armdyn.rehearsal/1", "tracking_error": farthest, "robot": figures.as_json()}
+    if json_file is not None:
+        write_json(answer, json_file)
+    if json_file != Path("-"):
+        say = to_screen().print
+        say(f"the arm followed the whole line; a joint was at most {farthest:.3f} rad from its command")
+        for note in _timing(figures):
+            say(note, soft_wrap=True, markup=False)
+
+
+def _timing(figures: "Figures") -> list[str]:
+    """What the commands and the states were like, in words."""
+    from pipeline.ros.latency import Spread
+
+    told = []
+    for what, values in (
+        ("time between commands", figures.intervals),
+        ("age of the joint states", figures.ages),
+        ("command and back", figures.echoes),
+    ):
+        spread = Spread.of(tuple(values))
+        if spread is not None:
+            told.append(f"{what}: median {spread.milliseconds}")
+    return told
+
+
+def _nodes(done: "RealTrial") -> dict[str, Any]:
+    """Computing time per node, and the cycles that it missed."""
+    return {
+        name: {
+            "steps": t.steps,
+            "mean": t.mean,
+            "longest": t.longest,
+            "late": t.overruns,
+            "skipped": t.skipped,
+        }
+        for name, t in done.result.timing.items()
+    }

@@ -1,0 +1,124 @@
+"""`armdyn twin` and `armdyn record`: a simulated Baxter behind ROS topics, and recordings of any ROS robot."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline.commands.output import JsonOption, check_outputs, to_screen, write_json
+from pipeline.commands.trial import parse_hidden
+
+RosOption = Annotated[str, typer.Option("--ros", help="Address of the rosbridge, ws://HOST:9090.")]
+ArmOption = Annotated[
+    str, typer.Option("--arm", help="The arm behind it: a known robot, or a settings file with a table for ROS.")
+]
+TWIN_LENGTH = 0.368
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands of this file."""
+    app.command()(twin)
+    app.command()(record)
+
+
+def twin(
+    ros: RosOption,
+    hidden: Annotated[
+        list[str] | None, typer.Option(help="EFFECT or EFFECT=VALUE that the twin has and no model knows.")
+    ] = None,
+    length: Annotated[float, typer.Option(help="True length, pivot to the load's centre [m].")] = TWIN_LENGTH,
+    seed: Annotated[int, typer.Option(help="Of everything random.")] = 0,
+    start: Annotated[
+        str | None, typer.Option(help="Joint positions at the start in rad, separated by commas; else s = 0.")
+    ] = None,
+    calibration: Annotated[
+        Path | None, typer.Option(help="Where to write the calibration of its load cell (TOML), for 'armdyn trial'.")
+    ] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.1, help="End after this long; else with Ctrl-C.")] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """The simulated Baxter behind Baxter's own topics, in real time, its load cell on a pseudo-terminal."""
+    import time
+    from dataclasses import replace
+
+    import numpy as np
+
+    import ik
+    import urdf
+    from armdyn.errors import InputError, TaskFailedError
+    from pipeline.commands.which_robot import exactly
+    from pipeline.robot.settings import PlantSettings
+    from pipeline.ros.topics import read_topics, settings_file
+    from pipeline.ros.twin import Twin
+    from pipeline.trial.signals import noted_signals
+
+    check_outputs(json_file, calibration)
+    arm = urdf.load("baxter")
+    posture = ik.default_table(arm).posture(0.0).q
+    if start is not None:
+        posture = np.array(exactly(len(arm.joint_names), start, "--start"))
+    if seed < 0:
+        raise InputError(f"--seed {seed}: give a whole number from 0 on")
+    plant = replace(PlantSettings(), length=length)
+    ends: list[int] = []
+    topics = read_topics(settings_file("baxter"))
+    with Twin(ros, arm, topics, posture, plant, parse_hidden(hidden or []), seed) as robot:
+        if calibration is not None:
+            robot.calibration.save(calibration)
+        typer.echo(f"loadcell {robot.port.port}")
+        typer.echo("READY")
+        end = None if seconds is None else time.monotonic() + seconds
+        with noted_signals(ends.append):
+            robot.run(
+                lambda: bool(ends) or robot.bridge.failure is not None or (end is not None and time.monotonic() >= end)
+            )
+        lost = robot.bridge.failure
+        answer = robot.summary()
+    if json_file is not None:
+        write_json(answer, json_file)
+    if lost is not None:
+        raise TaskFailedError(f"{lost}; the twin has ended")
+
+
+def record(
+    ros: RosOption,
+    output: Annotated[Path, typer.Option(help="The run to write (CSV, and TOML beside it).")],
+    seconds: Annotated[float, typer.Option(min=0.1, help="How long [s].")] = 30.0,
+    arm: ArmOption = "baxter",
+    loadcell: Annotated[str | None, typer.Option(help="Serial port of the load cell; none if not given.")] = None,
+    calibration: Annotated[
+        Path | None, typer.Option(help="What 'armdyn loadcell calibrate' wrote; your settings if not given.")
+    ] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Record joint states and load cell of a ROS robot as a run for 'compare' and 'repair'; nothing is commanded."""
+    import urdf
+    from pipeline.commands.output import phase_progress
+    from pipeline.ros.record import record_run
+    from pipeline.ros.topics import read_topics, settings_file
+
+    check_outputs(output, json_file)
+    with phase_progress() as progress:
+        run, said = record_run(
+            ros,
+            urdf.load(arm),
+            read_topics(settings_file(arm)),
+            output,
+            seconds,
+            loadcell,
+            calibration,
+            lambda share: progress("recording", share),
+        )
+    answer = {
+        "schema": "armdyn.record/1",
+        "output": str(output),
+        "channels": {name: len(channel) for name, channel in run.channels.items()},
+        "notes": list(said),
+    }
+    if json_file is not None:
+        write_json(answer, json_file)
+    if json_file != Path("-"):
+        say = to_screen().print
+        say(f"{output}: {len(run.channels)} channels, {max(map(len, run.channels.values()))} samples", soft_wrap=True)
+        for note in said:
+            say(note, soft_wrap=True, markup=False)

@@ -1,0 +1,321 @@
+"""An arm behind rosbridge as `pipeline.robot.protocol` sees it: Baxter, or any that a settings file describes."""
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, Self
+
+import numpy as np
+
+import urdf
+from armdyn.errors import ArmdynError, InputError, TaskFailedError
+from pipeline.loadcell.cell import LoadCell
+from pipeline.loadcell.faults import Fault
+from pipeline.robot.protocol import ForceSample, JointState, Vector
+from pipeline.ros.baxter import Power
+from pipeline.ros.blend import Blend
+from pipeline.ros.braking import Braking
+from pipeline.ros.bridge import Bridge
+from pipeline.ros.gate import FRESH, PERIOD, CommandGate
+from pipeline.ros.latency import Figures, round_trip
+from pipeline.ros.states import EvenTimes, JointStates
+from pipeline.ros.telemetry import Telemetry
+from pipeline.ros.topics import RosTopics
+from pipeline.ros.wording import command_message, point_message, positions_in
+
+LAG = 0.01
+"""How far behind now the joints are read [s]: by then the reading of that time has usually arrived."""
+REPEATED = 1.2
+"""For a second after `advertise` rosbridge repeats what we send to new subscribers: nothing moves before that [s]."""
+OURS = 300
+"""Commands that are remembered, so that others' are recognised: 3 s, longer than any bridge may stall."""
+HELD = 0.3
+"""How long the last posture is still commanded after braking [s]."""
+SDK_TIMEOUT = 0.2
+"""Baxter's own command timeout, restored at the end [s]."""
+SDK_SPEED_RATIO = 0.3
+"""Baxter's own speed ratio, restored at the end."""
+
+
+class RosRobot:
+    """An arm behind rosbridge with a load cell on a serial line; use it in a ``with`` block.
+
+    Every command passes one gate (`CommandGate`); what it withholds ends the run: `fault` says why, `command` raises
+    it, and nothing is sent any more except what brings the arm to rest. The arm is left enabled and holding.
+
+    Args:
+        uri: of the bridge, ``ws://HOST:9090``.
+        description: the arm.
+        topics: what it is called.
+        cell: the load cell, read on the clock that is given here; None where there is none.
+        clock: our clock [s], the one that the load cell uses.
+
+    Attributes:
+        figures: what was measured.
+        telemetry: told what is commanded and measured, for others to see; None where nobody is.
+
+    Raises:
+        InputError: no bridge, no joint states, or somebody else commands the arm.
+    """
+
+    def __init__(
+        self,
+        uri: str,
+        description: urdf.Robot,
+        topics: RosTopics,
+        cell: LoadCell | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._description, self._topics, self._cell, self._clock = description, topics, cell, clock
+        self.figures = Figures()
+        self.telemetry: Telemetry | None = None
+        self._states = JointStates(description.joint_names)
+        self._gate = CommandGate(description.joint_names, description.limits)
+        self._lock = threading.RLock()
+        self._ours: deque[tuple[tuple[float, ...], float]] = deque(maxlen=OURS)
+        self._ended: str | None = None
+        self._foreign = False
+        self._blend: Blend | None = None
+        self._sent: tuple[Vector, Vector, Vector] | None = None
+        self._sent_at: float | None = None
+        self._reader = EvenTimes(PERIOD)
+        self._brake_from: tuple[Vector, Vector, Vector] | None = None
+        self._braking, self._closing = threading.Event(), threading.Event()
+        self.bridge = Bridge(uri, clock=clock)
+        try:
+            self._begin()
+        except BaseException:
+            self.bridge.close()
+            raise
+        self._braker = threading.Thread(target=self._brake_when_told, name="braking", daemon=True)
+        self._braker.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self.close()
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the commanded joints."""
+        return self._description.joint_names
+
+    @property
+    def time(self) -> float:
+        """Our clock [s]."""
+        return self._clock()
+
+    @property
+    def fault(self) -> str | None:
+        """Why nothing is commanded any more; None while all is well."""
+        return self._ended or self._trouble()
+
+    @property
+    def power(self) -> Power | None:
+        """Baxter's state of being enabled; None where the arm has no such."""
+        return self._power
+
+    def prepare(self) -> None:
+        """Enable the arm and set its command timeout; nothing moves.
+
+        Raises:
+            InputError: it cannot be enabled.
+        """
+        if self._power is not None:
+            self._power.enable()
+        if self._topics.timeout is not None:
+            self.bridge.publish(self._topics.timeout, {"data": self._topics.command_timeout})
+        if self._topics.speed_ratio is not None:
+            self.bridge.publish(self._topics.speed_ratio, {"data": 1.0})
+
+    def command(self, q: Vector, v: Vector, a: Vector) -> None:
+        """Send one posture, if it passes the gate.
+
+        Args:
+            q: positions (n,) [rad].
+            v: velocities (n,) [rad/s].
+            a: accelerations (n,) [rad/s^2].
+
+        Raises:
+            TaskFailedError: it was withheld, or an earlier one was; the arm is brought to rest.
+        """
+        q, v, a = (np.array(x, dtype=float) for x in (q, v, a))
+        with self._lock:
+            if self._ended is None:
+                self._braking.clear()
+                state = self._states.latest
+                if state is not None and q.shape == state.q.shape and self._gate.begins(self.time):
+                    self._blend = Blend(state.q, q)
+                if self._blend is not None and q.shape == v.shape == a.shape:
+                    q, v, a = self._blend.next(q, v, a)
+                problem = self._send(q, v, a, state)
+                if problem is None:
+                    return
+                self._ended = problem
+            self.stop()
+            raise TaskFailedError(self._ended)
+
+    def stop(self) -> None:
+        """Brake within the limits, in a thread of its own, and hold; a second call does nothing."""
+        with self._lock:
+            if self._sent is not None and not self._braking.is_set():
+                self._brake_from = self._sent
+                self._braking.set()
+
+    def advance(self, duration: float) -> None:
+        """Wait."""
+        if duration > 0.0:
+            time.sleep(duration)
+
+    def joint_state(self) -> JointState:
+        """The joints at 100 Hz, evenly: read between the states that arrived, a little behind now.
+
+        Raises:
+            TaskFailedError: no state has arrived.
+        """
+        newest = self._states.latest
+        if newest is None:
+            raise TaskFailedError("no joint state has arrived")
+        now = self.time
+        if now - newest.time > FRESH:
+            return newest  # its age says that something is wrong
+        state = self._states.at(self._reader.next(now - LAG))
+        assert state is not None, "there is a newest state"
+        return state
+
+    def newest_state(self) -> JointState:
+        """The newest reading as it arrived, dated on our clock.
+
+        Raises:
+            TaskFailedError: no state has arrived.
+        """
+        newest = self._states.latest
+        if newest is None:
+            raise TaskFailedError("no joint state has arrived")
+        return newest
+
+    def load_cell(self) -> list[ForceSample]:
+        """Samples that arrived since the last call.
+
+        Raises:
+            TaskFailedError: the cell's serial port is gone.
+        """
+        if self._cell is None:
+            return []
+        samples = self._cell.read()
+        if not samples and not self._cell.status().connected:
+            raise TaskFailedError(f"load cell: {Fault.DISCONNECTED.value}")
+        if self.telemetry is not None:
+            self.telemetry.load_force(samples)
+        return samples
+
+    def close(self) -> None:
+        """Stop, wait until the arm stands, restore the robot's own settings, and end the connection."""
+        if self.bridge.failure is None:
+            self.stop()
+            end = self.time + 2.0
+            while self._braking.is_set() and self.time < end:
+                self.advance(PERIOD)
+        self._closing.set()
+        self._braking.set()
+        self._braker.join(1.0)
+        with suppress(ArmdynError):
+            if self._topics.timeout is not None:
+                self.bridge.publish(self._topics.timeout, {"data": SDK_TIMEOUT})
+            if self._topics.speed_ratio is not None:
+                self.bridge.publish(self._topics.speed_ratio, {"data": SDK_SPEED_RATIO})
+        self.bridge.close()
+
+    def _begin(self) -> None:
+        bridge, topics = self.bridge, self._topics
+        bridge.subscribe(topics.joint_states, "sensor_msgs/JointState", self._states.take)
+        bridge.subscribe(topics.command, topics.kind.value, self._take_echo, every=True)
+        bridge.advertise(topics.command, topics.kind.value)
+        for topic, kind in (
+            (topics.feed_forward, "trajectory_msgs/JointTrajectoryPoint"),
+            (topics.timeout, "std_msgs/Float64"),
+            (topics.speed_ratio, "std_msgs/Float64"),
+        ):
+            if topic is not None:
+                bridge.advertise(topic, kind)
+        advertised = self.time
+        self._power = None if topics.enabling is None else Power(bridge, topics.enabling)
+        self._states.first(topics.joint_states)
+        self.figures.round_trip = round_trip(bridge)
+        self.advance(advertised + REPEATED - self.time)
+        if self._foreign:
+            raise InputError(f"another program sends commands on {topics.command}: end it first")
+
+    def _trouble(self) -> str | None:
+        """What outside this program keeps commands from being followed; None where nothing does."""
+        if self.bridge.failure is not None:
+            return self.bridge.failure
+        if self._foreign:
+            return f"another program sends commands on {self._topics.command}: end it, then start again"
+        return None if self._power is None else self._power.trouble
+
+    def _send(self, q: Vector, v: Vector, a: Vector, state: JointState | None) -> str | None:
+        """Send one posture; a sentence where it was withheld."""
+        trouble = self._trouble()
+        if trouble is not None:
+            return trouble
+        now = self.time
+        refusal = self._gate.judge(q, v, a, state, now)
+        if refusal is not None:
+            return refusal.sentence
+        assert state is not None, "the gate asks for a state"
+        try:
+            if self._topics.feed_forward is not None:
+                self.bridge.publish(self._topics.feed_forward, point_message(q, v, a))
+            self._ours.append((tuple(q.tolist()), now))
+            self.bridge.publish(self._topics.command, command_message(self._topics, self.joint_names, q, v, a))
+        except ArmdynError as error:
+            return str(error)
+        self.figures.commands += 1
+        self.figures.ages.append(now - state.time)
+        if self._sent_at is not None and now - self._sent_at < 10 * PERIOD:
+            self.figures.intervals.append(now - self._sent_at)
+        self._sent, self._sent_at = (q, v, a), now
+        if self.telemetry is not None:
+            self.telemetry.reference(q, v)
+        return None
+
+    def _take_echo(self, message: Any, now: float) -> None:
+        """A command on its topic: ours, or somebody else's."""
+        positions = positions_in(message, self._topics.kind)
+        for ours, sent_at in tuple(self._ours)[::-1]:
+            if ours == positions:
+                self.figures.echoes.append(now - sent_at)
+                return
+        self._foreign = True
+
+    def _brake_when_told(self) -> None:
+        """The braking thread: waits for `stop`, brakes, and waits again."""
+        while True:
+            self._braking.wait()
+            if self._closing.is_set():
+                return
+            with self._lock:
+                start, self._brake_from = self._brake_from, None
+            if start is not None:
+                self._brake(start)
+            self._braking.clear()
+
+    def _brake(self, start: tuple[Vector, Vector, Vector]) -> None:
+        """Command the way to rest, cycle by cycle, until it is done, withheld, or a new command comes."""
+        motion = Braking(start, self._description.limits)
+        held = 0
+        due = self.time
+        while held < round(HELD / PERIOD):
+            q, v, a = motion.next()
+            held += motion.done
+            due += PERIOD
+            self.advance(due - self.time)
+            with self._lock:
+                if self._closing.is_set() or not self._braking.is_set():
+                    return
+                if self._send(q, v, a, self._states.latest) is not None:
+                    return

@@ -1,0 +1,144 @@
+"""What is Baxter's own: its state of being enabled or stopped, how it is enabled, and the wording of a command."""
+
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+from armdyn.errors import InputError
+from pipeline.ros.bridge import Bridge
+
+STATE_PERIOD = 0.02
+"""Least time between two states of the robot that the bridge passes on [s]."""
+ASK_EVERY = 0.1
+"""Requests are repeated, as in the robot's SDK, until the state follows [s]."""
+FIRST_STATE, RESET, ENABLE = 3.0, 3.0, 10.0
+"""Longest time until the first state, and until the robot is reset and enabled [s]; homing may go on before that."""
+
+
+class Button(IntEnum):
+    """The emergency stop button of ``baxter_core_msgs/AssemblyState``."""
+
+    UNPRESSED = 0
+    PRESSED = 1
+    UNKNOWN = 2
+    RELEASED = 3
+
+
+SOURCES = {0: "", 1: " by the red button", 2: " by software", 3: " by a fault of the robot", 4: " by its own computer"}
+"""Who stopped it, by ``estop_source``."""
+
+
+@dataclass(frozen=True)
+class AssemblyState:
+    """One ``baxter_core_msgs/AssemblyState``.
+
+    Attributes:
+        enabled: whether the motors are on.
+        ready: whether it is not homing; robots before SDK 1.2 do not say and count as ready.
+        error: a fault, which may be harmless while it is enabled.
+        stopped: by an emergency stop, until it is reset.
+        button: the red button.
+        source: who stopped it.
+    """
+
+    enabled: bool
+    ready: bool
+    error: bool
+    stopped: bool
+    button: int
+    source: int
+
+    @classmethod
+    def read(cls, message: Mapping[str, Any]) -> "AssemblyState":
+        """From the message; what is missing counts as not enabled, stopped, not pressed."""
+        return cls(
+            enabled=message.get("enabled") is True,
+            ready=message.get("ready", True) is True,
+            error=message.get("error") is True,
+            stopped=message.get("stopped") is not False,
+            button=_whole(message.get("estop_button")),
+            source=_whole(message.get("estop_source")),
+        )
+
+    @property
+    def reset(self) -> bool:
+        """Whether nothing is left of a stop or an error."""
+        return not (self.enabled or self.stopped or self.error or self.button or self.source)
+
+    @property
+    def trouble(self) -> str | None:
+        """Why it does not follow commands; None where it does."""
+        if self.stopped:
+            return f"the robot was stopped{SOURCES.get(self.source, '')}: look why, then start again"
+        if not self.enabled:
+            return "the robot is not enabled any more: look at its display, then start again"
+        return None
+
+
+class Power:
+    """Watches whether Baxter is enabled, and enables it.
+
+    Args:
+        bridge: connected.
+        name: above the topics, ``/robot``.
+    """
+
+    def __init__(self, bridge: Bridge, name: str) -> None:
+        self._bridge, self._name = bridge, name
+        self._state: AssemblyState | None = None
+        self._changed = threading.Condition()
+        bridge.subscribe(f"{name}/state", "baxter_core_msgs/AssemblyState", self._take, throttle=STATE_PERIOD)
+        bridge.advertise(f"{name}/set_super_enable", "std_msgs/Bool")
+        bridge.advertise(f"{name}/set_super_reset", "std_msgs/Empty")
+
+    @property
+    def trouble(self) -> str | None:
+        """Why the robot does not follow commands; None where it does."""
+        state = self._state
+        return "the robot has not said whether it is enabled" if state is None else state.trouble
+
+    def enable(self) -> None:
+        """Reset the robot where it was stopped, and enable it.
+
+        Raises:
+            InputError: it says nothing, its red button is pressed, or it does not follow.
+        """
+        if not self._wait(lambda _state: True, FIRST_STATE):
+            raise InputError(f"{self._name}/state: nothing arrived within {FIRST_STATE:g} s: is the robot on?")
+        state = self._state
+        assert state is not None, "a state was waited for"
+        if state.button == Button.PRESSED:
+            raise InputError("the emergency stop is pressed: release it, then start again")
+        if state.stopped or (state.error and not state.enabled):
+            done = self._ask("set_super_reset", {}, lambda s: s.reset, RESET)
+            if not done:
+                raise InputError(f"the robot could not be reset within {RESET:g} s: look at its display")
+        if not self._ask("set_super_enable", {"data": True}, lambda s: s.enabled and s.ready, ENABLE):
+            raise InputError(f"the robot was not enabled within {ENABLE:g} s: look at its display")
+
+    def _ask(
+        self, what: str, message: Mapping[str, Any], done: Callable[[AssemblyState], bool], patience: float
+    ) -> bool:
+        """Repeat a request until the state follows; whether it did in time."""
+        for _ in range(round(patience / ASK_EVERY)):
+            if self._wait(done, 0.0):
+                return True
+            self._bridge.publish(f"{self._name}/{what}", message)
+            if self._wait(done, ASK_EVERY):
+                return True
+        return False
+
+    def _wait(self, done: Callable[[AssemblyState], bool], patience: float) -> bool:
+        with self._changed:
+            return self._changed.wait_for(lambda: self._state is not None and done(self._state), patience)
+
+    def _take(self, message: Mapping[str, Any], _now: float) -> None:
+        with self._changed:
+            self._state = AssemblyState.read(message)
+            self._changed.notify_all()
+
+
+def _whole(value: object) -> int:
+    return value if isinstance(value, int) else 0

@@ -1,0 +1,30 @@
+"""Real-time scheduling, where the operating system grants it: other programs then do not delay commands."""
+
+import os
+import threading
+
+PRIORITY = 10
+"""Of 1 to 99: above every ordinary program, below what the system itself runs with."""
+
+
+def ask_for_real_time() -> bool:
+    """Have all threads of this program run before ordinary programs; those started later inherit it.
+
+    Returns:
+        Whether it was granted: to the superuser, or where ``/etc/security/limits.conf`` grants ``rtprio``.
+    """
+    if not hasattr(os, "sched_setscheduler"):  # macOS, Windows
+        return False
+    try:
+        for thread in threading.enumerate():
+            if thread.native_id is not None:
+                os.sched_setscheduler(thread.native_id, os.SCHED_RR, os.sched_param(PRIORITY))
+    except OSError:
+        return False
+    return True
+
+
+def be_ordinary() -> None:
+    """Give it back, in a process that computes for seconds beside such a program: it must never make a loop wait."""
+    if hasattr(os, "sched_setscheduler") and os.sched_getscheduler(0) == os.SCHED_RR:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))

@@ -1,0 +1,239 @@
+"""Joint states from a topic: matched by name, dated on our clock, read at the time that is asked for."""
+
+import threading
+from collections import deque
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from math import inf, isfinite
+from typing import Any
+
+import numpy as np
+
+from armdyn.errors import InputError
+from pipeline.robot.protocol import JointState, Vector
+from pipeline.ros.bridge import Bridge
+
+DRIFT = 1e-4
+"""Largest rate at which two computers' clocks part [1]; crystals differ by less than half of that."""
+FIRST_STATE = 3.0
+"""Longest time to the first joint state [s]."""
+KEPT = 64
+"""States that are kept: more than half a second at 100 Hz."""
+
+
+class StampClock:
+    """Maps the stamps of another clock to ours.
+
+    A message is received after it was stamped, by a delay that varies: the smallest difference seen is the best
+    guess of the offset between the clocks, and is forgotten as slowly as clocks part. What is left is the quickest
+    delay itself, 1 ms on a local network, by which states seem later than they are.
+    """
+
+    def __init__(self) -> None:
+        self._offset, self._at = inf, 0.0
+
+    def local(self, stamp: float, received: float) -> float:
+        """When a message was stamped, on our clock [s].
+
+        Args:
+            stamp: of the message, on its clock [s].
+            received: on ours [s].
+        """
+        self._offset = min(received - stamp, self._offset + DRIFT * max(received - self._at, 0.0))
+        self._at = received
+        return stamp + self._offset
+
+
+class JointStates:
+    """The latest states of an arm's joints. Messages come from the bridge's thread, questions from any.
+
+    Other joints, and messages without ours (a gripper's, on the same topic), are left out.
+
+    Args:
+        names: of the arm's joints, in the order of every joint vector.
+
+    Attributes:
+        received: messages with our joints.
+        unreadable: messages with our joints whose values are missing or not finite.
+        delays: from stamp to reception of the latest messages, beyond the quickest [s].
+    """
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self._names = tuple(names)
+        self._stamps = StampClock()
+        self._states: deque[JointState] = deque(maxlen=KEPT)
+        self._order: tuple[list[str], list[int]] | None = None
+        self._changed = threading.Condition()
+        self.received = self.unreadable = 0
+        self.delays: deque[float] = deque(maxlen=10_000)
+
+    def take(self, message: Mapping[str, Any], received: float) -> None:
+        """Take in one ``sensor_msgs/JointState``, received at a time of our clock [s]."""
+        index = self._index(message.get("name"))
+        if index is None:
+            return
+        state = self._read(message, index, received)
+        with self._changed:
+            self.received += 1
+            if state is None:
+                self.unreadable += 1
+                return
+            if self._states and state.time <= self._states[-1].time:
+                return  # repeated, or overtaken by a later one
+            self.delays.append(received - state.time)
+            self._states.append(state)
+            self._changed.notify_all()
+
+    @property
+    def latest(self) -> JointState | None:
+        """The newest state; None before the first."""
+        with self._changed:
+            return self._states[-1] if self._states else None
+
+    def first(self, topic: str) -> JointState:
+        """The newest state, waited for where there is none yet.
+
+        Args:
+            topic: they come from, for the message.
+
+        Raises:
+            InputError: none came in time.
+        """
+        with self._changed:
+            self._changed.wait_for(lambda: bool(self._states), FIRST_STATE)
+            if self._states:
+                return self._states[-1]
+            seen = f"; {self.unreadable} could not be read" if self.unreadable else ""
+        raise InputError(
+            f"{topic}: no state of {', '.join(self._names)} within {FIRST_STATE:g} s{seen}: is the robot on, and is "
+            "this its topic?"
+        )
+
+    def at(self, time: float) -> JointState | None:
+        """The state at a time [s]: between two states by a cubic, beyond the newest along its velocity.
+
+        Returns:
+            None before the first state.
+        """
+        with self._changed:
+            states = tuple(self._states)
+        if not states:
+            return None
+        if time >= states[-1].time:
+            last = states[-1]
+            return JointState(time, last.q + last.v * (time - last.time), last.v, last.tau)
+        before, after = next(((a, b) for a, b in pairwise(reversed(states)) if b.time <= time), (states[0], states[0]))[
+            ::-1
+        ]
+        return _between(before, after, time)
+
+    def _index(self, names: object) -> list[int] | None:
+        """Where our joints stand in a message; None where one of them does not."""
+        if not isinstance(names, list):
+            return None
+        if self._order is None or self._order[0] != names:
+            if not set(self._names) <= set(names):
+                return None
+            self._order = names, [names.index(name) for name in self._names]
+        return self._order[1]
+
+    def _read(self, message: Mapping[str, Any], index: list[int], received: float) -> JointState | None:
+        q = _values(message.get("position"), index)
+        stamp = stamp_of(message)
+        if q is None or not isfinite(stamp):
+            return None
+        v, tau = (_values(message.get(name), index) for name in ("velocity", "effort"))
+        # A driver may leave either out. A reading that says neither speed nor effort is still one of the posture.
+        zero = np.zeros(len(index))
+        v = zero if v is None and not message.get("velocity") else v
+        tau = zero if tau is None and not message.get("effort") else tau
+        if v is None or tau is None:
+            return None
+        return JointState(self._stamps.local(stamp, received) if stamp > 0.0 else received, q, v, tau)
+
+
+LATE = 5
+"""A cycle may begin late now and then; only when so many in a row are late was one left out."""
+FAR = 3.0
+"""Periods behind that are caught up at once."""
+
+
+class EvenTimes:
+    """Even times to read at, for a loop whose cycles begin a little late now and then, or are left out.
+
+    Late cycles must not bend what is read into a path; a cycle that was left out leaves a gap of whole periods.
+
+    Args:
+        period: of the loop [s].
+    """
+
+    def __init__(self, period: float) -> None:
+        self._period = period
+        self._last: float | None = None
+        self._behind: deque[float] = deque(maxlen=LATE)
+
+    def next(self, wanted: float) -> float:
+        """When to read in this cycle [s]: one period after the last time, unless that is far from `wanted` [s]."""
+        if self._last is None:
+            self._last = wanted
+            return wanted
+        behind = (wanted - self._last) / self._period - 1.0
+        if behind < -0.5:  # asked twice in one cycle
+            return self._last
+        self._behind.append(behind)
+        steps = 1
+        if behind >= FAR or (len(self._behind) == LATE and min(self._behind) > 0.9):
+            steps += int(behind if behind >= FAR else min(self._behind) + 0.1)
+            self._behind.clear()
+        self._last += steps * self._period
+        return self._last
+
+
+def where_is(uri: str, names: Sequence[str], topic: str) -> JointState:
+    """Where an arm is now; nothing is sent to it.
+
+    Args:
+        uri: of its rosbridge.
+        names: of its joints.
+        topic: of its joint states.
+
+    Raises:
+        InputError: no bridge, or no state of these joints in time.
+    """
+    joints = JointStates(names)
+    with Bridge(uri) as bridge:
+        bridge.subscribe(topic, "sensor_msgs/JointState", joints.take)
+        return joints.first(topic)
+
+
+def stamp_of(message: Mapping[str, Any]) -> float:
+    """Time stamp of a message's header [s]; 0 where it has none, and nan where it cannot be read."""
+    header = message.get("header")
+    stamp = header.get("stamp") if isinstance(header, Mapping) else None
+    if not isinstance(stamp, Mapping):
+        return 0.0
+    try:  # ROS 1 says secs and nsecs, ROS 2 sec and nanosec
+        return float(stamp.get("secs", stamp.get("sec", 0))) + 1e-9 * float(stamp.get("nsecs", stamp.get("nanosec", 0)))
+    except (TypeError, ValueError):
+        return float("nan")
+
+
+def _values(given: object, index: list[int]) -> Vector | None:
+    """The values of our joints (n,); None where one is missing or not finite."""
+    if not isinstance(given, list) or max(index) >= len(given):
+        return None
+    try:
+        values = np.array([given[i] for i in index], dtype=float)
+    except (TypeError, ValueError):
+        return None
+    return values if np.isfinite(values).all() else None
+
+
+def _between(a: JointState, b: JointState, time: float) -> JointState:
+    """Cubic Hermite in the positions, linear in velocities and efforts."""
+    h = b.time - a.time
+    if h <= 0.0:
+        return a
+    u = (time - a.time) / h
+    q = (1 + 2 * u) * (1 - u) ** 2 * a.q + u**2 * (3 - 2 * u) * b.q + h * u * (1 - u) * ((1 - u) * a.v - u * b.v)
+    return JointState(time, q, (1 - u) * a.v + u * b.v, (1 - u) * a.tau + u * b.tau)

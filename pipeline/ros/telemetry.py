@@ -1,0 +1,93 @@
+"""What a trial publishes for others to see, on standard message types: rqt, Foxglove and rosbag read them.
+
+``/armdyn/estimate``: ``std_msgs/Float64MultiArray``, length and its standard deviation [m].
+``/armdyn/reference``: ``sensor_msgs/JointState``, the commanded joints.
+``/armdyn/load_force``: ``geometry_msgs/WrenchStamped``, the string's pull as force along z [N].
+``/armdyn/phase``: ``std_msgs/String``, latched.
+"""
+
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from typing import Any
+
+from armdyn.errors import ArmdynError
+from pipeline.record import Recorder
+from pipeline.robot.protocol import ForceSample, Vector
+from pipeline.ros.bridge import Bridge
+
+ESTIMATE, REFERENCE, LOAD_FORCE, PHASE = (f"/armdyn/{n}" for n in ("estimate", "reference", "load_force", "phase"))
+EVERY = 0.04
+"""Least time between two messages on a topic [s]; the recording has every sample."""
+LAYOUT = {"dim": [{"label": "length [m], std [m]", "size": 2, "stride": 2}], "data_offset": 0}
+
+
+class Telemetry:
+    """Publishes; what cannot be published is left out, because whoever moves the arm notices a lost bridge himself.
+
+    Args:
+        bridge: connected.
+        names: of the joints.
+    """
+
+    def __init__(self, bridge: Bridge, names: Sequence[str]) -> None:
+        self._bridge, self._names = bridge, list(names)
+        self._next: dict[str, float] = {}
+        self._phase = ""
+        bridge.advertise(ESTIMATE, "std_msgs/Float64MultiArray", latch=True)
+        bridge.advertise(REFERENCE, "sensor_msgs/JointState")
+        bridge.advertise(LOAD_FORCE, "geometry_msgs/WrenchStamped")
+        bridge.advertise(PHASE, "std_msgs/String", latch=True)
+
+    def reference(self, q: Vector, v: Vector) -> None:
+        """What the joints were told (n,) [rad, rad/s]."""
+        if self._due(REFERENCE):
+            position, velocity = q.tolist(), v.tolist()
+            header = {"stamp": _stamp()}
+            self._say(REFERENCE, {"header": header, "name": self._names, "position": position, "velocity": velocity})
+
+    def load_force(self, samples: Sequence[ForceSample]) -> None:
+        """What the load cell measured last [N]."""
+        if samples and self._due(LOAD_FORCE):
+            force = {"x": 0.0, "y": 0.0, "z": samples[-1].force}
+            self._say(LOAD_FORCE, {
+                "header": {"stamp": _stamp(), "frame_id": "load_cell"}, "wrench": {"force": force},
+            })  # fmt: skip
+
+    def estimate(self, length: float, std: float) -> None:
+        """The length and its standard deviation [m]."""
+        self._say(ESTIMATE, {"layout": LAYOUT, "data": [length, std]})
+
+    def phase(self, name: str) -> None:
+        """What is going on."""
+        if name != self._phase:
+            self._phase = name
+            self._say(PHASE, {"data": name})
+
+    def _due(self, topic: str) -> bool:
+        now = time.monotonic()
+        if now < self._next.get(topic, now):
+            return False
+        self._next[topic] = now + EVERY
+        return True
+
+    def _say(self, topic: str, message: Mapping[str, Any]) -> None:
+        with suppress(ArmdynError):
+            self._bridge.publish(topic, message)
+
+
+class PublishingRecorder(Recorder):
+    """A recorder that also publishes each new estimate."""
+
+    telemetry: Telemetry | None = None
+
+    def record(self, channel: str, time: float, value: float) -> None:
+        """Take one sample, see `Recorder.record`."""
+        super().record(channel, time, value)
+        if self.telemetry is not None and channel == "estimate.length_std":
+            self.telemetry.estimate(float(self.channel("estimate.length").value[-1]), value)
+
+
+def _stamp() -> dict[str, int]:
+    now = time.time_ns()
+    return {"secs": now // 1_000_000_000, "nsecs": now % 1_000_000_000}

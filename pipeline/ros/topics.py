@@ -1,0 +1,123 @@
+"""Which topics an arm has, from the table ``[ros]`` of its settings file."""
+
+import tomllib
+from dataclasses import dataclass, fields
+from enum import Enum
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from armdyn.errors import InputError
+from urdf.load import SETTINGS, known_robots
+
+
+class CommandKind(Enum):
+    """Type of the messages that move the arm."""
+
+    JOINT_COMMAND = "baxter_core_msgs/JointCommand"
+    TRAJECTORY = "trajectory_msgs/JointTrajectory"
+    ARRAY = "std_msgs/Float64MultiArray"
+
+
+class Mode(Enum):
+    """How Baxter takes a ``JointCommand``; the value is the one of the settings file."""
+
+    POSITION = "position"
+    RAW_POSITION = "raw_position"
+
+    @property
+    def number(self) -> int:
+        """The message's constant."""
+        return 1 if self is Mode.POSITION else 4
+
+
+@dataclass(frozen=True)
+class RosTopics:
+    """What an arm is called on ROS.
+
+    Attributes:
+        joint_states: of type ``sensor_msgs/JointState``.
+        command: what moves the arm.
+        kind: its type.
+        mode: of a ``JointCommand``.
+        feed_forward: of type ``trajectory_msgs/JointTrajectoryPoint``, with every command; None sends none.
+        timeout: where the robot is told how long it may be without a command, ``std_msgs/Float64``; None: it is not.
+        command_timeout: what it is told [s]. The robot then holds where it is.
+        speed_ratio: where the share of the speed limits is set, ``std_msgs/Float64``; None: it is not.
+        enabling: name above Baxter's ``state``, ``set_super_enable`` and ``set_super_reset``; None: there is no such.
+        horizon: how far ahead the point of a ``JointTrajectory`` is [s].
+    """
+
+    joint_states: str
+    command: str
+    kind: CommandKind = CommandKind.JOINT_COMMAND
+    mode: Mode = Mode.RAW_POSITION
+    feed_forward: str | None = None
+    timeout: str | None = None
+    command_timeout: float = 0.1
+    speed_ratio: str | None = None
+    enabling: str | None = None
+    horizon: float = 0.02
+
+
+def settings_file(robot: str) -> Path:
+    """The settings file of a known robot, or the one that is named."""
+    return SETTINGS / f"{robot}.toml" if robot in known_robots() else Path(robot)
+
+
+def read_topics(file: Path) -> RosTopics:
+    """The table ``[ros]`` of a robot's settings file.
+
+    Raises:
+        InputError: it is missing, or an entry has the wrong form.
+    """
+    try:
+        table = tomllib.loads(file.read_text(encoding="utf-8")).get("ros")
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"{file}: cannot be read ({error}); give a robot's settings file") from error
+    if not isinstance(table, dict):
+        raise InputError(f"{file}: there is no table [ros]; see urdf/robots/baxter.toml for an example")
+    try:
+        return _from_table(table)
+    except InputError as error:
+        raise InputError(f"{file}: [ros]: {error}") from error
+
+
+def _from_table(table: dict[str, Any]) -> RosTopics:
+    known = {"type" if item.name == "kind" else item.name for item in fields(RosTopics)}
+    for name in table:
+        if name not in known:
+            raise InputError(f"there is no entry '{name}'; choose among {', '.join(sorted(known))}")
+    values: dict[str, Any] = {}
+    for name, value in table.items():
+        if name == "type":
+            values["kind"] = _one_of(CommandKind, name, value)
+        elif name == "mode":
+            values["mode"] = _one_of(Mode, name, value)
+        elif name in ("command_timeout", "horizon"):
+            values[name] = _seconds(name, value)
+        else:
+            values[name] = _topic(name, value)
+    for name in ("joint_states", "command"):
+        if name not in values:
+            raise InputError(f"entry '{name}' is missing")
+    return RosTopics(**values)
+
+
+def _one_of(kind: type[Enum], name: str, value: object) -> Enum:
+    for choice in kind:
+        if choice.value == value:
+            return choice
+    raise InputError(f"{name} = {value!r}: choose one of {', '.join(str(choice.value) for choice in kind)}")
+
+
+def _seconds(name: str, value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not (isfinite(value) and 0.02 <= value <= 1.0):
+        raise InputError(f"{name} = {value!r}: give a time from 0.02 to 1 s")
+    return float(value)
+
+
+def _topic(name: str, value: object) -> str:
+    if not (isinstance(value, str) and value.startswith("/") and len(value) > 1):
+        raise InputError(f"{name} = {value!r}: give a name that begins with '/'")
+    return value.rstrip("/")

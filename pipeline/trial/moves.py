@@ -1,0 +1,115 @@
+"""Slow motions of a real arm before the experiment: to the start posture, and the rehearsal along the line."""
+
+from collections.abc import Callable, Iterable
+from itertools import pairwise
+
+import numpy as np
+
+import urdf
+from armdyn.errors import TaskFailedError
+from ik import LineTable
+from pipeline.motion import LineTrajectory
+from pipeline.motion.trajectory import JointTrajectory
+from pipeline.robot.protocol import RobotInterface, Vector
+from pipeline.ros.gate import PERIOD
+from pipeline.trial.signals import noted_signals, sentence_of_signal
+
+JOINT_SPEED = 0.2
+"""Largest joint speed on the way to the start posture [rad/s]: somebody beside the arm can step back."""
+LINE_SPEED = 0.1
+"""Largest speed in the rehearsal [m/s]."""
+SHORTEST = 2.0
+"""Least time of one such motion [s]: the load shall not begin to swing."""
+FORERUN = 0.2
+"""How far a trial moves away from the box while it learns and swings back, at most [m]."""
+
+Posture = tuple[Vector, Vector, Vector]
+"""Positions, velocities and accelerations (n,) [rad, rad/s, rad/s^2]."""
+
+
+def approach(arm: urdf.Robot, start: Vector, goal: Vector) -> JointTrajectory:
+    """From one posture to another, all joints together, without jerk at either end.
+
+    Args:
+        arm: whose joints.
+        start: (n,) [rad].
+        goal: (n,) [rad].
+    """
+    way = goal - start
+    time, u = _beat(float(np.max(np.abs(way))), JOINT_SPEED)
+    share, speed, acceleration = _minimum_jerk(u, float(time[-1]))
+    return JointTrajectory(
+        time, start + np.outer(share, way), np.outer(speed, way), np.outer(acceleration, way), arm.joint_names
+    )
+
+
+def rehearsal(table: LineTable, finish: float) -> LineTrajectory:
+    """Along the whole stretch that a trial uses and back to its middle, slowly.
+
+    Args:
+        table: of the line.
+        finish: where a trial ends, over the box [m].
+    """
+    stops = (0.0, max(-FORERUN, float(table.s[0])), min(finish, float(table.s[-1])), 0.0)
+    whole: LineTrajectory | None = None
+    for first, last in pairwise(stops):
+        time, u = _beat(abs(last - first), LINE_SPEED)
+        share, speed, acceleration = ((last - first) * x for x in _minimum_jerk(u, float(time[-1])))
+        part = LineTrajectory(time, first + share, speed, acceleration)
+        whole = part if whole is None else whole.then(part)
+    assert whole is not None, "there are stops"
+    return whole
+
+
+def play(
+    robot: RobotInterface, motion: Iterable[Posture], total: float, progress: Callable[[float], None] | None = None
+) -> None:
+    """Command a checked motion, cycle by cycle; a late cycle makes it longer, never faster.
+
+    Args:
+        robot: that moves.
+        motion: a posture per cycle.
+        total: how long it takes [s].
+        progress: told the share that is done.
+
+    Raises:
+        TaskFailedError: it was interrupted, or the robot refused; the arm is brought to rest.
+    """
+    signals: list[int] = []
+    with noted_signals(signals.append):
+        begun = due = robot.time
+        try:
+            for posture in motion:
+                if signals:
+                    raise TaskFailedError(f"{sentence_of_signal(signals[0])}: the arm was brought to rest")
+                robot.command(*posture)
+                due = max(due + PERIOD, robot.time)
+                robot.advance(due - robot.time)
+                if progress is not None:
+                    progress(min((robot.time - begun) / total, 1.0))
+        except BaseException:
+            robot.stop()
+            raise
+
+
+def along(table: LineTable, motion: LineTrajectory) -> Iterable[Posture]:
+    """The postures of a motion along the line."""
+    for state in motion:
+        joints = table.joint_motion(state.s, state.v, state.a)
+        yield joints.q, joints.v, joints.a
+
+
+def _beat(way: float, fastest: float) -> tuple[Vector, Vector]:
+    """Sample times [s] of a minimum-jerk motion over a way, and the share of its time that has passed."""
+    duration = max(SHORTEST, 1.875 * way / fastest)
+    count = int(np.ceil(duration / PERIOD))
+    number = np.arange(count + 1, dtype=float)
+    return PERIOD * number, number / count
+
+
+def _minimum_jerk(u: Vector, duration: float) -> tuple[Vector, Vector, Vector]:
+    """Share of the way, its rate and its acceleration at shares `u` of the time (Flash & Hogan 1985)."""
+    share = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+    speed = 30.0 * u**2 * (1.0 - u) ** 2 / duration
+    acceleration = 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / duration**2
+    return share, speed, acceleration

@@ -1,0 +1,189 @@
+"""The rosbridge client against a loopback server: no ROS is needed."""
+
+import math
+import socket
+import threading
+
+import pytest
+
+from armdyn.errors import InputError
+from pipeline.ros import bridge as bridge_module
+from pipeline.ros.bridge import Bridge, BridgeError
+
+TOPIC, KIND = "/load", "std_msgs/Float64"
+
+
+def test_what_is_published_arrives_in_order(loopback, bridge, until):
+    heard = []
+    bridge.subscribe(TOPIC, KIND, lambda message, _now: heard.append(message["data"]))
+    loopback.wait_subscribed(TOPIC)
+    bridge.advertise(TOPIC, KIND)
+    for k in range(200):
+        bridge.publish(TOPIC, {"data": k})
+    until(lambda: len(heard) == 200)
+    assert heard == list(range(200))
+
+
+def test_numbers_survive_the_way_to_the_last_bit(loopback, bridge, until):
+    heard, sent = [], [0.1, -1e-300, 1 / 3, 1.7e308]
+    bridge.subscribe(TOPIC, KIND, lambda message, _now: heard.append(message["data"]))
+    loopback.wait_subscribed(TOPIC)
+    bridge.publish(TOPIC, {"data": sent})
+    until(lambda: heard)
+    assert heard == [sent]
+
+
+def test_a_message_in_pieces_is_put_together(loopback, bridge, until):
+    heard = []
+    bridge.subscribe(TOPIC, KIND, lambda message, _now: heard.append(message))
+    loopback.wait_subscribed(TOPIC)
+    (client,) = loopback._clients
+    client.send(iter(['{"op": "publish", "topic":', ' "/load", ', '"msg": {"data": 1}}']))
+    until(lambda: heard)
+    assert heard == [{"data": 1}]
+
+
+def test_time_of_reception_is_that_of_the_given_clock(loopback, until):
+    heard = []
+    with Bridge(loopback.uri, clock=lambda: 42.0) as bridge:
+        bridge.subscribe(TOPIC, KIND, lambda _message, now: heard.append(now))
+        loopback.wait_subscribed(TOPIC)
+        loopback.publish(TOPIC, {"data": 1.0})
+        until(lambda: heard)
+    assert heard == [42.0]
+
+
+def test_one_thread_per_sender_never_mixes_messages(loopback, bridge):
+    def send(number):
+        for k in range(50):
+            bridge.publish(TOPIC, {"data": [number, k] * 50})
+
+    threads = [threading.Thread(target=send, args=(n,)) for n in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    loopback.wait_for(lambda: len(loopback.requests) == 200)
+    for number in range(4):
+        assert [m["data"][1] for m in loopback.published(TOPIC) if m["data"][0] == number] == list(range(50))
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_not_a_number_never_leaves(loopback, bridge, value):
+    with pytest.raises(InputError, match="/load was not sent"):
+        bridge.publish(TOPIC, {"data": [0.0, value]})
+    bridge.publish(TOPIC, {"data": 1.0})
+    loopback.wait_for(lambda: loopback.requests)
+    assert loopback.published(TOPIC) == [{"data": 1.0}]
+
+
+def test_nagle_is_off(bridge):
+    assert bridge._socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+
+
+def test_only_the_newest_message_is_asked_for(loopback, bridge):
+    bridge.subscribe(TOPIC, KIND, lambda _message, _now: None, throttle=0.05)
+    loopback.wait_subscribed(TOPIC)
+    assert loopback.requests[0]["queue_length"] == 1
+    assert loopback.requests[0]["throttle_rate"] == 50
+
+
+def test_after_a_lost_connection_nothing_is_sent_or_queued(loopback, bridge, until):
+    bridge.publish(TOPIC, {"data": 1.0})
+    loopback.wait_for(lambda: loopback.requests)
+    loopback.drop()
+    until(lambda: bridge.failure)
+    for _ in range(100):
+        with pytest.raises(BridgeError, match=r"connection to the bridge .* is lost"):
+            bridge.publish(TOPIC, {"data": 2.0})
+    with Bridge(loopback.uri) as again:
+        again.publish(TOPIC, {"data": 3.0})
+        loopback.wait_for(lambda: len(loopback.requests) == 2)
+    assert loopback.published(TOPIC) == [{"data": 1.0}, {"data": 3.0}]
+
+
+def test_a_bridge_that_takes_nothing_is_given_up(loopback, bridge, monkeypatch):
+    monkeypatch.setattr(bridge_module, "SEND", 0.02)
+    loopback.stall()
+    large = {"data": "x" * 500_000}  # after a few of them more than the buffers of both systems
+
+    def insist():
+        for _ in range(100):
+            bridge.publish(TOPIC, large)
+
+    with pytest.raises(BridgeError, match="accepted nothing for 20 ms"):
+        insist()
+
+
+def test_a_subscriber_that_fails_ends_the_connection(loopback, bridge, until):
+    bridge.subscribe(TOPIC, KIND, lambda message, _now: message["missing"])
+    loopback.wait_subscribed(TOPIC)
+    loopback.publish(TOPIC, {"data": 1.0})
+    until(lambda: bridge.failure)
+    assert "KeyError: 'missing'" in bridge.failure
+
+
+@pytest.mark.parametrize("text", ["not json", "[1", '{"op": "publish"}'])
+def test_what_is_no_message_ends_the_connection(loopback, bridge, until, text):
+    bridge.publish(TOPIC, {"data": 1.0})
+    loopback.wait_for(lambda: loopback.requests)
+    loopback.say(text)
+    until(lambda: bridge.failure)
+
+
+def test_a_service_answers(loopback, bridge):
+    loopback.answers["/rosapi/publishers"] = lambda arguments: {"publishers": [f"/node of {arguments['topic']}"]}
+    assert bridge.call("/rosapi/publishers", {"topic": "/a"}) == {"publishers": ["/node of /a"]}
+
+
+def test_a_service_that_fails_or_is_silent_is_named(loopback, bridge):
+    loopback.answers["/broken"] = lambda _arguments: None
+    with pytest.raises(InputError, match="/broken failed"):
+        bridge.call("/broken")
+    with pytest.raises(InputError, match=r"/nobody did not answer within 0.05 s"):
+        bridge.call("/nobody", patience=0.05)
+
+
+def test_remarks_of_the_bridge_are_kept(loopback, bridge, until):
+    bridge.publish(TOPIC, {"data": 1.0})
+    loopback.wait_for(lambda: loopback.requests)
+    loopback.say({"op": "status", "level": "error", "msg": "unknown type"})
+    until(lambda: bridge.remarks)
+    assert list(bridge.remarks) == ["error: unknown type"]
+
+
+def test_closing_twice_is_fine_and_ends_the_thread(loopback):
+    bridge = Bridge(loopback.uri)
+    bridge.close()
+    bridge.close()
+    assert not bridge._thread.is_alive()
+
+
+@pytest.mark.parametrize(
+    ("uri", "says"),
+    [
+        ("http://localhost:9090", "write ws://HOST:9090"),
+        ("robot", "write ws://HOST:9090"),
+        ("wss://localhost:9090", "encrypted"),
+        ("ws://127.0.0.1:1", "no rosbridge answers there .*roslaunch"),
+    ],
+)
+def test_an_address_that_cannot_be_used_is_explained(uri, says):
+    with pytest.raises(InputError, match=says):
+        Bridge(uri)
+
+
+def test_something_else_behind_the_port_is_explained():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def answer():
+            connection, _ = server.accept()
+            connection.recv(1000)
+            connection.sendall(b"220 mail.example.org ready\r\n\r\n")
+            connection.close()
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        with pytest.raises(InputError, match="is not a rosbridge"):
+            Bridge(f"ws://127.0.0.1:{server.getsockname()[1]}")
+        thread.join()

@@ -1,0 +1,119 @@
+"""Recording a ROS robot, checking from where it is, and what its commands refuse."""
+
+import json
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import urdf
+from armdyn.errors import TaskFailedError
+from armdyn.run import read_run
+from pipeline.ros.record import record_run
+from pipeline.ros.states import where_is
+from pipeline.ros.topics import read_topics, settings_file
+
+TOPICS = read_topics(settings_file("baxter"))
+
+
+@pytest.fixture(scope="module")
+def baxter():
+    return urdf.load("baxter")
+
+
+@pytest.fixture
+def moving(loopback, baxter):
+    """An arm whose joint s0 turns; it speaks until the test is over."""
+
+    def speak():
+        begun = time.monotonic()
+        while not loopback.stopped.wait(0.01):
+            now = time.monotonic() - begun
+            position = [float(np.sin(now)), *baxter.home[1:]]
+            stamp = {"secs": int(now + 1), "nsecs": int(1e9 * (now % 1.0))}
+            loopback.publish(
+                TOPICS.joint_states,
+                {"header": {"stamp": stamp}, "name": list(baxter.joint_names), "position": position,
+                 "velocity": [float(np.cos(now)), *[0.0] * 6], "effort": [1.0] * 7},
+            )  # fmt: skip
+
+    thread = threading.Thread(target=speak, daemon=True)
+    thread.start()
+    yield loopback
+    loopback.stopped.set()
+    thread.join()
+
+
+def test_a_recording_is_a_run(moving, baxter, tmp_path):
+    file = tmp_path / "run.csv"
+    record_run(moving.uri, baxter, TOPICS, file, 0.5)
+    run = read_run(file)
+    assert set(run.channels) == {f"{kind}.{name}" for kind in ("q", "v", "tau") for name in baxter.joint_names}
+    s0 = run.channels["q.right_s0"]
+    rate = np.polyfit(s0.time, s0.value, 1)[0]
+    assert rate == pytest.approx(np.mean(run.channels["v.right_s0"].value), rel=0.05)
+
+
+def test_nothing_is_published_while_recording(moving, baxter, tmp_path):
+    record_run(moving.uri, baxter, TOPICS, tmp_path / "run.csv", 0.1)
+    assert {r["op"] for r in moving.requests} == {"subscribe"}
+
+
+def test_states_that_stop_are_told(moving, baxter, tmp_path):
+    threading.Timer(0.3, moving.stopped.set).start()
+    with pytest.raises(TaskFailedError, match="nothing came for 1 s"):
+        record_run(moving.uri, baxter, TOPICS, tmp_path / "run.csv", 30.0)
+    assert not (tmp_path / "run.csv").exists()
+
+
+def test_where_the_arm_is(moving, baxter):
+    state = where_is(moving.uri, baxter.joint_names, TOPICS.joint_states)
+    assert state.q[1:] == pytest.approx(np.array(baxter.home)[1:])
+
+
+def test_check_starts_from_where_the_arm_is(moving, tmp_path, monkeypatch):
+    from pipeline import cli
+
+    monkeypatch.setattr(
+        "sys.argv",
+        ["armdyn", "check", str(tmp_path / "s.csv"), "--ros", moving.uri, "--json", str(tmp_path / "answer.json")],
+    )
+    (tmp_path / "s.csv").write_text("time [s],s [m]\n" + "".join(f"{0.01 * k},0.0\n" for k in range(10)))
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    assert left.value.code == 1
+    answer = json.loads((tmp_path / "answer.json").read_text())
+    assert any(violation["limit"].startswith("start") for violation in answer["violations"])
+
+
+def trial(monkeypatch, capsys, *arguments):
+    from pipeline import cli
+
+    monkeypatch.setattr("sys.argv", ["armdyn", *arguments])
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    return left.value.code, capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("--robot", "ros"), "--ros ws://HOST:9090"),
+        (("--robot", "panda"), "choose 'simulated' or 'ros'"),
+        (("--ros", "ws://localhost:1"), "--ros: needs --robot ros"),
+        (("--loadcell", "COM3"), "--loadcell: needs --robot ros"),
+        (("--robot", "ros", "--ros", "ws://127.0.0.1:1"), "give --loadcell PORT, or rehearse"),
+        (("--robot", "ros", "--ros", "ws://127.0.0.1:1", "--rehearse"), "no rosbridge answers there"),
+        (("--robot", "ros", "--ros", "ws://127.0.0.1:1", "--hidden", "wind"), "only the simulated robot has it"),
+        (("--robot", "ros", "--ros", "ws://127.0.0.1:1", "--rehearse", "--landed", "maybe"), "say 'yes' or 'no'"),
+        (("--robot", "ros", "--ros", "ws://127.0.0.1:1", "--rehearse", "--arm", "panda"), "there is no table"),
+        (("--mass", "heavy"), "--mass"),
+    ],
+)
+def test_what_cannot_be_used_is_one_line_and_status_2(monkeypatch, capsys, tmp_path, arguments, says):
+    monkeypatch.chdir(tmp_path)
+    code, said = trial(monkeypatch, capsys, "trial", *arguments)
+    assert code == 2
+    assert says in said
+    assert said.strip().count("\n") == 0

@@ -1,0 +1,329 @@
+"""The arm behind rosbridge, against a loopback bridge and an arm that obeys at once. Time is the test's own."""
+
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import pipeline.robot.ros as ros_module
+import pipeline.ros.states as states_module
+import urdf
+from armdyn.errors import InputError, TaskFailedError
+from pipeline.robot.ros import RosRobot
+from pipeline.ros.gate import PERIOD
+from pipeline.ros.latency import Spread
+from pipeline.ros.topics import CommandKind, RosTopics, read_topics, settings_file
+
+TOPICS = read_topics(settings_file("baxter"))
+POSTURE = np.array([0.1, -0.5, 0.7, 1.9, -1.2, 0.6, 0.8])
+
+
+class ObedientArm:
+    """Publishes Baxter's states when the test's clock goes on, and is where it was last told to be."""
+
+    def __init__(self, loopback, names, topics=TOPICS):
+        self.loopback, self.names, self.topics = loopback, names, topics
+        self.time, self.q, self.silent = 0.0, POSTURE.copy(), False
+        self.state = {"enabled": True, "ready": True, "stopped": False, "error": False}
+        self.state |= {"estop_button": 0, "estop_source": 0}
+        self._lock = threading.Lock()
+
+    def step(self, duration):
+        with self._lock:
+            end = self.time + max(duration, 0.0)
+            while self.time < end - 1e-9:
+                self.time = min(self.time + PERIOD, end)
+                self.say()
+
+    def say(self):
+        sent = self.loopback.published(self.topics.command)
+        if sent and "command" in sent[-1]:
+            self.q = np.array(sent[-1]["command"])
+        if self.silent:
+            return
+        stamp = 500.0 + self.time
+        header = {"stamp": {"secs": int(stamp), "nsecs": int(1e9 * (stamp % 1.0))}}
+        zero = [0.0] * len(self.names)
+        joints = {"name": list(self.names), "position": self.q.tolist(), "velocity": zero, "effort": zero}
+        self.loopback.publish(self.topics.joint_states, {"header": header, **joints})
+        self.loopback.publish("/robot/state", self.state)
+
+
+class SteppedRobot(RosRobot):
+    """Waiting lets the test's time pass, and what is published meanwhile arrive."""
+
+    def __init__(self, arm, description, topics=TOPICS):
+        self.arm = arm
+        super().__init__(arm.loopback.uri, description, topics, clock=lambda: arm.time)
+
+    def advance(self, duration):
+        self.arm.step(duration)
+        self.settle()
+
+    def settle(self):
+        """What was published has been received: the newest state is as old as the arm's clock says."""
+        end = time.monotonic() + 10.0
+        while not self.arm.silent and time.monotonic() < end:
+            newest = self._states.latest
+            if newest is not None and newest.time > self.arm.time - 1e-6:
+                return
+            time.sleep(0.0005)
+
+
+@pytest.fixture(scope="module")
+def baxter():
+    return urdf.load("baxter")
+
+
+@pytest.fixture
+def arm(loopback, baxter, monkeypatch):
+    monkeypatch.setattr(ros_module, "round_trip", lambda _bridge: Spread(50, 0.001, 0.002, 0.003, 0.004))
+    monkeypatch.setattr(states_module, "FIRST_STATE", 10.0)
+    obedient = ObedientArm(loopback, baxter.joint_names)
+
+    def first_states():  # until somebody has subscribed
+        while not loopback.stopped.wait(0.01) and not any(r["op"] == "advertise" for r in loopback.requests):
+            obedient.say()
+        for _ in range(20):
+            obedient.say()
+            time.sleep(0.01)
+
+    thread = threading.Thread(target=first_states)
+    thread.start()
+    yield obedient
+    loopback.stopped.set()
+    thread.join()
+
+
+@pytest.fixture
+def robot(arm, baxter):
+    with SteppedRobot(arm, baxter) as stepped:
+        stepped.advance(PERIOD)
+        yield stepped
+
+
+def stream(robot, cycles, speed=0.0, start=0.0):
+    """Command joint s0 along a minimum-jerk ramp to a speed, cycle by cycle."""
+    q, v = POSTURE.copy(), np.zeros(7)
+    for k in range(cycles):
+        u = min(max((k * PERIOD - start) / 0.4, 0.0), 1.0)
+        before, v = v.copy(), np.zeros(7)
+        v[0] = speed * u**3 * (10 - 15 * u + 6 * u * u)
+        q = q + 0.5 * PERIOD * (before + v)
+        robot.command(q, v, (v - before) / PERIOD)
+        robot.advance(PERIOD)
+    return q, v
+
+
+def sent(robot):
+    """Positions of joint s0 in all commands that arrived at the bridge."""
+    robot.arm.loopback.wait_for(lambda: len(robot.arm.loopback.published(TOPICS.command)) == robot.figures.commands)
+    return np.array([m["command"][0] for m in robot.arm.loopback.published(TOPICS.command)])
+
+
+def test_a_command_says_mode_names_and_positions(robot):
+    stream(robot, 1)
+    robot.arm.loopback.wait_for(lambda: robot.arm.loopback.published(TOPICS.command))
+    message = robot.arm.loopback.published(TOPICS.command)[0]
+    assert message == {"mode": 4, "names": list(robot.joint_names), "command": POSTURE.tolist()}
+    point = robot.arm.loopback.published(TOPICS.feed_forward)[0]
+    assert point["positions"] == POSTURE.tolist()
+    assert point["velocities"] == point["accelerations"] == [0.0] * 7
+
+
+def test_states_are_dated_on_our_clock(robot):
+    robot.advance(0.1)
+    assert robot.newest_state().time == pytest.approx(robot.time, abs=1e-6)
+    assert robot.newest_state().q == pytest.approx(POSTURE)
+
+
+def test_readings_are_even_and_a_little_behind(robot):
+    times = []
+    for _ in range(20):
+        robot.advance(PERIOD)
+        times.append(robot.joint_state().time)
+    assert np.diff(times) == pytest.approx(PERIOD)
+    assert 0.0 < robot.time - times[-1] < 0.02 + 1e-9
+
+
+def test_stop_brakes_within_the_limits_and_holds(robot, until):
+    stream(robot, 60, speed=0.5)
+    robot.stop()
+    until(lambda: not robot._braking.is_set())
+    path = sent(robot)
+    assert path[-1] == path[-10]
+    limits = urdf.load("baxter").limits
+    for order, bound in ((1, limits.velocity), (2, limits.acceleration), (3, limits.jerk)):
+        assert np.all(np.abs(np.diff(path, n=order)) / PERIOD**order <= 1.001 * bound[0])
+    # 0.5 rad/s is gone after 0.06 s with half of 20 rad/s^2 and of 1000 rad/s^3.
+    standing = np.flatnonzero(np.abs(np.diff(path)) < 1e-9)
+    assert standing[standing > 50][0] - 60 <= 10
+
+
+def test_a_refused_command_is_not_sent_and_ends_the_run(robot, until):
+    stream(robot, 60, speed=0.5)
+    before = robot.figures.commands
+    with pytest.raises(TaskFailedError, match="faster than its limit"):
+        robot.command(POSTURE + 0.1, np.zeros(7), np.zeros(7))
+    until(lambda: not robot._braking.is_set())
+    with pytest.raises(TaskFailedError, match="faster than its limit"):
+        robot.command(robot.arm.q, np.zeros(7), np.zeros(7))
+    path = sent(robot)
+    assert np.all(np.abs(np.diff(path)) <= 1.5 * PERIOD)
+    assert len(path) > before  # the way to rest
+    assert "faster than its limit" in robot.fault
+
+
+def test_states_that_stop_coming_end_the_run_and_nothing_resumes(robot, until):
+    q, v = stream(robot, 60, speed=0.3)
+    robot.arm.silent = True
+
+    def go_on():
+        for k in range(1, 11):
+            robot.arm.step(PERIOD)
+            robot.command(q + k * PERIOD * v, v, np.zeros(7))
+
+    with pytest.raises(TaskFailedError, match="joint state is too old"):
+        go_on()
+    count = robot.figures.commands
+    robot.arm.silent = False
+    robot.advance(0.1)
+    until(lambda: not robot._braking.is_set())
+    with pytest.raises(TaskFailedError, match="joint state is too old"):
+        robot.command(robot.newest_state().q, np.zeros(7), np.zeros(7))
+    assert len(sent(robot)) == count
+
+
+def test_the_emergency_stop_ends_the_run(robot, until):
+    stream(robot, 5)
+    robot.arm.state |= {"enabled": False, "stopped": True, "estop_button": 1, "estop_source": 1}
+    robot.advance(PERIOD)
+    until(lambda: robot.fault)
+    with pytest.raises(TaskFailedError, match="stopped by the red button"):
+        stream(robot, 1)
+    assert len(sent(robot)) == 5
+
+
+def test_a_second_commander_ends_the_run(robot, until):
+    stream(robot, 5)
+    other = {"mode": 1, "names": list(robot.joint_names), "command": (POSTURE + 0.05).tolist()}
+    robot.arm.loopback.publish(TOPICS.command, other)
+    until(lambda: robot.fault)
+    with pytest.raises(TaskFailedError, match="another program sends commands on /robot/limb/right/joint_command"):
+        stream(robot, 1)
+
+
+def test_a_lost_bridge_ends_the_run(robot, until):
+    stream(robot, 5)
+    robot.arm.loopback.drop()
+    until(lambda: robot.fault)
+    with pytest.raises(TaskFailedError, match="connection to the bridge"):
+        stream(robot, 1)
+
+
+def test_a_stream_begins_where_the_arm_is_and_goes_over_to_the_command_without_a_step(robot):
+    """The arm sags by 0.01 rad: the first command is where it is, and after half a second what was asked for."""
+    sagged = POSTURE - 0.01
+    robot.arm.q = sagged.copy()
+    robot.advance(PERIOD)
+    stream(robot, 60)
+    path = sent(robot)
+    assert path[0] == pytest.approx(sagged[0], abs=1e-9)
+    assert path[-1] == POSTURE[0]
+    assert np.max(np.abs(np.diff(path))) / PERIOD < 0.04
+    assert np.max(np.abs(np.diff(path, n=3))) / PERIOD**3 < 6.0
+
+
+def test_a_stream_that_would_begin_elsewhere_is_refused(robot):
+    robot.arm.q = POSTURE - 0.03
+    robot.advance(PERIOD)
+    with pytest.raises(TaskFailedError, match="away from where the arm is"):
+        stream(robot, 1)
+    assert robot.figures.commands == 0
+
+
+def test_echoes_of_our_commands_are_timed_and_are_nobody_elses(robot, until):
+    stream(robot, 30)
+    until(lambda: len(robot.figures.echoes) == 30)
+    assert robot.fault is None
+
+
+def test_another_commander_at_the_start_is_refused(arm, baxter):
+    def intrude():
+        arm.loopback.wait_subscribed(TOPICS.command)
+        arm.loopback.publish(TOPICS.command, {"mode": 1, "names": [], "command": [1.0]})
+
+    thread = threading.Thread(target=intrude)
+    thread.start()
+    with pytest.raises(InputError, match="another program sends commands"):
+        SteppedRobot(arm, baxter)
+    thread.join()
+
+
+def test_without_joint_states_the_topic_is_named(loopback, baxter, monkeypatch):
+    monkeypatch.setattr(states_module, "FIRST_STATE", 0.05)
+    with pytest.raises(InputError, match=r"/robot/joint_states: no state of right_s0, .* within 0.05 s"):
+        RosRobot(loopback.uri, baxter, TOPICS)
+
+
+def test_enabling_resets_first_and_waits(robot):
+    arm = robot.arm
+    arm.state |= {"enabled": False, "stopped": True, "estop_source": 2, "estop_button": 2}
+
+    def obey():
+        arm.loopback.wait_for(lambda: arm.loopback.published("/robot/set_super_reset"))
+        arm.state |= {"stopped": False, "estop_source": 0, "estop_button": 0}
+        arm.say()
+        arm.loopback.wait_for(lambda: arm.loopback.published("/robot/set_super_enable"))
+        arm.state |= {"enabled": True}
+        arm.say()
+
+    arm.say()
+    thread = threading.Thread(target=obey)
+    thread.start()
+    while robot.fault is None:
+        time.sleep(0.001)
+    robot.prepare()
+    thread.join()
+    assert robot.fault is None
+    asked = [r["topic"] for r in arm.loopback.requests if r["op"] == "publish" and "set_super" in r["topic"]]
+    assert asked[0] == "/robot/set_super_reset"
+    assert arm.loopback.published("/robot/set_super_enable")[0] == {"data": True}
+    arm.loopback.wait_for(lambda: arm.loopback.published(TOPICS.speed_ratio))
+    assert arm.loopback.published(TOPICS.timeout) == [{"data": 0.1}]
+
+
+def test_a_pressed_button_is_told(robot, until):
+    robot.arm.state |= {"enabled": False, "stopped": True, "estop_source": 1, "estop_button": 1}
+    robot.arm.say()
+    until(lambda: robot.fault)
+    with pytest.raises(InputError, match="release it"):
+        robot.prepare()
+
+
+def test_closing_restores_the_robots_own_settings(arm, baxter):
+    with SteppedRobot(arm, baxter) as robot:
+        robot.prepare()
+    arm.loopback.wait_for(lambda: len(arm.loopback.published(TOPICS.speed_ratio)) == 2)
+    assert [m["data"] for m in arm.loopback.published(TOPICS.timeout)] == [0.1, 0.2]
+    assert [m["data"] for m in arm.loopback.published(TOPICS.speed_ratio)] == [1.0, 0.3]
+
+
+@pytest.mark.parametrize("kind", [CommandKind.TRAJECTORY, CommandKind.ARRAY])
+def test_other_controllers_need_a_settings_file_only(arm, baxter, kind, until):
+    topics = RosTopics("/robot/joint_states", "/controller/command", kind)
+    with SteppedRobot(arm, baxter, topics) as robot:
+        robot.advance(PERIOD)
+        robot.prepare()
+        robot.command(POSTURE, np.zeros(7), np.zeros(7))
+        arm.loopback.wait_for(lambda: arm.loopback.published("/controller/command"))
+        until(lambda: robot.figures.echoes)
+        assert robot.fault is None
+    message = arm.loopback.published("/controller/command")[0]
+    if kind is CommandKind.ARRAY:
+        assert message == {"data": POSTURE.tolist()}
+    else:
+        assert message["joint_names"] == list(baxter.joint_names)
+        assert message["points"][0]["positions"] == POSTURE.tolist()
+        assert message["points"][0]["time_from_start"] == {"secs": 0, "nsecs": 20_000_000}

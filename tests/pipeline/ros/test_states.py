@@ -1,0 +1,163 @@
+"""Joint states from a topic."""
+
+import math
+
+import numpy as np
+import pytest
+
+from pipeline.ros.states import EvenTimes, JointStates, StampClock
+
+BAXTER = [
+    "head_nod", "head_pan", "left_e0", "left_e1", "left_s0", "left_s1", "left_w0", "left_w1", "left_w2", "right_e0",
+    "right_e1", "right_s0", "right_s1", "right_w0", "right_w1", "right_w2", "torso_t0",
+]  # fmt: skip
+ARM = [f"right_{j}" for j in ("s0", "s1", "e0", "e1", "w0", "w1", "w2")]
+
+
+def message(stamp=1.0, names=BAXTER, **changes):
+    values = [float(k) for k in range(len(names))]
+    secs = int(stamp)
+    return {
+        "header": {"stamp": {"secs": secs, "nsecs": round(1e9 * (stamp - secs))}},
+        "name": list(names),
+        "position": values,
+        "velocity": [10 + v for v in values],
+        "effort": [20 + v for v in values],
+        **changes,
+    }
+
+
+def test_joints_are_matched_by_name_not_by_place():
+    states = JointStates(ARM)
+    states.take(message(), 0.0)
+    expected = [BAXTER.index(name) for name in ARM]
+    assert states.latest.q.tolist() == expected
+    assert states.latest.v.tolist() == [10 + k for k in expected]
+    assert states.latest.tau.tolist() == [20 + k for k in expected]
+
+
+def test_a_gripper_on_the_same_topic_is_left_out():
+    states = JointStates(ARM)
+    states.take(message(), 0.0)
+    states.take(message(1.01, names=["r_gripper_l_finger_joint"]), 0.01)
+    states.take(message(1.02), 0.02)
+    assert (states.received, states.unreadable) == (2, 0)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"position": [None] * 17},
+        {"position": [math.nan] * 17},
+        {"position": [1.0] * 5},
+        {"position": None},
+        {"velocity": [1.0] * 5},
+        {"effort": [math.inf] * 17},
+        {"header": {"stamp": {"secs": "now", "nsecs": 0}}},
+        {"header": {"stamp": {"secs": math.nan, "nsecs": 0}}},
+    ],
+)
+def test_a_bad_message_is_counted_and_left_out(changes):
+    states = JointStates(ARM)
+    states.take(message(**changes), 0.0)
+    assert states.latest is None
+    assert states.unreadable == 1
+
+
+def test_a_driver_may_leave_out_velocity_and_effort():
+    states = JointStates(ARM)
+    states.take(message(velocity=[], effort=[]), 0.0)
+    assert not states.latest.v.any()
+    assert not states.latest.tau.any()
+
+
+def test_repeated_and_overtaken_messages_are_left_out():
+    states = JointStates(ARM)
+    for stamp in (1.0, 1.01, 1.01, 1.0, 1.02):
+        states.take(message(stamp), stamp)
+    assert states.latest.time == pytest.approx(1.02)
+    assert len(states._states) == 3
+
+
+def test_without_a_stamp_the_time_of_reception_counts():
+    states = JointStates(ARM)
+    states.take(message(0.0), 7.0)
+    assert states.latest.time == 7.0
+
+
+def test_the_stamp_of_ros_2_is_read():
+    states = JointStates(ARM)
+    states.take(message(header={"stamp": {"sec": 5, "nanosec": 0}}), 7.0)
+    states.take(message(header={"stamp": {"sec": 5, "nanosec": 500_000_000}}), 7.6)
+    assert states.latest.time == pytest.approx(7.5, abs=1e-3)
+
+
+def test_another_clock_is_mapped_by_its_quickest_messages():
+    """Stamps 1000 s ahead, delays of 1 to 9 ms: after some messages states are dated to 1 ms."""
+    clock, rng = StampClock(), np.random.default_rng(1)
+    errors = []
+    for k in range(400):
+        true = 0.01 * k
+        errors.append(clock.local(1000.0 + true, true + 0.001 + 0.008 * rng.random()) - true)
+    assert max(errors[50:]) < 0.0015
+    assert min(errors[50:]) > 0.0009
+
+
+def test_clocks_that_drift_are_followed():
+    clock = StampClock()
+    for k in range(100_000):
+        true = 0.01 * k
+        local = clock.local(true * (1 - 5e-5), true + 0.001)
+    assert abs(local - true) < 0.0015
+
+
+def test_a_clock_that_jumps_makes_states_old_or_early():
+    clock = StampClock()
+    for k in range(100):
+        clock.local(0.01 * k, 0.01 * k + 0.001)
+    assert clock.local(1.0 - 0.5, 1.001) < 0.6
+    assert clock.local(1.01 + 0.5, 1.011) == pytest.approx(1.011)  # the offset is smaller: received when it was stamped
+
+
+def test_between_two_states_a_cubic_is_exact():
+    states = JointStates(["a"])
+    q, v = (lambda t: 2 * t**3 - t**2 + 3), (lambda t: 6 * t**2 - 2 * t)
+    for t in (0.5, 0.51, 0.52):
+        states.take(
+            {"name": ["a"], "position": [q(t)], "velocity": [v(t)], "header": {"stamp": {"secs": 0, "nsecs": t * 1e9}}},
+            t,
+        )
+    for t in (0.5, 0.503, 0.51, 0.5177):
+        assert states.at(t).q[0] == pytest.approx(q(t), abs=1e-12)
+    assert states.at(0.53).q[0] == pytest.approx(q(0.52) + 0.01 * v(0.52))
+    assert states.at(0.4).q[0] == pytest.approx(q(0.5))
+
+
+def cycles(beginnings, period=0.01):
+    even = EvenTimes(period)
+    return np.array([even.next(t) for t in beginnings])
+
+
+def test_late_cycles_do_not_bend_the_reading_times():
+    rng = np.random.default_rng(0)
+    due = 0.01 * np.arange(500)
+    late = np.maximum.accumulate(due + 0.012 * rng.random(500) * (rng.random(500) < 0.2))
+    late[0] = 0.0
+    assert np.allclose(cycles(late), due)
+
+
+def test_cycles_that_were_left_out_leave_a_gap_of_whole_periods():
+    due = 0.01 * np.delete(np.arange(200), [50, 51])
+    times = cycles(due)
+    steps = np.round(np.diff(times) / 0.01)
+    assert set(steps) == {1.0, 3.0}
+    assert np.allclose(np.diff(times), 0.01 * steps)
+    assert times[-1] == pytest.approx(due[-1])
+
+
+def test_a_long_pause_is_caught_up_at_once():
+    assert np.allclose(cycles([0.0, 0.01, 2.0, 2.01]), [0.0, 0.01, 2.0, 2.01])
+
+
+def test_asked_twice_in_one_cycle_gives_the_same_time():
+    assert np.allclose(cycles([0.0, 0.01, 0.0101, 0.02]), [0.0, 0.01, 0.01, 0.02])

@@ -1,0 +1,1 @@
+"""ROS in processes of its own, for the tests that need it."""

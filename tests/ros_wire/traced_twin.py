@@ -1,0 +1,44 @@
+"""A twin in a process of its own that obeys words on standard input and leaves a trace of everything; see `wire`."""
+
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+
+import ik
+import urdf
+from pipeline.ros.topics import read_topics, settings_file
+from pipeline.ros.twin import Twin
+
+uri, calibration, trace, seed = sys.argv[1:5]
+hidden = {name: float(value) for name, value in (word.split("=") for word in sys.argv[5:])}
+baxter = urdf.load("baxter")
+posture = ik.default_table(baxter).posture(0.0).q
+topics = read_topics(settings_file("baxter"))
+ended = threading.Event()
+
+with Twin(uri, baxter, topics, posture, hidden=hidden, seed=int(seed), stamp_offset=1234.5) as twin:
+    twin.calibration.save(Path(calibration))
+    print(f"loadcell {twin.port.port}\nREADY", flush=True)
+
+    def obey():
+        for word in sys.stdin:
+            act = {"press": twin.press, "unplug": twin.port.unplug}[word.strip()]
+            twin.between_steps(act)
+        ended.set()
+
+    threading.Thread(target=obey, daemon=True).start()
+    twin.run(ended.is_set)
+    history, tally = twin.robot.history(), twin.tally
+    np.savez(
+        trace,
+        time=twin.start + history.time,
+        q=history.q,
+        received=np.array(tally.received),
+        positions=np.array(tally.positions).reshape(-1, 7),
+        behind=tally.behind,
+        ignored=tally.ignored,
+        load_in_box=twin.robot.load_in_box(),
+        length=twin.robot.truth.length,
+    )

@@ -1,0 +1,180 @@
+"""Master, bridge, twin and trial in processes of their own, and what can be done to them."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+
+KIT = os.environ.get("ARMDYN_ROS_KIT")
+"""Folder of a ROS test kit: its start.sh starts a master and a rosbridge on loopback and says where they are."""
+PACKAGES = ("rosmaster", "rospy", "sensor_msgs", "trajectory_msgs", "autobahn", "twisted", "tornado", "bson", "PIL")
+"""What the kit needs in the system's Python."""
+ROOT = Path(__file__).parents[2]
+
+
+def missing():
+    """Why there is no ROS here; None where there is."""
+    if not KIT or not (Path(KIT) / "start.sh").is_file():
+        return "ARMDYN_ROS_KIT does not name a ROS test kit (a folder with start.sh; see docs/robot.md)"
+    test = "; ".join(f"import {name}" for name in PACKAGES)
+    if subprocess.run(["/usr/bin/python3", "-c", test], capture_output=True, check=False).returncode:
+        return "the system's Python lacks ROS: apt install python3-rosmaster python3-rospy ... (see docs/robot.md)"
+    return None
+
+
+def real_time(pid):
+    """Let all threads of a process run before ordinary programs, where that is granted."""
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        try:
+            os.sched_setscheduler(int(task.name), os.SCHED_RR, os.sched_param(10))
+        except OSError:
+            return
+
+
+class Stalls:
+    """Sees how long this machine keeps even a real-time thread from running.
+
+    Attributes:
+        worst: longest delay so far [s].
+    """
+
+    def __init__(self):
+        self.worst, self._ended = 0.0, threading.Event()
+        code = (
+            "import os, sys, time\n"
+            "try:\n os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(20))\nexcept OSError:\n pass\n"
+            "while True:\n before = time.monotonic(); time.sleep(0.005); late = time.monotonic() - before - 0.005\n"
+            " if late > 0.01: print(late, flush=True)\n"
+        )
+        self._process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+        threading.Thread(target=self._watch, daemon=True).start()
+
+    def _watch(self):
+        for line in self._process.stdout:
+            self.worst = max(self.worst, float(line))
+
+    def close(self):
+        self._process.kill()
+        self._process.wait()
+        self._process.stdout.close()
+
+
+class Wire:
+    """A master and a bridge; use it in a ``with`` block.
+
+    Attributes:
+        uri: of the bridge.
+        pids: by name, such as ``BRIDGE_PID``.
+    """
+
+    def __init__(self):
+        self._process = subprocess.Popen(
+            [str(Path(KIT) / "start.sh"), "0", "0"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        said = {}
+        for line in self._process.stdout:
+            if line.strip() == "READY":
+                break
+            name, _, value = line.strip().partition("=")
+            said[name] = value
+        self.uri = said["ROSBRIDGE_URL"]
+        self.pids = {name: int(value) for name, value in said.items() if name.endswith("_PID")}
+        for pid in self.pids.values():
+            real_time(pid)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_error):
+        self._process.stdin.close()
+        self._process.wait(20)
+        self._process.stdout.close()
+
+
+class TracedTwin:
+    """The twin's process.
+
+    Attributes:
+        port: of its load cell.
+        calibration: of it.
+    """
+
+    def __init__(self, wire, folder, seed=0, hidden=()):
+        self.calibration, self._trace = folder / "cell.toml", folder / "trace.npz"
+        self._process = subprocess.Popen(
+            [sys.executable, str(Path(__file__).with_name("traced_twin.py")), wire.uri, str(self.calibration),
+             str(self._trace), str(seed), *hidden],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment(),
+        )  # fmt: skip
+        self.port = next(line.split()[1] for line in self._process.stdout if line.startswith("loadcell"))
+        assert self._process.stdout.readline() == "READY\n"
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_error):
+        self._process.kill()
+        self._process.wait()
+
+    def tell(self, word):
+        self._process.stdin.write(f"{word}\n")
+        self._process.stdin.flush()
+
+    def end(self):
+        """End it; the trace."""
+        if self._process.poll() is None:
+            self._process.stdin.close()
+            self._process.wait(30)
+            self._process.stdout.close()
+        return dict(np.load(self._trace))
+
+
+class Trial:
+    """The process of ``armdyn trial --robot ros``.
+
+    Attributes:
+        process: with standard error and output in one pipe.
+    """
+
+    def __init__(self, wire, twin, folder, *options):
+        self._answer, self.out = folder / "trial.json", folder / "out"
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "pipeline.cli", "trial", "--robot", "ros", "--ros", wire.uri, "--loadcell",
+             twin.port, "--calibration", str(twin.calibration), "--yes", "--landed", "yes", "--out", str(self.out),
+             "--json", str(self._answer), *options],
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment(), cwd=folder,
+        )  # fmt: skip
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_error):
+        self.process.kill()
+        self.process.wait()
+
+    @property
+    def runs(self):
+        return self.process.poll() is None
+
+    def wait(self):
+        """Exit status, what was said, and the answer; None where there is none."""
+        said, _ = self.process.communicate(timeout=240)
+        answer = json.loads(self._answer.read_text()) if self._answer.is_file() else None
+        return self.process.returncode, said, answer
+
+
+def environment():
+    return {**os.environ, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
+
+
+def suspend(pid, seconds):
+    """Stop a process for a while."""
+    os.kill(pid, signal.SIGSTOP)
+    time.sleep(seconds)
+    os.kill(pid, signal.SIGCONT)
