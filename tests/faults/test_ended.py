@@ -19,6 +19,7 @@ import urdf
 from ik.volume import VolumeTable
 
 REPAIR = ("repair", "m.toml", "a.csv", "--output", "out.toml", "--report", "r.html", "--json", "j.json")
+ADD = ("add", "m.toml", "linear_drag", "a.csv", "--output", "out.toml", "--json", "j.json")
 CORNERS = ("--low", "0.7,-0.4,-0.2", "--high", "0.9,-0.2,-0.1", "--counts", "30,30,10")
 VOLUME = ("ik", "volume", *CORNERS, "--out", "v.zarr", "--processes", "1")
 BUILD = ("ik", "build", "--out", "t.npz")
@@ -141,8 +142,8 @@ def test_a_full_disk_is_one_line_and_leaves_what_was_there(folder, arguments):
     assert {path for path in kept if kept[path] != before[path]} <= {folder / "out.toml"}
 
 
-def test_two_repairs_into_one_file_both_end_and_leave_one_whole_file(folder):
-    both = [started(folder, REPAIR) for _ in range(2)]
+def test_two_programs_with_one_output_both_end_and_leave_one_whole_file(folder):
+    both = [started(folder, ADD) for _ in range(2)]
     assert [ended(process)[0] for process in both] == [0, 0]
     check_whole(folder)
     assert not list(folder.glob(".armdyn-*"))
