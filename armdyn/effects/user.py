@@ -127,7 +127,8 @@ def load_module(path: Path, holds: str) -> ModuleType:
     except Exception as error:  # whatever a user's program may raise, the remedy is in their file
         line = error.lineno if isinstance(error, SyntaxError) else line_in(error, path)
         where = f", line {line}" if line else ""
-        raise InputError(f"{path}{where}: {type(error).__name__}: {error}") from error
+        said = " ".join(f"{type(error).__name__}: {error}".split())
+        raise InputError(f"{path}{where}: {said}") from error
     return module
 
 

@@ -1,6 +1,9 @@
 """A volume on disk: a zarr group that can be written block by block and read slab by slab."""
 
 import hashlib
+import os
+import secrets
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -69,8 +72,10 @@ class VolumeTable:
         shape = (len(grid.rotations), *grid.counts)
         edges = tuple(min(BLOCK, count) for count in grid.counts)
         blocks = tuple(-(-count // BLOCK) for count in grid.counts)
+        # Made beside and renamed: whatever happens, a directory of this name is a volume that can be continued.
+        unfinished = path.with_name(f".armdyn-{os.getpid()}-{secrets.token_hex(6)}.tmp")
         try:
-            group = zarr.create_group(path)
+            group = zarr.create_group(unfinished)
             group.create_array(
                 "q", shape=(*shape, len(robot.joint_names)), chunks=(1, *edges, len(robot.joint_names)),
                 dtype="float64", fill_value=float("nan"),
@@ -79,7 +84,6 @@ class VolumeTable:
             group.create_array("done", shape=(shape[0], *blocks), chunks=(1, 1, 1, 1), dtype="uint8", fill_value=0)
             group.create_array("digests", shape=(shape[0], *blocks), chunks=(1, 1, 1, 1), dtype="uint64", fill_value=0)
             group.create_array("skeleton", data=skeleton)
-            # Last, so that a directory with it is complete.
             group.attrs["armdyn"] = {
                 "format": FORMAT,
                 "robot": robot.name,
@@ -91,7 +95,11 @@ class VolumeTable:
                 "extra": extra,
                 "skeleton": _digest(skeleton),
             }
+            unfinished.rename(path)
         except (OSError, ValueError) as error:  # a name with a null character is a ValueError
+            shutil.rmtree(unfinished, ignore_errors=True)
+            if path.exists():  # another process was faster
+                return cls.open(path, robot, extra)
             why = getattr(error, "strerror", None) or error
             raise InputError(f"{path}: cannot be written ({why}); choose another directory") from error
         return cls.open(path, robot)
