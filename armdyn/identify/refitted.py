@@ -5,7 +5,7 @@ refitted is foretold from one expansion with every effect, at the best set so fa
 little: there every effect is sketched in a few steps, and the best get other starts as well.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -46,12 +46,14 @@ class Refitted(Appraiser):
 
     Args:
         study: model, runs, catalogue.
+        say: told how many of how many sets are tried.
     """
 
     few = True
 
-    def __init__(self, study: Study) -> None:
+    def __init__(self, study: Study, say: Callable[[str], None] | None = None) -> None:
         self._study = study
+        self._say = say or (lambda _: None)
         first = study.first()
         self._fits: dict[frozenset[Candidate], Fit] = {frozenset(): first}
         self._rough: set[frozenset[Candidate]] = set()  # sketched, not fitted
@@ -179,7 +181,7 @@ class Refitted(Appraiser):
         """Every option is sketched; the best are carried on, and get other starts where none comes close."""
         study, near = self._study, self.fit(now)
         sets = [(*now.effects, *option) for option in options]
-        for effects in sets:
+        for effects in self._counted(sets, "sketched"):
             key, wanted = frozenset(effects), (*study.present, *effects)
             if key not in self._fits:
                 self._fits[key] = study.sketch(wanted, near)
@@ -191,7 +193,7 @@ class Refitted(Appraiser):
             early = sorted(sets, key=lambda effects: study.begins((*study.present, *effects), near))
             tried = list(dict.fromkeys(e for pair in zip(early, whole, strict=False) for e in pair))[:THOROUGH]
             found += [effects for effects in tried if effects not in found]
-            for effects in tried:
+            for effects in self._counted(tried, "tried from other starts"):
                 key = frozenset(effects)
                 self._keep(key, study.fit_thoroughly((*study.present, *effects), self._fits[key]))
                 if self._fits[key].chi2_per_sample < NOISY:
@@ -226,7 +228,7 @@ class Refitted(Appraiser):
 
     def _followed(self, sets: Sequence[tuple[Candidate, ...]]) -> list[Appraisal]:
         """Appraisals of sets: all are sketched, those that lead are carried on."""
-        for effects in sets:
+        for effects in self._counted(sets, "tried"):
             self._sketched(effects)
         standing = {k: self._fits[k].cost + 2.0 * self.price(e) for e in sets for k in [frozenset(e)]}
         order = sorted(standing, key=lambda key: standing[key])
@@ -234,6 +236,11 @@ class Refitted(Appraiser):
             if key in self._rough and (place < LEADING or standing[key] < standing[order[0]] + BEHIND):
                 self._carry_on(key)
         return [self.of(effects) for effects in sets]
+
+    def _counted(self, sets: Sequence[tuple[Candidate, ...]], done: str) -> Iterator[tuple[Candidate, ...]]:
+        for i, effects in enumerate(sets):
+            self._say(f"{i} of {len(sets)} candidates {done}")
+            yield effects
 
     def _carry_on(self, key: frozenset[Candidate]) -> None:
         self._keep(key, self._study.fit_with((*self._study.present, *key), self._fits[key]))

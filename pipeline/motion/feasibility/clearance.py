@@ -143,7 +143,9 @@ def collision_series(robot: urdf.Robot, looks: Looks, settings: CheckSettings) -
         return found.distance, f"{found.first} - {found.second}"
 
     travel = _travel(robot, looks.fine_q)
-    series = _looked_at("self_collision", looks.fine_time, travel, to_itself, settings.clearance)
+    series = []
+    if itself.pairs:  # a URDF whose meshes are missing has none
+        series += _looked_at("self_collision", looks.fine_time, travel, to_itself, settings.clearance)
     if settings.obstacles:
         series += _looked_at(
             "collision", looks.fine_time, travel, lambda k: around.clearance(looks.fine_q[k]), settings.clearance
