@@ -5,7 +5,7 @@ refitted is foretold from one expansion with every effect, at the best set so fa
 little: there every effect is sketched in a few steps, and the best get other starts as well.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from itertools import combinations
 
@@ -47,12 +47,14 @@ class Refitted(Appraiser):
 
     Args:
         study: model, runs, catalogue.
+        say: told how many of how many sets are tried.
     """
 
     few = True
 
-    def __init__(self, study: Study) -> None:
+    def __init__(self, study: Study, say: Callable[[str], None] | None = None) -> None:
         self._study = study
+        self._say = say or (lambda _: None)
         first = study.first()
         self._fits: dict[frozenset[Candidate], Fit] = {frozenset(): first}
         self._rough: set[frozenset[Candidate]] = set()  # sketched, not fitted
@@ -187,7 +189,7 @@ class Refitted(Appraiser):
 
         if near.samples > LONG:
             sets = sorted(sets, key=begins)[:REFITTED]
-        for effects in sets:
+        for effects in self._counted(sets, "sketched"):
             if frozenset(effects) not in self._fits:
                 self._sketched(effects)
         ranked = sorted(sets, key=lambda effects: self._fits[frozenset(effects)].cost)[:REFITTED]
@@ -197,7 +199,7 @@ class Refitted(Appraiser):
             early = sorted(sets, key=begins)
             tried = list(dict.fromkeys(e for pair in zip(early, whole, strict=False) for e in pair))[:THOROUGH]
             found += [effects for effects in tried if effects not in found]
-            for effects in tried:
+            for effects in self._counted(tried, "tried from other starts"):
                 key = frozenset(effects)
                 self._keep(key, study.fit_thoroughly((*study.present, *effects), self._fits[key]))
                 if self._fits[key].chi2_per_sample < NOISY:
@@ -232,7 +234,7 @@ class Refitted(Appraiser):
 
     def _followed(self, sets: Sequence[tuple[Candidate, ...]]) -> list[Appraisal]:
         """Appraisals of sets: all are sketched, those that lead are carried on."""
-        for effects in sets:
+        for effects in self._counted(sets, "tried"):
             self._sketched(effects)
         standing = {k: self._fits[k].cost + 2.0 * self.price(e) for e in sets for k in [frozenset(e)]}
         order = sorted(standing, key=lambda key: standing[key])
@@ -240,6 +242,11 @@ class Refitted(Appraiser):
             if key in self._rough and (place < LEADING or standing[key] < standing[order[0]] + BEHIND):
                 self._carry_on(key)
         return [self.of(effects) for effects in sets]
+
+    def _counted(self, sets: Sequence[tuple[Candidate, ...]], done: str) -> Iterator[tuple[Candidate, ...]]:
+        for i, effects in enumerate(sets):
+            self._say(f"{i} of {len(sets)} candidates {done}")
+            yield effects
 
     def _carry_on(self, key: frozenset[Candidate]) -> None:
         self._keep(key, self._study.fit_with((*self._study.present, *key), self._fits[key]))

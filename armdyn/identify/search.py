@@ -108,7 +108,7 @@ class _Choice:
 
 def _by_refits(study: Study, first: Fit, say: Progress) -> _Choice:
     """The set chosen by refits."""
-    appraiser = Refitted(study)
+    appraiser = Refitted(study, say)
     return _Choice(appraiser, chosen(appraiser, (), say), first, appraiser)
 
 
@@ -159,9 +159,10 @@ def _climbed(
     effects = last.effects
     steps: list[Step] = []
     given = study.present  # stays as it is, also where the same effect comes on further joints
-    for rise in rises(appraiser, whole, firm):
+    way = list(rises(appraiser, whole, firm))
+    for i, rise in enumerate(way):
         effects = (*given, *merged((*(e for e in effects if e not in given), rise.added)))
-        say(f"fitting with {rise.added.spoken}")
+        say(f"{i} of {len(way)} steps fitted, now {rise.added.spoken}")
         fit = study.fit_with(effects, ahead, study.own_values(appraiser, rise.appraisal))
         if rise.appraisal is whole:
             fit = study.to_the_end(fit)

@@ -1,5 +1,6 @@
 """`armdyn trial` and `armdyn table`: one whole experiment, and the paper's Table I."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import isfinite
 from pathlib import Path
@@ -136,12 +137,11 @@ def _run(settings: "TrialSettings", out: Path, json_file: Path | None, note: str
             write_json(result.as_json(), json_file)
         report = out / "report.html"
         told: str | None = "no report: who interrupts a trial wants it to end"
+        pictures: Sequence[Path] = ()
         if result.signal is None:
             progress("writing the report", 0.97)
             told = _report(done, report)
-        if picture and result.signal is None:
-            progress("rendering the swing", 0.98)
-            _render(done, out)
+            pictures = _render(done, out, progress) if picture else ()
     if json_file != Path("-"):
         say = to_screen().print
         if result.estimates:
@@ -155,6 +155,8 @@ def _run(settings: "TrialSettings", out: Path, json_file: Path | None, note: str
         for note in (*result.notes, *([told] if told else [])):
             say(note, soft_wrap=True, markup=False)
         say(f"{'' if told else f'report {report}, '}recording {result.recording}", soft_wrap=True)
+        for drawn in pictures:
+            say(f"picture {drawn}", soft_wrap=True)
         if result.repair_command is not None:
             say(f"what the model lacks: {result.repair_command}", soft_wrap=True)
     if result.signal is not None:
@@ -197,14 +199,24 @@ def _pendulum(file: Path, effects: Path | None) -> "PendulumModel":
     return model
 
 
-def _render(done: "SimulatedTrial", out: Path) -> None:
+def _render(done: "SimulatedTrial", out: Path, show: Callable[[str, float], None]) -> tuple[Path, ...]:
+    """Draw the swing; the files that were written."""
     from pipeline.robot.picture import render_swing
 
     history = done.swing_history()
     if history is None:
-        return
-    for name in ("swing.png", "swing.gif"):
-        render_swing(done.experiment.description, done.plant, history, out / name)
+        return ()
+    files = (out / "swing.png", out / "swing.gif")
+    for file in files:
+        render_swing(
+            done.experiment.description,
+            done.plant,
+            history,
+            file,
+            # Pictures take as long as all that was before.
+            progress=lambda drawn, total: show(f"picture {drawn} of {total}", drawn / total),
+        )
+    return files
 
 
 def table(

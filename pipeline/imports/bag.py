@@ -13,6 +13,7 @@ import numpy as np
 
 from armdyn.errors import InputError
 from pipeline.imports.foreign import MIN_SAMPLES, Column, Foreign
+from pipeline.imports.mcap_file import messages
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 FIELDS = (("position", "q"), ("velocity", "v"), ("effort", "tau"))
@@ -49,6 +50,11 @@ def read_bag(path: Path) -> Foreign:
     notes: list[str] = []
     # Bags of ROS 2 before Iron carry no definitions; common messages are then those of Humble.
     try:
+        if path.suffix.lower() == ".mcap" and path.is_file():
+            store = get_typestore(Stores.ROS2_HUMBLE)
+            for topic, kind, stamp, message in messages(path, store, notes):
+                _take(topic, kind, stamp, message, samples)
+            return _foreign(path, samples, notes)
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as bag:
             known = [c for c in bag.connections if c.msgtype in bag.typestore.types]
             unknown = sorted({c.msgtype for c in bag.connections} - {c.msgtype for c in known})
@@ -62,6 +68,10 @@ def read_bag(path: Path) -> Foreign:
         raise InputError(
             f"{path}: cannot be read as a bag: {' '.join(str(error).split()) or type(error).__name__}"
         ) from error
+    return _foreign(path, samples, notes)
+
+
+def _foreign(path: Path, samples: dict[str, _Samples], notes: list[str]) -> Foreign:
     columns, more = _columns(samples)
     if not columns:
         raise InputError(f"{path}: holds no numbers that were recorded {MIN_SAMPLES} times: give another bag")
@@ -101,6 +111,9 @@ def _numbers(name: str, value: Any) -> Iterator[tuple[str, float]]:
         if 0 < len(value) <= LONGEST_ARRAY:
             for i, entry in enumerate(value):
                 yield from _numbers(f"{name}/{i}", entry)
+    elif isinstance(value, dict):  # of JSON
+        for part, entry in value.items():
+            yield from _numbers(f"{name}/{part}", entry)
     elif hasattr(value, "__dataclass_fields__"):
         for part in value.__dataclass_fields__:
             if part not in ("header", "__msgtype__") and not part.isupper():  # constants of the definition

@@ -143,7 +143,9 @@ def collision_series(robot: urdf.Robot, motion: SampledMotion, settings: CheckSe
         return found.distance, f"{found.first} - {found.second}"
 
     travel = _travel(robot, motion.fine_q)
-    series = _looked_at("self_collision", motion.fine_time, travel, to_itself, settings.clearance)
+    series = []
+    if itself.pairs:  # a URDF whose meshes are missing has none
+        series += _looked_at("self_collision", motion.fine_time, travel, to_itself, settings.clearance)
     if settings.obstacles:
         series += _looked_at(
             "collision", motion.fine_time, travel, lambda k: around.clearance(motion.fine_q[k]), settings.clearance

@@ -168,6 +168,13 @@ class Margin(Extreme):
     margin: float
     used: float
 
+    def __str__(self) -> str:
+        """Value and limit; of a distance, which must not be less, what is the least."""
+        unit = in_words(self.unit)
+        if self.bound > 0.0 and abs(self.value - self.bound - self.margin) < abs(self.bound - self.value - self.margin):
+            return f"{self.value:.4g}{unit}, at least {self.bound:.4g}{unit}, at {self.time:.3f} s"
+        return f"{self.value:.4g} of {self.bound:.4g}{unit} at {self.time:.3f} s"
+
 
 @dataclass(frozen=True)
 class FeasibilityReport:
@@ -210,10 +217,7 @@ class FeasibilityReport:
         """The answer for a person, in one line."""
         if self.feasible:
             m = self.tightest
-            return (
-                f"Feasible: the tightest limit is the {m.limit.replace('_', ' ')} of {m.joint}, "
-                f"{m.value:.4g} of {m.bound:.4g}{in_words(m.unit)} at {m.time:.3f} s."
-            )
+            return f"Feasible: the tightest limit is the {m.limit.replace('_', ' ')} of {m.joint}, {m}."
         more = f", and {len(self.violations) - 1} more" if len(self.violations) > 1 else ""
         return f"Not feasible: the {self.violations[0]}{more}."
 

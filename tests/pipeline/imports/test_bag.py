@@ -1,7 +1,10 @@
 """ROS bags of every kind hold what was written, with definitions that they carry themselves."""
 
+import json
+
 import numpy as np
 import pytest
+from mcap.writer import Writer as McapWriter
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
@@ -12,6 +15,7 @@ from pipeline.imports.bag import read_bag
 from pipeline.imports.conversion import imported
 from pipeline.imports.mapping import ColumnMap, Entry, known_columns
 from pipeline.imports.reading import read_foreign
+from pipeline.record import Recorder
 
 from .conftest import JOINTS, TIME, motion
 
@@ -117,3 +121,42 @@ def test_what_is_no_bag_says_so(tmp_path):
         read_bag(tmp_path / "a.bag")
     with pytest.raises(InputError, match="no such file"):
         read_bag(tmp_path / "b.bag")
+
+
+def write_plain_mcap(path):
+    """As Foxglove writes it: no profile of ROS, definitions with all that they need, and a topic of JSON."""
+    store = store_with_own(Stores.ROS2_HUMBLE)
+    with path.open("wb") as file:
+        writer = McapWriter(file)
+        writer.start(profile="", library="a test")
+        channels = {}
+        for topic, kind, t, message in messages(store, has_sequence=False):
+            if topic not in channels:
+                definition, _ = store.generate_msgdef(kind, ros_version=2)
+                schema = writer.register_schema(kind, "ros2msg", definition.encode())
+                channels[topic] = writer.register_channel(topic, "cdr", schema)
+            stamp = round((START + t) * 1e9)
+            writer.add_message(channels[topic], stamp, bytes(store.serialize_cdr(message, kind)), stamp)
+        as_json = writer.register_channel("/plain", "json", 0)
+        for t in TIME:
+            stamp = round((START + t) * 1e9)
+            writer.add_message(as_json, stamp, json.dumps({"cell": {"force": 2 * t}, "name": "a"}).encode(), stamp)
+        writer.finish()
+    return path
+
+
+def test_an_mcap_without_a_profile_of_ros_is_read_too(tmp_path, joints):
+    (foreign,) = read_foreign(write_plain_mcap(tmp_path / "a.mcap"))
+    run = imported(foreign, known_columns(foreign))
+    np.testing.assert_allclose(run.channels["q.elbow"].value, joints[0][:, 1], atol=1e-12)
+    np.testing.assert_allclose(foreign.columns["/plain/cell/force"].value, 2 * TIME)
+    np.testing.assert_allclose(foreign.columns["/cell/grams"].value, 1e3 * TIME, rtol=1e-6)
+
+
+def test_a_recording_of_armdyn_needs_no_import(tmp_path):
+    recorder = Recorder(tmp_path / "a.mcap", {"load_force": "N"})
+    for t in TIME:
+        recorder.record("load_force", float(t), 1.0)
+    recorder.close()
+    with pytest.raises(InputError, match="which is a run already"):
+        read_foreign(tmp_path / "a.mcap")
