@@ -112,9 +112,10 @@ class _SmoothedPath:
 
     def update(self, end: int) -> None:
         """Take what was measured since the last time, up to sample number `end`."""
-        new = slice(self._first + self.count, end)
-        if new.stop <= new.start:
-            return
+        begin = self._first + self.count
+        new = slice(begin, max(end, begin))
+        if new.stop == self._first:
+            return  # nothing yet
         pairs = zip(self._growing, self._series, strict=True)
         self.along, self.height = (growing.extend(series.value[new]) for growing, series in pairs)
         self.count = new.stop - self._first
