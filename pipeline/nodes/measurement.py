@@ -114,9 +114,10 @@ class _SmoothedPath:
         """Take what was measured since the last time, up to sample number `end`."""
         if not self.count:  # what was measured before the start may arrive after it
             self._first = self._series[0].first(self.start)
-        new = slice(self._first + self.count, end)
-        if new.stop <= new.start:
-            return
+        begin = self._first + self.count
+        new = slice(begin, max(end, begin))
+        if new.stop == self._first:
+            return  # nothing yet
         pairs = zip(self._growing, self._series, strict=True)
         self.along, self.height = (growing.extend(series.value[new]) for growing, series in pairs)
         self.count = new.stop - self._first
