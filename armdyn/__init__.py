@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from armdyn import arm, effects, pendulum
     from armdyn.front import compare, diagnose, fit, repair
     from armdyn.model_file import read_model
-    from armdyn.run import read_run
+    from armdyn.run import Run, read_run
 
 __version__ = "0.1.0"
-__all__ = ["arm", "compare", "diagnose", "effects", "fit", "pendulum", "read_model", "read_run", "repair"]
+__all__ = ["Run", "arm", "compare", "diagnose", "effects", "fit", "pendulum", "read_model", "read_run", "repair"]
 
 _MODULES = {
-    "read_run": "armdyn.run", "read_model": "armdyn.model_file", "compare": "armdyn.front",
+    "Run": "armdyn.run", "read_run": "armdyn.run", "read_model": "armdyn.model_file", "compare": "armdyn.front",
     "diagnose": "armdyn.front", "repair": "armdyn.front", "fit": "armdyn.front",
 }  # fmt: skip
 

@@ -26,6 +26,18 @@ def write_text(path: Path, text: str) -> None:
         file.write(text.encode("utf-8", errors="replace"))
 
 
+def making_directory(path: Path) -> None:
+    """Make a directory and those above it where they are missing.
+
+    Raises:
+        InputError: it cannot be made, or a file has its name.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
+        raise InputError(f"cannot make the directory {str(path)!r}: {error}; choose another place") from error
+
+
 @contextmanager
 def replacing(path: Path) -> Iterator[BinaryIO]:
     """A file to write to, which takes the place of `path` when the block ends well.
@@ -77,6 +89,60 @@ def _stream(path: Path) -> BinaryIO:
         with suppress(OSError, ValueError, AttributeError):
             standard.flush()
     return os.fdopen(os.dup(descriptor), "wb")
+
+
+class GrowingFile:
+    """A file that is of use before it is whole, such as a recording: a crash leaves what was written so far.
+
+    Where there is no such file yet, it grows under its own name; else under another beside it, and takes the old one's
+    place when it is finished: until then the old one stays whole, with everything that belongs to it.
+
+    Args:
+        path: as for `replacing`.
+
+    Attributes:
+        stream: to write to.
+
+    Raises:
+        InputError: it cannot be written to.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._target = self._beside = None
+        try:
+            if is_stream(path):
+                self.stream = _stream(path)
+                return
+            target = Path(os.path.realpath(path))
+            if target.is_dir():
+                raise IsADirectoryError(0, "it is a directory")
+            try:
+                self.stream = target.open("xb")
+            except FileExistsError:
+                if not os.access(target, os.W_OK):
+                    raise PermissionError(0, "it is write-protected") from None
+                self._target = target
+                self._beside = target.with_name(
+                    f"{target.stem}-unfinished-{os.getpid()}-{secrets.token_hex(3)}{target.suffix}"
+                )
+                self.stream = self._beside.open("xb")
+        except (OSError, ValueError) as error:
+            why = getattr(error, "strerror", None) or error
+            raise InputError(f"cannot write {path}: {why}; choose another place") from error
+
+    def finish(self) -> None:
+        """Close it and let it take its place.
+
+        Raises:
+            OSError: the disk is full, or it was moved away.
+        """
+        self.stream.close()
+        if self._beside is not None and self._target is not None:
+            with suppress(OSError):
+                old = self._target.stat()
+                self._beside.chmod(stat.S_IMODE(old.st_mode))
+            self._beside.replace(self._target)
+            self._beside = None
 
 
 @contextmanager

@@ -6,8 +6,6 @@ from armdyn.errors import InputError
 
 LARGEST_FILE = 256 * 2**20
 """Bytes of a recording; as text they take eight times as much memory, and five million samples of two columns fit."""
-LARGEST_TEXT = 2**20
-"""Bytes of a sidecar or of settings, which a person writes."""
 
 
 def read_bytes(path: Path, largest: int = LARGEST_FILE) -> bytes:

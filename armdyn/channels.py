@@ -19,7 +19,7 @@ class ChannelKind:
     Attributes:
         units: SI units it may have inside; joints turn or slide, so theirs have two.
         meaning: for a person.
-        measured: True where a model predicts it and is held against it.
+        measured: True where a model predicts it.
     """
 
     units: tuple[str, ...]

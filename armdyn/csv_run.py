@@ -21,16 +21,19 @@ from armdyn.channels import (
     check_joint_units,
     first_implausible,
 )
-from armdyn.errors import InputError
+from armdyn.errors import InputError, UnknownNameError
+from armdyn.units import si_factor
 
 _HEADER = re.compile(r"(?P<name>[^\[\]]*?)\s*\[(?P<unit>[^\[\]]*)\]")
 
 
-def read_csv(path: Path) -> dict[str, Channel]:
+def read_csv(path: Path, units: Mapping[str, str] | None = None) -> dict[str, Channel]:
     """Read and check every column.
 
     Args:
         path: the CSV file.
+        units: SI unit of every column that there may be, where they are not those of a recording; then no sample may
+            be missing, however few they are.
 
     Returns:
         Channel by name, in SI units, without missing samples.
@@ -41,17 +44,18 @@ def read_csv(path: Path) -> dict[str, Channel]:
     text = _text(path)
     header, *lines = text.split("\n")
     try:
-        columns = _columns(header)
+        columns = _columns(header, units)
         names = [name for name, _, _ in columns]
-        check_joint_units((name, unit) for name, unit, _ in columns if name != "time")
-        numbers, rows = _numbers(lines, names)
+        if units is None:
+            check_joint_units((name, unit) for name, unit, _ in columns if name != "time")
+        numbers, rows = _numbers(lines, names, complete=units is not None)
         samples = {
             name: _scaled(name, unit, factor, numbers[:, i], rows) for i, (name, unit, factor) in enumerate(columns)
         }
         time = samples.pop("time")
         _check_time(time, rows)
-        units = {name: unit for name, unit, _ in columns}
-        return {name: _channel(time, value, units[name]) for name, value in samples.items()}
+        found = {name: unit for name, unit, _ in columns}
+        return {name: _channel(time, value, found[name]) for name, value in samples.items()}
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 
@@ -88,11 +92,11 @@ def _text(path: Path) -> str:
     except UnicodeDecodeError as error:
         row = data.count(b"\n", 0, error.start) + 1
         raise InputError(f"{path}: row {row} is not UTF-8 text: give a CSV saved as UTF-8, or an .mcap") from error
-    # Quotes protect nothing here: a comma inside them is a decimal comma, which the ragged row then reveals.
+    # Quotes are dropped: a comma inside them is a decimal comma, which gives the row too many cells: an error below.
     return text.replace("\r\n", "\n").replace("\r", "\n").replace('"', "")
 
 
-def _columns(header: str) -> list[tuple[str, str, float]]:
+def _columns(header: str, units: Mapping[str, str] | None) -> list[tuple[str, str, float]]:
     """Name, SI unit and factor to it per column."""
     for separator, name in ((";", "semicolons"), ("\t", "tabs")):
         if separator in header and "," not in header:
@@ -109,11 +113,14 @@ def _columns(header: str) -> list[tuple[str, str, float]]:
         if name in seen:
             raise InputError(f"columns {seen[name]} and {number} are both '{name}': rename or remove one")
         seen[name] = number
-        choices = channel_units(name, where="column")
+        if units is not None and name not in units:
+            raise UnknownNameError("column", name, units)
+        choices = channel_units(name, where="column") if units is None else (units[name],)
         if match is None or not match["unit"].strip():
             raise InputError(f"column '{name}' has no unit: write it as '{name} [{choices[0]}]'")
         try:
-            columns.append((name, *channel_unit(name, match["unit"])))
+            unit = channel_unit(name, match["unit"]) if units is None else _unit(units[name], match["unit"])
+            columns.append((name, *unit))
         except InputError as error:
             raise InputError(f"column '{name}': {error}") from error
     if "time" not in seen:
@@ -123,7 +130,11 @@ def _columns(header: str) -> list[tuple[str, str, float]]:
     return columns
 
 
-def _numbers(lines: list[str], names: list[str]) -> tuple[FloatArray, list[int]]:
+def _unit(si: str, written: str) -> tuple[str, float]:
+    return si, si_factor(written, si)
+
+
+def _numbers(lines: list[str], names: list[str], *, complete: bool) -> tuple[FloatArray, list[int]]:
     """Cells as numbers (n, c), missing ones as nan, and the row number of each line (n,)."""
     unfinished = bool(lines) and lines[-1].strip() != ""  # a finished file ends in a newline
     if all(lines[:-1]) and not any(line.isspace() for line in lines[:-1]):
@@ -139,18 +150,26 @@ def _numbers(lines: list[str], names: list[str]) -> tuple[FloatArray, list[int]]
         if width < len(names) and unfinished and row == rows[-1]:
             raise _cut_off(row)
         raise InputError(f"row {row} has {width} cells where the header has {len(names)}: mend or remove the row")
-    if len(lines) < MIN_SAMPLES:
-        raise InputError(f"holds {len(lines)} samples where at least {MIN_SAMPLES} are needed: record longer")
-    if unfinished and _fraction_digits(lines[-1]) < min(map(_fraction_digits, lines[:-1])):
+    least = 1 if complete else MIN_SAMPLES
+    if len(lines) < least:
+        raise InputError(f"holds {len(lines)} samples where at least {least} are needed: record longer")
+    if unfinished and _fraction_digits(lines[-1]) < min(map(_fraction_digits, lines[:-1]), default=0):
         raise _cut_off(rows[-1])
     try:
-        return np.loadtxt(map(_with_nan, lines), delimiter=",", comments=None, ndmin=2), rows
+        table = np.loadtxt(map(_with_nan, lines), delimiter=",", comments=None, ndmin=2)
     except ValueError:  # which cell it was takes a slower look
-        table = [
-            [_number(cell, row, name) for cell, name in zip(line.split(","), names, strict=True)]
-            for row, line in zip(rows, lines, strict=True)
-        ]
-        return np.array(table), rows
+        table = np.array(
+            [
+                [_number(cell, row, name) for cell, name in zip(line.split(","), names, strict=True)]
+                for row, line in zip(rows, lines, strict=True)
+            ]
+        )
+    if complete and not np.isfinite(table).all():
+        row, column = np.argwhere(~np.isfinite(table))[0]
+        raise InputError(
+            f"row {rows[row]}, column '{names[column]}' holds no finite number: a trajectory has no missing samples"
+        )
+    return table, rows
 
 
 def _with_nan(line: str) -> str:

@@ -6,25 +6,34 @@ LONGEST_SPAN = 1.5
 """Times the usual one, beyond which samples are no neighbours: there is a gap between them."""
 
 
-def normalised_differences(time: np.ndarray, value: np.ndarray, order: int) -> np.ndarray:
-    """(n - k,) divided differences of order k over the root of the sum of their squared weights; nan across a gap.
+def normalised_differences(
+    time: np.ndarray,
+    value: np.ndarray,
+    order: int,
+    longest_span: float = LONGEST_SPAN,
+    interval: float | None = None,
+) -> np.ndarray:
+    """(n - k, ...) divided differences of order k over the root of the sum of their squared weights; nan across a gap.
 
     They remove every polynomial of degree k - 1 and leave white noise its standard deviation.
 
     Args:
-        time: (n,) s.
-        value: (n,), n > k.
+        time: (n, ...) s; every column is a series of its own.
+        value: (n, ...), n > k.
         order: k.
+        longest_span: of samples that are neighbours, in usual ones.
+        interval: the usual one between samples, s; their median when not given.
     """
     n = len(value) - order
     stamps = [time[i : i + n] for i in range(order + 1)]
     span = stamps[-1] - stamps[0]
-    total, squares = np.zeros(n), np.zeros(n)
+    total, squares = np.zeros(value[:n].shape), np.zeros(value[:n].shape)
     for i, here in enumerate(stamps):
-        weight = np.ones(n)
+        weight = np.ones(value[:n].shape)
         for j, there in enumerate(stamps):
             if j != i:
                 weight /= (here - there) / span
         total += weight * (value[i : i + n] - value[:n])  # without its first value a large constant loses no digits
         squares += weight**2
-    return np.where(span < LONGEST_SPAN * order * np.median(np.diff(time)), total / np.sqrt(squares), np.nan)
+    usual = np.median(np.diff(time, axis=0)) if interval is None else interval
+    return np.where(span < longest_span * order * usual, total / np.sqrt(squares), np.nan)

@@ -3,6 +3,9 @@
 import difflib
 from collections.abc import Iterable
 
+LONGEST_NAME, MOST_NAMES = 60, 60
+"""Characters of a name, and names of a list, that a message shows."""
+
 
 class ArmdynError(Exception):
     """Something a user can mend: the message is one line that says what, where and what to do."""
@@ -23,9 +26,11 @@ class UnknownNameError(InputError):
 
     def __init__(self, kind: str, name: str, valid: Iterable[str]) -> None:
         self.kind, self.name, self.valid = kind, name, tuple(valid)
-        close = difflib.get_close_matches(name, self.valid, n=1, cutoff=0.5)
-        hint = f"did you mean '{close[0]}'?" if close else f"choose one of: {', '.join(self.valid)}"
-        super().__init__(f"unknown {kind} '{name}': {hint}")
+        shown = name if len(name) <= LONGEST_NAME else f"{name[:LONGEST_NAME]}..."
+        close = difflib.get_close_matches(shown, self.valid, n=1, cutoff=0.5)
+        listed = ", ".join(self.valid[:MOST_NAMES]) + (", ..." if len(self.valid) > MOST_NAMES else "")
+        hint = f"did you mean '{close[0]}'?" if close else f"choose one of: {listed}"
+        super().__init__(f"unknown {kind} '{shown}': {hint}")
 
 
 class TaskFailedError(ArmdynError):

@@ -7,24 +7,61 @@ from itertools import combinations
 import numpy as np
 
 from armdyn.channels import Channel
-from armdyn.differences import normalised_differences
+from armdyn.differences import LONGEST_SPAN, normalised_differences
 from armdyn.run import Run
+from armdyn.smoothing.choice import resolution
+from armdyn.thinning import thinned
 
 ORDER = 4
 """Of the differences in which a spike shows: a cubic through its neighbours is as good as the signal."""
 SPIKE = 6.0
 """Robust standard deviations beyond which a difference is no noise: of white noise one in 5e8."""
+STEP = 1.0
+"""Steps of an encoder or of a file's digits that a difference has at most when a signal is rounded to them: the sum of
+the weights' sizes over the root of the sum of their squares, 16 / 8.4, times half a step."""
+EXACT = 1e-9
+"""Of a signal's range: differences below are rounding of numbers without noise."""
 AROUND = 25
 """Differences to either side that tell how large they are around here, where a signal is rougher than elsewhere."""
 TOGETHER = 2
 """Faulty samples side by side that are still isolated; what lasts longer is an event."""
-RARE = 0.01
-"""Share of the samples up to which strange ones are faults; where they are more, such is the noise of this sensor."""
+CROWD = 1.0 / 3.0
+"""Largest share of faulty samples from the first to the last of a group; where every other sample would have to go, the
+signal shakes."""
+FARTHER = 1.5
+"""Times the longest other way that a signal makes across a gap before it is a step."""
+RARE = 0.03
+"""Share of the samples up to which strange ones are faults; where they are more, such is the noise of this sensor. Of
+samples that fail one time in a hundred, at random, 2.1 % fail in one of a thousand runs of 800."""
+FEW = 4
+"""Faults that even a short run may have."""
+ROUGH, STANDS_OUT = 2.0, 4.0
+"""Where differences are typically so many times those of the quietest stretch, something goes on, such as a load that
+hits something and shakes; a fault there is so many times larger than all that is left without it."""
+HOPELESS = 0.4
+"""Share of differences that are too large, beyond which nobody looks for single samples."""
 CROWDED = 5.0
 """Times as many samples share the extreme value as the value next to it (and one more) where the sensor was at its
 end: of a sine that is coarsely rounded 2.4 times as many are at the peak."""
 DISTURBED = 2
 """Samples to either side of one at the end that are left out as well: the noise has chosen them."""
+
+
+def cleaned(run: Run, measured: Iterable[str], driving: Iterable[str]) -> Run:
+    """The run without faulty samples of the channels that a model uses, and thinned.
+
+    Args:
+        run: as recorded.
+        measured: channels that are compared with a prediction; these are thinned.
+        driving: channels that the prediction follows.
+    """
+    measured = tuple(measured)
+    used = (*measured, *(name for name in driving if name in run.channels))
+    # First as recorded: when samples are averaged, a spike spoils its group. Then again: what was brief is now one.
+    whole = without_spikes(without_saturation(run, measured), used)
+    thin = thinned(whole)
+    averaged = [name for name in measured if len(thin.channels[name]) < len(whole.channels[name])]
+    return without_spikes(thin, averaged) if averaged else thin
 
 
 def without_saturation(run: Run, names: Iterable[str]) -> Run:
@@ -33,9 +70,44 @@ def without_saturation(run: Run, names: Iterable[str]) -> Run:
 
 
 def without_spikes(run: Run, names: Iterable[str]) -> Run:
-    """The run without isolated outliers of these channels."""
+    """The run without isolated outliers of these channels; `Run.warnings` counts them.
+
+    Where there are more of them than `RARE`, all samples stay, and the warning says that.
+    """
     found = {name: spikes(run.channels[name].time, run.channels[name].value) for name in names}
-    return _without(run, found, "far from its neighbours", 0)
+    many = {name: bad for name, bad in found.items() if not _rare(int(bad.sum()), len(bad))}
+    rare = {name: bad for name, bad in found.items() if name not in many}
+    kept = _without(run, rare, "far from its neighbours", 0)
+    counts = dict(run.outliers)
+    for name, bad in rare.items():
+        if bad.any():
+            counts[name] = counts.get(name, 0) + int(bad.sum())
+    kept = replace(kept, outliers=counts)
+    told = [
+        f"{name}: {bad.sum()} of {len(bad)} samples are far from their neighbours, too many to be faults: none is left "
+        "out; check the sensor"
+        for name, bad in many.items()
+    ]
+    return replace(kept, warnings=(*kept.warnings, *told)) if told else kept
+
+
+def outliers_of(runs: Iterable[Run]) -> dict[str, int]:
+    """Number of samples that were left out as faulty, by channel, of several runs."""
+    counts: dict[str, int] = {}
+    for run in runs:
+        for name, count in run.outliers.items():
+            counts[name] = counts.get(name, 0) + count
+    return counts
+
+
+def outlier_sentence(runs: Iterable[Run]) -> str:
+    """For a person, to follow another sentence: how many samples were left out; empty where none was."""
+    counts = outliers_of(runs)
+    return f" Left out as outliers: {', '.join(f'{n} of {name}' for name, n in counts.items())}." if counts else ""
+
+
+def _rare(faults: int, samples: int) -> bool:
+    return faults <= max(FEW, RARE * samples)
 
 
 def _without(run: Run, faulty: Mapping[str, np.ndarray], what: str, around: int) -> Run:
@@ -46,7 +118,7 @@ def _without(run: Run, faulty: Mapping[str, np.ndarray], what: str, around: int)
             channel, kept = run.channels[name], np.convolve(bad, np.ones(2 * around + 1), mode="same") < 0.5
             first, last = channel.time[bad][[0, -1]]
             when = f"at {first:.4g} s" if bad.sum() == 1 else f"between {first:.4g} and {last:.4g} s"
-            some = "1 sample" if bad.sum() == 1 else f"{bad.sum()} samples"
+            some = f"1 of {len(bad)} samples" if bad.sum() == 1 else f"{bad.sum()} of {len(bad)} samples"
             warnings.append(f"{name}: {some} {what} left out, {when}")
             channels[name] = Channel(channel.time[kept], channel.value[kept], channel.unit)
     return replace(run, channels=channels, warnings=tuple(warnings)) if len(warnings) > len(run.warnings) else run
@@ -66,44 +138,115 @@ def spikes(time: np.ndarray, value: np.ndarray) -> np.ndarray:
     """(n,) bool: samples without which those around them lie on a smooth curve, but not with them.
 
     Hampel's rule (J. Am. Stat. Assoc. 69, 1974) on fourth differences: beyond `SPIKE` times the median absolute
-    difference, of all or of those around here, whichever is larger. A sample counts where it alone, or it and one
-    more, explain all that is too large around it: a load that hits something shakes longer.
+    difference, of all or of those around here, whichever is larger. A sample counts where it and few others explain
+    all that is too large around it. What stays is an event: a load that hits something shakes for longer, and the
+    torque of dry friction, where a joint turns round, steps to where it then remains.
     """
     found = np.zeros(len(value), dtype=bool)
     if len(value) < 2 * AROUND:
         return found
     size = np.abs(normalised_differences(time, value, ORDER))
-    limit = SPIKE * 1.4826 * _typical(np.where(np.isfinite(size), size, np.nanmedian(size)))
-    strange = np.flatnonzero(size > limit)
-    groups = np.split(strange, np.flatnonzero(np.diff(strange) > ORDER) + 1) if len(strange) else []
-    if len(groups) > RARE * len(value):
+    if not np.isfinite(size).any():
         return found
-    for group in groups:
-        if len(group) > TOGETHER * (ORDER + 1):
-            continue
+    rounding = max(STEP * resolution(value), EXACT * float(np.ptp(value)))
+    typical = _typical(np.where(np.isfinite(size), size, np.nanmedian(size)))
+    limit = np.maximum(SPIKE * 1.4826 * typical, rounding)
+    strange = np.flatnonzero(size > limit)
+    if not 0 < len(strange) <= HOPELESS * len(value):
+        return found
+    for group in np.split(strange, np.flatnonzero(np.diff(strange) > ORDER) + 1):
         begin, end = max(0, group[0] - ORDER), min(len(value), group[-1] + 2 * ORDER + 1)
-        near = slice(begin, end)
-        found[[begin + i for i in _culprits(time[near], value[near], float(limit[group].max()))]] = True
+        rough = bool(typical[group].max() > ROUGH * typical.min())
+        window = _Window(time[begin:end], value[begin:end], float(limit[group].max()), rough)
+        found[[begin + i for i in window.culprits(len(group))]] = True
     return found
 
 
-def _culprits(time: np.ndarray, value: np.ndarray, limit: float) -> list[int]:
-    """Positions of the fewest samples without which no difference is beyond the limit; empty where many are needed."""
-    for count in range(1, TOGETHER + 1):
-        if len(value) <= ORDER + 1 + count:
-            break
-        choices = [list(choice) for choice in combinations(range(len(value)), count)]
-        worst = [_largest(time, value, choice) for choice in choices]
-        best = int(np.argmin(worst))
-        if worst[best] <= limit:
-            return choices[best]
-    return []
+class _Window:
+    """Samples around differences that are too large.
 
+    Args:
+        time: (w,) s.
+        value: (w,).
+        limit: largest difference of noise.
+        rough: whether something goes on here, so that a fault must stand out more.
+    """
 
-def _largest(time: np.ndarray, value: np.ndarray, without: list[int]) -> float:
-    """The largest difference without some of the samples, 0 where there is none."""
-    differences = normalised_differences(np.delete(time, without), np.delete(value, without), ORDER)
-    return float(np.nanmax(np.abs(differences), initial=0.0))
+    def __init__(self, time: np.ndarray, value: np.ndarray, limit: float, rough: bool) -> None:
+        self._time, self._value, self._limit = time, value, limit
+        largest = np.nanmax(np.abs(normalised_differences(time, value, ORDER)))
+        if rough:
+            self._limit = min(limit, float(largest) / STANDS_OUT)
+        self._typical = float(np.median(np.diff(time)))
+
+    def culprits(self, strange: int) -> list[int]:
+        """Positions of the fewest samples without which no difference is too large; empty where it is an event.
+
+        Args:
+            strange: how many differences are too large; every sample takes part in `ORDER` + 1 of them.
+        """
+        count = len(self._time)
+        for few in range(1, TOGETHER + 1):
+            if count <= ORDER + 1 + few:
+                return []
+            choices = np.array(list(combinations(range(count), few)))
+            left = self._left(choices)
+            if left.min() == 0.0:
+                return self._isolated(choices[int(np.argmin(left))].tolist())
+        return self._isolated(self._one_by_one(int(CROWD * strange) + 1))
+
+    def _one_by_one(self, most: int) -> list[int]:
+        """Samples taken out one after another, each time that which explains most; empty where `most` do not do."""
+        out: list[int] = []
+        while len(out) < most and len(self._time) > len(out) + ORDER + 2:
+            others = [i for i in range(len(self._time)) if i not in out]
+            left = self._left(np.array([[*out, i] for i in others]))
+            out.append(others[int(np.argmin(left))])
+            if left.min() == 0.0:
+                return out
+        return []
+
+    def _isolated(self, out: list[int]) -> list[int]:
+        """These samples, unless so many lie side by side or so close that it is an event."""
+        if not out:
+            return []
+        ordered = np.sort(out)
+        alone = np.split(ordered, np.flatnonzero(np.diff(ordered) > 1) + 1)
+        longest = max((len(side_by_side) for side_by_side in alone), default=0)
+        crowded = len(out) > TOGETHER and len(out) > CROWD * (ordered[-1] - ordered[0] + 1)
+        step = any(self._steps(side_by_side, ordered) for side_by_side in alone)
+        return [] if longest > TOGETHER or crowded or step else out
+
+    def _steps(self, out: np.ndarray, everything: np.ndarray) -> bool:
+        """Whether the signal is elsewhere after neighbouring samples that are taken out than it was before them.
+
+        High differences hardly see a step in a gap. It is one where the way across the gap is longer, by more than the
+        noise, than every other way as long around here; or than most of them, and what is taken out lies between.
+        """
+        before, after = int(out[0]) - 1, int(out[-1]) + 1
+        if before < 0 or after >= len(self._value):
+            return False
+        ends = self._value[[before, after]]
+        ways = np.abs(self._value[after - before :] - self._value[: before - after])
+        touched = np.isin(np.arange(len(self._value)), everything)
+        others = ways[np.lib.stride_tricks.sliding_window_view(touched, after - before + 1).sum(axis=1) == 0]
+        if len(others) == 0:
+            return False
+        between = bool(np.all((self._value[out] >= ends.min()) & (self._value[out] <= ends.max())))
+        usual = float(np.median(others) if between else np.max(others))
+        return bool(np.ptp(ends) > FARTHER * usual + self._limit)
+
+    def _left(self, choices: np.ndarray) -> np.ndarray:
+        """(r,) sum of what differences are beyond the limit, squared, without the samples (r, k) that a row names."""
+        rows, without = choices.shape
+        kept = np.ones((rows, len(self._time)), dtype=bool)
+        kept[np.arange(rows)[:, None], choices] = False
+        place = np.nonzero(kept)[1].reshape(rows, -1)
+        # A gap that is made here is no gap of the recording: differences across it tell a spike from a step.
+        longest = LONGEST_SPAN + without / ORDER
+        size = np.abs(normalised_differences(self._time[place].T, self._value[place].T, ORDER, longest, self._typical))
+        excess = np.where(size > self._limit, size - self._limit, 0.0)
+        return np.asarray((excess**2).sum(axis=0))
 
 
 def _typical(size: np.ndarray) -> np.ndarray:

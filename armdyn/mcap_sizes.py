@@ -74,7 +74,7 @@ def _expands_beyond(chunk: _Chunk) -> bool:
     """Whether there is more in it than is stated; False where it cannot be expanded at all."""
     try:
         if chunk.compression == b"lz4":
-            import lz4.frame  # type: ignore[import-untyped]
+            import lz4.frame
 
             opened: Any = lz4.frame.LZ4FrameFile(io.BytesIO(chunk.data))
         elif chunk.compression == b"zstd":

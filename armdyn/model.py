@@ -5,15 +5,15 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, ClassVar, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.parameter import Parameter, Prior, Quantity
-from armdyn.preparation import Preparation
 from armdyn.run import Channel, Run
+from armdyn.start import Start
 
 
 @dataclass(frozen=True)
@@ -56,6 +56,21 @@ class Bend:
     function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
+class Linear(Protocol):
+    """A model whose predictions are linear in most unknowns: one expansion foretells what any set of effects does."""
+
+    def bend(self, names: Sequence[str], theta: np.ndarray) -> Bend | None:
+        """How predictions depend on the parameters `names` where that is not linear but simple; None elsewhere.
+
+        Predictions are linear in an arm's inertial parameters, but not in a payload's place, nor in the factor that
+        keeps a link's parameters those of a body.
+
+        Args:
+            names: of one effect's parameters on one joint.
+            theta: (p,) values around which.
+        """
+
+
 @dataclass(frozen=True)
 class Model(ABC):
     """Base class of `PendulumModel` and `ArmModel`.
@@ -68,8 +83,15 @@ class Model(ABC):
     effects: tuple[Effect, ...]
     parameters: Mapping[str, Parameter]
 
-    linear: ClassVar[bool] = False
-    """Whether predictions are linear in most unknowns, so that one expansion foretells what any set of effects does."""
+    @property
+    def start(self) -> Start:
+        """How to find the state at the start of a run."""
+        return Start()
+
+    @property
+    def linear(self) -> "Linear | None":
+        """The model as one that is linear in most unknowns; None where it is not."""
+        return None
 
     @property
     @abstractmethod
@@ -82,14 +104,9 @@ class Model(ABC):
         """What effects of this model may act on."""
 
     def described(self, folder: Path) -> Mapping[str, Any]:
-        """What a model file says of the base, beside which arm it is; paths begin at the file's `folder`."""
+        """Entries of a model file that name the base; paths in them are relative to the file's `folder`."""
         del folder
         return {"base": self.base}
-
-    @property
-    def first_window(self) -> float | None:
-        """Shortest stretch of a run, s, that a fit from afar starts with; None where any start will do."""
-        return None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -108,7 +125,7 @@ class Model(ABC):
         """The model with one effect more, or with one that it has on more joints, at its null value.
 
         Raises:
-            InputError: the model has it already, or nothing that it could act on.
+            InputError: the model has it already, or lacks the stage on which it acts.
             UnknownNameError: it is meant for a joint that the model lacks.
         """
         if effect.acts_on not in self.stages:
@@ -245,26 +262,6 @@ class Model(ABC):
         """
         return run
 
-    def recording(self, run: Run) -> Run:
-        """The recording that a prepared run was made of, at its own rate."""
-        return run
-
-    def preparations(self, run: Run) -> Mapping[str, Preparation]:
-        """What `prepared` did to each channel; nothing where the model takes runs as they are."""
-        del run
-        return {}
-
-    def pieces(self, run: Run) -> Sequence[Run]:
-        """The run, or the parts of it each of which has a start of its own."""
-        return (run,)
-
-    def stated_noise(self, run: Run) -> Mapping[str, float]:
-        """Standard deviation that the noise of a channel can have at most, whatever its colour, where it is stated.
-
-        What `prepared` filters keeps all of its noise where that is as slow as the filter.
-        """
-        return run.noise
-
     def parts(self, effect: str) -> Mapping[str, tuple[str, ...]]:
         """Names of an effect's parameters by the joint that they belong to, ``""`` where there is none."""
         return {
@@ -272,38 +269,7 @@ class Model(ABC):
             for joint in self.joints_with(effect)
         }
 
-    def bend(self, names: Sequence[str], theta: np.ndarray) -> "Bend | None":
-        """How predictions depend on the parameters `names` where that is not linear but simple; None elsewhere.
-
-        Predictions are linear in an arm's inertial parameters, but not in a payload's place, nor in the factor that
-        keeps a link's parameters those of a body.
-
-        Args:
-            names: of one effect's parameters on one joint.
-            theta: (p,) values around which.
-        """
-        del names, theta
-        return None
-
-    def initial_guess(self, run: Run) -> Mapping[str, float]:
-        """First guesses of the parameters that are one value per run."""
-        del run
-        return {}
-
-    def plausible_starts(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
-        """Starts that a run may have had: values of parameters that are one per run, from which a fit is tried.
-
-        Empty where a fit finds the start from anywhere.
-        """
-        del run, theta
-        return ()
-
-    def first_stretch(self, theta: np.ndarray) -> float:
-        """Part of a run that tells plausible starts apart, s; `theta` (p,)."""
-        del theta
-        return np.inf
-
-    def circumstances(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
+    def covariates(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
         """What a residual may depend on, such as the swing angle or a joint's speed, over the run's time."""
         del run, theta
         return {}

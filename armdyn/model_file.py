@@ -1,7 +1,6 @@
 """Model files: readable TOML, the only state that is kept between commands."""
 
 import math
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
@@ -15,6 +14,7 @@ from armdyn.errors import InputError, UnknownNameError
 from armdyn.model import Model
 from armdyn.parameter import Parameter, Prior
 from armdyn.units import parse_quantity, si_factor
+from urdf.table_file import TableFileError, read_table
 
 BASES = {"pendulum": "armdyn.pendulum.model", "arm": "armdyn.arm.model"}
 """Where each base is read; a user's own is the path of a Python file."""
@@ -57,13 +57,11 @@ def read_model_file(path: Path | str, extra: Iterable[Effect] = ()) -> ModelFile
     if path.is_dir():
         raise InputError(f"{path} is a directory: give the model's file")
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        _, table = read_table(path)
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file: make one with 'armdyn new pendulum {path}'") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: is not TOML: {error}") from error
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except TableFileError as error:
+        raise InputError(f"{path}: {error}") from error
     try:
         return _parsed(table, path.parent, tuple(extra))
     except InputError as error:
@@ -151,16 +149,10 @@ def with_known(model: Model, known: Mapping[str, str]) -> Model:
             value = parse_quantity(text, parameter.unit)
         except InputError as error:
             raise InputError(f"{name}: {error}") from error
-        if not parameter.lower <= value.value <= parameter.upper:
-            raise InputError(
-                f"{name}: '{text}' is outside its physical range {parameter.lower:g} to {parameter.upper:g} "
-                f"{parameter.unit}"
-            )
-        model = (
-            model.with_values({name: value.value})
-            if value.std is None
-            else model.with_prior(name, value.value, value.std)
-        )
+        if value.std is None:
+            model = model.with_values({name: value.value})
+        else:
+            model = model.with_prior(name, value.value, value.std)
     return model
 
 
@@ -169,7 +161,7 @@ def _parsed(table: Mapping[str, Any], folder: Path, extra: Sequence[Effect]) -> 
     if base is None:
         raise InputError('there is no base: write base = "pendulum" or base = "arm" on the first line')
     own = str(base).endswith(".py")
-    if base not in BASES and not own:
+    if not isinstance(base, str) or (base not in BASES and not own):
         raise UnknownNameError("base", str(base), BASES)
     reader = import_module("armdyn.physics.user" if own else BASES[base])
     keys = (*KEYS, *reader.KEYS)
@@ -204,14 +196,11 @@ def _parameter(model: Model, name: str, entry: Any) -> Parameter:
             raise UnknownNameError(f"field of parameter {name}", field, FIELDS)
     parameter = model.parameters[name]
     factor = si_factor(str(entry["unit"]), parameter.unit) if "unit" in entry else 1.0
-    try:
-        value = float(entry["value"]) * factor
-        std = float(entry["std"]) * factor if "std" in entry else None
-    except (TypeError, ValueError) as error:
-        raise InputError(f"parameter {name}: value and std are numbers") from error
-    if not parameter.lower <= value <= parameter.upper:
-        allowed = f"{parameter.lower:g} to {parameter.upper:g} {parameter.unit}"
-        raise InputError(f"parameter {name}: {value:g} {parameter.unit} is outside its physical range {allowed}")
+    numbers = {key: entry[key] for key in ("value", "std") if key in entry}
+    if any(isinstance(number, bool) or not isinstance(number, int | float) for number in numbers.values()):
+        raise InputError(f"parameter {name}: value and std are numbers, without quotes")
+    value = float(entry["value"]) * factor
+    std = float(entry["std"]) * factor if "std" in entry else None
     if std is not None and not 0.0 <= std < math.inf:
         raise InputError(f"parameter {name}: std is {std:g}: write a finite number that is not negative, or none")
     fitted = entry.get("fitted", parameter.fitted)

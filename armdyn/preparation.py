@@ -1,4 +1,4 @@
-"""What was done to a measured signal before it was compared: nothing of it is to be hidden."""
+"""What was done to a measured signal before it was compared, as reports and answers state it."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

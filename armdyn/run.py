@@ -1,6 +1,6 @@
-"""A run: one recording, read from CSV or MCAP, in SI units, ready to be held against a model."""
+"""A run: one recording, read from CSV or MCAP, in SI units, ready to be compared with a model."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -8,11 +8,14 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from armdyn import atomic
+from armdyn.arrays import channels_of, frame_columns
 from armdyn.channels import MIN_SAMPLES, Channel, channel_kind, check_joint_units, in_contract
 from armdyn.csv_run import read_csv, write_csv
 from armdyn.errors import InputError, UnknownNameError
+from armdyn.preparation import Preparation
 from armdyn.sidecar import Sidecar, read_sidecar, sidecar_text
 from armdyn.units import Known
 
@@ -32,6 +35,7 @@ class Run:
         source: the file it came from; None where it was made in memory.
         warnings: a sentence per thing that was lost, such as the end of a recording that was cut off.
         began: s; when the recording began of which this is a later piece. None where it is whole.
+        outliers: number of samples that were left out as faulty, by channel.
 
     Raises:
         InputError: a joint turns in one channel and slides in another.
@@ -46,18 +50,82 @@ class Run:
     source: Path | None = None
     warnings: tuple[str, ...] = ()
     began: float | None = field(default=None, kw_only=True)
+    outliers: Mapping[str, int] = field(default_factory=dict, kw_only=True)
 
     def __post_init__(self) -> None:
         for name in self.channels:
             channel_kind(name)
         check_joint_units((name, channel.unit) for name, channel in self.channels.items())
-        for attribute in ("channels", "known", "noise"):
+        for attribute in ("channels", "known", "noise", "outliers"):
             object.__setattr__(self, attribute, MappingProxyType(dict(getattr(self, attribute))))
+
+    @classmethod
+    def from_arrays(
+        cls,
+        time: npt.ArrayLike,
+        values: Mapping[str, npt.ArrayLike],
+        *,
+        units: Mapping[str, str] | None = None,
+        joints: Sequence[str] = (),
+        name: str = "run",
+        known: Mapping[str, Known] | None = None,
+        noise: Mapping[str, float] | None = None,
+        description: str = "",
+    ) -> "Run":
+        """A run of arrays that share their time stamps.
+
+        ``Run.from_arrays(t, {"q": q, "tau": tau}, joints=["shoulder", "elbow"], units={"q": "deg"})``
+
+        Args:
+            time: (n,) s, strictly increasing.
+            values: by channel, (n,) with nan for missing samples; ``"q"``, ``"v"``, ``"a"`` and ``"tau"`` may hold
+                (n, j), a column for each of `joints`. A name may end in a unit: ``"load_force [mN]"``.
+            units: by channel, or by ``"q"``, ``"v"``, ``"a"``, ``"tau"``; SI where none is given.
+            joints: names of the columns of two-dimensional values.
+            name: of the run.
+            known: see `Run`.
+            noise: see `Run`.
+            description: see `Run`.
+
+        Raises:
+            InputError: lists everything that is wrong.
+        """
+        channels = channels_of(time, values, units or {}, joints)
+        return cls(name, channels, known or {}, noise or {}, description)
+
+    @classmethod
+    def from_dataframe(
+        cls, frame: Any, *, units: Mapping[str, str] | None = None, name: str = "run", description: str = ""
+    ) -> "Run":
+        """A run of a data frame of pandas, polars or pyarrow; columns are channels, ``q.elbow`` or ``q.elbow [deg]``.
+
+        Args:
+            frame: with a column ``time``, in s, or a pandas frame whose index is the time.
+            units: by column, where they are neither in the name nor SI.
+            name: of the run.
+            description: see `Run`.
+
+        Raises:
+            InputError: lists everything that is wrong.
+        """
+        time, values = frame_columns(frame)
+        return cls.from_arrays(time, values, units=units, name=name, description=description)
 
     def __reduce__(self) -> tuple[Callable[..., "Run"], tuple[Any, ...]]:
         # A MappingProxyType cannot be pickled, and runs go to other processes.
         mappings = (dict(self.channels), dict(self.known), dict(self.noise))
-        return partial(Run, began=self.began), (self.name, *mappings, self.description, self.source, self.warnings)
+        rest = partial(Run, began=self.began, outliers=dict(self.outliers))
+        return rest, (self.name, *mappings, self.description, self.source, self.warnings)
+
+    @property
+    def recording(self) -> "Run":
+        """What was recorded, at its own rate: this run, unless a model prepared it for comparison."""
+        return self
+
+    @property
+    def preparations(self) -> Mapping[str, Preparation]:
+        """What a model did to channels before it compares them; nothing where it takes them as they are."""
+        return {}
 
     @property
     def measured(self) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""What a recording must be before a model is held against it: a sane clock, possible positions, values that it has.
+"""What a recording must be before it is compared with a model: a sane clock, possible positions, values that it has.
 
 A file can be well formed and still be of no use: milliseconds declared as seconds, a clock that was set while it ran,
 an encoder that sent nonsense once. A simulation over such a span would need gigabytes, so it is refused here.
@@ -34,7 +34,7 @@ def check_run(model: Model, run: Run, adding: Iterable[Effect] = ()) -> None:
     """Refuse a recording that this model cannot use.
 
     Args:
-        model: that is held against it.
+        model: to compare it with.
         run: the recording.
         adding: effects that the model is about to get; their values may be known, too.
 

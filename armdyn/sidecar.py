@@ -13,15 +13,14 @@ resembles a key above is refused as misspelt.
 """
 
 import difflib
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from armdyn.bytes_in import LARGEST_TEXT, read_bytes
 from armdyn.channels import channel_kind, channel_unit, in_contract
 from armdyn.errors import InputError
 from armdyn.units import Known, parse_quantity
+from urdf.table_file import TableFileError, parse_table, read_table
 
 POSITIVE = {"mass": "kg", "length": "m"}
 """Known values of the base pendulum that have a fixed unit and cannot be zero or less."""
@@ -44,24 +43,16 @@ class Sidecar:
 
 
 def read_sidecar(path: Path) -> Sidecar:
-    """Read the file at `path`; an absent one says nothing.
+    """Read the file at `path`; without one nothing is known.
 
     Raises:
         InputError: names the file, the field, what is wrong and what to do.
     """
-    if not path.exists():
+    try:
+        return _sidecar(read_table(path)[1])
+    except FileNotFoundError:
         return Sidecar()
-    try:
-        text = read_bytes(path, LARGEST_TEXT).decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: is not UTF-8 text: save it as UTF-8") from error
-    try:
-        return parse_sidecar(text)
-    except RecursionError as error:
-        raise InputError(f"{path}: is nested too deeply: write '[known]' and below it a line per value") from error
-    except (tomllib.TOMLDecodeError, ValueError) as error:  # a number of 5000 digits is a ValueError
-        raise InputError(f"{path}: is not TOML: {error}") from error
-    except InputError as error:
+    except (TableFileError, InputError) as error:
         raise InputError(f"{path}: {error}") from error
 
 
@@ -69,10 +60,15 @@ def parse_sidecar(text: str) -> Sidecar:
     """Read the text of a sidecar.
 
     Raises:
-        tomllib.TOMLDecodeError: it is not TOML.
-        InputError: a field cannot be used.
+        InputError: it is not TOML, or a field cannot be used.
     """
-    table = tomllib.loads(text)
+    try:
+        return _sidecar(parse_table(text))
+    except TableFileError as error:
+        raise InputError(str(error)) from error
+
+
+def _sidecar(table: Mapping[str, object]) -> Sidecar:
     _check_keys(table)
     description = table.get("description", "")
     if not isinstance(description, str):

@@ -1,4 +1,4 @@
-"""Recordings that were sampled faster than there is something to see."""
+"""Recordings whose sampling rate is far above their bandwidth."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ import numpy as np
 from armdyn.run import Channel, Run
 
 HIGHEST_RATE = 125.0
-"""Hz; what is sampled faster is averaged in groups: a swing holds nothing above."""
+"""Hz; what is sampled faster is averaged in groups: a swing has no signal above."""
 
 
 def thinned(run: Run, highest_rate: float = HIGHEST_RATE) -> Run:

@@ -16,7 +16,7 @@ from ik import build_line_table, default_table
 from ik.chain import Chain
 from ik.path import LinePath
 from ik.plan import plan_branch
-from ik.selfmotion import Wish
+from ik.selfmotion import Goal
 from ik.solver import Solver
 
 LINE_TARGETS = 1000
@@ -187,13 +187,13 @@ def race_line(robot: urdf.Robot, others: dict[str, Solve], count: int, rounds: i
     targets = line_targets(robot, count)
     line, chain = robot.line, Chain.of(robot)
     path, s = LinePath(line), np.linspace(line.s_min, line.s_max, count)
-    wish = Wish(line.core, line.core_speed)
-    branch, coarse, guess = plan_branch(robot, chain, path, wish)
+    goal = Goal(line.core, line.core_speed)
+    branch, coarse, guess = plan_branch(robot, chain, path, goal)
     course = CubicSpline(coarse, guess)
     whole = timed_build(robot)
 
     def planned_first() -> np.ndarray:
-        branch, coarse, guess = plan_branch(robot, chain, path, wish)
+        branch, coarse, guess = plan_branch(robot, chain, path, goal)
         return branch.solve(chain, path, s, CubicSpline(coarse, guess)(s)).q
 
     first = default_table(robot).posture(line.s_min).q

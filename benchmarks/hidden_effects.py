@@ -103,14 +103,14 @@ def pair(one: str, two: str, seed: int, keep: Path | None) -> hidden_table.Row:
     found = repair(study)
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
     names = {effect.name for effect in found.model.effects}
-    tied = {t for rung in found.ladder for t in rung.tied_with}
+    tied = {t for step in found.path for t in step.tied_with}
     return {
         "what": f"{one}+{two}",
         "seed": seed,
         "exact": names == truth.keys(),
         "honest": names == truth.keys() or (len(names) == len(truth) and truth.keys() <= names | tied),
         "found": sorted(names),
-        "ladder": [(rung.added, rung.removed, rung.tied_with, rung.chi2_per_sample) for rung in found.ladder],
+        "steps": [(step.added, step.tied_with, step.chi2_per_sample) for step in found.path],
         "chi2": found.after.fit.chi2_per_sample,
         **hidden_table.held_out_chi2(study, found.after.fit, runs[2:]),
         "verdict": found.verdict.key,
@@ -125,7 +125,7 @@ def outside(name: str, seed: int, keep: Path | None) -> hidden_table.Row:
     _, found, row = _diagnosed(runs)
     row |= {"what": name, "seed": seed, "flagged": found.verdict.key == "unknown_effect"}
     row["before"] = found.comparison.fit.chi2_per_sample
-    row["ladder"] = [(step.fit.chi2_per_sample, [e.label for e in step.effects]) for step in found.search.steps]
+    row["steps"] = [(step.fit.chi2_per_sample, [e.label for e in step.effects]) for step in found.search.steps]
     row["sentence"] = found.sentence
     return row
 

@@ -110,13 +110,13 @@ def examine(kind: str, what: str, seed: int) -> dict:
     if kind == "pairs":
         mended = repair(study)
         names = [effect.name for effect in mended.model.effects]
-        tied = {t for rung in mended.ladder for t in rung.tied_with}
+        tied = {t for step in mended.path for t in step.tied_with}
         exact = set(names) == set(hidden)
         return row | {
             "seconds": time.perf_counter() - begun, "cpu": time.process_time() - cpu,
             "verdict": mended.verdict.key, "found": names, "exact": exact,
             "honest": exact or set(hidden) <= {*names, *tied},
-            "last": mended.ladder[-1].chi2_per_sample,
+            "last": mended.path[-1].chi2_per_sample,
             "held_out": float(np.mean([(c.held_out_rmse or 0.0) ** 2 / c.noise_std**2
                                        for c in mended.after.channels.values()])),
         }  # fmt: skip
@@ -128,7 +128,6 @@ def examine(kind: str, what: str, seed: int) -> dict:
         "joints_found": list(found.suspects[0].joints) if found.suspects else [],
         "tied_with": list(found.suspects[0].tied_with) if found.suspects else [],
         "steps": [[c.label for c in step.added] for step in found.search.steps[1:]],
-        "removed": [[c.label for c in step.removed] for step in found.search.steps[1:]],
         "start": found.search.steps[0].fit.chi2_per_sample,
         "last": found.search.last.fit.chi2_per_sample,
         "sentence": found.sentence,

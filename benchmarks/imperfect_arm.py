@@ -9,7 +9,7 @@ with one kind of motion, one run with another kind is held out, and an exam with
 
 What is counted:
 
-- `named`: every effect of the ladder's first step is one that was put in, on just the joints where it was.
+- `named`: every effect of the first step is one that was put in, on just the joints where it was.
 - `values`: numbers that the repair added, over those that describe what was put in; few are at most twice as many.
 - `exam`: error in the exam, the root of the summed squared errors of all joints in N m, over that of the true effects
   on their joints fitted to the same training runs. The true effects do not know the small errors, so that a repair may
@@ -32,7 +32,7 @@ import numpy as np
 
 from armdyn.arm.model import ArmModel, arm_model
 from armdyn.effects.catalogue import CATALOGUE
-from armdyn.identify.repair import Repair, Rung, add, repair
+from armdyn.identify.repair import Repair, RepairStep, add, repair
 from armdyn.identify.study import Study
 from armdyn.run import Run
 
@@ -59,7 +59,7 @@ def exam_error(model: ArmModel, runs: Sequence[Run]) -> float:
     return float(np.sqrt(np.mean(squares)))
 
 
-def removed_share(before: Rung, after: Rung) -> float:
+def removed_share(before: RepairStep, after: RepairStep) -> float:
     """Share of the squared error over all joints that a step removes, in training or held out, whichever is less."""
     pairs = ((before.rmse, after.rmse), (before.held_out_rmse, after.held_out_rmse))
     return min(1.0 - _squared(left) / _squared(given) for given, left in pairs)
@@ -69,7 +69,7 @@ def _squared(errors: Mapping[str, float]) -> float:
     return sum(error**2 for error in errors.values())
 
 
-def named(first: Rung, truth: set[tuple[str, str]]) -> bool:
+def named(first: RepairStep, truth: set[tuple[str, str]]) -> bool:
     """Whether a step adds nothing but what was put in, where it was."""
     joints = {joint for effect, joint in truth if effect in first.added}
     return set(first.added) <= {effect for effect, _ in truth} and set(first.joints) == joints
@@ -95,8 +95,8 @@ def examine(robot: str, name: str, seed: int) -> hidden_table.Row:
         "seconds": time.perf_counter() - begun, "cpu": time.process_time() - cpu,
         "verdict": mended.verdict.key, "sentence": mended.sentence,
         "draws": case.draws, "dominance": case.dominance() if truth else case.largest_single,
-        "ladder": [[list(rung.added), list(rung.joints), list(rung.removed)] for rung in mended.ladder[1:]],
-        "removed": [removed_share(*pair) for pair in zip(mended.ladder[:-1], mended.ladder[1:], strict=True)],
+        "steps": [[list(step.added), list(step.joints)] for step in mended.path[1:]],
+        "removed": [removed_share(*pair) for pair in zip(mended.path[:-1], mended.path[1:], strict=True)],
         "added": len(mended.model.names) - len(model.names),
         "exam_error": exam_error(mended.model, case.exam), "exam_as_given": exam_error(model, case.exam),
     }  # fmt: skip
@@ -105,7 +105,7 @@ def examine(robot: str, name: str, seed: int) -> hidden_table.Row:
     reference = exam_error(with_true_effects(model, case, case.held_out).model, case.exam)
     row |= {"values": row["added"] / case.values, "exam_true": reference, "exam": row["exam_error"] / reference}
     return row | {
-        "named": len(mended.ladder) > 1 and named(mended.ladder[1], truth),
+        "named": len(mended.path) > 1 and named(mended.path[1], truth),
         "few": row["values"] <= FEW,
         "close": row["exam"] <= CLOSE,
     }
@@ -148,7 +148,7 @@ def main() -> None:
     for row in hidden_table.answered(examine, cases, given.processes):
         rows.append(row)
         if row.get("named") is False or row.get("quiet") is False:
-            keys = ("what", "seed", "truth", "ladder", "exam", "values")
+            keys = ("what", "seed", "truth", "steps", "exam", "values")
             print("   miss:", {key: row[key] for key in keys if key in row}, flush=True)
         hidden_table.save(given.json, {"imperfect": rows})
     show("imperfect", rows)

@@ -70,7 +70,7 @@ def turn(effect: str, seed: int) -> Case:
     added = tuple(e.name for e in repaired.effects if e.name not in had)
     name = f"{effect}.{parameter}"
     value = repaired.value(name) / size if effect in added else float("nan")
-    chi2 = (found.ladder[0].chi2_per_sample, found.ladder[-1].chi2_per_sample)
+    chi2 = (found.path[0].chi2_per_sample, found.path[-1].chi2_per_sample)
     return Case(effect, seed, not unaware.success, added, value, chi2, lands(seed), lands(seed + ELSEWHERE))
 
 

@@ -10,7 +10,7 @@ shoot() { # page, picture, height
 }
 mkdir -p docs/pictures
 armdyn trial --picture --out "$work/trial"
-cp "$work/trial/swing.png" docs/pictures/swing.png
+cp "$work/trial/swing.png" "$work/trial/swing.gif" docs/pictures/
 shoot "$work/trial/report.html" "$PWD/docs/pictures/trial_report.png" 1560
 armdyn trial --hidden quadratic_drag=0.05 --picture --out "$work/miss" || true # it misses, which is what is shown
 cp "$work/miss/swing.png" docs/pictures/swing_missed.png
@@ -18,3 +18,9 @@ armdyn repair "$work/miss/model.toml" "$work/miss/trial.csv" --output "$work/rep
 shoot "$work/repair.html" "$PWD/docs/pictures/repair_report.png" 1500
 armdyn trial --hidden quadratic_drag=0.05 --model "$work/repaired.toml" --picture --out "$work/land"
 cp "$work/land/swing.png" docs/pictures/swing_repaired.png
+armdyn import examples/ur5/*.csv --output "$work/runs" --guess --robot ur5
+armdyn import examples/ur5/*.csv --output "$work/runs" --map "$work/runs/map.toml"
+armdyn new arm "$work/ur5.toml" --robot ur5
+armdyn repair "$work/ur5.toml" "$work/runs/sweep_1.csv" "$work/runs/sweep_2.csv" --held-out "$work/runs/pick_and_place.csv" \
+    --output "$work/ur5_repaired.toml" --report "$work/arm.html"
+shoot "$work/arm.html#tab=tau.elbow_joint" "$PWD/docs/pictures/arm_report.png" 1180

@@ -61,16 +61,16 @@ def crane(at: Moment) -> Equations:
     down, across = ca.vertcat(-ca.sin(phi), 0, -ca.cos(phi)), ca.vertcat(-ca.cos(phi), 0, ca.sin(phi))
     position = ca.vertcat(trolley.value, 0, 0) + length * down
     velocity = ca.vertcat(trolley.rate, 0, 0) + paid_out * down + length * rate * across
-    load = at.stage("load", Load(at.time, mass, position, velocity, phi, rate, ca.SX.zeros(3), 0, ca.SX.zeros(3)))
+    load = at.stage("load", Load(at.time, mass, position, velocity, phi, rate))
     given = load.force / load.mass - ca.vertcat(trolley.acceleration, 0, GRAVITY)
     turning = (ca.dot(given, across) - 2 * paid_out * rate) / length
     tension = load.mass * (ca.dot(given, down) + length * rate**2 - hoist.acceleration)
 
     sheave = at.stage("sheave", Sheave(paid_out, tension))
-    cell = at.stage("sensor", Sensor(at.time, tension, phi, sheave.pull, phi, rate, 0, 0))
+    cell = at.stage("sensor", Sensor(at.time, tension, phi, sheave.pull, phi, rate))
     return Equations(
         rates={"sway": rate, "sway_rate": turning},
-        outputs={"swing_angle": cell.angle, "load_force": Reading(cell.force, cell.lag, cell.delay)},
+        outputs={"swing_angle": cell.angle, "load_force": Reading(cell.force, lag=cell.lag, delay=cell.delay)},
         against={
             "swing_angle": (phi, "rad"), "swing_rate": (rate, "rad/s"), "gripper_v": (trolley.rate, "m/s"),
             "hoist": (hoist.value, "m"), "hoist_speed": (paid_out, "m/s"),

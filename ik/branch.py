@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from ik.chain import Chain, rotation_error
+from ik.chain import Chain, shortened
 from ik.path import Path
 from urdf.robot import Array
 
@@ -83,15 +83,12 @@ class Branch:
         residual = np.full(len(s), np.inf)
         for _ in range(ITERATIONS):
             motion = chain.motion(q)
-            error = np.concatenate(
-                (position - motion.position, rotation_error(rotation, motion.rotation), height.T - self.weights @ q.T)
-            )
+            error = np.concatenate((motion.error(rotation, position), height.T - self.weights @ q.T))
             previous, residual = residual, np.abs(error).max(axis=0)
             # Below the tolerance, or at the level of rounding, where the residual no longer falls.
             if np.all((residual < TOLERANCE) | ((residual < 1e2 * TOLERANCE) & (residual >= previous))):
                 break
-            step = _solve(self.matrix(chain.jacobian(motion)), error)
-            q += step * np.minimum(1.0, LONGEST_STEP / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
+            q += shortened(_solve(self.matrix(chain.jacobian(motion)), error), LONGEST_STEP)
         return Solution(q, residual)
 
     def matrix(self, jacobian: Array) -> Array:

@@ -1,6 +1,7 @@
 """From a robot and a path to the table."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path as File
 from typing import Any
 
@@ -16,7 +17,7 @@ from ik.path import LinePath, Path
 from ik.pathfile import UNASKED
 from ik.plan import plan_free
 from ik.reach import survey
-from ik.selfmotion import Wish
+from ik.selfmotion import Goal
 from ik.table import LineTable, PathTable
 from ik.tablefile import FORMAT
 from ik.torque import PathTorque
@@ -44,7 +45,7 @@ def build_line_table(
         InputError: the arm has too few joints to hold a tool.
     """
     line = line or robot.line
-    return LineTable(**_content(robot, LinePath(line), Wish(line.core, line.core_speed), spacing, progress))
+    return LineTable(**_content(robot, LinePath(line), Goal(line.core, line.core_speed), spacing, progress))
 
 
 def build_path_table(robot: Robot, path: Path, spacing: float = SPACING, progress: Progress | None = None) -> PathTable:
@@ -63,16 +64,16 @@ def build_path_table(robot: Robot, path: Path, spacing: float = SPACING, progres
     if isinstance(path, LinePath):
         return build_line_table(robot, path.line, spacing, progress)
     # No stretch matters more than another: the path is made as fast as possible all along.
-    wish = Wish((path.s_min, path.s_max), UNASKED)
-    return PathTable(**_content(robot, path, wish, spacing, progress))
+    goal = Goal((path.s_min, path.s_max), UNASKED)
+    return PathTable(**_content(robot, path, goal, spacing, progress))
 
 
-def _content(robot: Robot, path: Path, wish: Wish, spacing: float, progress: Progress | None) -> dict[str, Any]:
+def _content(robot: Robot, path: Path, goal: Goal, spacing: float, progress: Progress | None) -> dict[str, Any]:
     """Everything that a table holds."""
     say = progress or (lambda _: None)
     chain = Chain.of(robot)
     say("planning the branch")
-    branch, coarse, guess = _plan(robot, chain, path, wish)
+    branch, coarse, guess = _plan(robot, chain, path, goal)
     say("solving the nodes")
     s = np.linspace(path.s_min, path.s_max, max(8, round((path.s_max - path.s_min) / spacing)) + 1)
     solution = branch.solve(chain, path, s, CubicSpline(coarse, guess)(s))
@@ -98,11 +99,11 @@ def _content(robot: Robot, path: Path, wish: Wish, spacing: float, progress: Pro
     }
 
 
-def _plan(robot: Robot, chain: Chain, path: Path, wish: Wish) -> tuple[Branch, Array, Array]:
+def _plan(robot: Robot, chain: Chain, path: Path, goal: Goal) -> tuple[Branch, Array, Array]:
     """The best branch within the limits that touches nothing, or the reason why there is none."""
     collisions = CollisionModel(robot)
     try:
-        return plan_free(robot, chain, path, wish, collisions)
+        return plan_free(robot, chain, path, goal, collisions)
     except UnreachableError as error:
         why = str(error)
     misses = survey(robot, path, np.linspace(path.s_min, path.s_max, SURVEYED), collisions)
@@ -135,5 +136,6 @@ def default_table(robot: Robot, progress: Progress | None = None) -> LineTable:
         return LineTable.load(path, robot)
     except InputError:
         table = build_line_table(robot, progress=progress)
-        table.save(path)
+        with suppress(InputError):  # a cache that cannot be written to costs time, not the answer
+            table.save(path)
         return table

@@ -4,7 +4,6 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline, make_interp_spline
 from scipy.spatial.transform import Rotation, RotationSpline
@@ -12,6 +11,8 @@ from scipy.spatial.transform import Rotation, RotationSpline
 from armdyn.errors import InputError
 from urdf import Line
 from urdf.robot import Array, read_only
+
+LONGEST = 20.0  # m of path; no arm on a fixed base follows a longer one
 
 
 class Path(Protocol):
@@ -119,10 +120,8 @@ class CirclePath:
         position = self.centre[:, None] + self.radius * out
         if not self.follow:
             return np.broadcast_to(self.rotation[:, :, None], (3, 3, len(s))), position
-        # Rodrigues' formula for the turn about the normal.
-        hat, angle = pin.skew(self.normal), s / self.radius
-        turn = np.eye(3)[:, :, None] + np.sin(angle) * hat[:, :, None] + (1 - np.cos(angle)) * (hat @ hat)[:, :, None]
-        return np.einsum("ijk,jl->ilk", turn, self.rotation), position
+        turn = Rotation.from_rotvec(np.multiply.outer(s / self.radius, self.normal)).as_matrix()
+        return (turn @ self.rotation).transpose(1, 2, 0), position
 
     def twist(self, s: Array) -> Array:
         """Velocity of the tool per unit of s, (6, k) [1, rad/m]."""

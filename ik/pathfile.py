@@ -1,17 +1,25 @@
 """Paths as text: the readable file of a path, and what a table keeps of it."""
 
-import tomllib
 from pathlib import Path as File
 from typing import Any
 
 import numpy as np
 
 from armdyn.errors import InputError, UnknownNameError
-from ik.path import CirclePath, LinePath, Path, SplinePath
+from ik.path import LONGEST, CirclePath, LinePath, Path, SplinePath
 from urdf import Line, UrdfError
 from urdf.robot import Array, rotation_of
+from urdf.table_file import TableFileError, check_keys, read_table
 
 KINDS = ("line", "circle", "spline")
+KEYS = (
+    "kind", "origin", "direction", "range", "core", "core_speed", "centre", "radius", "normal", "start", "range_deg",
+    "follow", "points", "tool_rpy", "rotation", "rotations",
+)  # fmt: skip
+LARGEST = 100.0
+"""m; what is farther is in another unit."""
+MOST_POINTS = 1000
+"""Of a spline."""
 UNASKED = 1e-3  # m/s, slower than any arm: no speed is asked of the core
 
 
@@ -27,16 +35,19 @@ def read_path(file: str | File) -> Path:
     """
     source = File(file)
     try:
-        content = tomllib.loads(source.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{source}: cannot be read ({error.strerror}); give the path of a path file") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{source}: not a TOML file ({error}); correct it") from error
+        _, content = read_table(source, finite=True)
+    except FileNotFoundError as error:
+        raise InputError(f"{source}: cannot be read (no such file); give the path of a path file") from error
+    except TableFileError as error:
+        raise InputError(f"{source}: {error}") from error
     try:
+        check_keys(content, KEYS)
         return path_of(content)
     except KeyError as error:
         raise InputError(f"{source}: entry {error} is missing; see docs/ik.md for examples") from error
-    except (TypeError, ValueError, UrdfError) as error:
+    except TableFileError as error:
+        raise InputError(f"{source}: {error}") from error
+    except (TypeError, ValueError, AttributeError, OverflowError, UrdfError) as error:
         raise InputError(f"{source}: an entry has the wrong form ({error}); see docs/ik.md for examples") from error
     except InputError as error:
         raise InputError(f"{source}: {error}") from error
@@ -51,11 +62,20 @@ def path_of(content: dict[str, Any]) -> Path:
         ValueError: an entry has the wrong length.
         InputError: the path is not one.
     """
+    path = _path_of(content)
+    if not path.s_max - path.s_min <= LONGEST:
+        raise InputError(f"a path of {path.s_max - path.s_min:g} m is longer than any arm; {LONGEST:g} m is the most")
+    return path
+
+
+def _path_of(content: dict[str, Any]) -> Path:
     kind = str(content["kind"])
     if kind not in KINDS:
         raise UnknownNameError("kind of path", kind, KINDS)
     if kind == "spline":
         points = np.array(content["points"], dtype=np.float64)
+        if len(points) > MOST_POINTS or not np.all(np.abs(points) <= LONGEST):
+            raise InputError(f"spline: give at most {MOST_POINTS} points, none farther than {LONGEST:g} m")
         rotations = _rotations(content)
         return SplinePath(points, np.repeat(rotations, len(points), axis=0) if len(rotations) == 1 else rotations)
     (rotation,) = _rotations(content)
@@ -100,8 +120,8 @@ def _rotations(content: dict[str, Any]) -> Array:
 
 def _vector(values: Any) -> Array:
     vector = np.array(values, dtype=np.float64)
-    if vector.shape != (3,) or not np.isfinite(vector).all():
-        raise ValueError(f"{values} should be three finite numbers")
+    if vector.shape != (3,) or not np.all(np.abs(vector) <= LARGEST):
+        raise ValueError(f"{values} should be three numbers of {LARGEST:g} at most")
     return vector
 
 

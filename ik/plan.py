@@ -9,7 +9,7 @@ from ik.chain import Chain
 from ik.errors import UnreachableError
 from ik.path import Path
 from ik.refine import refine
-from ik.selfmotion import Wish, best_sequence, null_space, project, trace
+from ik.selfmotion import Goal, best_sequence, null_space, project, trace
 from ik.solver import Solver
 from urdf import CollisionModel, Robot
 from urdf.robot import Array
@@ -21,7 +21,7 @@ REACHED = 1e-9  # m and rad
 
 
 def plan_branch(
-    robot: Robot, chain: Chain, path: Path, wish: Wish, allowed: Callable[[Array], bool] | None = None
+    robot: Robot, chain: Chain, path: Path, goal: Goal, allowed: Callable[[Array], bool] | None = None
 ) -> tuple[Branch, Array, Array]:
     """The branch on which the path can be travelled fastest.
 
@@ -32,7 +32,7 @@ def plan_branch(
         robot: the arm.
         chain: the same, for many postures at once.
         path: where the tool should be.
-        wish: what is asked of the branch.
+        goal: what to optimise the branch for.
         allowed: says whether a posture (n,) may be used; None allows all.
 
     Returns:
@@ -50,12 +50,12 @@ def plan_branch(
         if allowed is not None:
             for step, node in np.argwhere(valid):
                 valid[step, node] = allowed(postures[step, node])
-        course = best_sequence(robot.limits, wish, s[coarse], postures, valid)
+        course = best_sequence(robot.limits, goal, s[coarse], postures, valid)
         if course is None:
             raise UnreachableError(f"no course from s = {path.s_min:g} to {path.s_max:g} m is free all the way")
         guess = np.array([np.interp(s, s[coarse], course[:, joint]) for joint in range(chain.joints)]).T
         q, _ = project(chain, *path.pose(s), guess)
-    branch, q = refine(chain, robot.limits, path, wish, fit_branch(chain, s, q), s, q)
+    branch, q = refine(chain, robot.limits, path, goal, fit_branch(chain, s, q), s, q)
     return branch, s, q
 
 
@@ -116,7 +116,7 @@ def _start(robot: Robot, chain: Chain, rotation: Array, position: Array, s: floa
 
 
 def plan_free(
-    robot: Robot, chain: Chain, path: Path, wish: Wish, collisions: CollisionModel
+    robot: Robot, chain: Chain, path: Path, goal: Goal, collisions: CollisionModel
 ) -> tuple[Branch, Array, Array]:
     """Plan a branch, and plan it again around collisions where the best one touches something.
 
@@ -124,7 +124,7 @@ def plan_free(
         robot: the arm and its home posture.
         chain: the same, for many postures at once.
         path: where the tool should be.
-        wish: what is asked of the branch.
+        goal: what to optimise the branch for.
         collisions: what the arm must not touch.
 
     Returns:
@@ -139,7 +139,7 @@ def plan_free(
 
     # Collision checks of every sampled posture are slow: they are made only where the best branch touches something.
     for allowed in (None, free):
-        branch, s, q = plan_branch(robot, chain, path, wish, allowed)
+        branch, s, q = plan_branch(robot, chain, path, goal, allowed)
         why = objection(robot, collisions, s, q)
         if not why:
             return branch, s, q

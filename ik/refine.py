@@ -9,7 +9,7 @@ from scipy import sparse
 from ik.branch import Branch
 from ik.chain import Chain
 from ik.path import Path
-from ik.selfmotion import Wish
+from ik.selfmotion import Goal
 from urdf import Limits
 from urdf.robot import Array
 
@@ -29,11 +29,11 @@ class _State:
 
 
 def refine(
-    chain: Chain, limits: Limits, path: Path, wish: Wish, branch: Branch, s: Array, q: Array
+    chain: Chain, limits: Limits, path: Path, goal: Goal, branch: Branch, s: Array, q: Array
 ) -> tuple[Branch, Array]:
     r"""Change the polynomial h so that the path can be travelled faster.
 
-    Minimises the traverse time at full speed plus bending and what the wish adds,
+    Minimises the traverse time at full speed plus bending and the goal's own terms,
 
         \int \max_j |q_j'| / v_j  ds + CURVATURE/2 \int |q'' / v|^2 ds + penalties,
 
@@ -43,7 +43,7 @@ def refine(
         chain: the arm.
         limits: of its joints.
         path: where the tool is.
-        wish: what is asked for.
+        goal: what to optimise for.
         branch: where to start.
         s: evenly spaced coordinates, (k,) [m].
         q: postures near the branch, (k, n).
@@ -51,14 +51,14 @@ def refine(
     Returns:
         The branch and its postures at s, (k, n).
     """
-    best = _state(chain, limits, path, wish, branch, s, q)
+    best = _state(chain, limits, path, goal, branch, s, q)
     if best is None or len(branch.weights) == 0:
         return branch, q
     trust = 0.2
     for _ in range(ROUNDS):
-        change = _propose(limits, wish, best, s, trust)
+        change = _propose(limits, goal, best, s, trust)
         candidate = replace(best.branch, coefficients=best.branch.coefficients + change)
-        state = _state(chain, limits, path, wish, candidate, s, best.q)
+        state = _state(chain, limits, path, goal, candidate, s, best.q)
         if state is None or state.cost >= best.cost:
             trust *= 0.3
             if trust < 1e-4:
@@ -70,22 +70,22 @@ def refine(
     return best.branch, best.q
 
 
-def _state(chain: Chain, limits: Limits, path: Path, wish: Wish, branch: Branch, s: Array, q: Array) -> _State | None:
+def _state(chain: Chain, limits: Limits, path: Path, goal: Goal, branch: Branch, s: Array, q: Array) -> _State | None:
     solution = branch.solve(chain, path, s, q)
     if solution.residual.max() > 1e-9:
         return None
     step = s[1] - s[0]
     rate, bending, jacobian = branch.derivatives(chain, path, s, solution.q)
     slowness = np.abs(rate / limits.velocity).max(axis=1)
-    missing = np.maximum(0.0, slowness - 1.0 / wish.core_speed)[wish.in_core(s)].sum()
-    cost = step * (slowness.sum() + wish.core_weight * missing)
+    missing = np.maximum(0.0, slowness - 1.0 / goal.core_speed)[goal.in_core(s)].sum()
+    cost = step * (slowness.sum() + goal.core_weight * missing)
     cost += step * CURVATURE / 2 * ((bending / limits.velocity) ** 2).sum()
-    cost += wish.margin_weight * max(0.0, wish.margin - float(limits.margin(solution.q).min()))
+    cost += goal.margin_weight * max(0.0, goal.margin - float(limits.margin(solution.q).min()))
     lift = np.asarray(np.linalg.inv(branch.matrix(jacobian.transpose(1, 2, 0)))[:, :, 6:], dtype=np.float64)
     return _State(branch, solution.q, rate, bending, lift, float(cost))
 
 
-def _propose(limits: Limits, wish: Wish, state: _State, s: Array, trust: float) -> Array:
+def _propose(limits: Limits, goal: Goal, state: _State, s: Array, trust: float) -> Array:
     """Change of the coefficients, (r, degree + 1), that is best to first order within the trust region."""
     rows, degree = state.branch.coefficients.shape
     nodes, joints = state.q.shape
@@ -105,7 +105,7 @@ def _propose(limits: Limits, wish: Wish, state: _State, s: Array, trust: float) 
     first = effect((lift, slopes), (lift_slope, basis)) / speed
     second = effect((lift, bends), (2 * lift_slope, slopes), (lift_bend, basis)) / speed
     slope, bend = state.rate.T / speed[:, 0], state.bending.T / speed[:, 0]
-    core = wish.in_core(s)
+    core = goal.in_core(s)
     # Unknowns: coefficients, slowness per node, missing slowness per node of the core, missing margin.
     sizes = (rows * degree, nodes, int(core.sum()), 1)
     blocks: list[tuple[tuple[Array | None, ...], Array]] = []
@@ -114,9 +114,9 @@ def _propose(limits: Limits, wish: Wish, state: _State, s: Array, trust: float) 
         for sign in (1.0, -1.0):
             blocks.append(((sign * first[joint], -unit, None, None), -sign * slope[joint]))
         for sign, bound in ((1.0, limits.lower[joint]), (-1.0, limits.upper[joint])):
-            room = sign * (state.q[:, joint] - bound) - wish.margin
+            room = sign * (state.q[:, joint] - bound) - goal.margin
             blocks.append(((-sign * moves[joint], None, None, -np.ones((nodes, 1))), room))
-    blocks.append(((None, unit[core], -np.eye(sizes[2]), None), np.full(sizes[2], 1.0 / wish.core_speed)))
+    blocks.append(((None, unit[core], -np.eye(sizes[2]), None), np.full(sizes[2], 1.0 / goal.core_speed)))
     blocks.append(((None, None, -np.eye(sizes[2]), None), np.zeros(sizes[2])))
     blocks.append(((None, None, None, -np.eye(1)), np.zeros(1)))
     for row in range(rows):
@@ -130,8 +130,8 @@ def _propose(limits: Limits, wish: Wish, state: _State, s: Array, trust: float) 
         (
             CURVATURE * step * np.einsum("jka,jk->a", second, bend),
             np.full(sizes[1], step),
-            np.full(sizes[2], wish.core_weight * step),
-            np.full(1, wish.margin_weight),
+            np.full(sizes[2], goal.core_weight * step),
+            np.full(1, goal.margin_weight),
         )
     )
     padding = sparse.csc_matrix((sum(sizes[1:]), sum(sizes[1:])))

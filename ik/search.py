@@ -6,11 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from armdyn.errors import InputError
 from ik.chain import Chain
 from ik.errors import UnreachableError
-from ik.path import LinePath
+from ik.path import LONGEST, LinePath
 from ik.plan import plan_free
-from ik.selfmotion import Wish
+from ik.selfmotion import Goal
 from ik.solver import Solver
 from ik.torque import PathTorque
 from urdf import CollisionModel, Line, Robot
@@ -23,13 +24,13 @@ STARTS = 3  # different postures from which each of them is planned
 STEPS = (0.05, 0.025, 0.0125)  # m by which the best line is then moved
 WANTED_MARGIN = 0.5  # rad; a larger margin does not raise the score
 WHOLE = 0.3  # weight of the speed outside the core
-AMBITIONS = (3.0, 0.8, 0.3)  # m/s asked of the core while searching; a lower one is tried where a limit is broken
+CORE_SPEEDS = (3.0, 0.8, 0.3)  # m/s asked for while searching; a lower one is tried where a limit is broken
 KEPT = 0.97  # share of the speed found that the final line asks for; the rest leaves room for joint margin
 LOOKS = 9  # targets on a line that must be reachable at all
 
 
 class Found(NamedTuple):
-    """A line and what it is worth."""
+    """A line, and the speed, the margins and the score that it reaches."""
 
     line: Line
     home: Array  # (n,), the posture at s = 0 that picks the branch
@@ -58,6 +59,10 @@ class Demand:
     s_min: float = -0.25
     s_max: float = 0.25
     core: tuple[float, float] = (-0.15, 0.15)
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.s_max - self.s_min <= LONGEST:
+            raise InputError(f"a line from {self.s_min:g} to {self.s_max:g} m: give one of {LONGEST:g} m at most")
 
 
 def search_line(robot: Robot, demand: Demand | None = None, progress: Callable[[str], None] | None = None) -> Found:
@@ -179,19 +184,19 @@ class _Search:
             yield -step * axis
 
     def try_out(self, origin: Array, home: Array) -> Found | None:
-        """What a line is worth at the highest ambition that it can bear; None where it cannot be used."""
-        for core_speed in AMBITIONS:
+        """The line with the highest requested speed on its core that can be followed; None where there is none."""
+        for core_speed in CORE_SPEEDS:
             found = self.judge(origin, home, core_speed)
             if found is not None:
                 return found
         return None
 
     def judge(self, origin: Array, home: Array, core_speed: float) -> Found | None:
-        """What a line is worth when this speed is asked of its core; None where it cannot be used."""
+        """Speed, margin and score of a line for a requested speed on its core; None where it cannot be followed."""
         line = self.line(origin, core_speed)
-        path, wish = LinePath(line), Wish(line.core, line.core_speed)
+        path, goal = LinePath(line), Goal(line.core, line.core_speed)
         try:
-            branch, s, q = plan_free(replace(self.robot, home=home), self.chain, path, wish, self.collisions)
+            branch, s, q = plan_free(replace(self.robot, home=home), self.chain, path, goal, self.collisions)
         except UnreachableError:
             return None
         rate, bending, _ = branch.derivatives(self.chain, path, s, q)
@@ -203,7 +208,7 @@ class _Search:
         if max(without, helped) > 1.0:
             return None
         speed = 1.0 / np.abs(rate / limits.velocity).max(axis=1)
-        core, whole, margin = float(speed[wish.in_core(s)].min()), float(speed.min()), float(limits.margin(q).min())
+        core, whole, margin = float(speed[goal.in_core(s)].min()), float(speed.min()), float(limits.margin(q).min())
         score = (core + WHOLE * whole) * min(1.0, margin / WANTED_MARGIN)
         centre = q[int(np.abs(s).argmin())]
         return Found(line, centre, core, whole, margin, float("nan"), (without, helped), score)
@@ -214,8 +219,8 @@ class _Search:
         core_speed = float(np.floor(1e3 * KEPT * best.core_speed) / 1e3)
         found = self.judge(origin, home, core_speed) or best._replace(line=self.line(best.line.origin, core_speed))
         path = LinePath(found.line)
-        wish = Wish(found.line.core, core_speed)
-        _, _, q = plan_free(replace(self.robot, home=home), self.chain, path, wish, self.collisions)
+        goal = Goal(found.line.core, core_speed)
+        _, _, q = plan_free(replace(self.robot, home=home), self.chain, path, goal, self.collisions)
         clearance = min(self.collisions.clearance(posture).distance for posture in q)
         return found._replace(home=home, clearance=clearance)
 

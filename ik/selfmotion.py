@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ik.chain import Chain, rotation_error
+from ik.chain import Chain, shortened
 from ik.path import Path
 from urdf import Limits
 from urdf.robot import Array
@@ -16,8 +16,8 @@ CORRECTIONS = 4
 
 
 @dataclass(frozen=True)
-class Wish:
-    """What the branch is asked for.
+class Goal:
+    """What a branch is optimised for.
 
     Attributes:
         core: the stretch on which speed matters most [m].
@@ -57,12 +57,9 @@ def project(
     q = q.copy()
     for _ in range(corrections):
         motion = chain.motion(q)
-        error = np.concatenate((position - motion.position, rotation_error(rotation, motion.rotation)))
-        step = (np.linalg.pinv(chain.jacobian(motion).transpose(2, 0, 1)) @ error.T[:, :, None])[:, :, 0]
-        q += step * np.minimum(1.0, 0.3 / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
-    motion = chain.motion(q)
-    error = np.concatenate((position - motion.position, rotation_error(rotation, motion.rotation)))
-    return q, np.abs(error).max(axis=0)
+        inverse = np.linalg.pinv(chain.jacobian(motion).transpose(2, 0, 1))
+        q += shortened((inverse @ motion.error(rotation, position).T[:, :, None])[:, :, 0], 0.3)
+    return q, np.abs(chain.motion(q).error(rotation, position)).max(axis=0)
 
 
 def null_space(jacobian: Array) -> Array:
@@ -103,14 +100,14 @@ def trace(chain: Chain, path: Path, s: Array, q: Array) -> tuple[Array, NDArray[
     return np.concatenate((left[:0:-1], right)), np.concatenate((left_good[:0:-1], right_good))
 
 
-def best_sequence(limits: Limits, wish: Wish, s: Array, postures: Array, valid: NDArray[np.bool_]) -> Array | None:
+def best_sequence(limits: Limits, goal: Goal, s: Array, postures: Array, valid: NDArray[np.bool_]) -> Array | None:
     """The quickest way along the path through sampled postures, by dynamic programming: no local optimum.
 
-    The cost of a step is the time that the slowest joint needs for it, plus what the wish adds.
+    The cost of a step is the time that the slowest joint needs for it, plus the goal's own terms.
 
     Args:
         limits: of the joints.
-        wish: what is asked for.
+        goal: what to optimise for.
         s: coordinates, (k,) [m].
         postures: candidates, (m, k, n).
         valid: which of them may be used, (m, k).
@@ -119,16 +116,16 @@ def best_sequence(limits: Limits, wish: Wish, s: Array, postures: Array, valid: 
         One posture per coordinate, (k, n), or None where no sequence exists.
     """
     margin = limits.margin(postures).min(axis=2)
-    entry = np.where(valid & (margin > 0), wish.margin_weight * np.maximum(0.0, wish.margin - margin), np.inf)
+    entry = np.where(valid & (margin > 0), goal.margin_weight * np.maximum(0.0, goal.margin - margin), np.inf)
     step = np.diff(s)
     total, chosen = step.mean() * entry[:, 0], []
-    core = wish.in_core((s[1:] + s[:-1]) / 2)
+    core = goal.in_core((s[1:] + s[:-1]) / 2)
     for node in range(1, len(s)):
         moved = np.abs(postures[None, :, node] - postures[:, None, node - 1]) / limits.velocity
         slowness = moved.max(axis=2) / step[node - 1]
         time = step[node - 1] * slowness
         if core[node - 1]:
-            time = time + wish.core_weight * step[node - 1] * np.maximum(0.0, slowness - 1.0 / wish.core_speed)
+            time = time + goal.core_weight * step[node - 1] * np.maximum(0.0, slowness - 1.0 / goal.core_speed)
         reach = total[:, None] + time
         chosen.append(reach.argmin(axis=0))
         total = reach.min(axis=0) + step[node - 1] * entry[:, node]

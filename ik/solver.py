@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from armdyn.errors import InputError
-from ik.chain import Chain, rotation_error
+from ik.chain import Chain, least_motion
 from urdf import Robot
 from urdf.robot import Array
 
@@ -144,7 +144,7 @@ class Solver:
         active = np.arange(len(q))
         for _ in range(ITERATIONS):
             motion = self.chain.motion(q)
-            error = np.concatenate((position - motion.position, rotation_error(rotation, motion.rotation)))
+            error = motion.error(rotation, position)
             final[active], errors[:, active] = q, error
             going = np.abs(error).max(axis=0) >= tolerance
             if not going.any():
@@ -161,12 +161,8 @@ class Solver:
             pull = (error.T[:, None, :] @ jacobian)[:, 0]
             held = ((q <= self._lower) & (pull < 0)) | ((q >= self._upper) & (pull > 0))
             jacobian = np.where(held[:, None, :], 0.0, jacobian)
-        transposed = jacobian.transpose(0, 2, 1)
-        normal = jacobian @ transposed
         damping = 1e-2 * np.minimum(1.0, (error**2).sum(axis=0)) + 1e-12
-        normal[:, np.arange(6), np.arange(6)] += damping[:, None]
-        step = (transposed @ np.linalg.solve(normal, error.T[:, :, None]))[:, :, 0]
-        step *= np.minimum(1.0, LONGEST_STEP / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
+        step = least_motion(jacobian, error.T, damping, LONGEST_STEP)
         return np.clip(q + step, self._lower, self._upper) if self._limited else q + step
 
 

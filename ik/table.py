@@ -12,6 +12,7 @@ from armdyn.errors import InputError
 from ik.errors import StaleTableError
 from ik.path import LinePath, Path
 from ik.pathfile import path_of
+from ik.table_checks import check_arrays, check_path, check_robot
 from ik.tablefile import REBUILD, read_arrays, reading, write_arrays
 from ik.torque import PathTorque
 from urdf import Line, Robot
@@ -244,11 +245,17 @@ class PathTable:
         source = File(path)
         with reading(source):
             about, arrays = read_arrays(source, (*ARRAYS, *TORQUES))
+            path_of_table = path_of(about["path"])
+            try:
+                check_arrays(arrays, len(about["joints"]))
+                check_path(arrays, path_of_table)
+            except InputError as error:
+                raise StaleTableError(f"{source}: {error}; {REBUILD}") from error
             content: dict[str, Any] = {
                 "robot_name": about["robot"],
                 "joint_names": tuple(about["joints"]),
                 "tool_frame": about["tool_frame"],
-                "path": path_of(about["path"]),
+                "path": path_of_table,
                 "torque": PathTorque(**{name: arrays.pop(name) for name in TORQUES}),
                 "fingerprint": about["fingerprint"],
                 **arrays,
@@ -260,6 +267,11 @@ class PathTable:
             raise StaleTableError(f"{source}: the table is of robot '{name}', not '{robot.name}'; {REBUILD}")
         if robot is not None and about["fingerprint"] != robot.fingerprint:
             raise StaleTableError(f"{source}: the URDF or the settings of '{robot.name}' have changed since; {REBUILD}")
+        if robot is not None:
+            try:
+                check_robot(arrays, path_of_table, robot)
+            except InputError as error:
+                raise StaleTableError(f"{source}: {error}; {REBUILD}") from error
         return cls(**content)
 
 

@@ -13,37 +13,16 @@ Along a path, with v = q_s \dot s and a = q_s \ddot s + q_ss \dot s^2, it is lin
 (Bobrow, Dubowsky, Gibson 1985, The International Journal of Robotics Research 4(3).)
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from armdyn.errors import InputError, UnknownNameError
-from urdf import Robot, Spring
+from armdyn.arm.rigid import inverse_dynamics
+from armdyn.errors import InputError
+from urdf import Robot
 from urdf.robot import Array, read_only
-
-
-def rigid_torque(model: pin.Model, q: Array, v: Array, a: Array) -> Array:
-    """M a + C v + g, (k, n) [N m], at postures, speeds and accelerations (k, n)."""
-    data = model.createData()
-    return np.array([pin.rnea(model, data, *row) for row in zip(q, v, a, strict=True)]).reshape(len(q), model.nv)
-
-
-def spring_torque(robot: Robot, springs: Sequence[Spring], q: Array) -> Array:
-    """What the motors give on top because of springs, (k, n) [N m], at postures (k, n).
-
-    Raises:
-        UnknownNameError: a spring is on a joint that the arm does not have.
-    """
-    torque = np.zeros_like(q)
-    for spring in springs:
-        if spring.joint not in robot.joint_names:
-            raise UnknownNameError(f"joint of a spring of {robot.name}", spring.joint, robot.joint_names)
-        joint = robot.joint_names.index(spring.joint)
-        torque[:, joint] += spring.torque(q[:, joint])
-    return torque
 
 
 class JointTorque:
@@ -74,8 +53,8 @@ class JointTorque:
 
     def __call__(self, q: Array, v: Array, a: Array) -> Array:
         """Torques (k, n) [N m] at positions [rad], speeds [rad/s] and accelerations [rad/s^2] (k, n)."""
-        tau = rigid_torque(self._model, q, v, a) + np.asarray(self._robot.model.damping) * v
-        return tau + spring_torque(self._robot, self._springs, q)
+        tau = inverse_dynamics(self._model, q, v, a) + np.asarray(self._robot.model.damping) * v
+        return tau + self._robot.spring_torque(q, self._springs)
 
 
 @dataclass(frozen=True)
@@ -111,13 +90,13 @@ class PathTorque:
             d2q_ds2: their second derivatives, (k, n).
         """
         model, still = robot.model, np.zeros_like(q)
-        gravity = rigid_torque(model, q, still, still)
+        gravity = inverse_dynamics(model, q, still, still)
         return cls(
-            inertial=rigid_torque(model, q, still, dq_ds) - gravity,
-            centrifugal=rigid_torque(model, q, dq_ds, d2q_ds2) - gravity,
+            inertial=inverse_dynamics(model, q, still, dq_ds) - gravity,
+            centrifugal=inverse_dynamics(model, q, dq_ds, d2q_ds2) - gravity,
             damping=np.asarray(model.damping) * dq_ds,
             gravity=gravity,
-            springs=spring_torque(robot, robot.springs, q),
+            springs=robot.spring_torque(q),
         )
 
     def at(self, s: Array, at: ArrayLike) -> "PathTorque":

@@ -4,12 +4,13 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
+from armdyn.faults import outliers_of
 from armdyn.identify.compare import Comparison, Correction, FittedParameter
 from armdyn.identify.diagnose import Diagnosis
 from armdyn.identify.localise import Place
 from armdyn.identify.problem import Problem
 from armdyn.identify.repair import Repair
-from armdyn.identify.rung import Rung
+from armdyn.identify.repair_step import RepairStep
 from armdyn.identify.study import Study
 from armdyn.identify.suspects import Suspect
 from armdyn.identify.unknown import Unknown
@@ -55,7 +56,7 @@ def repair_answer(found: Repair) -> dict[str, Any]:
         "explained": number(found.explained),
         "effects": [effect.name for effect in found.model.effects],
         **fit_answer(found.after),
-        "steps": [step_answer(step) for step in found.ladder],
+        "steps": [step_answer(step) for step in found.path],
         "links": [link_answer(link) for link in found.links],
         "unknown": unknown_answer(found.unknown),
     }
@@ -70,7 +71,6 @@ def history_entries(study: Study, found: Repair) -> list[dict[str, Any]]:
         {
             "added": _one_or_list(step.added),
             "joints": list(step.joints) or None,
-            "removed": list(step.removed) or None,
             **names,
             "rmse": errors(step.rmse),
             "held_out_rmse": errors(step.held_out_rmse) or None,
@@ -78,7 +78,7 @@ def history_entries(study: Study, found: Repair) -> list[dict[str, Any]]:
             "chi2_per_sample": number(step.chi2_per_sample),
             "bic": number(step.bic),
         }
-        for step in found.ladder[1:]
+        for step in found.path[1:]
     ]
 
 
@@ -111,6 +111,7 @@ def fit_answer(found: Comparison) -> dict[str, Any]:
         "at_bound": list(found.at_bound),
         "not_determined": list(found.undetermined),
         "left_out": list(found.left_out),
+        "outliers": outliers_of(found.fit.problem.runs),
         "channels": {
             name: {
                 "unit": c.unit,
@@ -124,7 +125,7 @@ def fit_answer(found: Comparison) -> dict[str, Any]:
             for name, c in found.channels.items()
         },
         "preparation": preparation_answer(found.fit.problem),
-        "behaves_like_dynamics": number(found.absorbed),
+        "behaves_like_dynamics": number(found.process_error),
         "where": [_place(place) for place in found.places],
     }
 
@@ -141,7 +142,7 @@ def preparation_answer(problem: Problem) -> dict[str, Any]:
             "recorded": done.recorded,
             "left_out": number(done.left_out),
         }
-        for name, done in of_all_runs(map(problem.model.preparations, problem.runs)).items()
+        for name, done in of_all_runs(run.preparations for run in problem.runs).items()
     }
 
 
@@ -153,12 +154,12 @@ def parameters_answer(parameters: Mapping[str, FittedParameter]) -> dict[str, An
     }
 
 
-def step_answer(step: Rung) -> dict[str, Any]:
+def step_answer(step: RepairStep) -> dict[str, Any]:
     """One step of the repair path."""
     return {
         "added": _one_or_list(step.added),
         "joints": list(step.joints),
-        "removed": list(step.removed),
+        "removed": [],  # the format knows it; a repair only adds
         "tied_with": list(step.tied_with),
         "rmse": errors(step.rmse),
         "held_out_rmse": errors(step.held_out_rmse),
@@ -174,11 +175,11 @@ def unknown_answer(found: Unknown | None) -> dict[str, Any] | None:
         return None
     return {
         "sentence": found.sentence,
-        "behaves_like_dynamics": number(found.absorbed),
+        "behaves_like_dynamics": number(found.process_error),
         "terms": [{"channel": t.channel, "expression": t.expression, "share": number(t.share)} for t in found.terms],
         "frequencies": [
             {"channel": t.channel, "frequency": number(t.frequency), "amplitude": number(t.amplitude), "unit": t.unit}
-            for t in found.tones
+            for t in found.peaks
         ],
     }
 

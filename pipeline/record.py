@@ -14,6 +14,7 @@ from typing import Self
 import numpy as np
 from mcap.writer import Writer
 
+from armdyn.atomic import GrowingFile
 from armdyn.channels import Channel, channel_unit, in_contract
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.mcap_run import SIDECAR_RECORD, TIME_FIELD, topic_and_field
@@ -76,13 +77,8 @@ class Recorder:
         self._place = {name: topic_and_field(name) for name in channels}
         self._pending: dict[str, dict[str, float]] = {}
         self._closed = False
-        try:
-            self._stream = self.path.open("wb")
-        except OSError as error:
-            raise InputError(
-                f"cannot record to {self.path}: {error.strerror or error}; choose another place"
-            ) from error
-        self._writer = Writer(self._stream)
+        self._file = GrowingFile(self.path)
+        self._writer = Writer(self._file.stream)
         self._writer.start(profile="armdyn", library="armdyn")
         self._topic_id = self._register_topics()
         sidecar = Sidecar(
@@ -186,7 +182,7 @@ class Recorder:
         except OSError as error:
             self._fail(error)
         try:
-            self._stream.close()
+            self._file.finish()
         except OSError as error:
             self._fail(error)
 

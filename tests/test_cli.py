@@ -5,6 +5,7 @@ import sys
 import pytest
 
 from pipeline.cli import main
+from pipeline.commands.output import to_screen
 
 
 def run(capsys, monkeypatch, *arguments):
@@ -47,6 +48,13 @@ def test_help_says_what_each_command_does(capsys, monkeypatch):
     assert status == 0
     for command in ("trial", "table", "ik", "check", "loadcell"):
         assert command in out
+
+
+def test_brackets_reach_the_terminal(capsys, monkeypatch):
+    _, out, _ = run(capsys, monkeypatch, "trial", "--help")
+    assert "[m]" in out
+    to_screen().print("friction [swing_rate > 0], q [m], parameter.torque[bold]")
+    assert capsys.readouterr().out == "friction [swing_rate > 0], q [m], parameter.torque[bold]\n"
 
 
 def test_json_on_standard_output_is_alone_there(capsys, monkeypatch, tmp_path):

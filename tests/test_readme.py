@@ -1,13 +1,21 @@
-"""What the README promises."""
+"""What the README and the pages for users promise."""
 
+import importlib.util
 import re
+import sys
 from pathlib import Path
 
 import pytest
 
+from armdyn import __version__
+from armdyn.run import read_run
+from pipeline.cli import main
+from pipeline.imports.mapping import read_map
+
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
-EXAMPLES = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+FORMATS = (ROOT / "docs/formats.md").read_text()
+EXAMPLES = re.findall(r"```python\n(.*?)```", README + FORMATS, re.DOTALL)
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda text: text.split("\n")[0][:40])
@@ -16,9 +24,11 @@ def test_examples_run(example, tmp_path, monkeypatch):
     exec(compile(example, "README.md", "exec"), {})
 
 
-def test_links_and_pictures_exist():
-    targets = re.findall(r"\]\((?!https?:)([^)#]+)\)", README)
-    missing = [target for target in targets if not (ROOT / target).exists()]
+@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "docs/your_robot.md", "docs/formats.md"])
+def test_links_and_pictures_exist(page):
+    targets = re.findall(r"\]\((?!https?:)([^)#]+)[^)]*\)", (ROOT / page).read_text())
+    missing = [target for target in targets if target and not ((ROOT / page).parent / target).exists()]
+    assert targets
     assert not missing
 
 
@@ -27,3 +37,83 @@ def test_two_commands_do_the_setting_up():
     assert len(commands) == 2
     assert commands[0].endswith("armdyn trial")
     assert commands[1].endswith("pytest")
+
+
+def test_the_run_that_is_shown_is_one(tmp_path):
+    header, *rows = re.search(r"```\n(time \[s\].*?)```", FORMATS, re.DOTALL)[1].strip().splitlines()
+    path = tmp_path / "a.csv"
+    path.write_text(
+        "\n".join([header, *(row.replace(row[:5], f"{i / 100:.3f}") for i, row in enumerate(rows * 5))]) + "\n"
+    )
+    sidecar = re.search(r"```toml\n(description = \"swing.*?)```", FORMATS, re.DOTALL)[1]
+    path.with_suffix(".toml").write_text(sidecar)
+    run = read_run(path)
+    assert run.joints == ("shoulder", "elbow")
+    assert run.noise == {"load_force": 0.003, "tau.elbow": 0.2}
+
+
+def test_the_mapping_that_is_shown_is_one(tmp_path):
+    path = tmp_path / "map.toml"
+    path.write_text(re.search(r"```toml\n(time = .*?)```", FORMATS, re.DOTALL)[1])
+    assert [entry.channel for entry in read_map(path).entries.values()] == ["q.shoulder", "q.elbow", "tau.elbow"]
+
+
+YOUR_ROBOT = (ROOT / "docs/your_robot.md").read_text()
+COMMANDS = [line.split("#")[0].split() for line in re.findall(r"^\$ armdyn (.*)$", YOUR_ROBOT, re.MULTILINE)]
+
+
+@pytest.fixture
+def page(tmp_path, monkeypatch, capsys):
+    """Runs a command of the page beside the examples; returns what it printed."""
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    monkeypatch.chdir(tmp_path)
+
+    def run(words):
+        expanded = [path for word in words for path in (sorted(map(str, Path().glob(word))) if "*" in word else [word])]
+        monkeypatch.setattr(sys, "argv", ["armdyn", *expanded])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        assert stop.value.code == 0
+        return capsys.readouterr().out
+
+    return run
+
+
+def in_mujoco(model, run, capsys):
+    """Total error that the page's script prints, N m."""
+    specification = importlib.util.spec_from_file_location("in_mujoco", ROOT / "examples/ur5/in_mujoco.py")
+    script = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(script)
+    script.main(model, run)
+    return float(capsys.readouterr().out.split()[-3])
+
+
+def test_a_strangers_recording_becomes_runs_a_model_and_a_mujoco_file(page, capsys):
+    guess, convert, new, _, _, described = COMMANDS
+    assert "q.wrist_3_joint" in page(guess)
+    assert "runs/pick_and_place.csv: q, tau of 6 joints, 14.0 s, 100 samples per second" in page(convert)
+    page(new)
+    page(described)
+    assert in_mujoco("described.xml", "runs/pick_and_place.csv", capsys) == pytest.approx(22.81, abs=0.005)
+
+
+@pytest.mark.slow
+def test_the_page_for_your_robot_runs_as_it_stands(page, capsys):
+    found = "".join(page(words) for words in COMMANDS)
+    assert "falls from 22.8 to 0.202 N m" in found
+    assert in_mujoco("repaired.xml", "runs/pick_and_place.csv", capsys) == pytest.approx(0.487, abs=0.005)
+
+
+def test_every_file_says_the_same_version():
+    versions = [
+        re.search(r'^version:? ?=? ?"?([0-9.]+)"?$', (ROOT / name).read_text(), re.MULTILINE)[1]
+        for name in ("pyproject.toml", "CITATION.cff")
+    ]
+    assert versions == [__version__] * 2
+
+
+def test_the_command_tells_its_version(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["armdyn", "--version"])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert (stop.value.code, capsys.readouterr().out) == (0, f"armdyn {__version__}\n")

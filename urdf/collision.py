@@ -1,11 +1,13 @@
 """Whether an arm touches itself or the rest of its robot."""
 
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from urdf.robot import Array, Robot
+from urdf.quiet import Said, quiet, reason
+from urdf.robot import Array, Robot, UrdfError
 
 
 class Clearance(NamedTuple):
@@ -17,12 +19,26 @@ class Clearance(NamedTuple):
 
 
 def collision_shapes(robot: Robot) -> tuple[pin.Model, pin.GeometryModel]:
-    """Model of the arm, and the collision shapes of the whole robot on it."""
-    full = pin.buildModelFromXML(robot.urdf_xml)
-    # Directories go in by name: pin 4.1 takes the third positional argument for something else.
-    shapes = pin.buildGeomFromUrdfString(
-        full, robot.urdf_xml, pin.GeometryType.COLLISION, package_dirs=[str(path) for path in robot.package_dirs]
-    )
+    """Model of the arm, and the collision shapes of the whole robot on it.
+
+    Raises:
+        UrdfError: a mesh cannot be read.
+    """
+    said = Said()
+    try:
+        with quiet() as said:
+            full = pin.buildModelFromXML(robot.urdf_xml)
+            # Directories go in by name: pin 4.1 takes the third positional argument for something else.
+            shapes = pin.buildGeomFromUrdfString(
+                full,
+                robot.urdf_xml,
+                pin.GeometryType.COLLISION,
+                package_dirs=[str(path) for path in robot.package_dirs],
+            )
+    except (ValueError, RuntimeError) as error:
+        raise UrdfError(
+            f"{robot.urdf_path}: a mesh cannot be read ({reason(said, error)}); mend or replace it"
+        ) from error
     locked = [index for index in range(1, full.njoints) if full.names[index] not in robot.joint_names]
     model, shapes = pin.buildReducedModel(full, shapes, locked, pin.neutral(full))
     return model, shapes
@@ -41,7 +57,7 @@ class CollisionModel:
         self._model, self._shapes = collision_shapes(robot)
         self._shapes.addAllCollisionPairs()
         if robot.srdf_path is not None:
-            pin.removeCollisionPairs(self._model, self._shapes, str(robot.srdf_path))
+            self._follow(robot.srdf_path)
         self._leave_out(robot.collision_exclusions)
         self._data = self._model.createData()
         self._results = self._shapes.createData()
@@ -65,6 +81,21 @@ class CollisionModel:
         distances = [results[index].min_distance for index in range(len(results))]
         closest = int(np.argmin(distances))
         return Clearance(float(distances[closest]), *self._links(closest))
+
+    def _follow(self, srdf: Path) -> None:
+        """Leave out what an SRDF says.
+
+        Raises:
+            UrdfError: it cannot be read.
+        """
+        said = Said()
+        try:
+            with quiet() as said:
+                pin.removeCollisionPairs(self._model, self._shapes, str(srdf))
+        except (ValueError, RuntimeError) as error:
+            raise UrdfError(
+                f"{srdf}: cannot be read ({reason(said, error)}); mend it, or leave it out of the settings"
+            ) from error
 
     def _leave_out(self, exclusions: tuple[tuple[str, str], ...]) -> None:
         excluded = {frozenset(pair) for pair in exclusions}

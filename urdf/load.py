@@ -13,7 +13,9 @@ import pinocchio as pin
 from urdf import infer, validate
 from urdf.find import distribution_file
 from urdf.mend import add_frames, bound_continuous_joints, leave_out_shapes, mend_inertias
-from urdf.robot import Limits, Robot, UrdfError
+from urdf.plain import check_plain
+from urdf.quiet import Said, quiet, reason
+from urdf.robot import Array, Limits, Robot, UrdfError
 from urdf.settings import Settings, read_settings
 
 SETTINGS = Path(__file__).parent / "robots"
@@ -46,6 +48,10 @@ def load(
         UrdfError: the description is unknown or cannot be used.
     """
     name, path = str(name_or_path), Path(name_or_path)
+    if joints is not None and not joints:
+        raise UrdfError(
+            "no joint is named: name the arm's joints from base to tool, or leave them out to take them all"
+        )
     if name in known_robots():
         path = SETTINGS / f"{name}.toml"
     elif path.suffix.lower() not in (".toml", ".urdf", ".xml") and not path.exists():
@@ -60,6 +66,7 @@ def load(
         return _assemble(urdf_path, srdf, settings, meshes)
     root = validate.parse(path)
     validate.check_tree(root, path)
+    check_plain(root, path)
     settings, said = infer.infer(root, path, None if joints is None else tuple(joints), tool)
     return _assemble(path, None, settings, meshes, said)
 
@@ -74,6 +81,9 @@ def _locate(settings: Settings, source: Path) -> tuple[Path, Path | None]:
     urdf_path, srdf = found
     if urdf_path is None:
         raise UrdfError(f"{source}: it names no URDF; add 'file' to [urdf]")
+    for key, file in (("[urdf] file", urdf_path), ("[collision] srdf", srdf)):
+        if file is not None and not file.is_file():
+            raise UrdfError(f"{source}: {key}: there is no file {file}; correct the name")
     return urdf_path, srdf
 
 
@@ -106,6 +116,7 @@ def _assemble(
 ) -> Robot:
     root = validate.parse(path)
     validate.check_tree(root, path)
+    check_plain(root, path)
     defects = [*validate.check_schema(path), *bound_continuous_joints(root, settings.joints)]
     validate.check_limits(root, path, settings.joints)
     directories, missing = validate.find_meshes(root, path)
@@ -119,6 +130,11 @@ def _assemble(
         defects += mend_inertias(root, path, directories)
     except UrdfError as error:
         raise UrdfError(f"{path}: {error}") from error
+    links = {link.get("name") for link in root.findall("link")}
+    for frame in settings.frames:
+        if frame.parent not in links | {other.name for other in settings.frames} or frame.name in links:
+            wrong = f"there is no link '{frame.parent}'" if frame.name not in links else "there is such a link already"
+            raise UrdfError(f"robot '{settings.name}': [[frames]] {frame.name}: {wrong}; name a link of the URDF")
     add_frames(root, settings.frames)
     digest = hashlib.sha256(ET.tostring(root)).hexdigest()
     validate.make_absolute(root, path)
@@ -127,8 +143,12 @@ def _assemble(
     if not model.existFrame(settings.tool_frame):
         raise UrdfError(f"{path}: there is no link '{settings.tool_frame}'; choose the link that carries the tool")
     defects += _weightless(model)
-    limits = _limits(model, settings)
+    try:
+        limits = _limits(model, settings)
+    except UrdfError as error:
+        raise UrdfError(f"{path}: {error}") from error
     home = settings.home or infer.assumed_home(model, model.getFrameId(settings.tool_frame))
+    _check_home(home, limits, settings)
     return Robot(
         name=settings.name,
         urdf_path=path,
@@ -152,10 +172,12 @@ def _assemble(
 
 def _reduced(xml: str, joints: tuple[str, ...], path: Path) -> pin.Model:
     """Model of the arm alone, in the order of its joints from base to tool."""
+    said = Said()
     try:
-        full = pin.buildModelFromXML(xml)
+        with quiet() as said:
+            full = pin.buildModelFromXML(xml)
     except (ValueError, RuntimeError) as error:
-        raise UrdfError(f"{path}: Pinocchio cannot read it ({error}); correct it") from error
+        raise UrdfError(f"{path}: Pinocchio cannot read it ({reason(said, error)}); correct it") from error
     locked = [index for index in range(1, full.njoints) if full.names[index] not in joints]
     model = pin.buildReducedModel(full, locked, pin.neutral(full))
     if tuple(model.names[1:]) != joints:
@@ -174,6 +196,16 @@ def _limits(model: pin.Model, settings: Settings) -> Limits:
         jerk=np.array(settings.jerk) if settings.jerk else infer.assumed_jerk(acceleration),
         effort=np.array(model.effortLimit),
     )
+
+
+def _check_home(home: Sequence[float] | Array, limits: Limits, settings: Settings) -> None:
+    margin = limits.margin(np.array(home, dtype=np.float64))
+    worst = int(np.argmin(margin))
+    if margin[worst] < 0.0:
+        raise UrdfError(
+            f"robot '{settings.name}': home puts '{settings.joints[worst]}' at {home[worst]:g}, outside its range "
+            f"{limits.lower[worst]:g} to {limits.upper[worst]:g}; choose a posture inside"
+        )
 
 
 def _weightless(model: pin.Model) -> list[str]:

@@ -9,7 +9,9 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from urdf.find import locate_mesh
+from urdf.quiet import Said, quiet, reason
 from urdf.robot import Array, UrdfError
+from urdf.validate import finite_number
 
 TURN = 2 * math.pi
 
@@ -121,9 +123,11 @@ def mend_inertias(root: ET.Element, path: Path | None = None, directories: tuple
         if mass_element is None or inertia_element is None:
             continue
         name = str(link.get("name"))
-        mass = _number(mass_element, "value", name)
-        moments = [_number(inertia_element, key, name) for key in MOMENTS]
-        products = [_number(inertia_element, key, name) for key in PRODUCTS]
+        mass = finite_number(mass_element, "value", f"link '{name}': mass", "0")
+        where = f"link '{name}': inertia"
+        moments, products = (
+            [finite_number(inertia_element, key, where, "0") for key in of] for of in (MOMENTS, PRODUCTS)
+        )
         if mass < 0:
             raise UrdfError(f"link '{name}': its mass is {mass:g} kg; it must not be negative")
         boxes = list(_boxes(link, path, directories, mass, max(moments)))
@@ -201,8 +205,13 @@ def _mesh_bounds(path: Path, scale: Array) -> tuple[Array, Array]:
     """Lowest and highest corner (3,) [m] of a mesh."""
     import coal
 
-    mesh = coal.MeshLoader().load(str(path), scale)
-    mesh.computeLocalAABB()
+    said = Said()
+    try:
+        with quiet() as said:
+            mesh = coal.MeshLoader().load(str(path), scale)
+            mesh.computeLocalAABB()
+    except (ValueError, RuntimeError) as error:
+        raise UrdfError(f"mesh {path} cannot be read ({reason(said, error)}); mend or replace it") from error
     return np.array(mesh.aabb_local.min_), np.array(mesh.aabb_local.max_)
 
 
@@ -216,17 +225,6 @@ def _inertia_of_boxes(mass: float, boxes: list[Box]) -> Array:
         squares, offsets = size**2 / 12, (c - centre) ** 2
         total += share * (squares.sum() - squares + offsets.sum() - offsets)
     return total
-
-
-def _number(element: ET.Element, key: str, link: str) -> float:
-    text = element.get(key, "0")
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise UrdfError(f"link '{link}': {element.tag} has {key}=\"{text}\"; it must be a finite number")
-    return value
 
 
 def _vector(text: str) -> Array:

@@ -1,5 +1,6 @@
-"""A robot as the rest of the house sees it: kinematic model, limits, tool, line."""
+"""A robot: kinematic model, limits, tool, line."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,6 +28,10 @@ def rotation_of(roll: float, pitch: float, yaw: float) -> Array:
     return np.asarray(np.round(pin.rpy.rpyToMatrix(roll, pitch, yaw), 15) + 0.0)
 
 
+LARGEST = {"velocity": 1e3, "acceleration": 1e5, "jerk": 1e8, "effort": 1e6}
+"""Largest limit that any arm has, in rad or m, s, N m or N: beyond it the file is wrong."""
+
+
 @dataclass(frozen=True)
 class Limits:
     """What each joint may do; every array has shape (n,).
@@ -38,6 +43,9 @@ class Limits:
         acceleration: largest acceleration [rad/s^2 or m/s^2].
         jerk: largest jerk [rad/s^3 or m/s^3].
         effort: largest torque or force [N m or N].
+
+    Raises:
+        UrdfError: a limit that would guard nothing: not a number, infinite, not above 0, or a range that is empty.
     """
 
     lower: Array
@@ -50,6 +58,14 @@ class Limits:
     def __post_init__(self) -> None:
         for name in ("lower", "upper", "velocity", "acceleration", "jerk", "effort"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
+        for name, largest in LARGEST.items():
+            values = getattr(self, name)
+            wrong = np.flatnonzero(~((values > 0.0) & (values <= largest)))
+            if values.shape != self.lower.shape or wrong.size:
+                value = f"{values[wrong[0]]:g}" if wrong.size else f"given for {values.size} joints"
+                raise UrdfError(f"the {name} limit of a joint is {value}; give one above 0 and at most {largest:g}")
+        if not (np.isfinite(self.lower).all() and np.isfinite(self.upper).all() and np.all(self.lower < self.upper)):
+            raise UrdfError("the position limits of a joint are no range; give finite ones, the lower one first")
 
     def margin(self, q: Array) -> Array:
         """Distance of each joint to its nearer position limit, negative beyond it.
@@ -90,7 +106,7 @@ class Line:
             object.__setattr__(self, name, read_only(getattr(self, name)))
         if not self.s_min < self.s_max:
             raise UrdfError(f"line: range [{self.s_min}, {self.s_max}] is empty; give the smaller end first")
-        if abs(np.linalg.norm(self.direction) - 1.0) > 1e-9:
+        if np.any(np.abs(self.direction) > 2.0) or abs(np.linalg.norm(self.direction) - 1.0) > 1e-9:
             raise UrdfError(f"line: direction {self.direction.tolist()} is not a unit vector; divide it by its length")
 
     def position(self, s: ArrayLike) -> Array:
@@ -185,6 +201,24 @@ class Robot:
     def tool_frame_id(self) -> int:
         """Index of the tool frame in the model."""
         return int(self.model.getFrameId(self.tool_frame))
+
+    def spring_torque(self, q: Array, springs: Sequence[Spring] | None = None) -> Array:
+        """What the motors give on top because of springs [N m], at postures q, (..., n), of the same shape.
+
+        Args:
+            q: joint positions [rad].
+            springs: which; all that are known when not given.
+
+        Raises:
+            UrdfError: a spring is on a joint that the arm does not have.
+        """
+        torque = np.zeros_like(q)
+        for spring in self.springs if springs is None else springs:
+            if spring.joint not in self.joint_names:
+                raise UrdfError(f"robot '{self.name}': a spring is on joint '{spring.joint}', which the arm lacks")
+            joint = self.joint_names.index(spring.joint)
+            torque[..., joint] += spring.torque(q[..., joint])
+        return torque
 
     def tool_pose(self, q: Array) -> pin.SE3:
         """Pose of the tool frame at the tool point, in the base frame, at one posture (n,)."""

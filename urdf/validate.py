@@ -5,7 +5,11 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from urdf.find import locate_mesh, package_dirs
+from urdf.plain import LARGEST_FILE, check_depth
 from urdf.robot import UrdfError
+
+MOST_LINKS = 2000
+"""And joints; a humanoid with its hands has 100."""
 
 
 def parse(path: Path) -> ET.Element:
@@ -15,13 +19,20 @@ def parse(path: Path) -> ET.Element:
         UrdfError: there is no such file, it is not XML, or it is not a URDF.
     """
     try:
-        root = ET.fromstring(path.read_bytes())
-    except OSError as error:
-        raise UrdfError(f"{path}: cannot be read ({error.strerror}); give the path of a URDF file") from error
-    except ET.ParseError as error:
+        with path.open("rb") as file:
+            data = file.read(LARGEST_FILE + 1)
+    except (OSError, ValueError) as error:  # a name with a null character is a ValueError
+        why = getattr(error, "strerror", None) or error
+        raise UrdfError(f"{path}: cannot be read ({why}); give the path of a URDF file") from error
+    if len(data) > LARGEST_FILE:
+        raise UrdfError(f"{path}: is larger than {LARGEST_FILE / 2**20:g} MiB; give a URDF file")
+    try:
+        root = ET.fromstring(data)
+    except (ET.ParseError, ValueError, LookupError) as error:  # also an encoding that nobody knows
         raise UrdfError(f"{path}: not an XML file ({error}); expand xacro files first, with 'xacro'") from error
     if root.tag != "robot":
-        raise UrdfError(f"{path}: the root element is <{root.tag}>, not <robot>; give a URDF file")
+        raise UrdfError(f"{path}: the root element is <{root.tag[:60]}>, not <robot>; give a URDF file")
+    check_depth(root, path)
     return root
 
 
@@ -35,6 +46,10 @@ def check_tree(root: ET.Element, path: Path) -> None:
     joints = root.findall("joint")
     if not links:
         raise UrdfError(f"{path}: it has no links; give a URDF that describes a robot")
+    if max(len(links), len(joints)) > MOST_LINKS:
+        raise UrdfError(
+            f"{path}: it has {len(links)} links and {len(joints)} joints; give a robot of {MOST_LINKS} at most"
+        )
     if not any(joint.get("type") in ("revolute", "continuous", "prismatic") for joint in joints):
         raise UrdfError(f"{path}: it has no moving joint; give a URDF with revolute or prismatic joints")
     for kind, names in (("link", links), ("joint", [joint.get("name", "") for joint in joints])):
@@ -71,11 +86,12 @@ def check_schema(path: Path) -> list[str]:
     """What yourdfpy finds wrong with the file: a sentence per defect, none of which stops the robot from being used."""
     import yourdfpy  # half a second, most of it for meshes that are not needed here
 
+    # Whatever it stumbles over, it is an opinion: what is needed of the file has been checked by ourselves.
     try:
         robot = yourdfpy.URDF.load(str(path), load_meshes=False, build_scene_graph=False)
         robot.validate()
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        return [f"yourdfpy cannot read it ({error!r}); left as it is"]
+    except Exception as error:
+        return [f"yourdfpy cannot read it ({' '.join(repr(error).split())[:200]}); left as it is"]
     return [f"yourdfpy: {error}; left as it is" for error in robot.errors]
 
 
@@ -97,7 +113,7 @@ def check_limits(root: ET.Element, path: Path, joints: tuple[str, ...]) -> None:
         missing = [key for key in needed if limit is None or limit.get(key) is None]
         if missing:
             raise UrdfError(f"{path}: joint '{name}' has no limit {', '.join(missing)}; add it to its <limit>")
-        values = {} if limit is None else {key: _number(limit, key, name, path) for key in needed}
+        values = {} if limit is None else {key: finite_number(limit, key, f"{path}: joint '{name}'") for key in needed}
         for key in ("effort", "velocity"):
             if not values[key] > 0:
                 raise UrdfError(f"{path}: joint '{name}' has {key} limit {values[key]:g}; it must be positive")
@@ -108,14 +124,19 @@ def check_limits(root: ET.Element, path: Path, joints: tuple[str, ...]) -> None:
             )
 
 
-def _number(limit: ET.Element, key: str, joint: str, path: Path) -> float:
-    text = limit.get(key, "")
+def finite_number(element: ET.Element, key: str, where: str, default: str = "") -> float:
+    """An attribute of a URDF's element.
+
+    Raises:
+        UrdfError: it is no finite number; `where` begins the message.
+    """
+    text = element.get(key, default)
     try:
         value = float(text)
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise UrdfError(f"{path}: joint '{joint}' has {key}=\"{text}\"; it must be a finite number")
+        raise UrdfError(f'{where} has {key}="{text}"; it must be a finite number')
     return value
 
 

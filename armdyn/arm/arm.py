@@ -1,4 +1,4 @@
-"""Which arm: its joints, their kinds, and what its URDF says of their links."""
+"""The arm: its joints, their kinds, and their links as the URDF describes them."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -30,11 +30,11 @@ class Arm:
 
     Attributes:
         robot: from its URDF, reduced to the arm's joints.
-        named: whether the robot is known by name, so that no path is needed to find it again.
+        file: of the URDF or settings that it was read from; None where the robot is known by name.
     """
 
     robot: urdf.Robot
-    named: bool
+    file: Path | None
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -128,7 +128,7 @@ def find_arm(
         found = urdf.load(str(robot or urdf_path), joints=chosen, tool=tool, meshes=False)
     except urdf.UrdfError as error:
         raise InputError(str(error)) from error
-    return Arm(found, named=robot is not None)
+    return Arm(found, None if robot is not None else Path(str(urdf_path)).resolve())
 
 
 def _powers(unit: str) -> tuple[int, int]:

@@ -1,9 +1,8 @@
 """Up to which frequency measured and predicted torques of a recording can be compared.
 
-Up to `STIFF` everything is compared, the motion as well as the quiet around it, and beyond it as far as the torque
-itself goes. Less only where the positions do not allow it: their noise, differentiated twice and multiplied by the
-inertias, grows like f^2, and from some frequency on it makes more of the predicted torque than there is of the measured
-one.
+Torques are compared up to `STIFF` at least, and up to the end of the torque's own band where that is higher. The band
+is narrower only where the positions are too noisy: their noise, differentiated twice and multiplied by the inertias,
+grows like f^2, and above some frequency it causes more of the predicted torque than there is measured torque.
 """
 
 import numpy as np

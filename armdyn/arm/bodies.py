@@ -65,7 +65,7 @@ class Stretch:
     @cached_property
     def described(self) -> np.ndarray:
         """(n, nj) torques of the arm as described."""
-        return inverse_dynamics(self.model, self.motion)
+        return inverse_dynamics(self.model, self.motion.q, self.motion.v, self.motion.a)
 
     @cached_property
     def regressor(self) -> np.ndarray:
@@ -83,24 +83,32 @@ class Stretch:
         for i, link in bodies.links.items():
             if self.carries(joint, i):
                 change += self.regressor[:, joint, i] @ link
-        if bodies.gravity is not None:
+        if bodies.gravity is not None and bodies.gravity.any():
             change += self.per_gravity(joint, bodies) @ bodies.gravity
         return change
 
     def by_link(self, joint: int, link: int, bodies: Bodies) -> np.ndarray:
         """(n, 10) torque on a joint per inertial parameter of a link, in the gravity that there is."""
         columns = self.regressor[:, joint, link]
-        if bodies.gravity is not None:
+        if bodies.gravity is not None and bodies.gravity.any():
             columns = columns.copy()
-            columns[:, :4] += np.einsum("k,nkp->np", bodies.gravity, self.gravity_regressor[:, joint, link])
+            columns[:, :4] += bodies.gravity @ self.gravity_regressor[:, joint, link]
         return columns
 
     def per_gravity(self, joint: int, bodies: Bodies) -> np.ndarray:
         """(n, 3) torque on a joint per component of gravity, of the links that there are."""
-        weights = described_parameters(self.model)[:, :4]
+        columns = self._described_per_gravity[joint]
         for i, change in bodies.links.items():
-            weights[i] += change[:4]
-        return np.asarray(np.einsum("nlkp,lp->nk", self.gravity_regressor[:, joint], weights))
+            if change[:4].any():
+                columns = columns + self.gravity_regressor[:, joint, i] @ change[:4]
+        return columns
+
+    @cached_property
+    def _described_per_gravity(self) -> np.ndarray:
+        """(nj, n, 3) torques per component of gravity of the arm as described."""
+        weights = described_parameters(self.model)[:, :4].ravel()
+        by_joint = self.gravity_regressor.transpose(1, 0, 3, 2, 4)
+        return by_joint.reshape(*by_joint.shape[:3], -1) @ weights
 
     @cached_property
     def parents(self) -> tuple[int, ...]:

@@ -18,6 +18,7 @@ from armdyn.arm.vectorised import OverTime
 from armdyn.codegen import Buffered
 from armdyn.effects.effect import Effect, applied
 from armdyn.errors import InputError
+from armdyn.readout import Sensor
 
 INPUTS = ("time", "position", "velocity", "acceleration", "direction", "load", "inner q", "inner v", "inner a")
 LOAD = INPUTS.index("load")
@@ -134,30 +135,6 @@ class BaseFunction:
         return changed[:, 0] - described, derivatives.copy()
 
 
-class SensorFunction:
-    """Gain and delay of a torque sensor, and their derivatives.
-
-    Args:
-        expression: (2,) of `theta`.
-        theta: (k,) symbols.
-
-    Attributes:
-        scaled: whether the gain depends on parameters.
-        delayed: whether the delay does.
-    """
-
-    def __init__(self, expression: Expression, theta: Expression) -> None:
-        self._function = Buffered(
-            ca.Function("sensor", [theta], [ca.densify(expression), ca.densify(ca.jacobian(expression, theta))])
-        )
-        self.scaled, self.delayed = (bool(ca.depends_on(expression[i], theta)) for i in range(2))
-
-    def at(self, theta: np.ndarray) -> tuple[float, float, np.ndarray]:
-        """Gain, delay in s, and (2, k) their derivatives."""
-        values, derivatives = self._function(theta)
-        return float(values[0, 0]), float(values[1, 0]), derivatives.copy()
-
-
 @dataclass(frozen=True, eq=False)
 class JointFunctions:
     """One joint with its effects.
@@ -167,7 +144,7 @@ class JointFunctions:
         torque: beyond the load; what is not linear has a term for each effect, so that it is evaluated when needed.
         inner_torque: on the inner neighbour's drive.
         offset: of the sensor's reading.
-        sensor: its gain and delay.
+        sensor: its gain, lag and delay.
         link: None where no effect acts on the link.
     """
 
@@ -175,7 +152,7 @@ class JointFunctions:
     torque: tuple[Term, ...]
     inner_torque: Term
     offset: Term
-    sensor: SensorFunction
+    sensor: Sensor
     link: LinkFunction | None
 
 
@@ -183,7 +160,7 @@ def compose_joint(effects: Sequence[Effect]) -> JointFunctions:
     """Apply `effects`, in the order given, to a joint.
 
     Raises:
-        InputError: an effect lets gain, delay or link change with the motion.
+        InputError: an effect lets gain, lag, delay or link change with the motion.
     """
     # The same effect on other joints is another object with the same function.
     return _composed(tuple(_Applied(e.name, e.function, *_quantities(e)) for e in effects))
@@ -208,23 +185,21 @@ def _composed(effects: tuple[_Applied, ...]) -> JointFunctions:
     inputs, shape = ca.SX.sym("w", len(INPUTS)), ca.SX.sym("U", 4, 4)
     time, q, v, a, direction, load, *inner = ca.vertsplit(inputs)
     zero, one, before = ca.SX(0), ca.SX(1), ca.SX.sym("torque")
-    joint = Joint(
-        time, q, v, a, direction, load, Neighbour(*inner), Link(shape, ca.SX(4, 4)), zero, zero, one, zero, zero
-    )
+    joint = Joint(time, q, v, a, direction, load, Neighbour(*inner), Link(shape, ca.SX(4, 4)), zero, zero, one, zero)
     added = []
     for e in effects:
         joint = replace(joint, torque=before)
         joint = applied(e.name, e.function, joint, {short: by_name[f"{e.name}.{short}"] for short in e.quantities})
         added.append(ca.substitute(joint.torque, before, 0))
-        if not ca.is_equal(ca.jacobian(joint.torque, before), one):
+        if not ca.is_equal(ca.jacobian(joint.torque, before), ca.SX(1)):
             raise InputError(f"effect '{e.name}': what it does to the joint's torque must be added, by 'with_torque'")
     remembered = Remembered(joint.memory, inputs, load, theta)
     parameters = inertial_parameters(joint.link.pseudo_inertia)
-    sensor = ca.vertcat(joint.gain, joint.delay)
+    sensor = ca.vertcat(joint.gain, joint.lag, joint.delay)
     if ca.depends_on(ca.vertcat(parameters, sensor), ca.vertcat(inputs, remembered.symbols)):
         raise InputError(
-            f"effects {', '.join(e.name for e in effects)}: gain, delay and link of a joint can depend on parameters "
-            "only: write what changes with the motion as a torque or an offset"
+            f"effects {', '.join(e.name for e in effects)}: gain, lag, delay and link of a joint can depend on "
+            "parameters only: write what changes with the motion as a torque or an offset"
         )
     null = np.array([null for e in effects for null in e.null])
     return JointFunctions(
@@ -232,7 +207,7 @@ def _composed(effects: tuple[_Applied, ...]) -> JointFunctions:
         torque=_terms(added, inputs, theta, remembered),
         inner_torque=Term(joint.inner_torque, inputs, theta, remembered),
         offset=Term(joint.offset, inputs, theta, remembered),
-        sensor=SensorFunction(sensor, theta),
+        sensor=Sensor(theta, joint.gain, joint.lag, joint.delay),
         link=LinkFunction(parameters, shape, theta, null) if ca.depends_on(parameters, theta) else None,
     )
 

@@ -77,7 +77,7 @@ class LinkChange:
 
     @property
     def warning(self) -> str:
-        """What no reader should take over unseen; empty where there is nothing."""
+        """What a reader must know before using these values; empty where there is nothing."""
         if not self.physical:
             return f"the link of {self.joint} has an inertia that no body has"
         mass = self.mass
@@ -122,7 +122,7 @@ def link_changes(
 
 
 def _sizes(value: np.ndarray) -> np.ndarray:
-    """(13,) what a standard deviation is held against: mass, radius of gyration, mean moment of inertia, moment."""
+    """(13,) what a standard deviation is compared with: mass, radius of gyration, mean moment of inertia, moment."""
     mass, moment = abs(value[0]), float(np.mean(np.abs(value[[4, 6, 9]])))
     # A sphere's moments are 2/3 of its mass times the square of its radius of gyration about the centre.
     radius = float(np.sqrt(1.5 * moment / mass)) if mass > 0 else 0.0

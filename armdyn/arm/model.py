@@ -1,5 +1,6 @@
 """The arm as a model: joint torques of a run, with exact sensitivities, for any composition of effects."""
 
+import os
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,9 +18,8 @@ from armdyn.arm.motion import measured_motion
 from armdyn.arm.prepared import PreparedRun
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
-from armdyn.model import Bend, Model, Prediction, joined
+from armdyn.model import Bend, Linear, Model, Prediction, joined
 from armdyn.parameter import Parameter, Quantity
-from armdyn.preparation import Preparation
 from armdyn.run import Channel, Run
 
 KEYS = ("urdf", "robot", "joints", "tool")
@@ -40,8 +40,22 @@ class ArmModel(Model):
     arm: Arm
 
     base = "arm"
-    linear = True
     stages = ("joint",)
+
+    def described(self, folder: Path) -> Mapping[str, Any]:
+        """See `Model.described`: which arm it is, its file as seen from the model's own."""
+        if self.arm.file is None:
+            return super().described(folder)
+        try:
+            place = Path(os.path.relpath(self.arm.file, folder.resolve())).as_posix()
+        except ValueError:  # on another drive
+            place = str(self.arm.file)
+        return {**super().described(folder), "urdf": place}
+
+    @property
+    def linear(self) -> Linear:
+        """See `Model.linear`."""
+        return self
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -67,7 +81,7 @@ class ArmModel(Model):
         """See `Model.with_effect`.
 
         Raises:
-            InputError: nothing in this arm is what the effect acts on, or what it says there.
+            InputError: this arm has no joint on which the effect can act, or not the joint that it names.
         """
         if effect.acts_on in self.stages and not self.reachable(effect):
             raise InputError(f"the effect '{effect.name}' cannot act on this arm: {_REASON[effect.reach]}")
@@ -82,7 +96,7 @@ class ArmModel(Model):
         return self.with_only(needed)
 
     def bend(self, names: Sequence[str], theta: np.ndarray) -> Bend | None:
-        """See `Model.bend`: what changes a link acts as a deformation of it does, through its inertial parameters."""
+        """See `Linear.bend`: what changes a link acts as a deformation of it does, through its inertial parameters."""
         joint = self.parameters[names[0]].joint
         through = self.parts(DEFORMATION).get(joint, ())
         if not through:
@@ -104,11 +118,11 @@ class ArmModel(Model):
 
         return Bend(tuple(through), bent)
 
-    def circumstances(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
-        """See `Model.circumstances`: position, velocity and acceleration of every joint."""
+    def covariates(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
+        """See `Model.covariates`: position, velocity and acceleration of every joint."""
         del theta
-        motion = measured_motion(recorded.original(run), self.joints)
-        first = recorded.original(run).channels[f"q.{self.joints[0]}"]
+        motion = measured_motion(run.recording, self.joints)
+        first = run.recording.channels[f"q.{self.joints[0]}"]
         time = first.time[(first.time >= motion.start) & (first.time <= motion.end)]
         at = motion.at(time)
         found = {}
@@ -147,18 +161,6 @@ class ArmModel(Model):
             return run
         return recorded.prepared(run, self.arm, self.predicted_channels(run))
 
-    def recording(self, run: Run) -> Run:
-        """See `Model.recording`."""
-        return recorded.original(run)
-
-    def preparations(self, run: Run) -> Mapping[str, Preparation]:
-        """See `Model.preparations`."""
-        return run.preparations if isinstance(run, PreparedRun) else {}
-
-    def stated_noise(self, run: Run) -> Mapping[str, float]:
-        """See `Model.stated_noise`."""
-        return recorded.original(run).noise
-
     def predict(self, run: Run, theta: np.ndarray) -> Prediction:
         """See `Model.predict`."""
         channels = self.predicted_channels(run)
@@ -175,13 +177,6 @@ class ArmModel(Model):
             parts.append((name, run.channels[name].time, values, sensitivities))
         return joined(parts)
 
-    def link_parameters(self) -> Mapping[str, np.ndarray]:
-        """By joint: (10,) inertial parameters of the link that it moves, effects included; see `inertia`."""
-        changes, described = self._bodies(self.theta()).links, self.arm.described
-        return {
-            joint: described[i] + changes.get(i, np.zeros(len(described[i]))) for i, joint in enumerate(self.joints)
-        }
-
     def changed_links(self, theta: np.ndarray) -> Mapping[int, tuple[np.ndarray, np.ndarray]]:
         """By index of the joint whose link effects can change: (10,) change at (p,) `theta`, (10, p) derivatives."""
         bodies = self._bodies(theta)
@@ -191,6 +186,13 @@ class ArmModel(Model):
             derivatives[:, self._columns[i]] = bodies.derivatives[i]
             found[i] = change, derivatives
         return found
+
+    def link_parameters(self) -> Mapping[str, np.ndarray]:
+        """By joint: (10,) inertial parameters of the link that it moves, effects included; see `inertia`."""
+        changes, described = self._bodies(self.theta()).links, self.arm.described
+        return {
+            joint: described[i] + changes.get(i, np.zeros(len(described[i]))) for i, joint in enumerate(self.joints)
+        }
 
     def gravity(self) -> np.ndarray:
         """(3,) acceleration of free fall in the frame of the base, m/s^2, effects included."""
@@ -283,8 +285,13 @@ def read_base(table: Mapping[str, Any], folder: Path) -> tuple[ArmModel, dict[st
     description = {key: table[key] for key in KEYS if key in table}
     if ("urdf" in description) == ("robot" in description):
         raise InputError('an arm needs either urdf = "path" or robot = "baxter"')
-    urdf = description.get("urdf")
-    if urdf is not None and not Path(urdf).is_absolute():
-        urdf = folder / urdf
-    robot, joints, tool = (description.get(key) for key in ("robot", "joints", "tool"))
-    return arm_model(urdf, robot, joints, tool=tool), description
+    for key in ("urdf", "robot", "tool"):
+        if not isinstance(description.get(key, ""), str) or description.get(key) == "":
+            raise InputError(f"{key} = {description[key]!r:.60} is no name: put a text in quotes")
+    joints = description.get("joints")
+    if joints is not None and not (isinstance(joints, list) and all(isinstance(name, str) for name in joints)):
+        raise InputError(f'joints = {joints!r:.60}: write a list of names, such as joints = ["right_s0", "right_s1"]')
+    urdf, robot, tool = (description.get(key) for key in ("urdf", "robot", "tool"))
+    # Where the URDF is depends on where the model is written: `ArmModel.described` says it.
+    rest = {key: value for key, value in description.items() if key != "urdf"}
+    return arm_model(None if urdf is None else folder / urdf, robot, joints, tool=tool), rest

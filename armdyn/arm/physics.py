@@ -1,4 +1,4 @@
-"""The symbolic physics of an arm's base and of one joint, as effects see and change them.
+"""The symbolic physics of an arm's base and of one joint, as effects read and change them.
 
 Each stage is an immutable bundle of CasADi expressions, scalar unless a shape is given. Units are written for a joint
 that turns; one that slides has N for N m, m for rad and kg for kg m^2.
@@ -8,9 +8,11 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 
-from armdyn.physics.definition import Expression, Stage
+from armdyn.physics.definition import NONE, Expression, Timed
 
 __all__ = ["Base", "Expression", "Joint", "Link", "Neighbour"]
+
+ONE: Expression = ca.SX(1)
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,7 @@ class Neighbour:
 
 
 @dataclass(frozen=True)
-class Joint(Stage):
+class Joint(Timed):
     """One joint, its drive and its torque sensor.
 
     Attributes:
@@ -95,7 +97,6 @@ class Joint(Stage):
         inner_torque: what the inner neighbour's drive gives beyond its own, N m.
         gain: the sensor's reading per torque.
         offset: its reading without torque, N m.
-        delay: how late it is, s.
     """
 
     time: Expression
@@ -106,11 +107,10 @@ class Joint(Stage):
     load: Expression
     inner: Neighbour
     link: Link
-    torque: Expression
-    inner_torque: Expression
-    gain: Expression
-    offset: Expression
-    delay: Expression
+    torque: Expression = NONE
+    inner_torque: Expression = NONE
+    gain: Expression = ONE
+    offset: Expression = NONE
 
     def with_torque(self, torque: Expression) -> "Joint":
         """Let the drive give this much more, N m: positive where friction opposes a positive velocity."""
@@ -131,7 +131,3 @@ class Joint(Stage):
     def with_offset(self, offset: Expression) -> "Joint":
         """Add to the sensor's reading, N m."""
         return replace(self, offset=self.offset + offset)
-
-    def with_delay(self, time: Expression) -> "Joint":
-        """Let the sensor's reading arrive later, s; `time` depends on parameters only."""
-        return replace(self, delay=self.delay + time)

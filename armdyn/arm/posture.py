@@ -11,14 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import linprog
 
 from armdyn.errors import InputError
 from urdf import Robot
-from urdf.robot import read_only
-
-Array = NDArray[np.float64]
+from urdf.robot import Array, read_only
 
 LOOKS_LIKE_DEGREES = 2 * np.pi  # rad beyond a limit's side: nobody means so many radians
 PER_LINK = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")  # kg, kg m, kg m^2 about the joint
@@ -102,10 +100,6 @@ def arm_posture(robot: Robot, q: ArrayLike | None = None, v: ArrayLike | None = 
     still = np.zeros(model.nv)
     pose = robot.tool_pose(at)
     gravity = pin.computeGeneralizedGravity(model, data, at).copy()
-    springs = np.zeros(model.nv)
-    for spring in robot.springs:
-        joint = robot.joint_names.index(spring.joint)
-        springs[joint] += spring.torque(at[joint])
     upper = np.triu(pin.crba(model, data, at).reshape(model.nv, model.nv))  # of a single joint it is flat
     jacobian = _tool_jacobian(robot, data, at)
     linear = jacobian[:3]
@@ -117,7 +111,7 @@ def arm_posture(robot: Robot, q: ArrayLike | None = None, v: ArrayLike | None = 
         tool_rotation=read_only(pose.rotation),
         margin=read_only(robot.limits.margin(at)),
         gravity=read_only(gravity),
-        springs=read_only(springs),
+        springs=read_only(robot.spring_torque(at)),
         inertia=read_only(upper + np.triu(upper, 1).T),
         coriolis=read_only(pin.computeCoriolisMatrix(model, data, at, rate).reshape(model.nv, model.nv)),
         damping=read_only(model.damping),
@@ -165,9 +159,11 @@ def _force(linear: Array, limits: Array, gravity: Array) -> Ellipsoid:
     with np.errstate(divide="ignore"):
         lengths = np.where(full > 1e-12, 1.0 / full, np.inf)
         # Torque J^T f + g within the limits: each joint bounds t from its own side.
-        push = linear.T
-        room = np.where(push > 0, limits[:, None] - gravity[:, None], limits[:, None] + gravity[:, None])
-        along = np.where(np.abs(push) > 1e-12, np.maximum(room, 0.0) / np.maximum(np.abs(push), 1e-300), np.inf)
+        per_force = linear.T
+        room = np.where(per_force > 0, limits[:, None] - gravity[:, None], limits[:, None] + gravity[:, None])
+        along = np.where(
+            np.abs(per_force) > 1e-12, np.maximum(room, 0.0) / np.maximum(np.abs(per_force), 1e-300), np.inf
+        )
     order = np.argsort(lengths)[::-1]
     return Ellipsoid(read_only(axes.T[:, order]), read_only(lengths[order]), read_only(along.min(axis=0)))
 

@@ -9,34 +9,31 @@ import numpy as np
 from armdyn.arm.bodies import OF_BASE, Bodies, Stretch
 from armdyn.arm.composition import LOAD, JointFunctions, Term
 from armdyn.arm.rigid import described_parameters
-from armdyn.arm.sampling import Sampler
+from armdyn.readout import Sampler
 
 
 class Signal:
-    """Coefficients of a torque while its parts are added up, with its derivatives by the joints that matter.
+    """A torque while its parts are added up, with its derivatives by the joints that matter.
 
     Args:
         size: N, coefficients or samples.
         widths: number of parameters by joint.
 
     Attributes:
-        value: (N,).
-        derivatives: (N, sum of the widths).
-        columns: by joint, where its parameters are.
+        block: (N, 1 + sum of the widths), the torque first.
+        value: (N,) view of the torque.
+        columns: by joint, where its parameters are in the block.
     """
 
     def __init__(self, size: int, widths: dict[int, int]) -> None:
-        self.value = np.zeros(size)
-        self.columns: dict[int, slice] = {}
-        last = 0
-        for joint, width in widths.items():
-            self.columns[joint] = slice(last, last + width)
-            last += width
-        self.derivatives = np.zeros((size, last))
+        ends = np.cumsum([1, *widths.values()]).tolist()
+        self.columns = {joint: slice(*ends[i : i + 2]) for i, joint in enumerate(widths)}
+        self.block = np.zeros((size, ends[-1]))
+        self.value = self.block[:, 0]
 
     def by(self, joint: int) -> np.ndarray:
         """(N, k) view of the derivatives by a joint's parameters."""
-        return self.derivatives[:, self.columns[joint]]
+        return self.block[:, self.columns[joint]]
 
 
 class _Rest(NamedTuple):
@@ -92,10 +89,11 @@ class ChannelPredictor:
     def __init__(self, stretch: Stretch, sampler: Sampler, joint: int) -> None:
         self._stretch, self._sampler, self._joint = stretch, sampler, joint
         self._inputs = cache(stretch.inputs)
-        on_time, self._slope_on_time = sampler.matrix(0.0), sampler.matrix(0.0, 1)
         self._coefficients = _Reduction(sampler.coefficients, stretch, joint)
-        # Without a delay the samples are all that is asked for: a few of them for many coefficients.
+        # Without lag and delay the samples are all that is asked for: a few of them for many coefficients.
+        on_time = sampler.matrix(0.0)
         self._samples = _Reduction(lambda signals: on_time @ sampler.coefficients(signals), stretch, joint)
+        self._nodes = _Reduction(lambda signals: signals, stretch, joint)
 
     def predict(
         self, functions: Sequence[JointFunctions], theta: Sequence[np.ndarray], bodies: Bodies
@@ -107,26 +105,24 @@ class ChannelPredictor:
             theta: (k,) parameters of each joint.
             bodies: at these parameters.
         """
-        sensor = functions[self._joint].sensor
-        _, delay, by_sensor = sensor.at(theta[self._joint])
-        if delay == 0.0:
-            total = self._total(self._samples, functions, theta, bodies)
-            values, derivatives = total.value, {i: total.by(i) for i in total.columns}
-            if sensor.delayed:
-                slope = self._slope_on_time @ self._total(self._coefficients, functions, theta, bodies).value
+        sensor, own = functions[self._joint].sensor, theta[self._joint]
+        given = functions, theta, bodies
+        if sensor.lags:
+            total = self._total(self._nodes, *given)
+            read = sensor.read(total.block, self._sampler, own)
+        elif not sensor.delays or sensor.delay(own) == 0.0:
+            total = self._total(self._samples, *given)
+            whole = self._total(self._coefficients, *given).value if sensor.delays else total.value
+            read = sensor.moved(total.block, whole, self._sampler, own)
         else:
-            total = self._total(self._coefficients, functions, theta, bodies)
-            matrix, slope = self._sampler.matrix(delay), self._sampler.matrix(delay, 1) @ total.value
-            sampled = np.asarray(matrix @ total.derivatives)
-            values, derivatives = np.asarray(matrix @ total.value), {i: sampled[:, c] for i, c in total.columns.items()}
-        if sensor.delayed:
-            derivatives[self._joint] -= np.outer(slope, by_sensor[1])
-        return values, derivatives
+            total = self._total(self._coefficients, *given)
+            read = sensor.sampled(total.block, self._sampler, own)
+        return read[:, 0], {i: read[:, columns] for i, columns in total.columns.items()}
 
     def _total(
         self, reduced: "_Reduction", functions: Sequence[JointFunctions], theta: Sequence[np.ndarray], bodies: Bodies
     ) -> Signal:
-        """The sensor's reading without its delay."""
+        """The sensor's reading without lag and delay."""
         j, own = self._joint, functions[self._joint]
         outer = [
             i for i in range(len(functions)) if self._stretch.parent(i) == j and not functions[i].inner_torque.empty
@@ -148,19 +144,15 @@ class ChannelPredictor:
             self._add_gravity(total, carried, bodies, bodies.gravity, reduced)
         for i in outer:
             self._add(total, functions[i].inner_torque, i, theta[i], bodies, reduced)
-        gain, _, by_sensor = own.sensor.at(theta[j])
-        torque = total.value
-        if own.sensor.scaled:
-            total.derivatives *= gain
-            total.by(j)[:] += np.outer(torque, by_sensor[0])
-            total.value = gain * torque
+        total.block = own.sensor.amplified(total.block, theta[j])
+        total.value = total.block[:, 0]
         self._add(total, own.offset, j, theta[j], bodies, reduced)
         return total
 
     def _add_gravity(
         self, total: Signal, carried: Sequence[int], bodies: Bodies, gravity: np.ndarray, reduced: "_Reduction"
     ) -> None:
-        """Add what another gravity than the described one asks of the joint."""
+        """Add the torque that follows from a gravity other than the described one."""
         columns = reduced.per_gravity
         for i in carried:
             if bodies.links[i].any():

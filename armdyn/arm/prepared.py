@@ -1,12 +1,13 @@
 """A run of an arm made ready for comparison: torques low-passed, and thinned until their noise is white again.
 
 Measured and predicted torques pass the same filter, as in the parallel filtering of Gautier (ICRA 1997), so that
-filtering biases nothing. Sampled at about twice the cut-off nothing of the band is lost: more samples would only say
-the same again. What the noise of positions brings in is counted as noise.
+filtering causes no bias. Samples at about twice the cut-off keep the whole band: more of them would add no information.
+The torque that the positions' noise causes is counted as noise.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -36,16 +37,26 @@ class PreparedRun(Run):
 
     Attributes:
         original: the recording.
-        preparations: by torque channel.
+        done: to it, by torque channel.
     """
 
-    original: Run | None = None
-    preparations: Mapping[str, Preparation] = field(default_factory=dict)
+    original: Run = field(kw_only=True)
+    done: Mapping[str, Preparation] = field(kw_only=True)
 
-    def __reduce__(self) -> tuple[type[Run], tuple[Any, ...]]:
-        mappings = (dict(self.channels), dict(self.known), dict(self.noise))
-        rest = (self.description, self.source, self.warnings, self.original, dict(self.preparations))
-        return PreparedRun, (self.name, *mappings, *rest)
+    def __reduce__(self) -> tuple[Callable[..., Run], tuple[Any, ...]]:
+        _, arguments = super().__reduce__()
+        made = partial(PreparedRun, original=self.original, done=dict(self.done))
+        return partial(made, began=self.began, outliers=dict(self.outliers)), arguments
+
+    @property
+    def recording(self) -> Run:
+        """See `Run.recording`."""
+        return self.original
+
+    @property
+    def preparations(self) -> Mapping[str, Preparation]:
+        """See `Run.preparations`."""
+        return self.done
 
 
 def prepare(run: Run, model: pin.Model, joints: tuple[str, ...], measured: tuple[str, ...]) -> PreparedRun:
@@ -89,14 +100,15 @@ def prepare(run: Run, model: pin.Model, joints: tuple[str, ...], measured: tuple
     for i, joint in enumerate(joints):
         channels |= _smooth_channels(run.channels[f"q.{joint}"], joint, motion.joints[i].curve)
     return PreparedRun(
-        run.name, channels, run.known, noise, run.description, run.source, run.warnings, run, preparations
-    )
+        run.name, channels, run.known, noise, run.description, run.source, run.warnings,
+        original=run, done=preparations, outliers=run.outliers,
+    )  # fmt: skip
 
 
 def interior(channel: Channel, motion: MeasuredMotion) -> np.ndarray:
     """(n,) bool: samples that were taken while the motion was recorded, but not at its ends.
 
-    At an end a smoothed acceleration leans on one side only and is several times less certain.
+    At an end a smoothed acceleration has neighbours on one side only, and a standard deviation several times larger.
     """
     edge = EDGE * max(1.0 / j.choice.cutoff for j in motion.joints)
     edge = min(edge, 0.1 * (motion.end - motion.start))
@@ -127,7 +139,7 @@ def _inside(run: Run, name: str, motion: MeasuredMotion) -> tuple[np.ndarray, np
 
 
 def settled(motion: MeasuredMotion, joint: int, stamps: np.ndarray, cutoff: float) -> np.ndarray:
-    """(n,) bool: samples at which it is known which way the joint moves, and those where it stands for long.
+    """(n,) bool: samples at which the direction of motion is known, and those where the joint stands still for long.
 
     Where a joint turns round, its dry friction changes sign at a moment that is less certain than the stamps: one
     sample of a friction that is 25 times the noise, on the wrong side, is an error of 3 standard deviations after the

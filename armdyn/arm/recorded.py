@@ -9,19 +9,17 @@ from armdyn.arm.bodies import Stretch
 from armdyn.arm.motion import measured_motion
 from armdyn.arm.prediction import ChannelPredictor
 from armdyn.arm.prepared import PreparedRun, interior, prepare, settled
-from armdyn.arm.sampling import LowPassed, Sampler, Unfiltered
+from armdyn.faults import without_spikes
+from armdyn.readout import Interpolated, LowPassed, Sampler
 from armdyn.run import Channel, Run
-
-
-def original(run: Run) -> Run:
-    """The recording that a prepared run was made of; any other run is its own."""
-    return run.original if isinstance(run, PreparedRun) and run.original is not None else run
 
 
 @lru_cache(maxsize=64)
 def prepared(run: Run, arm: Arm, measured: tuple[str, ...]) -> PreparedRun:
-    """See `prepare`."""
-    return prepare(run, arm.model, arm.joints, measured)
+    """See `prepare`; isolated outliers are left out before."""
+    motion = (f"{kind}.{joint}" for joint in arm.joints for kind in "qva")
+    clean = without_spikes(run, (*(name for name in motion if name in run.channels), *measured))
+    return prepare(clean, arm.model, arm.joints, measured)
 
 
 @lru_cache(maxsize=512)
@@ -29,14 +27,14 @@ def predictor(arm: Arm, run: Run, channel: Channel, name: str) -> ChannelPredict
     """What predicts the samples of a torque channel called `name`; filtered as the run was, where it was."""
     joint = arm.joints.index(name.removeprefix("tau."))
     sampler: Sampler
-    if isinstance(run, PreparedRun) and run.original is not None:
-        stretch = _stretch(run.original, arm, name, True)
+    if run.recording is not run:
+        stretch = _stretch(run.recording, arm, name, True)
         stamps, cutoff = stretch.motion.time, run.preparations[name].cutoff
-        known = settled(measured_motion(run.original, arm.joints), joint, stamps, cutoff)
+        known = settled(measured_motion(run.recording, arm.joints), joint, stamps, cutoff)
         sampler = LowPassed(stamps, cutoff, channel.time, known)
     else:
         stretch = _stretch(run, arm, name, False)
-        sampler = Unfiltered(channel.time)
+        sampler = Interpolated(channel.time, channel.time)
     return ChannelPredictor(stretch, sampler, joint)
 
 

@@ -1,4 +1,4 @@
-"""Joint torques of rigid bodies by Pinocchio, and what they owe to each inertial parameter."""
+"""Joint torques of rigid bodies by Pinocchio, and their derivatives by the inertial parameters."""
 
 import numpy as np
 import pinocchio as pin
@@ -13,13 +13,11 @@ def described_parameters(model: pin.Model) -> np.ndarray:
     return np.array([np.asarray(inertia.toDynamicParameters()) for inertia in model.inertias[1:]])
 
 
-def inverse_dynamics(model: pin.Model, motion: Motion) -> np.ndarray:
+def inverse_dynamics(model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
     """(n, nj) torques, N m or N, by the recursive Newton-Euler algorithm: tau = M(q) a + C(q, v) v + g(q)."""
-    data = model.createData()
-    q, v, a = (np.ascontiguousarray(x) for x in (motion.q, motion.v, motion.a))
-    torque = np.empty_like(q)
-    for i in range(len(q)):
-        torque[i] = pin.rnea(model, data, q[i], v[i], a[i])
+    data, torque = model.createData(), np.empty(q.shape)
+    for i, row in enumerate(zip(*map(np.ascontiguousarray, (q, v, a)), strict=True)):
+        torque[i] = pin.rnea(model, data, *row)
     return torque
 
 

@@ -158,8 +158,8 @@ class SequentialActionControl:
         free = np.zeros(c.steps)
         cost, gradient = self._gradient(free, *fixed)
         free_cost, g = float(cost[0, 0]), gradient.ravel() / c.dt
-        wish = c.desired_change * free_cost
-        u2 = np.clip(g * wish / (g**2 + c.control_weight), -c.largest_acceleration, c.largest_acceleration)
+        desired = c.desired_change * free_cost
+        u2 = np.clip(g * desired / (g**2 + c.control_weight), -c.largest_acceleration, c.largest_acceleration)
         times = c.dt * (np.arange(c.steps) + 0.5)
         best = int(np.argmin(np.abs(u2) + u2 * g + times**c.time_exponent))
         middle, size = times[best], float(u2[best])

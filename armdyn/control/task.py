@@ -43,7 +43,7 @@ class TaskCost:
         wall: (x, z) of the top of a wall that the load must pass over, from the gripper's start, m; None for none.
         clearance: height over it of the load's centre that costs nothing, m; less is allowed to both sides of the wall.
         wall_weight: cost of a square metre below that, 1/(m^2 s).
-        least_tension: share of the load's weight that the string should pull with at least; None for no such wish.
+        least_tension: share of the load's weight that the string should pull with at least; None for no such term.
         slack_weight: cost of a weight's square below that, 1/s.
         reach: least and largest x of the gripper, m; None for a line without ends.
         reach_weight: cost of a square metre beyond, 1/(m^2 s).

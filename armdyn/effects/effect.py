@@ -90,12 +90,20 @@ def applied(name: str, function: Callable[..., Any], stage: Physics, values: Map
 
 
 def effect(
-    name: str, acts_on: str, *, summary: str, source: str, reach: Reach = "every", wrong: bool = False
+    name: str = "",
+    acts_on: str = "",
+    *,
+    summary: str,
+    source: str,
+    reach: Reach = "every",
+    wrong: bool = False,
 ) -> Callable[[Callable[..., Physics]], Effect]:
     """Make an `Effect` of a function whose first argument is the stage and whose others default to `quantity`.
 
+    The function's name is that of the effect, and its first argument's that of the stage, where they are not given.
+
     ```python
-    @effect("linear_drag", acts_on="load", summary="air drag in proportion to speed", source="Stokes 1851")
+    @effect(summary="air drag in proportion to speed", source="Stokes 1851")
     def linear_drag(load: Load, coefficient: Expression = quantity("N s/m", typical=5e-3, lower=0)) -> Load:
         return load.with_force(-coefficient * load.velocity)
     ```
@@ -105,14 +113,17 @@ def effect(
     """
 
     def make(function: Callable[..., Physics]) -> Effect:
-        _, *arguments = inspect.signature(function).parameters.values()
+        called = name or function.__name__
+        stage, *arguments = inspect.signature(function).parameters.values()
         quantities = {}
         for argument in arguments:
             if not isinstance(argument.default, Quantity):
                 raise InputError(
-                    f"effect '{name}': argument '{argument.name}' needs a default such as quantity(\"N\", typical=1.0)"
+                    f"effect '{called}': argument '{argument.name}' needs a default such as "
+                    'quantity("N", typical=1.0)'
                 )
             quantities[argument.name] = argument.default
-        return Effect(name, acts_on, MappingProxyType(quantities), summary, source, function, reach, wrong=wrong)
+        at = acts_on or stage.name
+        return Effect(called, at, MappingProxyType(quantities), summary, source, function, reach, wrong=wrong)
 
     return make

@@ -8,8 +8,6 @@ from armdyn.pendulum.physics import Expression, Gripper
 
 
 @effect(
-    "gripper_scale",
-    acts_on="gripper",
     summary="The gripper moves farther than measured, by a constant share.",
     source="scale error of a position sensor: JCGM 200 (VIM), §4.31",
 )
@@ -23,8 +21,6 @@ def gripper_scale(
 
 
 @effect(
-    "gripper_lag",
-    acts_on="gripper",
     summary="The gripper trails its measured position as a first-order lag.",
     source="first-order lag: Franklin, Powell & Emami-Naeini, Feedback Control of Dynamic Systems, §3.3",
 )
@@ -37,8 +33,6 @@ def gripper_lag(
 
 
 @effect(
-    "gripper_compliance",
-    acts_on="gripper",
     summary="The gripper gives way along the line, in proportion to the string's pull.",
     source="joint and link compliance seen at the tool: Siciliano et al., Robotics, 2009, §9.1",
 )
@@ -51,8 +45,6 @@ def gripper_compliance(
 
 
 @effect(
-    "gripper_bob",
-    acts_on="gripper",
     summary="The gripper rises and falls along its way: the line is an arc.",
     source="second-order term of a path that is not straight: do Carmo, Differential Geometry, §1-5",
 )
@@ -65,8 +57,6 @@ def gripper_bob(
 
 
 @effect(
-    "path_tilt",
-    acts_on="gripper",
     summary="The line is not level: gravity has a component along it.",
     source="rotation of the frame; Goldstein, Classical Mechanics, 3rd ed., §4.4",
 )

@@ -16,8 +16,6 @@ TURN = 2 * np.pi
 
 
 @effect(
-    "joint_viscous_friction",
-    acts_on="joint",
     summary="Friction in proportion to the joint's speed.",
     source="Siciliano, Sciavicco, Villani & Oriolo, Robotics, 2009, §7.1",
 )
@@ -30,8 +28,6 @@ def joint_viscous_friction(
 
 
 @effect(
-    "joint_coulomb_friction",
-    acts_on="joint",
     summary="Dry friction of constant size against the motion.",
     source="Coulomb 1785; Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica 30, 1994",
 )
@@ -44,8 +40,6 @@ def joint_coulomb_friction(
 
 
 @effect(
-    "joint_asymmetric_friction",
-    acts_on="joint",
     summary="Dry friction of one size in the positive and of another in the negative direction.",
     source="Armstrong-Hélouvry, Control of Machines with Friction, 1991; with f+ = f- it is joint_coulomb_friction",
 )
@@ -59,8 +53,6 @@ def joint_asymmetric_friction(
 
 
 @effect(
-    "joint_stribeck_friction",
-    acts_on="joint",
     summary="Additional dry friction near standstill, fading with speed.",
     source="Stribeck 1902; Bo & Pavelescu, Wear 82, 1982",
 )
@@ -76,8 +68,6 @@ def joint_stribeck_friction(
 
 
 @effect(
-    "joint_load_friction",
-    acts_on="joint",
     summary="Dry friction in proportion to the torque that the joint transmits.",
     source="Hamon, Gautier & Garrec, Dynamic Identification of Robots with a Dry Friction Model Depending on Load and "
     "Velocity, IROS 2010, without its dependence on speed",
@@ -93,8 +83,6 @@ def joint_load_friction(
 
 
 @effect(
-    "rotor_inertia",
-    acts_on="joint",
     summary="The rotor turns with the joint, seen through the gears.",
     source="Siciliano, Sciavicco, Villani & Oriolo, Robotics, 2009, §7.1: gear ratio squared times the rotor's inertia",
 )
@@ -107,8 +95,6 @@ def rotor_inertia(
 
 
 @effect(
-    "torque_offset",
-    acts_on="joint",
     summary="The torque sensor reads a constant too much.",
     source="offset error: JCGM 200 (VIM), §4.20",
 )
@@ -121,8 +107,6 @@ def torque_offset(
 
 
 @effect(
-    "torque_gain",
-    acts_on="joint",
     summary="The torque sensor, or the motor's torque constant, is wrong by a constant share.",
     source="sensitivity error: JCGM 200 (VIM), §4.12",
 )
@@ -135,8 +119,6 @@ def torque_gain(
 
 
 @effect(
-    "torque_delay",
-    acts_on="joint",
     summary="The torque's samples arrive late by a constant time.",
     source="pure dead time: Åström & Murray, Feedback Systems, 2008, §9.2",
 )
@@ -149,8 +131,6 @@ def torque_delay(
 
 
 @effect(
-    "gravity_spring",
-    acts_on="joint",
     summary="A spring, such as one that carries the arm's weight, adds to the effort of the joint.",
     source="spring of zero free length between link and frame: Herder, Energy-free Systems, TU Delft, 2001",
     reach="turning",
@@ -165,8 +145,6 @@ def gravity_spring(
 
 
 @effect(
-    "joint_coupling",
-    acts_on="joint",
     summary="The joint and its neighbour towards the base share a transmission: each feels the other's motion.",
     source="coupled wrist of the Stäubli TX40: Gautier, Janot & Vandanjon, IEEE T-CST 21(2), 2013",
     reach="coupled",
@@ -183,8 +161,6 @@ def joint_coupling(
 
 
 @effect(
-    "payload",
-    acts_on="joint",
     summary="The last link carries a small heavy thing that its description does not know.",
     source="Khalil, Gautier & Lemoine, Identification of the Payload Inertial Parameters of Industrial Manipulators, "
     "ICRA 2007, for a point mass",
@@ -207,8 +183,6 @@ def _extent(stretch: Expression) -> Expression:
 
 
 @effect(
-    "link_inertia",
-    acts_on="joint",
     summary="The moved link's mass is not distributed as described: more of it, elsewhere, farther out; always a body.",
     source="Cholesky parameters of the pseudo-inertia, relative to the described one: Rucker & Wensing, IEEE RA-L 7, "
     "2022",
@@ -237,7 +211,6 @@ def link_inertia(
 
 
 @effect(
-    "base_tilt",
     acts_on="joint",
     summary="The arm's base is not upright: it is inclined, or mounted on a wall or a ceiling.",
     source="gravity in the frame of the base: Siciliano, Sciavicco, Villani & Oriolo, Robotics, 2009, §7.3.2; a turn "

@@ -8,8 +8,6 @@ from armdyn.pendulum.physics import Expression, Load
 
 
 @effect(
-    "linear_drag",
-    acts_on="load",
     summary="Air drag in proportion to the load's speed.",
     source="Stokes 1851; Batchelor, An Introduction to Fluid Dynamics, 1967, §4.9",
 )
@@ -22,8 +20,6 @@ def linear_drag(
 
 
 @effect(
-    "quadratic_drag",
-    acts_on="load",
     summary="Air drag growing with the square of the load's speed.",
     source="Batchelor, An Introduction to Fluid Dynamics, 1967, §5.11",
 )
@@ -36,8 +32,6 @@ def quadratic_drag(
 
 
 @effect(
-    "wind",
-    acts_on="load",
     summary="A constant horizontal force on the load, along the line.",
     source="drag of a steady stream much faster than the load: Batchelor 1967, §5.11",
 )
@@ -50,8 +44,6 @@ def wind(
 
 
 @effect(
-    "load_inertia",
-    acts_on="load",
     summary="The load is no point: it turns with the string.",
     source="physical pendulum: Goldstein, Classical Mechanics, 3rd ed., §5.3",
 )
@@ -64,8 +56,6 @@ def load_inertia(
 
 
 @effect(
-    "out_of_plane_swing",
-    acts_on="load",
     summary="The load also swings across the line, which the angle does not show but the tension does.",
     source="spherical pendulum: Landau & Lifshitz, Mechanics, 3rd ed., §14; see armdyn.pendulum.transverse",
 )

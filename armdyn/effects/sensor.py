@@ -8,8 +8,6 @@ from armdyn.pendulum.physics import Expression, Sensor
 
 
 @effect(
-    "vertical_sensing_axis",
-    acts_on="sensor",
     summary="The load cell measures the vertical part of the string's pull instead of all of it.",
     source="projection on the sensing axis: Doebelin, Measurement Systems, 5th ed., §5.3",
 )
@@ -22,8 +20,6 @@ def vertical_sensing_axis(
 
 
 @effect(
-    "cross_axis_sensitivity",
-    acts_on="sensor",
     summary="The load cell also feels a share of the string's pull along the line.",
     source="cross-axis sensitivity: ISO 376; Doebelin, Measurement Systems, 5th ed., §5.3",
 )
@@ -36,8 +32,6 @@ def cross_axis_sensitivity(
 
 
 @effect(
-    "sensor_nonlinearity",
-    acts_on="sensor",
     summary="The load cell's reading curves.",
     source="second-order nonlinearity: Doebelin, Measurement Systems, 5th ed., §3.2",
 )
@@ -50,8 +44,6 @@ def sensor_nonlinearity(
 
 
 @effect(
-    "sensor_gain",
-    acts_on="sensor",
     summary="The load cell reads a constant share too much.",
     source="scale error: JCGM 200 (VIM), §4.31",
 )
@@ -64,8 +56,6 @@ def sensor_gain(
 
 
 @effect(
-    "sensor_bias",
-    acts_on="sensor",
     summary="The load cell reads a constant too much.",
     source="offset error: JCGM 200 (VIM), §4.20",
 )
@@ -78,8 +68,6 @@ def sensor_bias(
 
 
 @effect(
-    "sensor_drift",
-    acts_on="sensor",
     summary="The load cell's zero moves at a constant rate.",
     source="zero drift: JCGM 200 (VIM), §4.21",
 )
@@ -92,8 +80,6 @@ def sensor_drift(
 
 
 @effect(
-    "sensor_lag",
-    acts_on="sensor",
     summary="The load cell follows the force as a first-order lag.",
     source="first-order instrument: Doebelin, Measurement Systems, 5th ed., §3.3",
 )
@@ -106,8 +92,6 @@ def sensor_lag(
 
 
 @effect(
-    "sensor_delay",
-    acts_on="sensor",
     summary="The load cell's samples arrive late by a constant time.",
     source="pure dead time: Åström & Murray, Feedback Systems, 2008, §9.2",
 )
@@ -120,8 +104,6 @@ def sensor_delay(
 
 
 @effect(
-    "angle_offset",
-    acts_on="sensor",
     summary="The angle sensor's zero is off.",
     source="offset error: JCGM 200 (VIM), §4.20",
 )

@@ -9,8 +9,6 @@ STANDSTILL = 0.02
 
 
 @effect(
-    "pivot_viscous_friction",
-    acts_on="string",
     summary="A torque at the upper end against the swing, in proportion to its rate.",
     source="Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica 30(7), 1994, §2",
 )
@@ -23,8 +21,6 @@ def pivot_viscous_friction(
 
 
 @effect(
-    "pivot_coulomb_friction",
-    acts_on="string",
     summary="A torque of constant size at the upper end, against the swing.",
     source="Coulomb 1785; Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica 30(7), 1994, §2",
 )
@@ -37,8 +33,6 @@ def pivot_coulomb_friction(
 
 
 @effect(
-    "string_elasticity",
-    acts_on="string",
     summary="The string stretches in proportion to its tension.",
     source="Hooke 1678; followed on its slow manifold, see armdyn.pendulum.yielding",
 )
@@ -51,8 +45,6 @@ def string_elasticity(
 
 
 @effect(
-    "string_mass",
-    acts_on="string",
     summary="The string has mass, spread evenly along it.",
     source="physical pendulum: Goldstein, Classical Mechanics, 3rd ed., §5.3",
 )
@@ -65,8 +57,6 @@ def string_mass(
 
 
 @effect(
-    "string_creep",
-    acts_on="string",
     summary="The string grows longer at a constant rate.",
     source="secondary creep: Findley, Lai & Onaran, Creep and Relaxation, 1976, §2",
 )

@@ -11,8 +11,6 @@ from armdyn.pendulum.physics import STANDARD_GRAVITY, Tension
 
 
 @effect(
-    "printed_tension",
-    acts_on="tension",
     wrong=True,
     summary="The tension as printed in the paper: two wrong signs, and one mass is missing.",
     source="Wilson, Schultz, Ansari & Murphey, IEEE T-ASE 2016; the right one is in armdyn.pendulum.dynamics",

@@ -1,4 +1,4 @@
-"""A user's effect tried out when it is read: what would end in the middle of a fit is told at once, in one sentence.
+"""A user's effect tried out when it is read: a mistake that would end a fit later is reported at once, in one sentence.
 
 It is checked as declared (name, units, sizes), then applied to every stage of the catalogue's physics, at rest and in
 motion, at its null and at its typical values.
@@ -23,6 +23,10 @@ from armdyn.physics.definition import Expression, Memory
 from armdyn.units import si_unit
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,59}")
+
+
+LARGEST = 1e100
+"""Of what a quantity may be, bounds that are infinite apart: numbers beyond overflow in the equations."""
 
 
 def check_declared(effects: Sequence[Effect], path: Path) -> None:
@@ -98,8 +102,9 @@ def _check_quantity(item: Effect, short: str, declared: Quantity, path: Path) ->
 
     for what in ("typical", "null", "lower", "upper"):
         value = getattr(declared, what)
-        if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
-            raise fault(f"{what} is {value!r}: write a number")
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not number or value != value or (abs(value) > LARGEST and abs(value) != math.inf):  # an int may be no float
+            raise fault(f"{what} is {value!r:.60}: write a number")
     if not (0.0 < declared.typical < math.inf):
         raise fault(f"typical is {declared.typical:g}: write the size that it has in nature, more than 0")
     if not (declared.lower <= declared.null <= declared.upper and math.isfinite(declared.null)):
@@ -146,37 +151,26 @@ def _stage(build: Callable[..., Any], rest: Sequence[float], moving: Sequence[fl
 
 
 def _joint(*w: Expression) -> Joint:
-    zero, one, shape = ca.SX(0), ca.SX(1), ca.SX(np.diag([0.1, 0.1, 0.1, 1.0]))
+    link = Link(ca.SX(np.diag([0.1, 0.1, 0.1, 1.0])), ca.SX(4, 4))
     time, q, v, a, direction, load, *inner = w
-    link = Link(shape, ca.SX(4, 4))
-    return Joint(time, q, v, a, direction, load, Neighbour(*inner), link, zero, zero, one, zero, zero)
-
-
-def _none() -> Expression:
-    return ca.SX(0)
+    return Joint(time, q, v, a, direction, load, Neighbour(*inner), link)
 
 
 STAGES = {
     "gripper": _stage(
-        lambda t, x, v, z, phi: Gripper(t, x, v, z, phi, ca.vertcat(x, 0, z), _none(), _none(), _none()),
+        lambda t, x, v, z, phi: Gripper(t, x, v, z, phi, ca.vertcat(x, 0, z)),
         [0.0, 0.0, 0.0, 0.0, 0.0],
         [0.7, 0.1, -0.3, 0.02, 0.2],
     ),
-    "string": _stage(
-        lambda t, phi, rate, mass, length: String(t, phi, rate, mass, length, _none(), _none(), _none()),
-        [0.0, 0.0, 0.0, 0.08, 0.37],
-        [0.7, 0.2, -0.9, 0.08, 0.37],
-    ),
+    "string": _stage(String, [0.0, 0.0, 0.0, 0.08, 0.37], [0.7, 0.2, -0.9, 0.08, 0.37]),
     "load": _stage(
-        lambda t, m, x, y, z, u, v, w, phi, rate: Load(
-            t, m, ca.vertcat(x, y, z), ca.vertcat(u, v, w), phi, rate, ca.SX.zeros(3), _none(), ca.SX.zeros(3)
-        ),
+        lambda t, m, x, y, z, u, v, w, phi, rate: Load(t, m, ca.vertcat(x, y, z), ca.vertcat(u, v, w), phi, rate),
         [0.0, 0.08, 0.0, 0.0, -0.37, 0.0, 0.0, 0.0, 0.0, 0.0],
         [0.7, 0.08, 0.03, 0.0, -0.36, -0.2, 0.0, 0.03, 0.2, -0.9],
     ),
     "tension": _stage(Tension, [0.785, 0.0, 0.0, 0.08, 0.37, 0.0], [0.82, 0.2, -0.9, 0.08, 0.37, 0.4]),
     "sensor": _stage(
-        lambda t, tension, phi, rate: Sensor(t, tension, phi, tension, phi, rate, _none(), _none()),
+        lambda t, tension, phi, rate: Sensor(t, tension, phi, tension, phi, rate),
         [0.0, 0.785, 0.0, 0.0],
         [0.7, 0.82, 0.2, -0.9],
     ),

@@ -4,6 +4,7 @@ import importlib.util
 import signal
 import sys
 import threading
+import warnings
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -59,7 +60,7 @@ def available(model: "Model", own: Sequence[Effect] = (), path: str | Path | Non
         path: of that file, for the message.
 
     Raises:
-        InputError: an effect of the file acts on nothing that any model has.
+        InputError: an effect of the file acts on a stage that no model has.
     """
     _check_stages(own, (*STAGES, *model.stages), path)
     if path is not None and model.base in ("pendulum", "arm"):  # another base may call something else a load
@@ -112,7 +113,8 @@ def load_module(path: Path, holds: str) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     try:
-        with _time_limit():
+        with _time_limit(), warnings.catch_warnings():
+            warnings.simplefilter("ignore", SyntaxWarning)  # Python's opinion of their style
             spec.loader.exec_module(module)
     except _TooSlowError as error:
         line = line_in(error, path)
@@ -125,13 +127,14 @@ def load_module(path: Path, holds: str) -> ModuleType:
     except Exception as error:  # whatever a user's program may raise, the remedy is in their file
         line = error.lineno if isinstance(error, SyntaxError) else line_in(error, path)
         where = f", line {line}" if line else ""
-        raise InputError(f"{path}{where}: {type(error).__name__}: {error}") from error
+        said = " ".join(f"{type(error).__name__}: {error}".split())
+        raise InputError(f"{path}{where}: {said}") from error
     return module
 
 
 @contextmanager
 def _time_limit() -> Iterator[None]:
-    """End the block after `READING` s, where this thread can be told to and nobody else uses the timer."""
+    """End the block after `READING` s, where this thread gets signals and the timer is free."""
     here = threading.current_thread() is threading.main_thread() and hasattr(signal, "setitimer")
     if not here or signal.getsignal(signal.SIGALRM) is not signal.SIG_DFL:
         yield

@@ -18,6 +18,7 @@ samples of a correlation time of k samples are worth N/k (Bayley & Hammersley, J
 """
 
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -27,8 +28,8 @@ from typing import ClassVar
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri
 
+from armdyn.identify.candidate import Candidate
 from armdyn.identify.noise import correlation_time
-from armdyn.identify.score import Candidate
 from armdyn.identify.subset import Solver, Subset
 from armdyn.identify.sums import Sums
 
@@ -63,7 +64,7 @@ class Appraisal:
         columns: (c,) the unknowns that change.
         free: (c,) bool, those that are fitted; the others return to null.
         change: (c,) their change from the expansion's point in a fit to all training runs.
-        effective: (c,) the change that predictions are linear in; see `Model.bend`.
+        effective: (c,) the change that predictions are linear in; see `Linear.bend`.
         errors: (t,) mean squared error of the training units there.
         likelihood: log likelihood of the training runs.
         values: number of the effects' unknowns that the runs determine rather than the priors.
@@ -121,6 +122,7 @@ class Appraiser(ABC):
     def __init__(self, sums: Sums, always: np.ndarray, candidates: Sequence[Candidate]) -> None:
         self.sums = sums
         self.candidates = tuple(candidates)
+        self._reach = Counter(c.effect for c in candidates)
         self._always = always
         self._typical = np.minimum(sums.problem.typical, sums.width)
         self._by_channel = [np.flatnonzero(sums.training & (sums.channel == i)) for i in range(len(sums.channels))]
@@ -140,11 +142,15 @@ class Appraiser(ABC):
 
     def measure(self, left: Mapping[int, np.ndarray]) -> None:
         """Take levels and independent samples from the residual of every training unit in the best model there is."""
-        s, error = self.sums, np.zeros(len(self.sums.count))
+        self.level, self.independent = self._levels(left), independent_samples(self.sums, left)
+        self._known.clear()
+
+    def _levels(self, left: Mapping[int, np.ndarray]) -> np.ndarray:
+        """(U,) variance of each channel from the residual of every training unit, at least its noise's."""
+        error = np.zeros(len(self.sums.count))
         for unit, residual in left.items():
             error[unit] = np.mean(residual**2)
-        self.level, self.independent = level_of(s, error), independent_samples(s, left)
-        self._known.clear()
+        return level_of(self.sums, error)
 
     @abstractmethod
     def _solved(self, effects: tuple[Candidate, ...]) -> tuple[Solver, Subset]:
@@ -201,13 +207,8 @@ class Appraiser(ABC):
         Each effect could have been another one of the catalogue, each of its joints another joint, and is to be sure
         beyond that.
         """
-        names = {c.effect for c in self.candidates}
-        total = 0.0
-        for name in {c.effect for c in effects}:
-            reach = sum(c.effect == name for c in self.candidates)
-            joints = sum(c.effect == name for c in effects)
-            total += log(len(names)) + joints * (log(reach) + SURE)
-        return total
+        joints = Counter(c.effect for c in effects)
+        return sum(log(len(self._reach)) + n * (log(self._reach[name]) + SURE) for name, n in joints.items())
 
     @cached_property
     def _judged(self) -> np.ndarray:

@@ -1,9 +1,9 @@
 """The set of effects that is worth most, by an appraiser: forward, backward, exchange, until nothing is better.
 
 Adding one effect at a time fails where the first one imitates two others. So after every addition what has become
-superfluous goes; whole effects, on all their joints at once, compete with single ones, and at the end each effect is
-exchanged for others. A set costs one small linear solve for each run, so that thousands of them take about a second
-(floating search: Pudil, Novovičová & Kittler, Pattern Recognition Letters 15, 1994).
+superfluous goes (backward elimination); whole effects, on all their joints at once, compete with single ones, and at
+the end each effect is exchanged for others. A set costs one small linear solve for each run, so that thousands of them
+take about a second (floating search: Pudil, Novovičová & Kittler, Pattern Recognition Letters 15, 1994).
 """
 
 from collections.abc import Callable, Collection, Iterable, Sequence
@@ -12,7 +12,7 @@ from itertools import combinations
 import numpy as np
 
 from armdyn.identify.appraisal import Appraisal, Appraiser
-from armdyn.identify.score import Candidate
+from armdyn.identify.candidate import Candidate
 
 PROMISING = 12
 """Effects with the largest foretold gain that are appraised in each round."""
@@ -46,16 +46,14 @@ def chosen(appraiser: Appraiser, firm: Sequence[Candidate] = (), say: Say | None
     for _ in range(MOST_ROUNDS):
         if say is not None:
             say(f"{len(now.effects)} effects chosen")
-        steps: tuple[_Move, ...] = (_added, _exchanged, _paired)
-        if appraiser.few and appraiser.limited > 0.0 and now.effects:
-            # Beside the best of two imitations a third effect may seem missing: the right two compete with it.
-            steps = (_added_or_paired, _exchanged)
+        # Beside the best of two imitations a third effect may seem missing: the right two compete with it.
+        steps: tuple[_Move, ...] = (_added_or_paired if now.effects else _added, _exchanged, _paired)
         found = (step(appraiser, now, firm, refused) for step in steps)
         better = next((one for one in found if one is not None), None)
         if better is None:
             break
         refused.add(frozenset(better.effects))
-        fewer = needed(appraiser, better, firm)
+        fewer = backward_elimination(appraiser, better, firm)
         back = fewer is not better and frozenset(fewer.effects) in refused
         if not back and not _displaces(appraiser, fewer, now):
             refused.add(frozenset(fewer.effects))
@@ -152,12 +150,12 @@ def _whole(appraiser: Appraiser, left: Sequence[Candidate]) -> list[Appraisal]:
     for name in dict.fromkeys(c.effect for c in left):
         joints = [c for c in left if c.effect == name]
         if len(joints) > 1:
-            found.append(needed(appraiser, appraiser.of(joints)))
+            found.append(backward_elimination(appraiser, appraiser.of(joints)))
     return found
 
 
-def needed(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate] = ()) -> Appraisal:
-    """Without what has become superfluous, one after the other; `firm` effects stay."""
+def backward_elimination(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate] = ()) -> Appraisal:
+    """Backward elimination: without what the others make superfluous, one after the other; `firm` effects stay."""
     while len(now.effects) > len(firm):
         fewer = [appraiser.of([c for c in now.effects if c != gone]) for gone in now.effects if gone not in firm]
         best = max(fewer, key=lambda o: o.worth)
@@ -178,7 +176,9 @@ def _exchanged(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate], 
     left = [c for c in appraiser.candidates if c not in now.effects]
     changes = [(part, (c,)) for part in parts for c in left]
     best: Appraisal | None = None
-    for option in appraiser.promising(now, changes, PROMISING // 2 * len(parts)):
+    options = appraiser.promising(now, changes, PROMISING // 2 * len(parts))
+    now = appraiser.of(now.effects)  # its refits may have shown better what noise there is
+    for option in options:
         if option.worth <= max(now.worth, best.worth if best else -np.inf) or frozenset(option.effects) in refused:
             continue
         rest = appraiser.of([c for c in now.effects if c in option.effects])

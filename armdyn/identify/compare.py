@@ -10,10 +10,10 @@ from armdyn.identify.held_out import chi2_of
 from armdyn.identify.localise import Place, localise
 from armdyn.identify.noise import ljung_box
 from armdyn.identify.problem import Problem
+from armdyn.identify.residual_tests import ResidualTests, residual_tests
 from armdyn.identify.study import Study
 from armdyn.identify.uncertainty import uncertainty
-from armdyn.identify.unknown import absorbed_share
-from armdyn.identify.whiteness import Remainder, remainder
+from armdyn.identify.unknown import behaves_like, process_error_share
 
 NOT_WHITE = 0.01
 
@@ -93,9 +93,9 @@ class Comparison:
         fit: the minimum, with all residuals.
         parameters: of the model, by name, with the run in brackets where a value belongs to one run.
         channels: by name.
-        remainder: what is left, in numbers.
+        tests: what is left, in numbers.
         places: where it fails.
-        absorbed: share of the misfit that behaves like missing dynamics, 0 to 1; None where that cannot be said.
+        process_error: share of the misfit that behaves like missing dynamics, 0 to 1; None where that cannot be said.
         intervals_hold: whether the standard deviations can be trusted.
         at_bound: parameters that ended on a physical bound.
         undetermined: parameters that these runs say nothing about.
@@ -108,9 +108,9 @@ class Comparison:
     fit: Fit
     parameters: dict[str, FittedParameter]
     channels: dict[str, ChannelQuality]
-    remainder: Remainder
+    tests: ResidualTests
     places: tuple[Place, ...]
-    absorbed: float | None
+    process_error: float | None
     intervals_hold: bool
     at_bound: tuple[str, ...]
     undetermined: tuple[str, ...]
@@ -121,7 +121,7 @@ class Comparison:
     @property
     def explained(self) -> bool:
         """Whether nothing is left to explain."""
-        return not self.remainder.fails
+        return not self.tests.fails
 
     @property
     def scale(self) -> Scale:
@@ -155,15 +155,15 @@ class Comparison:
             worst = self.places[0]
             text += f"; worst against {worst.against} from {worst.start:.3g} to {worst.end:.3g} {worst.unit}"
             text += f" in {worst.run}" if worst.run else ""
-        if self.absorbed is not None:
-            text += "; it behaves like " + ("missing dynamics" if self.absorbed > 0.55 else "a sensor error")
+        if self.process_error is not None:
+            text += f"; {behaves_like(self.process_error)}"
         return text + "." + (f" {self.correction.sentence}" if self.correction is not None else "")
 
 
 def compare(study: Study) -> Comparison:
     """Fit the model of a study as it is and look at what is left."""
     fit = study.first()
-    found = comparison(study, fit, remainder(fit, study.scores(fit, study.present)))
+    found = comparison(study, fit, residual_tests(fit, study.scores(fit, study.present)))
     return replace(found, correction=_correction(study))
 
 
@@ -180,8 +180,8 @@ def _correction(study: Study) -> Correction | None:
     return Correction(best, fitted_parameters(others, best), wrong, places)
 
 
-def comparison(study: Study, fit: Fit, left: Remainder, *, absorbed: bool = True) -> Comparison:
-    """What there is to say about one fit; `absorbed` = False leaves out the slow question dynamics or sensor."""
+def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bool = True) -> Comparison:
+    """What there is to say about one fit; `process_error` = False leaves out the slow question dynamics or sensor."""
     held_out = study.held_out_blocks(fit)
     held_out_rmse = channel_rmse(held_out) if held_out is not None else {}
     exam_rmse = channel_rmse(study.exam_blocks(fit))
@@ -203,9 +203,9 @@ def comparison(study: Study, fit: Fit, left: Remainder, *, absorbed: bool = True
         fit=fit,
         parameters=fitted_parameters(study, fit),
         channels=channels,
-        remainder=left,
+        tests=left,
         places=localise(fit),
-        absorbed=absorbed_share(fit) if absorbed and left.fails else None,
+        process_error=process_error_share(fit) if process_error and left.fails else None,
         intervals_hold=not left.fails and all(c.white > NOT_WHITE / len(channels) for c in channels.values()),
         at_bound=tuple(sorted(ends)),
         undetermined=tuple(

@@ -4,12 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from armdyn.faults import outlier_sentence
+from armdyn.identify.candidate import Candidate
 from armdyn.identify.compare import Comparison, comparison
 from armdyn.identify.explained import Scale, share_gone
 from armdyn.identify.fit import channel_rmse
 from armdyn.identify.remedies import remedies
-from armdyn.identify.rung import rung_of
-from armdyn.identify.score import Candidate
+from armdyn.identify.repair_step import repair_step
+from armdyn.identify.residual_tests import LARGEST_Z
 from armdyn.identify.search import Progress, Search, Step, search
 from armdyn.identify.sentence import Left, repair_sentences
 from armdyn.identify.study import Study
@@ -17,7 +19,6 @@ from armdyn.identify.suspects import Suspect
 from armdyn.identify.uncertainty import FAR_ABOVE_STATED
 from armdyn.identify.unknown import Unknown, characterise
 from armdyn.identify.verdict import Verdict
-from armdyn.identify.whiteness import LARGEST_Z
 
 IDEALISED = 0.97
 """Share of the misfit that the catalogue must explain where what is left is of the size of the noise: its effects are
@@ -59,17 +60,20 @@ def diagnose(study: Study, progress: Progress | None = None) -> Diagnosis:
     found = search(study, progress)
     start, last = found.steps[0], found.last
     unseen = {s.candidate.effect: s.same_as for s in study.scores(start.fit, start.effects) if s.same_as}
-    unknown = characterise(last.fit) if last.remainder.fails else None
+    unknown = characterise(last.fit) if last.tests.fails else None
     verdict = judge(study, found, unknown)
     advice: tuple[str, ...] = ()
     if verdict is Verdict.CANNOT_TELL_APART:
-        advice = remedies([e.effect for e in (*_added(found), *_ties(study, found))])
+        advice = remedies([e.effect for e in (*_added(found), *_ties(study, found))], study.runs)
+    said = (
+        headline(study, found, unknown)
+        if verdict is Verdict.EFFECT_MISSING
+        else _sentence(verdict, found, unknown, advice, explained_share(study, start, last), _ties(study, found))
+    )
     return Diagnosis(
         verdict=verdict,
-        sentence=headline(study, found, unknown)
-        if verdict is Verdict.EFFECT_MISSING
-        else _sentence(verdict, found, unknown, advice, explained_share(study, start, last), _ties(study, found)),
-        comparison=comparison(study, start.fit, start.remainder),
+        sentence=said + outlier_sentence(study.runs),
+        comparison=comparison(study, start.fit, start.tests),
         suspects=found.suspects,
         unseen=unseen,
         remedies=advice,
@@ -80,17 +84,17 @@ def diagnose(study: Study, progress: Progress | None = None) -> Diagnosis:
 
 def headline(study: Study, found: Search, unknown: Unknown | None) -> str:
     """What is missing, how much it explains, and what is left."""
-    ladder = [rung_of(study, step) for step in found.steps]
+    steps = [repair_step(study, step) for step in found.steps]
     blocks = found.last.fit.blocks
     scale = Scale({b.channel: study.unit(b.channel) for b in blocks}, {b.channel: b.noise for b in blocks})
-    left = Left(found.last.remainder.fails, unknown.sentence if unknown is not None else "")
-    return repair_sentences(ladder, study.judges[0], scale, left)
+    left = Left(found.last.tests.fails, unknown.sentence if unknown is not None else "")
+    return repair_sentences(steps, study.judges[0], scale, left)
 
 
 def judge(study: Study, found: Search, unknown: Unknown | None) -> Verdict:
     """The verdict on a finished search."""
     start, last = found.steps[0], found.last
-    beyond = last.remainder.fails and unknown is not None and (unknown.significant or _above_stated_noise(study, last))
+    beyond = last.tests.fails and unknown is not None and (unknown.significant or _above_stated_noise(study, last))
     if len(found.steps) == 1:
         return Verdict.UNKNOWN_EFFECT if beyond else Verdict.EXPLAINED
     if beyond:
@@ -136,7 +140,7 @@ def _sentence(
     start = found.steps[0]
     chi2 = f"χ² per sample {start.fit.chi2_per_sample:.3g}"
     if verdict is Verdict.EXPLAINED:
-        if start.remainder.fails:
+        if start.tests.fails:
             return f"{Verdict.EXPLAINED.value[:-1]}, and the noise is coloured ({chi2})."
         return f"{Verdict.EXPLAINED.value[:-1]} ({chi2})."
     if verdict is Verdict.UNKNOWN_EFFECT:

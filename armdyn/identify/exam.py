@@ -51,5 +51,5 @@ def prepared_exam(
         name = run.name if run.name not in names else f"exam/{run.name}"
         name = name if name not in names else f"exam {i + 1}/{run.name}"
         names.add(name)
-        result += model.pieces(ready(model, replace(run, name=name)))
+        result += model.start.pieces(ready(model, replace(run, name=name)))
     return result

@@ -17,7 +17,7 @@ from armdyn.identify.exam import Judge
 
 
 class Errors(Protocol):
-    """Rms errors by channel at one step of a repair; a `Rung` is one."""
+    """Rms errors by channel at one step of a repair; a `RepairStep` is one."""
 
     @property
     def rmse(self) -> Mapping[str, float]:

@@ -37,7 +37,7 @@ def first_fit(problem: Problem) -> tuple[Fit, np.ndarray]:
     Returns:
         The fit, and (P,) the values that the model came with, with what `begun` found of each run.
     """
-    if problem.model.first_window is None:  # any start will do
+    if problem.model.start.window is None:  # any start will do
         begin = near = problem.start()
         free = _most_determined(problem, begin)
         found = fit(problem, free, begin)
@@ -96,11 +96,11 @@ def start_of(single: Problem, values: np.ndarray, free: np.ndarray) -> np.ndarra
     """
     (run,), model = single.runs, single.model
     theta = single.theta(0, values)
-    guesses = model.plausible_starts(run, theta)
+    guesses = model.start.candidates(run, theta)
     if not guesses:
         return values
     moved = free & single.of(list(guesses[0]))
-    window, end = model.first_stretch(theta), duration(run)
+    window, end = model.start.stretch(theta), duration(run)
     cut, these = _cut(single, free, window)
     own = _descended(cut, these, values)
     if own.chi2_per_sample < NEAR_NOISE and np.array_equal(determined(cut, moved, own.values), moved):
@@ -196,7 +196,7 @@ def _most_determined(problem: Problem, *points: np.ndarray) -> np.ndarray:
     tells.
     """
     found = max((determined(problem, problem.fitted, p) for p in points), key=lambda free: int(free.sum()))
-    stretch = problem.model.first_stretch(problem.theta(0, points[-1]))
+    stretch = problem.model.start.stretch(problem.theta(0, points[-1]))
     if np.isfinite(stretch) and not np.array_equal(found & problem.per_run, problem.fitted & problem.per_run):
         cut, _ = _cut(problem, found, stretch)
         found = found | (problem.per_run & determined(cut, problem.fitted, points[-1]))

@@ -163,7 +163,7 @@ def told(problem: Problem, free: np.ndarray, window: float) -> np.ndarray:
 
 def _windows(problem: Problem, growth: float) -> list[float]:
     longest = max(duration(run) for run in problem.runs)
-    result, window = [], problem.model.first_window
+    result, window = [], problem.model.start.window
     while window is not None and window < 0.9 * longest:
         result.append(window)
         window *= growth

@@ -46,10 +46,8 @@ class Place:
 def localise(fit: Fit) -> tuple[Place, ...]:
     """The worst places first; empty where nothing stands out of the noise."""
     problem = fit.problem
-    circumstances = [
-        problem.model.circumstances(run, problem.theta(i, fit.values)) for i, run in enumerate(problem.runs)
-    ]
-    by_name = {run.name: found for run, found in zip(problem.runs, circumstances, strict=True)}
+    covariates = [problem.model.covariates(run, problem.theta(i, fit.values)) for i, run in enumerate(problem.runs)]
+    by_name = {run.name: found for run, found in zip(problem.runs, covariates, strict=True)}
     places: list[Place] = []
     for channel in dict.fromkeys(block.channel for block in fit.blocks):
         blocks = [block for block in fit.blocks if block.channel == channel]

@@ -28,7 +28,7 @@ def prepared(model: Model, runs: Sequence[Run], held_out: Sequence[Run] = ()) ->
     check_distinct({"a training run": runs, "a held-out run": held_out})
     check_distinct_data(model, [*runs, *held_out])
     named = _with_distinct_names([*runs, *held_out])
-    found = [model.pieces(ready(model, run)) for run in named]
+    found = [model.start.pieces(ready(model, run)) for run in named]
     return list(chain(*found[: len(runs)])), list(chain(*found[len(runs) :]))
 
 
@@ -47,7 +47,7 @@ def noise_of_runs(model: Model, runs: Sequence[Run]) -> dict[tuple[str, str], fl
 
 def stated_noise(model: Model, runs: Sequence[Run]) -> dict[tuple[str, str], float]:
     """By run and channel, where it is stated: standard deviation that the noise of what is compared has at most."""
-    stated = {run.name: model.stated_noise(run) for run in runs}
+    stated = {run.name: run.recording.noise for run in runs}
     return {
         (run.name, name): stated[run.name][name]
         for run in runs

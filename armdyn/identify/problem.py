@@ -90,7 +90,7 @@ class Problem:
             if parameter.scope == "shared" and parameter.name not in differing:
                 columns.append(Column(parameter.name, _informed(parameter, runs[0]), index, None))
         for i, run in enumerate(runs):
-            guess = model.initial_guess(run)
+            guess = model.start.guess(run)
             for index, parameter in enumerate(model.parameters.values()):
                 if parameter.scope == "shared" and parameter.name not in differing:
                     continue

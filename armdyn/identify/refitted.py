@@ -5,16 +5,17 @@ refitted is foretold from one expansion with every effect, at the best set so fa
 little: there every effect is sketched in a few steps, and the best get other starts as well.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache
 from itertools import combinations
 
 import numpy as np
 
-from armdyn.identify.appraisal import NOISY, Appraisal, Appraiser, Change, level_of
+from armdyn.identify.appraisal import NOISY, Appraisal, Appraiser, Change
+from armdyn.identify.candidate import Candidate
 from armdyn.identify.fit import GROSS, Fit
 from armdyn.identify.problem import Block
-from armdyn.identify.score import Candidate
-from armdyn.identify.study import Study
+from armdyn.identify.study import LONG, Study
 from armdyn.identify.subset import Solver, Subset
 from armdyn.identify.summed import Summed, deviations
 from armdyn.identify.sums import sums_at
@@ -46,12 +47,14 @@ class Refitted(Appraiser):
 
     Args:
         study: model, runs, catalogue.
+        say: told how many of how many sets are tried.
     """
 
     few = True
 
-    def __init__(self, study: Study) -> None:
+    def __init__(self, study: Study, say: Callable[[str], None] | None = None) -> None:
         self._study = study
+        self._say = say or (lambda _: None)
         first = study.first()
         self._fits: dict[frozenset[Candidate], Fit] = {frozenset(): first}
         self._rough: set[frozenset[Candidate]] = set()  # sketched, not fitted
@@ -59,7 +62,7 @@ class Refitted(Appraiser):
         self._contenders: dict[frozenset[Candidate], tuple[Candidate, ...]] = {}
         p = study.problem
         self._base = p.fitted & ~p.of([n for c in study.candidates for n in c.names])
-        candidates = tuple(c.on([joint]) if joint else c for c in study.candidates for joint in (c.joints or ("",)))
+        candidates = tuple(atom for c in study.candidates for atom in c.apart())
         super().__init__(sums_at(first, first.blocks, self._held_out(first)), self._base, candidates)
         self._expand(first, frozenset())
 
@@ -95,11 +98,8 @@ class Refitted(Appraiser):
     def _learn(self, fit: Fit) -> None:
         """A fit that leaves less than the richest model of the expansion shows better what noise there is."""
         units, importance = self._training, self._importance[self._training]
-        before = self.level[units]
         left = {unit: block.misfit for unit, block in zip(units.tolist(), fit.blocks, strict=True)}
-        error = np.zeros(len(self.level))
-        error[units] = [np.mean(residual**2) for residual in left.values()]
-        if importance @ level_of(self.sums, error)[units] < importance @ before:
+        if importance @ self._levels(left)[units] < importance @ self.level[units]:
             self.measure(left)
 
     def _solved(self, effects: tuple[Candidate, ...]) -> tuple[Solver, Subset]:
@@ -176,22 +176,30 @@ class Refitted(Appraiser):
         return self._contenders[key]
 
     def _raced(self, now: Appraisal, options: Sequence[Sequence[Candidate]]) -> list[Appraisal]:
-        """Every option is sketched; the best are carried on, and get other starts where none comes close."""
+        """Every option is sketched; the best are carried on, and get other starts where none comes close.
+
+        Of a long recording only those are sketched whole that suit its beginning best.
+        """
         study, near = self._study, self.fit(now)
         sets = [(*now.effects, *option) for option in options]
-        for effects in sets:
-            key, wanted = frozenset(effects), (*study.present, *effects)
-            if key not in self._fits:
-                self._fits[key] = study.sketch(wanted, near)
-                self._rough.add(key)
+
+        @cache
+        def begins(effects: tuple[Candidate, ...]) -> float:
+            return study.begins((*study.present, *effects), near)
+
+        if near.samples > LONG:
+            sets = sorted(sets, key=begins)[:REFITTED]
+        for effects in self._counted(sets, "sketched"):
+            if frozenset(effects) not in self._fits:
+                self._sketched(effects)
         ranked = sorted(sets, key=lambda effects: self._fits[frozenset(effects)].cost)[:REFITTED]
         found = [one.effects for one in self._followed(ranked)]
         if min(self._fits[frozenset(effects)].chi2_per_sample for effects in ranked) > NOISY:
             whole = sorted(found, key=lambda effects: self._fits[frozenset(effects)].cost)
-            early = sorted(sets, key=lambda effects: study.begins((*study.present, *effects), near))
+            early = sorted(sets, key=begins)
             tried = list(dict.fromkeys(e for pair in zip(early, whole, strict=False) for e in pair))[:THOROUGH]
             found += [effects for effects in tried if effects not in found]
-            for effects in tried:
+            for effects in self._counted(tried, "tried from other starts"):
                 key = frozenset(effects)
                 self._keep(key, study.fit_thoroughly((*study.present, *effects), self._fits[key]))
                 if self._fits[key].chi2_per_sample < NOISY:
@@ -226,7 +234,7 @@ class Refitted(Appraiser):
 
     def _followed(self, sets: Sequence[tuple[Candidate, ...]]) -> list[Appraisal]:
         """Appraisals of sets: all are sketched, those that lead are carried on."""
-        for effects in sets:
+        for effects in self._counted(sets, "tried"):
             self._sketched(effects)
         standing = {k: self._fits[k].cost + 2.0 * self.price(e) for e in sets for k in [frozenset(e)]}
         order = sorted(standing, key=lambda key: standing[key])
@@ -234,6 +242,11 @@ class Refitted(Appraiser):
             if key in self._rough and (place < LEADING or standing[key] < standing[order[0]] + BEHIND):
                 self._carry_on(key)
         return [self.of(effects) for effects in sets]
+
+    def _counted(self, sets: Sequence[tuple[Candidate, ...]], done: str) -> Iterator[tuple[Candidate, ...]]:
+        for i, effects in enumerate(sets):
+            self._say(f"{i} of {len(sets)} candidates {done}")
+            yield effects
 
     def _carry_on(self, key: frozenset[Candidate]) -> None:
         self._keep(key, self._study.fit_with((*self._study.present, *key), self._fits[key]))

@@ -1,6 +1,8 @@
 """What would tell tied effects apart."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+
+from armdyn.run import Run
 
 _WEIGH = 'weigh the load and state it (mass = "80 g +/- 0.4 g")'
 _MEASURE = 'measure the string and state it (length = "0.368 m +/- 1 mm")'
@@ -28,11 +30,31 @@ _GROUPS: tuple[tuple[frozenset[str], tuple[str, ...]], ...] = (
 )  # fmt: skip
 
 
-def remedies(tied: Iterable[str]) -> tuple[str, ...]:
-    """What to do so that the next runs tell these effects apart."""
+_OTHER_POSTURES = "record the arm in other postures and with faster motions"
+
+
+def remedies(tied: Iterable[str], runs: Sequence[Run] = ()) -> tuple[str, ...]:
+    """What to do so that the next runs tell these effects apart; nothing that was done for these runs."""
     names = set(tied)
     found: list[str] = []
     for group, advice in _GROUPS:
         if len(names & group) > 1:
             found += advice
-    return tuple(dict.fromkeys(found)) or (_RICHER, _ANGLE)
+    if not found:
+        found = [_OTHER_POSTURES] if any(run.joints for run in runs) else [_RICHER, _ANGLE]
+    fitting = tuple(dict.fromkeys(advice for advice in found if not _done(advice, runs)))
+    return fitting or ((_OTHER_POSTURES,) if any(run.joints for run in runs) else (_RICHER,))
+
+
+def _done(advice: str, runs: Sequence[Run]) -> bool:
+    """Whether all runs have what is advised, or cannot have it."""
+    if not runs:
+        return False
+    measured = set.intersection(*(set(run.measured) for run in runs))
+    known = set.intersection(*(set(run.known) for run in runs))
+    return (
+        (advice == _ANGLE and bool({"swing_angle", "swing_rate"} & measured))
+        or (advice == _REST and "load_force" not in measured)
+        or (advice == _WEIGH and "mass" in known)
+        or (advice == _MEASURE and "length" in known)
+    )

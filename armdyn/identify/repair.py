@@ -1,4 +1,4 @@
-"""Add what is missing until the runs are explained, and keep the ladder that shows the error falling."""
+"""Add what is missing until the runs are explained, and keep every step with its errors."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -6,19 +6,20 @@ from typing import TYPE_CHECKING
 
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
+from armdyn.faults import outlier_sentence
 from armdyn.identify.bodies import links_of
 from armdyn.identify.compare import Comparison, comparison
 from armdyn.identify.diagnose import IDEALISED, explained_share, judge
 from armdyn.identify.explained import explained
 from armdyn.identify.fit import Fit
-from armdyn.identify.rung import Rung, rung_of
+from armdyn.identify.repair_step import RepairStep, repair_step
+from armdyn.identify.residual_tests import residual_tests
 from armdyn.identify.search import Progress, Search, Step, search
 from armdyn.identify.sentence import Left, repair_sentences
 from armdyn.identify.study import Study
 from armdyn.identify.uncertainty import FAR_ABOVE_STATED
 from armdyn.identify.unknown import Unknown, characterise
 from armdyn.identify.verdict import Verdict
-from armdyn.identify.whiteness import remainder
 from armdyn.model import Model
 
 if TYPE_CHECKING:
@@ -33,23 +34,25 @@ class Repair:
         verdict: of the model after the repair.
         sentence: for a person.
         model: with the effects and their fitted values.
-        ladder: the model as given first.
+        path: the model as given first.
         before: the model as given, against the runs.
         after: the repaired model, against the runs.
         unknown: what is left, where something is.
         links: those of an arm that effects change, in kg, m and kg m^2.
         explained: share of the misfit that is gone; see `explained`.
+        steps: the same with their fits.
     """
 
     verdict: Verdict
     sentence: str
     model: Model
-    ladder: tuple[Rung, ...]
+    path: tuple[RepairStep, ...]
     before: Comparison
     after: Comparison
     unknown: Unknown | None
     links: tuple["LinkChange", ...] = ()
     explained: float = 0.0
+    steps: tuple[Step, ...] = ()
 
 
 def repair(study: Study, progress: Progress | None = None) -> Repair:
@@ -60,7 +63,7 @@ def repair(study: Study, progress: Progress | None = None) -> Repair:
 def add(study: Study, wanted: Iterable[Effect]) -> Repair:
     """Add these effects, one after the other, whether or not the runs ask for them."""
     effects, now = study.present, study.first()
-    steps = [Step((), (), (), effects, now, remainder(now, study.scores(now, effects)))]
+    steps = [Step((), (), effects, now, residual_tests(now, study.scores(now, effects)))]
     for effect in wanted:
         found = next((c for c in study.candidates if c.effect == effect.name), None)
         if found is None:
@@ -70,18 +73,18 @@ def add(study: Study, wanted: Iterable[Effect]) -> Repair:
         candidate = found.on(effect.joints) if effect.joints else found
         effects = (*effects, candidate)
         now = study.fit_with(effects, now)
-        steps.append(Step((candidate,), (), (), effects, now, remainder(now, study.scores(now, effects))))
+        steps.append(Step((candidate,), (), effects, now, residual_tests(now, study.scores(now, effects))))
     return _concluded(study, Search(tuple(steps)), searched=False)
 
 
 def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
     start, last = found.steps[0], found.last
-    unknown = characterise(last.fit) if last.remainder.fails else None
+    unknown = characterise(last.fit) if last.tests.fails else None
     verdict = _verdict(study, found, unknown)
     if verdict is Verdict.UNKNOWN_EFFECT and not searched:
         verdict = Verdict.EFFECT_MISSING  # the catalogue was not asked
-    ladder = tuple(rung_of(study, step) for step in found.steps)
-    after = comparison(study, last.fit, last.remainder, absorbed=False)
+    path = tuple(repair_step(study, step) for step in found.steps)
+    after = comparison(study, last.fit, last.tests, process_error=False)
     links = links_of(study, last.fit)
     left = Left(
         something=verdict is not Verdict.EXPLAINED,
@@ -91,14 +94,15 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
     )
     return Repair(
         verdict=verdict,
-        sentence=repair_sentences(ladder, study.judges[0], after.scale, left),
+        sentence=repair_sentences(path, study.judges[0], after.scale, left) + outlier_sentence(study.runs),
         model=fitted_model(study, last),
-        ladder=ladder,
-        before=comparison(study, start.fit, start.remainder, absorbed=False),
+        path=path,
+        before=comparison(study, start.fit, start.tests, process_error=False),
         after=after,
         unknown=unknown,
         links=links,
-        explained=explained(ladder[0], ladder[-1], study.judges[0], after.scale),
+        explained=explained(path[0], path[-1], study.judges[0], after.scale),
+        steps=found.steps,
     )
 
 
@@ -137,7 +141,7 @@ def _values(study: Study, fit: Fit) -> dict[str, tuple[float, float | None, bool
 
 def _verdict(study: Study, found: Search, unknown: Unknown | None) -> Verdict:
     """After a repair: explained, or what still stands in the way."""
-    if not found.last.remainder.fails:
+    if not found.last.tests.fails:
         return Verdict.EXPLAINED
     if judge(study, Search(found.steps[-1:]), unknown) is Verdict.EXPLAINED:
         return Verdict.EXPLAINED  # coloured noise

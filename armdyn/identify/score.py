@@ -4,56 +4,17 @@ With r the residual and J the derivatives of everything fitted, Q = orth(J), an 
 chi2 by about (d' r)^2 / (d' d), d' = d - Q Q^T d: Rao's score test (Rao 1948; Silvey, Statistical Inference, §7.4).
 """
 
-from collections.abc import Sequence, Set
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from armdyn.identify.candidate import Candidate
 from armdyn.identify.fit import Fit
 from armdyn.identify.problem import Block, Problem
 
 IDENTIFIABLE = 1e-3
 """An effect of whose derivatives the fitted parameters leave less than this share cannot be seen in these runs."""
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """One effect that could be added.
-
-    Attributes:
-        effect: its name.
-        joints: where, for an arm.
-        names: of its parameters.
-    """
-
-    effect: str
-    joints: tuple[str, ...]
-    names: tuple[str, ...]
-
-    @property
-    def label(self) -> str:
-        """The name, with the joints, as commands take it."""
-        return f"{self.effect}:{','.join(self.joints)}" if self.joints else self.effect
-
-    @property
-    def spoken(self) -> str:
-        """For a person: the name, with a joint or two, or with how many they are."""
-        if not self.joints:
-            return self.effect
-        return f"{self.effect} on " + (
-            " and ".join(self.joints) if len(self.joints) < 3 else f"{len(self.joints)} joints"
-        )
-
-    def on(self, joints: Sequence[str]) -> "Candidate":
-        """The same effect on some of its joints."""
-        names = tuple(n for n in self.names if any(n.endswith(f"[{joint}]") for joint in joints))
-        return Candidate(self.effect, tuple(joints), names)
-
-    def without(self, taken: Set[str]) -> "Candidate":
-        """What is left of it when these parameters are in the model already."""
-        names = tuple(n for n in self.names if n not in taken)
-        joints = tuple(j for j in self.joints if any(n.endswith(f"[{j}]") for n in names))
-        return Candidate(self.effect, joints, names)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,14 +26,12 @@ class Score:
         drop: predicted fall of chi2, respecting the bounds.
         independence: share of its derivatives that the fitted parameters leave, 0 to 1.
         same_as: the fitted parameters that imitate it, where the independence is below `IDENTIFIABLE`.
-        signature: (N,) unit vector of what it would change in the residual beyond the fitted parameters.
     """
 
     candidate: Candidate
     drop: float
     independence: float
     same_as: tuple[str, ...]
-    signature: np.ndarray
 
 
 def stacked(problem: Problem, blocks: Sequence[Block], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -107,9 +66,8 @@ def _score(
     problem = fit.problem
     norms = np.linalg.norm(directions, axis=0)
     seen = directions[:, norms > 0]
-    nothing = Score(candidate, 0.0, 0.0, (), np.zeros(len(residual)))
     if seen.shape[1] == 0:
-        return nothing
+        return Score(candidate, 0.0, 0.0, ())
     shares = Q.T @ seen
     left = seen - Q @ shares
     independence = float(np.max(np.linalg.norm(left, axis=0) / norms[norms > 0]))
@@ -117,14 +75,13 @@ def _score(
         weights = np.abs(np.linalg.solve(R, shares[:, 0]) * np.linalg.norm(R, axis=0))
         names = [c.name for c, f in zip(problem.columns, fit.free, strict=True) if f]
         imitators = tuple(n for n, w in zip(names, weights, strict=True) if w > 0.3 * weights.max())
-        return Score(candidate, 0.0, independence, imitators, nothing.signature)
+        return Score(candidate, 0.0, independence, imitators)
     step = np.zeros(len(norms))
     step[norms > 0] = np.linalg.lstsq(left, residual, rcond=1e-6)[0]
     values = fit.values[columns]
     allowed = np.where(step < 0, values > problem.lower[columns], values < problem.upper[columns])
     inside = left[:, allowed[norms > 0]]
     if inside.shape[1] == 0:
-        return Score(candidate, 0.0, independence, (), nothing.signature)
+        return Score(candidate, 0.0, independence, ())
     change = inside @ np.linalg.lstsq(inside, residual, rcond=1e-6)[0]
-    size = float(np.linalg.norm(change))
-    return Score(candidate, size**2, independence, (), change / size if size > 0 else nothing.signature)
+    return Score(candidate, float(change @ change), independence, ())

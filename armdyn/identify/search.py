@@ -6,14 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from armdyn.identify.appraisal import Appraisal, Appraiser
+from armdyn.identify.candidate import Candidate
 from armdyn.identify.choose import chosen, foremost
 from armdyn.identify.fit import Fit
-from armdyn.identify.ladder import merged, rises
 from armdyn.identify.refitted import Refitted
-from armdyn.identify.score import Candidate
+from armdyn.identify.repair_path import merged, rises
+from armdyn.identify.residual_tests import ResidualTests, residual_tests
 from armdyn.identify.study import Study
 from armdyn.identify.suspects import Suspect, suspects
-from armdyn.identify.whiteness import Remainder, remainder
 
 FAR = 3.0
 """Typical sizes beyond which sums around null say little of a base that is turned: 0.3 rad."""
@@ -27,21 +27,17 @@ class Step:
 
     Attributes:
         added: effects that came in; empty for the model as given.
-        removed: effects that went out.
         tied: effects that these runs cannot tell from the one added.
         effects: all effects after it.
         fit: the minimum after it.
-        remainder: what is left.
-        whole: whether `tied` counts for all effects together, not only for the one added.
+        tests: what is left.
     """
 
     added: tuple[Candidate, ...]
-    removed: tuple[Candidate, ...]
     tied: tuple[Candidate, ...]
     effects: tuple[Candidate, ...]
     fit: Fit
-    remainder: Remainder
-    whole: bool = False
+    tests: ResidualTests
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +64,6 @@ class Search:
         for step in reversed(self.steps):
             if any(effect in self.last.effects for effect in step.added):
                 found.update(dict.fromkeys(step.tied))
-            if step.whole:
-                break
         return tuple(effect for effect in found if effect not in self.last.effects)
 
 
@@ -82,9 +76,9 @@ def search(study: Study, progress: Progress | None = None) -> Search:
     say("fitting the model as it is")
     first = study.first()
     choice = _by_sums(study, first, say) if study.model.linear else _by_refits(study, first, say)
-    steps = [Step((), (), (), study.present, first, remainder(first, study.scores(first, study.present)))]
+    steps = [Step((), (), study.present, first, residual_tests(first, study.scores(first, study.present)))]
     steps += _climbed(study, choice.appraiser, choice.whole, steps[0], choice.ahead, say)
-    if study.model.linear and len(steps) > 1 and steps[-1].remainder.fails:
+    if study.model.linear and len(steps) > 1 and steps[-1].tests.fails:
         # What multiplies others, such as a delay of a spring's torque, shows where they are.
         around = study.appraiser(steps[-1].fit)
         present = around.within(steps[-1].effects)
@@ -114,7 +108,7 @@ class _Choice:
 
 def _by_refits(study: Study, first: Fit, say: Progress) -> _Choice:
     """The set chosen by refits."""
-    appraiser = Refitted(study)
+    appraiser = Refitted(study, say)
     return _Choice(appraiser, chosen(appraiser, (), say), first, appraiser)
 
 
@@ -165,11 +159,12 @@ def _climbed(
     effects = last.effects
     steps: list[Step] = []
     given = study.present  # stays as it is, also where the same effect comes on further joints
-    for rise in rises(appraiser, whole, firm):
+    way = list(rises(appraiser, whole, firm))
+    for i, rise in enumerate(way):
         effects = (*given, *merged((*(e for e in effects if e not in given), rise.added)))
-        say(f"fitting with {rise.added.spoken}")
+        say(f"{i} of {len(way)} steps fitted, now {rise.added.spoken}")
         fit = study.fit_with(effects, ahead, study.own_values(appraiser, rise.appraisal))
         if rise.appraisal is whole:
             fit = study.to_the_end(fit)
-        steps.append(Step((rise.added,), (), rise.tied, effects, fit, remainder(fit, study.scores(fit, effects))))
+        steps.append(Step((rise.added,), rise.tied, effects, fit, residual_tests(fit, study.scores(fit, effects))))
     return steps

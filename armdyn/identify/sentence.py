@@ -24,7 +24,7 @@ AT_THE_NOISE = 1.1
 
 
 class Change(Errors, Protocol):
-    """One step of a repair; a `Rung` is one."""
+    """One step of a repair; a `RepairStep` is one."""
 
     @property
     def added(self) -> tuple[str, ...]:
@@ -33,10 +33,6 @@ class Change(Errors, Protocol):
     @property
     def joints(self) -> tuple[str, ...]:
         """Where, for an arm."""
-
-    @property
-    def removed(self) -> tuple[str, ...]:
-        """Effects that went out."""
 
     @property
     def tied_with(self) -> tuple[str, ...]:
@@ -60,18 +56,18 @@ class Left:
     warnings: Sequence[str] = ()
 
 
-def repair_sentences(ladder: Sequence[Change], judge: Judge, scale: Scale, left: Left) -> str:
+def repair_sentences(steps: Sequence[Change], judge: Judge, scale: Scale, left: Left) -> str:
     """What a repair found.
 
     Args:
-        ladder: the model as given first.
+        steps: the model as given first.
         judge: whose error is told: the most independent that there is.
         scale: units and noise of the channels.
         left: what remains.
     """
-    first, last = ladder[0], ladder[-1]
-    before, after = (totals(judged(rung, judge, scale), scale.units) for rung in (first, last))
-    return f"{_found(ladder, judge, scale, before, after, left.searched)} {_left(ladder[-1], scale, after, left)}"
+    first, last = steps[0], steps[-1]
+    before, after = (totals(judged(step, judge, scale), scale.units) for step in (first, last))
+    return f"{_found(steps, judge, scale, before, after, left.searched)} {_left(steps[-1], scale, after, left)}"
 
 
 def totals(errors: Mapping[str, float], units: Mapping[str, str]) -> dict[str, float]:
@@ -86,56 +82,47 @@ def totals(errors: Mapping[str, float], units: Mapping[str, str]) -> dict[str, f
     }
 
 
-def added_effects(ladder: Sequence[Change]) -> list[str]:
+def added_effects(steps: Sequence[Change]) -> list[str]:
     """Effects that are in the last model and not in the first, with their joints, in the order in which they came."""
     found: dict[str, list[str]] = {}
-    for rung in ladder[1:]:
-        for name in rung.removed:
-            found.pop(name, None)
-        for name in rung.added:
+    for step in steps[1:]:
+        for name in step.added:
             # The joints of a step that added several effects are not told apart.
-            joints = rung.joints if len(rung.added) == 1 else ()
+            joints = step.joints if len(step.added) == 1 else ()
             found.setdefault(name, []).extend(joint for joint in joints if joint not in found.get(name, []))
     return [_on(name, joints) for name, joints in found.items()]
 
 
 def _found(
-    ladder: Sequence[Change],
+    steps: Sequence[Change],
     judge: Judge,
     scale: Scale,
     before: Mapping[str, float],
     after: Mapping[str, float],
     searched: bool,
 ) -> str:
-    added, removed = added_effects(ladder), _removed(ladder)
-    if not (added or removed):
+    added = added_effects(steps)
+    if not added:
         return f"Nothing was added: the error {WHOSE[judge]} is {_sizes(before)}."
     named = added if len(added) <= MOST_EFFECTS else [*added[: MOST_EFFECTS - 1], f"{len(added) - 3} more effects"]
     several = len(added) > 1
-    ties = list(dict.fromkeys(tied for rung in ladder for tied in rung.tied_with))
-    share = explained(ladder[0], ladder[-1], judge, scale)
+    ties = list(dict.fromkeys(tied for step in steps for tied in step.tied_with))
+    share = explained(steps[0], steps[-1], judge, scale)
     helps = share > 0.0
     is_missing = "missing" if searched and helps else "added"
-    text = f"{_listed(named)} {_verb(added, is_missing)} {is_missing}" if added else ""
+    verb = ("are" if several else "is") if is_missing == "missing" else ("were" if several else "was")
+    text = f"{_listed(named)} {verb} {is_missing}"
     if ties:
         text += f" (these runs cannot tell {_listed(ties, 'or')} from {'them' if several else 'it'})"
-    if removed:
-        text += f"{' and ' if added else ''}{_listed(removed)} {_verb(removed, 'missing')} superfluous"
     them = "they explain" if several else "it explains"
-    if added and helps:
+    if helps:
         text += f": {them} {_percent(share)} of the misfit"
         # The first one often does most, and a reader wants to know.
-        if several and len(ladder) > 2 and len(ladder[1].added) == 1:
-            alone = explained(ladder[0], ladder[1], judge, scale)
+        if several and len(steps) > 2 and len(steps[1].added) == 1:
+            alone = explained(steps[0], steps[1], judge, scale)
             if 0.5 < alone < share:
-                text += f", {ladder[1].added[0]} alone {_percent(alone)}"
-    return f"{text}{';' if added else ':'} the error {WHOSE[judge]} {_change(before, after)}."
-
-
-def _verb(effects: Sequence[str], what: str) -> str:
-    if what == "missing":
-        return "are" if len(effects) > 1 else "is"
-    return "were" if len(effects) > 1 else "was"
+                text += f", {steps[1].added[0]} alone {_percent(alone)}"
+    return f"{text}; the error {WHOSE[judge]} {_change(before, after)}."
 
 
 def _left(last: Change, scale: Scale, after: Mapping[str, float], left: Left) -> str:
@@ -166,18 +153,6 @@ def _change(before: Mapping[str, float], after: Mapping[str, float]) -> str:
 
 def _sizes(by_unit: Mapping[str, float]) -> str:
     return _listed([f"{_number(error)} {unit}" for unit, error in by_unit.items()])
-
-
-def _removed(ladder: Sequence[Change]) -> list[str]:
-    """Effects that the model as given had and the last one lacks."""
-    came: set[str] = set()
-    gone: dict[str, None] = {}
-    for rung in ladder[1:]:
-        gone.update(dict.fromkeys(name for name in rung.removed if name not in came))
-        came.update(rung.added)
-        for name in rung.added:
-            gone.pop(name, None)
-    return list(gone)
 
 
 def _on(name: str, joints: Sequence[str]) -> str:

@@ -1,11 +1,12 @@
 """A model, runs and a catalogue: every fit that a diagnosis or a repair asks for, each done once."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from armdyn.effects.effect import Effect
 from armdyn.identify.appraisal import Appraisal, Appraiser
+from armdyn.identify.candidate import Candidate
 from armdyn.identify.exam import Judge, judges, prepared_exam
 from armdyn.identify.first_fit import first_fit
 from armdyn.identify.fit import GROWTHS, SETTLED_WINDOW, Fit, determined, first_part, fit
@@ -13,7 +14,7 @@ from armdyn.identify.held_out import held_out_blocks
 from armdyn.identify.least_squares import Outcome
 from armdyn.identify.prepare import noise_of_runs, prepared, stated_noise
 from armdyn.identify.problem import Block, Problem
-from armdyn.identify.score import Candidate, Score, scores
+from armdyn.identify.score import Score, scores
 from armdyn.identify.summed import Summed
 from armdyn.identify.sums import sums
 from armdyn.model import Model
@@ -70,13 +71,13 @@ class Study:
         extended = model.with_candidates(self.effects.values())
         self.problem = Problem(extended, self.runs, self.noise)
         present = (effect for effect in model.effects if effect.quantities)
-        self.present = tuple(_candidate(effect.name, model.parts(effect.name)) for effect in present)
+        self.present = tuple(Candidate.of(effect.name, model.parts(effect.name)) for effect in present)
         given = set(model.names)
         absent = (
             (effect.name, {j: ns for j, ns in extended.parts(effect.name).items() if not set(ns) <= given})
             for effect in extended.effects
         )
-        self.candidates = tuple(_candidate(name, parts) for name, parts in absent if parts)
+        self.candidates = tuple(Candidate.of(name, parts) for name, parts in absent if parts)
         self._held_out: dict[int, tuple[Fit, list[Block] | None]] = {}
         self._exam: dict[int, tuple[Fit, list[Block]]] = {}
         self._first: Fit | None = None
@@ -113,7 +114,7 @@ class Study:
         """Cost of the beginning of the runs with these effects: where errors grow, it says more than the whole."""
         free, _ = self._released(effects, near)
         model = self.problem.model
-        window = max(SETTLED_WINDOW, PERIODS * model.first_stretch(self.problem.theta(0, near.values)))
+        window = max(SETTLED_WINDOW, PERIODS * model.start.stretch(self.problem.theta(0, near.values)))
         cut = Problem(model, [first_part(run, window) for run in self.runs], self.noise)
         return fit(cut, free, self._cold(effects, near), most_steps=QUICK_STEPS).cost
 
@@ -165,7 +166,7 @@ class Study:
         free = transferred(at.free.astype(float), self.problem, everything, missing=0.0) > 0.0
         present = everything.of([n for c in self.present for n in c.names])
         base = everything.fitted & ~everything.of([n for c in (*self.candidates, *self.present) for n in c.names])
-        atoms = [c.on([joint]) if joint else c for c in self.candidates for joint in (c.joints or ("",))]
+        atoms = [atom for c in self.candidates for atom in c.apart()]
         absent = [c for c in atoms if not np.any(free & everything.of(c.names))]
         around = sums(everything, {run.name for run in self.runs}, values, absent)
         return Summed(around, (base | (present & everything.fitted)) & (free | everything.per_run), atoms)
@@ -239,7 +240,3 @@ def transferred(values: np.ndarray, source: Problem, target: Problem, *, missing
         if (key := target.key(i)) in place:
             result[i] = values[place[key]]
     return result
-
-
-def _candidate(effect: str, parts: Mapping[str, tuple[str, ...]]) -> Candidate:
-    return Candidate(effect, tuple(joint for joint in parts if joint), tuple(n for ns in parts.values() for n in ns))

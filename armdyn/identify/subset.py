@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg.lapack import dposv
 
-from armdyn.identify.score import Candidate
+from armdyn.identify.candidate import Candidate
 from armdyn.identify.sums import Sums
 from armdyn.model import Bend
 
@@ -94,7 +94,7 @@ class Solver:
         """Columns through which a candidate's unknowns act, and how, around the expansion's point."""
         p = self.sums.problem
         theta = p.theta(0, self.sums.values)
-        bend = p.model.bend(candidate.names, theta) if candidate.names else None
+        bend = p.model.linear.bend(candidate.names, theta) if p.model.linear and candidate.names else None
         return None if bend is None else (np.flatnonzero(p.of(bend.through)), bend)
 
     def normal(self, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

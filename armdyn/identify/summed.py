@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from armdyn.identify.appraisal import Appraisal, Appraiser, Change, level_of
-from armdyn.identify.score import Candidate
+from armdyn.identify.candidate import Candidate
 from armdyn.identify.subset import Solver, Subset
 from armdyn.identify.sums import Sums
 
@@ -46,13 +46,15 @@ class Summed(Appraiser):
     def foretold(self, now: Appraisal, changes: Sequence[Change]) -> list[tuple[tuple[Candidate, ...], float]]:
         """Sets after changes, best first, each with weighted squared error and twice the price."""
         found: list[tuple[tuple[Candidate, ...], float]] = []
-        for gone in dict.fromkeys(tuple(gone) for gone, _ in changes):
+        coming: dict[tuple[Candidate, ...], list[Sequence[Candidate]]] = {}
+        for gone, come in changes:
+            coming.setdefault(tuple(gone), []).append(come)
+        for gone, options in coming.items():
             rest = self.of([c for c in now.effects if c not in gone])
-            options = [come for left, come in changes if tuple(left) == gone]
-            gains = self._gains(rest, options)
-            for come, gain in zip(options, gains, strict=True):
+            remaining = self.remaining(rest)
+            for come, gain in zip(options, self._gains(rest, options), strict=True):
                 effects = (*rest.effects, *come)
-                found.append((effects, self.remaining(rest) - float(gain) + 2.0 * self.price(effects)))
+                found.append((effects, remaining - float(gain) + 2.0 * self.price(effects)))
         return sorted(found, key=lambda one: one[1])
 
     def contenders(self, rest: Appraisal) -> tuple[Candidate, ...]:

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from armdyn.identify.candidate import Candidate
 from armdyn.identify.fit import Fit
 from armdyn.identify.problem import Block, Problem
-from armdyn.identify.score import Candidate
 
 ALONE = 3
 """Steps of the fits that settle unknowns which act through another."""
@@ -110,8 +110,9 @@ def sums(problem: Problem, training: Collection[str], values: np.ndarray, absent
         values: (P,) of all unknowns.
         absent: effects at their null values, some of whose unknowns may act through another.
     """
-    driver = _drivers(problem, values, absent)
-    values, acting = _settled(problem, training, values, driver)
+    here = problem.blocks(values)
+    driver = _drivers(problem, here, absent)
+    values, acting = _settled(problem, [block for block in here if block.run in training], values, driver)
     blocks = problem.blocks(values)
     if np.any(acting != values):
         latent = driver != np.arange(len(values))
@@ -182,12 +183,12 @@ def _with_latent(here: Block, there: Block, latent: np.ndarray) -> Block:
     return replace(here, sensitivities=X)
 
 
-def _drivers(problem: Problem, values: np.ndarray, absent: Sequence[Candidate]) -> np.ndarray:
+def _drivers(problem: Problem, here: Sequence[Block], absent: Sequence[Candidate]) -> np.ndarray:
     """(P,) `Sums.driver`: of an absent effect's unknowns that change nothing, the first of the effect that does."""
-    moves = np.zeros(len(values), dtype=bool)
-    for block in problem.blocks(values):
+    moves = np.zeros(len(problem.columns), dtype=bool)
+    for block in here:
         moves |= np.any(block.sensitivities != 0.0, axis=0)
-    driver = np.arange(len(values))
+    driver = np.arange(len(moves))
     for candidate in absent:
         columns = np.flatnonzero(problem.of(candidate.names))
         if moves[columns].any():
@@ -196,12 +197,18 @@ def _drivers(problem: Problem, values: np.ndarray, absent: Sequence[Candidate]) 
 
 
 def _settled(
-    problem: Problem, training: Collection[str], values: np.ndarray, driver: np.ndarray
+    problem: Problem, here: Sequence[Block], values: np.ndarray, driver: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Expansion's point for unknowns that act through another, and the (P,) values at which they have derivatives.
 
     Each such effect is fitted alone, so that its other unknowns are near where they matter: a payload's place, the
     speed at which friction fades. While its driver is at null, they change nothing.
+
+    Args:
+        problem: model and all runs.
+        here: the training runs' units at `values`.
+        values: (P,) of all unknowns.
+        driver: (P,) see `Sums.driver`.
     """
     latent = np.flatnonzero(driver != np.arange(len(values)))
     groups = {int(d): latent[driver[latent] == d] for d in np.unique(driver[latent])}
@@ -210,8 +217,8 @@ def _settled(
     for d in groups:
         acting[d] = np.clip(values[d] + sign[d] * problem.typical[d], problem.lower[d], problem.upper[d])
     for _ in range(ALONE if groups else 0):
-        here, there = problem.blocks(values), problem.blocks(acting)
-        pairs = [(h, t) for h, t in zip(here, there, strict=True) if h.run in training]
+        there = {(block.run, block.channel): block for block in problem.blocks(acting)}
+        pairs = [(h, there[h.run, h.channel]) for h in here]
         for d, others in groups.items():
             columns = np.append(d, others)
             width = _width(problem)[columns]

@@ -7,10 +7,10 @@ import numpy as np
 from scipy.stats import chi2 as chi2_distribution
 
 from armdyn.identify.appraisal import Appraisal, Appraiser
-from armdyn.identify.choose import needed
+from armdyn.identify.candidate import Candidate
+from armdyn.identify.choose import backward_elimination
 from armdyn.identify.compare import FittedParameter
-from armdyn.identify.ladder import merged
-from armdyn.identify.score import Candidate
+from armdyn.identify.repair_path import merged
 
 MOST_NAMED = 8
 
@@ -68,7 +68,7 @@ def suspects(appraiser: Appraiser, first: Sequence[Candidate], tied: Sequence[Ca
 
 def _alone(appraiser: Appraiser, joints: Sequence[Candidate], nothing: Appraisal) -> Appraisal:
     """An effect on all joints that need it, or on the best one."""
-    several = needed(appraiser, appraiser.of(joints))
+    several = backward_elimination(appraiser, appraiser.of(joints))
     single = max((appraiser.of([c]) for c in joints), key=lambda one: one.worth)
     return max((several, single), key=lambda one: one.worth if one.effects else nothing.worth)
 

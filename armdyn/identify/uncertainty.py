@@ -20,9 +20,8 @@ from functools import cached_property
 
 import numpy as np
 
-from armdyn.identify.evidence import weighed, whitening_of
 from armdyn.identify.fit import Fit
-from armdyn.identify.noise import variance_inflation
+from armdyn.identify.noise import variance_inflation, whitened, whitening
 from armdyn.identify.problem import Block
 from armdyn.identify.study import Study
 
@@ -56,7 +55,7 @@ class Uncertainty:
     def covariance(self) -> np.ndarray:
         """(P, P) of all unknowns; zero for what was not fitted or is held by a bound."""
         if not self.inflation:
-            return weighed(self.fit, whitening_of(self.fit)).covariance
+            return whitened_covariance(self.fit)
         return self._sandwich(self.fit.free & ~self._held_by_bound, 1.0)
 
     @cached_property
@@ -75,7 +74,7 @@ class Uncertainty:
             bread += information
             meat += factors[block.channel] * information
         scale = np.sqrt(np.maximum(np.diag(bread), np.finfo(float).tiny))
-        inverse = np.linalg.pinv(bread / np.outer(scale, scale), rcond=1e-13, hermitian=True) / np.outer(scale, scale)
+        inverse = _inverse(bread, scale)
         result = np.zeros((len(wanted), len(wanted)))
         result[np.ix_(index, index)] = inverse @ meat @ inverse
         return result
@@ -93,6 +92,36 @@ class Uncertainty:
 def uncertainty(study: Study, fit: Fit) -> Uncertainty:
     """The uncertainty of a fit, by whichever of noise and model error is larger."""
     return Uncertainty(fit, _inflation(fit) if _model_limited(study, fit) else {})
+
+
+def whitened_covariance(fit: Fit) -> np.ndarray:
+    """(P, P) of generalised least squares under an autoregression of the residual; zero for what is held by a bound.
+
+    Judge et al., Theory and Practice of Econometrics, §8.2.
+    """
+    problem, free = fit.problem, np.flatnonzero(fit.free)
+    weight = problem.prior_weight[free]
+    information = np.diag(weight**2)
+    gradient = weight**2 * (problem.prior_mean - fit.values)[free]
+    for channel, (coefficients, std) in whitening(fit.blocks).items():
+        for block in (b for b in fit.blocks if b.channel == channel):
+            residual = whitened(block.residual, coefficients) / std
+            sensitivities = whitened(block.sensitivities[:, free], coefficients) / std
+            information += sensitivities.T @ sensitivities
+            gradient += sensitivities.T @ residual
+    lowest, highest = (fit.values <= problem.lower)[free], (fit.values >= problem.upper)[free]
+    moving = ~(lowest & (gradient < 0) | highest & (gradient > 0))
+    here, inner = free[moving], information[np.ix_(moving, moving)]
+    scale = np.sqrt(np.maximum(np.diag(inner), np.finfo(float).tiny))
+    covariance = np.zeros((len(fit.free), len(fit.free)))
+    covariance[np.ix_(here, here)] = _inverse(inner, scale)
+    return covariance
+
+
+def _inverse(matrix: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Pseudoinverse of a symmetric matrix whose rows are of the size of `scale`, squared."""
+    scales = np.outer(scale, scale)
+    return np.asarray(np.linalg.pinv(matrix / scales, rcond=1e-13, hermitian=True) / scales)
 
 
 def _model_limited(study: Study, fit: Fit) -> bool:

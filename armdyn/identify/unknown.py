@@ -4,10 +4,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import chi2
 
-from armdyn.identify.evidence import p_value, whitening_of
 from armdyn.identify.fit import Fit
-from armdyn.identify.noise import whitened
+from armdyn.identify.noise import whitened, whitening
 from armdyn.identify.problem import Problem
 from armdyn.run import Channel, Run
 
@@ -15,6 +15,8 @@ MOST_TERMS = 3
 SIGNIFICANCE = 1e-3
 SEGMENT = 1.5
 """s; in so short a stretch a free start absorbs missing dynamics, but no sensor error."""
+MOSTLY_DYNAMICS, MOSTLY_SENSOR = 0.7, 0.4
+"""Process-error shares above and below which it is said whether dynamics or a sensor is to blame."""
 FREQUENCIES = 600
 CHUNK = 200
 """Frequencies that are looked at together."""
@@ -38,7 +40,7 @@ class Term:
 
 
 @dataclass(frozen=True)
-class Tone:
+class SpectralPeak:
     """The strongest frequency of a residual: Hz, amplitude in the channel's unit, and probability by chance."""
 
     channel: str
@@ -53,45 +55,48 @@ class Unknown:
     """What is known of an effect outside the catalogue.
 
     Attributes:
-        absorbed: share of the misfit that free initial states in short segments absorb, 0 to 1; None where the model
-            has no initial states.
+        process_error: share of the misfit that free initial states in short segments take up, 0 to 1; None where the
+            model has no initial states.
         terms: best first.
-        tones: of the channels that have one.
+        peaks: of the channels that have one.
     """
 
-    absorbed: float | None
+    process_error: float | None
     terms: tuple[Term, ...]
-    tones: tuple[Tone, ...]
+    peaks: tuple[SpectralPeak, ...]
 
     @property
     def significant(self) -> bool:
         """Whether there is structure that coloured noise would not have."""
-        return bool(self.terms or self.tones)
+        return bool(self.terms or self.peaks)
 
     @property
     def sentence(self) -> str:
         """For a person."""
         parts = []
-        if self.absorbed is not None:
-            if self.absorbed > 0.7:
-                parts.append(f"it behaves like missing dynamics ({100 * self.absorbed:.0f} % vanish with a free state)")
-            elif self.absorbed < 0.4:
-                parts.append(f"it behaves like a sensor error ({100 * self.absorbed:.0f} % vanish with a free state)")
-            else:
-                parts.append(f"dynamics or sensor: undecided ({100 * self.absorbed:.0f} % vanish with a free state)")
+        if self.process_error is not None:
+            share = f"({100 * self.process_error:.0f} % vanish with a free state)"
+            parts.append(f"{behaves_like(self.process_error)} {share}")
         if self.terms:
             parts.append("it depends on " + ", ".join(term.expression for term in self.terms))
-        if self.tones:
-            parts.append("strongest at " + ", ".join(f"{tone.frequency:.2f} Hz" for tone in self.tones))
+        if self.peaks:
+            parts.append("strongest at " + ", ".join(f"{peak.frequency:.2f} Hz" for peak in self.peaks))
         return "; ".join(parts)
+
+
+def behaves_like(process_error: float) -> str:
+    """In words, what a process-error share says."""
+    if process_error > MOSTLY_DYNAMICS:
+        return "it behaves like missing dynamics"
+    return "it behaves like a sensor error" if process_error < MOSTLY_SENSOR else "dynamics or sensor: undecided"
 
 
 def characterise(fit: Fit) -> Unknown:
     """Describe what a fit leaves."""
-    return Unknown(absorbed_share(fit), sparse_terms(fit), tones(fit))
+    return Unknown(process_error_share(fit), sparse_terms(fit), spectral_peaks(fit))
 
 
-def absorbed_share(fit: Fit) -> float | None:
+def process_error_share(fit: Fit) -> float | None:
     """Share of the misfit that vanishes when every `SEGMENT` starts with a state of its own."""
     problem = fit.problem
     model = problem.model
@@ -112,7 +117,7 @@ def absorbed_share(fit: Fit) -> float | None:
                 for (name, p), v in zip(model.parameters.items(), theta, strict=True)
             }
         )
-        states = model.circumstances(run, theta)
+        states = model.covariates(run, theta)
         for piece in segments(run):
             noise = {
                 (piece.name, channel): problem.noise[run.name, channel]
@@ -155,15 +160,15 @@ def segments(run: Run) -> list[Run]:
 
 
 def sparse_terms(fit: Fit) -> tuple[Term, ...]:
-    """Orthogonal matching pursuit of the whitened residual over functions of the circumstances."""
-    problem, whitening = fit.problem, whitening_of(fit)
+    """Orthogonal matching pursuit of the whitened residual over functions of the covariates."""
+    problem, filters = fit.problem, whitening(fit.blocks)
     states = {
-        run.name: problem.model.circumstances(run, problem.theta(i, fit.values)) for i, run in enumerate(problem.runs)
+        run.name: problem.model.covariates(run, problem.theta(i, fit.values)) for i, run in enumerate(problem.runs)
     }
     found: list[Term] = []
     channels = dict.fromkeys(block.channel for block in fit.blocks)
     for channel in channels:
-        coefficients, std = whitening[channel]
+        coefficients, std = filters[channel]
         blocks = [b for b in fit.blocks if b.channel == channel]
         names = set.intersection(*(set(states[b.run]) for b in blocks))
         joint = channel.partition(".")[2]
@@ -190,7 +195,7 @@ def sparse_terms(fit: Fit) -> tuple[Term, ...]:
                 size = float(np.linalg.norm(rest))
                 if size > 1e-3 * np.linalg.norm(column) and (drop := float(rest @ y) ** 2 / size**2) > gain:
                     best, gain, direction = expression, drop, rest / size
-            p = min(1.0, len(channels) * len(columns) * p_value(gain, 1))
+            p = min(1.0, len(channels) * len(columns) * float(chi2.sf(gain, 1)))
             if not best or p > SIGNIFICANCE:
                 break
             found.append(Term(channel, best, gain / total, p))
@@ -198,13 +203,13 @@ def sparse_terms(fit: Fit) -> tuple[Term, ...]:
     return tuple(sorted(found, key=lambda term: -term.share)[:MOST_TERMS])
 
 
-def tones(fit: Fit) -> tuple[Tone, ...]:
+def spectral_peaks(fit: Fit) -> tuple[SpectralPeak, ...]:
     """The strongest frequency of each channel's whitened residual, where it is stronger than noise makes one."""
-    whitening = whitening_of(fit)
+    filters = whitening(fit.blocks)
     found = []
     channels = dict.fromkeys(block.channel for block in fit.blocks)
     for channel in channels:
-        coefficients, std = whitening[channel]
+        coefficients, std = filters[channel]
         blocks = [b for b in fit.blocks if b.channel == channel]
         interval = float(np.median(np.concatenate([np.diff(b.time) for b in blocks])))
         longest = max(float(b.time[-1] - b.time[0]) for b in blocks)
@@ -214,14 +219,14 @@ def tones(fit: Fit) -> tuple[Tone, ...]:
         for b in blocks:
             power += periodogram(b.time[order:], whitened(b.residual, coefficients) / std, frequencies)
         best = int(np.argmax(power))
-        p = min(1.0, len(channels) * len(frequencies) * p_value(2 * float(power[best]), 2 * len(blocks)))
+        p = min(1.0, len(channels) * len(frequencies) * float(chi2.sf(2 * float(power[best]), 2 * len(blocks))))
         if p < SIGNIFICANCE:
             raw = np.concatenate([b.misfit for b in blocks])
             time = np.concatenate([b.time for b in blocks])
             wave = 2 * np.pi * frequencies[best] * time
             amplitude = 2 * np.hypot(np.mean(raw * np.cos(wave)), np.mean(raw * np.sin(wave)))
             unit = next(run.channels[channel].unit for run in fit.problem.runs if channel in run.channels)
-            found.append(Tone(channel, float(frequencies[best]), float(amplitude), unit, p))
+            found.append(SpectralPeak(channel, float(frequencies[best]), float(amplitude), unit, p))
     return tuple(found)
 
 

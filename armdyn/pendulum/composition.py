@@ -93,7 +93,6 @@ def compose(effects: Sequence[Effect]) -> Composition:
     mass = by_name["mass"]
     t, x, v, z, phi, rate, tension = (ca.SX.sym(s) for s in ("t", "x", "v", "z", "phi", "rate", "T"))
     q, qd, g, gd = (ca.SX.sym(s, 3) for s in ("q", "qd", "g", "gd"))
-    none, nothing = ca.SX(0), ca.SX.zeros(3)
 
     def applied(stage: Expression, acts_on: str) -> Expression:
         for item in effects:
@@ -101,12 +100,12 @@ def compose(effects: Sequence[Effect]) -> Composition:
                 stage = item.apply(stage, by_name)
         return stage
 
-    gripper: Gripper = applied(Gripper(t, x, v, z, phi, ca.vertcat(x, 0, z), none, none, none), "gripper")
-    string: String = applied(String(t, phi, rate, mass, by_name["length"], none, none, none), "string")
-    load: Load = applied(Load(t, mass, q, qd, phi, rate, nothing, none, nothing), "load")
+    gripper: Gripper = applied(Gripper(t, x, v, z, phi, ca.vertcat(x, 0, z)), "gripper")
+    string: String = applied(String(t, phi, rate, mass, by_name["length"]), "string")
+    load: Load = applied(Load(t, mass, q, qd, phi, rate), "load")
     acceleration, length = ca.SX.sym("a"), ca.SX.sym("l")
     pull: Tension = applied(Tension(tension, phi, rate, mass, length, acceleration), "tension")
-    sensor: Sensor = applied(Sensor(t, tension, phi, tension, phi, rate, none, none), "sensor")
+    sensor: Sensor = applied(Sensor(t, tension, phi, tension, phi, rate), "sensor")
 
     # A uniform string has the kinetic energy of a rod whose ends move as gripper and load do.
     kinetic = (

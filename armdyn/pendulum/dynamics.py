@@ -23,10 +23,10 @@ from armdyn.pendulum.composition import Composition, direction, quasi_static
 from armdyn.pendulum.physics import Expression
 from armdyn.pendulum.yielding import slow_manifold
 from armdyn.physics.simulate import System
+from armdyn.readout import Sensor
 
 STATE_SIZE = 2
 INPUTS = ("t", "x", "v", "a", "z", "vz", "az")
-INPUT_SIZE = len(INPUTS)
 OUTPUTS = ("load_force", "swing_angle", "swing_rate")
 
 
@@ -46,14 +46,12 @@ class Dynamics(System):
         tension: ``(s, w, theta) -> ()`` N, before the sensor.
         rate: ``(s, w, theta) -> ()`` phi', rad/s.
         energy: ``(s, w, theta) -> ()`` kinetic + potential, J.
-        load_position: ``(s, w, theta) -> (3,)`` m.
         timing: see `Composition`.
     """
 
     tension: ca.Function
     rate: ca.Function
     energy: ca.Function
-    load_position: ca.Function
     timing: ca.Function
 
 
@@ -105,7 +103,7 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
     force, torque = composition.forces(*mechanics, memory)
 
     def on_string(expression: Expression) -> Expression:
-        """At the string's length: rigid, or still to be filled in where it yields or is seen askew."""
+        """With no stretch where the string is rigid; else the stretch is substituted later."""
         if yields or crosses:
             return expression
         return ca.substitute(expression, ca.vertcat(stretch, stretching), ca.SX.zeros(2))
@@ -156,6 +154,7 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
     def function(name: str, expression: Expression) -> ca.Function:
         return ca.Function(name, [state, given, theta], [filled_in(expression)])
 
+    lag, delay, _ = composition.timing(theta)
     p = ca.SX.sym("p")
     start = [phi, filled_in(M) * p]
     if crosses:
@@ -177,8 +176,8 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
         initial=_initial(phi, p, momentum, given, theta, start),
         rate=function("rate", rate),
         energy=function("energy", on_string(kinetic + potential)),
-        load_position=function("load_position", on_string(q)),
         timing=composition.timing,
+        sensors={name: Sensor(theta) for name in OUTPUTS} | {"load_force": Sensor(theta, lag=lag, delay=delay)},
     )
 
 

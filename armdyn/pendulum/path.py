@@ -1,4 +1,4 @@
-"""The gripper's path: whole, or still growing."""
+"""The gripper's path: whole, still growing, or trailed by what hangs from it."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,8 +12,10 @@ from armdyn.physics.motion import (
     grid_size,
     halfway,
     penalised,
+    slope,
     smoothed_motion,
 )
+from armdyn.readout import lagged
 
 CHOOSE_EVERY, CHOOSE_FROM = 100, 300
 """Samples after which the strength for a growing path is chosen anew, and from how many of the last."""
@@ -59,19 +61,65 @@ class GripperPath:
         """Inputs of a simulation, at the nodes and halfway between, with the jerk as the last row where asked."""
         if not with_jerk:
             return self.inputs
-        nodes, middle = zip(self.inputs, self.jerk, strict=True)
-        return np.vstack(nodes), np.vstack(middle)
-
-    @cached_property
-    def jerk(self) -> tuple[np.ndarray, np.ndarray]:
-        """Jerk along the line at the nodes (1, K) and halfway between them (1, K-1), m/s^3."""
-        return jerk(self.a, self.dt)
+        return _with_jerk(*self.inputs, self.dt)
 
 
-def jerk(a: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """Rate of an acceleration (K,) at its nodes (1, K) and halfway between them (1, K-1)."""
-    rate = differentiated(a, dt)[0] if len(a) >= 5 else np.gradient(a, dt)
-    return rate[None], (rate[None, :-1] + rate[None, 1:]) / 2
+def _with_jerk(nodes: np.ndarray, middle: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Inputs, and as one row more the rate of their fourth, the acceleration along the line."""
+    rate = slope(nodes[3], dt)
+    return np.vstack([nodes, rate]), np.vstack([middle, (rate[:-1] + rate[1:]) / 2])
+
+
+@dataclass(frozen=True, eq=False)
+class TrailingPath:
+    """The path behind a first-order lag; make it with `trailing`.
+
+    Attributes:
+        start: time of the first node, s.
+        dt: grid step, s.
+        values: (8, K) and (8, K-1) as `GripperPath.rows` gives them with jerk.
+        by_lag: their derivatives with respect to the lag.
+    """
+
+    start: float
+    dt: float
+    values: tuple[np.ndarray, np.ndarray]
+    by_lag: tuple[np.ndarray, np.ndarray]
+
+    def rows(self, *, with_jerk: bool) -> tuple[np.ndarray, np.ndarray]:
+        """As of `GripperPath`, followed by their derivatives with respect to the lag."""
+        last = None if with_jerk else -1
+        nodes, middle = (np.vstack([v[:last], d[:last]]) for v, d in zip(self.values, self.by_lag, strict=True))
+        return nodes, middle
+
+
+def trailing(path: GripperPath, lag: float) -> TrailingPath:
+    """The path of what follows a gripper with a lag, and its derivative with respect to the lag.
+
+    tau z' + z = x, from a start at constant acceleration: z(0) = x - tau v + tau^2 a. Position, velocity and
+    acceleration pass the same lag, each exactly for the signal that is linear between the nodes.
+
+    Args:
+        path: what the encoders say.
+        lag: tau, s.
+    """
+    (x, v, a), tau = (path.x[0], path.v[0], path.a[0]), lag
+    starts, slopes = (x - tau * v + tau**2 * a, v - tau * a, a), (2 * tau * a - v, -a, 0.0)
+    pairs = [
+        lagged(signal[:, None], tau, path.dt, start, by_lag)
+        for signal, start, by_lag in zip((path.x, path.v, path.a), starts, slopes, strict=True)
+    ]
+
+    def inputs(rest: float, motion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        nodes, middle = (
+            np.vstack([rest * rows[:1], new, rest * rows[4:]])
+            for rows, new in zip(path.inputs, (motion, halfway(motion, path.dt)), strict=True)
+        )
+        return _with_jerk(nodes, middle, path.dt)
+
+    values = inputs(1.0, np.vstack([z[:, 0] for z, _ in pairs]))
+    derivatives = inputs(0.0, np.vstack([by_lag for _, by_lag in pairs]))
+    return TrailingPath(path.start, path.dt, values, derivatives)
 
 
 def fixed_path(start: float, end: float, dt: float) -> GripperPath:

@@ -9,12 +9,13 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 
-from armdyn.physics.definition import Expression, Stage
+from armdyn.physics.definition import NONE, Expression, Stage, Timed
 
 __all__ = [
     "STANDARD_GRAVITY", "Expression", "Gripper", "Load", "Sensor", "Stage", "String", "Tension", "smooth_sign", "speed",
 ]  # fmt: skip
 
+NO_VECTOR: Expression = ca.SX.zeros(3)
 STANDARD_GRAVITY = 9.81
 """m/s^2."""
 SPEED_FLOOR = 1e-9
@@ -38,7 +39,7 @@ class Gripper(Stage):
         angle: swing angle, rad.
         position: (3,) where the string is attached, m.
         lag: first-order time constant with which the real gripper trails the measured one, s.
-        compliance: by how much it gives way along the line, m/N.
+        compliance: displacement along the line per force, m/N.
         tilt: of the line against the horizontal, rad; positive lets gravity pull towards +.
     """
 
@@ -48,9 +49,9 @@ class Gripper(Stage):
     z: Expression
     angle: Expression
     position: Expression
-    lag: Expression
-    compliance: Expression
-    tilt: Expression
+    lag: Expression = NONE
+    compliance: Expression = NONE
+    tilt: Expression = NONE
 
     def with_position(self, position: Expression) -> "Gripper":
         """Attach the string at another point, (3,) m."""
@@ -89,9 +90,9 @@ class String(Stage):
     rate: Expression
     load_mass: Expression
     length: Expression
-    torque: Expression
-    mass: Expression
-    compliance: Expression
+    torque: Expression = NONE
+    mass: Expression = NONE
+    compliance: Expression = NONE
 
     def with_length(self, length: Expression) -> "String":
         """Another length, m; it may depend on time and angle."""
@@ -133,9 +134,9 @@ class Load(Stage):
     velocity: Expression
     angle: Expression
     rate: Expression
-    force: Expression
-    inertia: Expression
-    transverse: Expression
+    force: Expression = NO_VECTOR
+    inertia: Expression = NONE
+    transverse: Expression = NO_VECTOR
 
     @property
     def speed(self) -> Expression:
@@ -181,7 +182,7 @@ class Tension(Stage):
 
 
 @dataclass(frozen=True)
-class Sensor(Stage):
+class Sensor(Timed):
     """What is measured.
 
     Attributes:
@@ -191,8 +192,8 @@ class Sensor(Stage):
         force: reading of the load cell, N.
         angle: reading of the angle sensor, rad.
         rate: reading of the rate sensor, rad/s.
-        lag: first-order time constant of the load cell, s.
-        delay: dead time of the load cell, s.
+
+    Lag and delay are those of the load cell.
     """
 
     time: Expression
@@ -201,8 +202,6 @@ class Sensor(Stage):
     force: Expression
     angle: Expression
     rate: Expression
-    lag: Expression
-    delay: Expression
 
     def with_force(self, force: Expression) -> "Sensor":
         """Let the load cell read `force`, N."""
@@ -211,14 +210,6 @@ class Sensor(Stage):
     def with_angle(self, angle: Expression) -> "Sensor":
         """Let the angle sensor read `angle`, rad."""
         return replace(self, angle=angle)
-
-    def with_lag(self, time_constant: Expression) -> "Sensor":
-        """Let the load cell's reading pass a first-order lag, s."""
-        return replace(self, lag=self.lag + time_constant)
-
-    def with_delay(self, time: Expression) -> "Sensor":
-        """Let the load cell's reading arrive late, s."""
-        return replace(self, delay=self.delay + time)
 
 
 def speed(velocity: Expression) -> Expression:

@@ -36,6 +36,8 @@ from armdyn.errors import InputError, UnknownNameError
 from armdyn.parameter import Parameter
 
 Expression: TypeAlias = Any  # a casadi.SX, which carries no type information
+NONE: Expression = ca.SX(0)
+"""What a stage has none of before effects add to it."""
 
 
 class Memory(NamedTuple):
@@ -77,30 +79,39 @@ S = TypeVar("S", bound=Stage)
 
 
 @dataclass(frozen=True)
-class Reading(Stage):
-    """What a sensor says of a quantity; return it among the outputs to give the quantity a lag and a delay.
+class Timed(Stage):
+    """A stage that ends in a sensor with a lag and a delay; both depend on parameters only.
 
     Attributes:
-        value: in the channel's unit.
         lag: first-order time constant, s.
-        delay: how late it is, s.
+        delay: how late the reading is, s.
     """
 
-    value: Expression
-    lag: Expression = 0
-    delay: Expression = 0
-
-    def with_value(self, value: Expression) -> Self:
-        """Let the sensor say `value`."""
-        return replace(self, value=value)
+    lag: Expression = field(default=NONE, kw_only=True)
+    delay: Expression = field(default=NONE, kw_only=True)
 
     def with_lag(self, time_constant: Expression) -> Self:
-        """Let the reading pass a first-order lag, s; `time_constant` depends on parameters only."""
+        """Let the reading pass a first-order lag, s."""
         return replace(self, lag=self.lag + time_constant)
 
     def with_delay(self, time: Expression) -> Self:
-        """Let the reading arrive late, s; `time` depends on parameters only."""
+        """Let the reading arrive late, s."""
         return replace(self, delay=self.delay + time)
+
+
+@dataclass(frozen=True)
+class Reading(Timed):
+    """What a sensor reads of a quantity; return it among the outputs to give the quantity a lag and a delay.
+
+    Attributes:
+        value: in the channel's unit.
+    """
+
+    value: Expression
+
+    def with_value(self, value: Expression) -> Self:
+        """Let the sensor read `value`."""
+        return replace(self, value=value)
 
 
 @dataclass(frozen=True)
@@ -120,12 +131,12 @@ class Signal:
 
 @dataclass(frozen=True)
 class Equations:
-    """What a physics says of one moment.
+    """The equations of a physics at one moment.
 
     Attributes:
         rates: time derivative of every state, by name.
         outputs: what is measured, by channel.
-        against: what a residual is held against, with its unit; states and inputs where it is not given. For a channel
+        against: covariates of a residual, with units; states and inputs where they are not given. For a channel
             ``"q.<joint>"`` only names that end in the joint are looked at.
     """
 
@@ -202,7 +213,7 @@ class Physics:
         inputs: channels that must be recorded, with their units.
         outputs: channels that are predicted, with their units.
         equations: from a moment to what holds there.
-        period: s; about one swing: how much of a run tells how its motion began.
+        period: s; about one swing: the length of a run from which its start can be found.
         step: s; longest step of the integration.
     """
 

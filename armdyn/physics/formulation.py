@@ -10,8 +10,8 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.physics.definition import Equations, Expression, Moment, Physics, Reading, Signal
-from armdyn.physics.readout import SensorChain
 from armdyn.physics.simulate import System
+from armdyn.readout import Sensor
 
 MOTION = 3
 """Value, rate and acceleration of every input."""
@@ -25,9 +25,8 @@ class Formulation(System):
     are the time, then value, rate and acceleration of each recorded channel.
 
     Attributes:
-        against: ``(s, w, theta) -> (n,)`` what a residual is held against.
+        against: ``(s, w, theta) -> (n,)`` covariates of a residual.
         against_units: its names, with their units.
-        chain: lag and delay of the outputs.
         depends: parameters on which anything depends.
         measured: by state, the channel that reads it as it is.
         rates: by state, the state that is its rate.
@@ -36,7 +35,6 @@ class Formulation(System):
 
     against: ca.Function
     against_units: dict[str, str]
-    chain: SensorChain
     depends: frozenset[str]
     measured: dict[str, str]
     rates: dict[str, str]
@@ -99,7 +97,7 @@ def formulated(physics: Physics, effects: tuple[Effect, ...], names: tuple[str, 
         initial=ca.Function("initial", [*states.values(), w, theta], [ca.densify(beginning)]),
         against=ca.Function("against", [s, w, theta], [held_against]),
         against_units={name: unit for name, (_, unit) in against.items()},
-        chain=SensorChain(physics.outputs, timing, theta),
+        sensors={n: Sensor(theta, lag=readings[n].lag, delay=readings[n].delay) for n in physics.outputs},
         depends=frozenset(name for name, used in zip(names, depends, strict=True) if used),
         measured={n: c for c in physics.outputs for n, x in states.items() if _same(readings[c].value, x)},
         rates={n: m for n in states for m, x in states.items() if _same(found.rates[n], x)},

@@ -17,11 +17,10 @@ from armdyn.errors import InputError, UnknownNameError
 from armdyn.parameter import Parameter
 from armdyn.physics.definition import Physics
 from armdyn.physics.formulation import Formulation, formulated, ordered
-from armdyn.physics.readout import SensorChain
-from armdyn.physics.recorded import Path, RecordedInputs, recorded_inputs
-from armdyn.physics.simulate import Rollout, Simulator, evaluated
+from armdyn.physics.recorded import RecordedInputs, recorded_inputs
 from armdyn.physics.simulated import SimulatedModel, measured_start
 from armdyn.run import Channel, Run
+from armdyn.start import Start
 
 LEVELS = {1: 9, 2: 7, 3: 5, 4: 3}
 """By number of states that no channel measures: how many values of each are tried as the start of a run."""
@@ -66,9 +65,9 @@ class PhysicsModel(SimulatedModel):
         return tuple(_bare(self.physics).stages)
 
     @property
-    def outputs(self) -> tuple[str, ...]:
+    def inputs(self) -> tuple[str, ...]:
         """See `SimulatedModel`."""
-        return tuple(self.physics.outputs)
+        return tuple(self.physics.inputs)
 
     @property
     def start_names(self) -> tuple[str, ...]:
@@ -76,19 +75,20 @@ class PhysicsModel(SimulatedModel):
         return tuple(p.name for p in self.physics.states.values())
 
     @property
-    def physics_names(self) -> tuple[str, ...]:
+    def formulation(self) -> str:
         """See `SimulatedModel`."""
-        return self._formulation.names
+        return self.base
+
+    @cached_property
+    def system(self) -> Formulation:
+        """See `SimulatedModel`."""
+        starts = set(self.start_names)
+        return formulated(self.physics, ordered(self.effects), tuple(n for n in self.names if n not in starts))
 
     @property
-    def chain(self) -> SensorChain:
-        """See `SimulatedModel`."""
-        return self._formulation.chain
-
-    @property
-    def first_window(self) -> float | None:
-        """See `Model.first_window`."""
-        return FIRST_WINDOW * self.physics.period if self.physics.states else None
+    def start(self) -> Start:
+        """See `Model.start`."""
+        return _PhysicsStart(self.physics)
 
     def reachable(self, effect: Effect) -> tuple[str, ...]:
         """See `Model.reachable`: the joints of its stage on which an effect changes something.
@@ -108,7 +108,7 @@ class PhysicsModel(SimulatedModel):
         """See `Model.with_effect`.
 
         Raises:
-            InputError: the effect changes nothing that this physics uses, or what it says there.
+            InputError: the effect changes nothing that this physics uses.
         """
         if effect.acts_on in self.stages and not self.reachable(effect):
             raise InputError(f"the effect '{effect.name}' changes nothing in a model of base '{self.base}'")
@@ -149,45 +149,9 @@ class PhysicsModel(SimulatedModel):
         """See `SimulatedModel`."""
         return _recorded(run, self.physics)
 
-    def rollout(self, path: Path, theta: np.ndarray, channels: tuple[str, ...]) -> Rollout:
-        """See `SimulatedModel`."""
-        if not self._formulation.states:
-            return evaluated(self._formulation, path, theta[self._order[1]], channels)
-        simulator = _simulator(self._formulation, self.base, channels)
-        return simulator.rollout(path, theta[self._order[1]], *self._start(theta))
-
-    def initial_guess(self, run: Run) -> Mapping[str, float]:
-        """What a channel measures of the states, and of the states that are their rates; see `Model`."""
-        bare, states = _bare(self.physics), self.physics.states
-        values, rates = {}, {}
-        for name, channel in bare.measured.items():
-            if channel in run.channels:
-                values[name], slope = measured_start(run.channels[channel])
-                if name in bare.rates:
-                    rates[bare.rates[name]] = slope
-        guess = {**rates, **values}  # what is measured itself is better than a slope
-        return {states[n].name: float(np.clip(v, states[n].lower, states[n].upper)) for n, v in guess.items()}
-
-    def plausible_starts(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
-        """A lattice of the states that no channel measures; see `Model.plausible_starts`."""
-        del theta
-        guess = self.initial_guess(run)
-        unknown = [p for p in self.physics.states.values() if p.name not in guess]
-        if len(unknown) not in LEVELS:
-            return []
-        levels = np.linspace(-FARTHEST, FARTHEST, LEVELS[len(unknown)])
-        values = [np.clip(p.value + levels * p.typical, p.lower, p.upper).tolist() for p in unknown]
-        names = [p.name for p in unknown]
-        return [{**guess, **dict(zip(names, at, strict=True))} for at in product(*values)]
-
-    def first_stretch(self, theta: np.ndarray) -> float:
-        """A period; see `Model.first_stretch`."""
-        del theta
-        return self.physics.period
-
-    def circumstances(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
-        """What the physics says that a residual may depend on; see `Model.circumstances`."""
-        path, formulation = self.path(run), self._formulation
+    def covariates(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
+        """The physics' own choice; see `Model.covariates`."""
+        path, formulation = self.path(run), self.system
         rollout = self.rollout(path, theta, self.predicted_channels(run))
         many = formulation.against.map(len(path.time))
         values = np.asarray(many(rollout.states.T, path.nodes, theta[self._order[1]]))
@@ -198,10 +162,42 @@ class PhysicsModel(SimulatedModel):
             if np.isfinite(row).all()
         }
 
-    @cached_property
-    def _formulation(self) -> Formulation:
-        starts = set(self.start_names)
-        return formulated(self.physics, ordered(self.effects), tuple(n for n in self.names if n not in starts))
+
+class _PhysicsStart(Start):
+    """See `Start`: the states of a physics, as far as channels measure them."""
+
+    def __init__(self, physics: Physics) -> None:
+        self.physics = physics
+        self.window = FIRST_WINDOW * physics.period if physics.states else None
+
+    def guess(self, run: Run) -> Mapping[str, float]:
+        """What a channel measures of the states, and of the states that are their rates."""
+        bare, states = _bare(self.physics), self.physics.states
+        values, rates = {}, {}
+        for name, channel in bare.measured.items():
+            if channel in run.channels:
+                values[name], slope = measured_start(run.channels[channel])
+                if name in bare.rates:
+                    rates[bare.rates[name]] = slope
+        guess = {**rates, **values}  # what is measured itself is better than a slope
+        return {states[n].name: float(np.clip(v, states[n].lower, states[n].upper)) for n, v in guess.items()}
+
+    def candidates(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
+        """A lattice of the states that no channel measures."""
+        del theta
+        guess = self.guess(run)
+        unknown = [p for p in self.physics.states.values() if p.name not in guess]
+        if len(unknown) not in LEVELS:
+            return []
+        levels = np.linspace(-FARTHEST, FARTHEST, LEVELS[len(unknown)])
+        values = [np.clip(p.value + levels * p.typical, p.lower, p.upper).tolist() for p in unknown]
+        names = [p.name for p in unknown]
+        return [{**guess, **dict(zip(names, at, strict=True))} for at in product(*values)]
+
+    def stretch(self, theta: np.ndarray) -> float:
+        """A period."""
+        del theta
+        return self.physics.period
 
 
 def physics_model(
@@ -253,11 +249,6 @@ def _remembers(physics: Physics, effect: Effect) -> bool:
     names = [q.parameter(effect.name, short, j).name for j in joints for short, q in effect.quantities.items()]
     with_it = formulated(physics, (effect,), (*(p.name for p in physics.parameters), *names))
     return with_it.states > _bare(physics).states
-
-
-@lru_cache(maxsize=64)
-def _simulator(formulation: Formulation, name: str, channels: tuple[str, ...]) -> Simulator:
-    return Simulator(formulation, name, channels)
 
 
 @lru_cache(maxsize=64)

@@ -5,7 +5,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.linalg import solveh_banded
 
 from armdyn.errors import InputError
-from armdyn.smoothing import FEWEST, best_smoothing, smoothed
+from armdyn.smoothing import FEWEST, best_smoothing, difference_penalty, smoothed
 
 ORDER = 4
 """Order of the differences that are penalised: piecewise-constant jerk costs nothing at the limit."""
@@ -86,16 +86,9 @@ def best_strength(y: np.ndarray) -> float:
 
 def penalised(y: np.ndarray, strength: float) -> np.ndarray:
     """(n,) minimiser of |y - x|^2 + strength |D^4 x|^2."""
-    n = len(y)
-    stencil = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
-    bands = np.zeros((ORDER + 1, n))
-    rows = n - ORDER
-    for offset in range(ORDER + 1):
-        for j in range(ORDER + 1 - offset):
-            bands[ORDER - offset, j + offset : j + offset + rows] += stencil[j] * stencil[j + offset]
-    bands *= strength
-    bands[ORDER] += 1.0
-    return solveh_banded(bands, y, check_finite=False)
+    bands = strength * difference_penalty(len(y), ORDER, ORDER + 1)
+    bands[0] += 1.0
+    return solveh_banded(bands, y, lower=True, check_finite=False)
 
 
 def differentiated(x: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
@@ -103,6 +96,11 @@ def differentiated(x: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
     padded = np.concatenate([_extrapolated(x[:5])[::-1], x, _extrapolated(x[:-6:-1])])
     m2, m1, c, p1, p2 = (padded[i : len(padded) - 4 + i] for i in range(5))
     return (m2 - 8 * m1 + 8 * p1 - p2) / (12 * dt), (-m2 + 16 * m1 - 30 * c + 16 * p1 - p2) / (12 * dt**2)
+
+
+def slope(x: np.ndarray, dt: float) -> np.ndarray:
+    """First derivative of even samples, or of columns of them; see `differentiated`, but also for fewer than five."""
+    return differentiated(x, dt)[0] if len(x) >= 5 else np.gradient(x, dt, axis=0)
 
 
 def _extrapolated(near: np.ndarray) -> np.ndarray:

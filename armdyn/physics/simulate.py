@@ -1,5 +1,6 @@
 """Rollouts of a physics with exact sensitivities, in blocks of compiled Runge-Kutta steps."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -8,14 +9,15 @@ import numpy as np
 
 from armdyn.codegen import Buffered, compiled
 from armdyn.physics.definition import Expression
-from armdyn.physics.readout import differentiated_columns
+from armdyn.physics.motion import slope
 from armdyn.physics.recorded import Path
+from armdyn.readout import Sensor
 
 BLOCK = 128
 """Steps per compiled call; a run of any length is a sequence of blocks, the last one cut."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class System:
     """Continuous equations in states s, inputs w and parameters theta, as the simulator needs them.
 
@@ -28,6 +30,7 @@ class System:
         derivative: ``(s, w, theta) -> (states,)``.
         output: ``(s, w, theta) -> (outputs,)``, and the impulse where there is one.
         initial: ``(start, ..., w, theta) -> s``, one argument for each of `starts`.
+        sensors: by output, what reads it.
         impulse_adds_to: the output to which the time derivative of one row more is added; None where there is none.
         input_lag: ``theta -> ()`` time by which the inputs trail what was recorded, s; None where they do not.
     """
@@ -40,6 +43,7 @@ class System:
     derivative: ca.Function
     output: ca.Function
     initial: ca.Function
+    sensors: Mapping[str, Sensor]
     impulse_adds_to: str | None = None
     input_lag: ca.Function | None = None
 
@@ -140,8 +144,8 @@ class Simulator:
         """Outputs and derivatives without the last column, whose time derivative has been added to the force."""
         force = self.channels.index(str(self._dynamics.impulse_adds_to))
         outputs, by_theta = outputs.copy(), by_theta.copy()
-        outputs[:, force] += differentiated_columns(outputs[:, -1:], dt)[:, 0]
-        by_theta[:, force] += differentiated_columns(by_theta[:, -1], dt)
+        outputs[:, force] += slope(outputs[:, -1:], dt)[:, 0]
+        by_theta[:, force] += slope(by_theta[:, -1], dt)
         return outputs[:, :-1], by_theta[:, :-1]
 
 

@@ -1,22 +1,20 @@
 """What models have in common that simulate a motion in time and read it with sensors."""
 
 from abc import abstractmethod
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 
 from armdyn.channels import Channel
 from armdyn.errors import InputError
-from armdyn.faults import without_saturation, without_spikes
+from armdyn.faults import cleaned
 from armdyn.model import Model, Prediction, joined
-from armdyn.physics.readout import SensorChain
 from armdyn.physics.recorded import Path
-from armdyn.physics.simulate import Rollout
+from armdyn.physics.simulate import Rollout, Simulator, System, evaluated
+from armdyn.readout import Interpolated
 from armdyn.run import Run
-from armdyn.thinning import thinned
 
 FIRST_STRETCH, FIRST_SAMPLES = 0.1, 5
 """s, and at least as many samples, through which a parabola gives a value and its rate at the start."""
@@ -28,8 +26,8 @@ class SimulatedModel(Model):
 
     @property
     @abstractmethod
-    def outputs(self) -> tuple[str, ...]:
-        """Channels that the model can predict."""
+    def inputs(self) -> tuple[str, ...]:
+        """Channels that drive the motion, as far as a run has them."""
 
     @property
     @abstractmethod
@@ -38,21 +36,37 @@ class SimulatedModel(Model):
 
     @property
     @abstractmethod
-    def physics_names(self) -> tuple[str, ...]:
-        """The other parameters: of the equations and of the sensors, in the order of theta there."""
+    def system(self) -> System:
+        """The equations with their effects."""
 
     @property
     @abstractmethod
-    def chain(self) -> SensorChain:
-        """Lag and delay of the outputs."""
+    def formulation(self) -> str:
+        """Identifier of the equations: two models that share it differ in numbers only."""
 
     @abstractmethod
     def path(self, run: Run) -> Path:
         """The recorded inputs of a run on an even grid."""
 
-    @abstractmethod
-    def rollout(self, path: Any, theta: np.ndarray, channels: tuple[str, ...]) -> Rollout:
-        """Simulate `channels` along what `path` gives; `theta` (p,) in the order of `names`."""
+    def driven_by(self, path: Any, physics: np.ndarray) -> Path:
+        """What drives the motion where `path` was recorded; `physics` as `physics_theta`."""
+        del physics
+        found: Path = path
+        return found
+
+    @property
+    def physics_names(self) -> tuple[str, ...]:
+        """Parameters of the equations and of the sensors, in the order of theta there: all but those of the start."""
+        return self.system.names
+
+    def rollout(self, path: Any, theta: np.ndarray, channels: tuple[str, ...] | None = None) -> Rollout:
+        """Simulate `channels`, all when not given, along recorded inputs; `theta` (p,) in the order of `names`."""
+        system, physics = self.system, theta[self._order[1]]
+        channels = system.outputs if channels is None else channels
+        if not system.states:
+            return evaluated(system, self.driven_by(path, physics), physics, channels)
+        start = (float(theta[self.names.index(name)]) for name in self.start_names)
+        return _simulator(system, self.formulation, channels).rollout(self.driven_by(path, physics), physics, *start)
 
     def physics_theta(self) -> np.ndarray:
         """(p,) present values in the order of `physics_names`."""
@@ -60,26 +74,27 @@ class SimulatedModel(Model):
 
     def predicted_channels(self, run: Run) -> tuple[str, ...]:
         """See `Model.predicted_channels`."""
-        channels = tuple(name for name in self.outputs if name in run.channels)
+        outputs = self.system.outputs
+        channels = tuple(name for name in outputs if name in run.channels)
         if not channels:
-            raise InputError(f"{run.name}: holds none of {', '.join(self.outputs)}, so there is nothing to compare")
+            raise InputError(f"{run.name}: holds none of {', '.join(outputs)}, so there is nothing to compare")
         return channels
 
     def prepared(self, run: Run) -> Run:
         """See `Model.prepared`: without faulty samples, thinned."""
-        names = self.predicted_channels(run)
-        return without_spikes(thinned(without_saturation(run, names)), names)
+        return cleaned(run, self.predicted_channels(run), self.inputs)
 
     def predict(self, run: Run, theta: np.ndarray) -> Prediction:
         """See `Model.predict`."""
         channels, path = self.predicted_channels(run), self.path(run)
         rollout = self.rollout(path, theta, channels)
         columns, places = self._order
+        nodes = path.start + path.dt * np.arange(len(rollout.outputs))
         physics, parts = theta[places], []
         for row, name in enumerate(channels):
             time = run.channels[name].time
             signal = np.column_stack([rollout.outputs[:, row], rollout.sensitivities[:, row]])
-            read = self.chain.read(name, signal, time, path, physics)
+            read = self.system.sensors[name].read(signal, Interpolated(nodes, time), physics)
             parts.append((name, time, read[:, 0], read[:, 1:][:, columns]))
         return joined(parts)
 
@@ -89,8 +104,10 @@ class SimulatedModel(Model):
         place = {name: i for i, name in enumerate((*self.physics_names, *self.start_names))}
         return [place[name] for name in self.names], [self.names.index(name) for name in self.physics_names]
 
-    def _start(self, theta: np.ndarray) -> Sequence[float]:
-        return [float(theta[self.names.index(name)]) for name in self.start_names]
+
+@lru_cache(maxsize=128)
+def _simulator(system: System, name: str, channels: tuple[str, ...]) -> Simulator:
+    return Simulator(system, name, channels)
 
 
 def measured_start(channel: Channel) -> tuple[float, float]:

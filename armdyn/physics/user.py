@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from armdyn.effects.tried import line_in
 from armdyn.effects.user import effects_of, load_module
 from armdyn.errors import InputError
 from armdyn.physics.definition import Physics
@@ -35,4 +36,12 @@ def load_base(path: str | Path) -> PhysicsModel:
     try:
         return physics_model(found[0], own_effects=effects_of(path, defined), file=path.resolve())
     except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+        raise InputError(f"{path}: {' '.join(str(error).split())}") from error
+    except Exception as error:  # whatever a user's equations may raise, the remedy is in their file
+        line = line_in(error, path)
+        raise InputError(f"{path}{f', line {line}' if line else ''}: {_said(error)}") from error
+
+
+def _said(error: Exception) -> str:
+    """Kind and text of an error in one line."""
+    return " ".join(f"{type(error).__name__}: {error}".split())

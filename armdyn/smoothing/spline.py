@@ -1,4 +1,4 @@
-r"""Smoothing and differentiation of noisy samples at any stamps, without phase shift, by splines that know their noise.
+r"""Smoothing and differentiation of noisy samples at any stamps, without phase shift, the noise level estimated.
 
 A curve x(t) of quintic B-splines minimises (Eilers & Marx, Statistical Science 11, 1996)
 
@@ -115,12 +115,7 @@ class Samples:
     @cached_property
     def penalty(self) -> np.ndarray:
         """(b, N) lower bands of D' D."""
-        stencil, rows = _stencil(self.order), self.size - self.order
-        bands = np.zeros_like(self.normal)
-        for offset in range(self.order + 1):
-            for j in range(self.order + 1 - offset):
-                bands[offset, j : j + rows] += stencil[j] * stencil[j + offset]
-        return bands
+        return difference_penalty(self.size, self.order, len(self.normal))
 
     @property
     def penalty_determinant(self) -> float:
@@ -203,6 +198,16 @@ class LowPass:
         variance = max(total / known, least_noise**2, np.finfo(float).tiny)
         score = known * np.log(variance) + total / variance + determinant - samples.penalty_determinant
         return float(score), float(np.sqrt(variance))
+
+
+def difference_penalty(size: int, order: int, bands: int) -> np.ndarray:
+    """(bands, size) lower bands of D' D, D taking the differences of an order."""
+    stencil, rows = _stencil(order), size - order
+    penalty = np.zeros((bands, size))
+    for offset in range(order + 1):
+        for j in range(order + 1 - offset):
+            penalty[offset, j : j + rows] += stencil[j] * stencil[j + offset]
+    return penalty
 
 
 def _stencil(order: int) -> np.ndarray:

@@ -6,13 +6,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ik.chain import Chain, rotation_error
+from ik.chain import Chain, least_motion
 from ik.volume.grid import Block, Grid, Status
 from urdf.robot import Array
 
 TOLERANCE = 1e-9  # m and rad
 NEWTON = 8  # steps; three are enough wherever the skeleton is smooth
 PATIENCE, HOPEFUL = 4, 1e-2  # after so many steps a target that is further off, in m or rad, is given up
+LONGEST_STEP = 0.4  # rad or m
 BATCH = 4096  # targets at once: what the caches hold
 APART = 1.5  # rad between corners of a cell of the skeleton that are not to be mixed
 
@@ -68,7 +69,7 @@ class BlockSolver:
         active = np.arange(len(q))
         for step in range(NEWTON + 1):
             motion = self.chain.motion(q)
-            error = np.concatenate((position - motion.position, rotation_error(rotation, motion.rotation)))
+            error = motion.error(rotation, position)
             done = np.abs(error).max(axis=0) < TOLERANCE
             final[active[done]], reached[active[done]] = q[done], True
             going = ~done if step < PATIENCE else ~done & (np.abs(error).max(axis=0) < HOPEFUL)
@@ -78,11 +79,7 @@ class BlockSolver:
             if not going.all():
                 active, q, error, position = active[going], q[going], error[:, going], position[:, going]
                 jacobian = jacobian[going]
-            transposed = jacobian.transpose(0, 2, 1)
-            normal = jacobian @ transposed
-            normal[:, np.arange(6), np.arange(6)] += 1e-12
-            change = (transposed @ np.linalg.solve(normal, error.T[:, :, None]))[:, :, 0]
-            q = q + change * np.minimum(1.0, 0.4 / np.maximum(np.abs(change).max(axis=1), 1e-300))[:, None]
+            q = q + least_motion(jacobian, error.T, 1e-12, LONGEST_STEP)
             outside = (q < self.lower) | (q > self.upper)
             if outside.any():
                 q = self._within(q, jacobian, outside)
@@ -95,11 +92,7 @@ class BlockSolver:
         clipped = np.clip(q[rows], self.lower, self.upper)
         lost = (jacobian[rows] @ (q[rows] - clipped)[:, :, None])[:, :, 0]
         open_joints = np.where(outside[rows][:, None, :], 0.0, jacobian[rows])
-        transposed = open_joints.transpose(0, 2, 1)
-        normal = open_joints @ transposed
-        normal[:, np.arange(6), np.arange(6)] += 1e-9
-        more = (transposed @ np.linalg.solve(normal, lost[:, :, None]))[:, :, 0]
-        more *= np.minimum(1.0, 0.4 / np.maximum(np.abs(more).max(axis=1), 1e-300))[:, None]
+        more = least_motion(open_joints, lost, 1e-9, LONGEST_STEP)
         q = q.copy()
         q[rows] = np.clip(clipped + more, self.lower, self.upper)
         return q

@@ -1,6 +1,7 @@
 """Which targets a volume has, and how it is cut into blocks."""
 
 import itertools
+import math
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, NamedTuple
@@ -11,6 +12,10 @@ from armdyn.errors import InputError
 from urdf.robot import Array, read_only
 
 BLOCK = 25  # targets per edge of a block: a second of work, and a chunk of a megabyte
+FARTHEST = 100.0
+"""m; no arm on a fixed base reaches so far."""
+MOST_TARGETS = 10**9
+"""A volume of so many takes 60 GB and a day."""
 SKELETON = 0.06  # m between the targets of the coarse skeleton; postures bend little over that
 
 
@@ -54,10 +59,16 @@ class Grid:
     def __post_init__(self) -> None:
         for name in ("low", "high", "rotations"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
+        if not (np.all(np.abs(self.low) <= FARTHEST) and np.all(np.abs(self.high) <= FARTHEST)):
+            raise InputError(f"volume: a corner is farther than {FARTHEST:g} m from the robot; give metres")
         if self.low.shape != (3,) or self.high.shape != (3,) or not np.all(self.low < self.high):
             raise InputError(f"volume: corners {self.low.tolist()} and {self.high.tolist()} span nothing; low < high")
         if len(self.counts) != 3 or min(self.counts) < 2:
             raise InputError(f"volume: {self.counts} targets along x, y, z; give at least 2 along each")
+        if len(self.rotations) * math.prod(self.counts) > MOST_TARGETS:
+            raise InputError(
+                f"volume: {self.counts} targets along x, y, z are too many; {MOST_TARGETS:.0e} is the most"
+            )
         if self.rotations.ndim != 3 or self.rotations.shape[1:] != (3, 3) or not len(self.rotations):
             raise InputError(f"volume: orientations of shape {self.rotations.shape} should be (m, 3, 3)")
 

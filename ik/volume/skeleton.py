@@ -11,16 +11,12 @@ from ik.volume.grid import Grid
 from urdf import Robot
 from urdf.robot import Array
 
-Flags = NDArray[np.bool_]
-
 TOLERANCE = 1e-9  # m and rad
 NEXT = 0.7  # rad between neighbours of the skeleton that still belong together
 SWEEPS = 30  # of smoothing; more sweeps change nothing
 PARTS = 8  # branches beside the first; each has a border on which postures jump, and later ones are small
 COLD_STARTS = 4  # per target that no wave reached
-CENTRING = (
-    0.05  # share of the way to the middle of the joints' ranges per sweep; it keeps postures from creeping to a limit
-)
+CENTRING = 0.05  # share of the way to the middle of the joints' ranges per sweep: no posture creeps to a limit
 
 
 def build_skeleton(robot: Robot, grid: Grid, free: Callable[[Array], bool] | None = None) -> Array:

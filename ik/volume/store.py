@@ -1,5 +1,9 @@
 """A volume on disk: a zarr group that can be written block by block and read slab by slab."""
 
+import hashlib
+import os
+import secrets
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -17,7 +21,8 @@ if TYPE_CHECKING:
     import zarr
 
 
-FORMAT = 1  # raise it when a change of the code makes other volumes out of the same robot
+FORMAT = 2  # raise it when a change of the code makes other volumes out of the same robot
+_REMOVE = "remove it and build it again with 'armdyn ik volume'"
 MISSING = "volumes need zarr: run 'pip install armdyn[volume]'"
 
 
@@ -34,6 +39,7 @@ class VolumeTable:
         status: what became of each target, (m, x, y, z), see `Status`.
         skeleton: postures on the coarse grid from which the blocks were seeded.
         done: which blocks are finished, (m, blocks along x, y, z).
+        digests: of each finished block's postures and status, of the same shape.
     """
 
     path: Path
@@ -44,6 +50,7 @@ class VolumeTable:
     status: "zarr.Array[Any]"
     skeleton: Array
     done: "zarr.Array[Any]"
+    digests: "zarr.Array[Any]"
 
     @classmethod
     def create(cls, path: Path, robot: Robot, grid: Grid, skeleton: Array, extra: dict[str, Any]) -> Self:
@@ -65,16 +72,18 @@ class VolumeTable:
         shape = (len(grid.rotations), *grid.counts)
         edges = tuple(min(BLOCK, count) for count in grid.counts)
         blocks = tuple(-(-count // BLOCK) for count in grid.counts)
+        # Made beside and renamed: whatever happens, a directory of this name is a volume that can be continued.
+        unfinished = path.with_name(f".armdyn-{os.getpid()}-{secrets.token_hex(6)}.tmp")
         try:
-            group = zarr.create_group(path)
+            group = zarr.create_group(unfinished)
             group.create_array(
                 "q", shape=(*shape, len(robot.joint_names)), chunks=(1, *edges, len(robot.joint_names)),
                 dtype="float64", fill_value=float("nan"),
             )  # fmt: skip
             group.create_array("status", shape=shape, chunks=(1, *edges), dtype="uint8", fill_value=0)
             group.create_array("done", shape=(shape[0], *blocks), chunks=(1, 1, 1, 1), dtype="uint8", fill_value=0)
+            group.create_array("digests", shape=(shape[0], *blocks), chunks=(1, 1, 1, 1), dtype="uint64", fill_value=0)
             group.create_array("skeleton", data=skeleton)
-            # Last, so that a directory with it is complete.
             group.attrs["armdyn"] = {
                 "format": FORMAT,
                 "robot": robot.name,
@@ -84,9 +93,15 @@ class VolumeTable:
                 "fingerprint": robot.fingerprint,
                 "grid": grid.describe(),
                 "extra": extra,
+                "skeleton": _digest(skeleton),
             }
-        except OSError as error:
-            raise InputError(f"{path}: cannot be written ({error.strerror}); choose another directory") from error
+            unfinished.rename(path)
+        except (OSError, ValueError) as error:  # a name with a null character is a ValueError
+            shutil.rmtree(unfinished, ignore_errors=True)
+            if path.exists():  # another process was faster
+                return cls.open(path, robot, extra)
+            why = getattr(error, "strerror", None) or error
+            raise InputError(f"{path}: cannot be written ({why}); choose another directory") from error
         return cls.open(path, robot)
 
     @classmethod
@@ -100,12 +115,13 @@ class VolumeTable:
 
         Raises:
             InputError: zarr is missing, or there is no such directory.
-            StaleTableError: it is no volume, or of another robot or other settings.
+            StaleTableError: it is no volume, or of another robot or other settings, or a finished block of it is not
+                what was written.
         """
         zarr, source = _zarr(), Path(path)
-        rebuild = "build it again with 'armdyn ik volume'"
+        rebuild = _REMOVE
         if not source.is_dir():
-            raise InputError(f"{source}: there is no such volume; {rebuild}")
+            raise InputError(f"{source}: there is no such volume; build it with 'armdyn ik volume'")
         try:
             group = zarr.open_group(source, mode="r+")
             about = group.attrs["armdyn"]
@@ -120,8 +136,12 @@ class VolumeTable:
                 status=group["status"],
                 skeleton=np.asarray(group["skeleton"][:]),
                 done=group["done"],
+                digests=group["digests"],
             )
-        except (KeyError, OSError, TypeError, ValueError) as error:
+            table._check(about["skeleton"])
+        except (StaleTableError, KeyboardInterrupt):
+            raise
+        except Exception as error:  # damaged files surface as a dozen exceptions of zarr, json and its compressors
             raise StaleTableError(f"{source}: not an IK volume, or damaged; {rebuild}") from error
         if robot is not None and about["robot"] != robot.name:
             raise StaleTableError(f"{source}: the volume is of '{about['robot']}', not '{robot.name}'; {rebuild}")
@@ -132,20 +152,47 @@ class VolumeTable:
         return table
 
     def write(self, block: Block, q: Array, status: NDArray[np.uint8]) -> None:
-        """Write a block; it counts as done only when all of it is on disk."""
-        at = (block.rotation, *block.slices)
-        self.q[at] = q
-        self.status[at] = status
-        self.done[(block.rotation, *(start // BLOCK for start, _ in block.ranges))] = 1
+        """Write a block; it counts as done only when all of it is on disk.
+
+        Raises:
+            InputError: the disk is full, or the directory was removed.
+        """
+        at, place = (block.rotation, *block.slices), _place(block)
+        try:
+            self.q[at] = q
+            self.status[at] = status
+            self.digests[place] = _digest(q, status)
+            self.done[place] = 1
+        except OSError as error:
+            raise InputError(
+                f"{self.path}: cannot be written ({error.strerror or error}); make room and run the same command again "
+                "to continue"
+            ) from error
+
+    def _check(self, skeleton: int) -> None:
+        """Hold the arrays against the grid, and every finished block against its digest.
+
+        Raises:
+            StaleTableError: one of them differs.
+        """
+        shape, joints = (len(self.grid.rotations), *self.grid.counts), len(self.joint_names)
+        blocks = (shape[0], *(-(-count // BLOCK) for count in self.grid.counts))
+        expected = {"q": (*shape, joints), "status": shape, "done": blocks, "digests": blocks}
+        wrong = next((name for name, size in expected.items() if getattr(self, name).shape != size), None)
+        if wrong is None and _digest(self.skeleton) != skeleton:
+            wrong = "skeleton"
+        if wrong is not None:
+            raise StaleTableError(f"{self.path}: '{wrong}' is damaged; {_REMOVE}")
+        done, digests = np.asarray(self.done[:]), np.asarray(self.digests[:])
+        for block in self.grid.blocks():
+            at, place = (block.rotation, *block.slices), _place(block)
+            if done[place] and digests[place] != _digest(np.asarray(self.q[at]), np.asarray(self.status[at])):
+                raise StaleTableError(f"{self.path}: the block {place} is damaged; {_REMOVE}")
 
     def missing(self) -> list[Block]:
         """Blocks that are not done."""
         done = np.asarray(self.done[:])
-        return [
-            block
-            for block in self.grid.blocks()
-            if not done[(block.rotation, *(start // BLOCK for start, _ in block.ranges))]
-        ]
+        return [block for block in self.grid.blocks() if not done[_place(block)]]
 
     def nearest(self, position: ArrayLike, rotation: int = 0) -> Array:
         """Postures of the targets nearest to positions, (k, n) for positions (k, 3) [m]; nan where unreachable.
@@ -185,6 +232,20 @@ class VolumeTable:
                     pairs += int((~np.isnan(step)).sum())
                     jumps += int((step > limit).sum())
         return jumps / max(1, pairs)
+
+
+def _place(block: Block) -> tuple[int, int, int, int]:
+    """Where a block is among the blocks."""
+    x, y, z = (start // BLOCK for start, _ in block.ranges)
+    return block.rotation, x, y, z
+
+
+def _digest(*arrays: Array | NDArray[np.uint8]) -> int:
+    """A number of 63 bits that other numbers hardly have."""
+    digest = hashlib.blake2b(digest_size=8)
+    for values in arrays:
+        digest.update(np.ascontiguousarray(values).tobytes())
+    return int.from_bytes(digest.digest(), "big") >> 1
 
 
 def _zarr() -> Any:

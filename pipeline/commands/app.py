@@ -3,10 +3,12 @@
 import os
 import sys
 from importlib import import_module
+from typing import Annotated
 
 import typer
 from typer.exceptions import TyperException
 
+from armdyn import __version__
 from armdyn.errors import ArmdynError, TaskFailedError
 from pipeline.commands.streams import tolerant_streams
 from pipeline.commands.unforeseen import report_unforeseen
@@ -16,12 +18,27 @@ app = typer.Typer(
     name="armdyn",
     help="Learn what a robot arm handles, use it, and find out where the model is wrong.",
     no_args_is_help=True,
-    add_completion=False,
+    rich_markup_mode="markdown",  # a unit in brackets is text
     pretty_exceptions_enable=False,
 )
 
-COMMANDS = ("trial", "models", "identify", "ik", "arm", "check", "loadcell", "ros")
+COMMANDS = ("trial", "models", "importing", "identify", "export", "ik", "arm", "check", "loadcell", "ros")
 """Modules of `pipeline.commands`, in the order in which `armdyn --help` lists their commands."""
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        print(f"armdyn {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _common(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version and stop.", is_eager=True, callback=_version)
+    ] = False,
+) -> None:
+    del version
 
 
 def run(interrupts: Interrupts) -> int:

@@ -5,11 +5,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipeline.commands.output import JsonOption, command_line, write_json
+from pipeline.commands.output import JsonOption, check_outputs, command_line, spinner, write_json
 
 if TYPE_CHECKING:
     import urdf
     from pipeline.motion.feasibility import FeasibilityReport
+    from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
 
 SHOWN = 10
 """Violations that are printed; the report and the JSON have them all."""
@@ -24,13 +25,22 @@ def check(
     trajectory: Annotated[
         Path, typer.Argument(help="CSV or recording: 'time [s]' and 'q.<joint> [rad]' per joint, or 's [m]'.")
     ],
-    robot: Annotated[str, typer.Option(help="Name of the robot.")] = "baxter",
+    robot: Annotated[str | None, typer.Option(help="Name of the robot; baxter, where no URDF is given.")] = None,
+    urdf_file: Annotated[
+        Path | None,
+        typer.Option("--urdf", help="URDF of the robot, in place of --robot; its longest chain is the arm."),
+    ] = None,
     load_mass: Annotated[str, typer.Option(help="Mass that hangs from the tool, such as '80 g'.")] = "0 kg",
     springs: Annotated[
         bool | None,
         typer.Option("--springs/--no-springs", help="Count the robot's gravity springs; its settings decide."),
     ] = None,
-    box: Annotated[bool, typer.Option("--box/--no-box", help="Keep clear of the task's box and table.")] = True,
+    box: Annotated[
+        bool | None,
+        typer.Option(
+            "--box/--no-box", help="Keep clear of the task's box and table; where the tool starts on the robot's line."
+        ),
+    ] = None,
     on_line: Annotated[bool, typer.Option("--on-line", help="The tool must stay on the robot's line.")] = False,
     start: Annotated[
         str | None, typer.Option(help="Where the arm is: joint positions in rad, separated by commas.")
@@ -51,20 +61,27 @@ def check(
     from pipeline.motion.trajectory import LineTrajectory
 
     mass = _mass(load_mass)
+    if robot is not None and urdf_file is not None:
+        raise InputError("a robot is known by its name or by its URDF: give one of --robot and --urdf")
+    check_outputs(report, json_file, inputs=[trajectory])
     try:
-        arm = urdf.load(robot)
-        line = arm.given_line if on_line or box else None
-        if on_line and line is None:
-            raise InputError(f"--on-line: robot '{arm.name}' has no line")
-        motion = read_trajectory(trajectory, arm)
-        settings = CheckSettings(
-            load_mass=mass, springs=springs, obstacles=box_and_table(line, Box()) if box and line is not None else ()
-        )
-        at = _start(start, arm) if ros is None else _where(ros, robot, start, arm)
-        if isinstance(motion, LineTrajectory):
-            result = check_line(default_table(arm), arm, motion, settings, at=at)
-        else:
-            result = check_joints(arm, motion, settings, line=line if on_line else None, at=at)
+        with spinner() as say:
+            say("reading the robot")
+            arm = urdf.load(robot or "baxter") if urdf_file is None else urdf.load(urdf_file, meshes=False)
+            line = arm.given_line
+            if (on_line or box) and line is None:
+                option = "--on-line" if on_line else "--box"
+                raise InputError(f"{option}: robot '{arm.name}' has no line")
+            motion = read_trajectory(trajectory, arm)
+            near = line is not None and (on_line or _starts_on(line, motion, arm))
+            obstacles = box_and_table(line, Box()) if line is not None and (near if box is None else box) else ()
+            settings = CheckSettings(load_mass=mass, springs=springs, obstacles=obstacles)
+            at = _start(start, arm) if ros is None else _where(ros, robot or "baxter", start, arm)
+            say("checking the motion on the whole arm")
+            if isinstance(motion, LineTrajectory):
+                result = check_line(default_table(arm), arm, motion, settings, at=at)
+            else:
+                result = check_joints(arm, motion, settings, line=line if on_line else None, at=at)
     except urdf.UrdfError as error:
         raise InputError(str(error)) from error
     if report is not None:
@@ -73,7 +90,26 @@ def check(
         write_json(result.to_json(), json_file)
     if json_file != Path("-"):
         _print(result, report)
+        if missing := [defect for defect in arm.defects if defect.startswith("mesh ")]:
+            typer.echo(f"{missing[0]}" + (f"; and {len(missing) - 1} more" if missing[1:] else ""))
     return 0 if result.feasible else 1
+
+
+ON_LINE = 0.05
+"""m from the robot's line, at which its tool is taken to be on it."""
+
+
+def _starts_on(line: "urdf.Line", motion: "LineTrajectory | JointTrajectory", arm: "urdf.Robot") -> bool:
+    """Whether a motion begins on the robot's line, where its task's box and table stand."""
+    import numpy as np
+
+    from pipeline.motion.trajectory import LineTrajectory
+
+    if isinstance(motion, LineTrajectory):
+        return True
+    aside = arm.tool_pose(motion.q[0]).translation - line.origin
+    along = float(np.clip(aside @ line.direction, line.s_min, line.s_max))
+    return bool(np.linalg.norm(aside - along * line.direction) < ON_LINE)
 
 
 def _mass(text: str) -> float:
@@ -124,8 +160,6 @@ def _write_report(result: "FeasibilityReport", trajectory: Path, file: Path) -> 
 
 
 def _print(result: "FeasibilityReport", report: Path | None) -> None:
-    from pipeline.motion.feasibility.verdict import in_words
-
     typer.echo(result.sentence)
     for violation in result.violations[:SHOWN]:
         typer.echo(f"  {violation}")
@@ -133,7 +167,7 @@ def _print(result: "FeasibilityReport", report: Path | None) -> None:
         typer.echo(f"  ... and {len(result.violations) - SHOWN} more")
     worst: dict[str, tuple[float, str]] = {}
     for margin in result.margins:
-        text = f"{margin.joint}: {margin.value:.4g} of {margin.bound:.4g}{in_words(margin.unit)} at {margin.time:.3f} s"
+        text = f"{margin.joint}: {margin}"
         worst[margin.limit] = max(worst.get(margin.limit, (-1.0, "")), (margin.used, text))
     typer.echo("\nclosest to each limit")
     for limit, (used, text) in worst.items():

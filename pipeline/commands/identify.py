@@ -1,5 +1,6 @@
 """`armdyn compare`, `diagnose`, `add` and `repair`: a model against recordings."""
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
@@ -37,6 +38,10 @@ OutputOption = Annotated[
 ]
 
 
+REPAIRED = ("--output", "repaired.toml", "--report", "repair.html")
+"""Where the files of a repair go that is proposed."""
+
+
 def register(app: typer.Typer) -> None:
     """Add the commands of this file."""
     for command in (compare, diagnose, add, repair):
@@ -66,6 +71,14 @@ class Inputs(NamedTuple):
     def recordings(self) -> list[Path]:
         """Every recording."""
         return [*self.runs, *(self.held_out or ()), *(self.exam or ())]
+
+    def command(self, name: str, *options: str) -> str:
+        """Another command on the same files."""
+        words = ["armdyn", name, str(self.model), *map(str, self.runs)]
+        for option, paths in (("--held-out", self.held_out), ("--exam", self.exam)):
+            words += [word for path in paths or () for word in (option, str(path))]
+        words += ["--effects", str(self.effects)] if self.effects is not None else []
+        return shlex.join([*words, *options])
 
     def read(self, adding: str | None = None) -> "Given":
         """Read everything that a study needs.
@@ -131,6 +144,9 @@ def compare(
         write_json(comparison_answer(given.study, found), json_file)
     if json_file != Path("-"):
         say_comparison(found)
+        say_report(report)
+        if not found.explained:
+            typer.echo(f"what is missing: {inputs.command('repair', *REPAIRED)}")
 
 
 def diagnose(
@@ -161,6 +177,9 @@ def diagnose(
         write_json(diagnosis_answer(given.study, found), json_file)
     if json_file != Path("-"):
         say_diagnosis(found)
+        say_report(report)
+        if found.suspects:
+            typer.echo(f"add it: {inputs.command('repair', *REPAIRED)}")
 
 
 def add(
@@ -217,13 +236,36 @@ def _conclude(given: Given, found: "Repair", output: Path, report: Path | None, 
     from pipeline.commands.identify_text import say_repair
 
     if report is not None:
+        from pipeline.report.page import NextStep
         from pipeline.report.repair import repair_report
 
-        repair_report(given.study, found, command_line()).write(report)
+        steps = [NextStep(f"{what}:", command) for what, command in next_steps(given.study, output).items()]
+        repair_report(given.study, found, command_line(), steps).write(report)
     history = (*given.file.history, *history_entries(given.study, found))
+    over = " (over the earlier one)" if output.exists() else ""
     write_model_file(output, ModelFile(found.model, given.file.description, history))
     if json_file is not None:
         write_json(repair_answer(found), json_file)
     if json_file != Path("-"):
         say_repair(found, given.study.judges)
-        typer.echo(f"written to {output}")
+        typer.echo(f"written to {output}{over}")
+        say_report(report)
+        for what, command in next_steps(given.study, output).items():
+            typer.echo(f"{what}: {command}")
+
+
+def say_report(report: Path | None) -> None:
+    """Print where the report went."""
+    if report is not None:
+        typer.echo(f"report {report}")
+
+
+def next_steps(study: "Study", output: Path) -> dict[str, str]:
+    """Commands that use a repaired model, by what they do."""
+    if study.model.base == "pendulum":
+        return {
+            "swing with it": shlex.join(["armdyn", "trial", "--model", str(output)]),
+            "take it elsewhere": shlex.join(["armdyn", "export", str(output), "--output", f"{output.stem}.py"]),
+        }
+    kind = ".xml" if study.model.base == "arm" else ".json"
+    return {"take it elsewhere": shlex.join(["armdyn", "export", str(output), "--output", f"{output.stem}{kind}"])}

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from armdyn.identify.exam import Judge
     from armdyn.identify.localise import Place
     from armdyn.identify.repair import Repair
-    from armdyn.identify.rung import Rung
+    from armdyn.identify.repair_step import RepairStep
 
 MOST_JOINTS = 3
 """Joints that are named in a line; of more only the number, as the JSON has them all."""
@@ -35,9 +35,10 @@ def say_comparison(found: "Comparison") -> None:
 def say_diagnosis(found: "Diagnosis") -> None:
     """Print the answer of diagnose."""
     from rich.table import Table
+    from rich.text import Text
 
     console = to_screen()
-    console.print(f"[bold]{found.verdict.key}[/]: {found.sentence}")
+    console.print(Text.assemble((found.verdict.key, "bold"), f": {found.sentence}"))
     if found.suspects:
         table = Table("effect", "ΔBIC", "p", "tied with", box=None, header_style="dim")
         for s in found.suspects:
@@ -45,7 +46,7 @@ def say_diagnosis(found: "Diagnosis") -> None:
             table.add_row(name, f"{s.delta_bic:.1f}", f"{s.p_value:.1e}", ", ".join(s.tied_with))
         console.print(table)
     for name, imitators in found.unseen.items():
-        console.print(f"[dim]{name} cannot be seen in these runs: {', '.join(imitators)} does the same.[/]")
+        console.print(f"{name} cannot be seen in these runs: {', '.join(imitators)} does the same.", style="dim")
     _say_fit(found.comparison)
     _say_places(found.comparison.places)
 
@@ -53,14 +54,13 @@ def say_diagnosis(found: "Diagnosis") -> None:
 def say_repair(found: "Repair", judges: "Sequence[Judge]") -> None:
     """Print the answer of add and repair."""
     typer.echo(found.sentence)
-    _say_path(found.ladder, found.after.scale.units, judges)
+    _say_path(found.path, found.after.scale.units, judges)
     say_links(found.links)
     _say_fit(found.after)
 
 
 def _say_fit(found: "Comparison") -> None:
     """Print parameters and channels."""
-    from rich.markup import escape
     from rich.table import Table
 
     from armdyn.preparation import of_all_runs, sentence
@@ -78,26 +78,25 @@ def _say_fit(found: "Comparison") -> None:
         )
     console.print(channels)
     problem = found.fit.problem
-    if done := sentence(of_all_runs(map(problem.model.preparations, problem.runs))):
-        console.print(f"[dim]{done}[/]")
+    if done := sentence(of_all_runs(run.preparations for run in problem.runs)):
+        console.print(done, style="dim")
     if not found.intervals_hold:
-        console.print(f"[yellow]{found.how_certain}[/]")
+        console.print(found.how_certain, style="yellow")
     for text in found.left_out:
-        console.print(f"[yellow]{escape(text)}.[/]")
+        console.print(f"{text}.", style="yellow")
     for name in found.at_bound:
-        console.print(f"[yellow]{escape(name)} ended on its physical bound: it may stand in for something else.[/]")
+        console.print(f"{name} ended on its physical bound: it may stand in for something else.", style="yellow")
     for name in found.undetermined:
-        console.print(f"[dim]{escape(name)} was not fitted: these runs say nothing about it.[/]")
+        console.print(f"{name} was not fitted: these runs say nothing about it.", style="dim")
 
 
 def _say_parameters(parameters: "Mapping[str, FittedParameter]") -> None:
     """Print values with their standard deviations."""
-    from rich.markup import escape
     from rich.table import Table
 
     table = Table("parameter", "value", "std", "unit", box=None, header_style="dim")
     for name, p in parameters.items():
-        table.add_row(escape(name), f"{p.value:.6g}", "fixed" if p.std is None else f"{p.std:.2g}", p.unit)
+        table.add_row(name, f"{p.value:.6g}", "fixed" if p.std is None else f"{p.std:.2g}", p.unit)
     if parameters:
         to_screen().print(table)
 
@@ -113,7 +112,7 @@ def _say_places(places: "Sequence[Place]", most: int = 6) -> None:
         )
 
 
-def _say_path(path: "tuple[Rung, ...]", units: "Mapping[str, str]", judges: "Sequence[Judge]") -> None:
+def _say_path(path: "tuple[RepairStep, ...]", units: "Mapping[str, str]", judges: "Sequence[Judge]") -> None:
     """Print the error falling; three channels or more, such as an arm's joints, as the root of their summed squares."""
     from rich.table import Column, Table
 
@@ -126,11 +125,10 @@ def _say_path(path: "tuple[Rung, ...]", units: "Mapping[str, str]", judges: "Seq
     columns = [Column(head, overflow="fold") for head in ("step", *heads, "χ²/sample", "BIC")]
     table = Table(*columns, box=None, header_style="dim")
     for step in path:
-        name = "+ " + " + ".join(step.added) if step.added else "as given" if not step.removed else ""
+        name = "+ " + " + ".join(step.added) if step.added else "as given"
         if step.joints:
             few = len(step.joints) <= MOST_JOINTS
             name += f" on {', '.join(step.joints)}" if few else f" on {len(step.joints)} joints"
-        name += "".join(f" − {removed}" for removed in step.removed)
         name += f" (or {', '.join(step.tied_with)})" if step.tied_with else ""
         kinds = (step.rmse, step.held_out_rmse, step.exam_rmse)[: 1 + len(unseen)]
         if together:
@@ -143,7 +141,7 @@ def _say_path(path: "tuple[Rung, ...]", units: "Mapping[str, str]", judges: "Seq
     console = to_screen()
     console.print(table)
     for judge in judges:
-        console.print(f"[dim]{judge.value}[/]")
+        console.print(judge.value, style="dim")
 
 
 ROWS = (
@@ -157,7 +155,6 @@ ROWS = (
 
 def say_links(links: "Sequence[LinkChange]") -> None:
     """Print mass, centre and inertia of every changed link beside the URDF's, then what must not be overlooked."""
-    from rich.markup import escape
     from rich.table import Table
 
     if not links:
@@ -169,13 +166,13 @@ def say_links(links: "Sequence[LinkChange]") -> None:
         for i, (label, unit, names) in enumerate(ROWS):
             these = [by_name[name] for name in names]
             urdf = ", ".join(f"{q.described:.3g}" for q in these)
-            table.add_row(escape(link.joint) if i == 0 else "", label, urdf, _repaired(these), unit)
+            table.add_row(link.joint if i == 0 else "", label, urdf, _repaired(these), unit)
     console.print(table)
     if not all(q.determined for link in links for q in link.quantities):
-        console.print(f"[dim]{UNDETERMINED_NOTE}[/]")
+        console.print(UNDETERMINED_NOTE, style="dim")
     for link in links:
         if link.warning:
-            console.print(f"[yellow]Look out: {escape(link.warning)}.[/]")
+            console.print(f"Look out: {link.warning}.", style="yellow")
 
 
 UNDETERMINED_NOTE = (

@@ -1,5 +1,6 @@
 """`armdyn new` and `armdyn effects`: a base model, and the effects that it can have."""
 
+import shlex
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -27,6 +28,9 @@ SetOption = Annotated[
 ]
 
 
+ForceOption = Annotated[bool, typer.Option("--force", help="Write over a model that is there and was repaired.")]
+
+
 def register(app: typer.Typer) -> None:
     """Add the commands of this file."""
     app.add_typer(commands, name="new")
@@ -37,12 +41,13 @@ def register(app: typer.Typer) -> None:
 def pendulum(
     model: Annotated[Path, typer.Argument(metavar="M.toml", help="File to write.")],
     settings: SetOption = None,
+    force: ForceOption = False,
     json_file: JsonOption = None,
 ) -> None:
     """A load on a string below a moving gripper: length and mass."""
     from armdyn.model_file import ModelFile, base_pendulum
 
-    _write(model, ModelFile(base_pendulum(_known(settings)), {}), json_file)
+    _write(model, ModelFile(base_pendulum(_known(settings)), {}), json_file, force)
 
 
 @commands.command(name="own", hidden=True)
@@ -50,13 +55,14 @@ def own_base(
     model: Annotated[Path, typer.Argument(metavar="M.toml", help="File to write.")],
     base: Annotated[Path, typer.Option("--base", help="Python file with a base of your own.")],
     settings: SetOption = None,
+    force: ForceOption = False,
     json_file: JsonOption = None,
 ) -> None:
     """A base of your own, from a Python file that defines it with @physics."""
     from armdyn.model_file import ModelFile, with_known
     from armdyn.physics.user import load_base
 
-    _write(model, ModelFile(with_known(load_base(base), _known(settings)), {}), json_file)
+    _write(model, ModelFile(with_known(load_base(base), _known(settings)), {}), json_file, force)
 
 
 @commands.command()
@@ -68,6 +74,7 @@ def arm(
         str | None, typer.Option(help="Names from base to tool, with commas; the longest chain when not given.")
     ] = None,
     tool: Annotated[str | None, typer.Option(help="Link that carries the tool.")] = None,
+    force: ForceOption = False,
     json_file: JsonOption = None,
 ) -> None:
     """The rigid bodies of any URDF, held against joint torques."""
@@ -79,11 +86,11 @@ def arm(
         raise InputError("an arm needs either --urdf FILE or --robot baxter")
     names = [name.strip() for name in joints.split(",") if name.strip()] if joints is not None else None
     made = arm_model(urdf, robot, names, tool=tool)
-    description: dict[str, Any] = {"robot": robot} if robot is not None else {"urdf": str(Path(str(urdf)).resolve())}
+    description: dict[str, Any] = {} if robot is None else {"robot": robot}
     description["joints"] = list(made.joints)
     if tool is not None:
         description["tool"] = tool
-    _write(model, ModelFile(made, description), json_file)
+    _write(model, ModelFile(made, description), json_file, force)
 
 
 def _known(settings: list[str] | None) -> dict[str, str]:
@@ -105,11 +112,11 @@ def _known(settings: list[str] | None) -> dict[str, str]:
     return known
 
 
-def _write(path: Path, file: Any, json_file: Path | None) -> None:
+def _write(path: Path, file: Any, json_file: Path | None, force: bool) -> None:
     from armdyn.model_file import write_model_file
 
     check_outputs(path, json_file)
-    _check_target(path)
+    _check_target(path, force)
     write_model_file(path, file)
     _say(path, file, json_file)
 
@@ -120,33 +127,44 @@ def _say(path: Path, file: Any, json_file: Path | None) -> None:
         answer = {
             "schema": "armdyn.model/1",
             "file": str(path),
-            "base": model.base,
             "effects": [],
             "parameters": {
                 n: {"value": p.value, "unit": p.unit} for n, p in model.parameters.items() if p.scope == "shared"
             },
+            **model.described(path.parent),
             **file.description,
         }
         write_json(answer, json_file)
     if json_file != Path("-"):
         what = ", ".join(f"{n} {p.value:g} {p.unit}" for n, p in model.parameters.items() if p.scope == "shared")
         typer.echo(f"{path}: {model.base}" + (f", {what}" if what else "") + _joints(file.description))
+        typer.echo(f"next: armdyn compare {shlex.quote(str(path))} RUN... --report compare.html")
 
 
 def _joints(description: dict[str, Any]) -> str:
     return f", joints {', '.join(description['joints'])}" if "joints" in description else ""
 
 
-def _check_target(model: Path) -> None:
-    """A model may take the place of a model, not of a recording.
+def _check_target(model: Path, force: bool) -> None:
+    """A new model may take the place of a model in which nothing was found yet, not of a recording.
 
     Raises:
-        InputError: the file is there and is no model file.
+        InputError: the file is there and is no model file, or is one that was repaired or cannot be read.
     """
+    import tomllib
+
     from armdyn.errors import InputError
 
     if model.is_file() and model.suffix != ".toml":
         raise InputError(f"{model} exists and is no model file: choose another name")
+    if not model.is_file() or force:
+        return
+    try:
+        table = tomllib.loads(model.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+        table = {"history": True}
+    if "base" not in table or table.get("history") or table.get("effects"):
+        raise InputError(f"{model} is there already and holds more than a new model: --force writes over it")
 
 
 def effects(effects_file: EffectsOption = None, json_file: JsonOption = None) -> None:
@@ -175,11 +193,13 @@ def effects(effects_file: EffectsOption = None, json_file: JsonOption = None) ->
         write_json({"schema": "armdyn.effects/1", "effects": [answer(effect) for effect in known]}, json_file)
     if json_file == Path("-"):
         return
+    from rich.text import Text
+
     console = to_screen()
     for stage in STAGES:
-        console.print(f"[bold]{stage}[/]")
+        console.print(stage, style="bold")
         for effect in (e for e in known if e.acts_on == stage):
-            console.print(f"  [cyan]{effect.name}[/]  {effect.summary}")
+            console.print(Text.assemble("  ", (effect.name, "cyan"), f"  {effect.summary}"))
             for short, q in effect.quantities.items():
                 bounds = f"{q.lower:g} to {q.upper:g}".replace("-inf", "any").replace("inf", "any")
                 console.print(

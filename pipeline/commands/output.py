@@ -2,12 +2,14 @@
 
 import json
 import os
+import re
 import shlex
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from io import TextIOWrapper
 from pathlib import Path
+from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -23,11 +25,11 @@ PIPED_WIDTH = 140
 
 
 def to_screen() -> "Console":
-    """Standard output for tables and coloured lines."""
+    """Standard output for tables and coloured lines; colours are given as `style`, so that ``[m]`` is text."""
     from rich.console import Console
 
     any_encoding()
-    return Console(highlight=False, width=None if sys.stdout.isatty() else PIPED_WIDTH)
+    return Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else PIPED_WIDTH)
 
 
 def any_encoding() -> None:
@@ -73,7 +75,7 @@ def phase_progress() -> Iterator[Callable[[str, float], None]]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-    columns = (TextColumn("{task.description:<24}"), BarColumn(), TimeElapsedColumn())
+    columns = (TextColumn("{task.description:<24}", markup=False), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("starting", total=1.0)
 
@@ -116,13 +118,67 @@ def check_outputs(*files: Path | None, inputs: Sequence[Path] = ()) -> None:
             raise InputError(f"cannot write {file}: there is no directory {target.parent}; choose another place")
 
 
+def free_to_write(file: Path, force: bool) -> None:
+    """Refuse to write over what is there, unless that is asked for.
+
+    Raises:
+        InputError: the file is there.
+    """
+    from armdyn.atomic import is_stream
+    from armdyn.errors import InputError
+
+    if file.exists() and not force and not is_stream(file):
+        raise InputError(f"{file} is there already: choose another name, or write over it with --force")
+
+
+COUNTED = re.compile(r"(\d+) of (\d+) ")
+"""What says how many of how many are done gets a bar, and from its pace an estimate of the time that is left."""
+
+
 @contextmanager
 def spinner() -> Iterator[Callable[[str], None]]:
-    """Say on standard error what is going on, until the block ends."""
-    from rich.console import Console
+    """Say on a terminal's standard error what is going on, for how long, and how far it is, until the block ends.
 
-    with Console(stderr=True).status("reading") as status:
-        yield status.update
+    Yields:
+        ``say(what)``; ``"3 of 12 candidates tried"`` shows a bar and about how long it still takes.
+    """
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}", markup=False),
+        BarColumn(24),
+        TextColumn("{task.fields[left]}", markup=False),
+        TimeElapsedColumn(),
+    )
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("reading", total=None, left="")
+        phase, began = "", monotonic()
+
+        def say(what: str) -> None:
+            nonlocal phase, began
+            counted = COUNTED.match(what)
+            if counted is None:
+                bar.update(task, description=what, total=None, completed=0, left="")
+                phase = ""
+                return
+            done, total = int(counted[1]), int(counted[2])
+            kind = what[counted.end() :].partition(",")[0]
+            if kind != phase or done == 0:
+                phase, began = kind, monotonic()
+            left = about((monotonic() - began) * (total - done) / done) if done else ""
+            bar.update(task, description=what, total=total, completed=done, left=left)
+
+        yield say
+
+
+def about(seconds: float) -> str:
+    """A time that is left, as coarse as it is known: ``about 40 s left``."""
+    if seconds < 10.0:
+        return "a few seconds left"
+    return f"about {10 * round(seconds / 10)} s left" if seconds < 90.0 else f"about {round(seconds / 60)} min left"
 
 
 def command_line() -> str:

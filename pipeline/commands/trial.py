@@ -1,5 +1,6 @@
 """`armdyn trial` and `armdyn table`: one whole experiment, and the paper's Table I."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import isfinite
 from pathlib import Path
@@ -95,6 +96,9 @@ def trial(
     check_outputs(json_file)
     given = _pendulum(model, effects) if model else None
     guess = length_guess if length_guess is not None else given.value("length") if given else 0.328
+    held = given is not None and not given.parameters["length"].fitted
+    estimate = not (no_estimation or held)
+    note = f"{model} holds the length fixed: it was not estimated" if held and not no_estimation else ""
     weighed, weighed_std = _mass(mass)
     if robot == "ros":
         from pipeline.commands.real import real_trial
@@ -103,7 +107,7 @@ def trial(
             if unused:
                 raise InputError(f"{option}: only the simulated robot has it; leave it out, or leave out --robot ros")
         protocol = ProtocolSettings(
-            length_guess=guess, estimate=not no_estimation, model=given, mass=weighed, mass_std=weighed_std
+            length_guess=guess, estimate=estimate, model=given, mass=weighed, mass_std=weighed_std
         )
         with own_folder(out, Path("out/trial")) as folder:
             real_trial(protocol, ros, arm, loadcell, calibration, folder, rehearse, yes, landed, json_file)
@@ -114,14 +118,14 @@ def trial(
         if text:
             raise InputError(f"{option}: needs --robot ros")
     settings = TrialSettings(
-        length_guess=guess, length=length, estimate=not no_estimation, hidden=parse_hidden(hidden or []), model=given,
+        length_guess=guess, length=length, estimate=estimate, hidden=parse_hidden(hidden or []), model=given,
         seed=seed, mass=weighed, mass_std=weighed_std,
     )  # fmt: skip
     with own_folder(out, Path("out/trial")) as folder:
-        _run(replace(settings, out=folder), folder, json_file, picture=picture)
+        _run(replace(settings, out=folder), folder, json_file, note, picture=picture)
 
 
-def _run(settings: "TrialSettings", out: Path, json_file: Path | None, *, picture: bool) -> None:
+def _run(settings: "TrialSettings", out: Path, json_file: Path | None, note: str, *, picture: bool) -> None:
     """One trial in a folder that nobody else writes to, and what there is to say about it."""
     from pipeline.trial import simulate
 
@@ -133,12 +137,11 @@ def _run(settings: "TrialSettings", out: Path, json_file: Path | None, *, pictur
             write_json(result.as_json(), json_file)
         report = out / "report.html"
         told: str | None = "no report: who interrupts a trial wants it to end"
+        pictures: Sequence[Path] = ()
         if result.signal is None:
             progress("writing the report", 0.97)
             told = _report(done, report)
-        if picture and result.signal is None:
-            progress("rendering the swing", 0.98)
-            _render(done, out)
+            pictures = _render(done, out, progress) if picture else ()
     if json_file != Path("-"):
         say = to_screen().print
         if result.estimates:
@@ -146,13 +149,16 @@ def _run(settings: "TrialSettings", out: Path, json_file: Path | None, *, pictur
                 f"length {result.length_estimate:.4f} m +/- {1e3 * result.length_std:.2f} mm "
                 f"(true {settings.length:g} m, guess {settings.length_guess:g} m)"
             )
+        if note:
+            say(note, markup=False)
         say(result.message, style=f"bold {'green' if result.success else 'red'}", markup=False)
         for note in (*result.notes, *([told] if told else [])):
             say(note, soft_wrap=True, markup=False)
         say(f"{'' if told else f'report {report}, '}recording {result.recording}", soft_wrap=True)
-        if not result.success and result.estimates and result.signal is None:
-            repair = f"armdyn repair {out / 'model.toml'} {out / 'trial.csv'} --output repaired.toml"
-            say(f"what the model lacks: {repair}", soft_wrap=True)
+        for drawn in pictures:
+            say(f"picture {drawn}", soft_wrap=True)
+        if result.repair_command is not None:
+            say(f"what the model lacks: {result.repair_command}", soft_wrap=True)
     if result.signal is not None:
         raise typer.Exit(128 + result.signal)
     if not result.success:
@@ -193,14 +199,24 @@ def _pendulum(file: Path, effects: Path | None) -> "PendulumModel":
     return model
 
 
-def _render(done: "SimulatedTrial", out: Path) -> None:
+def _render(done: "SimulatedTrial", out: Path, show: Callable[[str, float], None]) -> tuple[Path, ...]:
+    """Draw the swing; the files that were written."""
     from pipeline.robot.picture import render_swing
 
     history = done.swing_history()
     if history is None:
-        return
-    for name in ("swing.png", "swing.gif"):
-        render_swing(done.experiment.description, done.plant, history, out / name)
+        return ()
+    files = (out / "swing.png", out / "swing.gif")
+    for file in files:
+        render_swing(
+            done.experiment.description,
+            done.plant,
+            history,
+            file,
+            # Pictures take as long as all that was before.
+            progress=lambda drawn, total: show(f"picture {drawn} of {total}", drawn / total),
+        )
+    return files
 
 
 def table(

@@ -1,5 +1,6 @@
 """Options that say which robot a command is about."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -51,9 +52,12 @@ def numbers(text: str, option: str) -> list[float]:
     values = []
     for part in text.split(","):
         try:
-            values.append(float(part))
-        except ValueError as error:
-            raise InputError(f"{option}: '{part.strip()}' is not a number; give numbers separated by commas") from error
+            value = float(part)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise InputError(f"{option}: '{part.strip()}' is not a number; give numbers separated by commas")
+        values.append(value)
     return values
 
 

@@ -1,4 +1,4 @@
-"""Limits held against a motion, the motion to rest that must always exist, and the ride along the speed limit."""
+"""A motion checked against limits, the motion to rest that must always exist, and the motion at the speed limit."""
 
 from __future__ import annotations
 

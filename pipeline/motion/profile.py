@@ -17,7 +17,7 @@ from pipeline.motion.trajectory import LineState
 from urdf.robot import Array
 
 SAMPLING = 2.5e-3
-"""Spacing at which a motion is held against limits that depend on the place [s]."""
+"""Spacing at which a motion is compared with limits that depend on the place [s]."""
 
 MISSED = 5e-4
 """Share of the speed limit by which a motion may exceed it between two samples [1]."""

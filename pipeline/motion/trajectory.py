@@ -81,7 +81,7 @@ class LineTrajectory:
         """This motion, then another one whose time counts from this one's end.
 
         Args:
-            other: whose first sample, if it is at time 0, stands for this one's last.
+            other: its first sample is left out if it is at time 0: it is this one's last.
         """
         first = 1 if other.time[0] <= 0.0 else 0
         return LineTrajectory(

@@ -1,6 +1,6 @@
 """What every report about a fit shows: measured and predicted, the residual, the parameters."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -10,92 +10,20 @@ import plotly.graph_objects as go
 from armdyn.identify.compare import Comparison
 from armdyn.identify.fit import Fit
 from armdyn.identify.localise import Place
-from armdyn.identify.problem import Block
 from armdyn.identify.study import Study
-from armdyn.preparation import of_all_runs, sentence
-from armdyn.run import Channel
+from pipeline.report.names import full_name, quantity_of, short_name
+from pipeline.report.overlay import Overlay, OverlaySection, of_fits, quality
 from pipeline.report.page import Chart, KeyFigure, Level, Report, Section, Table
-from pipeline.report.theme import GREY, LIMIT, MEASURED, MODEL, RECORDED, Span, add_band, number, stacked
-
-MOST_POINTS = 3000
-"""Per trace; more makes the page heavy and the picture no clearer."""
-
-FEW_POINTS, LARGE = 400, 5
-"""Fewer are drawn larger, in px: small dots far apart are overlooked beside a line."""
+from pipeline.report.theme import LIMIT, MEASURED, MODEL, nearly, number
 
 
 @dataclass(frozen=True)
-class FitSection(Section):
-    """Every channel of every run over time."""
-
-    title: ClassVar[str] = "Measured and predicted"
-
-    fit: Fit
-    places: Sequence[Place]
-
-    def sentence(self) -> str:
-        """What is shaded."""
-        shaded = any(place.against == "time" for place in self.places)
-        text = "Shaded: where the residual is far above the noise." if shaded else "No stretch of time stands out."
-        problem = self.fit.problem
-        return f"{text} {sentence(of_all_runs(map(problem.model.preparations, problem.runs)))}".strip()
-
-    def charts(self) -> Sequence[Chart]:
-        """One figure per channel and run."""
-        return [self._chart(block) for block in self.fit.blocks]
-
-    def _chart(self, block: Block) -> Chart:
-        model = self.fit.problem.model
-        run = next(run for run in self.fit.problem.runs if run.name == block.run)
-        channel = run.channels[block.channel]
-        done = model.preparations(run).get(block.channel)
-        measured = np.interp(block.time, channel.time, channel.value)
-        every = slice(None, None, max(1, len(block.time) // MOST_POINTS))
-        phases = [
-            Span("", place.start, place.end)
-            for place in self.places
-            if place.against == "time" and place.run == block.run and place.channel == block.channel
-        ]
-        title = f"{block.channel} [{channel.unit}]"
-        figure = stacked([title, f"residual [{channel.unit}]"], [0.6, 0.4], phases, 400)
-        shown = channel if done is None else model.recording(run).channels[block.channel]
-        figure.update_layout(xaxis_range=[float(shown.time[0]), float(shown.time[-1])])
-        time = block.time[every]
-        if done is not None:
-            figure.add_scatter(**_thinned(shown), name="as recorded", **RECORDED)
-        below = "" if done is None else f", below {done.cutoff:.3g} Hz"
-        dots = MEASURED if len(time) > FEW_POINTS else {**MEASURED, "marker": {"color": GREY, "size": LARGE}}
-        figure.add_scatter(x=time, y=measured[every], name=f"measured{below}", **dots)
-        figure.add_scatter(x=time, y=(measured - block.misfit)[every], name="predicted", **MODEL)
-        band = np.full(2, 2 * block.noise)
-        ends = block.time[[0, -1]]
-        add_band(figure, ends, 0 * band, band, "± 2 std of the noise", axis="y2")
-        figure.add_scatter(x=time, y=block.misfit[every], yaxis="y2", showlegend=False, name="residual", **dots)
-        rms = float(np.sqrt(np.mean(block.misfit**2)))
-        caption = f"{block.run}: residual {number(rms, channel.unit)} rms."
-        if done is not None:
-            caption += f" {done.samples} samples, {done.rate:.3g} per second, of {done.recorded} recorded."
-        return Chart(figure, caption)
-
-
-def _thinned(channel: Channel) -> dict[str, np.ndarray]:
-    """Points of a signal at its full rate; of more than `MOST_POINTS` the extremes of each stretch; they look alike."""
-    time, value = channel.time, channel.value
-    if len(value) > MOST_POINTS:
-        width = 2 * -(-len(value) // MOST_POINTS)
-        whole = len(value) // width * width
-        stretches = value[:whole].reshape(-1, width)
-        extremes = np.sort([stretches.argmin(axis=1), stretches.argmax(axis=1)], axis=0)
-        kept = np.append((extremes + width * np.arange(len(stretches))).T.ravel(), len(value) - 1)
-        time, value = time[kept], value[kept]
-    return {"x": time, "y": value}
-
-
-@dataclass(frozen=True)
-class FormulaSection(FitSection):
+class FormulaSection(OverlaySection):
     """A formula that is known to be wrong, at the motion and parameters that the right one finds."""
 
     title: ClassVar[str] = "The wrong formula at the right motion"
+
+    places: Sequence[Place] = ()
 
     def sentence(self) -> str:
         """Where it fails."""
@@ -103,35 +31,82 @@ class FormulaSection(FitSection):
         return "Nothing is fitted here. It fails most at " + "; ".join(ranges) + "." if ranges else "It does not fail."
 
 
+@dataclass(frozen=True)
+class ErrorSection(Section):
+    """Of every channel: the error as given and now, on every kind of run, and what is explained of the signal."""
+
+    title: ClassVar[str] = "Errors"
+
+    curves: Sequence[Overlay]
+    steps: int
+
+    def tables(self) -> Sequence[Table]:
+        """A row per channel."""
+        kinds = list(dict.fromkeys(c.kind for c in self.curves))
+        shown = (0, self.steps - 1) if self.steps > 1 else (0,)
+        each = ("as given", "now") if self.steps > 1 else ("now",)
+        header = ["", "noise", *(f"{kind}, {when}" for kind in kinds for when in each), "unit"]
+        header += [f"explained {when}" for when in each]
+        rows: list[list[str]] = []
+        shares: list[list[float]] = []
+        for channel in dict.fromkeys(c.channel for c in self.curves):
+            mine = [c for c in self.curves if c.channel == channel]
+            errors: list[str] = []
+            share = [0.0] * len(each)
+            for kind in kinds:
+                of_kind = [c for c in mine if c.kind == kind]
+                found = [quality(of_kind, step) for step in shown] if of_kind else []
+                errors += [f"{q.rmse:.4g}" for q in found] or ["–"] * len(each)
+                share = [q.explained for q in found] or share
+            noise = float(np.sqrt(np.mean([c.noise**2 for c in mine])))
+            rows.append([full_name(channel, mine[0].unit), f"{noise:.3g}", *errors, mine[0].unit, *map(nearly, share)])
+            shares.append([max(x, 0.0) for x in share])
+        bars = {len(header) - len(each) + i: [share[i] for share in shares] for i in range(len(each))}
+        caption = (
+            "Error: root mean square of measured minus predicted. Explained: share of the measured signal's variation "
+            f"about its mean, {kinds[-1]}; below 0 the mean alone would do better."
+        )
+        return [Table(header, rows, caption, bars=bars)]
+
+
 BINS = 24
-MOST_DOTS = 1500
-MOST_CHARTS = 12
+MOST_DOTS = 800
+MOST_CHARTS = 4
+"""Under each tab: what matters most."""
 
 
 @dataclass(frozen=True)
 class DependenceSection(Section):
-    """One figure per channel and covariate, all runs together, those that matter most first."""
+    """One figure per channel and covariate, all runs together, for each channel those that matter most first."""
 
     title: ClassVar[str] = "What the residual depends on"
 
     fit: Fit
+    whose: str = "this model"
 
     def sentence(self) -> str:
         """How to read it."""
-        return "A line that leaves the band has a cause: a step at zero speed is dry friction, a slope is viscous."
+        text = "A line that leaves the band has a cause: a step at zero speed is dry friction, a slope is viscous."
+        return f"Residual of {self.whose}. {text}"
+
+    def tabs(self) -> Mapping[str, str]:
+        """The channels."""
+        return {block.channel: short_name(block.channel) for block in self.fit.blocks}
 
     def charts(self) -> Sequence[Chart]:
         """Residual in units of the noise, and its mean in bins."""
-        found = sorted(self._gathered(), key=lambda item: -item[0])[:MOST_CHARTS]
-        return [chart for _, chart in found]
+        by_tab: dict[str, list[Chart]] = {}
+        for _, chart in sorted(self._gathered(), key=lambda item: -item[0]):
+            by_tab.setdefault(chart.tab, []).append(chart)
+        return [chart for charts in by_tab.values() for chart in charts[:MOST_CHARTS]]
 
     def _gathered(self) -> list[tuple[float, Chart]]:
         problem, points = self.fit.problem, dict[tuple[str, str], list[tuple[np.ndarray, np.ndarray]]]()
         units = {}
         for i, run in enumerate(problem.runs):
-            circumstances = problem.model.circumstances(run, problem.theta(i, self.fit.values))
+            covariates = problem.model.covariates(run, problem.theta(i, self.fit.values))
             for block in (b for b in self.fit.blocks if b.run == run.name):
-                for name, channel in circumstances.items():
+                for name, channel in covariates.items():
                     if name.startswith(("q.", "v.")) and name[2:] != block.channel.removeprefix("tau."):
                         continue  # a joint's torque is shown against that joint
                     at = np.interp(block.time, channel.time, channel.value)
@@ -151,14 +126,16 @@ def _chart(
     middle = np.bincount(place, at, minlength=BINS) / count
     every = slice(None, None, max(1, len(at) // MOST_DOTS))
     figure = go.Figure(layout={"height": 280})
-    figure.update_xaxes(title_text=f"{against} [{unit}]")
-    figure.update_yaxes(title_text=f"{channel} residual / noise")
+    figure.update_xaxes(title_text=f"{full_name(against, unit)} [{unit}]")
+    figure.update_yaxes(title_text="residual [std of noise]")
     figure.add_scatter(x=at[every], y=residual[every], name="samples", opacity=0.4, **MEASURED)
     figure.add_scatter(x=middle, y=mean, name="mean", **MODEL)
     bound = 3 / np.sqrt(count)
     for sign in (-1, 1):
         figure.add_scatter(x=middle, y=sign * bound, name="3 std of the mean", showlegend=sign > 0, **LIMIT)
-    return float(np.sum((mean / bound) ** 2)), Chart(figure, f"{channel} against {against}.")
+    return float(np.sum((mean / bound) ** 2)), Chart(
+        figure, f"Residual of the {full_name(channel)} against {full_name(against)}.", channel
+    )
 
 
 @dataclass(frozen=True)
@@ -179,68 +156,81 @@ class ParameterSection(Section):
         return " ".join([text, *(f"{left_out}." for left_out in self.comparison.left_out)])
 
     def tables(self) -> Sequence[Table]:
-        """Parameters, then channels."""
+        """Parameters, and the statistics behind a line."""
         c = self.comparison
+        meaning = {column.name: column.parameter.source for column in c.fit.problem.columns}
         parameters = [
-            [name, f"{p.value:.6g}", f"{p.std:.2g}" if p.std is not None else "not fitted", p.unit]
+            [name, f"{p.value:.6g}", "not fitted" if p.std is None else f"{p.std:.2g}", p.unit, meaning.get(name, "")]
             for name, p in c.parameters.items()
         ]
-        examined = any(q.exam_rmse is not None for q in c.channels.values())
-        channels = [
-            [
-                name,
-                f"{q.noise_std:.3g}",
-                f"{q.rmse:.4g}",
-                *(
-                    f"{error:.4g}" if error is not None else "–"
-                    for error in ((q.held_out_rmse, q.exam_rmse) if examined else (q.held_out_rmse,))
-                ),
-                f"{q.chi2_per_sample:.4g}",
-                q.unit,
-            ]
+        statistics = [
+            [full_name(name, q.unit), f"{q.noise_std:.3g} {q.unit}", f"{q.chi2_per_sample:.4g}", f"{q.white:.2g}"]
             for name, q in c.channels.items()
         ]
-        errors = ["rms error", "held out", *(["exam"] if examined else [])]
         return [
-            Table(["parameter", "value", "std", "unit"], parameters),
-            Table(["channel", "noise", *errors, "χ² per sample", "unit"], channels),
+            Table(["parameter", "value", "std", "unit", "what it is"], parameters),
+            Table(
+                ["", "noise", "χ² per sample", "p of white noise"],
+                statistics,
+                "χ² per sample: squared error over squared noise, 1 where only noise is left.",
+                folded="Statistics: χ² per sample, whiteness",
+            ),
         ]
 
 
 def comparison_report(study: Study, found: Comparison, command: str = "") -> Report:
     """Measured against predicted, where it fails, on what the residual depends, the parameters."""
+    shown = OverlaySection.of_study(study, [found.fit], ["as given"], found.places)
     return Report(
         title="Compare: the model against recordings",
         level=Level.GOOD if found.explained else Level.CAUTION,
         verdict=found.sentence,
-        sections=[*fit_sections(found), *formula_sections(found)],
+        sections=[shown, *fit_sections(found, shown), *formula_sections(found)],
         subtitle=runs_of(study),
-        key_figures=key_figures(found),
+        key_figures=key_figures(shown),
         command=command,
     )
 
 
-def fit_sections(found: Comparison) -> list[Section]:
-    """What every report about a fit shows."""
-    return [FitSection(found.fit, found.places), DependenceSection(found.fit), ParameterSection(found)]
+def fit_sections(found: Comparison, shown: OverlaySection, whose: str = "this model") -> list[Section]:
+    """What every report about a fit shows below its curves; `whose` fit is `found`."""
+    errors = ErrorSection(shown.curves, len(shown.steps))
+    return [errors, DependenceSection(found.fit, whose), ParameterSection(found)]
 
 
 def formula_sections(found: Comparison) -> list[Section]:
     """Where a formula that is known to be wrong fails; nothing where the model has none."""
     if found.correction is None:
         return []
-    wrong = found.correction.wrong
-    return [FormulaSection(wrong, found.correction.places), DependenceSection(wrong)]
+    wrong, places = found.correction.wrong, found.correction.places
+    curves = of_fits([wrong], places)
+    return [FormulaSection(curves, places=places), DependenceSection(wrong, "the wrong formula")]
 
 
-def key_figures(found: Comparison) -> list[KeyFigure]:
-    """χ² per sample, then the error of the first channels."""
-    figures = [KeyFigure("χ² per sample", f"{found.fit.chi2_per_sample:.4g}", "1 is noise")]
-    for name, channel in list(found.channels.items())[:4]:
-        held_out, exam = channel.held_out_rmse, channel.exam_rmse
-        note = f"held out {number(held_out, channel.unit)}" if held_out is not None else "nothing held out"
-        note += f", exam {number(exam, channel.unit)}" if exam is not None else ""
-        figures.append(KeyFigure(name, number(channel.rmse, channel.unit), note))
+def key_figures(shown: OverlaySection) -> list[KeyFigure]:
+    """What is explained of each quantity and the error, on the most independent runs; as given and after every step."""
+    kind, last = shown.curves[-1].kind, len(shown.steps) - 1
+    figures = []
+    for unit in dict.fromkeys(curve.unit for curve in shown.curves):
+        mine = [curve for curve in shown.curves if curve.unit == unit and curve.kind == kind]
+        if not mine:
+            continue
+        before, after = quality(mine, 0), quality(mine, last)
+        channels = {curve.channel for curve in mine}
+        quantity = quantity_of(mine[0].channel, unit)
+        title = quantity[:1].upper() + quantity[1:]
+        whose = f"{kind}{', all joints' if len(channels) > 1 else ''}"
+        noise = np.sqrt(sum(np.mean([c.noise**2 for c in mine if c.channel == channel]) for channel in channels))
+        explained = [f"as given {nearly(before.explained)}"] if last else []
+        error = [f"as given {number(before.rmse, unit)}"] if last else []
+        figures += [
+            KeyFigure(f"{title} explained", nearly(after.explained), "; ".join([*explained, whose])),
+            KeyFigure(
+                f"{title} error",
+                number(after.rmse, unit),
+                "; ".join([*error, whose, f"noise {number(float(noise), unit, 2)}"]),
+            ),
+        ]
     return figures
 
 

@@ -1,24 +1,23 @@
 """The reports of a diagnosis and of a repair: the candidates, the error falling, the links."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-import plotly.graph_objects as go
 
 from armdyn.identify.diagnose import Diagnosis
 from armdyn.identify.exam import Judge
 from armdyn.identify.explained import Scale
 from armdyn.identify.repair import Repair
-from armdyn.identify.rung import Rung
+from armdyn.identify.repair_step import RepairStep, repair_step
 from armdyn.identify.sentence import MOST_JOINTS, totals
 from armdyn.identify.study import Study
 from armdyn.identify.suspects import Suspect
 from armdyn.identify.verdict import Verdict
 from pipeline.report.fit import fit_sections, key_figures, runs_of
-from pipeline.report.page import Chart, Level, Report, Section, Table
-from pipeline.report.theme import BLUE, GREEN, GREY, ORANGE
+from pipeline.report.overlay import OverlaySection
+from pipeline.report.page import Level, NextStep, Report, Section, Table
 
 if TYPE_CHECKING:
     from armdyn.arm.links import LinkChange
@@ -26,12 +25,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class EvidenceSection(Section):
-    """Evidence bars; what ties with the best has its colour."""
+    """What every effect would leave of the error, if it alone were added."""
 
     title: ClassVar[str] = "Which effect is missing"
 
     suspects: Sequence[Suspect]
     remedies: Sequence[str] = ()
+    given: Mapping[str, float] = field(default_factory=dict)
+    scale: Scale = field(default_factory=lambda: Scale({}, {}))
+    summaries: Mapping[str, str] = field(default_factory=dict)
 
     def sentence(self) -> str:
         """Ties, and what would settle them."""
@@ -43,100 +45,120 @@ class EvidenceSection(Section):
         text = f"These runs cannot tell {best.effect} from {', '.join(best.tied_with)}."
         return text + (f" What would: {'; '.join(self.remedies)}." if self.remedies else "")
 
-    def charts(self) -> Sequence[Chart]:
-        """ΔBIC, best on top."""
+    def tables(self) -> Sequence[Table]:
+        """Errors with each alone, its parameters; the evidence behind a line."""
         if not self.suspects:
             return ()
-        best = self.suspects[0]
-        names = [_label(s) for s in self.suspects]
-        colours = [BLUE if s is best else ORANGE if s.effect in best.tied_with else GREY for s in self.suspects]
-        figure = go.Figure(layout={"height": 120 + 34 * len(names), "showlegend": False})
-        figure.add_bar(
-            x=[max(s.delta_bic, 0.1) for s in self.suspects], y=names, orientation="h", marker={"color": colours}
-        )
-        figure.update_xaxes(title_text="ΔBIC (evidence, logarithmic)", type="log")
-        figure.update_yaxes(autorange="reversed", automargin=True)
-        return [Chart(figure, "Blue: the best. Orange: what these runs cannot tell from it.")]
-
-    def tables(self) -> Sequence[Table]:
-        """Errors with each, and its parameters."""
-        rows = []
+        held_out = any(s.held_out_rmse for s in self.suspects)
+        rows, shares = [["as given", "", self._sizes(self.given), *(["–"] if held_out else []), ""]], [1.0]
         for s in self.suspects:
             values = ", ".join(f"{n.partition('.')[2]} {p.value:.4g} {p.unit}" for n, p in s.parameters.items())
-            held_out = ", ".join(f"{v:.4g}" for v in s.held_out_rmse.values()) or "–"
-            rmse = ", ".join(f"{v:.4g}" for v in s.rmse.values())
-            rows.append([_label(s), f"{s.delta_bic:.1f}", rmse, held_out, values])
-        return [Table(["effect", "ΔBIC", "rms error", "held out", "parameters"], rows)] if rows else ()
+            if len(s.joints) > MOST_JOINTS:
+                values = f"{len(s.parameters)} values"
+            unseen = [self._sizes(s.held_out_rmse)] if held_out else []
+            rows.append([_label(s), self.summaries.get(s.effect, ""), self._sizes(s.rmse), *unseen, values])
+            shares.append(relative(s.rmse, self.given, self.scale))
+        header = ["with this effect alone", "what it is", "error", *(["held out"] if held_out else []), "its values"]
+        caption = "Error: root mean square over the fitted runs" + (
+            "; of several joints the root of their summed squares." if len(self.given) > 1 else "."
+        )
+        evidence = [
+            [_label(s), f"{s.delta_bic:.1f}", f"{s.p_value:.1e}", ", ".join(s.tied_with)] for s in self.suspects
+        ]
+        return [
+            Table(header, rows, caption, bars={2: shares}),
+            Table(
+                ["effect", "ΔBIC", "p of chance", "cannot be told from"],
+                evidence,
+                "ΔBIC: evidence for the effect; 10 is strong, and counts only where what is left is noise.",
+                folded="Statistics: evidence",
+            ),
+        ]
+
+    def _sizes(self, rmse: Mapping[str, float]) -> str:
+        return ", ".join(f"{v:.4g} {unit}" for unit, v in totals(rmse, self.scale.units).items()) or "–"
+
+
+def relative(rmse: Mapping[str, float], given: Mapping[str, float], scale: Scale) -> float:
+    """Error over that of the model as given; of several units the root mean square of the ratios; 0 without errors."""
+    now, before = totals(rmse, scale.units), totals(given, scale.units)
+    ratios = [now[unit] / before[unit] for unit in now if before.get(unit)]
+    return float(np.sqrt(np.mean(np.square(ratios)))) if ratios else 0.0
 
 
 def _label(suspect: Suspect) -> str:
-    return f"{suspect.effect} ({', '.join(suspect.joints)})" if suspect.joints else suspect.effect
+    return f"{suspect.effect} ({_places(suspect.joints)})" if suspect.joints else suspect.effect
+
+
+def _places(joints: Sequence[str]) -> str:
+    return ", ".join(joints) if len(joints) <= MOST_JOINTS else f"{len(joints)} joints"
 
 
 @dataclass(frozen=True)
 class RepairPathSection(Section):
-    """χ² per sample and the errors of every step, on training, held-out and exam runs."""
+    """The errors of every step, on training, held-out and exam runs."""
 
     title: ClassVar[str] = "The error falling"
 
-    path: Sequence[Rung]
+    path: Sequence[RepairStep]
     scale: Scale
     judges: Sequence[Judge] = ()
+    summaries: Mapping[str, str] = field(default_factory=dict)
 
     def sentence(self) -> str:
-        """From where to where."""
-        first, last = self.path[0], self.path[-1]
-        fall = f"{first.chi2_per_sample:.4g} → {last.chi2_per_sample:.4g}"
+        """From where to where, on the most independent runs."""
         steps = len(self.path) - 1
-        return f"χ² per sample {fall} in {steps} step{'' if steps == 1 else 's'}." if steps else "Nothing was added."
+        if not steps:
+            return "Nothing was added."
+        errors = next(kind for kind in (*reversed(self._kinds), "fitted") if self._of(self.path[0], kind))
+        first, last = (self._errors(self._of(step, errors), whole=True) for step in (self.path[0], self.path[-1]))
+        return f"{first} → {last} ({errors}) in {steps} step{'' if steps == 1 else 's'}."
 
-    def charts(self) -> Sequence[Chart]:
-        """Root of the summed squared errors per step, against that of the model as given."""
-        names = [step_name(step) for step in self.path]
-        figure = go.Figure(layout={"height": 150 + 34 * len(names)})
-        for name, colour, values in (
-            ("training", BLUE, [step.rmse for step in self.path]),
-            ("held out", ORANGE, [step.held_out_rmse for step in self.path]),
-            ("exam", GREEN, [step.exam_rmse for step in self.path]),
-        ):
-            if not values[0]:
-                continue
-            sums = [totals(errors, self.scale.units) for errors in values]
-            share = [float(np.sqrt(np.mean([(s[unit] / sums[0][unit]) ** 2 for unit in sums[0]]))) for s in sums]
-            figure.add_scatter(
-                x=share, y=names, mode="lines+markers", name=name, line={"color": colour, "shape": "vh", "width": 2}
-            )
-        figure.update_xaxes(title_text="rms error / error as given", type="log")
-        figure.update_yaxes(automargin=True, autorange="reversed")
-        several = len(set(self.scale.units.values())) > 1
-        return [Chart(figure, "Several units: the root mean square of their shares." if several else "")]
+    @property
+    def _kinds(self) -> list[str]:
+        given = self.path[0]
+        others = {"held out": given.held_out_rmse, "exam": given.exam_rmse}
+        return ["fitted", *(kind for kind, errors in others.items() if errors)]
+
+    def _of(self, step: RepairStep, kind: str) -> Mapping[str, float]:
+        return {"fitted": step.rmse, "held out": step.held_out_rmse, "exam": step.exam_rmse}[kind]
 
     def tables(self) -> Sequence[Table]:
-        """A row per step."""
-        examined = bool(self.path[0].exam_rmse)
+        """A row per step, the errors as bars; the statistics behind a line."""
+        kinds, tied = self._kinds, any(step.tied_with for step in self.path)
         rows = [
             [
                 step_name(step),
-                self._errors(step.rmse),
-                self._errors(step.held_out_rmse),
-                *([self._errors(step.exam_rmse)] if examined else []),
-                f"{step.chi2_per_sample:.4g}",
-                f"{step.bic:.1f}",
-                ", ".join(step.tied_with),
+                *(self._errors(self._of(step, kind)) for kind in kinds),
+                "; ".join(self.summaries.get(name, "") for name in step.added),
+                *([", ".join(step.tied_with)] if tied else []),
             ]
             for step in self.path
         ]
-        errors = [f"{name}{self._unit}" for name in ("rms error", "held out", *(["exam"] if examined else []))]
+        bars = {
+            1 + i: [relative(self._of(step, kind), self._of(self.path[0], kind), self.scale) for step in self.path]
+            for i, kind in enumerate(kinds)
+        }
         caption = "; ".join(judge.value for judge in self.judges)
         if len(self.path[0].rmse) > len(set(self.scale.units.values())):
-            caption = f"errors: root of the channels' summed squares; {caption}"
-        header = ["step", *errors, "χ² per sample", "BIC", "cannot be told from"]
-        return [Table(header, rows, f"{caption[:1].upper()}{caption[1:]}." if caption else "")]
+            caption = f"errors: root mean square, of several channels the root of their summed squares; {caption}"
+        unseen = ["cannot be told from"] if tied else []
+        header = ["step", *(f"{kind}{self._unit}" for kind in kinds), "what it is", *unseen]
+        statistics = [[step_name(step), f"{step.chi2_per_sample:.4g}", f"{step.bic:.1f}"] for step in self.path]
+        return [
+            Table(header, rows, f"{caption[:1].upper()}{caption[1:]}." if caption else "", bars=bars),
+            Table(
+                ["step", "χ² per sample", "BIC"],
+                statistics,
+                "χ² per sample: squared error over squared noise, 1 where only noise is left.",
+                folded="Statistics: χ² per sample, BIC",
+            ),
+        ]
 
-    def _errors(self, rmse: Mapping[str, float]) -> str:
+    def _errors(self, rmse: Mapping[str, float], *, whole: bool = False) -> str:
         """In the header's unit, or each with its own."""
-        sums = totals(rmse, self.scale.units)
-        return ", ".join(f"{v:.4g}" if self._unit else f"{v:.4g} {unit}" for unit, v in sums.items()) or "–"
+        sums, bare = totals(rmse, self.scale.units), self._unit and not whole
+        return ", ".join(f"{v:.4g}" if bare else f"{v:.4g} {unit}" for unit, v in sums.items()) or "–"
 
     @property
     def _unit(self) -> str:
@@ -145,13 +167,11 @@ class RepairPathSection(Section):
         return f" [{units.pop()}]" if len(units) == 1 else ""
 
 
-def step_name(step: Rung) -> str:
+def step_name(step: RepairStep) -> str:
     """Such as ``+ quadratic_drag − linear_drag``."""
-    parts = [f"+ {name}" for name in step.added] + [f"− {name}" for name in step.removed]
+    parts = [f"+ {name}" for name in step.added]
     text = " ".join(parts) or "as given"
-    if not step.joints:
-        return text
-    return f"{text} ({', '.join(step.joints) if len(step.joints) <= MOST_JOINTS else f'{len(step.joints)} joints'})"
+    return f"{text} ({_places(step.joints)})" if step.joints else text
 
 
 NAMES = {"mass": "mass", "centre": "centre of mass", "inertia": "inertia", "moment": "mass times centre"}
@@ -210,16 +230,26 @@ LEVELS = {
 
 
 def diagnosis_report(study: Study, found: Diagnosis, command: str = "") -> Report:
-    """The candidates with their evidence, then the fit as it is."""
+    """What every effect would change, and the curves with the best ones."""
+    steps = found.search.steps
+    names = [step_name(repair_step(study, step)) for step in steps]
+    shown = OverlaySection.of_study(study, [step.fit for step in steps], names, found.comparison.places)
+    given = {name: channel.rmse for name, channel in found.comparison.channels.items()}
+    evidence = EvidenceSection(found.suspects, found.remedies, given, found.comparison.scale, summaries(study))
     return Report(
         title="Diagnose: which effect is missing",
         level=LEVELS[found.verdict],
         verdict=found.sentence,
-        sections=[EvidenceSection(found.suspects, found.remedies), *fit_sections(found.comparison)],
+        sections=[evidence, shown, *fit_sections(found.comparison, shown, "the model as given")],
         subtitle=runs_of(study),
-        key_figures=key_figures(found.comparison),
+        key_figures=key_figures(shown),
         command=command,
     )
+
+
+def summaries(study: Study) -> dict[str, str]:
+    """What every effect is, by its name."""
+    return {name: effect.summary for name, effect in study.effects.items()}
 
 
 MUCH = 0.5
@@ -235,15 +265,19 @@ def repair_level(found: Repair) -> Level:
     return Level.IMPROVED if found.explained > MUCH else Level.CAUTION
 
 
-def repair_report(study: Study, found: Repair, command: str = "") -> Report:
-    """The error falling, what became of an arm's links, then the repaired fit."""
+def repair_report(study: Study, found: Repair, command: str = "", next_steps: Sequence[NextStep] = ()) -> Report:
+    """Before and after, the error falling, what became of an arm's links, then the repaired fit."""
     links = [LinkSection(found.links)] if found.links else []
+    names = [step_name(step) for step in found.path]
+    shown = OverlaySection.of_study(study, [step.fit for step in found.steps], names, found.after.places)
+    path = RepairPathSection(found.path, found.after.scale, study.judges, summaries(study))
     return Report(
         title="Repair: add what is missing, watch the error fall",
         level=repair_level(found),
         verdict=found.sentence,
-        sections=[RepairPathSection(found.ladder, found.after.scale, study.judges), *links, *fit_sections(found.after)],
+        sections=[shown, path, *links, *fit_sections(found.after, shown, "the last step")],
         subtitle=runs_of(study),
-        key_figures=key_figures(found.after),
+        key_figures=key_figures(shown),
         command=command,
+        next_steps=next_steps,
     )

@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 from armdyn.channels import FloatArray
 from pipeline.box import Box
 from pipeline.report.page import Chart, Section
-from pipeline.report.theme import ACTUAL, BLUE, GREY, INK, REFERENCE, number
+from pipeline.report.theme import ACTUAL, BLUE, FAINT, GREY, INK, REFERENCE, number
 
 
 @dataclass(frozen=True)
@@ -123,5 +123,5 @@ def _add_box(figure: go.Figure, box: Box) -> None:
         mode="lines",
         line={"color": INK, "width": 4},
         fill="toself",
-        fillcolor="rgba(31, 41, 51, 0.05)",
+        fillcolor=FAINT,
     )

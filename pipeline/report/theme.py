@@ -12,19 +12,20 @@ from armdyn.channels import FloatArray
 
 # Okabe and Ito's palette: people with any kind of colour vision can tell its colours apart (jfly.uni-koeln.de, 2008).
 BLUE, ORANGE, GREEN, VERMILLION, PURPLE, SKY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9"
-INK, GREY, PALE, GRID = "#1F2933", "#7B8794", "#F4F6F8", "#E4E7EB"
+INK, GREY, PALE, GRID, RAW = "#1F2933", "#7B8794", "#F4F6F8", "#E4E7EB", "#CBD2D9"
+FAINT, HOVER, SHADE = "rgba(31, 41, 51, 0.05)", "rgba(255, 255, 255, 0.95)", "rgba(0, 114, 178, 0.18)"
 
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
 
 # A line style has the same meaning in every figure of every report.
-RECORDED = {"mode": "lines", "line": {"color": "#CBD2D9", "width": 1}, "hoverinfo": "skip"}
+RECORDED = {"mode": "lines", "line": {"color": RAW, "width": 1}, "hoverinfo": "skip"}
 MEASURED = {"mode": "markers", "marker": {"color": GREY, "size": 3}}
 MODEL = {"mode": "lines", "line": {"color": BLUE, "width": 2}}
 ACTUAL = {"mode": "lines", "line": {"color": BLUE, "width": 2}}
 REFERENCE = {"mode": "lines", "line": {"color": ORANGE, "width": 2, "dash": "dash"}}
 TRUTH = {"mode": "lines", "line": {"color": INK, "width": 1.5, "dash": "dot"}}
 LIMIT = {"mode": "lines", "line": {"color": VERMILLION, "width": 1.2, "dash": "dash"}}
-BAND = {"mode": "lines", "line": {"width": 0}, "fillcolor": "rgba(0, 114, 178, 0.18)", "hoverinfo": "skip"}
+BAND = {"mode": "lines", "line": {"width": 0}, "fillcolor": SHADE, "hoverinfo": "skip"}
 
 _AXIS = {
     "gridcolor": GRID,
@@ -47,7 +48,7 @@ TEMPLATE: Mapping[str, Any] = {
         "margin": {"l": 72, "r": 16, "t": 58, "b": 48},
         "legend": {"orientation": "h", "x": 0, "xanchor": "left", "y": 1, "yanchor": "top", "yref": "container"},
         "hovermode": "x unified",
-        "hoverlabel": {"font": {"family": FONT, "size": 12}, "bgcolor": "rgba(255, 255, 255, 0.95)"},
+        "hoverlabel": {"font": {"family": FONT, "size": 12}, "bgcolor": HOVER},
         "xaxis": _AXIS,
         "yaxis": _AXIS,
         "annotationdefaults": {"font": {"size": 12}, "showarrow": False},
@@ -56,6 +57,22 @@ TEMPLATE: Mapping[str, Any] = {
     }
 }
 """Plotly template, put into the page once and used by every figure."""
+
+DARK = {
+    INK: "#E4E9EF",
+    GREY: "#93A1B0",
+    PALE: "#1A212A",
+    GRID: "#2B3540",
+    RAW: "#4A5766",
+    "white": "#12171D",
+    BLUE: "#56A9E8",
+    GREEN: "#2DB98F",
+    VERMILLION: "#F08A4B",
+    SHADE: "rgba(86, 169, 232, 0.22)",
+    FAINT: "rgba(228, 233, 239, 0.06)",
+    HOVER: "rgba(26, 33, 42, 0.95)",
+}
+"""What stands for each colour on a dark screen; those that are not named stay as they are."""
 
 TIME_AXIS = "time [s]"
 LINKED_TIME = {"time_axis": True}
@@ -130,6 +147,13 @@ def number(value: float, unit: str = "", digits: int = 3) -> str:
 def percent(share: float) -> str:
     """``0.953`` as ``95 %``."""
     return f"{100 * share:.0f} %" if math.isfinite(share) else "–"
+
+
+def nearly(share: float) -> str:
+    """``0.9994`` as ``99.9 %``: never all where something is left."""
+    if 0.99 < share < 1.0:
+        return f"{min(99.9, math.floor(1000 * share) / 10):.1f} %"
+    return percent(share).replace("-", "−")
 
 
 def _significant(value: float, digits: int) -> str:

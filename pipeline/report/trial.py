@@ -16,7 +16,7 @@ from pipeline.report.motion import (
     TimingSection,
     VelocitySection,
 )
-from pipeline.report.page import KeyFigure, Level, Report, Section
+from pipeline.report.page import KeyFigure, Level, NextStep, Report, Section
 from pipeline.report.swing import SwingPicture, SwingSection
 from pipeline.report.theme import Span, number, percent
 
@@ -37,6 +37,7 @@ class TrialReportData:
         force, gripper, swing, joints: recordings of the trial.
         margins: to the limits; the tightest need not come first.
         nodes: computing times.
+        next_steps: what to do now.
     """
 
     level: Level
@@ -53,6 +54,7 @@ class TrialReportData:
     joints: JointTrace | None = None
     margins: tuple[Margin, ...] = ()
     nodes: tuple[Timing, ...] = ()
+    next_steps: tuple[NextStep, ...] = ()
 
 
 def trial_report(data: TrialReportData) -> Report:
@@ -66,6 +68,7 @@ def trial_report(data: TrialReportData) -> Report:
         key_figures=(*_key_figures(data), *data.key_figures),
         notes=data.notes,
         command=data.command,
+        next_steps=data.next_steps,
     )
 
 

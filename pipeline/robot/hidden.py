@@ -1,4 +1,4 @@
-"""Physics that the simulated robot can have and the model does not know, by the catalogue's names.
+"""Effects that the simulated robot can have and the model lacks, by the catalogue's names.
 
 Every value is zero where the effect is absent. How each one acts on MuJoCo's model or state is written in
 `scene`, `load_forces`, `joint_effects`, `cell` and `readings`; none of it shares code with the model under test.

@@ -134,6 +134,7 @@ def render_swing(
     path: Path,
     frames_per_second: float = 12.5,
     size: tuple[int, int] = (640, 480),
+    progress: Callable[[int, int], None] | None = None,
 ) -> None:
     """Draw a motion: ``.gif`` gives an animation at true speed, ``.png`` a sheet of six moments.
 
@@ -144,6 +145,7 @@ def render_swing(
         path: file to write.
         frames_per_second: of the animation.
         size: width and height of one picture [pixels].
+        progress: told how many of how many pictures are drawn.
 
     Raises:
         InputError: another file type, nothing to draw, or this machine cannot draw without a screen.
@@ -160,7 +162,11 @@ def render_swing(
         moments = np.arange(history.time[0], history.time[-1] + 1e-9, 1.0 / frames_per_second)
     else:
         moments = np.linspace(history.time[0], history.time[-1], SHEET[0] * SHEET[1])
-    images = [Image.fromarray(pixels) for pixels in _frames(robot, settings, history, moments, size)]
+    images = []
+    for pixels in _frames(robot, settings, history, moments, size):
+        images.append(Image.fromarray(pixels))
+        if progress is not None:
+            progress(len(images), len(moments))
     if animated:
         first, *others = (image.quantize(128) for image in images)
         duration = round(1000 / frames_per_second)

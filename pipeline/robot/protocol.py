@@ -1,12 +1,11 @@
-"""What the pipeline asks of a robot, simulated or real."""
+"""The interface of a robot, simulated or real."""
 
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-import numpy.typing as npt
+from urdf.robot import Array
 
-Vector = npt.NDArray[np.float64]
+Vector = Array
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from armdyn.errors import InputError
 from pipeline.robot.forces import LoadString
@@ -63,7 +64,8 @@ def place_at_rest(
     string.length = rest
     if settings.start_angle or out_of_plane:
         across = np.cross([0.0, 0.0, 1.0], along)
-        turned = _turn(_turn(down, across, settings.start_angle), along, out_of_plane)
+        turn = Rotation.from_rotvec(out_of_plane * along) * Rotation.from_rotvec(settings.start_angle * across)
+        turned = turn.apply(down)
         # The pull, and with it the stretch, falls with the cosine of the angle.
         _place_load(model, data, pivot, turned, rest + (settings.length - rest) * float(turned @ down))
     data.qvel[:] = 0.0
@@ -79,7 +81,7 @@ def _place_load(model: mujoco.MjModel, data: mujoco.MjData, pivot: Vector, direc
     else:
         turn = model.joint("turn").qposadr[0]
         wanted = data.site("pivot").xmat.reshape(3, 3).T @ direction
-        data.qpos[turn : turn + 4] = _rotation_between(np.array([0.0, 0.0, 1.0]), wanted)
+        mujoco.mju_quatZ2Vec(data.qpos[turn : turn + 4], wanted)
         data.qpos[address] = distance - model.body("load").pos[2]
     mujoco.mj_forward(model, data)
 
@@ -121,16 +123,3 @@ def _string_length(
             f"PlantSettings.mass is too large for the string: it cannot carry {weight:g} N; give a lighter load"
         )
     return float(guesses[0] + (weight - tensions[0]) / slope)
-
-
-def _turn(vector: Vector, axis: Vector, angle: float) -> Vector:
-    """A vector at right angles to the axis, turned about it by an angle [rad] (Rodrigues)."""
-    along = (axis @ vector) * axis
-    turned: Vector = along + np.cos(angle) * (vector - along) + np.sin(angle) * np.cross(axis, vector)
-    return turned
-
-
-def _rotation_between(a: Vector, b: Vector) -> Vector:
-    """Quaternion (w, x, y, z) that turns unit vector a into unit vector b, which is not opposite to it."""
-    quaternion = np.array([1.0 + a @ b, *np.cross(a, b)])
-    return quaternion / np.linalg.norm(quaternion)

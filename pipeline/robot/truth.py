@@ -1,4 +1,4 @@
-"""What really happens in the simulation, for reports and verification only: nothing of it reaches the controller."""
+"""The true motion in the simulation, for reports and verification only; the controller never gets it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -4,7 +4,7 @@ import numpy as np
 
 from pipeline.report.learning import EstimateTrace, ForceTrace
 from pipeline.report.motion import GripperTrace, JointTrace
-from pipeline.report.page import Level, Report
+from pipeline.report.page import Level, NextStep, Report
 from pipeline.report.swing import SwingPicture, SwingTrace
 from pipeline.report.theme import Span
 from pipeline.report.trial import TrialReportData, trial_report
@@ -40,7 +40,17 @@ def report_of(
             joints=_joints(experiment),
             margins=feasibility.margins if feasibility else (),
             nodes=tuple(result.timing.values()),
+            next_steps=_next_steps(result),
         )
+    )
+
+
+def _next_steps(result: TrialResult) -> tuple[NextStep, ...]:
+    if result.repair_command is None:
+        return ()
+    return (
+        NextStep("Find what the model lacks:", f"{result.repair_command} --report repair.html"),
+        NextStep("Then try again with what was found:", "armdyn trial --model repaired.toml"),
     )
 
 

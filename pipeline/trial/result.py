@@ -1,5 +1,6 @@
 """What a trial came to: its numbers, and how they follow from the experiment."""
 
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -80,6 +81,16 @@ class TrialResult:
     signal: int | None = None
     missed_cycles: int = 0
     notes: tuple[str, ...] = ()
+
+    @property
+    def repair_command(self) -> str | None:
+        """The command that finds what the model lacks; None where it succeeded, was interrupted, or has no data."""
+        if self.success or not self.estimates or self.recording is None or self.signal is not None:
+            return None
+        kept = self.recording.parent
+        return shlex.join(
+            ["armdyn", "repair", f"{kept / 'model.toml'}", f"{kept / 'trial.csv'}", "--output", "repaired.toml"]
+        )
 
     def as_json(self) -> dict[str, Any]:
         """The contract's ``armdyn.trial/1``."""

@@ -31,6 +31,48 @@ def test_of_white_noise_nothing_is_a_spike():
     assert not any(spikes(TIME, noisy(seed)).any() for seed in range(40))
 
 
+def test_of_a_million_samples_of_white_noise_none_is_a_spike():
+    assert not any(spikes(TIME, np.random.default_rng(seed).normal(size=len(TIME))).any() for seed in range(667))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_one_sample_in_a_hundred_at_random_is_found_and_nothing_else(seed):
+    rng = np.random.default_rng(seed)
+    value, bad = noisy(seed), rng.random(len(TIME)) < 0.01
+    value[bad] += rng.choice([-1.0, 1.0], bad.sum()) * 10 ** rng.uniform(-1, 1.7, bad.sum())
+    found = spikes(TIME, value)
+    assert not (found & ~bad).any()
+    assert (bad & ~found).sum() <= 1
+
+
+@pytest.mark.parametrize("width", [1e-6, 0.01, 0.05])
+def test_a_friction_that_changes_sign_is_no_spike(width):
+    turns = samples = 0
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        rate = np.sin(rng.uniform(1, 6) * TIME + rng.uniform(0, 6))
+        value = np.tanh(rate / width) + rng.uniform(0, 5) * SIGNAL + 0.05 * rng.normal(size=len(TIME))
+        turns += np.count_nonzero(np.diff(np.sign(rate)))
+        samples += np.count_nonzero(spikes(TIME, value))
+    assert samples <= 0.05 * turns
+
+
+def test_an_acceleration_that_jumps_is_no_spike_in_a_position_without_noise():
+    rng = np.random.default_rng(0)
+    position = np.cumsum(np.cumsum(np.repeat(rng.choice([-0.8, 0.0, 0.8], 15), 100))) * 1e-4
+    assert not spikes(TIME, position).any()
+    assert not spikes(TIME, 4e-4 * np.round(position / 4e-4)).any()
+
+
+def test_a_sensor_that_is_often_wrong_keeps_all_its_samples_and_a_warning_says_so():
+    value = noisy(0)
+    value[20::20] += 0.5
+    clean = without_spikes(Run("a.csv", {"load_force": Channel(TIME, value, "N")}), ["load_force"])
+    assert len(clean.channels["load_force"]) == len(TIME)
+    assert "too many to be faults" in clean.warnings[0]
+    assert not clean.outliers
+
+
 def test_two_spikes_side_by_side_are_found():
     value = noisy(0)
     value[[700, 701]] += 0.9
@@ -59,7 +101,7 @@ def test_left_out_samples_are_counted_in_the_warnings():
     run = Run("a.csv", {"load_force": Channel(TIME, value, "N")})
     clean = without_spikes(without_saturation(run, ["load_force"]), ["load_force"])
     assert len(clean.warnings) == 2
-    assert "1 sample far from its neighbours left out, at 6.6 s" in clean.warnings[1]
+    assert "1 of 909 samples far from its neighbours left out, at 6.6 s" in clean.warnings[1]
     assert TIME[660] not in clean.channels["load_force"].time
 
 

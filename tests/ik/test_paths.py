@@ -127,7 +127,7 @@ def test_a_path_is_read_from_a_file(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("kind = ", "not a TOML file"),
+        ("kind = ", "is not TOML"),
         ('kind = "helix"', "unknown kind of path 'helix'"),
         ('kind = "line"', "entry 'tool_rpy' is missing"),
         (FILES["line"].replace("[0, 2, 0]", "[0, 0, 0]"), "has no direction"),

@@ -82,7 +82,7 @@ def test_a_missing_table_is_bad_input_that_says_how_to_get_one(tmp_path, baxter)
 
 
 def test_writing_to_a_missing_directory_is_bad_input(table, tmp_path) -> None:
-    with pytest.raises(InputError, match="cannot be written"):
+    with pytest.raises(InputError, match="cannot write"):
         table.save(tmp_path / "nowhere" / "table.npz")
 
 

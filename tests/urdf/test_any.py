@@ -159,5 +159,5 @@ def test_settings_of_ones_own_name_a_urdf_beside_them(toy) -> None:
     assert robot.name == "mine"
     assert robot.tool_frame == "l6"
     settings.write_text("name = ")
-    with pytest.raises(urdf.UrdfError, match="not a TOML file"):
+    with pytest.raises(urdf.UrdfError, match="is not TOML"):
         urdf.load(settings)

@@ -10,7 +10,7 @@ from armdyn.errors import InputError
 from ik import LineTable
 from pipeline.motion.feasibility.clearance import collision_series, swing_series
 from pipeline.motion.feasibility.series import (
-    Looks,
+    SampledMotion,
     between,
     fine_times,
     joint_series,
@@ -30,13 +30,13 @@ def check_line(
     swing: Swing | None = None,
     at: ArrayLike | None = None,
 ) -> FeasibilityReport:
-    """Judge a motion along the line: that it stays on it, and what it asks of the joints.
+    """Judge a motion along the line: whether it stays on the line, and whether the joints can follow.
 
     Args:
         table: from the line to the joints.
         robot: the arm.
         trajectory: the motion.
-        settings: what the check takes into account, and the distances that it asks for.
+        settings: what the check takes into account, and the least distances.
         swing: of the load; None where nothing hangs.
         at: where the arm is (n,); None where nobody knows [rad].
 
@@ -51,13 +51,13 @@ def check_line(
     # Beyond the ends there are no postures: the joints are judged as if the tool waited at the end.
     samples = table.joint_motion(np.clip(trajectory.s, low, high), trajectory.v, trajectory.a)
     postures = table.joint_motion(np.clip(s, low, high), v, a)
-    looks = Looks(time, *samples, fine, *postures)
+    motion = SampledMotion(time, *samples, fine, *postures)
     series = [Bounded.between("line", "m", (robot.tool_frame,), fine, s, low, high)]
-    series += joint_series(robot, looks, settings)
-    series += off_line_series(robot, table.line, looks, settings)
-    series += _start_and_collision(robot, looks, settings, at)
+    series += joint_series(robot, motion, settings)
+    series += off_line_series(robot, table.line, motion, settings)
+    series += _start_and_collision(robot, motion, settings, at)
     if swing is not None:
-        series += swing_series(robot, table.line, looks, swing, settings)
+        series += swing_series(robot, table.line, motion, swing, settings)
     return FeasibilityReport.of(series)
 
 
@@ -73,7 +73,7 @@ def check_joints(
     Args:
         robot: the arm.
         trajectory: the motion.
-        settings: what the check takes into account, and the distances that it asks for.
+        settings: what the check takes into account, and the least distances.
         line: on which the tool must stay; None where it is free.
         at: where the arm is (n,); None where nobody knows [rad].
 
@@ -90,7 +90,7 @@ def check_joints(
             f"{', '.join(robot.joint_names)}, in this order"
         )
     t, fine = trajectory.time, fine_times(trajectory.time)
-    looks = Looks(
+    motion = SampledMotion(
         t,
         trajectory.q,
         trajectory.v,
@@ -100,14 +100,14 @@ def check_joints(
         between(t, trajectory.v, trajectory.a, fine),
         np.column_stack([np.interp(fine, t, column) for column in trajectory.a.T]),
     )
-    series = joint_series(robot, looks, settings)
+    series = joint_series(robot, motion, settings)
     if line is not None:
-        series += off_line_series(robot, line, looks, settings)
-    return FeasibilityReport.of([*series, *_start_and_collision(robot, looks, settings, at)])
+        series += off_line_series(robot, line, motion, settings)
+    return FeasibilityReport.of([*series, *_start_and_collision(robot, motion, settings, at)])
 
 
 def _start_and_collision(
-    robot: urdf.Robot, looks: Looks, settings: CheckSettings, at: ArrayLike | None
+    robot: urdf.Robot, motion: SampledMotion, settings: CheckSettings, at: ArrayLike | None
 ) -> list[Bounded]:
     """Distance of the first posture from where the arm is, and of the arm from everything that it may touch."""
     series = []
@@ -115,7 +115,7 @@ def _start_and_collision(
         here = np.asarray(at, dtype=float)
         if here.shape != (len(robot.joint_names),) or not np.all(np.isfinite(here)):
             raise InputError(f"where the arm is: give {len(robot.joint_names)} finite joint positions of {robot.name}")
-        series.append(start_series(robot, looks, here, settings))
+        series.append(start_series(robot, motion, here, settings))
     if settings.collision:
-        series += collision_series(robot, looks, settings)
+        series += collision_series(robot, motion, settings)
     return series

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 import urdf
-from pipeline.motion.feasibility.series import Looks
+from pipeline.motion.feasibility.series import SampledMotion
 from pipeline.motion.feasibility.settings import CheckSettings, Obstacle, Swing
 from pipeline.motion.feasibility.verdict import Bounded
 from urdf.collision import collision_shapes
@@ -65,7 +65,7 @@ class Surroundings:
     def swing_clearance(self, q: Array, along: Array, angle: float, length: float, radius: float) -> tuple[float, str]:
         """Smallest distance between the hanging load with its string and the arm.
 
-        The load is held against every link. The string is held against all but the hand, on which it hangs.
+        Distances of the load are to every link; those of the string to all but the hand, on which it hangs.
 
         Args:
             q: posture (n,) [rad].
@@ -128,38 +128,40 @@ HAND = 0.15
 """How far the hand reaches beyond the tool frame and the arm beyond the middle of its links, at most [m]."""
 
 
-def collision_series(robot: urdf.Robot, looks: Looks, settings: CheckSettings) -> list[Bounded]:
+def collision_series(robot: urdf.Robot, motion: SampledMotion, settings: CheckSettings) -> list[Bounded]:
     """Distance of the arm from itself and the rest of the robot, and from what stands around it.
 
     Args:
         robot: the arm.
-        looks: the motion.
+        motion: to be checked.
         settings: of the check.
     """
     itself, around = urdf.CollisionModel(robot), Surroundings(robot, settings.obstacles)
 
     def to_itself(k: int) -> tuple[float, str]:
-        found = itself.clearance(looks.fine_q[k])
+        found = itself.clearance(motion.fine_q[k])
         return found.distance, f"{found.first} - {found.second}"
 
-    travel = _travel(robot, looks.fine_q)
-    series = _looked_at("self_collision", looks.fine_time, travel, to_itself, settings.clearance)
+    travel = _travel(robot, motion.fine_q)
+    series = []
+    if itself.pairs:  # a URDF whose meshes are missing has none
+        series += _looked_at("self_collision", motion.fine_time, travel, to_itself, settings.clearance)
     if settings.obstacles:
         series += _looked_at(
-            "collision", looks.fine_time, travel, lambda k: around.clearance(looks.fine_q[k]), settings.clearance
+            "collision", motion.fine_time, travel, lambda k: around.clearance(motion.fine_q[k]), settings.clearance
         )
     return series
 
 
 def swing_series(
-    robot: urdf.Robot, line: urdf.Line, looks: Looks, swing: Swing, settings: CheckSettings
+    robot: urdf.Robot, line: urdf.Line, motion: SampledMotion, swing: Swing, settings: CheckSettings
 ) -> list[Bounded]:
     """Tension of the string, and distance of string and load from the arm.
 
     Args:
         robot: the arm.
         line: of the tool point.
-        looks: the motion.
+        motion: to be checked.
         swing: of the load, during the motion.
         settings: of the check.
     """
@@ -167,14 +169,14 @@ def swing_series(
     if not settings.collision:
         return [tension]
     around, along = Surroundings(robot), np.asarray(line.direction)
-    angle = np.interp(looks.fine_time, swing.time, swing.angle)
+    angle = np.interp(motion.fine_time, swing.time, swing.angle)
 
     def to_arm(k: int) -> tuple[float, str]:
-        return around.swing_clearance(looks.fine_q[k], along, float(angle[k]), swing.length, swing.radius)
+        return around.swing_clearance(motion.fine_q[k], along, float(angle[k]), swing.length, swing.radius)
 
-    travel = _travel(robot, looks.fine_q)
+    travel = _travel(robot, motion.fine_q)
     travel += np.concatenate([[0.0], np.cumsum(np.abs(np.diff(angle)))]) * (swing.length + swing.radius)
-    return [tension, *_looked_at("swing_clearance", looks.fine_time, travel, to_arm, settings.swing_clearance)]
+    return [tension, *_looked_at("swing_clearance", motion.fine_time, travel, to_arm, settings.swing_clearance)]
 
 
 def _looked_at(

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import csv
-import re
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import UnivariateSpline, make_interp_spline
-from scipy.special import binom
 
 import urdf
 from armdyn.channels import Channel
+from armdyn.csv_run import read_csv
+from armdyn.differences import normalised_differences
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.run import read_run
-from armdyn.units import si_factor
-from pipeline.motion.trajectory import JointTrajectory, LineTrajectory, check_samples
+from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
 from urdf.robot import Array
 
 ORDER = 6
@@ -27,7 +25,7 @@ EVEN = 0.01
 
 
 def differentiated(time: Array, position: Array) -> tuple[Array, Array, Array]:
-    """Speed and acceleration by a quintic smoothing spline that knows the noise of the positions.
+    """Speed and acceleration by a quintic smoothing spline for the noise that the positions have.
 
     The noise is taken from sixth differences, so that rounding is smoothed away and a clean motion is left alone.
 
@@ -44,7 +42,7 @@ def differentiated(time: Array, position: Array) -> tuple[Array, Array, Array]:
 
 
 def noise(time: Array, position: Array) -> float:
-    """Standard deviation of the noise of positions, 0 where it cannot be seen.
+    """Standard deviation of the noise of positions, 0 where it cannot be estimated.
 
     Args:
         time: (n,) [s].
@@ -56,8 +54,7 @@ def noise(time: Array, position: Array) -> float:
     steps = np.diff(time)
     if time.size < 4 * ORDER or np.ptp(steps) > EVEN * np.mean(steps):
         return 0.0
-    spread = np.sqrt(np.sum(binom(ORDER, np.arange(ORDER + 1)) ** 2))
-    return float(np.median(np.abs(np.diff(position, ORDER))) / (0.6745 * spread))
+    return float(np.nanmedian(np.abs(normalised_differences(time, position, ORDER))) / 0.6745)
 
 
 def _differentiated(time: Array, column: Array) -> tuple[Array, Array, Array]:
@@ -77,8 +74,6 @@ def _differentiated(time: Array, column: Array) -> tuple[Array, Array, Array]:
 
 UNITS = {"time": "s", "s": "m", "v": "m/s", "a": "m/s^2"}
 
-_HEADER = re.compile(r"\s*(?P<name>[^\[\]]*?)\s*\[(?P<unit>[^\[\]]+)\]\s*")
-
 
 def is_line_csv(path: Path) -> bool:
     """Whether a file is text whose header has a column ``s``."""
@@ -88,67 +83,6 @@ def is_line_csv(path: Path) -> bool:
     except (OSError, UnicodeDecodeError):
         return False
     return "s" in [cell.partition("[")[0].strip().strip('"') for cell in header.split(",")]
-
-
-def read_line_csv(path: Path) -> dict[str, Array]:
-    """Read the columns of a line motion.
-
-    Args:
-        path: the CSV file.
-
-    Returns:
-        Values by name, in SI units, (n,) each.
-
-    Raises:
-        InputError: names the row or column at fault, counted as a spreadsheet does.
-    """
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        try:
-            rows = [(number, row) for number, row in enumerate(csv.reader(file), start=1) if any(map(str.strip, row))]
-        except (csv.Error, UnicodeDecodeError) as error:
-            raise InputError(f"{path}: is no CSV text ({error}); save it as UTF-8") from error
-    columns = [_column(path, cell) for cell in rows[0][1]]
-    names = [name for name, _ in columns]
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError(f"{path}: there are two columns '{name}'; rename or remove one")
-    if "time" not in names:
-        raise InputError(f"{path}: no 'time' column: add one named 'time [s]'")
-    if len(rows) < 2:
-        raise InputError(f"{path}: holds no samples; give a row per time")
-    table = np.array([_numbers(path, number, row, names) for number, row in rows[1:]])
-    return {name: table[:, k] * factor for k, (name, factor) in enumerate(columns)}
-
-
-def _column(path: Path, cell: str) -> tuple[str, float]:
-    match = _HEADER.fullmatch(cell)
-    name = match["name"] if match else cell.strip()
-    if name not in UNITS:
-        raise InputError(f"{path}: {UnknownNameError('column of a line motion', name, UNITS)}")
-    if match is None:
-        raise InputError(f"{path}: column '{name}' has no unit: write it as '{name} [{UNITS[name]}]'")
-    try:
-        return name, si_factor(match["unit"], UNITS[name])
-    except InputError as error:
-        raise InputError(f"{path}: column '{name}': {error}") from error
-
-
-def _numbers(path: Path, number: int, row: list[str], names: list[str]) -> list[float]:
-    if len(row) != len(names):
-        raise InputError(f"{path}: row {number} has {len(row)} cells where the header has {len(names)}; mend the row")
-    values = []
-    for name, cell in zip(names, row, strict=True):
-        try:
-            value = float(cell)
-        except ValueError:
-            value = np.nan
-        if not np.isfinite(value):
-            raise InputError(
-                f"{path}: row {number}, column '{name}': '{cell.strip()[:40]}' is not a finite number; "
-                "a trajectory has no missing samples"
-            )
-        values.append(value)
-    return values
 
 
 FAR_BEYOND = 2.0
@@ -171,15 +105,12 @@ def read_trajectory(path: Path | str, robot: urdf.Robot) -> JointTrajectory | Li
     path = Path(path)
     try:
         if is_line_csv(path):
-            columns = read_line_csv(path)
-            time = columns.pop("time")
-            check_samples(time, columns)
-            return _line(time, columns["s"], columns.get("v"), columns.get("a"))
+            return _line(read_csv(path, UNITS), ("s", "v", "a"))
         channels = read_run(path).channels
         if any(name.startswith("q.") for name in channels):
             return _joints(channels, robot)
         if "gripper_x" in channels:
-            return _line_of_run(channels)
+            return _line(channels, ("gripper_x", "gripper_v", "gripper_a"))
     except InputError as error:
         text = str(error)
         raise InputError(text if text.startswith(str(path)) else f"{path}: {text}") from error
@@ -188,14 +119,11 @@ def read_trajectory(path: Path | str, robot: urdf.Robot) -> JointTrajectory | Li
     )
 
 
-def _line_of_run(channels: Mapping[str, Channel]) -> LineTrajectory:
-    names = [name for name in ("gripper_x", "gripper_v", "gripper_a") if name in channels]
-    time = _common_time(channels, names)
-    values = {name: channels[name].value for name in names}
-    return _line(time, values["gripper_x"], values.get("gripper_v"), values.get("gripper_a"))
-
-
-def _line(time: Array, s: Array, v: Array | None, a: Array | None) -> LineTrajectory:
+def _line(channels: Mapping[str, Channel], names: tuple[str, str, str]) -> LineTrajectory:
+    """The motion of the channels that hold position, speed and acceleration, of which the last two may be missing."""
+    time = _common_time(channels, [name for name in names if name in channels])
+    s = channels[names[0]].value
+    v, a = (channels[name].value if name in channels else None for name in names[1:])
     if v is None:
         return LineTrajectory(time, *(column[:, 0] for column in differentiated(time, s[:, None])))
     return LineTrajectory(time, s, v, differentiated(time, v[:, None])[1][:, 0] if a is None else a)

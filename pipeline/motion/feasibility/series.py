@@ -1,4 +1,4 @@
-"""The quantities of a joint motion that are held against limits."""
+"""The quantities of a joint motion that have limits."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ FINER = 5
 
 
 @dataclass(frozen=True)
-class Looks:
-    """A joint motion where it is looked at: as sampled, and between the samples.
+class SampledMotion:
+    """A joint motion as it was sampled, and at more instants between the samples.
 
     Attributes:
         time: of the samples (n,) [s].
         q, v, a: at the samples (n, k).
-        fine_time: of all looks, the samples among them (m,) [s].
-        fine_q, fine_v, fine_a: at all looks (m, k).
+        fine_time: of all instants, the samples among them (m,) [s].
+        fine_q, fine_v, fine_a: at all instants (m, k).
     """
 
     time: Array
@@ -53,7 +53,7 @@ def between(time: Array, value: Array, slope: Array, at: Array) -> Array:
     return np.asarray(CubicHermiteSpline(time, value, slope)(at))
 
 
-def joint_series(robot: urdf.Robot, looks: Looks, settings: CheckSettings) -> list[Bounded]:
+def joint_series(robot: urdf.Robot, motion: SampledMotion, settings: CheckSettings) -> list[Bounded]:
     """Position, speed, acceleration, jerk, torque and singularity against the robot's limits.
 
     Speeds and accelerations are also taken from differences of the samples, so that columns which do not belong to each
@@ -61,27 +61,27 @@ def joint_series(robot: urdf.Robot, looks: Looks, settings: CheckSettings) -> li
 
     Args:
         robot: the arm.
-        looks: the motion.
+        motion: to be checked.
         settings: of the check.
     """
-    names, limits, fine = robot.joint_names, robot.limits, looks.fine_time
+    names, limits, fine = robot.joint_names, robot.limits, motion.fine_time
     unit = [_unit(robot, name) for name in names]
     rate = unit[0] if len(set(unit)) == 1 else "rad or m"
     torque = JointTorque(robot, settings.load_mass, settings.springs)
-    speed = _with_differences(looks.time, looks.q, fine, looks.fine_v)
-    acceleration = _with_differences(looks.time, looks.v, fine, looks.fine_a)
+    speed = _with_differences(motion.time, motion.q, fine, motion.fine_v)
+    acceleration = _with_differences(motion.time, motion.v, fine, motion.fine_a)
     series = [
-        Bounded.between("position", rate, names, fine, looks.fine_q, limits.lower, limits.upper),
+        Bounded.between("position", rate, names, fine, motion.fine_q, limits.lower, limits.upper),
         Bounded.between("velocity", f"{rate}/s", names, *speed, -limits.velocity, limits.velocity),
         Bounded.between("acceleration", f"{rate}/s^2", names, *acceleration, -limits.acceleration, limits.acceleration),
     ]
-    if looks.time.size > 1:
-        jerk = _differences(looks.time, looks.a)
+    if motion.time.size > 1:
+        jerk = _differences(motion.time, motion.a)
         series.append(Bounded.between("jerk", f"{rate}/s^3", names, *jerk, -limits.jerk, limits.jerk))
-    tau = torque(looks.fine_q, looks.fine_v, looks.fine_a)
+    tau = torque(motion.fine_q, motion.fine_v, motion.fine_a)
     force = "N m" if rate == "rad" else "N m or N"
     series.append(Bounded.between("torque", force, names, fine, tau, -limits.effort, limits.effort))
-    values = singular_values(robot, looks.fine_q)
+    values = singular_values(robot, motion.fine_q)
     series.append(Bounded.between("singularity", "1", (robot.tool_frame,), fine, values, settings.singular_value))
     return series
 
@@ -106,18 +106,20 @@ def singular_values(robot: urdf.Robot, q: Array) -> Array:
     return np.asarray(np.linalg.svd(jacobians, compute_uv=False)[:, -1])
 
 
-def off_line_series(robot: urdf.Robot, line: urdf.Line, looks: Looks, settings: CheckSettings) -> list[Bounded]:
+def off_line_series(
+    robot: urdf.Robot, line: urdf.Line, motion: SampledMotion, settings: CheckSettings
+) -> list[Bounded]:
     """How far the tool point is from the line, and how far the tool is turned.
 
     Args:
         robot: the arm.
         line: the line.
-        looks: the motion.
+        motion: to be checked.
         settings: of the check.
     """
     data, offset = robot.model.createData(), np.asarray(robot.tool_offset)
     distance, tilt = [], []
-    for row in looks.fine_q:
+    for row in motion.fine_q:
         pin.framesForwardKinematics(robot.model, data, row)
         pose = data.oMf[robot.tool_frame_id]
         aside = pose.act(offset) - line.origin
@@ -125,23 +127,23 @@ def off_line_series(robot: urdf.Robot, line: urdf.Line, looks: Looks, settings: 
         tilt.append(np.linalg.norm(pin.log3(line.rotation.T @ pose.rotation)))
     name = (robot.tool_frame,)
     return [
-        Bounded.between("distance_off_line", "m", name, looks.fine_time, distance, -np.inf, settings.off_line),
-        Bounded.between("tilt", "rad", name, looks.fine_time, tilt, -np.inf, settings.tilt),
+        Bounded.between("distance_off_line", "m", name, motion.fine_time, distance, -np.inf, settings.off_line),
+        Bounded.between("tilt", "rad", name, motion.fine_time, tilt, -np.inf, settings.tilt),
     ]
 
 
-def start_series(robot: urdf.Robot, looks: Looks, at: Array, settings: CheckSettings) -> Bounded:
+def start_series(robot: urdf.Robot, motion: SampledMotion, at: Array, settings: CheckSettings) -> Bounded:
     """How far the first posture is from where the arm is.
 
     Args:
         robot: the arm.
-        looks: the motion.
+        motion: to be checked.
         at: joint positions now (k,).
         settings: of the check.
     """
-    apart = (looks.q[:1] - at)[:1]
+    apart = (motion.q[:1] - at)[:1]
     unit = "rad" if all(_unit(robot, name) == "rad" for name in robot.joint_names) else "rad or m"
-    return Bounded.between("start", unit, robot.joint_names, looks.time[:1], apart, -settings.start, settings.start)
+    return Bounded.between("start", unit, robot.joint_names, motion.time[:1], apart, -settings.start, settings.start)
 
 
 def _differences(time: Array, value: Array) -> tuple[Array, Array]:

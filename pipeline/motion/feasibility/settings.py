@@ -1,4 +1,4 @@
-"""What a feasibility check takes into account: obstacles, the load's swing, and the distances that it asks for."""
+"""What a feasibility check takes into account: obstacles, the load's swing, and the least distances."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def box_and_table(line: urdf.Line, box: Box) -> tuple[Obstacle, ...]:
 
 @dataclass(frozen=True)
 class CheckSettings:
-    """What is taken into account besides the motion, and the distances that are asked for.
+    """What is taken into account besides the motion, and the least distances.
 
     Attributes:
         load_mass: hanging from the tool [kg].

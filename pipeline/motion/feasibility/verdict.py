@@ -1,4 +1,4 @@
-"""Values against their bounds, and what a check says of them: every violation, and the margin to every limit."""
+"""Values with their bounds, and the result of a check: every violation, and the margin to every limit."""
 
 from __future__ import annotations
 
@@ -65,6 +65,10 @@ class Bounded:
         """Distance from the nearer bound, negative beyond it (n, k)."""
         return np.minimum(self.value - self.lower, self.upper - self.value)
 
+    def at(self, i: int, k: int) -> tuple[str, str, float, float, float, str]:
+        """Limit, column, time, value, nearer bound and unit of sample `i`, column `k`."""
+        return self.limit, self.names[k], float(self.time[i]), float(self.value[i, k]), self.bound(i, k), self.unit
+
     def bound(self, i: int, k: int) -> float:
         """The nearer bound of sample `i`, column `k`."""
         lower, upper, value = (float(array[i, k]) for array in (self.lower, self.upper, self.value))
@@ -117,18 +121,18 @@ SCHEMA = "armdyn.check/1"
 
 
 def in_words(unit: str) -> str:
-    """A unit as it stands behind a number: nothing for a pure number."""
+    """A unit as it is written behind a number: empty for a pure number."""
     return "" if unit == "1" else f" {unit}"
 
 
 @dataclass(frozen=True)
-class Violation:
-    """One limit that is broken, where it is broken most.
+class Extreme:
+    """Where a motion comes closest to one limit, or is furthest beyond it.
 
     Attributes:
         limit: what is limited, such as ``"velocity"``.
         joint: which joint or part.
-        time: when it is broken most, within one stretch of time in which it is broken [s].
+        time: when [s].
         value: the value then, in `unit`.
         bound: the limit then, in `unit`.
         unit: SI unit.
@@ -140,6 +144,11 @@ class Violation:
     value: float
     bound: float
     unit: str
+
+
+@dataclass(frozen=True)
+class Violation(Extreme):
+    """One limit that is broken, where it is broken most within one stretch of time."""
 
     def __str__(self) -> str:
         unit = in_words(self.unit)
@@ -148,28 +157,23 @@ class Violation:
 
 
 @dataclass(frozen=True)
-class Margin:
+class Margin(Extreme):
     """The closest that a motion comes to one limit.
 
     Attributes:
-        limit: what is limited.
-        joint: which joint or part.
-        time: when it comes closest [s].
-        value: the value then, in `unit`.
-        bound: the limit then, in `unit`.
-        unit: SI unit.
         margin: distance from the limit, negative beyond it, in `unit`.
         used: share of the limit that is used: 1 at the limit, more beyond it [1].
     """
 
-    limit: str
-    joint: str
-    time: float
-    value: float
-    bound: float
-    unit: str
     margin: float
     used: float
+
+    def __str__(self) -> str:
+        """Value and limit; of a distance, which must not be less, what is the least."""
+        unit = in_words(self.unit)
+        if self.bound > 0.0 and abs(self.value - self.bound - self.margin) < abs(self.bound - self.value - self.margin):
+            return f"{self.value:.4g}{unit}, at least {self.bound:.4g}{unit}, at {self.time:.3f} s"
+        return f"{self.value:.4g} of {self.bound:.4g}{unit} at {self.time:.3f} s"
 
 
 @dataclass(frozen=True)
@@ -194,25 +198,8 @@ class FeasibilityReport:
             series: what was looked at.
         """
         series = tuple(series)
-        violations = [
-            Violation(b.limit, b.names[k], float(b.time[i]), float(b.value[i, k]), b.bound(i, k), b.unit)
-            for b in series
-            for i, k in b.violations()
-        ]
-        margins = [
-            Margin(
-                b.limit,
-                b.names[k],
-                float(b.time[i]),
-                float(b.value[i, k]),
-                b.bound(i, k),
-                b.unit,
-                float(b.margin[i, k]),
-                b.used(i, k),
-            )
-            for b in series
-            for i, k in b.closest()
-        ]
+        violations = [Violation(*b.at(i, k)) for b in series for i, k in b.violations()]
+        margins = [Margin(*b.at(i, k), float(b.margin[i, k]), b.used(i, k)) for b in series for i, k in b.closest()]
         return cls(tuple(sorted(violations, key=lambda v: v.time)), tuple(margins), series)
 
     @property
@@ -230,10 +217,7 @@ class FeasibilityReport:
         """The answer for a person, in one line."""
         if self.feasible:
             m = self.tightest
-            return (
-                f"Feasible: the tightest limit is the {m.limit.replace('_', ' ')} of {m.joint}, "
-                f"{m.value:.4g} of {m.bound:.4g}{in_words(m.unit)} at {m.time:.3f} s."
-            )
+            return f"Feasible: the tightest limit is the {m.limit.replace('_', ' ')} of {m.joint}, {m}."
         more = f", and {len(self.violations) - 1} more" if len(self.violations) > 1 else ""
         return f"Not feasible: the {self.violations[0]}{more}."
 

@@ -5,6 +5,7 @@ from hidden_effects.arm import generate
 from scipy.integrate import solve_ivp
 
 from armdyn.arm.model import arm_model
+from armdyn.effects.catalogue import find
 from armdyn.effects.effect import effect
 from armdyn.errors import InputError
 from armdyn.parameter import quantity
@@ -74,3 +75,35 @@ def test_a_state_that_follows_the_load_is_refused():
     refused = arm_model(robot="baxter", joints=[JOINT], effects=[loaded])
     with pytest.raises(InputError, match="follows the joint's motion only"):
         refused.changed_links(refused.theta())
+
+
+@effect("torque_lag", acts_on="joint", summary="the torque sensor is a first-order lag", source="VIM §4.23")
+def torque_lag(joint, time=quantity("s", typical=0.02, lower=0.0, upper=1.0)):
+    return joint.with_lag(time)
+
+
+@pytest.mark.parametrize("prepared", [False, True])
+def test_a_torque_sensor_lags_with_exact_derivatives(prepared):
+    effects = [find(name) for name in ("torque_gain", "torque_offset", "torque_delay", "link_inertia", "base_tilt")]
+    slow = arm_model(robot="baxter", joints=[JOINT, "right_s1"], effects=[torque_lag, *effects])
+    rng = np.random.default_rng(2)
+    slow = slow.with_values({n: p.value + 0.2 * p.typical * rng.uniform(0.5, 1) for n, p in slow.parameters.items()})
+    recorded = generate("joint_viscous_friction", 1.0, 0, duration=3.0)
+    recorded = slow.prepared(recorded) if prepared else recorded
+    steps = np.array([1e-3 * p.typical for p in slow.parameters.values()])
+    exact = slow.predict(recorded, slow.theta()).sensitivities
+    assert_jacobian(lambda theta: slow.predict(recorded, theta).values, slow.theta(), exact, steps, 1e-4)
+
+
+def test_a_lagging_torque_trails_by_the_time_constant():
+    q = np.sin(2 * TIME)
+    swing = Run("a.csv", {f"q.{JOINT}": Channel(TIME, q, "rad"), f"tau.{JOINT}": Channel(TIME, 0 * q, "N m")},
+                noise={f"q.{JOINT}": 0.0})  # fmt: skip
+    model = arm_model(robot="baxter", joints=[JOINT], effects=[torque_lag])
+    on_time = model.predict(swing, model.theta()).values
+    late = model.with_values({f"torque_lag.time[{JOINT}]": 0.05})
+    trailing = late.predict(swing, late.theta()).values
+    settled = slice(100, 390)
+    assert 0.05 * np.gradient(trailing, TIME)[settled] == pytest.approx(
+        (on_time - trailing)[settled], abs=1e-3 * np.ptp(on_time)
+    )

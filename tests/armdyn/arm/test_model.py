@@ -389,7 +389,7 @@ def test_part_of_a_prepared_run_is_predicted_as_in_the_whole(baxter):
         assert part.values[part.slices[name]] == pytest.approx(whole.values[whole.slices[name]][5:15])
 
 
-def test_circumstances_are_the_joints_motion(baxter):
-    found = baxter.circumstances(baxter.prepared(generate(None, 1.0, 0, duration=3.0)), baxter.theta())
+def test_covariates_are_the_joints_motion(baxter):
+    found = baxter.covariates(baxter.prepared(generate(None, 1.0, 0, duration=3.0)), baxter.theta())
     assert {f"{kind}.{joint}" for kind in "qva" for joint in JOINTS} == set(found)
     assert found["v.right_s0"].unit == "rad/s"

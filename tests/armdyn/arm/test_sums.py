@@ -105,8 +105,8 @@ def test_what_dominates_is_named_where_everything_is_a_little_wrong(robot, name)
     model = arm_model(robot=robot)
     found = repair(Study(model, case.train, case.held_out, JOINT, case.exam))
     (hidden,) = case.truth
-    assert found.ladder[1].added == (hidden.effect,)
-    assert found.ladder[1].joints == (hidden.joint,)
+    assert found.path[1].added == (hidden.effect,)
+    assert found.path[1].joints == (hidden.joint,)
     true = add(Study(model, case.train, case.held_out, JOINT, case.exam), [CATALOGUE[hidden.effect].on(hidden.joint)])
-    error, best = (np.linalg.norm(list(r.ladder[-1].exam_rmse.values())) for r in (found, true))
+    error, best = (np.linalg.norm(list(r.path[-1].exam_rmse.values())) for r in (found, true))
     assert error < 1.2 * best

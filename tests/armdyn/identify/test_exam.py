@@ -33,9 +33,9 @@ def study_of(runs, held_out=(), exam=()):
 def test_the_exam_error_falls_with_the_right_effect_and_everything_else_stays():
     runs, exam = recordings(hidden=HIDDEN), recordings(seed=8, hidden=HIDDEN)
     alone, examined = add(study_of(runs), [DRAG]), add(study_of(runs, exam=exam), [DRAG])
-    for one, other in zip(alone.ladder, examined.ladder, strict=True):
+    for one, other in zip(alone.path, examined.path, strict=True):
         assert one == replace(other, exam_rmse={})
-    given, repaired = (rung.exam_rmse["load_force"] for rung in examined.ladder)
+    given, repaired = (step.exam_rmse["load_force"] for step in examined.path)
     assert repaired < 1.1 * 3e-3 < given
     assert examined.after.channels["load_force"].exam_rmse == repaired
 

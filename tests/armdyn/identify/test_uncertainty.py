@@ -6,10 +6,9 @@ from hidden_effects.arm import generate, true_parameters
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import find
-from armdyn.identify.evidence import weighed, whitening_of
 from armdyn.identify.noise import variance_inflation
 from armdyn.identify.study import Study
-from armdyn.identify.uncertainty import uncertainty
+from armdyn.identify.uncertainty import uncertainty, whitened_covariance
 
 
 def errors(hidden, extra, seed):
@@ -20,7 +19,7 @@ def errors(hidden, extra, seed):
     true = true_parameters(hidden, 1.0)
     wrong = np.array([fit.values[i] - true[fit.problem.columns[i].name] for i in np.flatnonzero(fit.free)])
     known = uncertainty(study, fit)
-    covariances = weighed(fit, whitening_of(fit)).covariance, known.covariance
+    covariances = whitened_covariance(fit), known.covariance
     return known, *(np.abs(wrong) / np.sqrt(np.diag(c)[fit.free]) for c in covariances)
 
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from armdyn.physics.readout import lagged, sampled
+from armdyn.readout import Interpolated, lagged
 
 DT = 0.01
 TIME = np.arange(0.0, 4.0, DT)
@@ -30,19 +30,33 @@ def test_lag_derivative_matches_finite_differences(tau):
     assert np.abs(lagged(SIGNAL[:, None], tau, DT)[1] - measured).max() < 2e-4 * np.abs(measured).max()
 
 
+@pytest.mark.parametrize("uneven", [0.0, 0.3])
+def test_lag_of_uneven_samples_is_that_of_the_same_polygon(uneven):
+    stamps = TIME + uneven * DT * np.sin(37 * TIME)
+    fine = np.unique(np.concatenate([stamps, 0.5 * (stamps[1:] + stamps[:-1])]))
+    polygon = np.interp(fine, stamps, SIGNAL)
+    finer = lagged(polygon[:, None], 0.04, np.diff(fine))[0][:, 0]
+    coarse = lagged(SIGNAL[:, None], 0.04, np.diff(stamps))[0][:, 0]
+    assert np.abs(coarse - finer[np.searchsorted(fine, stamps)]).max() < 1e-12
+
+
+def read(stamps, delay=0.0, derivative=0):
+    """The signal at other times."""
+    return Interpolated(TIME, stamps).matrix(delay, derivative) @ SIGNAL
+
+
 def test_delay_is_interpolated_to_fourth_order():
-    position = np.arange(5, 390) - 0.37
-    values, slope = sampled(SIGNAL[:, None], position)
-    at = DT * position
-    assert np.abs(values[:, 0] - np.sin(6 * at) - 0.3 * np.cos(11 * at)).max() < 1e-5
-    assert np.abs(slope / DT - 6 * np.cos(6 * at) + 3.3 * np.sin(11 * at)).max() < 2e-2
+    stamps = TIME[5:390]
+    at = stamps - 0.37 * DT
+    assert np.abs(read(stamps, 0.37 * DT) - np.sin(6 * at) - 0.3 * np.cos(11 * at)).max() < 1e-5
+    assert np.abs(read(stamps, 0.37 * DT, 1) - 6 * np.cos(6 * at) + 3.3 * np.sin(11 * at)).max() < 2e-2
 
 
 def test_samples_on_the_grid_are_the_grid():
-    assert np.array_equal(sampled(SIGNAL[:, None], np.arange(400.0))[0][:, 0], SIGNAL)
+    assert np.array_equal(read(TIME), SIGNAL)
 
 
 def test_before_the_start_the_first_value_holds():
-    values, slope = sampled(SIGNAL[:, None], np.array([-3.2, -0.1, 0.5]))
-    assert values[0, 0] == values[1, 0] == SIGNAL[0]
-    assert slope[0] == slope[1] == 0.0
+    stamps = DT * np.array([-3.2, -0.1, 0.5])
+    assert np.array_equal(read(stamps)[:2], SIGNAL[[0, 0]])
+    assert np.array_equal(read(stamps, derivative=1)[:2], [0.0, 0.0])

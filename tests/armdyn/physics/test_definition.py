@@ -115,7 +115,7 @@ def test_what_changes_nothing_is_refused():
 
 
 def test_a_measured_state_and_its_rate_are_guessed(run):
-    guess = physics_model(oscillator()).initial_guess(run)
+    guess = physics_model(oscillator()).start.guess(run)
     assert guess["initial_stretch"] == pytest.approx(0.2 * np.cos(0.21), abs=1e-3)
     assert guess["initial_speed"] == pytest.approx(-0.6 * np.sin(0.21), abs=0.01)
 
@@ -132,7 +132,7 @@ def test_a_measured_state_and_its_rate_are_guessed(run):
 )  # fmt: skip
 def test_a_wrong_declaration_is_refused_in_one_line(changed, message):
     with pytest.raises(InputError, match=message):
-        physics_model(oscillator(**changed)).names  # noqa: B018
+        list(physics_model(oscillator(**changed)).names)
 
 
 def test_a_physics_without_states_is_algebra(run):

@@ -10,6 +10,7 @@ import ik
 import urdf
 from armdyn.errors import InputError
 from pipeline.commands import check as command
+from pipeline.motion.feasibility import Margin
 from pipeline.motion.feasibility.read import differentiated, noise
 
 TIME = 0.01 * np.arange(200)
@@ -144,7 +145,7 @@ def test_a_missing_sample_is_named_with_its_time(tmp_path: Path, joints: list[st
         (["s"], "has no unit"),
         (["s [rad]"], "column 's'"),
         (["s [m]", "speed [m/s]"], "unknown column"),
-        (["s [m]", "s [m]"], "two columns"),
+        (["s [m]", "s [m]"], "are both 's'"),
     ],
 )
 def test_a_bad_header_is_named(tmp_path: Path, header: list[str], match: str) -> None:
@@ -195,3 +196,39 @@ def test_derivatives_of_clean_positions_are_exact() -> None:
     _, v, a = differentiated(TIME, np.sin(w * TIME)[:, None])
     assert np.max(np.abs(v[:, 0] - w * np.cos(w * TIME))) < 1e-6
     assert np.max(np.abs(a[:, 0] + w**2 * np.sin(w * TIME))) < 1e-3
+
+
+def test_away_from_the_line_there_is_no_box(tmp_path: Path, joints: list[str], q: np.ndarray) -> None:
+    """The box is where the tool's line is: a motion that begins elsewhere is another task."""
+    answers = {}
+    for name, shift in (("on", 0.0), ("off", 0.5)):
+        moved = q + np.concatenate([[shift], np.zeros(q.shape[1] - 1)])
+        run(write(tmp_path / f"{name}.csv", joints, moved), "--json", tmp_path / f"{name}.json")
+        answers[name] = {
+            name
+            for margins in json.loads((tmp_path / f"{name}.json").read_text())["margins"].values()
+            for name in margins
+        }
+    gone = answers["on"] - answers["off"]
+    assert gone
+    assert all("box" in name or "table" in name for name in gone)
+
+
+def test_a_robot_is_named_or_described_by_a_urdf(tmp_path: Path) -> None:
+    ur5 = urdf.load("ur5")
+    path = tmp_path / "ur5.urdf"
+    path.write_text(ur5.urdf_xml)
+    still = np.tile(ur5.home, (len(TIME), 1))
+    file = write(tmp_path / "a.csv", [f"q.{name} [rad]" for name in ur5.joint_names], still)
+    assert run(file, "--urdf", path) in (0, 1)
+    with pytest.raises(InputError, match="one of --robot and --urdf"):
+        run(file, "--urdf", path, "--robot", "ur5")
+
+
+def test_a_distance_says_what_is_the_least() -> None:
+    kept = Margin("clearance", "hand and table", 0.2, 0.309, 0.010, "m", 0.299, 0.03)
+    assert str(kept) == "0.309 m, at least 0.01 m, at 0.200 s"
+    speed = Margin("velocity", "elbow", 0.2, 1.8, 2.0, "rad/s", 0.2, 0.9)
+    assert str(speed) == "1.8 of 2 rad/s at 0.200 s"
+    low = Margin("position", "elbow", 0.2, -1.6, -1.7, "rad", 0.1, 0.9)
+    assert str(low) == "-1.6 of -1.7 rad at 0.200 s"

@@ -8,7 +8,7 @@ from armdyn.arm.model import arm_model
 from armdyn.identify.study import Study
 from armdyn.preparation import Preparation, of_all_runs, sentence
 from pipeline.answers import preparation_answer
-from pipeline.report.fit import MOST_POINTS, FitSection
+from pipeline.report.overlay import MOST_POINTS, OverlaySection, of_fits, thinned
 
 
 @pytest.fixture(scope="module")
@@ -18,20 +18,21 @@ def fit():
 
 def test_the_recording_is_shown_at_its_full_rate_behind_what_is_compared(fit):
     run = fit.problem.runs[0].original
-    for chart, block in zip(FitSection(fit, ()).charts(), fit.blocks, strict=True):
-        behind, measured = chart.figure.data[:2]
+    for curve, block in zip(of_fits([fit]), fit.blocks, strict=True):
         raw = run.channels[block.channel]
-        assert (behind.name, measured.name) == ("as recorded", "measured, below 10 Hz")
-        assert len(measured.x) < len(behind.x) <= MOST_POINTS + 1
-        assert (min(behind.y), max(behind.y)) == (raw.value.min(), raw.value.max())
-        assert np.all(np.diff(behind.x) > 0.0)
-        assert chart.figure.layout.xaxis.range == (raw.time[0], raw.time[-1])
-        assert f"{len(measured.x)} samples, 17.9 per second, of {len(raw)} recorded" in chart.caption
+        time, value = thinned(curve.recorded)
+        assert len(curve.time) < len(time) <= MOST_POINTS + 1
+        assert (value.min(), value.max()) == (raw.value.min(), raw.value.max())
+        assert (time[0], time[-1]) == pytest.approx((raw.time[0], raw.time[-1]), abs=0.05)
+        assert np.all(np.diff(time) > 0.0)
+        assert f"{len(curve.time)} samples, 17.9 per second, of {len(raw)} recorded" in curve.note
 
 
 def test_band_and_rate_are_said(fit):
-    assert "compared below 10 Hz" in FitSection(fit, ()).sentence()
-    assert "17.9 samples per second of 250" in FitSection(fit, ()).sentence()
+    done = sentence(of_all_runs(run.preparations for run in fit.problem.runs))
+    section = OverlaySection(of_fits([fit]), preparation=done)
+    assert "compared below 10 Hz" in section.sentence()
+    assert "17.9 samples per second of 250" in section.sentence()
 
 
 def test_the_answer_holds_what_was_done_to_every_channel(fit):

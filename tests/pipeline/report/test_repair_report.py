@@ -1,5 +1,6 @@
 """A repair's page: an improvement is not red, links are beside the URDF's, who judged is said."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -7,7 +8,7 @@ import pytest
 from armdyn.arm.links import LinkChange, LinkQuantity
 from armdyn.identify.exam import Judge
 from armdyn.identify.explained import Scale
-from armdyn.identify.rung import Rung
+from armdyn.identify.repair_step import RepairStep
 from armdyn.identify.verdict import Verdict
 from pipeline.answers import link_answer
 from pipeline.commands.identify_text import say_links
@@ -63,11 +64,21 @@ def test_what_rounding_left_of_zero_is_zero_and_each_value_says_whether_it_is_de
 
 
 def test_the_repair_path_tells_total_errors_and_the_exams():
-    given = Rung((), (), (), (), {"tau.a": 3.0, "tau.b": 4.0}, {"tau.a": 6.0, "tau.b": 8.0}, 9.0, 1.0, {"tau.a": 7.0})
-    section = RepairPathSection([given], Scale({"tau.a": "N m", "tau.b": "N m"}, {}), (Judge.EXAM, Judge.HELD_OUT))
-    (table,) = section.tables()
-    assert table.header[1:4] == ["rms error [N m]", "held out [N m]", "exam [N m]"]
+    given = RepairStep((), (), (), {"tau.a": 3.0, "tau.b": 4.0}, {"tau.a": 6.0, "tau.b": 8.0}, 9.0, 1.0, {"tau.a": 7.0})
+    better = replace(given, added=("payload",), rmse={"tau.a": 0.3, "tau.b": 0.4}, held_out_rmse={}, exam_rmse={})
+    section = RepairPathSection(
+        [given, better],
+        Scale({"tau.a": "N m", "tau.b": "N m"}, {}),
+        (Judge.EXAM, Judge.HELD_OUT),
+        {"payload": "A mass at the tool."},
+    )
+    table, statistics = section.tables()
+    assert list(table.header) == ["step", "fitted [N m]", "held out [N m]", "exam [N m]", "what it is"]
     assert table.rows[0][1:4] == ["5", "10", "7"]
+    assert table.rows[1] == ["+ payload", "0.5", "–", "–", "A mass at the tool."]
+    assert table.bars[1] == pytest.approx([1.0, 0.1])
     assert "took part in nothing" in table.caption
     assert "took part in choosing" in table.caption
-    assert {trace.name for chart in section.charts() for trace in chart.figure.data} == {"training", "held out", "exam"}
+    assert not table.folded
+    assert statistics.folded
+    assert statistics.rows[0] == ["as given", "9", "1.0"]

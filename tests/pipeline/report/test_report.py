@@ -1,3 +1,5 @@
+import base64
+import gzip
 import json
 import re
 import shutil
@@ -14,12 +16,13 @@ from scipy.stats import binomtest
 
 from armdyn.errors import InputError
 from pipeline.report import Chart, KeyFigure, Level, Report, Section, Table
+from pipeline.report.page import NextStep, packed
 from pipeline.report.table import success_interval, table_report
 from pipeline.report.theme import number, percent
 from pipeline.report.trial import TrialReportData, trial_report
 
 NASTY = "</script><script>alert('x')</script> & <b>$title</b>"
-VOID = {"meta", "br"}
+VOID = {"meta", "br", "input"}
 
 
 class Page(HTMLParser):
@@ -57,9 +60,15 @@ class Page(HTMLParser):
 
 def own_part(html):
     """The page without the library."""
-    library = get_plotlyjs().replace("</script", "<\\/script")
+    library = packed(get_plotlyjs())
     assert html.count(library) == 1
     return html.replace(library, "")
+
+
+def drawn(html):
+    """The data that the page's script draws from."""
+    data = re.search(r'id="data">(.*?)</script>', html, re.DOTALL)[1]
+    return json.loads(gzip.decompress(base64.b64decode(data)))
 
 
 def figures(report):
@@ -77,7 +86,10 @@ class NastySection(Section):
         return [Chart(go.Figure(go.Scatter(x=[0], y=[1], name=NASTY)), NASTY)]
 
     def tables(self):
-        return [Table([NASTY, "share"], [[NASTY, NASTY]], NASTY, shares=[0.5])]
+        return [Table([NASTY, "share"], [[NASTY, NASTY]], NASTY, shares=[0.5], folded=NASTY)]
+
+    def tabs(self):
+        return {NASTY: NASTY, "other": "other"}
 
 
 @pytest.fixture(params=["trial", "table"])
@@ -111,14 +123,14 @@ def test_every_axis_has_a_name_and_a_unit(report):
 
 
 def test_text_of_users_cannot_become_markup():
-    report = Report(NASTY, Level.BAD, NASTY, [NastySection()], NASTY, [KeyFigure(NASTY, NASTY, NASTY)], [NASTY], NASTY)
+    report = Report(NASTY, Level.BAD, NASTY, [NastySection()], NASTY, [KeyFigure(NASTY, NASTY, NASTY)], [NASTY], NASTY,
+                    [NextStep(NASTY, NASTY)])  # fmt: skip
     own = own_part(report.html())
     page = Page(own)
-    assert page.text.count(NASTY) >= 12
+    assert page.text.count(NASTY) >= 16
     assert "<script>alert" not in own
-    assert sum(tag == "script" for tag, _ in page.elements) == 4
-    data = re.search(r'id="figures">(.*?)</script>', own, re.DOTALL)[1]
-    assert json.loads(data)[0]["data"][0]["name"] == NASTY
+    assert sum(tag == "script" for tag, _ in page.elements) == 5
+    assert drawn(own)["figures"][0]["data"][0]["name"] == NASTY
 
 
 @pytest.mark.parametrize("level", Level)

@@ -49,7 +49,7 @@ def test_what_is_repaired_lands(effect, parameter, size, tmp_path, off_target):
     assert off_target(unaware) > 0.12
     assert added(found) == {effect}
     assert found.model.value(f"{effect}.{parameter}") == pytest.approx(size, rel=0.15)
-    assert found.ladder[-1].chi2_per_sample < 0.6 * found.ladder[0].chi2_per_sample
+    assert found.path[-1].chi2_per_sample < 0.6 * found.path[0].chi2_per_sample
     trial = simulate(aware(hidden, found))
     assert trial.result.success
     assert off_target(trial) < 0.04
@@ -62,7 +62,7 @@ def test_wind_that_is_repaired_leaves_the_length_right(tmp_path):
     assert unaware.experiment.estimator.model.value("length") < 0.368 - 6e-3
     assert added(found) == {"wind"}
     assert found.model.value("wind.force") == pytest.approx(0.2, rel=0.05)
-    assert found.ladder[-1].chi2_per_sample < 0.4 * found.ladder[0].chi2_per_sample
+    assert found.path[-1].chi2_per_sample < 0.4 * found.path[0].chi2_per_sample
     assert run_trial(aware(hidden, found)).length_estimate == pytest.approx(0.368, abs=2e-3)
 
 

@@ -83,6 +83,15 @@ def test_the_report_is_one_file_that_tells_the_verdict(learnt, tmp_path):
     assert "The box is not the paper" in page
 
 
+def test_a_missed_box_says_how_to_find_what_the_model_lacks(learnt):
+    assert learnt.report().next_steps == ()
+    missed = replace(learnt, result=replace(learnt.result, success=False))
+    repair, again = missed.report().next_steps
+    folder = learnt.result.recording.parent
+    assert repair.command.startswith(f"armdyn repair {folder / 'model.toml'} {folder / 'trial.csv'}")
+    assert again.command == "armdyn trial --model repaired.toml"
+
+
 def test_the_same_seed_gives_the_same_trial():
     first, second = (run_trial(TrialSettings(seed=5, estimation_time=2.0)) for _ in range(2))
     assert first.length_estimate == second.length_estimate

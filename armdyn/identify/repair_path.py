@@ -7,8 +7,8 @@ from math import log
 import numpy as np
 
 from armdyn.identify.appraisal import Appraisal, Appraiser
+from armdyn.identify.candidate import Candidate
 from armdyn.identify.choose import foremost
-from armdyn.identify.score import Candidate
 
 ALIKE = 0.1
 """Share of what an effect on one joint explains that the same effect on another joint must bring to be told with it."""
@@ -37,8 +37,8 @@ def merged(candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
     """Candidates on one joint each as one candidate for each effect, in the order in which they come."""
     found: dict[str, Candidate] = {}
     for c in candidates:
-        known = found.get(c.effect, Candidate(c.effect, (), ()))
-        found[c.effect] = Candidate(c.effect, (*known.joints, *c.joints), (*known.names, *c.names))
+        known = found.get(c.effect)
+        found[c.effect] = c if known is None else Candidate(c.effect, (*known.parts, *c.parts))
     return tuple(found.values())
 
 

@@ -17,7 +17,7 @@ them all, is half as likely as it says."""
 
 
 @dataclass(frozen=True)
-class Remainder:
+class ResidualTests:
     """How a fit's residual compares with the noise.
 
     Attributes:
@@ -37,7 +37,7 @@ class Remainder:
         return self.z > LARGEST_Z or self.whiteness < SMALLEST_WHITENESS or self.score < SMALLEST_SCORE
 
 
-def remainder(fit: Fit, promised: list[Score]) -> Remainder:
+def residual_tests(fit: Fit, promised: list[Score]) -> ResidualTests:
     """Compare a fit's residual with the noise."""
     z = -np.inf
     for channel in dict.fromkeys(block.channel for block in fit.blocks):
@@ -47,4 +47,4 @@ def remainder(fit: Fit, promised: list[Score]) -> Remainder:
     whiteness = min(ljung_box(block.residual) for block in fit.blocks) * len(fit.blocks)
     chances = (float(chi2_distribution.sf(s.drop, max(1, len(s.candidate.names)))) for s in promised)
     score = min(chances, default=1.0) * max(1, len(promised))
-    return Remainder(float(z), min(1.0, whiteness), min(1.0, score))
+    return ResidualTests(float(z), min(1.0, whiteness), min(1.0, score))

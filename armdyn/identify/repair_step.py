@@ -1,4 +1,4 @@
-"""One step of the ladder that shows the error falling."""
+"""One step of a repair, with its errors on every kind of run."""
 
 from dataclasses import dataclass, field
 
@@ -8,13 +8,12 @@ from armdyn.identify.study import Study
 
 
 @dataclass(frozen=True)
-class Rung:
-    """One step of the ladder.
+class RepairStep:
+    """One step of a repair.
 
     Attributes:
         added: names of the effects that came in; empty for the model as given.
         joints: where, for an arm.
-        removed: names of the effects that went out.
         tied_with: effects that these runs cannot tell from the one added.
         rmse: by channel, on the training runs.
         held_out_rmse: by channel, on held-out runs, which take part in choosing; empty where there is a single run.
@@ -25,7 +24,6 @@ class Rung:
 
     added: tuple[str, ...]
     joints: tuple[str, ...]
-    removed: tuple[str, ...]
     tied_with: tuple[str, ...]
     rmse: dict[str, float]
     held_out_rmse: dict[str, float]
@@ -34,13 +32,12 @@ class Rung:
     exam_rmse: dict[str, float] = field(default_factory=dict)
 
 
-def rung_of(study: Study, step: Step) -> Rung:
+def repair_step(study: Study, step: Step) -> RepairStep:
     """One step, with its errors on every kind of run."""
     held_out = study.held_out_blocks(step.fit)
-    return Rung(
+    return RepairStep(
         added=tuple(c.effect for c in step.added),
         joints=tuple(dict.fromkeys(j for c in step.added for j in c.joints)),
-        removed=tuple(c.effect for c in step.removed),
         tied_with=tuple(c.effect for c in step.tied),
         rmse=step.fit.rmse(),
         held_out_rmse=channel_rmse(held_out) if held_out is not None else {},

@@ -1,0 +1,129 @@
+r"""An arm with its effects as one CasADi function: the torques of a motion, for other tools.
+
+The rigid bodies by the recursive Newton-Euler algorithm (Featherstone, Rigid Body Dynamics Algorithms, 2008, table 5.1)
+in the coordinates of each link, with the inertial parameters and the gravity that the effects leave; then what the
+effects add to the drives. The sensor's gain, offset and delay belong to a reading, not to the arm, and are left out.
+"""
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+
+from armdyn.arm.model import ArmModel
+from armdyn.arm.physics import Expression, Joint, Link, Neighbour
+from armdyn.effects.effect import applied
+from armdyn.errors import InputError
+
+
+def inverse_dynamics_function(model: ArmModel) -> ca.Function:
+    """``(q, v, a) -> tau``, (n,) each: what the drives give, N m or N, at the model's parameters.
+
+    Raises:
+        InputError: an effect depends on time or has states of its own, which no function of one instant has.
+    """
+    n = len(model.joints)
+    q, v, a = (ca.SX.sym(name, n) for name in ("q", "v", "a"))
+    load = rigid_torques(model, q, v, a)
+    tau = [load[i] for i in range(n)]
+    for i in range(n):
+        joint, inner = _with_effects(model, i, q, v, a, load[i])
+        tau[i] += joint.torque
+        if inner >= 0:
+            tau[inner] += joint.inner_torque
+    return ca.Function("inverse_dynamics", [q, v, a], [ca.densify(ca.vertcat(*tau))], ["q", "v", "a"], ["tau"])
+
+
+def rigid_torques(model: ArmModel, q: Expression, v: Expression, a: Expression) -> Expression:
+    """(n,) torques that the rigid bodies ask of the joints, effects on links and base counted in.
+
+    Args:
+        model: the arm.
+        q: (n,) rad or m.
+        v: (n,) per s.
+        a: (n,) per s^2.
+    """
+    arm = model.arm.model
+    links = list(model.link_parameters().values())
+    parents = [int(parent) - 1 for parent in list(arm.parents)[1:]]
+    placements = list(arm.jointPlacements)[1:]
+    axes = joint_axes(arm)
+    gravity = ca.SX(model.gravity())
+    rotations: list[tuple[Expression, Expression]] = []
+    moves: list[tuple[Expression, Expression, Expression]] = []
+    forces: list[tuple[Expression, Expression]] = []
+    for i, axis in enumerate(axes):
+        linear, angular = axis[:3], axis[3:]
+        R = ca.SX(np.asarray(placements[i].rotation)) @ _turned(angular, q[i])
+        p = ca.SX(placements[i].translation) + ca.SX(np.asarray(placements[i].rotation) @ linear) * q[i]
+        w, dw, acceleration = (ca.SX(3, 1), ca.SX(3, 1), -gravity) if parents[i] < 0 else moves[parents[i]]
+        # Acceleration of the link's origin, less gravity, then everything in the link's own axes.
+        acceleration = acceleration + ca.cross(dw, p) + ca.cross(w, ca.cross(w, p))
+        w, dw, acceleration = R.T @ w, R.T @ dw, R.T @ acceleration
+        slide, turn = ca.SX(linear), ca.SX(angular)
+        acceleration = acceleration + slide * a[i] + 2 * ca.cross(w, slide * v[i])
+        dw = dw + turn * a[i] + ca.cross(w, turn * v[i])
+        w = w + turn * v[i]
+        m, h, inertia = links[i][0], ca.SX(links[i][1:4]), ca.SX(_about_origin(links[i]))
+        force = m * acceleration + ca.cross(dw, h) + ca.cross(w, ca.cross(w, h))
+        moment = inertia @ dw + ca.cross(w, inertia @ w) + ca.cross(h, acceleration)
+        rotations.append((R, p))
+        moves.append((w, dw, acceleration))
+        forces.append((force, moment))
+    tau = [ca.SX(0)] * len(axes)
+    for i in reversed(range(len(axes))):
+        force, moment = forces[i]
+        tau[i] = ca.dot(ca.SX(axes[i][:3]), force) + ca.dot(ca.SX(axes[i][3:]), moment)
+        if parents[i] >= 0:
+            R, p = rotations[i]
+            outer, (inner_force, inner_moment) = R @ force, forces[parents[i]]
+            forces[parents[i]] = inner_force + outer, inner_moment + R @ moment + ca.cross(p, outer)
+    return ca.vertcat(*tau)
+
+
+def _with_effects(
+    model: ArmModel, i: int, q: Expression, v: Expression, a: Expression, load: Expression
+) -> tuple[Joint, int]:
+    """A joint with its effects at the model's parameters, and its neighbour towards the base, -1 for none."""
+    name, zero, time = model.joints[i], ca.SX(0), ca.SX.sym("time")
+    inner = int(model.arm.model.parents[i + 1]) - 1
+    neighbour = Neighbour(q[inner], v[inner], a[inner]) if inner >= 0 else Neighbour(zero, zero, zero)
+    joint = Joint(
+        time, q[i], v[i], a[i], ca.sign(v[i]), load, neighbour, Link(ca.SX(4, 4), ca.SX(4, 4)),
+    )  # fmt: skip
+    for effect in model.effects:
+        if effect.reach == "base" or name not in model.joints_with(effect.name):
+            continue
+        parameters = {
+            short: ca.SX(model.parameters[f"{effect.name}.{short}[{name}]"].value) for short in effect.quantities
+        }
+        # What an effect does to the link is in the link's parameters already.
+        joint = replace(applied(effect.name, effect.function, joint, parameters), link=joint.link)
+        if joint.memory or ca.depends_on(ca.vertcat(joint.torque, joint.inner_torque), time):
+            why = "has a state of its own" if joint.memory else "depends on time"
+            raise InputError(
+                f"effect '{effect.name}' {why}, which a function of one instant lacks: export the model without it"
+            )
+    return joint, inner
+
+
+def joint_axes(arm: pin.Model) -> list[np.ndarray]:
+    """By joint (6,): linear and angular velocity of its link per unit of its own, in the link's axes."""
+    data, n = arm.createData(), arm.nv
+    pin.computeJointJacobians(arm, data, np.zeros(n))
+    return [np.array(pin.getJointJacobian(arm, data, i + 1, pin.LOCAL).reshape(6, n)[:, i]) for i in range(n)]
+
+
+def _turned(axis: np.ndarray, angle: Expression) -> Expression:
+    """(3, 3) rotation by an angle about a unit axis; the identity where the axis is zero (Rodrigues)."""
+    if not np.any(axis):
+        return ca.SX.eye(3)
+    K = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
+    return ca.SX.eye(3) + ca.sin(angle) * ca.SX(K) + (1 - ca.cos(angle)) * ca.SX(K @ K)
+
+
+def _about_origin(parameters: np.ndarray) -> np.ndarray:
+    """(3, 3) inertia about the joint's origin of (10,) inertial parameters."""
+    xx, xy, yy, xz, yz, zz = parameters[4:]
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])

@@ -1,0 +1,217 @@
+"""From a quantity to the samples of its sensor: gain, lag, dead time, low-pass, sampling; with exact derivatives.
+
+The same for a torque along a recorded motion of an arm and for the output of a simulation. The quantity is given at
+nodes: the stamps of a recording or the grid of a simulation.
+"""
+
+from abc import ABC, abstractmethod
+
+import casadi as ca
+import numpy as np
+from scipy.linalg import solve_banded
+from scipy.sparse import csr_matrix
+
+from armdyn.codegen import Buffered
+from armdyn.physics.definition import Expression
+from armdyn.smoothing import UNDISTORTED, LowPass, Samples, basis_matrix
+
+ON_A_NODE = 1e-9
+"""Of the interval of the nodes: a sample that is nearer to one needs no interpolation."""
+
+
+class Sampler(ABC):
+    """A linear map from signals at nodes to samples at other times, which may be late."""
+
+    nodes: np.ndarray
+    """(K,) s."""
+
+    @abstractmethod
+    def coefficients(self, signals: np.ndarray) -> np.ndarray:
+        """(N, m) what represents (K, m) signals in between; linear, and zero for zero."""
+
+    @abstractmethod
+    def matrix(self, delay: float, derivative: int = 0) -> csr_matrix:
+        """(n, N) that takes coefficients to the samples' times minus `delay` s, or to the derivative there, in 1/s."""
+
+
+class Interpolated(Sampler):
+    """Samples of the signal as it is, cubic between the nodes; before the first and after the last it is constant.
+
+    Args:
+        nodes: (K,) s, K >= 4.
+        time: (n,) s of the samples.
+    """
+
+    def __init__(self, nodes: np.ndarray, time: np.ndarray) -> None:
+        self.nodes, self._time = nodes, time
+
+    def coefficients(self, signals: np.ndarray) -> np.ndarray:
+        """See `Sampler.coefficients`."""
+        return signals
+
+    def matrix(self, delay: float, derivative: int = 0) -> csr_matrix:
+        """See `Sampler.matrix`."""
+        nodes, at = self.nodes, self._time - delay
+        inside = np.clip(at, nodes[0], nodes[-1])
+        after = np.clip(np.searchsorted(nodes, inside), 1, len(nodes) - 1)
+        nearest = after - (inside - nodes[after - 1] < nodes[after] - inside)
+        interval = (nodes[-1] - nodes[0]) / (len(nodes) - 1)
+        if np.max(np.abs(at - nodes[nearest]), initial=0.0) < ON_A_NODE * interval:
+            if not derivative:
+                return _rows(np.ones((len(at), 1)), nearest[:, None], len(nodes))
+            columns = np.clip(nearest[:, None] + [-1, 1], 0, len(nodes) - 1)
+            secants = 1.0 / (nodes[columns[:, 1]] - nodes[columns[:, 0]])
+            return _rows(np.stack([-secants, secants], axis=1), columns, len(nodes))
+        first = np.clip(np.searchsorted(nodes, inside, side="right") - 2, 0, len(nodes) - 4)
+        columns = first[:, None] + np.arange(4)
+        p, values = nodes[columns], np.empty((len(at), 4))
+        for i in range(4):  # Lagrange's polynomials
+            others = [k for k in range(4) if k != i]
+            base = np.prod([p[:, i] - p[:, k] for k in others], axis=0)
+            factors = [[m for m in others if m != k] for k in others] if derivative else [others]
+            values[:, i] = sum(np.prod([inside - p[:, m] for m in of], axis=0) for of in factors) / base
+        if derivative:
+            values[inside != at] = 0.0
+        return _rows(values, columns, len(nodes))
+
+
+class LowPassed(Sampler):
+    """Samples of the signal after a low-pass of zero phase.
+
+    Args:
+        nodes: (K,) s.
+        cutoff: of the low-pass, Hz.
+        time: (n,) s of the samples.
+        used: (K,) bool, the nodes that the low-pass takes in.
+    """
+
+    def __init__(self, nodes: np.ndarray, cutoff: float, time: np.ndarray, used: np.ndarray) -> None:
+        self.nodes, self._time, self._used = nodes, time, used
+        self._filter = LowPass(Samples(nodes[used], UNDISTORTED / cutoff), cutoff)
+
+    def coefficients(self, signals: np.ndarray) -> np.ndarray:
+        """See `Sampler.coefficients`."""
+        return self._filter.curve(signals[self._used]).coefficients
+
+    def matrix(self, delay: float, derivative: int = 0) -> csr_matrix:
+        """See `Sampler.matrix`."""
+        samples, at = self._filter.samples, self._time - delay
+        matrix = basis_matrix(np.clip(at, self.nodes[0], None), samples.start, samples.step, samples.size, derivative)
+        return matrix.multiply((at >= self.nodes[0])[:, None]).tocsr() if derivative else matrix
+
+
+class Sensor:
+    """What a sensor makes of its quantity: reading(t) = [gain quantity]_lagged (t - delay).
+
+    Signals are (K, 1 + m): the quantity and its derivatives by m parameters, those of `theta` first.
+
+    Args:
+        theta: (p,) symbols.
+        gain: reading per quantity, an expression of `theta`.
+        lag: first-order time constant, s.
+        delay: dead time, s.
+
+    Attributes:
+        amplifies: whether the gain depends on parameters.
+        lags: whether there is a lag.
+        delays: whether there is a dead time.
+    """
+
+    def __init__(self, theta: Expression, gain: Expression = 1, lag: Expression = 0, delay: Expression = 0) -> None:
+        settings = ca.densify(ca.SX(ca.vertcat(gain, lag, delay)))
+        self._function = Buffered(ca.Function("sensor", [theta], [settings, ca.densify(ca.jacobian(settings, theta))]))
+        depends = (ca.which_depends(settings[i], theta, 1, False) if theta.numel() else [] for i in range(3))
+        self._columns = [np.flatnonzero(which) for which in depends]
+        self.amplifies = len(self._columns[0]) > 0
+        self.lags, self.delays = (not ca.SX(expression).is_zero() for expression in (lag, delay))
+
+    def delay(self, theta: np.ndarray) -> float:
+        """Dead time, s."""
+        return float(self._function(theta)[0][2, 0])
+
+    def amplified(self, signal: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """The signal times the gain."""
+        if not self.amplifies:
+            return signal
+        amplified = signal * self._function(theta)[0][0, 0]
+        return self._with(amplified, 0, signal[:, 0], theta)
+
+    def lagged(self, signal: np.ndarray, theta: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+        """The signal behind the lag; `nodes` (K,) s."""
+        if not self.lags:
+            return signal
+        following, by_lag = lagged(signal, float(self._function(theta)[0][1, 0]), np.diff(nodes))
+        return self._with(following, 1, by_lag, theta)
+
+    def read(self, signal: np.ndarray, sampler: Sampler, theta: np.ndarray) -> np.ndarray:
+        """(n, 1 + m) samples of an amplified signal at the sampler's nodes."""
+        return self.sampled(sampler.coefficients(self.lagged(signal, theta, sampler.nodes)), sampler, theta)
+
+    def sampled(self, coefficients: np.ndarray, sampler: Sampler, theta: np.ndarray) -> np.ndarray:
+        """(n, 1 + m) samples of what (N, 1 + m) coefficients represent."""
+        delay = self.delay(theta) if self.delays else 0.0
+        samples = np.asarray(sampler.matrix(delay) @ coefficients)
+        return self.moved(samples, coefficients[:, 0], sampler, theta)
+
+    def moved(self, samples: np.ndarray, coefficients: np.ndarray, sampler: Sampler, theta: np.ndarray) -> np.ndarray:
+        """The samples, with the derivatives by the dead time added; `coefficients` (N,) of the quantity."""
+        if not self.delays:
+            return samples
+        return self._with(samples, 2, -(sampler.matrix(self.delay(theta), 1) @ coefficients), theta)
+
+    def _with(self, signal: np.ndarray, setting: int, slope: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """The signal with the chain rule of a setting, by which its quantity has this slope."""
+        derivatives = self._function(theta)[1]
+        for column in self._columns[setting]:
+            signal[:, 1 + column] += slope * derivatives[setting, column]
+        return signal
+
+
+def lagged(
+    values: np.ndarray,
+    time_constant: float,
+    step: float | np.ndarray,
+    start: float | None = None,
+    start_by_lag: float = 0.0,
+) -> tuple[np.ndarray, np.ndarray]:
+    """A first-order lag of a signal that is linear between samples, and its derivative.
+
+    z_{k+1} = e z_k + b y_k + c y_{k+1}, e = exp(-dt/tau), c = 1 - (1 - e) tau/dt, b = (1 - e) tau/dt - e: exact for
+    the interpolated signal, and regular at tau = 0, where z = y and dz/dtau = -(y_{k+1} - y_k)/dt.
+    (Franklin, Powell & Workman, Digital Control, 3rd ed., §6.3, first-order hold.)
+
+    Args:
+        values: (K, m) samples, columns filtered alike.
+        time_constant: tau, s, >= 0.
+        step: dt between the samples, s, a number or (K-1,).
+        start: what the filtered first column starts with; equilibrium when not given.
+        start_by_lag: derivative of `start` with respect to tau.
+
+    Returns:
+        (K, m) filtered, and (K,) derivative of the first column with respect to tau.
+    """
+    tau, dt = time_constant, np.broadcast_to(step, len(values) - 1)
+    if tau < 1e-3 * dt.min():  # e underflows to zero and every term but the linear one with it
+        e, share, de, dshare = 0.0 * dt, max(tau, 0.0) / dt, 0.0 * dt, 1.0 / dt
+    else:
+        e = np.exp(-dt / tau)
+        share, de = (1.0 - e) * tau / dt, e * dt / tau**2
+        dshare = (1.0 - e) / dt - de * tau / dt
+    y, first = values, values[:1].astype(float)
+    if start is not None:
+        first[:, 0] = start
+    z = _recursive(e, (share - e)[:, None] * y[:-1] + (1.0 - share)[:, None] * y[1:], first)
+    drive = de * z[:-1, 0] + (dshare - de) * y[:-1, 0] - dshare * y[1:, 0]
+    return z, _recursive(e, drive[:, None], np.array([[start_by_lag]]))[:, 0]
+
+
+def _recursive(decay: np.ndarray, drive: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """(K, m) z with z_0 = first (1, m) and z_{k+1} = decay_k z_k + drive_k."""
+    bands = np.vstack([np.ones(len(decay) + 1), np.append(-decay, 0.0)])
+    return np.asarray(solve_banded((1, 0), bands, np.concatenate([first, drive]), check_finite=False))
+
+
+def _rows(values: np.ndarray, columns: np.ndarray, size: int) -> csr_matrix:
+    """(n, size) matrix with (n, k) values in (n, k) columns."""
+    n, k = values.shape
+    return csr_matrix((values.ravel(), columns.ravel(), np.arange(0, n * k + 1, k)), shape=(n, size))

@@ -1,0 +1,124 @@
+"""`armdyn export`: a model for other tools."""
+
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pipeline.commands.identify import EffectsOption, ModelArgument
+from pipeline.commands.output import JsonOption, check_outputs, free_to_write, spinner, write_json
+
+if TYPE_CHECKING:
+    from armdyn.arm.model import ArmModel
+    from armdyn.model import Model
+    from armdyn.model_file import ModelFile
+
+KINDS = {
+    ".urdf": "URDF",
+    ".xml": "MuJoCo model",
+    ".c": "C functions",
+    ".py": "Python functions",
+    ".json": "parameters",
+}
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command of this file."""
+    app.command()(export)
+
+
+def export(
+    model: ModelArgument,
+    output: Annotated[
+        Path, typer.Option("--output", help="FILE.urdf, .xml (MuJoCo's), .c, .py or .json: its ending says what it is.")
+    ],
+    effects: EffectsOption = None,
+    force: Annotated[bool, typer.Option("--force", help="Write over the file where it is there.")] = False,
+    json_file: JsonOption = None,
+) -> None:
+    """Write a model for other tools, and name what the format cannot hold."""
+    from armdyn import atomic
+    from armdyn.effects.user import load_effects
+    from armdyn.errors import InputError
+    from armdyn.model_file import read_model_file
+
+    kind = KINDS.get(output.suffix.lower())
+    if kind is None:
+        raise InputError(f"{output}: end its name in {', '.join(KINDS)}, which says what it is to be")
+    check_outputs(output, json_file, inputs=[model])
+    free_to_write(output, force)
+    with spinner() as say:
+        file = read_model_file(model, load_effects(effects, stages=None) if effects is not None else ())
+        say(f"writing {output}")
+        try:
+            text, notes = _text(file, output, f"{kind} of {model.name}")
+        except InputError as error:
+            raise InputError(f"{model}: {error}") from error
+        atomic.write_text(output, text)
+    if json_file is not None:
+        write_json({"schema": "armdyn.export/1", "file": str(output), "kind": kind, "not_held": notes}, json_file)
+    if json_file != Path("-"):
+        typer.echo(f"{kind} written to {output}")
+        for note in notes:
+            typer.echo(f"  not in it: {note}")
+        typer.echo(f"next: {_next(file.model, output)}")
+
+
+def _text(file: "ModelFile", output: Path, about: str) -> tuple[str, list[str]]:
+    """What is written, and what the format cannot hold."""
+    import json
+
+    from armdyn import __version__
+
+    model = file.model
+    match output.suffix.lower():
+        case ".urdf":
+            from pipeline.exports.urdf_file import urdf_text
+
+            return urdf_text(_arm(model, output), output.resolve().parent)
+        case ".xml":
+            from pipeline.exports.mujoco_file import mujoco_text
+
+            return mujoco_text(_arm(model, output))
+        case ".json":
+            from pipeline.exports.json_file import parameters_answer
+
+            return json.dumps(parameters_answer(file), indent=1, allow_nan=False) + "\n", []
+    from pipeline.exports.functions import functions_of
+
+    functions, notes = functions_of(model)
+    about = "\n".join([f"{about}, by armdyn {__version__}.", *(f"Not in it: {note}." for note in notes)])
+    if output.suffix.lower() == ".c":
+        from pipeline.exports.c_file import c_text
+
+        return c_text(functions, about), notes
+    from pipeline.exports.python_file import python_text
+
+    return python_text(functions, about), notes
+
+
+def _arm(model: "Model", output: Path) -> "ArmModel":
+    from armdyn.arm.model import ArmModel
+    from armdyn.errors import InputError
+
+    if not isinstance(model, ArmModel):
+        raise InputError(
+            f"{output.suffix} is for arms, and this model's base is '{model.base}': write it as .c, .py or .json"
+        )
+    return model
+
+
+def _next(model: "Model", output: Path) -> str:
+    name = shlex.quote(str(output))
+    match output.suffix.lower():
+        case ".urdf":
+            return f"armdyn new arm M.toml --urdf {name}, or give it to your simulator"
+        case ".xml":
+            return f"python -m mujoco.viewer --mjcf={name}"
+        case ".c":
+            return f"cc -O2 -shared -fPIC {name} -o {shlex.quote(str(output.with_suffix('.so')))} -lm"
+        case ".py":
+            function = "step" if model.base == "pendulum" else "inverse_dynamics"
+            return f"from {output.stem} import {function}"
+    return "its units are in it"

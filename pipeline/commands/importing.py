@@ -1,0 +1,195 @@
+"""`armdyn import`: runs from bags, data sets and tables of others."""
+
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pipeline.commands.output import JsonOption, check_outputs, free_to_write, spinner, to_screen, write_json
+
+if TYPE_CHECKING:
+    from armdyn.run import Run
+    from pipeline.imports.foreign import Foreign
+    from pipeline.imports.mapping import ColumnMap
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command of this file."""
+    app.command(name="import")(import_)
+
+
+def import_(
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILE...", help="CSV, Parquet, ROS bag (.bag, .mcap, .db3, directory), LeRobot data set."
+        ),
+    ],
+    output: Annotated[Path, typer.Option("--output", help="Directory for the runs; it is made.")],
+    mapping: Annotated[Path | None, typer.Option("--map", help="Which column is which channel: a TOML file.")] = None,
+    guess: Annotated[
+        bool, typer.Option("--guess", help="Propose a mapping from names, units and ranges; nothing is imported.")
+    ] = False,
+    urdf: Annotated[Path | None, typer.Option(help="With --guess: the robot, for the names of its joints.")] = None,
+    robot: Annotated[str | None, typer.Option(help="The same, of a known robot such as ur5.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Write over runs that are there.")] = False,
+    json_file: JsonOption = None,
+) -> None:
+    """Make runs of recordings in other formats."""
+    from armdyn.errors import InputError
+    from pipeline.imports.conversion import imported
+    from pipeline.imports.mapping import known_columns, read_map
+    from pipeline.imports.reading import read_foreign
+
+    if mapping is not None and guess:
+        raise InputError("--map gives a mapping and --guess proposes one: choose one of them")
+    check_outputs(json_file)
+    with spinner() as say:
+        recordings: list[Foreign] = []
+        for file in files:
+            say(f"reading {file}")
+            recordings += read_foreign(file)
+        if guess:
+            _propose(files, recordings, output, _joints(urdf, robot), force, json_file)
+            return
+        given = read_map(mapping) if mapping is not None else None
+        runs, problems = [], []
+        for foreign in recordings:
+            try:
+                runs.append(imported(foreign, given or known_columns(foreign)))
+            except InputError as error:
+                problems.append(str(error))
+        if problems:
+            raise InputError("; ".join(problems))
+        written = _write(runs, output, [*files, *([mapping] if mapping else [])], force)
+    if json_file is not None:
+        write_json(_answer(runs, written), json_file)
+    if json_file != Path("-"):
+        _say(runs, written)
+
+
+def _write(runs: "list[Run]", output: Path, inputs: list[Path], force: bool) -> list[Path]:
+    from armdyn.atomic import making_directory
+    from armdyn.errors import InputError
+    from armdyn.run import write_run_csv
+
+    paths = [output / f"{run.name}.csv" for run in runs]
+    twice = {path.name for path in paths if paths.count(path) > 1}
+    if twice:
+        raise InputError(f"several recordings would become {sorted(twice)[0]}: import them one by one, or rename them")
+    given = {path.resolve() for path in inputs}
+    for path in paths:
+        if {path.resolve(), path.with_suffix(".toml").resolve()} & given:
+            raise InputError(f"{path} would take the place of what is imported: choose another --output")
+        free_to_write(path, force)
+        free_to_write(path.with_suffix(".toml"), force)
+    making_directory(output)
+    for run, path in zip(runs, paths, strict=True):
+        write_run_csv(run, path)
+    return paths
+
+
+def _propose(
+    files: list[Path],
+    recordings: "list[Foreign]",
+    output: Path,
+    joints: tuple[str, ...],
+    force: bool,
+    json_file: Path | None,
+) -> None:
+    """Write a mapping that a person reads before it is used."""
+    from armdyn import atomic
+    from armdyn.atomic import making_directory
+    from pipeline.imports.guess import guessed
+    from pipeline.imports.mapping import map_text
+
+    found = guessed(recordings[0], joints)
+    target = output / "map.toml"
+    free_to_write(target, force)
+    making_directory(output)
+    comment = f"Proposed by armdyn from {files[0].name}: read it, mend what is wrong, above all lines with CHECK."
+    atomic.write_text(target, map_text(found, comment))
+    if json_file is not None:
+        write_json(_guess_answer(found, target), json_file)
+    if json_file != Path("-"):
+        _say_guess(found, recordings[0], target)
+        again = shlex.join(["armdyn", "import", *map(str, files), "--output", str(output), "--map", str(target)])
+        typer.echo(f"read it, mend what is wrong, then: {again}")
+
+
+def _joints(urdf: Path | None, robot: str | None) -> tuple[str, ...]:
+    """Of the robot, from base to tool; none where no robot is given."""
+    if urdf is None and robot is None:
+        return ()
+    from armdyn.arm.model import arm_model
+
+    return tuple(arm_model(urdf, robot).joints)
+
+
+def _say_guess(found: "ColumnMap", foreign: "Foreign", target: Path) -> None:
+    from rich.table import Table
+
+    table = Table("column", "channel", "unit", "why", box=None, header_style="dim")
+    if found.time:
+        table.add_row(found.time, "time", found.time_unit, found.why)
+    for column, entry in found.entries.items():
+        table.add_row(column, entry.channel, entry.unit or foreign.columns[column].unit, entry.why)
+    to_screen().print(table)
+    left = [name for name in foreign.columns if name not in found.entries and name != found.time]
+    if left:
+        shown = ", ".join(left[:8]) + (f" and {len(left) - 8} more" if len(left) > 8 else "")
+        typer.echo(f"left out: {shown}")
+    typer.echo(f"written to {target}")
+
+
+def _say(runs: "list[Run]", written: list[Path]) -> None:
+    for run, path in zip(runs, written, strict=True):
+        longest = max(run.channels.values(), key=len)
+        seconds = max(float(c.time[-1]) for c in run.channels.values())
+        kinds = dict.fromkeys(name.partition(".")[0] for name in run.channels)
+        of_joints = f" of {len(run.joints)} joints" if run.joints else ""
+        rate = (len(longest) - 1) / max(float(longest.time[-1] - longest.time[0]), 1e-9)
+        typer.echo(f"{path}: {', '.join(kinds)}{of_joints}, {seconds:.1f} s, {rate:.4g} samples per second")
+        for note in run.warnings:
+            typer.echo(f"  {note}")
+    runs_text = shlex.join(map(str, written[:3])) + (" ..." if len(written) > 3 else "")
+    if runs[0].joints:
+        measured = any(name.startswith("tau.") for name in runs[0].channels)
+        typer.echo("next: armdyn new arm M.toml --urdf ROBOT.urdf")
+        if measured:
+            typer.echo(f"then: armdyn compare M.toml {runs_text} --report compare.html")
+        else:
+            typer.echo("no torque was recorded: only what is measured can be compared")
+    else:
+        typer.echo("next: armdyn new pendulum M.toml")
+        typer.echo(f"then: armdyn compare M.toml {runs_text} --report compare.html")
+
+
+def _answer(runs: "list[Run]", written: list[Path]) -> dict[str, object]:
+    return {
+        "schema": "armdyn.import/1",
+        "runs": [
+            {
+                "file": str(path),
+                "channels": {
+                    name: {"unit": c.unit, "samples": len(c), "from": float(c.time[0]), "to": float(c.time[-1])}
+                    for name, c in run.channels.items()
+                },
+                "notes": list(run.warnings),
+            }
+            for run, path in zip(runs, written, strict=True)
+        ],
+    }
+
+
+def _guess_answer(found: "ColumnMap", target: Path) -> dict[str, object]:
+    return {
+        "schema": "armdyn.map/1",
+        "file": str(target),
+        "time": {"column": found.time, "unit": found.time_unit} if found.time else None,
+        "columns": {
+            name: {"channel": entry.channel, "unit": entry.unit, "why": entry.why}
+            for name, entry in found.entries.items()
+        },
+    }

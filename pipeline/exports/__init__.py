@@ -1,0 +1,1 @@
+"""Models for other tools: URDF, MuJoCo, C and Python functions, JSON."""

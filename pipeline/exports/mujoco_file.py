@@ -1,0 +1,164 @@
+"""The arm as MuJoCo's XML: bodies with their inertias, joints with damping, dry friction and armature, springs, motors.
+
+A spring of zero free length between a point of a link and a point of the one before pulls with exactly a sine of the
+joint's angle (Herder, Energy-free Systems, 2001), so that a gravity spring is held to the last digit, as a tendon.
+"""
+
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pinocchio as pin
+
+from armdyn.arm.inertia import is_physical
+from armdyn.arm.model import ArmModel
+from armdyn.arm.symbolic import joint_axes
+from pipeline.exports.parts import HELD, ArmParts, about_centre, left_over, parts_of
+
+DRY = {"solimpfriction": "0.9999 0.9999 0.001 0.5 2", "solreffriction": "0.004 1"}
+"""Dry friction as hard as the solver takes it at its usual step of 2 ms. As MuJoCo has it by default, a light link
+without armature slides through it at 2 rad/s, and its sign changes with the acceleration at speeds of 0.03 rad/s."""
+LEVER = 0.1
+"""m from the joint's axis to either end of a spring; its stiffness follows."""
+THICKNESS = 0.02
+"""m; radius of the capsules that show the links."""
+
+
+def mujoco_text(model: ArmModel) -> tuple[str, list[str]]:
+    """The model as text, and what it cannot hold."""
+    arm, parts = model.arm.model, parts_of(model)
+    notes = [*left_over(model, HELD["mujoco"], "MuJoCo"), "shapes: capsules stand for the links, nothing collides"]
+    root = ET.Element("mujoco", model=arm.name or "arm")
+    unphysical = [joint.name for joint in parts.joints if not is_physical(joint.link)]
+    compiler = {"angle": "radian", "autolimits": "true"}
+    if unphysical:
+        compiler["balanceinertia"] = "true"
+        notes.append(f"the links of {', '.join(unphysical)} have inertias that no body has: MuJoCo changes them")
+    ET.SubElement(root, "compiler", compiler)
+    ET.SubElement(root, "option", gravity=_text(parts.gravity), integrator="implicitfast")
+    world = ET.SubElement(root, "worldbody")
+    ET.SubElement(world, "light", pos="0 0 3", directional="true")
+    _add_bodies(world, model, parts)
+    _add_springs(root, model, parts)
+    actuators = ET.SubElement(root, "actuator")
+    for joint, effort in zip(parts.joints, model.arm.robot.limits.effort.tolist(), strict=True):
+        limited = {"ctrlrange": f"{-effort!r} {effort!r}"} if np.isfinite(effort) and effort > 0 else {}
+        ET.SubElement(actuators, "motor", {"name": joint.name, "joint": joint.name, **limited})
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode") + "\n", notes
+
+
+def _add_bodies(world: ET.Element, model: ArmModel, parts: ArmParts) -> None:
+    arm, limits = model.arm.model, model.arm.robot.limits
+    names = _link_names(model)
+    bodies: list[ET.Element] = []
+    axes = joint_axes(arm)
+    for i, joint in enumerate(parts.joints):
+        parent, placement = int(arm.parents[i + 1]) - 1, arm.jointPlacements[i + 1]
+        body = ET.SubElement(
+            bodies[parent] if parent >= 0 else world,
+            "body",
+            name=names[i],
+            pos=_text(placement.translation),
+            quat=_quaternion(np.asarray(placement.rotation)),
+        )
+        mass, centre, inertia = about_centre(joint.link)
+        moments = (inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2])
+        ET.SubElement(body, "inertial", pos=_text(centre), mass=repr(mass), fullinertia=_text(np.array(moments)))
+        slides = model.arm.slides[i]
+        axis = axes[i][:3] if slides else axes[i][3:]
+        dynamics = {"damping": joint.damping, "frictionloss": joint.friction, "armature": joint.armature}
+        attributes = {key: repr(value) for key, value in dynamics.items() if value}
+        if joint.friction:
+            attributes |= DRY
+        lower, upper = float(limits.lower[i]), float(limits.upper[i])
+        if np.isfinite(lower) and np.isfinite(upper):
+            attributes["range"] = f"{lower!r} {upper!r}"
+        ET.SubElement(
+            body,
+            "joint",
+            {"name": joint.name, "type": "slide" if slides else "hinge", "axis": _text(axis), **attributes},
+        )
+        bodies.append(body)
+    _add_shapes(bodies, model)
+    frame = arm.frames[model.arm.robot.tool_frame_id]
+    ET.SubElement(
+        bodies[int(frame.parentJoint) - 1] if frame.parentJoint else world,
+        "site",
+        name="tool",
+        pos=_text(frame.placement.act(np.asarray(model.arm.robot.tool_offset))),
+        quat=_quaternion(np.asarray(frame.placement.rotation)),
+        size="0.01",
+    )
+
+
+def _add_shapes(bodies: list[ET.Element], model: ArmModel) -> None:
+    """A capsule from every joint to the next one, to be seen; it weighs nothing and touches nothing."""
+    arm, look = model.arm.model, {"contype": "0", "conaffinity": "0", "mass": "0", "rgba": "0.4 0.55 0.7 1"}
+    for i, body in enumerate(bodies):
+        ends = [arm.jointPlacements[k + 1].translation for k in range(len(bodies)) if arm.parents[k + 1] == i + 1]
+        ends = [end for end in ends if np.linalg.norm(end) > THICKNESS]
+        for end in ends:
+            ET.SubElement(
+                body, "geom", {"type": "capsule", "fromto": f"0 0 0 {_text(end)}", "size": repr(THICKNESS), **look}
+            )
+        if not ends:
+            ET.SubElement(body, "geom", {"type": "sphere", "size": repr(THICKNESS), **look})
+
+
+def _add_springs(root: ET.Element, model: ArmModel, parts: ArmParts) -> None:
+    """A s sin q + c cos q = A sin(q - q0): the ends of a spring of zero free length meet at q0."""
+    arm, axes, bodies = model.arm.model, joint_axes(model.arm.model), _bodies_by_name(root)
+    names = _link_names(model)
+    tendons = None
+    for i, joint in enumerate(parts.joints):
+        sine, cosine = joint.spring
+        size = float(np.hypot(sine, cosine))
+        if size == 0.0:
+            continue
+        meet = float(np.arctan2(-cosine, sine))
+        across = _perpendicular(axes[i][3:])
+        placement = arm.jointPlacements[i + 1]
+        on_link = LEVER * across
+        turned = pin.AngleAxis(meet, np.asarray(axes[i][3:])).toRotationMatrix() @ on_link
+        parent = int(arm.parents[i + 1]) - 1
+        outer = bodies[names[parent]] if parent >= 0 else root.find("worldbody")
+        assert outer is not None
+        ends = f"{joint.name}_spring_link", f"{joint.name}_spring_frame"
+        ET.SubElement(bodies[names[i]], "site", name=ends[0], pos=_text(on_link), size="0.005")
+        ET.SubElement(outer, "site", name=ends[1], pos=_text(placement.act(turned)), size="0.005")
+        tendons = tendons if tendons is not None else ET.SubElement(root, "tendon")
+        spring = ET.SubElement(
+            tendons, "spatial", name=f"{joint.name}_spring", stiffness=repr(size / LEVER**2), springlength="0"
+        )
+        for end in ends:
+            ET.SubElement(spring, "site", site=end)
+
+
+def _bodies_by_name(root: ET.Element) -> dict[str, ET.Element]:
+    return {str(body.get("name")): body for body in root.iter("body")}
+
+
+def _link_names(model: ArmModel) -> list[str]:
+    """The URDF's name of the link that each joint moves."""
+    document = ET.fromstring(model.arm.robot.urdf_xml)
+    children = {
+        joint.get("name"): child.get("link", "")
+        for joint in document.findall("joint")
+        if (child := joint.find("child")) is not None
+    }
+    return [children.get(name) or f"{name}_link" for name in model.joints]
+
+
+def _perpendicular(axis: np.ndarray) -> np.ndarray:
+    """A unit vector across an axis."""
+    aside = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+    return np.asarray(aside / np.linalg.norm(aside))
+
+
+def _quaternion(rotation: np.ndarray) -> str:
+    q = pin.Quaternion(rotation)
+    return _text(np.array([q.w, q.x, q.y, q.z]))
+
+
+def _text(vector: np.ndarray) -> str:
+    return " ".join(repr(float(x)) for x in vector)

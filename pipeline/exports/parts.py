@@ -1,0 +1,132 @@
+"""An arm in the parts that simulators know: inertias, damping, friction, armature, springs; and what is left over."""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+
+from armdyn.arm.model import ArmModel
+
+LINKS = frozenset({"link_inertia", "payload"})
+SENSOR = frozenset({"torque_offset", "torque_gain", "torque_delay"})
+"""Of a reading, not of the arm: a simulator that had them would be wrong."""
+HELD = {
+    "urdf": LINKS | {"base_tilt", "joint_viscous_friction", "joint_coulomb_friction", "joint_asymmetric_friction"},
+    "mujoco": LINKS
+    | {
+        "base_tilt", "joint_viscous_friction", "joint_coulomb_friction", "joint_asymmetric_friction", "rotor_inertia",
+        "gravity_spring",
+    },
+}  # fmt: skip
+"""Effects that a format holds, by format."""
+WHY = {
+    "torque_offset": "belongs to the torque sensor, not to the arm",
+    "torque_gain": "belongs to the torque sensor or the motor's constant, not to the arm",
+    "torque_delay": "belongs to the torque sensor, not to the arm",
+}
+
+
+@dataclass(frozen=True)
+class JointParts:
+    """One joint, its drive and its link.
+
+    Attributes:
+        name: of the joint.
+        link: (10,) inertial parameters of what it moves, in its frame.
+        described: (10,) as the URDF has them.
+        damping: torque per speed, N m s/rad.
+        friction: size of the dry friction, N m.
+        armature: of the rotor behind the gears, kg m^2.
+        spring: factors of sin q and of cos q in what the drive gives, N m.
+    """
+
+    name: str
+    link: np.ndarray
+    described: np.ndarray
+    damping: float
+    friction: float
+    armature: float
+    spring: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class ArmParts:
+    """All joints, and what no simulator's parts can say.
+
+    Attributes:
+        joints: from base to tool.
+        gravity: (3,) in the frame of the base, m/s^2.
+    """
+
+    joints: tuple[JointParts, ...]
+    gravity: np.ndarray
+
+
+def parts_of(model: ArmModel) -> ArmParts:
+    """The parts of an arm; an asymmetric friction counts with the mean of its sizes."""
+
+    def of(effect: str, short: str, joint: str) -> float:
+        parameter = model.parameters.get(f"{effect}.{short}[{joint}]")
+        return parameter.value if parameter is not None else 0.0
+
+    links = model.link_parameters()
+    joints = tuple(
+        JointParts(
+            name=name,
+            link=links[name],
+            described=model.arm.described[i],
+            damping=of("joint_viscous_friction", "coefficient", name),
+            friction=of("joint_coulomb_friction", "torque", name)
+            + (of("joint_asymmetric_friction", "positive", name) + of("joint_asymmetric_friction", "negative", name))
+            / 2,
+            armature=of("rotor_inertia", "inertia", name),
+            spring=(of("gravity_spring", "sine", name), of("gravity_spring", "cosine", name)),
+        )
+        for i, name in enumerate(model.joints)
+    )
+    return ArmParts(joints, model.gravity())
+
+
+def left_over(model: ArmModel, held: Collection[str], whose: str, *, symmetric: bool = True) -> list[str]:
+    """A sentence for each effect that a format cannot hold.
+
+    Args:
+        model: the arm.
+        held: names of effects that it holds.
+        whose: what the format is called.
+        symmetric: whether its friction is the same in both directions.
+    """
+    sentences = []
+    for effect in model.effects:
+        joints = [joint for joint in model.joints_with(effect.name) if joint]
+        where = f" ({', '.join(joints)})" if joints else ""
+        if effect.name not in held:
+            why = WHY.get(effect.name, f"{whose} has no place for it")
+            sentences.append(f"{effect.name}{where}: {why}")
+        elif symmetric and effect.name == "joint_asymmetric_friction":
+            unequal = [j for j in joints if _of(model, "positive", j) != _of(model, "negative", j)]
+            if unequal:
+                sentences.append(
+                    f"{effect.name} ({', '.join(unequal)}): {whose} has one friction for both directions; their mean "
+                    "is used"
+                )
+    return sentences
+
+
+def _of(model: ArmModel, short: str, joint: str) -> float:
+    return model.parameters[f"joint_asymmetric_friction.{short}[{joint}]"].value
+
+
+def about_centre(link: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """Mass, kg, centre (3,), m, and inertia (3, 3) about it, kg m^2, of (10,) inertial parameters."""
+    mass = float(link[0])
+    centre = link[1:4] / mass if mass else np.zeros(3)
+    xx, xy, yy, xz, yz, zz = link[4:]
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return mass, centre, inertia - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+
+
+def about_origin(mass: float, centre: np.ndarray, inertia: np.ndarray) -> np.ndarray:
+    """(10,) inertial parameters of a body; the inverse of `about_centre`."""
+    full = inertia + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    return np.array([mass, *(mass * centre), full[0, 0], full[0, 1], full[1, 1], full[0, 2], full[1, 2], full[2, 2]])

@@ -1,0 +1,179 @@
+"""The URDF that a model was made from, with the inertias, the friction, the payload and the mounting that it found."""
+
+import os
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pinocchio as pin
+
+from armdyn.arm.inertia import is_physical
+from armdyn.arm.model import ArmModel
+from armdyn.errors import InputError
+from pipeline.exports.parts import HELD, JointParts, about_centre, about_origin, left_over, parts_of
+
+MOUNTING = "armdyn_world"
+PAYLOAD = "armdyn_payload"
+
+
+def urdf_text(model: ArmModel, folder: Path) -> tuple[str, list[str]]:
+    """The URDF as text, for a file in `folder`, and what it cannot hold."""
+    robot = model.arm.robot
+    root = ET.fromstring(robot.urdf_xml)
+    notes = left_over(model, HELD["urdf"], "a URDF")
+    bare = model.without_effect("payload") if model.joints_with("payload") else model
+    for joint in parts_of(bare).joints:
+        element = _joint(root, joint.name)
+        _set_dynamics(element, joint)
+        if not np.array_equal(joint.link, joint.described):
+            notes += _set_link(root, str(_child(element)), joint)
+    if bare is not model:
+        _add_payload(root, model)
+    if any(effect.reach == "base" for effect in model.effects):
+        _mount(root, model)
+    _give_shapes(root, ET.parse(robot.urdf_path).getroot())
+    _move_meshes(root, robot.urdf_path.parent, folder)
+    ET.indent(root)
+    return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n", notes
+
+
+def _joint(root: ET.Element, name: str) -> ET.Element:
+    found = next((joint for joint in root.findall("joint") if joint.get("name") == name), None)
+    if found is None:
+        raise InputError(f"the URDF has no joint '{name}' any more")
+    return found
+
+
+def _child(joint: ET.Element) -> str:
+    child = joint.find("child")
+    return "" if child is None else child.get("link", "")
+
+
+def _set_dynamics(element: ET.Element, joint: JointParts) -> None:
+    """The model's friction takes the place of the URDF's, which armdyn does not count in."""
+    old = element.find("dynamics")
+    if old is None and joint.damping == joint.friction == 0.0:
+        return
+    dynamics = old if old is not None else ET.SubElement(element, "dynamics")
+    dynamics.set("damping", repr(joint.damping))
+    dynamics.set("friction", repr(joint.friction))
+
+
+def _set_link(root: ET.Element, name: str, joint: JointParts) -> list[str]:
+    """Give a link the inertia that it has in the model; what is fixed to it keeps its own where that is possible."""
+    link = next(element for element in root.findall("link") if element.get("name") == name)
+    own = _inertial(link) + joint.link - joint.described
+    notes = []
+    if own[0] <= 0.0 or not is_physical(own):
+        fixed = _fixed_to(root, name)
+        for other in fixed:
+            for inertial in other.findall("inertial"):
+                other.remove(inertial)
+        own = joint.link
+        if fixed:
+            names = ", ".join(str(other.get("name")) for other in fixed)
+            notes.append(f"link {name} has the inertia of all that is fixed to it ({names}), which have none now")
+    _write_inertial(link, own)
+    return notes
+
+
+def _fixed_to(root: ET.Element, name: str) -> list[ET.Element]:
+    """Links behind fixed joints, however many in a row."""
+    found, waiting = [], [name]
+    links = {element.get("name"): element for element in root.findall("link")}
+    while waiting:
+        here = waiting.pop()
+        for joint in root.findall("joint"):
+            parent = joint.find("parent")
+            if joint.get("type") == "fixed" and parent is not None and parent.get("link") == here:
+                found.append(links[_child(joint)])
+                waiting.append(_child(joint))
+    return found
+
+
+def _inertial(link: ET.Element) -> np.ndarray:
+    """(10,) inertial parameters of one link in its own frame."""
+    element = link.find("inertial")
+    if element is None:
+        return np.zeros(10)
+    origin, mass, inertia = (element.find(tag) for tag in ("origin", "mass", "inertia"))
+    xyz, rpy = _numbers(origin, "xyz"), _numbers(origin, "rpy")
+    m = float(mass.get("value", "0")) if mass is not None else 0.0
+    entries = {key: float(inertia.get(key, "0")) if inertia is not None else 0.0 for key in _ENTRIES}
+    own = np.array(
+        [
+            [entries["ixx"], entries["ixy"], entries["ixz"]],
+            [entries["ixy"], entries["iyy"], entries["iyz"]],
+            [entries["ixz"], entries["iyz"], entries["izz"]],
+        ]
+    )
+    R = pin.rpy.rpyToMatrix(*rpy)
+    return about_origin(m, xyz, R @ own @ R.T)
+
+
+_ENTRIES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+
+
+def _numbers(element: ET.Element | None, key: str) -> np.ndarray:
+    text = element.get(key) if element is not None else None
+    return np.array([float(x) for x in text.split()]) if text else np.zeros(3)
+
+
+def _write_inertial(link: ET.Element, parameters: np.ndarray) -> None:
+    for old in link.findall("inertial"):
+        link.remove(old)
+    mass, centre, inertia = about_centre(parameters)
+    element = ET.Element("inertial")
+    ET.SubElement(element, "origin", xyz=_text(centre), rpy="0 0 0")
+    ET.SubElement(element, "mass", value=repr(mass))
+    values = (inertia[0, 0], inertia[0, 1], inertia[0, 2], inertia[1, 1], inertia[1, 2], inertia[2, 2])
+    ET.SubElement(element, "inertia", {key: repr(float(x)) for key, x in zip(_ENTRIES, values, strict=True)})
+    link.insert(0, element)
+
+
+def _add_payload(root: ET.Element, model: ArmModel) -> None:
+    """A point mass as a link of its own, fixed to the last joint's."""
+    (joint,) = model.joints_with("payload")
+    mass, *place = (model.parameters[f"payload.{short}[{joint}]"].value for short in ("mass", "x", "y", "z"))
+    link = ET.SubElement(root, "link", name=PAYLOAD)
+    _write_inertial(link, about_origin(mass, np.zeros(3), np.zeros((3, 3))))
+    fixed = ET.SubElement(root, "joint", name=f"{PAYLOAD}_joint", type="fixed")
+    ET.SubElement(fixed, "origin", xyz=_text(np.array(place)), rpy="0 0 0")
+    ET.SubElement(fixed, "parent", link=_child(_joint(root, joint)))
+    ET.SubElement(fixed, "child", link=PAYLOAD)
+
+
+def _mount(root: ET.Element, model: ArmModel) -> None:
+    """A new root link to which the base is fixed as it is inclined."""
+    children = {_child(joint) for joint in root.findall("joint")}
+    base = next(str(link.get("name")) for link in root.findall("link") if link.get("name") not in children)
+    roll, pitch = (model.parameters[f"base_tilt.{short}"].value for short in ("roll", "pitch"))
+    ET.SubElement(root, "link", name=MOUNTING)
+    fixed = ET.SubElement(root, "joint", name=f"{MOUNTING}_joint", type="fixed")
+    ET.SubElement(fixed, "origin", xyz="0 0 0", rpy=f"{roll!r} {pitch!r} 0")
+    ET.SubElement(fixed, "parent", link=MOUNTING)
+    ET.SubElement(fixed, "child", link=base)
+
+
+def _give_shapes(root: ET.Element, original: ET.Element) -> None:
+    """Let links look as in the file that was read, also where a mesh is not on this machine."""
+    shapes = {
+        link.get("name"): [*link.findall("visual"), *link.findall("collision")] for link in original.findall("link")
+    }
+    for link in root.findall("link"):
+        for tag in ("visual", "collision"):
+            for shape in link.findall(tag):
+                link.remove(shape)
+        link.extend(shapes.get(link.get("name"), []))
+
+
+def _move_meshes(root: ET.Element, old: Path, new: Path) -> None:
+    """Names of meshes that begin at the old file's folder begin at the new one's."""
+    for mesh in root.iter("mesh"):
+        name = mesh.get("filename", "")
+        if name and "://" not in name and not Path(name).is_absolute():
+            mesh.set("filename", os.path.relpath(old / name, new))
+
+
+def _text(vector: np.ndarray) -> str:
+    return " ".join(repr(float(x)) for x in vector)

@@ -1,0 +1,83 @@
+"""A recording as somebody else wrote it: columns of numbers, whatever they are called."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from armdyn.channels import FloatArray
+from armdyn.errors import InputError
+from armdyn.labels import name_and_unit
+
+MIN_SAMPLES = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """Numbers under one name.
+
+    Attributes:
+        value: (n,), nan for missing samples.
+        unit: as it is written in the file; empty where it is not.
+        time: (n,) s; None in a table, where a column of it is the time.
+        channel: of the contract, where the file itself says so, such as a joint's position in a JointState.
+    """
+
+    value: FloatArray
+    unit: str = ""
+    time: FloatArray | None = None
+    channel: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Foreign:
+    """One recording.
+
+    Attributes:
+        name: of the run that it becomes, without an ending.
+        columns: by name, as the file calls them.
+        notes: sentences on what was left out while reading.
+    """
+
+    name: str
+    columns: Mapping[str, Column]
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def is_table(self) -> bool:
+        """Whether all columns share rows, and time is one of them."""
+        return all(column.time is None for column in self.columns.values())
+
+
+class ImportProblemsError(InputError):
+    """Everything that keeps a recording from being imported, told at once.
+
+    Args:
+        where: the file.
+        problems: a sentence each.
+    """
+
+    def __init__(self, where: str, problems: list[str]) -> None:
+        from armdyn.arrays import listed
+
+        self.problems = tuple(problems)
+        super().__init__(f"{where}: {listed(problems)}")
+
+
+def labelled(label: str) -> tuple[str, str]:
+    """Name and unit of a column's header: ``q [deg]``, ``q (deg)``, ``q_deg`` and ``q`` are all common."""
+    name, unit = name_and_unit(label)
+    if not unit and label.rstrip().endswith(")") and "(" in label:
+        name, _, rest = label.strip().rpartition("(")
+        name, unit = name.strip(), rest[:-1].strip()
+    return name, unit
+
+
+def as_numbers(values: object) -> FloatArray | None:
+    """Numbers as floats, dates and durations in s from the first; None for what is neither."""
+    array = np.asarray(values)
+    if array.dtype.kind in "mM":
+        return np.asarray((array - array[0]) / np.timedelta64(1, "ns") * 1e-9, dtype=float)
+    if array.dtype.kind in "biuf":
+        return array.astype(float)
+    return None

@@ -1,0 +1,153 @@
+"""Tables from elsewhere: CSV of any dialect, Parquet."""
+
+import csv
+import io
+from pathlib import Path
+
+import numpy as np
+
+from armdyn.bytes_in import read_bytes
+from armdyn.errors import InputError
+from pipeline.imports.foreign import Column, Foreign, as_numbers, labelled
+
+MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "inf", "-inf"})
+SHOWN = 3
+"""Cells that are named where many are wrong."""
+
+
+def read_csv_of_any_dialect(path: Path) -> Foreign:
+    """Columns of a CSV with commas, semicolons, tabs or blanks, and decimal points or commas.
+
+    Columns that hold text are left out, and told.
+
+    Raises:
+        InputError: it is no text, has no header, or its rows have different numbers of cells.
+    """
+    text = _text(path)
+    separator = _separator(text)
+    rows = [row for row in csv.reader(io.StringIO(text), delimiter=separator, skipinitialspace=True) if any(row)]
+    header, body = [cell.strip() for cell in rows[0]], rows[1:]
+    if not body:
+        raise InputError(f"{path}: holds a header and no row: give a recording")
+    ragged = [i for i, row in enumerate(body, start=2) if len(row) != len(header)]
+    if ragged:
+        raise InputError(
+            f"{path}: {len(ragged)} rows have another number of cells than the header ({len(header)}), first row "
+            f"{ragged[0]}: mend the file"
+        )
+    if all(_is_number(cell) for cell in header):
+        raise InputError(f"{path}: the first row holds numbers: add a row with the names of the columns above it")
+    columns: dict[str, Column] = {}
+    notes = []
+    for i, label in enumerate(header):
+        name, unit = labelled(label)
+        name = name if name and name not in columns else f"{name or 'column'}#{i + 1}"
+        value, strange = _numbers([row[i] for row in body])
+        if value is None:
+            notes.append(f"'{name}' holds text, such as {strange[0]!r}: left out")
+            continue
+        if strange:
+            shown = ", ".join(repr(text) for text in strange[:SHOWN])
+            notes.append(f"'{name}': {len(strange)} cells are no numbers ({shown}): taken as missing")
+        columns[name] = Column(value, unit)
+    if not columns:
+        raise InputError(f"{path}: no column holds numbers: give a recording")
+    return Foreign(path.stem, columns, tuple(notes))
+
+
+def read_parquet(path: Path) -> Foreign:
+    """Columns of a Parquet file; a column of lists becomes a column per entry.
+
+    Raises:
+        InputError: pyarrow is not installed, or the file cannot be read.
+    """
+    return Foreign(path.stem, *parquet_columns(path))
+
+
+def parquet_columns(path: Path) -> tuple[dict[str, Column], tuple[str, ...]]:
+    """Columns of a Parquet file by name, and notes on what was left out."""
+    try:
+        from pyarrow import ArrowException, parquet
+    except ImportError as error:
+        raise InputError("Parquet files need pyarrow: pip install 'armdyn[import]'") from error
+    if not path.is_file():
+        raise InputError(f"{path}: no such file")
+    try:
+        table = parquet.read_table(path)
+    except (ArrowException, OSError) as error:
+        raise InputError(f"{path}: is no Parquet file that can be read: {' '.join(str(error).split())}") from error
+    columns: dict[str, Column] = {}
+    notes = []
+    for label in table.column_names:
+        name, unit = labelled(label)
+        found = _arrow_columns(name, table[label])
+        if not found:
+            notes.append(f"'{name}' holds no numbers: left out")
+        is_date = "timestamp[" in str(table[label].type) or "duration" in str(table[label].type)
+        columns |= {part: Column(value, "s" if is_date else unit) for part, value in found.items()}
+    return columns, tuple(notes)
+
+
+def _arrow_columns(name: str, values: object) -> "dict[str, np.ndarray]":
+    import pyarrow as pa
+
+    kind = values.type  # type: ignore[attr-defined]
+    if pa.types.is_list(kind) or pa.types.is_fixed_size_list(kind) or pa.types.is_large_list(kind):
+        rows = values.to_pylist()  # type: ignore[attr-defined]
+        width = {len(row) for row in rows if row is not None}
+        if len(width) != 1 or not (pa.types.is_floating(kind.value_type) or pa.types.is_integer(kind.value_type)):
+            return {}
+        count = width.pop()
+        table = np.array([row if row is not None else [np.nan] * count for row in rows], dtype=float)
+        return {f"{name}/{i}": table[:, i] for i in range(count)}
+    numbers = as_numbers(values.to_numpy())  # type: ignore[attr-defined]
+    return {} if numbers is None else {name: numbers}
+
+
+def _text(path: Path) -> str:
+    data = read_bytes(path)
+    if not data.strip() or b"\0" in data:
+        raise InputError(f"{path}: is {'empty' if not data.strip() else 'no text file'}: give a CSV")
+    for encoding in ("utf-8-sig", "cp1252"):  # what spreadsheets save
+        try:
+            return data.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+    raise InputError(f"{path}: is neither UTF-8 nor Windows text: save it as UTF-8")
+
+
+def _separator(text: str) -> str:
+    """What divides the header into most cells; of a comma and a semicolon the semicolon: then commas are decimal."""
+    header = next(line for line in text.splitlines() if line.strip())
+    for separator in (";", "\t", ","):
+        if separator in header:
+            return separator
+    return " "
+
+
+def _numbers(cells: list[str]) -> tuple["np.ndarray | None", list[str]]:
+    """Values of a column with what is no number in it; None where most is text."""
+    value = np.empty(len(cells))
+    strange = []
+    for i, cell in enumerate(cells):
+        text = cell.strip()
+        if text.lower() in MISSING:
+            value[i] = np.nan
+            continue
+        try:
+            value[i] = float(text)
+        except ValueError:
+            try:
+                value[i] = float(text.replace(",", "."))  # a decimal comma: commas that divide cells are gone here
+            except ValueError:
+                value[i] = np.nan
+                strange.append(text[:40])
+    return (None, strange) if len(strange) > len(cells) / 2 else (value, strange)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.replace(",", "."))
+    except ValueError:
+        return False
+    return True

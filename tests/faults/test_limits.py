@@ -1,0 +1,228 @@
+"""Limits that guard an arm come from files that nobody checks: settings, tables, volumes."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ik
+import urdf
+from armdyn.errors import InputError
+from ik import tablefile
+from ik.table import ARRAYS, TORQUES
+from ik.tablefile import digest_of, read_arrays, write_arrays
+from ik.volume import Grid, VolumeTable, build_volume
+
+SETTINGS = Path(urdf.__file__).parent / "robots" / "baxter.toml"
+ACCELERATION, JERK = "acceleration = [20.0", "jerk = [1000.0"
+WRONG = {
+    "no acceleration at all": (ACCELERATION, "acceleration = [0.0", "acceleration of 'right_s0' is 0"),
+    "negative": (ACCELERATION, "acceleration = [-20.0", "acceleration of 'right_s0' is -20"),
+    "nan": (ACCELERATION, "acceleration = [nan", "limits.acceleration is nan"),
+    "infinite": (JERK, "jerk = [inf", "limits.jerk is inf"),
+    "enormous": (JERK, "jerk = [1e300", "jerk of 'right_s0' is 1e+300"),
+    "400 digits": (JERK, "jerk = [1" + 400 * "0", "a number of 401 digits"),
+    "text": (JERK, 'jerk = ["fast"', "is not a number"),
+    "one too few": (JERK + ", ", "jerk = [", "jerk has 6 numbers for 7 joints"),
+    "misspelt": ("acceleration", "acceleratoin", "did you mean 'acceleration'?"),
+    "misspelt table": ("[limits]", "[limts]", "did you mean 'limits'?"),
+    "home outside": ("home = [0.12", "home = [12.0", "home puts 'right_s0' at 12"),
+    "home nan": ("home = [0.12", "home = [nan", "arm.home is nan"),
+    "joints no list": ('joints = ["right_s0", ', 'joints = 3 # ["right_s0", ', "joints = 3 is not a list of names"),
+    "joint twice": ('joints = ["right_s0", ', 'joints = ["right_s0", "right_s0", ', "is listed twice"),
+    "core outside": ("core = [-0.20", "core = [-3.0", "does not lie within range"),
+    "no speed": ("core_speed = 1.005", "core_speed = 0", "core_speed is 0"),
+    "no direction": ("direction = [0.0, 1.0, 0.0]", "direction = [0, 0, 0]", "not a unit vector"),
+    "tool in millimetres": ("offset = [0.0, 0.0, 0.03]", "offset = [0, 0, 300]", "too far away"),
+    "spring on no joint": ('joint = "right_s1"', 'joint = "nose"', "no joint 'nose'"),
+    "spring half on": ("enabled = false", 'enabled = "no"', "neither true nor false"),
+    "frame on no link": ('parent = "right_gripper"', 'parent = "nowhere"', "load_cell: there is no link 'nowhere'"),
+    "nested": ('name = "baxter"', "name = " + 3000 * "[" + 3000 * "]", "nested too deeply"),
+}
+
+
+@pytest.mark.parametrize(("old", "new", "said"), WRONG.values(), ids=WRONG)
+def test_settings_that_would_guard_nothing_are_refused_in_one_line(tmp_path, old, new, said) -> None:
+    text = SETTINGS.read_text(encoding="utf-8")
+    assert old in text
+    path = tmp_path / "mine.toml"
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(urdf.UrdfError) as error:
+        urdf.load(path)
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_settings_in_latin_1_are_refused(tmp_path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_bytes(SETTINGS.read_bytes() + "# é".encode("latin-1"))
+    with pytest.raises(urdf.UrdfError, match="is not UTF-8"):
+        urdf.load(path)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 0.0, -1.0, 1e9])
+@pytest.mark.parametrize("name", ["velocity", "acceleration", "jerk", "effort"])
+def test_no_limit_guards_nothing(name, bad) -> None:
+    one = {key: np.ones(2) for key in ("upper", "velocity", "acceleration", "jerk", "effort")}
+    with pytest.raises(urdf.UrdfError, match=f"the {name} limit of a joint is"):
+        urdf.Limits(lower=-np.ones(2), **{**one, name: np.array([1.0, bad])})
+
+
+@pytest.fixture(scope="module")
+def baxter() -> urdf.Robot:
+    return urdf.load("baxter")
+
+
+@pytest.fixture(scope="module")
+def saved(baxter, tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("table") / "baxter.npz"
+    ik.default_table(baxter).save(path)
+    return path
+
+
+def rewritten(saved: Path, target: Path, change) -> None:
+    """The table with other numbers and a digest that fits them."""
+    about, arrays = read_arrays(saved, (*ARRAYS, *TORQUES))
+    arrays = {name: values.copy() for name, values in arrays.items()}
+    change(arrays)
+    write_arrays(target, {key: value for key, value in about.items() if key != "format"}, arrays)
+
+
+def larger(arrays) -> None:
+    arrays["velocity_limits"] *= 100.0
+
+
+def upside_down(arrays) -> None:
+    arrays["lower"], arrays["upper"] = arrays["upper"], arrays["lower"]
+
+
+def nan(arrays) -> None:
+    arrays["q"][7, 3] = np.nan
+
+
+def backwards(arrays) -> None:
+    arrays["s"] = arrays["s"][::-1].copy()
+
+
+def uneven(arrays) -> None:
+    arrays["s"][5] += 1e-3
+
+
+def slow(arrays) -> None:
+    arrays["dq_ds"] *= 0.01
+
+
+def elsewhere(arrays) -> None:
+    arrays["q"] += 0.1
+
+
+def slow_everywhere(arrays) -> None:
+    for name in ("dq_ds", "d2q_ds2"):
+        arrays[name] *= 0.01
+    arrays["q"] = arrays["q"][:1] + 0.01 * (arrays["q"] - arrays["q"][:1])
+
+
+def shorter(arrays) -> None:
+    arrays["q"] = arrays["q"][:-1]
+
+
+def integers(arrays) -> None:
+    arrays["effort_limits"] = arrays["effort_limits"].astype(np.int64)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (larger, "'velocity_limits' differs from that of 'baxter'"),
+        (upside_down, "'lower' is not below 'upper'"),
+        (nan, "'q' holds a number that is none"),
+        (backwards, "'s' does not grow evenly"),
+        (uneven, "'s' does not grow evenly"),
+        (slow, "'q', 'dq_ds' and 'd2q_ds2' do not belong together"),
+        (slow_everywhere, "do not follow the path"),
+        (elsewhere, "m away from the path"),
+        (shorter, "'q' has the shape"),
+        (integers, "'effort_limits' holds int64"),
+    ],
+)
+def test_a_table_that_cannot_be_right_is_refused_whatever_its_digest(saved, baxter, tmp_path, change, said) -> None:
+    path = tmp_path / "table.npz"
+    rewritten(saved, path, change)
+    with pytest.raises(ik.StaleTableError, match="build it again") as error:
+        ik.PathTable.load(path, baxter)
+    assert said in str(error.value)
+
+
+def test_a_table_of_another_path_is_refused(saved, tmp_path) -> None:
+    about, arrays = read_arrays(saved, (*ARRAYS, *TORQUES))
+    about["path"]["direction"] = [1.0, 0.0, 0.0]
+    write_arrays(tmp_path / "table.npz", {key: value for key, value in about.items() if key != "format"}, arrays)
+    with pytest.raises(ik.StaleTableError, match="do not follow the path"):
+        ik.PathTable.load(tmp_path / "table.npz")
+
+
+def test_what_a_table_is_about_is_part_of_its_digest() -> None:
+    arrays = {"q": np.zeros((2, 3))}
+    assert digest_of("a", arrays) != digest_of("b", arrays)
+    assert digest_of("a", arrays) != digest_of("a", {"q": np.zeros((3, 2))})
+
+
+def test_a_table_that_expands_without_end_is_refused(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(tablefile, "LARGEST_ARRAY", 2**20)
+    path = tmp_path / "bomb.npz"
+    np.savez_compressed(path, s=np.zeros(2**18), about=np.array("{}"))
+    with pytest.raises(ik.StaleTableError, match="is no array of a table"):
+        ik.PathTable.load(path)
+
+
+@pytest.fixture(scope="module")
+def volume(baxter, tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("volume") / "small.zarr"
+    grid = Grid(np.array([0.7, -0.4, -0.2]), np.array([0.8, -0.3, -0.1]), (4, 4, 4), baxter.line.rotation[None])
+    build_volume(baxter, grid, path)
+    return path
+
+
+def files(volume: Path, array: str) -> list[Path]:
+    return sorted(path for path in (volume / array).rglob("*") if path.is_file())
+
+
+@pytest.mark.parametrize("array", ["q", "status", "skeleton", "digests"])
+def test_a_volume_with_one_flipped_bit_is_refused(volume, baxter, tmp_path, array) -> None:
+    chunks = [path for path in files(volume, array) if path.name != "zarr.json"]
+    for place in (0, 5, -1):
+        copy = tmp_path / f"copy{place}"
+        shutil.copytree(volume, copy)
+        chunk = copy / chunks[0].relative_to(volume)
+        data = bytearray(chunk.read_bytes())
+        data[place] ^= 1
+        chunk.write_bytes(bytes(data))
+        with pytest.raises(ik.StaleTableError, match="damaged"):
+            VolumeTable.open(copy, baxter)
+
+
+@pytest.mark.parametrize("array", ["q", "status", "skeleton", "digests", "done"])
+@pytest.mark.parametrize("all_of_it", [True, False])
+def test_a_volume_without_an_array_or_its_numbers_is_refused_or_built_on(volume, baxter, tmp_path, array, all_of_it):
+    copy = tmp_path / "copy"
+    shutil.copytree(volume, copy)
+    for path in files(copy, array):
+        if all_of_it or path.name != "zarr.json":
+            path.unlink()
+    if array == "done" and not all_of_it:  # nothing is lost: it counts as not done yet
+        assert len(VolumeTable.open(copy, baxter).missing()) == 1
+        return
+    with pytest.raises(ik.StaleTableError, match="damaged"):
+        VolumeTable.open(copy, baxter)
+
+
+def test_a_grid_that_no_disk_holds_is_refused() -> None:
+    rotation = np.eye(3)[None]
+    for low, high, counts in (
+        ((0, 0, 0), (1, 1, 1), (10**6, 10**6, 10**6)),
+        ((0, 0, np.nan), (1, 1, 1), (3, 3, 3)),
+        ((0, 0, 0), (1, 1, 1e9), (3, 3, 3)),
+    ):
+        with pytest.raises(InputError, match="volume: "):
+            Grid(np.array(low, dtype=float), np.array(high, dtype=float), counts, rotation)

@@ -1,0 +1,162 @@
+"""ROS bags of every kind hold what was written, with definitions that they carry themselves."""
+
+import json
+
+import numpy as np
+import pytest
+from mcap.writer import Writer as McapWriter
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from armdyn.errors import InputError
+from pipeline.imports.bag import read_bag
+from pipeline.imports.conversion import imported
+from pipeline.imports.mapping import ColumnMap, Entry, known_columns
+from pipeline.imports.reading import read_foreign
+from pipeline.record import Recorder
+
+from .conftest import JOINTS, TIME, motion
+
+OWN = "my_msgs/msg/Cell"
+START = 1_700_000_000
+
+
+def store_with_own(stores):
+    store = get_typestore(stores)
+    store.register(get_types_from_msg("std_msgs/Header header\nfloat32 grams\nint8[2] flags\nstring note", OWN))
+    return store
+
+
+def messages(store, has_sequence):
+    """Joint states, a wrench and a message of one's own, every 10 ms."""
+    types = store.types
+    q, v, tau = motion()
+    for i, t in enumerate(TIME):
+        stamp = types["builtin_interfaces/msg/Time"](sec=START + int(t), nanosec=round((t % 1.0) * 1e9))
+        extra = {"seq": i} if has_sequence else {}
+        header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="", **extra)
+        names = list(JOINTS)
+        yield (
+            "/joint_states",
+            "sensor_msgs/msg/JointState",
+            t,
+            types["sensor_msgs/msg/JointState"](header=header, name=names, position=q[i], velocity=v[i], effort=tau[i]),
+        )
+        vector = types["geometry_msgs/msg/Vector3"]
+        wrench = types["geometry_msgs/msg/Wrench"](force=vector(x=0.0, y=0.0, z=float(9.0 + q[i, 0])),
+                                                   torque=vector(x=0.0, y=0.0, z=0.0))  # fmt: skip
+        yield (
+            "/wrench",
+            "geometry_msgs/msg/WrenchStamped",
+            t,
+            types["geometry_msgs/msg/WrenchStamped"](header=header, wrench=wrench),
+        )
+        yield "/length", "std_msgs/msg/Float64", t, types["std_msgs/msg/Float64"](data=float(t))
+        yield "/cell", OWN, t, types[OWN](header=header, grams=1e3 * t, flags=np.array([1, 2], np.int8), note="x")
+
+
+def write_bag1(path):
+    store = store_with_own(Stores.ROS1_NOETIC)
+    with Writer1(path) as writer:
+        connections = {}
+        for topic, kind, t, message in messages(store, has_sequence=True):
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=store)
+            writer.write(connections[topic], round((START + t + 0.002) * 1e9), store.serialize_ros1(message, kind))
+    return path
+
+
+def write_bag2(path, plugin):
+    store = store_with_own(Stores.ROS2_HUMBLE)
+    with Writer2(path, version=9, storage_plugin=plugin) as writer:
+        connections = {}
+        for topic, kind, t, message in messages(store, has_sequence=False):
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=store)
+            writer.write(connections[topic], round((START + t + 0.002) * 1e9), store.serialize_cdr(message, kind))
+    return path
+
+
+@pytest.fixture(params=["bag1", "sqlite3", "mcap", "mcap file"])
+def bag(request, tmp_path):
+    if request.param == "bag1":
+        return write_bag1(tmp_path / "a.bag")
+    if request.param == "sqlite3":
+        return write_bag2(tmp_path / "a", StoragePlugin.SQLITE3)
+    directory = write_bag2(tmp_path / "a", StoragePlugin.MCAP)
+    return directory if request.param == "mcap" else next(directory.glob("*.mcap"))
+
+
+def test_joint_states_become_a_run(bag, joints):
+    (foreign,) = read_foreign(bag)
+    run = imported(foreign, known_columns(foreign))
+    assert run.joints == JOINTS
+    for quantity, values, unit in zip(("q", "v", "tau"), joints, ("rad", "rad/s", "N m"), strict=True):
+        for i, joint in enumerate(JOINTS):
+            channel = run.channels[f"{quantity}.{joint}"]
+            np.testing.assert_allclose(channel.value, values[:, i], atol=1e-12)
+            np.testing.assert_allclose(channel.time, TIME, atol=1e-6)  # the header's stamp, not when it arrived
+            assert channel.unit == unit
+
+
+def test_a_message_of_ones_own_and_a_wrench_are_mapped(bag):
+    (foreign,) = read_foreign(bag)
+    entries = {
+        "/wrench/wrench/force/z": Entry("load_force", "N", sign=-1.0, offset="10 N"),
+        "/cell/grams": Entry("gripper_z", "mm"),
+        "/length/data": Entry("gripper_x", "m"),
+    }
+    run = imported(foreign, ColumnMap(entries))
+    np.testing.assert_allclose(run.channels["load_force"].value, 1.0 - motion()[0][:, 0])
+    np.testing.assert_allclose(run.channels["gripper_z"].value, TIME, rtol=1e-6)
+    np.testing.assert_allclose(run.channels["gripper_x"].value, TIME)
+    assert "/cell/flags/1" in foreign.columns
+
+
+def test_what_is_no_bag_says_so(tmp_path):
+    (tmp_path / "a.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(range(200)))
+    with pytest.raises(InputError, match="cannot be read as a bag"):
+        read_bag(tmp_path / "a.bag")
+    with pytest.raises(InputError, match="no such file"):
+        read_bag(tmp_path / "b.bag")
+
+
+def write_plain_mcap(path):
+    """As Foxglove writes it: no profile of ROS, definitions with all that they need, and a topic of JSON."""
+    store = store_with_own(Stores.ROS2_HUMBLE)
+    with path.open("wb") as file:
+        writer = McapWriter(file)
+        writer.start(profile="", library="a test")
+        channels = {}
+        for topic, kind, t, message in messages(store, has_sequence=False):
+            if topic not in channels:
+                definition, _ = store.generate_msgdef(kind, ros_version=2)
+                schema = writer.register_schema(kind, "ros2msg", definition.encode())
+                channels[topic] = writer.register_channel(topic, "cdr", schema)
+            stamp = round((START + t) * 1e9)
+            writer.add_message(channels[topic], stamp, bytes(store.serialize_cdr(message, kind)), stamp)
+        as_json = writer.register_channel("/plain", "json", 0)
+        for t in TIME:
+            stamp = round((START + t) * 1e9)
+            writer.add_message(as_json, stamp, json.dumps({"cell": {"force": 2 * t}, "name": "a"}).encode(), stamp)
+        writer.finish()
+    return path
+
+
+def test_an_mcap_without_a_profile_of_ros_is_read_too(tmp_path, joints):
+    (foreign,) = read_foreign(write_plain_mcap(tmp_path / "a.mcap"))
+    run = imported(foreign, known_columns(foreign))
+    np.testing.assert_allclose(run.channels["q.elbow"].value, joints[0][:, 1], atol=1e-12)
+    np.testing.assert_allclose(foreign.columns["/plain/cell/force"].value, 2 * TIME)
+    np.testing.assert_allclose(foreign.columns["/cell/grams"].value, 1e3 * TIME, rtol=1e-6)
+
+
+def test_a_recording_of_armdyn_needs_no_import(tmp_path):
+    recorder = Recorder(tmp_path / "a.mcap", {"load_force": "N"})
+    for t in TIME:
+        recorder.record("load_force", float(t), 1.0)
+    recorder.close()
+    with pytest.raises(InputError, match="which is a run already"):
+        read_foreign(tmp_path / "a.mcap")

@@ -1,0 +1,80 @@
+"""`armdyn import` as a user meets it."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from armdyn.run import read_run
+from pipeline.cli import main
+
+from .conftest import TIME
+
+
+@pytest.fixture
+def armdyn(capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["armdyn", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        return stop.value.code, *capsys.readouterr()
+
+    return run
+
+
+@pytest.fixture
+def table(tmp_path, joints):
+    q, v, tau = joints
+    path = tmp_path / "log.csv"
+    header = "t,joint_1_pos,joint_1_vel,joint_1_torque"
+    np.savetxt(path, np.column_stack([TIME, 90 * q[:, 0], 90 * v[:, 0], tau[:, 0]]), delimiter=",", header=header,
+               comments="")  # fmt: skip
+    return path
+
+
+def test_guess_then_import_makes_a_run_that_can_be_read(armdyn, table):
+    status, out, _ = armdyn("import", table, "--output", "runs", "--guess")
+    assert status == 0
+    assert "armdyn import" in out
+    assert "--map runs/map.toml" in out
+    status, out, _ = armdyn("import", table, "--output", "runs", "--map", "runs/map.toml", "--json", "answer.json")
+    assert status == 0
+    assert "runs/log.csv: q, v, tau of 1 joints, 3.0 s, 100 samples per second" in out
+    assert "next: armdyn new arm M.toml --urdf ROBOT.urdf" in out
+    run = read_run("runs/log.csv")
+    assert run.joints == ("joint_1",)
+    assert run.channels["q.joint_1"].unit == "rad"
+    answer = json.loads(Path("answer.json").read_text())
+    assert answer["schema"] == "armdyn.import/1"
+    assert answer["runs"][0]["channels"]["q.joint_1"]["samples"] == len(TIME)
+
+
+def test_nothing_is_written_over_without_force(armdyn, table):
+    armdyn("import", table, "--output", "runs", "--guess")
+    status, _, err = armdyn("import", table, "--output", "runs", "--guess")
+    assert status == 2
+    assert "--force" in err
+    arguments = ("import", table, "--output", "runs", "--map", "runs/map.toml")
+    assert armdyn(*arguments)[0] == 0
+    assert armdyn(*arguments)[0] == 2
+    assert armdyn(*arguments, "--force")[0] == 0
+
+
+def test_a_foreign_table_without_a_mapping_is_one_line_that_names_guess(armdyn, table):
+    status, out, err = armdyn("import", table, "--output", "runs")
+    assert (status, out) == (2, "")
+    assert len(err.strip().splitlines()) == 1
+    assert "--guess" in err
+
+
+def test_the_recording_itself_is_never_replaced(armdyn, table):
+    armdyn("import", table, "--output", "runs", "--guess")
+    before = table.read_bytes()
+    status, _, err = armdyn("import", table, "--output", ".", "--map", "runs/map.toml", "--force")
+    assert status == 2
+    assert "would take the place" in err
+    assert table.read_bytes() == before

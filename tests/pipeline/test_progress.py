@@ -1,0 +1,41 @@
+"""What is shown while a command works."""
+
+import re
+
+import numpy as np
+import pytest
+from hidden_effects.pendulum import Setup, record, weighed
+
+from armdyn.effects.catalogue import CATALOGUE
+from armdyn.identify.repair import repair
+from armdyn.identify.study import Study
+from armdyn.pendulum.model import pendulum_model
+from armdyn.units import Known
+from pipeline.commands.output import COUNTED, about, spinner
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(3.0, "a few seconds left"), (42.0, "about 40 s left"), (89.0, "about 90 s left"), (300.0, "about 5 min left")],
+)
+def test_time_that_is_left_is_as_coarse_as_it_is_known(seconds, text):
+    assert about(seconds) == text
+
+
+def test_a_repair_says_how_many_candidates_of_how_many_are_tried():
+    told = []
+    catalogue = [CATALOGUE[name] for name in ("linear_drag", "quadratic_drag", "sensor_bias")]
+    setup = Setup(hidden={"quadratic_drag": 0.02})
+    run = weighed(record("a.csv", setup, np.random.default_rng(7)), Known(0.08, 4e-4, "kg"), Known(0.368, 1e-3, "m"))
+    repair(Study(pendulum_model(0.368, 0.08), [run], [], catalogue), told.append)
+    counts = [tuple(map(int, found.groups())) for text in told if (found := COUNTED.match(text))]
+    assert any(re.fullmatch(r"\d+ of \d+ candidates \w+", text) for text in told)
+    assert all(done < total for done, total in counts)
+    assert {done for done, _ in counts} >= {0, 1, 2}
+
+
+def test_a_pipe_gets_no_progress(capsys):
+    with spinner() as say:
+        say("2 of 5 candidates tried")
+        say("fitting [m]")
+    assert capsys.readouterr() == ("", "")

@@ -1,0 +1,47 @@
+"""Libraries written in C++ print where nobody asked them to: what they say is kept for our own one line."""
+
+import os
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+
+SHOWN = 200
+"""Characters of it that fit into a line."""
+
+
+@dataclass
+class Said:
+    """What was printed, in one line; complete when the block has ended."""
+
+    text: str = ""
+
+
+def reason(said: Said, error: Exception) -> str:
+    """Why a library refused something, in a few words: its own, without where in its source it noticed."""
+    text = str(error) if "message:" in str(error) or not said.text else said.text
+    text = text.partition("message:")[2] or text
+    return " ".join(text.partition("Hint")[0].split())[:SHOWN]
+
+
+@contextmanager
+def quiet() -> Iterator[Said]:
+    """Keep what the block prints on the process's own standard output and error, and give it in one line."""
+    said, kept = Said(), []
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError, AttributeError):  # closed, or none at all
+            stream.flush()
+    with tempfile.TemporaryFile() as file:
+        for descriptor in (1, 2):
+            with suppress(OSError):  # closed: there is nothing to print to
+                kept.append((os.dup(descriptor), descriptor))
+                os.dup2(file.fileno(), descriptor)
+        try:
+            yield said
+        finally:
+            for copy, descriptor in kept:
+                os.dup2(copy, descriptor)
+                os.close(copy)
+            file.seek(0)
+            said.text = " ".join(file.read(100 * SHOWN).decode("utf-8", errors="replace").split())[:SHOWN]

@@ -1,0 +1,108 @@
+"""TOML files that people write: read once, with bounds, before anybody looks at an entry."""
+
+import difflib
+import math
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+LARGEST_TEXT = 2**20
+"""Bytes of a file that a person writes."""
+LARGEST_INTEGER = 2**63
+"""TOML promises integers of 64 bits; Python would also take one of 400 digits, which is no float."""
+DEEPEST = 20
+"""Tables and lists in one another; no file of ours has more than five."""
+
+
+class TableFileError(ValueError):
+    """A file that is no table: the message, which lacks the file's name, says what is wrong and what to do."""
+
+
+def read_table(path: Path, *, finite: bool = False) -> tuple[str, dict[str, Any]]:
+    """Text and content of a TOML file.
+
+    Args:
+        path: of the file.
+        finite: refuse `nan` and `inf` anywhere.
+
+    Raises:
+        FileNotFoundError: there is none.
+        TableFileError: it cannot be read, is too large, or is not TOML.
+    """
+    try:
+        with path.open("rb") as file:
+            data = file.read(LARGEST_TEXT + 1)
+    except FileNotFoundError:
+        raise
+    except IsADirectoryError as error:
+        raise TableFileError("is a directory: give a file in it") from error
+    except (OSError, ValueError) as error:  # a name with a null character is a ValueError
+        raise TableFileError(f"cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    if len(data) > LARGEST_TEXT:
+        raise TableFileError(f"is larger than {LARGEST_TEXT / 2**20:g} MiB: give a file that a person can read")
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        row = data.count(b"\n", 0, error.start) + 1
+        raise TableFileError(f"line {row} is not UTF-8 text: save the file as UTF-8") from error
+    return text, parse_table(text, finite=finite)
+
+
+def parse_table(text: str, *, finite: bool = False) -> dict[str, Any]:
+    """Content of a TOML text.
+
+    Raises:
+        TableFileError: it is not TOML, is nested too deeply, or holds a number that is none.
+    """
+    try:
+        table = tomllib.loads(text.replace("\r\n", "\n"))
+    except RecursionError as error:
+        raise TableFileError(_DEEP) from error
+    except ValueError as error:  # also a number of 5000 digits
+        raise TableFileError(f"is not TOML: {_first_line(error)}: correct it") from error
+    for where, value in _leaves(table, ""):
+        if isinstance(value, int) and not -LARGEST_INTEGER <= value < LARGEST_INTEGER:
+            raise TableFileError(f"{where}: a number of {len(str(abs(value)))} digits: write it shorter, such as 1e20")
+        if finite and isinstance(value, float) and not math.isfinite(value):
+            raise TableFileError(f"{where} is {value}: write a finite number")
+    return table
+
+
+def check_keys(table: Mapping[str, Any], known: Iterable[str], where: str = "") -> None:
+    """Refuse a key that nobody reads.
+
+    Args:
+        table: whose keys.
+        known: keys that are read.
+        where: the table is, such as ``"[limits]"``; empty for the file itself.
+
+    Raises:
+        TableFileError: names the key and the nearest one.
+    """
+    valid = tuple(known)
+    for key in table:
+        if key not in valid:
+            close = difflib.get_close_matches(key.lower(), valid, n=1, cutoff=0.5)
+            hint = f"did you mean '{close[0]}'?" if close else f"choose one of: {', '.join(valid)}"
+            raise TableFileError(f"{where + ': ' if where else ''}unknown key '{key[:60]}': {hint}")
+
+
+_DEEP = "is nested too deeply: write tables as '[name]' on a line of its own"
+
+
+def _leaves(value: Any, where: str, depth: int = 0) -> Iterator[tuple[str, Any]]:
+    if depth > DEEPEST:
+        raise TableFileError(_DEEP)
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from _leaves(inner, f"{where}.{key}" if where else key, depth + 1)
+    elif isinstance(value, list):
+        for inner in value:
+            yield from _leaves(inner, where, depth + 1)
+    else:
+        yield where, value
+
+
+def _first_line(error: Exception) -> str:
+    return " ".join(str(error).split())[:200]
