@@ -55,7 +55,7 @@ class Settings:
 
 
 KEYS: Mapping[str, tuple[str, ...]] = {
-    "": ("name", "urdf", "arm", "tool", "frames", "limits", "line", "collision", "springs"),
+    "": ("name", "urdf", "arm", "tool", "frames", "limits", "line", "collision", "springs", "ros"),
     "urdf": ("distribution", "file"),
     "arm": ("joints", "home"),
     "tool": ("frame", "offset"),
@@ -64,6 +64,18 @@ KEYS: Mapping[str, tuple[str, ...]] = {
     "line": ("origin", "direction", "tool_rpy", "range", "core", "core_speed"),
     "collision": ("srdf", "exclude"),
     "springs": ("joint", "sine", "cosine", "enabled", "source"),
+    "ros": (  # read by pipeline.ros.topics
+        "joint_states",
+        "command",
+        "type",
+        "mode",
+        "feed_forward",
+        "timeout",
+        "command_timeout",
+        "speed_ratio",
+        "enabling",
+        "horizon",
+    ),
 }
 """By table: what it may hold."""
 FARTHEST = 100.0

@@ -113,11 +113,6 @@ class RosRobot:
         """Why nothing is commanded any more; None while all is well."""
         return self._ended or self._trouble()
 
-    @property
-    def power(self) -> Power | None:
-        """Baxter's state of being enabled; None where the arm has no such."""
-        return self._power
-
     def prepare(self) -> None:
         """Enable the arm and set its command timeout; nothing moves.
 
@@ -219,8 +214,9 @@ class RosRobot:
             end = self.time + 2.0
             while self._braking.is_set() and self.time < end:
                 self.advance(PERIOD)
-        self._closing.set()
-        self._braking.set()
+        with self._lock:
+            self._closing.set()
+            self._braking.set()
         self._braker.join(1.0)
         with suppress(ArmdynError):
             if self._topics.timeout is not None:
@@ -302,7 +298,9 @@ class RosRobot:
                 start, self._brake_from = self._brake_from, None
             if start is not None:
                 self._brake(start)
-            self._braking.clear()
+            with self._lock:
+                if self._brake_from is None and not self._closing.is_set():  # else it was told again meanwhile
+                    self._braking.clear()
 
     def _brake(self, start: tuple[Vector, Vector, Vector]) -> None:
         """Command the way to rest, cycle by cycle, until it is done, withheld, or a new command comes."""

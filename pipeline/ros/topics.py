@@ -1,6 +1,5 @@
 """Which topics an arm has, from the table ``[ros]`` of its settings file."""
 
-import tomllib
 from dataclasses import dataclass, fields
 from enum import Enum
 from math import isfinite
@@ -9,6 +8,7 @@ from typing import Any
 
 from armdyn.errors import InputError
 from urdf.load import SETTINGS, known_robots
+from urdf.table_file import TableFileError, read_table
 
 
 class CommandKind(Enum):
@@ -72,9 +72,11 @@ def read_topics(file: Path) -> RosTopics:
         InputError: it is missing, or an entry has the wrong form.
     """
     try:
-        table = tomllib.loads(file.read_text(encoding="utf-8")).get("ros")
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{file}: cannot be read ({error}); give a robot's settings file") from error
+        table = read_table(file)[1].get("ros")
+    except FileNotFoundError as error:
+        raise InputError(f"{file}: there is no such file; give a robot's settings file") from error
+    except TableFileError as error:
+        raise InputError(f"{file}: {error}") from error
     if not isinstance(table, dict):
         raise InputError(f"{file}: there is no table [ros]; see urdf/robots/baxter.toml for an example")
     try:

@@ -63,16 +63,16 @@ def stall_bridge(wire, _twin, _trial):
 
 
 def intrude(wire, _twin, _trial):
-    """Ten commands of somebody else, 0.02 rad from where the arm begins."""
+    """Ten commands of somebody else, 0.02 rad from where the arm is."""
     names = urdf.load("baxter").joint_names
     with Bridge(wire.uri) as bridge:
         seen = []
         bridge.subscribe(TOPICS.command, TOPICS.kind.value, lambda message, _now: seen.append(message["command"]))
         bridge.advertise(TOPICS.command, TOPICS.kind.value)
         time.sleep(REPEATED)
+        message = {"mode": 4, "names": list(names), "command": [q + 0.02 for q in seen[-1]]}
         intrude.began = time.monotonic()
         for _ in range(10):
-            message = {"mode": 4, "names": list(names), "command": [q + 0.02 for q in seen[-1]]}
             bridge.publish(TOPICS.command, message)
             time.sleep(PERIOD)
 

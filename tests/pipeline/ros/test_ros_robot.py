@@ -64,7 +64,7 @@ class SteppedRobot(RosRobot):
     def settle(self):
         """What was published has been received: the newest state is as old as the arm's clock says."""
         end = time.monotonic() + 10.0
-        while not self.arm.silent and time.monotonic() < end:
+        while not self.arm.silent and self.bridge.failure is None and time.monotonic() < end:
             newest = self._states.latest
             if newest is not None and newest.time > self.arm.time - 1e-6:
                 return
