@@ -55,7 +55,7 @@ class Settings:
 
 
 KEYS: Mapping[str, tuple[str, ...]] = {
-    "": ("name", "urdf", "arm", "tool", "frames", "limits", "line", "collision", "springs"),
+    "": ("name", "urdf", "arm", "tool", "frames", "limits", "line", "collision", "springs", "ros"),
     "urdf": ("distribution", "file"),
     "arm": ("joints", "home"),
     "tool": ("frame", "offset"),
@@ -108,7 +108,7 @@ def _check_content(content: Mapping[str, Any]) -> None:
         if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
             form = f"[[{name}]]" if name in ("frames", "springs") else f"[{name}]"
             raise TableFileError(f"'{name}' is not a table: write '{form}' on a line of its own")
-        for table in tables:
+        for table in tables if name in KEYS else ():  # [ros] is read, and its keys are checked, by pipeline/ros
             check_keys(table, KEYS[name], f"[{name}]")
 
 
