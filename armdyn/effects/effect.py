@@ -90,8 +90,8 @@ def applied(name: str, function: Callable[..., Any], stage: Physics, values: Map
 
 
 def effect(
-    name: str = "",
-    acts_on: str = "",
+    name: str | None = None,
+    acts_on: str | None = None,
     *,
     summary: str,
     source: str,
@@ -113,7 +113,7 @@ def effect(
     """
 
     def make(function: Callable[..., Physics]) -> Effect:
-        called = name or function.__name__
+        called = function.__name__ if name is None else name
         stage, *arguments = inspect.signature(function).parameters.values()
         quantities = {}
         for argument in arguments:
@@ -123,7 +123,7 @@ def effect(
                     'quantity("N", typical=1.0)'
                 )
             quantities[argument.name] = argument.default
-        at = acts_on or stage.name
+        at = stage.name if acts_on is None else acts_on
         return Effect(called, at, MappingProxyType(quantities), summary, source, function, reach, wrong=wrong)
 
     return make
