@@ -192,7 +192,12 @@ class _Window:
             choices = np.array(list(combinations(range(count), few)))
             left = self._left(choices)
             if left.min() == 0.0:
-                return self._isolated(choices[int(np.argmin(left))].tolist())
+                # At an end one difference alone is too large, and several samples would do: the one that leaves the
+                # smoothest rest, and no step.
+                enough = choices[left == 0.0]
+                rest = np.nanmean(self._differences(enough) ** 2, axis=0)
+                found = (self._isolated(enough[i].tolist()) for i in np.argsort(rest, kind="stable"))
+                return next((out for out in found if out), [])
         return self._isolated(self._one_by_one(int(CROWD * strange) + 1))
 
     def _one_by_one(self, most: int) -> list[int]:
@@ -238,15 +243,19 @@ class _Window:
 
     def _left(self, choices: np.ndarray) -> np.ndarray:
         """(r,) sum of what differences are beyond the limit, squared, without the samples (r, k) that a row names."""
+        size = self._differences(choices)
+        excess = np.where(size > self._limit, size - self._limit, 0.0)
+        return np.asarray((excess**2).sum(axis=0))
+
+    def _differences(self, choices: np.ndarray) -> np.ndarray:
+        """(d, r) sizes of the differences without the samples (r, k) that a row names; NaN across a gap."""
         rows, without = choices.shape
         kept = np.ones((rows, len(self._time)), dtype=bool)
         kept[np.arange(rows)[:, None], choices] = False
         place = np.nonzero(kept)[1].reshape(rows, -1)
         # A gap that is made here is no gap of the recording: differences across it tell a spike from a step.
         longest = LONGEST_SPAN + without / ORDER
-        size = np.abs(normalised_differences(self._time[place].T, self._value[place].T, ORDER, longest, self._typical))
-        excess = np.where(size > self._limit, size - self._limit, 0.0)
-        return np.asarray((excess**2).sum(axis=0))
+        return np.abs(normalised_differences(self._time[place].T, self._value[place].T, ORDER, longest, self._typical))
 
 
 def _typical(size: np.ndarray) -> np.ndarray:

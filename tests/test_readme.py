@@ -36,7 +36,7 @@ def test_two_commands_do_the_setting_up():
     commands = re.search(r"```sh\n(.*?)```", README, re.DOTALL).group(1).strip().splitlines()
     assert len(commands) == 2
     assert commands[0].endswith("armdyn trial")
-    assert commands[1].endswith("pytest")
+    assert commands[1].endswith("pytest -n auto")
 
 
 def test_the_run_that_is_shown_is_one(tmp_path):
