@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def real_trial(
     settings: "ProtocolSettings",
-    ros: str | None,
+    ros: str,
     arm: str,
     port: str | None,
     calibration: Path | None,
@@ -29,8 +29,6 @@ def real_trial(
     """Run or rehearse a trial on a robot; exit status 1 where the load did not land."""
     from pipeline.trial.real import rehearse, run_real
 
-    if ros is None:
-        raise InputError("--robot ros: say where it is: --ros ws://HOST:9090")
     link = _link(ros, arm, None if rehearsed else port, calibration)
     with phase_progress() as progress:
         asking = _asking(yes, landed, json_file)

@@ -106,6 +106,8 @@ def trial(
         for option, unused in (("--hidden", hidden), ("--picture", picture)):
             if unused:
                 raise InputError(f"{option}: only the simulated robot has it; leave it out, or leave out --robot ros")
+        if ros is None:
+            raise InputError("--robot ros: say where it is: --ros ws://HOST:9090")
         protocol = ProtocolSettings(
             length_guess=guess, estimate=estimate, model=given, mass=weighed, mass_std=weighed_std
         )
