@@ -6,12 +6,12 @@ ratios to plain next-sample ruckig in the same run, interleaved. Run: ``python b
 
 from __future__ import annotations
 
-import _timing  # noqa: F401  # isort: skip
+import _timing as bench  # isort: skip
 
 import argparse
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import ruckig
@@ -120,14 +120,8 @@ def compare(limits: LineLimits, repeat: int) -> None:
         ("offline program", lambda r: program(r, limits)),
     ]
     for reference in references():
-        times = {name: [] for name, _ in schemes}
-        motions = {}
-        for _ in range(repeat):
-            for name, scheme in schemes:
-                begin = time.perf_counter()
-                motions[name] = scheme(reference)
-                times[name].append(time.perf_counter() - begin)
-        base = min(times[schemes[0][0]])
+        motions = {name: scheme(reference) for name, scheme in schemes}
+        seconds = bench.race({name: bench.timed(partial(scheme, reference)) for name, scheme in schemes}, repeat)
         print(f"\n{reference.name} ({'feasible' if reference.feasible else 'infeasible'})")
         print(f"  {'':42} {'rms':>8} {'largest':>8} {'lag':>6} {'broken':>7} {'time':>7}")
         print(f"  {'':42} {'[mm]':>8} {'[mm]':>8} {'[ms]':>6} {'samples':>7} {'ratio':>7}")
@@ -136,7 +130,7 @@ def compare(limits: LineLimits, repeat: int) -> None:
             print(
                 f"  {name:42} {np.sqrt(np.mean(apart**2)):8.2f} {np.max(np.abs(apart)):8.2f} "
                 f"{1e3 * lag(reference, motions[name]):6.0f} {broken(motions[name], limits):7d} "
-                f"{min(times[name]) / base:7.1f}"
+                f"{bench.ratio(seconds, name, schemes[0][0]).median:7.1f}"
             )
 
 
@@ -203,7 +197,7 @@ def _multisine(name: str, t: Array, rng: np.random.Generator) -> Reference:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--repeat", type=int, default=3, help="runs per scheme; the fastest counts")
+    parser.add_argument("--repeat", type=int, default=3, help="rounds of turns; the median ratio counts")
     repeat = parser.parse_args().repeat
     limits = LineLimits.from_table(ik.default_table(urdf.load("baxter")))
     compare(limits, repeat)

@@ -50,7 +50,7 @@ IDLE = {
     "robot", "arm", "real", "feedback", "act", "state", "states", "pos", "of", "from",
 }  # fmt: skip
 """Words that say nothing about which joint it is."""
-NUMBERED = re.compile(r"joint_\d+")
+NUMBERED = re.compile(r"joint_(\d+)")
 """A joint that is only counted."""
 TURNS = 7.0
 """rad; positions beyond are degrees, of an arm whose joints turn a little more than once."""
@@ -207,8 +207,9 @@ def _named(found: dict[str, tuple[str, str]], joints: Sequence[str]) -> dict[str
             names[joint] = same[0]
     left = [joint for joint in ids if joint not in names]
     free = [joint for joint in joints if joint not in names.values()]
-    if left and len(left) == len(free) and all(NUMBERED.fullmatch(joint) for joint in left):
-        ordered = sorted(left, key=lambda joint: int(re.search(r"\d+$", joint)[0]))  # type: ignore[index]
+    numbers = {joint: int(match[1]) for joint in left if (match := NUMBERED.fullmatch(joint))}
+    if left and len(left) == len(free) == len(numbers):
+        ordered = sorted(left, key=lambda joint: numbers[joint])
         names |= dict(zip(ordered, free, strict=True))
     return names
 

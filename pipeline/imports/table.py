@@ -3,12 +3,16 @@
 import csv
 import io
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from armdyn.bytes_in import read_bytes
 from armdyn.errors import InputError
 from pipeline.imports.foreign import Column, Foreign, as_numbers, labelled
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "inf", "-inf"})
 SHOWN = 3
@@ -88,19 +92,19 @@ def parquet_columns(path: Path) -> tuple[dict[str, Column], tuple[str, ...]]:
     return columns, tuple(notes)
 
 
-def _arrow_columns(name: str, values: object) -> "dict[str, np.ndarray]":
+def _arrow_columns(name: str, values: "pa.ChunkedArray") -> dict[str, np.ndarray]:
     import pyarrow as pa
 
-    kind = values.type  # type: ignore[attr-defined]
+    kind = values.type
     if pa.types.is_list(kind) or pa.types.is_fixed_size_list(kind) or pa.types.is_large_list(kind):
-        rows = values.to_pylist()  # type: ignore[attr-defined]
+        rows = values.to_pylist()
         width = {len(row) for row in rows if row is not None}
         if len(width) != 1 or not (pa.types.is_floating(kind.value_type) or pa.types.is_integer(kind.value_type)):
             return {}
         count = width.pop()
         table = np.array([row if row is not None else [np.nan] * count for row in rows], dtype=float)
         return {f"{name}/{i}": table[:, i] for i in range(count)}
-    numbers = as_numbers(values.to_numpy())  # type: ignore[attr-defined]
+    numbers = as_numbers(values.to_numpy())
     return {} if numbers is None else {name: numbers}
 
 

@@ -12,11 +12,6 @@ from pathlib import Path
 
 from armdyn.errors import InputError
 
-try:
-    import fcntl
-except ImportError:  # Windows: two trials in one folder are not kept apart
-    fcntl = None  # type: ignore[assignment]
-
 UNFINISHED = "unfinished-"
 LOCK = ".lock"
 OF_THE_LAST = ("report.html", "swing.png", "swing.gif")
@@ -93,7 +88,9 @@ def own_folder(given: Path | None, usual: Path) -> Iterator[Path]:
 
 
 def _locked(descriptor: int) -> bool:
-    if fcntl is None:
+    try:
+        import fcntl
+    except ImportError:  # Windows: two trials in one folder are not kept apart
         return True
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -4,13 +4,10 @@ A file that is read badly is kept in ``corpus/<kind>``; every later campaign rea
 """
 
 import hashlib
-import io
-import json
 import os
 import random
 import resource
 import signal
-import sys
 import tempfile
 import threading
 import traceback
@@ -21,8 +18,8 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-import numpy as np
 from faults.mutation import encoded, spoiled_bytes, spoiled_text
+from faults.samples import ARM, EFFECT, LINE_CSV, MODEL, PATHS, SETTINGS, SIDECAR, crane, csv, mcap, npz, toy_urdf
 
 import urdf
 from armdyn.arm.model import arm_model
@@ -34,10 +31,10 @@ from armdyn.model_file import base_pendulum, model_text, read_model_file
 from armdyn.physics.user import load_base
 from armdyn.run import read_run
 from armdyn.run_checks import check_run
-from ik import PathTable, default_table
+from ik import PathTable
 from ik.pathfile import read_path
-from ik.tablefile import write_arrays
 from pipeline.motion.feasibility.read import read_trajectory
+from urdf.quiet import quiet
 
 CORPUS = Path(__file__).parent / "corpus"
 LONGEST, LARGEST = 10.0, 2 * 2**20
@@ -46,185 +43,6 @@ PATIENCE = 120.0
 """s on the clock after which it waits for something that never comes."""
 LONGEST_LINE = 1500
 """Characters of what is said."""
-
-TOY = """<robot name="toy">
-<link name="base"/>
-{links}
-</robot>
-"""
-LINK = """<link name="l{k}"><inertial><origin xyz="0 0 0.1" rpy="0 0 0"/><mass value="1.5"/>
-<inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.004"/></inertial>
-<collision><geometry><cylinder radius="0.05" length="0.2"/></geometry></collision></link>
-<joint name="j{k}" type="{kind}"><origin xyz="0 0 0.2" rpy="0 0 0"/><parent link="{parent}"/><child link="l{k}"/>
-<axis xyz="{axis}"/><limit lower="-1.5" upper="1.5" effort="40" velocity="2"/>
-<dynamics damping="0.1" friction="0"/></joint>"""
-
-
-def toy_urdf() -> str:
-    """An arm of three joints."""
-    kinds = (("revolute", "0 0 1"), ("continuous", "0 1 0"), ("prismatic", "1 0 0"))
-    links = [
-        LINK.format(k=k, kind=kind, axis=axis, parent="base" if k == 0 else f"l{k - 1}")
-        for k, (kind, axis) in enumerate(kinds)
-    ]
-    return TOY.format(links="\n".join(links))
-
-
-SETTINGS = """name = "toy"
-[urdf]
-file = "toy.urdf"
-[arm]
-joints = ["j0", "j1", "j2"]
-home = [0.1, 0.2, 0.3]
-[tool]
-frame = "l2"
-offset = [0.0, 0.0, 0.1]
-[[frames]]
-name = "cell"
-parent = "l2"
-position = [0.0, 0.0, 0.05]
-[limits]
-acceleration = [5.0, 5.0, 5.0]
-jerk = [50.0, 50.0, 50.0]
-source = "measured"
-[line]
-origin = [0.3, 0.0, 0.4]
-direction = [0.0, 1.0, 0.0]
-tool_rpy = [0.0, 0.0, 0.0]
-range = [-0.1, 0.1]
-core = [-0.05, 0.05]
-core_speed = 0.5
-[[springs]]
-joint = "j1"
-sine = 1.0
-cosine = 2.0
-enabled = true
-source = "fitted"
-"""
-SIDECAR = """description = "swing 3, 80 g ball"
-[noise]
-load_force = "3 mN"
-gripper_x = "0.1 mm"
-[known]
-mass = "80 g +/- 0.4 g"
-length = "0.368 m +/- 1 mm"
-"""
-MODEL = """base = "pendulum"
-effects = ["quadratic_drag", "sensor_bias"]
-[parameters]
-length = { value = 0.3681, std = 0.0002, unit = "m", fitted = true, prior = "0.37 +/- 0.01" }
-mass = { value = 80.0, unit = "g", fitted = false }
-"quadratic_drag.coefficient" = { value = 0.0031, std = 0.0001, unit = "N s^2/m^2", fitted = true }
-[[history]]
-added = "quadratic_drag"
-runs = ["a.csv"]
-rmse = { load_force = 0.0034 }
-chi2_per_sample = 1.02
-"""
-ARM = """base = "arm"
-urdf = "toy.urdf"
-joints = ["j0", "j1", "j2"]
-tool = "l2"
-effects = ["joint_viscous_friction:j0"]
-"""
-EFFECT = '''import casadi as ca
-from armdyn.effects.effect import effect
-from armdyn.parameter import quantity
-
-@effect("rub", acts_on="load", summary="a rub", source="own")
-def rub(load, c=quantity("N", typical=0.02, lower=0.0, summary="of the rub")):
-    """Against the motion."""
-    return load.with_force(-c * ca.tanh(load.rate / 0.1) * load.velocity)
-'''
-PATHS = (
-    'kind = "line"\norigin = [0.6, -0.2, 0.1]\ndirection = [0, 1, 0]\nrange = [0.0, 0.1]\ntool_rpy = [3.14, 0, 3.14]\n',
-    'kind = "circle"\ncentre = [0.6, -0.2, 0.1]\nradius = 0.1\nnormal = [0, 0, 1]\nstart = [1, 0, 0]\n'
-    "range_deg = [0, 90]\nfollow = true\ntool_rpy = [3.14, 0, 3.14]\n",
-    'kind = "spline"\npoints = [[0.6, -0.2, 0.1], [0.6, 0.0, 0.1], [0.65, 0.1, 0.15]]\ntool_rpy = [3.14, 0, 3.14]\n',
-)
-
-
-def csv(rows: int = 60, joints: bool = False) -> str:
-    """A recording of a swing, or of the toy arm."""
-    time = np.arange(rows) / 50
-    if not joints:
-        columns = {"time [s]": time, "gripper_x [m]": 0.05 * np.sin(3 * time)}
-        columns["load_force [mN]"] = 785 + 20 * np.sin(5 * time + 0.3) + 3 * np.cos(977 * time)
-    else:
-        columns = {"time [s]": time}
-        for k in range(3):
-            columns[f"q.j{k} [{'m' if k == 2 else 'rad'}]"] = 0.3 * np.sin((1 + k) * time + k)
-            columns[f"tau.j{k} [{'N' if k == 2 else 'N m'}]"] = 2 * np.cos((2 + k) * time) + 0.1 * np.cos(977 * time)
-    table = "\n".join(",".join(f"{value:.6g}" for value in row) for row in zip(*columns.values(), strict=True))
-    return ",".join(columns) + "\n" + table + "\n"
-
-
-def mcap(rng: random.Random | None = None) -> bytes:
-    """A recording as the pipeline writes it; with a generator, with mistakes inside its messages and labels."""
-    from mcap.writer import CompressionType, Writer
-
-    def wrong(good: object) -> object:
-        bad = (None, True, "x", "nan", [], {}, -1, 1e308, float("nan"), 10**400, {"time": 1}, "1" * 1000)
-        return rng.choice(bad) if rng is not None and rng.random() < 0.01 else good
-
-    stream = io.BytesIO()
-    compression = CompressionType.ZSTD if rng is None else rng.choice(list(CompressionType))
-    writer = Writer(stream, compression=compression)
-    writer.start(profile="armdyn")
-    labels = {"/gripper": {"x": "gripper_x [m]"}, "/load": {"force": "load_force [N]"}}
-    ids = {}
-    for topic, fields in labels.items():
-        schema = writer.register_schema(topic, "jsonschema", b"{}")
-        metadata = {str(wrong(key)): str(wrong(label)) for key, label in fields.items()}
-        ids[topic] = writer.register_channel(topic, "json", schema, metadata)
-    sidecar = spoiled_text(SIDECAR, rng) if rng is not None and rng.random() < 0.3 else SIDECAR
-    writer.add_metadata("armdyn.sidecar", {"toml": sidecar})
-    for k in range(60):
-        for topic, field, value in (("/gripper", "x", 0.05 * np.sin(k / 9)), ("/load", "force", 0.8 + 0.01 * (k % 3))):
-            message = wrong({str(wrong("time")): wrong(k / 50), str(wrong(field)): wrong(float(value))})
-            writer.add_message(ids[topic], k, json.dumps(message).encode(), k)
-    writer.finish()
-    return stream.getvalue()
-
-
-@cache
-def _table() -> tuple[dict[str, object], dict[str, np.ndarray]]:
-    from ik.table import ARRAYS, TORQUES
-    from ik.tablefile import read_arrays
-
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "t.npz"
-        default_table(urdf.load("baxter")).save(path)
-        about, arrays = read_arrays(path, (*ARRAYS, *TORQUES))
-    return {key: value for key, value in about.items() if key != "format"}, arrays
-
-
-def npz(rng: random.Random | None = None) -> bytes:
-    """A table; with a generator, with other numbers under a digest that fits."""
-    about, arrays = json.loads(json.dumps(_table()[0])), {name: a.copy() for name, a in _table()[1].items()}
-    if rng is not None:
-        name = rng.choice(list(arrays))
-        array = arrays[name]
-        changes: tuple[Callable[[np.ndarray], np.ndarray], ...] = (
-            lambda a: a * rng.choice((100.0, 0.01, -1.0, 0.0, np.nan, np.inf)),
-            lambda a: a[::-1].copy(),
-            lambda a: a[:-1],
-            lambda a: a.astype(rng.choice(("float32", "int64", "complex128", "S8", "bool"))),
-            lambda a: a[None],
-            lambda a: np.where(np.arange(a.size).reshape(a.shape) == rng.randrange(a.size), 1e9, a),
-            lambda _: np.array("x"),
-            lambda a: a[:0],
-        )
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            arrays[name] = rng.choice(changes)(array)
-        if rng.random() < 0.3:
-            key = rng.choice(list(about))
-            about[key] = rng.choice((None, 3, "x", [], {}, [3, "x"], {"kind": "line"}, ["right_s0"]))
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "t.npz"
-        write_arrays(path, about, arrays)
-        return path.read_bytes()
 
 
 @dataclass(frozen=True)
@@ -296,9 +114,6 @@ def _baxter() -> urdf.Robot:
     return urdf.load("baxter")
 
 
-LINE_CSV = "time [s],s [m]\n" + "".join(f"{k / 50},{0.1 * np.sin(k / 50):.6f}\n" for k in range(50))
-
-
 @cache
 def doors() -> dict[str, Door]:
     """Every kind, by name."""
@@ -312,17 +127,13 @@ def doors() -> dict[str, Door]:
         Door("path.toml", tuple(path.encode() for path in PATHS), read_path),
         Door("line.csv", (LINE_CSV.encode(),), lambda path: read_trajectory(path, _baxter())),
         Door("effect.py", (EFFECT.encode(),), load_effects),
-        Door("base.py", (_crane(),), load_base),
+        Door("base.py", (crane(),), load_base),
     ]
     binary = [
         Door("a.mcap", (mcap(),), _read_recording, binary=True, inside=mcap),
         Door("table.npz", (npz(),), lambda path: PathTable.load(path, _baxter()), binary=True, inside=npz),
     ]
     return {door.name: door for door in (*text, *binary)}
-
-
-def _crane() -> bytes:
-    return (Path(__file__).parents[2] / "examples" / "crane.py").read_bytes()
 
 
 WEIGHTS = {"a.csv": 6, "a.toml": 5, "model.toml": 5, "arm.urdf": 6, "robot.toml": 5, "path.toml": 4, "line.csv": 3,
@@ -388,7 +199,7 @@ def tried(door: Door, data: bytes, folder: Path, read: Callable[[Path], object] 
     path = folder / door.name
     path.write_bytes(data)
     memory, said, verdict = _memory(), "", "read"
-    with _listened() as heard, warnings.catch_warnings(record=True) as warned, _limited():
+    with quiet() as printed, warnings.catch_warnings(record=True) as warned, _limited():
         warnings.simplefilter("always")
         try:
             (read or door.read)(path)
@@ -404,8 +215,8 @@ def tried(door: Door, data: bytes, folder: Path, read: Callable[[Path], object] 
         verdict = "file not named"
     elif verdict in ("read", "refused") and _memory() - memory > LARGEST:
         verdict = "memory"
-    elif verdict in ("read", "refused") and heard:
-        verdict, said = "prints", heard[0]
+    elif verdict in ("read", "refused") and printed.text:
+        verdict, said = "prints", printed.text
     elif verdict == "refused" and warned:
         verdict, said = "warns", f"{warned[0].message} ({warned[0].filename}, line {warned[0].lineno})"
     return verdict, said
@@ -433,24 +244,3 @@ def _limited() -> Iterator[None]:
         signal.setitimer(signal.ITIMER_PROF, 0.0)
         for number, handler in before:
             signal.signal(number, handler)
-
-
-@contextmanager
-def _listened() -> Iterator[list[str]]:
-    """What is printed by whom it may be, also from C++."""
-    heard: list[str] = []
-    for stream in (sys.stdout, sys.stderr):
-        stream.flush()
-    with tempfile.TemporaryFile() as file:
-        copies = [(os.dup(descriptor), descriptor) for descriptor in (1, 2)]
-        for _, descriptor in copies:
-            os.dup2(file.fileno(), descriptor)
-        try:
-            yield heard
-        finally:
-            for copy, descriptor in copies:
-                os.dup2(copy, descriptor)
-                os.close(copy)
-            file.seek(0)
-            if said := file.read(2000):
-                heard.append(said.decode("utf-8", errors="replace"))

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from faults.fuzzing import csv
+from faults.samples import csv
 
 import urdf
 from ik.volume import VolumeTable

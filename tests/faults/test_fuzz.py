@@ -1,6 +1,7 @@
 """Spoiled files of every kind end in an answer or in one line: no traceback, no hang, no gigabytes."""
 
 from collections import Counter
+from contextlib import suppress
 
 import pytest
 from faults import fuzzing
@@ -65,11 +66,9 @@ def test_a_bad_reading_is_noticed(tmp_path):
 
     def hangs(_):
         while True:
-            try:
+            with suppress(Exception):  # as a reader that takes every error for a bad file would
                 while True:
                     pass
-            except Exception:
-                pass
 
     def takes(_):
         return len(bytearray(10**15))
