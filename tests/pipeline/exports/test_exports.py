@@ -5,7 +5,6 @@ import importlib.util
 import json
 import re
 import subprocess
-import sys
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -23,7 +22,6 @@ from armdyn.errors import InputError
 from armdyn.model_file import ModelFile, read_model_file, write_model_file
 from armdyn.parameter import quantity
 from armdyn.pendulum.model import pendulum_model
-from pipeline.cli import main
 from pipeline.exports.functions import functions_of
 from pipeline.exports.json_file import parameters_answer
 from pipeline.exports.mujoco_file import mujoco_text
@@ -233,19 +231,6 @@ def bristle(joint, torque=quantity("N m", typical=1.0)):
 def test_an_effect_with_a_memory_is_refused_with_its_name(bare_arm):
     with pytest.raises(InputError, match="effect 'bristle' has a state of its own"):
         functions_of(bare_arm.with_effect(bristle))
-
-
-@pytest.fixture
-def armdyn(capsys, monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["armdyn", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        return stop.value.code, *capsys.readouterr()
-
-    return run
 
 
 def test_the_command_writes_names_the_next_step_and_never_over_silently(armdyn, tmp_path):

@@ -1,29 +1,14 @@
 """`armdyn import` as a user meets it."""
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from armdyn.run import read_run
-from pipeline.cli import main
 
 from .conftest import TIME
-
-
-@pytest.fixture
-def armdyn(capsys, monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["armdyn", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        return stop.value.code, *capsys.readouterr()
-
-    return run
 
 
 @pytest.fixture
