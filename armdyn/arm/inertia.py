@@ -18,13 +18,38 @@ SMALLEST_MASS = 1e-3
 
 def pseudo_inertia(parameters: np.ndarray) -> np.ndarray:
     """(4, 4) J of (10,) inertial parameters: Sigma = tr(I)/2 - I, m c, m (Wensing, Kim & Slotine 2018, eq. 7)."""
-    m, hx, hy, hz, xx, xy, yy, xz, yz, zz = parameters
-    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    inertia = inertia_matrix(parameters)
     result = np.empty((4, 4))
     result[:3, :3] = np.trace(inertia) / 2 * np.eye(3) - inertia
-    result[:3, 3] = result[3, :3] = hx, hy, hz
-    result[3, 3] = m
+    result[:3, 3] = result[3, :3] = parameters[1:4]
+    result[3, 3] = parameters[0]
     return result
+
+
+def inertia_matrix(parameters: np.ndarray) -> np.ndarray:
+    """(3, 3) inertia about the origin of (10,) inertial parameters, kg m^2."""
+    xx, xy, yy, xz, yz, zz = parameters[4:]
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def about_centre(parameters: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """Mass, kg, centre (3,), m, and inertia (3, 3) about it, kg m^2, of (10,) inertial parameters.
+
+    A link without mass has its centre at the origin.
+    """
+    mass = float(parameters[0])
+    centre = parameters[1:4] / mass if mass else np.zeros(3)
+    return mass, centre, inertia_matrix(parameters) - _steiner(mass, centre)
+
+
+def about_origin(mass: float, centre: np.ndarray, inertia: np.ndarray) -> np.ndarray:
+    """(10,) inertial parameters of a body; the inverse of `about_centre`."""
+    full = inertia + _steiner(mass, centre)
+    return np.array([mass, *(mass * centre), full[0, 0], full[0, 1], full[1, 1], full[0, 2], full[1, 2], full[2, 2]])
+
+
+def _steiner(mass: float, centre: np.ndarray) -> np.ndarray:
+    return mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
 
 
 def inertial_parameters(J: Expression) -> Expression:

@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
+from armdyn.arm.inertia import inertia_matrix
 from armdyn.arm.model import ArmModel
 from armdyn.arm.physics import Expression, Joint, Link, Neighbour
 from armdyn.effects.effect import applied
@@ -65,7 +66,7 @@ def rigid_torques(model: ArmModel, q: Expression, v: Expression, a: Expression) 
         acceleration = acceleration + slide * a[i] + 2 * ca.cross(w, slide * v[i])
         dw = dw + turn * a[i] + ca.cross(w, turn * v[i])
         w = w + turn * v[i]
-        m, h, inertia = links[i][0], ca.SX(links[i][1:4]), ca.SX(_about_origin(links[i]))
+        m, h, inertia = links[i][0], ca.SX(links[i][1:4]), ca.SX(inertia_matrix(links[i]))
         force = m * acceleration + ca.cross(dw, h) + ca.cross(w, ca.cross(w, h))
         moment = inertia @ dw + ca.cross(w, inertia @ w) + ca.cross(h, acceleration)
         rotations.append((R, p))
@@ -121,9 +122,3 @@ def _turned(axis: np.ndarray, angle: Expression) -> Expression:
         return ca.SX.eye(3)
     K = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
     return ca.SX.eye(3) + ca.sin(angle) * ca.SX(K) + (1 - ca.cos(angle)) * ca.SX(K @ K)
-
-
-def _about_origin(parameters: np.ndarray) -> np.ndarray:
-    """(3, 3) inertia about the joint's origin of (10,) inertial parameters."""
-    xx, xy, yy, xz, yz, zz = parameters[4:]
-    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])

@@ -4,10 +4,11 @@ from typing import Any
 
 import numpy as np
 
+from armdyn.arm.inertia import about_centre
 from armdyn.arm.model import ArmModel
 from armdyn.model_file import ModelFile
 from pipeline.answers import number
-from pipeline.exports.parts import about_centre, parts_of
+from pipeline.exports.parts import parts_of
 
 AXES = ("x", "y", "z")
 ENTRIES = {"xx": (0, 0), "xy": (0, 1), "xz": (0, 2), "yy": (1, 1), "yz": (1, 2), "zz": (2, 2)}

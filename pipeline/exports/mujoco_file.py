@@ -9,10 +9,10 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pinocchio as pin
 
-from armdyn.arm.inertia import is_physical
+from armdyn.arm.inertia import about_centre, is_physical
 from armdyn.arm.model import ArmModel
 from armdyn.arm.symbolic import joint_axes
-from pipeline.exports.parts import HELD, ArmParts, about_centre, left_over, parts_of
+from pipeline.exports.parts import HELD, ArmParts, left_over, parts_of
 
 DRY = {"solimpfriction": "0.9999 0.9999 0.001 0.5 2", "solreffriction": "0.004 1"}
 """Dry friction as hard as the solver takes it at its usual step of 2 ms. As MuJoCo has it by default, a light link

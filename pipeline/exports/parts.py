@@ -115,18 +115,3 @@ def left_over(model: ArmModel, held: Collection[str], whose: str, *, symmetric: 
 
 def _of(model: ArmModel, short: str, joint: str) -> float:
     return model.parameters[f"joint_asymmetric_friction.{short}[{joint}]"].value
-
-
-def about_centre(link: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-    """Mass, kg, centre (3,), m, and inertia (3, 3) about it, kg m^2, of (10,) inertial parameters."""
-    mass = float(link[0])
-    centre = link[1:4] / mass if mass else np.zeros(3)
-    xx, xy, yy, xz, yz, zz = link[4:]
-    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return mass, centre, inertia - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
-
-
-def about_origin(mass: float, centre: np.ndarray, inertia: np.ndarray) -> np.ndarray:
-    """(10,) inertial parameters of a body; the inverse of `about_centre`."""
-    full = inertia + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
-    return np.array([mass, *(mass * centre), full[0, 0], full[0, 1], full[1, 1], full[0, 2], full[1, 2], full[2, 2]])

@@ -7,10 +7,10 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pinocchio as pin
 
-from armdyn.arm.inertia import is_physical
+from armdyn.arm.inertia import about_centre, about_origin, is_physical
 from armdyn.arm.model import ArmModel
 from armdyn.errors import InputError
-from pipeline.exports.parts import HELD, JointParts, about_centre, about_origin, left_over, parts_of
+from pipeline.exports.parts import HELD, JointParts, left_over, parts_of
 
 MOUNTING = "armdyn_world"
 PAYLOAD = "armdyn_payload"

@@ -14,7 +14,7 @@ from multiprocessing.connection import Connection
 from typing import Any, Protocol
 
 from armdyn.errors import ArmdynError, InputError, TaskFailedError
-from pipeline.ros.priority import be_ordinary
+from pipeline.priority import be_ordinary
 
 Work = Callable[[Any], Any]
 Then = Callable[[Any], None]

@@ -20,12 +20,12 @@ import numpy as np
 import urdf
 from pipeline.loadcell.calibration import Calibration
 from pipeline.loadcell.emulator import EmulatedPort
+from pipeline.priority import ask_for_real_time
 from pipeline.robot.protocol import Vector
 from pipeline.robot.settings import PlantSettings
 from pipeline.robot.simulated import SimulatedRobot
 from pipeline.ros.bridge import Bridge, BridgeError
 from pipeline.ros.commanded import CommandedArm, Tally
-from pipeline.ros.priority import ask_for_real_time
 from pipeline.ros.topics import RosTopics
 
 STEP = 0.002

@@ -20,9 +20,9 @@ from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS
 from pipeline.motion.feasibility import CheckSettings, box_and_table, check_joints, check_line
 from pipeline.nodes.measurement import GRAVITY
 from pipeline.nodes.scheduler import RealClock
+from pipeline.priority import ask_for_real_time
 from pipeline.robot.ros import RosRobot
 from pipeline.ros.latency import Figures
-from pipeline.ros.priority import ask_for_real_time
 from pipeline.ros.telemetry import PublishingRecorder, Telemetry
 from pipeline.ros.topics import RosTopics
 from pipeline.trial.experiment import Experiment, Progress, recorded_channels
