@@ -171,10 +171,7 @@ class RosRobot:
         Raises:
             TaskFailedError: no state has arrived.
         """
-        newest = self._states.latest
-        if newest is None:
-            raise TaskFailedError("no joint state has arrived")
-        now = self.time
+        newest, now = self.newest_state(), self.time
         if now - newest.time > FRESH:
             return newest  # its age says that something is wrong
         state = self._states.at(self._reader.next(now - LAG))
