@@ -1,6 +1,7 @@
 """What may be true, each rival as it was fitted, and what an experiment would make of it."""
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
@@ -126,6 +127,12 @@ class Held:
         self._place = {name: i for i, name in enumerate(self.names)}
         self._known: tuple[bytes, tuple[np.ndarray, np.ndarray]] | None = None
         self._rolled: tuple[bytes, Rollout] | None = None
+
+    def along(self, motion: Motion) -> "Held":
+        """The same with another motion."""
+        other = copy(self)
+        other.experiment, other._known, other._rolled = self.experiment.along(motion), None, None
+        return other
 
     def theta(self, values: np.ndarray) -> np.ndarray:
         """(p,) the model's parameter vector in this experiment at (m,) values of the unknowns."""
