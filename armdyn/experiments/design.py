@@ -23,13 +23,16 @@ from armdyn.experiments.separation import Rival, linear_separation
 TRIED = 24
 """Random motions, of which the best are carried on."""
 CARRIED_ON = 2
-EVALUATIONS = 60
-"""Of the cost from each start with two hypotheses; more of them share this number."""
+FIRST, THEN = 16, 60
+"""Evaluations of the cost from each start with two hypotheses, and then from the better end; more hypotheses share
+these numbers."""
 SHARPNESS = 4.0
 """Of the smooth minimum over pairs of the logarithm of the separation."""
 PENALTY = 1000.0
 """Per mean squared share beyond a limit."""
-REFIT_STEPS = 3
+COARSE = 0.02
+"""s between the nodes while it climbs; the outcome is computed with `STEP`."""
+REFIT_STEPS = 2
 """Of a rival at every motion: it starts where it was at the one before."""
 HARDEST = 4
 """Pairs that a motion is designed for, of those that the start separates least."""
@@ -67,7 +70,6 @@ class _Cost:
         self._helds, self._pairs, self._harmonics = helds, pairs, harmonics
         self._values = {pair: helds[pair[1]].start for pair in pairs}
         self.evaluations = 0
-        self.best: tuple[float, np.ndarray] | None = None
 
     def __call__(self, coefficients: np.ndarray) -> tuple[float, np.ndarray]:
         """Cost and its gradient (n,)."""
@@ -124,7 +126,8 @@ def designed(
         say: told how far it is.
     """
     tell = say or (lambda _: None)
-    harmonics = Harmonics(seconds, limits or Limits())
+    harmonics = Harmonics(seconds, limits or Limits(), COARSE)
+    fine = Harmonics(seconds, harmonics.limits)
     rng = np.random.default_rng(seed)
     pairs = [(i, j) for i in range(len(hypotheses)) for j in range(len(hypotheses)) if i != j]
     first = harmonics.motion(np.zeros(harmonics.size))
@@ -136,22 +139,30 @@ def designed(
         here = [held.along(harmonics.motion(c)) for held in helds]
         tried.append((np.array([linear_separation(here[i], here[j]) for i, j in pairs]), c))
     tried.sort(key=lambda one: -float(one[0].min()))
-    best: Designed | None = None
-    budget = max(10, round(EVALUATIONS / min(len(pairs) / 2, HARDEST / 2)))
+    share = 2.0 / min(len(pairs), HARDEST)
+    spent, ends = 0, []
     for number, (rises, c) in enumerate(tried[:CARRIED_ON]):
+        tell(f"motion {number + 1} of {CARRIED_ON} climbs")
         hardest = [pairs[k] for k in np.argsort(rises)[:HARDEST]]
         cost = _Cost(helds, hardest, harmonics)
-        tell(f"motion {number + 1} of {CARRIED_ON} climbs")
-        found = minimize(cost, c, jac=True, method="L-BFGS-B", options={"maxfun": budget, "maxcor": 20})
-        c = within_swing(helds, harmonics, harmonics.within(found.x))
-        motion = harmonics.motion(c)
-        here = [held.along(motion) for held in helds]
-        rise = min(Rival(here[j], here[i].predict(here[i].start)[0]).refitted()[0] for i, j in pairs)
-        if best is None or rise > best.rise:
-            middle = float(np.median([one[0].min() for one in tried]))
-            best = Designed(motion, c, rise, middle, cost.evaluations)
-    assert best is not None
-    return best
+        ends.append((_climbed(cost, c, round(FIRST * share)), cost))
+        spent += cost.evaluations
+    tell("the best motion climbs")
+    (_, c), cost = min(ends, key=lambda end: end[0][0])
+    before = cost.evaluations
+    _, c = _climbed(cost, c, round(THEN * share))
+    c = within_swing(helds, fine, fine.within(c))
+    motion = fine.motion(c)
+    here = [held.along(motion) for held in helds]
+    rise = min(Rival(here[j], here[i].predict(here[i].start)[0]).refitted()[0] for i, j in pairs)
+    middle = float(np.median([rises.min() for rises, _ in tried]))
+    return Designed(motion, c, rise, middle, spent + cost.evaluations - before)
+
+
+def _climbed(cost: _Cost, start: np.ndarray, evaluations: int) -> tuple[float, np.ndarray]:
+    """Cost and coefficients (n,) after some evaluations."""
+    found = minimize(cost, start, jac=True, method="L-BFGS-B", options={"maxfun": max(evaluations, 8), "maxcor": 20})
+    return float(found.fun), np.asarray(found.x)
 
 
 def within_swing(helds: Sequence[Held], harmonics: Harmonics, coefficients: np.ndarray) -> np.ndarray:

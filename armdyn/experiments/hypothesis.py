@@ -8,7 +8,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from armdyn.channels import Channel
-from armdyn.experiments.motion import STEP, Harmonics, Motion
+from armdyn.experiments.motion import Harmonics, Motion
 from armdyn.pendulum.model import PendulumModel
 from armdyn.physics.adjoint import Adjoint
 from armdyn.physics.motion import halfway, slope
@@ -57,6 +57,7 @@ class Experiment:
         changed: parameters that have another value in this run alone, with that value and its standard deviation.
         measured: parameters that are measured by hand, with the standard deviation.
         turned: parameters that count with the opposite sign in this run.
+        rate: samples of each channel, Hz.
     """
 
     kind: str
@@ -66,6 +67,7 @@ class Experiment:
     changed: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     measured: Mapping[str, float] = field(default_factory=dict)
     turned: tuple[str, ...] = ()
+    rate: float = 100.0
 
     def along(self, motion: Motion) -> "Experiment":
         """The same with another motion."""
@@ -132,6 +134,7 @@ class Held:
         """The same with another motion."""
         other = copy(self)
         other.experiment, other._known, other._rolled = self.experiment.along(motion), None, None
+        other.__dict__.pop("weights", None)
         return other
 
     def theta(self, values: np.ndarray) -> np.ndarray:
@@ -153,12 +156,15 @@ class Held:
         e, model = self.experiment, self.hypothesis.model
         readings, slopes = [np.zeros(0)], [np.zeros((0, len(self.names)))]
         if e.run is not None and e.motion is not None:
-            found = model.readings(e.run, e.motion.path, self.rollout(values), self.theta(values), CHANNELS)
+            measured, whole = tuple(self.weights), self.rollout(values)
+            rows = [CHANNELS.index(channel) for channel in measured]
+            rolled = whole._replace(outputs=whole.outputs[:, rows], sensitivities=whole.sensitivities[:, rows])
+            found = model.readings(e.run, e.motion.path, rolled, self.theta(values), measured)
             columns = [model.names.index(name) for name in self.names]
             for channel, weight in self.weights.items():
-                rows = found.slices[channel]
-                readings.append(found.values[rows] * weight)
-                slopes.append(found.sensitivities[rows][:, columns] * (self._sign[columns] * weight))
+                here = found.slices[channel]
+                readings.append(found.values[here] * weight)
+                slopes.append(found.sensitivities[here][:, columns] * (self._sign[columns] * weight))
             for name in e.changed:
                 if name in self.hypothesis.free:  # the value of the other runs plays no part in this one
                     for part in slopes:
@@ -175,7 +181,9 @@ class Held:
     @cached_property
     def weights(self) -> dict[str, float]:
         """One over the noise of every channel that the experiment measures, in the order of the readings."""
-        return {channel: 1.0 / self.experiment.noise[channel] for channel in CHANNELS if channel in self.experiment.noise}
+        e = self.experiment
+        per_node = np.sqrt(e.motion.step * e.rate) if e.motion is not None else 1.0
+        return {channel: per_node / e.noise[channel] for channel in CHANNELS if channel in e.noise}
 
     def rollout(self, values: np.ndarray) -> Rollout:
         """Both channels along the motion; the last one is remembered."""
@@ -238,9 +246,9 @@ def _driving(harmonics: Harmonics, lag: float) -> tuple[np.ndarray, np.ndarray]:
     _, count, size = harmonics.basis.shape
     basis = harmonics.basis
     if lag > 0.0:
-        basis = np.stack([lagged(rows.copy(), lag, STEP)[0] for rows in basis])
-    between = np.asarray(halfway(basis, STEP)).reshape(3, count - 1, size)
-    jerk = slope(basis[2], STEP)
+        basis = np.stack([lagged(rows, lag, harmonics.step)[0] for rows in basis])
+    between = np.asarray(halfway(basis, harmonics.step)).reshape(3, count - 1, size)
+    jerk = slope(basis[2], harmonics.step)
     return (
         np.concatenate([*basis, jerk]),
         np.concatenate([*between, (jerk[1:] + jerk[:-1]) / 2]),

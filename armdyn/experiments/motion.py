@@ -67,9 +67,14 @@ class Motion:
     along: np.ndarray
 
     @property
+    def step(self) -> float:
+        """s between the nodes."""
+        return float(self.time[1] - self.time[0])
+
+    @property
     def path(self) -> GripperPath:
         """As the input of a simulation."""
-        return GripperPath(0.0, float(self.time[1] - self.time[0]), *self.along)
+        return GripperPath(0.0, self.step, *self.along)
 
     @property
     def seconds(self) -> float:
@@ -84,7 +89,7 @@ class Motion:
     @property
     def effort(self) -> float:
         """Integral of the squared acceleration, m^2/s^3: what SAC and the planner call energy."""
-        return float(np.sum(self.along[2] ** 2) * (self.time[1] - self.time[0]))
+        return float(np.sum(self.along[2] ** 2) * self.step)
 
 
 class Harmonics:
@@ -93,17 +98,18 @@ class Harmonics:
     Args:
         seconds: duration.
         limits: which scale the coefficients: each one alone at 1 reaches a limit.
+        step: s between the nodes.
 
     Attributes:
         time: (K,) s.
         basis: (3, K, n) motion for each coefficient.
     """
 
-    def __init__(self, seconds: float, limits: Limits) -> None:
+    def __init__(self, seconds: float, limits: Limits, step: float = STEP) -> None:
         if not SHORTEST <= seconds <= LONGEST:
             raise InputError(f"a motion of {seconds:g} s: give {SHORTEST:g} to {LONGEST:g} s")
-        self.limits = limits
-        self.time = STEP * np.arange(round(seconds / STEP) + 1)
+        self.limits, self.step = limits, step
+        self.time = step * np.arange(round(seconds / step) + 1)
         t, T = self.time, self.time[-1]
         count = min(int(FASTEST * T), MOST_FREQUENCIES)
         self.frequencies = np.linspace(1.0 / T, FASTEST, count) if count < int(FASTEST * T) else np.arange(
