@@ -10,8 +10,10 @@ from armdyn.experiments.separation import Outlook, Rival
 
 INSEPARABLE = 1.0
 """Rise of chi2, after design for it, below which a pair counts as inseparable by motion: far below any margin."""
-ALIKE = 1e-3
-"""Of the largest difference: what varies less along a motion is constant."""
+ALIKE = 0.05
+"""Of a constant difference of the swing angles, what they may vary beside it and still count as turned."""
+TURNED = 1e-3
+"""rad; a smaller turn is not worth telling."""
 NOTICED = 0.02
 """Change of an unknown, in typical sizes, that a reader is told."""
 
@@ -51,7 +53,7 @@ def _why(first: Hypothesis, second: Hypothesis, experiment: Experiment) -> str:
     whole = float(np.sqrt(rise / max(len(angle), 1)))
     changes = _changes(first, rival, best)
     said = f"along every motion {second.name} with {changes} predicts what {first.name} does ({whole:.1g} of the noise apart)"
-    if np.ptp(angle) < ALIKE * float(np.ptp(rival.swing(best))) and abs(turned) > ALIKE:
+    if np.std(angle) < ALIKE * abs(turned) and abs(turned) > TURNED:
         said += (
             f": the load swings alike, about a vertical that is turned by {abs(turned):.3g} rad, and a rotation of the "
             "frame is no force that a load cell could see"

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armdyn.experiments.design import Designed, Say, designed
-from armdyn.experiments.hypothesis import Experiment, Held, Hypothesis
+from armdyn.experiments.hypothesis import Experiment, Hypothesis
 from armdyn.experiments.inseparable import Inseparable, inseparable
 from armdyn.experiments.motion import Limits, Motion
 from armdyn.experiments.rivals import Rivals, last_motion
-from armdyn.experiments.separation import Outlook, outlook
+from armdyn.experiments.separation import Outlook, beliefs, outlook
 
 ANGLE_NOISE = 5e-3
 """rad; of an angle sensor that could be added, an encoder or a camera."""
@@ -26,6 +26,8 @@ REST = 60.0
 """s at rest."""
 REST_STEP = 0.02
 """s between the nodes of a simulation at rest."""
+HOPELESS = 0.05
+"""Probability of a right verdict up to which an experiment is not worth doing."""
 OF_THE_ROOM = ("wind",)
 """Effects whose direction belongs to the room: when the robot is turned round, they change sign along its line."""
 
@@ -63,6 +65,32 @@ class Plan:
     rivals: Rivals
     proposals: tuple[Proposal, ...]
     inseparable: tuple[Inseparable, ...]
+
+    @property
+    def sentence(self) -> str:
+        """What is to be told apart, and by what, for a person."""
+        names = [h.name for h in self.rivals.hypotheses]
+        said = f"To tell {' from '.join(names) if len(names) == 2 else ', '.join(names) + ' apart'}"
+        best = next((p for p in self.proposals if p.outlook.probability > HOPELESS), None)
+        if best is None:
+            return f"{said}: none of these experiments does."
+        text = (
+            f"{said}: {best.experiment.what} ({best.outlook.separation:.1f} standard deviations, "
+            f"a right verdict with {best.outlook.probability:.0%})"
+        )
+        motion = best.experiment.motion
+        if best.experiment.kind == "motion" and motion is not None:
+            x, _, a = motion.peaks
+            text += (
+                f", in {motion.seconds:g} s, at most {x:.2f} m to the side, {a:.1f} m/s², "
+                f"effort {motion.effort:.1f} m²/s³"
+            )
+        return text + "."
+
+    @property
+    def belief(self) -> list[float]:
+        """Probability of each rival from the runs so far."""
+        return [float(b) for b in beliefs(self.rivals.hypotheses)]
 
     @property
     def motion(self) -> Proposal | None:
@@ -157,9 +185,3 @@ def with_motion(proposal: Proposal, hypotheses: Sequence[Hypothesis], motion: Mo
     """The proposal along another motion, such as the one that an arm can follow, and what that promises."""
     experiment = replace(proposal.experiment.along(motion), what=what)
     return replace(proposal, experiment=experiment, outlook=outlook(hypotheses, experiment))
-
-
-def residual(rivals: Rivals, experiment: Experiment) -> dict[str, float]:
-    """By rival, the root of the rise of chi2 per reading that the others must expect of it; for a report."""
-    helds = [Held(h, experiment) for h in rivals.hypotheses]
-    return {held.hypothesis.name: float(np.sqrt(len(held.predict(held.start)[0]))) for held in helds}

@@ -7,6 +7,7 @@ import numpy as np
 
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.experiments.hypothesis import Hypothesis
+from armdyn.experiments.motion import Motion
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.diagnose import Diagnosis
 from armdyn.identify.fit import Fit
@@ -21,6 +22,8 @@ LIKELY = 2.0
 """Standard deviations: the size that an effect may well have which the runs do not see."""
 MOST = 5
 """Rivals that are planned for; the most plausible ones."""
+WELL_KNOWN = 0.05
+"""Standard deviation over typical size up to which a value counts as known well."""
 NOTHING = "nothing"
 """Name of the hypothesis that adds no effect."""
 
@@ -40,6 +43,22 @@ class Rivals:
     noise: dict[str, float]
     last: Run
     left_out: tuple[str, ...] = ()
+
+
+def require_gripper(study: Study) -> None:
+    """Refuse what no motion of a gripper can be designed for.
+
+    Raises:
+        InputError: the model is no pendulum, or the runs hold no gripper.
+    """
+    if not isinstance(study.model, PendulumModel):
+        raise InputError(
+            f"experiments are designed for pendulums, and this model is of base '{study.model.base}': for an arm, "
+            "'armdyn excite' designs the motion"
+        )
+    for run in study.runs:
+        if "gripper_x" not in run.channels:
+            raise InputError(f"{run.name}: has no 'gripper_x', and only a gripper that moves can be planned for")
 
 
 def tied_sets(found: Diagnosis) -> list[tuple[Candidate, ...]]:
@@ -83,15 +102,46 @@ def named(study: Study, names: Sequence[str]) -> Rivals:
     return _fitted(study, sets, study.first())
 
 
+def weakest(study: Study, found: Diagnosis) -> Rivals | None:
+    """The value that the runs determine worst, against another one that they allow; None where all are known well.
+
+    Two values of one parameter are rivals like any others: their separation is the information on it with all other
+    unknowns as nuisance, times the squared distance of the two.
+    """
+    if found.unknown is not None and found.search.last.tests.fails:
+        return None
+    noise = _effective_noise(found.search.last.fit)
+    best = _hypothesis(study, found.search.last.fit, (), noise)
+    covariance = np.linalg.pinv(best.information, hermitian=True)
+    parameters = [best.model.parameters[name] for name in best.free]
+    stds = np.sqrt(np.diag(covariance))
+    shares = np.array([std / p.typical for std, p in zip(stds, parameters, strict=True)])
+    worst = int(np.argmax(shares))
+    if shares[worst] < WELL_KNOWN:
+        return None
+    p, std = parameters[worst], float(stds[worst])
+    away = LIKELY * std if p.value + LIKELY * std <= p.upper else -LIKELY * std
+    rest = [i for i in range(len(best.free)) if i != worst]
+    # With the parameter held elsewhere, the others move along with it as the runs have tied them together.
+    moved = {best.free[i]: parameters[i].value + covariance[i, worst] / std**2 * away for i in rest}
+    values = {n: float(np.clip(v, best.model.parameters[n].lower, best.model.parameters[n].upper)) for n, v in moved.items()}
+    other = Hypothesis(
+        name=f"{p.name} = {p.value + away:.4g} {p.unit}",
+        model=best.model.with_values({**values, p.name: p.value + away}),
+        free=tuple(best.free[i] for i in rest),
+        information=best.information[np.ix_(rest, rest)],
+        misfit=LIKELY**2,
+    )
+    first = replace(
+        best, name=f"{p.name} = {p.value:.4g} {p.unit}", free=other.free, information=other.information
+    )
+    return Rivals((first, other), noise, study.runs[-1])
+
+
 def _fitted(study: Study, sets: Sequence[tuple[Candidate, ...]], first: Fit) -> Rivals:
-    if not isinstance(study.model, PendulumModel):
-        raise InputError(
-            f"experiments are designed for pendulums, and this model is of base '{study.model.base}': for an arm, "
-            "'armdyn excite' designs the motion"
-        )
     fits = [study.to_the_end(study.fit_with((*study.present, *s), first)) for s in sets]
     best = min(fits, key=lambda one: one.cost)
-    noise = _effective_noise(study, best)
+    noise = _effective_noise(best)
     common = set.intersection(*(set(s) for s in sets))
     hypotheses = [
         _hypothesis(study, one, tuple(c for c in s if c not in common), noise)
@@ -103,7 +153,7 @@ def _fitted(study: Study, sets: Sequence[tuple[Candidate, ...]], first: Fit) -> 
     return Rivals(tuple(hypotheses[:MOST]), noise, study.runs[-1], left_out)
 
 
-def _effective_noise(study: Study, best: Fit) -> dict[str, float]:
+def _effective_noise(best: Fit) -> dict[str, float]:
     """By channel, what the best model leaves, at least the noise; of one sample of as many as are independent."""
     noise = {}
     for channel in dict.fromkeys(block.channel for block in best.blocks):
@@ -111,7 +161,6 @@ def _effective_noise(study: Study, best: Fit) -> dict[str, float]:
         left = float(np.sqrt(np.mean(np.concatenate([block.misfit for block in blocks]) ** 2)))
         stated = max(block.noise for block in blocks)
         noise[channel] = max(left, stated) * float(np.sqrt(correlation_time([block.misfit for block in blocks])))
-    del study
     return noise
 
 
@@ -119,12 +168,12 @@ def _hypothesis(study: Study, found: Fit, own: Sequence[Candidate], noise: dict[
     """A fit as a hypothesis: values, and information from all runs with everything that belongs to one run unknown."""
     lean = study.lean(found)
     problem, model = lean.problem, lean.problem.model
-    assert isinstance(model, PendulumModel)
+    assert isinstance(model, PendulumModel), "asked for with `require_gripper`"
     blocks = problem.blocks(lean.values, lean.free)
-    misfit = float(sum((noise_of(b, noise) * b.residual) @ (noise_of(b, noise) * b.residual) for b in blocks))
+    weights = [b.noise / noise[b.channel] for b in blocks]
     off = problem.prior_weight * (problem.prior_mean - lean.values)
-    misfit += float(off @ off)
-    jacobian = np.vstack([b.sensitivities * noise_of(b, noise) for b in blocks])
+    misfit = float(off @ off) + sum(w**2 * float(b.residual @ b.residual) for w, b in zip(weights, blocks, strict=True))
+    jacobian = np.vstack([w * b.sensitivities for w, b in zip(weights, blocks, strict=True)])
     information = jacobian.T @ jacobian + np.diag(problem.prior_weight**2)
     last = problem.places(len(problem.runs) - 1)
     shared = [i for i in last if lean.free[i] and problem.columns[i].parameter.name not in model.start_names]
@@ -147,11 +196,6 @@ def _hypothesis(study: Study, found: Fit, own: Sequence[Candidate], noise: dict[
     )
 
 
-def noise_of(block, noise: dict[str, float]) -> float:  # type: ignore[no-untyped-def]
-    """Factor from a block's noise to the effective one."""
-    return float(block.noise / noise[block.channel])
-
-
 def _sizeable(model: PendulumModel, name: str, value: float, information: float) -> float:
     """A value of an effect that is worth looking for: where the fit says none, as much as the runs allow."""
     p = model.parameters[name]
@@ -162,10 +206,8 @@ def _sizeable(model: PendulumModel, name: str, value: float, information: float)
     return float(np.clip(p.null + side * min(p.typical, LIKELY * std), p.lower, p.upper))
 
 
-def last_motion(run: Run, seconds: float):  # type: ignore[no-untyped-def]
+def last_motion(run: Run, seconds: float) -> Motion:
     """The gripper's motion in a run, or its first part."""
-    from armdyn.experiments.motion import Motion
-
     path = run_path(run)
     count = min(len(path.x), round(seconds / path.dt) + 1)
     along = np.vstack([path.x, path.v, path.a])[:, :count]
