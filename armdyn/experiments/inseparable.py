@@ -10,8 +10,8 @@ from armdyn.experiments.separation import Outlook, Rival
 
 INSEPARABLE = 1.0
 """Rise of chi2, after design for it, below which a pair counts as inseparable by motion: far below any margin."""
-ALIKE = 0.05
-"""Of a constant difference of the swing angles, what they may vary beside it and still count as turned."""
+ALIKE = 0.02
+"""Share by which two angles may differ and still count as the same."""
 TURNED = 1e-3
 """rad; a smaller turn is not worth telling."""
 NOTICED = 0.02
@@ -48,15 +48,18 @@ def _why(first: Hypothesis, second: Hypothesis, experiment: Experiment) -> str:
     """What the second has to change so that it predicts what the first does."""
     truth, rival = Held(first, experiment), Held(second, experiment)
     rise, best = Rival(rival, truth.predict(truth.start)[0]).refitted()
-    angle = truth.swing(truth.start) - rival.swing(best)
-    turned = float(np.mean(angle))
-    whole = float(np.sqrt(rise / max(len(angle), 1)))
-    changes = _changes(first, rival, best)
-    said = f"along every motion {second.name} with {changes} predicts what {first.name} does ({whole:.1g} of the noise apart)"
-    if np.std(angle) < ALIKE * abs(turned) and abs(turned) > TURNED:
+    whole = float(np.sqrt(rise / max(len(truth.predict(truth.start)[0]), 1)))
+    said = (
+        f"along every motion {second.name} with {_changes(first, rival, best)} predicts what {first.name} does "
+        f"({whole:.1g} of the noise apart)"
+    )
+    values = {name: float(value) for name, value in zip(rival.names, best, strict=True)}
+    own = second.model.start_names
+    hangs = second.model.with_values({n: v for n, v in values.items() if n not in own}).rest_angle()
+    if abs(hangs) > TURNED and abs(hangs - first.rest_angle) < ALIKE * abs(hangs):
         said += (
-            f": the load swings alike, about a vertical that is turned by {abs(turned):.3g} rad, and a rotation of the "
-            "frame is no force that a load cell could see"
+            f": both turn the direction in which the load hangs by {abs(hangs):.3g} rad, and apart from that nothing: a "
+            "rotation of the frame"
         )
     return said
 

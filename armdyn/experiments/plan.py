@@ -47,9 +47,9 @@ class Proposal:
     designed: Designed | None = None
 
     @property
-    def rank(self) -> tuple[float, float]:
-        """Smaller is better: the probability of a right verdict to a hundredth, then the separation."""
-        return -round(self.outlook.probability, 2), -self.outlook.separation
+    def rank(self) -> tuple[float, bool, float]:
+        """Smaller is better: the probability of a right verdict to a hundredth, no work by hand, then the separation."""
+        return -round(self.outlook.probability, 2), self.experiment.kind != "motion", -self.outlook.separation
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from armdyn.experiments.hypothesis import CHANNELS, Experiment, Held, Hypothesis
 from armdyn.channels import Channel
 from armdyn.csv_run import write_csv
 from armdyn.experiments.motion import Motion
-from armdyn.experiments.plan import Plan, with_motion
+from armdyn.experiments.plan import HOPELESS, Plan, with_motion
 from ik import LineTable, default_table
 from pipeline.box import Box
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, Swing, box_and_table, check_line
@@ -89,7 +89,7 @@ def arranged(plan: Plan, load_radius: float, robot: urdf.Robot | None = None) ->
         robot: the arm; Baxter where it is not given.
     """
     moving = plan.motion
-    if moving is None or moving.experiment.motion is None:
+    if moving is None or moving.experiment.motion is None or moving.outlook.probability <= HOPELESS:
         return plan, None
     arm = robot or urdf.load("baxter")
     found = offered(moving.experiment.motion, plan.rivals.hypotheses, arm, default_table(arm), load_radius)
