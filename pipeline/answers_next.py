@@ -1,10 +1,13 @@
 """The answer of `armdyn next` in the form of the contract."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from armdyn.experiments.plan import Plan, Proposal
 from pipeline.answers import number
+
+if TYPE_CHECKING:
+    from pipeline.trial.investigation import Investigation
 
 
 def next_answer(plan: Plan | None, verdict: str, sentence: str, output: Path | None) -> dict[str, Any]:
@@ -41,3 +44,19 @@ def proposal_answer(proposal: Proposal, output: Path | None = None) -> dict[str,
         x, v, a = motion.peaks
         answer |= {"seconds": motion.seconds, "effort": motion.effort, "peak": {"x": x, "v": v, "a": a}}
     return answer
+
+
+def investigation_answer(found: "Investigation") -> list[dict[str, Any]]:
+    """``investigation`` of a trial: one entry per experiment; `experiment` is None for the first one, which SAC chose."""
+    return [
+        {
+            "verdict": stage.diagnosis.verdict.key,
+            "sentence": stage.diagnosis.sentence,
+            "candidates": list(stage.candidates),
+            "experiment": None if stage.proposal is None else proposal_answer(stage.proposal),
+            "belief": {name: number(share) for name, share in stage.belief.items()},
+            "gap": number(stage.gap),
+            "residual": number(stage.residual),
+        }
+        for stage in found.stages
+    ]

@@ -83,7 +83,7 @@ class Experiment:
             name: Channel(time, row, unit)
             for name, row, unit in zip(("gripper_x", "gripper_v", "gripper_a"), self.motion.along, units, strict=True)
         }
-        empty = {name: Channel(time, np.zeros(len(time)), unit) for name, unit in zip(CHANNELS, "N rad".split(), strict=True)}
+        empty = {name: Channel(time, np.zeros(len(time)), unit) for name, unit in zip(CHANNELS, ["N", "rad"], strict=True)}
         return Run("experiment", {**gripper, **empty})
 
 

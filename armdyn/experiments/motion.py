@@ -68,7 +68,7 @@ class Motion:
 
     @property
     def step(self) -> float:
-        """s between the nodes."""
+        """S between the nodes."""
         return float(self.time[1] - self.time[0])
 
     @property

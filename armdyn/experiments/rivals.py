@@ -102,6 +102,12 @@ def named(study: Study, names: Sequence[str]) -> Rivals:
     return _fitted(study, sets, study.first())
 
 
+def refitted(study: Study, sets: Sequence[Sequence[str]]) -> Rivals:
+    """The same rivals, by the names of their effects, held against the runs of another study."""
+    by_name = {c.effect: c for c in study.candidates}
+    return _fitted(study, [tuple(by_name[name] for name in names) for names in sets], study.first(), most=len(sets))
+
+
 def weakest(study: Study, found: Diagnosis) -> Rivals | None:
     """The value that the runs determine worst, against another one that they allow; None where all are known well.
 
@@ -138,7 +144,7 @@ def weakest(study: Study, found: Diagnosis) -> Rivals | None:
     return Rivals((first, other), noise, study.runs[-1])
 
 
-def _fitted(study: Study, sets: Sequence[tuple[Candidate, ...]], first: Fit) -> Rivals:
+def _fitted(study: Study, sets: Sequence[tuple[Candidate, ...]], first: Fit, most: int = MOST) -> Rivals:
     fits = [study.to_the_end(study.fit_with((*study.present, *s), first)) for s in sets]
     best = min(fits, key=lambda one: one.cost)
     noise = _effective_noise(best)
@@ -149,8 +155,8 @@ def _fitted(study: Study, sets: Sequence[tuple[Candidate, ...]], first: Fit) -> 
     ]
     least = min(h.misfit for h in hypotheses)
     hypotheses = sorted((replace(h, misfit=h.misfit - least) for h in hypotheses), key=lambda h: h.misfit)
-    left_out = tuple(h.name for h in hypotheses[MOST:])
-    return Rivals(tuple(hypotheses[:MOST]), noise, study.runs[-1], left_out)
+    left_out = tuple(h.name for h in hypotheses[most:])
+    return Rivals(tuple(hypotheses[:most]), noise, study.runs[-1], left_out)
 
 
 def _effective_noise(best: Fit) -> dict[str, float]:

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 import urdf
-from armdyn.experiments.hypothesis import CHANNELS, Experiment, Held, Hypothesis
 from armdyn.channels import Channel
 from armdyn.csv_run import write_csv
+from armdyn.experiments.hypothesis import CHANNELS, Experiment, Held, Hypothesis
 from armdyn.experiments.motion import Motion
 from armdyn.experiments.plan import HOPELESS, Plan, with_motion
 from ik import LineTable, default_table

@@ -1,7 +1,7 @@
 """A trial on the simulated robot: builds it, runs the protocol on it, and adds what only a simulation knows."""
 
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,11 +19,12 @@ from pipeline.robot.protocol import RobotInterface, Vector
 from pipeline.robot.settings import PlantSettings
 from pipeline.robot.simulated import SimulatedRobot
 from pipeline.robot.truth import History
-from pipeline.trial.experiment import Experiment, Progress, recorded_channels
+from pipeline.trial.experiment import Ending, Experiment, Progress, recorded_channels
 from pipeline.trial.folder import gathered
+from pipeline.trial.investigation import SwingExperiment, after, investigate
 from pipeline.trial.keeping import kept
 from pipeline.trial.result import TrialResult, result_of
-from pipeline.trial.settings import TrialSettings
+from pipeline.trial.settings import ProtocolSettings, TrialSettings
 
 if TYPE_CHECKING:
     from pipeline.report.page import Report
@@ -103,8 +104,25 @@ def simulate(
     plant = replace(c.plant, length=c.length, mass=c.mass, load_radius=c.load_radius)
     robot = SimulatedRobot(description, table.posture(0.0).q, plant, c.hidden, c.seed)
     reached = through(robot) if through is not None else robot
+    cell = FaultLimits.of(plant.cell.noise, plant.cell.resolution, plant.cell.full_scale)
     with gathered(c.out) as directory:
-        recorder = _recorder(directory, c, description)
+
+        def swing(of: ProtocolSettings, number: int, place: float) -> tuple[SwingExperiment, Ending]:
+            def show(what: str, _share: float) -> None:
+                say(f"experiment {number}: {what}", 0.0)
+
+            with closing(_recorder(directory / f"experiment_{number}.mcap", c, description)) as recorder:
+                made = SwingExperiment(
+                    reached, clock(reached), description, table, recorder, of,
+                    cell=cell, landed=lambda: True, progress=show, begin=place,
+                )  # fmt: skip
+                return made, made.run()
+
+        found, of = None, c
+        if c.investigate:
+            found = investigate(c, swing, description, table, c.investigate, lambda what: say(what, 0.0))
+            of = after(c, found)
+        recorder = _recorder(directory / "trial.mcap", c, description)
         try:
             experiment = Experiment(
                 reached,
@@ -112,19 +130,20 @@ def simulate(
                 description,
                 table,
                 recorder,
-                c,
-                cell=FaultLimits.of(plant.cell.noise, plant.cell.resolution, plant.cell.full_scale),
+                of,
+                cell=cell,
                 landed=robot.load_in_box,
                 progress=say,
+                begin=found.place if found is not None else 0.0,
             )
-            ending = experiment.run()
+            ending = found.ending if found is not None and found.ending is not None else experiment.run()
         except BaseException:
             with suppress(ArmdynError, OSError):  # the recording is completed, but must not hide what happened
                 recorder.close()
             raise
         ending = kept(experiment, ending, recorder, directory)
         recording = c.out / recorder.path.name if c.out else None
-        result = result_of(experiment, ending, c.length, recording)
+        result = result_of(experiment, ending, c.length, recording, found)
     return SimulatedTrial(c, plant, robot, experiment, result)
 
 
@@ -133,9 +152,9 @@ def run_trial(settings: TrialSettings, progress: Progress | None = None) -> Tria
     return simulate(settings, progress).result
 
 
-def _recorder(directory: Path, settings: TrialSettings, description: urdf.Robot) -> Recorder:
+def _recorder(file: Path, settings: TrialSettings, description: urdf.Robot) -> Recorder:
     return Recorder(
-        directory / "trial.mcap",
+        file,
         recorded_channels(description.joint_names),
         description=f"simulated Baxter, load on a string, seed {settings.seed}",
         noise={"load_force": settings.force_noise},

@@ -25,7 +25,6 @@ from armdyn.identify.study import Study
 from armdyn.identify.unknown import periodogram
 from armdyn.identify.verdict import Verdict
 from armdyn.pendulum.model import pendulum_model
-from armdyn.run import Channel, Run
 from armdyn.units import Known
 
 PATH = Path(__file__).parents[2] / "hidden_effects/pendulum.py"
