@@ -47,7 +47,7 @@ def proposal_answer(proposal: Proposal, output: Path | None = None) -> dict[str,
 
 
 def investigation_answer(found: "Investigation") -> list[dict[str, Any]]:
-    """``investigation`` of a trial: one entry per experiment; `experiment` is None for the first one, which SAC chose."""
+    """``investigation`` of a trial, an entry per experiment; the first one, which SAC chose, has no `experiment`."""
     return [
         {
             "verdict": stage.diagnosis.verdict.key,

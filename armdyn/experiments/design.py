@@ -1,8 +1,8 @@
 r"""The motion of the gripper that tells rivals apart best.
 
-Maximised is the smallest separation, over every ordered pair of hypotheses, of what one predicts from what the other can
-be refitted to, within the limits of gripper and swing. At the minimum over the rival's unknowns its derivatives with
-respect to them vanish, so that (envelope theorem; Milgrom & Segal, Econometrica 70, 2002)
+Maximised is the smallest separation, over every ordered pair of hypotheses, of what one predicts from what the other
+can be refitted to, within the limits of gripper and swing. At the minimum over the rival's unknowns its derivatives
+with respect to them vanish, so that (envelope theorem; Milgrom & Segal, Econometrica 70, 2002)
 
     d lambda / dc = 2 r' (dy_H/dc - dy_R/dc),      r = y_H - y_R at the refit,
 

@@ -83,7 +83,8 @@ class Experiment:
             name: Channel(time, row, unit)
             for name, row, unit in zip(("gripper_x", "gripper_v", "gripper_a"), self.motion.along, units, strict=True)
         }
-        empty = {name: Channel(time, np.zeros(len(time)), unit) for name, unit in zip(CHANNELS, ["N", "rad"], strict=True)}
+        nothing = np.zeros(len(time))
+        empty = {name: Channel(time, nothing, unit) for name, unit in zip(CHANNELS, ("N", "rad"), strict=True)}
         return Run("experiment", {**gripper, **empty})
 
 
@@ -110,10 +111,7 @@ class Held:
         begin = {"initial_angle": hypothesis.rest_angle, "initial_rate": 0.0}
         values = {**{name: model.value(name) for name in hypothesis.free}, **begin}
         values |= {name: value for name, (value, _) in experiment.changed.items()}
-        self.start = np.array(
-            [model.value(name) for name in hypothesis.free]
-            + [values[name] for name in own]
-        )
+        self.start = np.array([model.value(name) for name in hypothesis.free] + [values[name] for name in own])
         for i, name in enumerate(own, start=k):
             if name in experiment.changed:
                 std = experiment.changed[name][1]
@@ -140,13 +138,11 @@ class Held:
     def theta(self, values: np.ndarray) -> np.ndarray:
         """(p,) the model's parameter vector in this experiment at (m,) values of the unknowns."""
         model = self.hypothesis.model
-        given = [
-            values[self._place[name]] if name in self._place else model.value(name) for name in model.names
-        ]
+        given = [values[self._place[name]] if name in self._place else model.value(name) for name in model.names]
         return np.array(given) * self._sign
 
     def predict(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(n,) readings over their noise at (m,) values, and (n, m) derivatives; what is measured by hand comes last."""
+        """(n,) readings over their noise at (m,) values, and (n, m) derivatives; last what is measured by hand."""
         key = values.tobytes()
         if self._known is None or self._known[0] != key:
             self._known = key, self._predicted(values)
@@ -227,9 +223,10 @@ class Held:
         at_nodes, between = _driving(harmonics, lag)
         jerk = slice(7, 8) if len(nodes) == 8 else slice(0, 0)
         rows = [*nodes[1:4], *nodes[jerk]], [*middle[1:4], *middle[jerk]]
-        return np.concatenate(rows[0]) @ at_nodes[: count * len(rows[0])] + np.concatenate(rows[1]) @ between[
-            : (count - 1) * len(rows[1])
-        ]
+        return (
+            np.concatenate(rows[0]) @ at_nodes[: count * len(rows[0])]
+            + np.concatenate(rows[1]) @ between[: (count - 1) * len(rows[1])]
+        )
 
 
 @lru_cache(maxsize=32)

@@ -31,9 +31,7 @@ class Inseparable:
     why: str
 
 
-def inseparable(
-    hypotheses: Sequence[Hypothesis], outlook: Outlook, experiment: Experiment
-) -> tuple[Inseparable, ...]:
+def inseparable(hypotheses: Sequence[Hypothesis], outlook: Outlook, experiment: Experiment) -> tuple[Inseparable, ...]:
     """All pairs of which neither can be told from the other along the motion that was designed for that."""
     found = []
     for i, first in enumerate(hypotheses):
@@ -58,8 +56,8 @@ def _why(first: Hypothesis, second: Hypothesis, experiment: Experiment) -> str:
     hangs = second.model.with_values({n: v for n, v in values.items() if n not in own}).rest_angle()
     if abs(hangs) > TURNED and abs(hangs - first.rest_angle) < ALIKE * abs(hangs):
         said += (
-            f": both turn the direction in which the load hangs by {abs(hangs):.3g} rad, and apart from that nothing: a "
-            "rotation of the frame"
+            f": both turn the direction in which the load hangs by {abs(hangs):.3g} rad, and apart from that nothing: "
+            "a rotation of the frame"
         )
     return said
 

@@ -112,9 +112,9 @@ class Harmonics:
         self.time = step * np.arange(round(seconds / step) + 1)
         t, T = self.time, self.time[-1]
         count = min(int(FASTEST * T), MOST_FREQUENCIES)
-        self.frequencies = np.linspace(1.0 / T, FASTEST, count) if count < int(FASTEST * T) else np.arange(
-            1, count + 1
-        ) / T
+        self.frequencies = (
+            np.linspace(1.0 / T, FASTEST, count) if count < int(FASTEST * T) else np.arange(1, count + 1) / T
+        )
         window = _window(t, T)
         waves = []
         for f in self.frequencies:
@@ -146,10 +146,10 @@ class Harmonics:
 
     def random(self, rng: np.random.Generator) -> np.ndarray:
         """(n,) coefficients of a few harmonics that together just reach a limit of the gripper."""
-        c = np.zeros((len(self.frequencies), 2))
-        some = rng.choice(len(c), min(int(rng.integers(FEW[0], FEW[1] + 1)), len(c)), replace=False)
-        c[some] = rng.standard_normal((len(some), 2))
-        c = c.ravel()
+        waves = np.zeros((len(self.frequencies), 2))
+        some = rng.choice(len(waves), min(int(rng.integers(FEW[0], FEW[1] + 1)), len(waves)), replace=False)
+        waves[some] = rng.standard_normal((len(some), 2))
+        c = waves.ravel()
         return np.asarray(c / float(np.max(self.motion(c).peaks / self.limits.vector())))
 
     def excess(self, coefficients: np.ndarray) -> tuple[float, np.ndarray]:

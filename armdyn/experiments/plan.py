@@ -48,7 +48,7 @@ class Proposal:
 
     @property
     def rank(self) -> tuple[float, bool, float]:
-        """Smaller is better: the probability of a right verdict to a hundredth, no work by hand, then the separation."""
+        """Smaller is better: the probability of a right verdict to a hundredth, no work by hand, the separation."""
         return -round(self.outlook.probability, 2), self.experiment.kind != "motion", -self.outlook.separation
 
 
@@ -157,9 +157,11 @@ def other_kinds(rivals: Rivals, seconds: float) -> list[Experiment]:
                 again, {**noise, "swing_angle": ANGLE_NOISE},
             )
         )  # fmt: skip
+    weighing = f'weigh the load and state it: mass = "... g +/- {1e3 * WEIGHED * mass:.1f} g"'
+    measuring = f'measure the string and state it: length = "... m +/- {1e3 * MEASURED:g} mm"'
     for kind, name, std, what in (
-        ("weigh", "mass", WEIGHED * mass, f'weigh the load and state it: mass = "... g +/- {1e3 * WEIGHED * mass:.1f} g"'),
-        ("measure", "length", MEASURED, f'measure the string and state it: length = "... m +/- {1e3 * MEASURED:g} mm"'),
+        ("weigh", "mass", WEIGHED * mass, weighing),
+        ("measure", "length", MEASURED, measuring),
     ):
         known = last.known.get(name)
         if known is None or (known.std or 0.0) > 2.0 * std:

@@ -130,7 +130,8 @@ def weakest(study: Study, found: Diagnosis) -> Rivals | None:
     rest = [i for i in range(len(best.free)) if i != worst]
     # With the parameter held elsewhere, the others move along with it as the runs have tied them together.
     moved = {best.free[i]: parameters[i].value + covariance[i, worst] / std**2 * away for i in rest}
-    values = {n: float(np.clip(v, best.model.parameters[n].lower, best.model.parameters[n].upper)) for n, v in moved.items()}
+    bounds = {n: best.model.parameters[n] for n in moved}
+    values = {n: float(np.clip(v, bounds[n].lower, bounds[n].upper)) for n, v in moved.items()}
     other = Hypothesis(
         name=f"{p.name} = {p.value + away:.4g} {p.unit}",
         model=best.model.with_values({**values, p.name: p.value + away}),
@@ -138,9 +139,7 @@ def weakest(study: Study, found: Diagnosis) -> Rivals | None:
         information=best.information[np.ix_(rest, rest)],
         misfit=LIKELY**2,
     )
-    first = replace(
-        best, name=f"{p.name} = {p.value:.4g} {p.unit}", free=other.free, information=other.information
-    )
+    first = replace(best, name=f"{p.name} = {p.value:.4g} {p.unit}", free=other.free, information=other.information)
     return Rivals((first, other), noise, study.runs[-1])
 
 
@@ -184,9 +183,12 @@ def _hypothesis(study: Study, found: Fit, own: Sequence[Candidate], noise: dict[
     last = problem.places(len(problem.runs) - 1)
     shared = [i for i in last if lean.free[i] and problem.columns[i].parameter.name not in model.start_names]
     others = [i for i in np.flatnonzero(lean.free) if i not in shared]
-    kept = information[np.ix_(shared, shared)] - information[np.ix_(shared, others)] @ np.linalg.pinv(
-        information[np.ix_(others, others)], hermitian=True
-    ) @ information[np.ix_(others, shared)]
+    kept = (
+        information[np.ix_(shared, shared)]
+        - information[np.ix_(shared, others)]
+        @ np.linalg.pinv(information[np.ix_(others, others)], hermitian=True)
+        @ information[np.ix_(others, shared)]
+    )
     names = tuple(problem.columns[i].parameter.name for i in shared)
     at = problem.theta(len(problem.runs) - 1, lean.values)
     values = {name: float(v) for name, v in zip(model.names, at, strict=True) if name not in model.start_names}

@@ -10,8 +10,8 @@ move it: for a true hypothesis H and a rival R
 
     chi2_R - chi2_H = |d + J_H z + e|^2_R - |J_H z + e|^2_H,      |.|^2_X = .' (1 + J_X L_X^-1 J_X')^-1 .
 
-with the noise e and the error z of H's values; without z it is close to N(lambda, 4 lambda). H is named where this, with
-what earlier runs say, passes the margin of the diagnosis for every rival.
+with the noise e and the error z of H's values; without z it is close to N(lambda, 4 lambda). H is named where this,
+with what earlier runs say, passes the margin of the diagnosis for every rival.
 (Atkinson & Fedorov, Biometrika 62, 1975: T-optimal designs; Box & Hill, Technometrics 9, 1967.)
 """
 
@@ -170,7 +170,8 @@ class _Around:
             held += beyond
             change = self._solved(pull, held)
         squares = np.sum(rest**2, axis=0) + self._away @ self._prior @ self._away
-        return np.asarray(squares - 2.0 * np.sum(pull * change, axis=0) + np.sum(change * (self._normal @ change), axis=0))
+        taken = np.sum((2.0 * pull - self._normal @ change) * change, axis=0)
+        return np.asarray(squares - taken)
 
     def _solved(self, pull: np.ndarray, held: np.ndarray) -> np.ndarray:
         """(m, r) changes of least cost, those that are `held` staying on their bounds."""

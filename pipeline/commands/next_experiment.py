@@ -91,9 +91,7 @@ def harmonics_for(seconds: float) -> None:
     Harmonics(seconds, Limits())
 
 
-def _rivals(
-    study: "Study", names: str | None, say: Callable[[str], None]
-) -> "tuple[str, str, Rivals | None]":
+def _rivals(study: "Study", names: str | None, say: Callable[[str], None]) -> "tuple[str, str, Rivals | None]":
     """Verdict and sentence of the diagnosis, and what is to be told apart; None where nothing is."""
     from armdyn.experiments.rivals import named, of_diagnosis, require_gripper, weakest
     from armdyn.identify.diagnose import diagnose

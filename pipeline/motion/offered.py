@@ -81,7 +81,7 @@ def offered(
 
 
 def arranged(plan: Plan, load_radius: float, robot: urdf.Robot | None = None) -> tuple[Plan, Offered | None]:
-    """The plan with the motion as the arm can make it, or without it; what it promises is computed anew where it differs.
+    """The plan with the motion as the arm can make it, or without it; where it differs, its promise is computed anew.
 
     Args:
         plan: with a designed motion.

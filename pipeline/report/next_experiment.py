@@ -70,8 +70,8 @@ class DesignedMotionSection(Section):
             return ""
         rise, random = proposal.outlook.separation**2, proposal.designed.start
         return (
-            f"Chi² rises by at least {rise:.0f} when the wrong effect is refitted to what the right one predicts; along "
-            f"the median of the random motions with the same limits that the design began with, by {random:.2g}."
+            f"Chi² rises by at least {rise:.0f} when the wrong effect is refitted to what the right one predicts; "
+            f"along the median of the random motions with the same limits that the design began with, by {random:.2g}."
         )
 
     def charts(self) -> Sequence[Chart]:
@@ -92,8 +92,8 @@ class DesignedMotionSection(Section):
         for rival, colour in zip(helds[1:3], (ORANGE, GREY), strict=False):
             _add_left(figure, truth, rival, readings, colour)
         caption = (
-            f"Below: what {hypotheses[0].name} predicts less what a rival predicts that was refitted to it, in standard "
-            "deviations of one sample of the load cell."
+            f"Below: what {hypotheses[0].name} predicts less what a rival predicts that was refitted to it, in "
+            "standard deviations of one sample of the load cell."
         )
         return [Chart(figure, caption)]
 

@@ -1,7 +1,7 @@
-"""The robot finds out by itself what its model lacks: swing, diagnose, design the next motion, until one verdict stands.
+"""The robot finds out by itself what its model lacks: swing, diagnose, design the next motion, till one verdict stands.
 
-Each swing is an experiment of its own that leaves the load at rest; between two of them the arm stands and the recordings
-are thought over. It knows neither whether the robot is simulated nor where its recordings go.
+Each swing is an experiment of its own that leaves the load at rest; between two of them the arm stands and the
+recordings are thought over. It knows neither whether the robot is simulated nor where its recordings go.
 """
 
 from collections.abc import Callable, Sequence
@@ -34,6 +34,8 @@ MOST = 4
 """Experiments, where the user names no number."""
 SECONDS = 8.0
 """Of a designed motion."""
+ASKED = ("linear_drag",)
+"""Effects that a trial allows for without asking, and that stand for others: drag hides friction."""
 START_STD = {"initial_angle": 0.05, "initial_rate": 0.2}
 """rad, rad/s: how far from rest a load may be that the robot has brought to rest with a model that lacks something."""
 
@@ -62,9 +64,9 @@ class SwingExperiment(Experiment):
         return True
 
     def recording(self, name: str) -> Run:
-        """What was measured while it learnt."""
+        """What was measured while it learnt; its noise is measured as well, with what the arm adds to the cell's."""
         self.measurement.update_path()
-        return replace(self.measurement.run(), name=name)
+        return replace(self.measurement.run(), name=name, noise={})
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +156,7 @@ def investigate(
     if most < 1:
         raise InputError(f"--investigate {most}: allow at least one experiment")
     tell = say or (lambda _: None)
-    model = free_to_start(settings.starting_model())
+    model = questioned(settings)
     stages: list[Stage] = []
     questions: dict[tuple[str, ...], None] = {}
     motion: LineTrajectory | None = None
@@ -204,8 +206,15 @@ def after(settings: S, found: Investigation) -> S:
     return replace(settings, model=found.model, length_guess=found.model.value("length"))
 
 
-def free_to_start(model: PendulumModel) -> PendulumModel:
-    """The model with a start that is nearly at rest, and not held there: the robot may have left the load swinging."""
+def questioned(settings: ProtocolSettings) -> PendulumModel:
+    """The model that is held against the recordings: the robot's, but drag is a question and no nuisance.
+
+    Its start is nearly at rest, and not held there: the robot may have left the load swinging.
+    """
+    model = settings.starting_model()
+    for name in ASKED:
+        if settings.model is None or not settings.model.joints_with(name):
+            model = model.without_effect(name)
     for name, std in START_STD.items():
         freed = replace(model.parameters[name], fitted=True)
         model = model.with_parameters({name: freed}).with_prior(name, freed.value, std)
