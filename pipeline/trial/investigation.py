@@ -34,6 +34,8 @@ MOST = 4
 """Experiments, where the user names no number."""
 SECONDS = 8.0
 """Of a designed motion."""
+LEAST_STD = 1e-3
+"""m."""
 ASKED = ("linear_drag",)
 """Effects that a trial allows for without asking, and that stand for others: drag hides friction."""
 START_STD = {"initial_angle": 0.05, "initial_rate": 0.2}
@@ -203,7 +205,10 @@ def after(settings: S, found: Investigation) -> S:
     """Settings of the trial that follows, with what was found."""
     if found.model is None:
         return settings
-    return replace(settings, model=found.model, length_guess=found.model.value("length"))
+    length = found.model.parameters["length"]
+    # The string is still the same: what was learnt of it stays known, but no better than a ruler knows it.
+    model = found.model.with_prior("length", length.value, max(length.std or 0.0, LEAST_STD))
+    return replace(settings, model=model, length_guess=length.value)
 
 
 def questioned(settings: ProtocolSettings) -> PendulumModel:
