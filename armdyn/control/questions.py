@@ -1,8 +1,8 @@
 r"""What a motion shall tell: the length, several parameters with others as nuisance, or which of two rivals is true.
 
-All but the first are criteria of one matrix. The load cell's signals g are the derivatives of its reading with respect to
-the wanted parameters and to the nuisance ones; of two rivals the difference of their readings, which is wanted, and the
-derivatives of the rival's with respect to its unknowns, which are nuisance. With the Gram matrix G of the signals in
+All but the first are criteria of one matrix. The load cell's signals g are the derivatives of its reading with respect
+to the wanted parameters and to the nuisance ones; of two rivals the difference of their readings, which is wanted, and
+the derivatives of the rival's with respect to its unknowns, which are nuisance. With the Gram matrix G of the signals in
 blocks, w wanted and n nuisance, what the nuisance leaves of the wanted is the Schur complement
 
     S = G_ww - G_wn G_nn^-1 G_nw :
@@ -53,7 +53,7 @@ class Question:
 
     @property
     def logarithmic(self) -> bool:
-        """Whether the cost is a logarithm of all signals of the horizon; the length alone is judged moment by moment."""
+        """Whether the cost is a logarithm of all signals together; the length alone is judged moment by moment."""
         return self.criterion is not Criterion.FLOOR
 
     @property
@@ -138,7 +138,7 @@ def information(
     Raises:
         InputError: nothing is wanted, something twice, or the direction does not fit.
     """
-    if not wanted or len(set((*wanted, *nuisance))) < len(wanted) + len(nuisance):
+    if not wanted or len({*wanted, *nuisance}) < len(wanted) + len(nuisance):
         raise InputError("name at least one parameter that is wanted, and none twice")
     if criterion is Criterion.FLOOR:
         raise InputError("the floor is for the length alone: choose determinant, inverse or direction")

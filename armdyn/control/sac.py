@@ -6,8 +6,8 @@ in question. What the load cell says of them are signals g(t), see `questions`. 
     J = sum dt [ rho(g) + w_x x^2 + w_v v^2 + w_b max(0, |x| - x_b)^2 ] + f(G),      G = G_0 + sum dt g g' / s^2 .
 
 For the length alone g = Gamma = dT/d(length) and rho = G0^2 / (Gamma^2 + G0^2), f = 0; for several parameters, or
-rival models, rho = 0 and f is a criterion of the Gram matrix G, in which G_0 is what is known already. Its slope F = df/dG
-at the end of the horizon turns the last term into the running cost g' F g for the derivatives, which are exact.
+rival models, rho = 0 and f is a criterion of the Gram matrix G, in which G_0 is what is known already. Its slope
+F = df/dG at the end of the horizon makes f a running cost g' F g for the derivatives, which are exact.
 
 One action is found in closed form from the first-order effect of a needle (mode insertion gradient) u2 g, g = dJ/du
 per unit time along the free motion:  u2 = g alpha_d / (g^2 + R), alpha_d = gamma J. Its time minimises
