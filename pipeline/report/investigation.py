@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 import plotly.graph_objects as go
 
 from pipeline.report.page import Chart, Section, Table
-from pipeline.report.theme import ACTUAL, TIME_AXIS
+from pipeline.report.theme import TIME_AXIS
 
 if TYPE_CHECKING:
     from pipeline.trial.investigation import Investigation, Stage
@@ -44,8 +44,10 @@ class InvestigationSection(Section):
         )  # fmt: skip
         for i, stage in enumerate(stages, start=1):
             x = stage.run.channels["gripper_x"]
-            style = {**ACTUAL, "line": {**ACTUAL.get("line", {}), "dash": "dot" if i == 1 else "solid"}}
-            moved.add_scatter(x=x.time - x.time[0], y=x.value, name=f"experiment {i}", **{**style, "mode": "lines"})
+            moved.add_scatter(
+                x=x.time - x.time[0], y=x.value, name=f"experiment {i}", mode="lines",
+                line={"dash": "dot" if i == 1 else "solid"},
+            )  # fmt: skip
         charts.append(Chart(moved, "Dotted: as SAC chose, to learn the length. The others were designed for rivals."))
         return charts
 
