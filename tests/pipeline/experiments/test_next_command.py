@@ -46,7 +46,8 @@ def test_two_rivals_get_a_motion_that_check_finds_feasible(armdyn, files):
     motion = next(e for e in found["experiments"] if e["kind"] == "motion")
     assert motion["output"] == "motion.csv"
     assert motion["separation"] > 3.0
-    assert motion["peak"]["a"] <= 2.0 and motion["peak"]["x"] <= 0.15
+    assert motion["peak"]["a"] <= 2.0
+    assert motion["peak"]["x"] <= 0.15
     kinds = [e["kind"] for e in found["experiments"]]
     assert {"mass", "length", "angle_sensor", "measure", "rest"} <= set(kinds)
     assert "turn" not in kinds  # nothing here belongs to the room
