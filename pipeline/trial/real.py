@@ -2,7 +2,7 @@
 
 import gc
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,8 +25,9 @@ from pipeline.robot.ros import RosRobot
 from pipeline.ros.latency import Figures
 from pipeline.ros.telemetry import PublishingRecorder, Telemetry
 from pipeline.ros.topics import RosTopics
-from pipeline.trial.experiment import Experiment, Progress, recorded_channels
+from pipeline.trial.experiment import Ending, Experiment, Progress, recorded_channels
 from pipeline.trial.folder import gathered
+from pipeline.trial.investigation import SwingExperiment, after, investigate
 from pipeline.trial.keeping import kept
 from pipeline.trial.moves import Posture, along, approach, play, rehearsal
 from pipeline.trial.result import TrialResult, result_of
@@ -138,20 +139,42 @@ def run_real(
             say(what, share)
 
         folder = stack.enter_context(gathered(out))
-        recorder = PublishingRecorder(
-            folder / "trial.mcap",
-            recorded_channels(link.arm.joint_names),
-            description=f"{link.arm.name} over ROS, load on a string",
-            noise={"load_force": c.force_noise},
-            known={"mass": Known(c.mass, c.mass_std, "kg")},
-        )
-        recorder.telemetry = telemetry
+        cell_limits = _cell_limits(link.calibration)
+
+        def recorder_of(name: str) -> PublishingRecorder:
+            recorder = PublishingRecorder(
+                folder / f"{name}.mcap",
+                recorded_channels(link.arm.joint_names),
+                description=f"{link.arm.name} over ROS, load on a string",
+                noise={"load_force": c.force_noise},
+                known={"mass": Known(c.mass, c.mass_std, "kg")},
+            )
+            recorder.telemetry = telemetry
+            return recorder
+
+        def swing(of: ProtocolSettings, number: int, place: float) -> tuple[SwingExperiment, Ending]:
+            if number > 1:
+                _wait_until_calm(robot, c, say)
+            with closing(recorder_of(f"experiment_{number}")) as recorder:
+                made = SwingExperiment(
+                    robot, clock, link.arm, table, recorder, of,
+                    cell=cell_limits, landed=lambda: True, progress=show, begin=place,
+                )  # fmt: skip
+                return made, made.run()
+
+        found, of = None, c
+        if c.investigate:
+            found = investigate(c, swing, link.arm, table, c.investigate, lambda what: show(what, 0.0))
+            of = after(c, found)
+            if found.ending is None:
+                _wait_until_calm(robot, c, say)
+        recorder = recorder_of("trial")
         try:
             experiment = Experiment(
-                robot, clock, link.arm, table, recorder, c,
-                cell=_cell_limits(link.calibration), landed=lambda: True, progress=show,
+                robot, clock, link.arm, table, recorder, of,
+                cell=cell_limits, landed=lambda: True, progress=show, begin=found.place if found is not None else 0.0,
             )  # fmt: skip
-            ending = experiment.run()
+            ending = found.ending if found is not None and found.ending is not None else experiment.run()
         except BaseException:
             with suppress(ArmdynError, OSError):  # the recording is completed, but must not hide what happened
                 recorder.close()
@@ -161,7 +184,7 @@ def run_real(
             said = f"the load {'came to rest in' if success else 'missed'} the box (as the user said)"
             ending = replace(ending, success=success, message=said)
         ending = kept(experiment, ending, recorder, folder)
-        result = result_of(experiment, ending, None, out / recorder.path.name if out else None)
+        result = result_of(experiment, ending, None, out / recorder.path.name if out else None, found)
         return RealTrial(c, link, experiment, result, robot.figures)
 
 
