@@ -42,6 +42,9 @@ class TripsOnce(Watchdog):
 
     beats = 0
 
+    def _watch(self):
+        """Nothing: the wall's clock does not matter here."""
+
     def beat(self):
         self.beats += 1
         if self.beats == 60:
