@@ -61,7 +61,8 @@ def one(guess: float, seed: int, hidden: list[str], options: list[str], keep: Pa
         "nodes": answer.get("nodes"),
         "busy": busy() - before,
         "stall": stalls.worst,
-        "said": " ".join(said.split())[-300:],
+        "said": answer.get("message") or " ".join(said.split())[-300:],
+        "notes": answer.get("notes"),
     }
 
 

@@ -21,8 +21,6 @@ Take = Callable[[Message, float], None]
 
 CONNECT = 5.0
 """Longest time to connect, and to answer a service call [s]."""
-QUEUE = 3
-"""Messages that the bridge may have under way to a subscriber: with one, its threads lose some in a hundred."""
 SEND = 0.02
 """Longest time that the operating system may take to accept one message [s]; two control cycles."""
 GOODBYE = 1.0
@@ -103,7 +101,7 @@ class Bridge:
             kind: its type.
             latch: whether the last message is kept for those who subscribe later.
         """
-        self._send({"op": "advertise", "topic": topic, "type": kind, "queue_size": QUEUE, "latch": latch})
+        self._send({"op": "advertise", "topic": topic, "type": kind, "queue_size": 1, "latch": latch})
 
     def publish(self, topic: str, message: Message) -> None:
         """Send one message now.
