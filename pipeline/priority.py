@@ -7,6 +7,8 @@ import threading
 
 PRIORITY = 10
 """Of 1 to 99: above every ordinary program, below what the system itself runs with."""
+SWITCH = 0.001
+"""How long one thread of a program may keep the others waiting in Python [s]; 5 ms is half a cycle."""
 LOCK_EVERYTHING = 1 | 2 | 4
 """``MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT`` of ``sys/mman.h``."""
 
@@ -17,6 +19,7 @@ def ask_for_real_time() -> bool:
     Returns:
         Whether it was granted: to the superuser, or where ``/etc/security/limits.conf`` grants ``rtprio``.
     """
+    sys.setswitchinterval(SWITCH)
     if not hasattr(os, "sched_setscheduler"):  # macOS, Windows
         return False
     try:
