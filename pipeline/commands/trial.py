@@ -130,7 +130,7 @@ def trial(
             motion=along, investigate=investigate,
         )  # fmt: skip
         with own_folder(out, Path("out/trial")) as folder:
-            real_trial(protocol, ros, arm, loadcell, calibration, folder, rehearse, yes, landed, json_file)
+            real_trial(protocol, ros, arm, loadcell, calibration, folder, rehearse, yes, landed, json_file, note)
         return
     if robot != "simulated":
         raise InputError(f"--robot {robot}: choose 'simulated' or 'ros'")

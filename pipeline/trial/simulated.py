@@ -1,17 +1,13 @@
 """A trial on the simulated robot: builds it, runs the protocol on it, and adds what only a simulation knows."""
 
 from collections.abc import Callable
-from contextlib import closing, suppress
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 import ik
 import urdf
-from armdyn.errors import ArmdynError
-from armdyn.run import Known
 from pipeline.loadcell.faults import FaultLimits
 from pipeline.nodes.scheduler import Clock, SimulatedClock
 from pipeline.record import Recorder
@@ -19,10 +15,10 @@ from pipeline.robot.protocol import RobotInterface, Vector
 from pipeline.robot.settings import PlantSettings
 from pipeline.robot.simulated import SimulatedRobot
 from pipeline.robot.truth import History
-from pipeline.trial.experiment import Ending, Experiment, Progress, recorded_channels
+from pipeline.trial.experiment import Ending, Experiment, Progress
 from pipeline.trial.folder import gathered
-from pipeline.trial.investigation import SwingExperiment, after, investigate
-from pipeline.trial.keeping import kept
+from pipeline.trial.investigation import SwingExperiment, after, ended_before, investigate
+from pipeline.trial.keeping import kept, recording
 from pipeline.trial.result import TrialResult, result_of
 from pipeline.trial.settings import ProtocolSettings, TrialSettings
 
@@ -106,24 +102,27 @@ def simulate(
     reached = through(robot) if through is not None else robot
     cell = FaultLimits.of(plant.cell.noise, plant.cell.resolution, plant.cell.full_scale)
     with gathered(c.out) as directory:
+        described = f"simulated Baxter, load on a string, seed {c.seed}"
 
         def swing(of: ProtocolSettings, number: int, place: float) -> tuple[SwingExperiment, Ending]:
             def show(what: str, _share: float) -> None:
                 say(f"experiment {number}: {what}", 0.0)
 
-            with closing(_recorder(directory / f"experiment_{number}.mcap", c, description)) as recorder:
+            name = f"experiment_{number}"
+            with recording(Recorder, directory, description.joint_names, c, described, name) as kept_there:
                 made = SwingExperiment(
-                    reached, clock(reached), description, table, recorder, of,
+                    reached, clock(reached), description, table, kept_there, of,
                     cell=cell, landed=lambda: True, progress=show, begin=place,
                 )  # fmt: skip
-                return made, made.run()
+                ending = made.run()
+                kept_there.close()
+            return made, ending
 
         found, of = None, c
         if c.investigate:
             found = investigate(c, swing, description, table, c.investigate, lambda what: say(what, 0.0))
             of = after(c, found)
-        recorder = _recorder(directory / "trial.mcap", c, description)
-        try:
+        with recording(Recorder, directory, description.joint_names, c, described) as recorder:
             experiment = Experiment(
                 reached,
                 clock(reached),
@@ -136,27 +135,12 @@ def simulate(
                 progress=say,
                 begin=found.place if found is not None else 0.0,
             )
-            ending = found.ending if found is not None and found.ending is not None else experiment.run()
-        except BaseException:
-            with suppress(ArmdynError, OSError):  # the recording is completed, but must not hide what happened
-                recorder.close()
-            raise
+            ending = ended_before(experiment, found) or experiment.run()
         ending = kept(experiment, ending, recorder, directory)
-        recording = c.out / recorder.path.name if c.out else None
-        result = result_of(experiment, ending, c.length, recording, found)
+        result = result_of(experiment, ending, c.length, c.out / recorder.path.name if c.out else None, found)
     return SimulatedTrial(c, plant, robot, experiment, result)
 
 
 def run_trial(settings: TrialSettings, progress: Progress | None = None) -> TrialResult:
     """The outcome of one whole trial on the simulated robot, see `simulate`."""
     return simulate(settings, progress).result
-
-
-def _recorder(file: Path, settings: TrialSettings, description: urdf.Robot) -> Recorder:
-    return Recorder(
-        file,
-        recorded_channels(description.joint_names),
-        description=f"simulated Baxter, load on a string, seed {settings.seed}",
-        noise={"load_force": settings.force_noise},
-        known={"mass": Known(settings.mass, settings.mass_std, "kg")},
-    )

@@ -11,7 +11,7 @@ from armdyn.errors import InputError
 from pipeline.motion import LineTrajectory
 from pipeline.trial import ProtocolSettings, TrialSettings, simulate
 from pipeline.trial.experiment import Ending
-from pipeline.trial.investigation import Stop, investigate, questioned
+from pipeline.trial.investigation import Stop, ended_before, investigate, questioned
 
 
 @pytest.mark.slow  # two experiments, their diagnoses and a design: half a minute
@@ -58,11 +58,17 @@ def test_drag_is_a_question_and_the_load_may_sway():
 def test_an_experiment_that_is_stopped_ends_the_investigation():
     robot = urdf.load("baxter")
     ending = Ending(False, "the string went slack", True)
-    stopped = SimpleNamespace(drive=SimpleNamespace(state=SimpleNamespace(s=0.01)))
+    stopped = SimpleNamespace(
+        drive=SimpleNamespace(state=SimpleNamespace(s=0.01)), course=SimpleNamespace(interrupted=15)
+    )
     found = investigate(ProtocolSettings(), lambda *_: (stopped, ending), robot, ik.default_table(robot))
     assert found.stop is Stop.INTERRUPTED
     assert found.ending is ending
     assert found.stages == ()
+    trial = SimpleNamespace(course=SimpleNamespace(interrupted=None))
+    assert ended_before(trial, found) is ending
+    assert trial.course.interrupted == 15
+    assert ended_before(trial, None) is None
     with pytest.raises(InputError, match="at least one"):
         investigate(ProtocolSettings(), lambda *_: (stopped, ending), robot, ik.default_table(robot), most=0)
 
