@@ -1,6 +1,5 @@
 """What the torques of an arm tell about unknowns at every instant of a motion: derivatives by each of them."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -90,9 +89,7 @@ class Columns:
         n, nj = motion.q.shape
         shifts = np.vstack([np.zeros((1, 3 * nj)), STEP * np.eye(3 * nj)])
         parts = (motion.q, motion.v, motion.a)
-        moved = (
-            (part + shifts[:, None, k * nj : (k + 1) * nj]).reshape(-1, nj) for k, part in enumerate(parts)
-        )
+        moved = ((part + shifts[:, None, k * nj : (k + 1) * nj]).reshape(-1, nj) for k, part in enumerate(parts))
         states = Motions(*moved)
         columns = self.at(states).reshape(1 + 3 * nj, n, nj, -1)
         torque = self.torque(states).reshape(1 + 3 * nj, n, nj)
@@ -137,23 +134,21 @@ def present(model: ArmModel) -> ArmModel:
     Effects are at their null values, but one whose parameters act through another one, as a payload's place acts
     through its mass, has that other one at its typical size.
     """
+    columns = Columns(model, 1.0).at(random_states(model.arm, PROBED))
+    acts = dict(zip(model.names, np.any(columns != 0.0, axis=(0, 1)).tolist(), strict=True))
     changed = {}
     for effect in model.effects:
         for names in model.parts(effect.name).values():
-            still = _without_derivative(model, names)
-            if still:
-                driver = model.parameters[next(name for name in names if name not in still)]
+            acting = [name for name in names if acts[name]]
+            if acting and len(acting) < len(names):
+                driver = model.parameters[acting[0]]
                 size = driver.typical if driver.upper > driver.value else -driver.typical
                 changed[driver.name] = float(np.clip(driver.value + size, driver.lower, driver.upper))
     return model.with_values(changed) if changed else model
 
 
-def _without_derivative(model: ArmModel, names: Sequence[str]) -> set[str]:
-    """Those of an effect's parameters that change no torque at the model's values, where others do."""
-    columns = Columns(model, 1.0).at(random_states(model.arm, 50))
-    moves = np.any(columns != 0.0, axis=(0, 1))
-    own = {name: bool(moves[model.names.index(name)]) for name in names}
-    return {name for name, acts in own.items() if not acts} if any(own.values()) else set()
+PROBED = 50
+"""Random states at which an unknown that changes no torque is taken to act through another one."""
 
 
 def random_states(arm: Arm, count: int) -> Motions:

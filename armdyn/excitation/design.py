@@ -124,7 +124,7 @@ class Design:
         return max(*over, float(np.max(np.abs(torque) / self.room.effort)) - 1.0)
 
     def _kinematic(self, x: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """(2, n, nj) shares beyond the limits of position, speed and acceleration, and (nj,) what they are shares of."""
+        """(2, n, nj) shares beyond the limits of position, speed and acceleration, and (nj,) the sizes of 1."""
         room = self.room
         sizes = [room.half, room.velocity, room.acceleration]
         found = []

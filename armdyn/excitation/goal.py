@@ -62,11 +62,12 @@ def determining(model: ArmModel, wanted: Sequence[Effect], rate: float) -> Goal:
         InputError: an effect cannot act on this arm or its joints, or no motion can be designed for it.
     """
     effects = list(wanted) or [find(name) for name in USUAL if model.reachable(find(name))]
-    columns = _columns(model, effects, rate)
+    columns = _columns(model, effects, USUAL, rate)
     own = _indices(columns, effects)
     structure = Structure.of(columns)
     alone = structure.hopeless(own, np.zeros(0, dtype=int))
-    beside, left_out = [], {}
+    beside: list[str] = []
+    left_out: dict[str, str] = {}
     for name in USUAL:
         others = np.setdiff1d(np.concatenate([columns.of(e) for e in (*beside, name)]), own)
         if not len(np.setdiff1d(columns.of(name), own)):
@@ -76,8 +77,8 @@ def determining(model: ArmModel, wanted: Sequence[Effect], rate: float) -> Goal:
             left_out[name] = f"no motion could tell it from {columns.unknowns[lost[0]].name}"
         else:
             beside.append(name)
-    kept = [*dict.fromkeys([*(e.name for e in effects), *beside])]
-    columns, structure, own = _narrowed(model, effects, kept, rate)
+    columns = _columns(model, effects, beside, rate)
+    structure, own = Structure.of(columns), _indices(columns, effects)
     return Goal(
         columns, Determined(own, columns.prior), own, structure.hopeless(own, np.zeros(0, dtype=int)), tuple(beside),
         left_out, structure=structure,
@@ -100,8 +101,10 @@ def separating(model: ArmModel, first: Effect, second: Effect, rate: float) -> G
     if first.name == second.name:
         raise InputError(f"--rivals {first.name},{second.name}: name two different effects")
     pair = (first, second)
-    columns = _columns(model, pair, rate)
-    structure, beside, left_out = Structure.of(columns), [], {}
+    columns = _columns(model, pair, USUAL, rate)
+    structure = Structure.of(columns)
+    beside: list[str] = []
+    left_out: dict[str, str] = {}
     cases = _cases(columns, structure, pair, [])
     for name in USUAL:
         if name in (first.name, second.name) or not len(columns.of(name)):
@@ -111,7 +114,8 @@ def separating(model: ArmModel, first: Effect, second: Effect, rate: float) -> G
             left_out[name] = "with it no motion could tell the two apart"
         else:
             beside.append(name)
-    columns, structure, own = _narrowed(model, pair, [first.name, second.name, *beside], rate)
+    columns = _columns(model, pair, beside, rate)
+    structure, own = Structure.of(columns), _indices(columns, pair)
     cases = _cases(columns, structure, pair, beside)
     hidden = tuple(case for case in cases if case.directions.shape[1])
     inseparable = tuple(
@@ -127,24 +131,14 @@ def separating(model: ArmModel, first: Effect, second: Effect, rate: float) -> G
     )  # fmt: skip
 
 
-def _columns(model: ArmModel, effects: Sequence[Effect], rate: float) -> Columns:
-    """Of these effects where they are wanted, and of the usual ones on all joints."""
-    usual = [find(name) for name in USUAL]
-    for effect in (*effects, *(e for e in usual if model.reachable(e))):
-        if model.lacks(effect):
+def _columns(model: ArmModel, effects: Sequence[Effect], beside: Sequence[str], rate: float) -> Columns:
+    """Of effects where they are wanted, and of others on all joints that they can act on."""
+    for effect in effects:
+        model = model.with_effect(effect)
+    for effect in map(find, beside):
+        if model.reachable(effect) and model.lacks(effect):
             model = model.with_effect(effect)
-        elif effect.acts_on not in model.stages:
-            model.with_effect(effect)  # says why not
     return Columns(present(model), rate)
-
-
-def _narrowed(
-    model: ArmModel, effects: Sequence[Effect], kept: Sequence[str], rate: float
-) -> tuple[Columns, Structure, np.ndarray]:
-    """Columns of the `kept` effects only, their structure, and the indices of what is wanted."""
-    whole = _columns(model, effects, rate).model
-    columns = Columns(whole.with_only(kept), rate)
-    return columns, Structure.of(columns), _indices(columns, effects)
 
 
 def _indices(columns: Columns, effects: Sequence[Effect]) -> np.ndarray:

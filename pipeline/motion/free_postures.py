@@ -44,15 +44,24 @@ class FreePostures:
         """Sign of the Jacobian's determinant at home; a motion that changes it goes through a singularity."""
         return float(np.sign(np.linalg.det(self._jacobian(self.robot.home)))) if len(self.robot.home) == 6 else 1.0
 
+    @cached_property
+    def _shapes(self) -> bool:
+        """Whether there is anything to collide with; a URDF whose meshes are missing has nothing."""
+        return bool(self._collision.pairs)
+
+    @cached_property
+    def _tool(self) -> int:
+        return self.robot.tool_frame_id
+
     def free(self, q: Array) -> bool:
         """Whether no links touch and the posture is on the home's side of all singularities."""
         if self._singular_value(q) < self.singular_value:
             return False
-        return not self._collision.pairs or self._collision.touching(q) is None
+        return not self._shapes or self._collision.touching(q) is None
 
     def margins(self, q: Array) -> Array:
         """(2,) distance between links and singular value beyond what is asked for, in units of `FAR`."""
-        apart = self._collision.clearance(q).distance if self._collision.pairs else np.inf
+        apart = self._collision.clearance(q).distance if self._shapes else np.inf
         beyond = (apart - ASKED_MORE * self.clearance, self._singular_value(q) - ASKED_MORE * self.singular_value)
         return np.minimum(np.array(beyond) / FAR, 10.0)
 
@@ -65,6 +74,6 @@ class FreePostures:
         return float(np.copysign(smallest, self._side * np.linalg.det(jacobian)))
 
     def _jacobian(self, q: Array) -> Array:
-        frame, axes = self.robot.tool_frame_id, pin.LOCAL_WORLD_ALIGNED
-        jacobian = pin.computeFrameJacobian(self.robot.model, self._data, np.asarray(q, dtype=float), frame, axes)
+        q, axes = np.asarray(q, dtype=float), pin.LOCAL_WORLD_ALIGNED
+        jacobian = pin.computeFrameJacobian(self.robot.model, self._data, q, self._tool, axes)
         return np.asarray(jacobian).reshape(6, -1)
