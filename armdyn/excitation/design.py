@@ -24,7 +24,7 @@ GRID = 8.0
 """Instants per second at which information and torques are worked out: eight times the highest frequency."""
 FINER = 3
 """Times as many for positions, speeds and accelerations, whose peaks cost little to look for."""
-STEPS = (15, 25, 20, 20, 15, 10)
+STEPS = (20, 40, 40, 30, 20, 15)
 """L-BFGS steps of the rounds; limits are worked in a little more sharply in each."""
 STIFFNESS = 0.5
 """Of the first round's penalty: an excess of 5 % at 20 instants costs as much as a standard deviation 1 % larger."""

@@ -21,6 +21,8 @@ from urdf.robot import Array
 
 STARTS = 3
 """Random motions, the best of all, from which a search starts; the best one after its first round goes on."""
+NEARLY = 0.02
+"""Share by which a motion may exceed the room: the room leaves 3 to 7 % of each limit."""
 REPAIRS = 4
 """How often a motion that breaks a limit between the instants of its design is designed again with less room."""
 LESS = 0.99
@@ -35,11 +37,13 @@ class Expectation:
     """What a recording of a motion would tell.
 
     Attributes:
+        coefficients: (nj, size) of the motion's series [rad or m].
         criterion: value of the goal's criterion.
         std: (W,) standard deviations of the wanted unknowns, in their units.
         separations: by hidden case of the goal, the smallest rise of chi2 after the rival is refitted.
     """
 
+    coefficients: Array
     criterion: float
     std: Array
     separations: tuple[float, ...]
@@ -114,29 +118,28 @@ def excitation(
     if compare:
         say("designing the motion with the least condition number")
         other = _searched(design, goal.conditioned, starts, informations, "rounds of its rival done", say)
-        conditioned = expectation(goal, design.information(_inside(design, other)))
-    scores = [goal.criterion(information)[0] for information in informations]
-    best = informations[int(np.argmin(scores))]
+        conditioned = expectation(design, goal, _inside(design, other))
+    best = starts[int(np.argmin([goal.criterion(information)[0] for information in informations]))]
     return Excitation(
         goal=goal,
         series=design.series,
         trajectory=trajectory,
         check=check,
-        expected=expectation(goal, design.information(x)),
-        random=expectation(goal, best),
+        expected=expectation(design, goal, x),
+        random=expectation(design, goal, best),
         conditioned=conditioned,
         tried=len(starts),
         torque=_torque(design, trajectory),
     )
 
 
-def expectation(goal: Goal, information: Array) -> Expectation:
-    """What a recording with this (P, P) information would tell."""
-    prior = goal.columns.prior
+def expectation(design: Design, goal: Goal, x: Array) -> Expectation:
+    """What a recording of the motion of (nj, size) coefficients would tell."""
+    information, prior = design.information(x), goal.columns.prior
     K = covariance(information, prior)
     std = np.sqrt(np.diag(K))[goal.wanted] * goal.columns.typical[goal.wanted]
     separations = tuple(case.separation(information, prior) for case in goal.hidden)
-    return Expectation(goal.criterion(information)[0], std, separations)
+    return Expectation(x, goal.criterion(information)[0], std, separations)
 
 
 def sampled(design: Design, x: Array) -> JointTrajectory:
@@ -187,9 +190,9 @@ def _searched(
 
 
 def _inside(design: Design, x: Array) -> Array:
-    """The motion made smaller until its limits hold on the grid."""
+    """The motion made smaller until its limits hold on the grid, nearly."""
     for size in np.linspace(1.0, 0.2, 81):
-        if design.excess(scaled(x, size)) <= 0.0:
+        if design.excess(scaled(x, size)) <= NEARLY:
             return scaled(x, size)
     return x
 
