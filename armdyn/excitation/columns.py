@@ -10,7 +10,6 @@ from armdyn.arm.arm import Arm
 from armdyn.arm.bodies import Stretch
 from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import Motion
-from armdyn.arm.rigid import inverse_dynamics
 from armdyn.excitation.series import Motions
 from armdyn.parameter import Parameter
 
@@ -70,19 +69,25 @@ class Columns:
 
     def at(self, motion: Motions) -> np.ndarray:
         """(n, nj, P) changes of the torques, in units of their noise, by changes of typical size."""
-        robot = self.arm.robot
-        slow = CREEP * np.asarray(robot.limits.velocity)
-        direction = erf(motion.v / (np.sqrt(2.0) * slow))
-        apart = np.zeros(len(motion.q))  # no effect here depends on time
-        states = Stretch(self.arm.model, Motion(apart, motion.q, motion.v, motion.a, direction), apart)
-        return self.model.sensitivities(states) * (self.typical / self.noise[:, None])
+        return self._columns(self._states(motion))
 
     def torque(self, motion: Motions) -> np.ndarray:
         """(n, nj) what the motors give for the arm as described, N m or N; damping and springs counted in."""
-        robot = self.arm.robot
-        springs = [spring for spring in robot.springs if spring.enabled]
-        rigid = inverse_dynamics(self.arm.model, motion.q, motion.v, motion.a)
-        return rigid + np.asarray(self.arm.model.damping) * motion.v + robot.spring_torque(motion.q, springs)
+        return self._torque(self._states(motion))
+
+    def _states(self, motion: Motions) -> Stretch:
+        slow = CREEP * np.asarray(self.arm.robot.limits.velocity)
+        direction = erf(motion.v / (np.sqrt(2.0) * slow))
+        apart = np.zeros(len(motion.q))  # no effect here depends on time
+        return Stretch(self.arm.model, Motion(apart, motion.q, motion.v, motion.a, direction), apart)
+
+    def _columns(self, states: Stretch) -> np.ndarray:
+        return self.model.sensitivities(states) * (self.typical / self.noise[:, None])
+
+    def _torque(self, states: Stretch) -> np.ndarray:
+        robot, motion = self.arm.robot, states.motion
+        springs = robot.spring_torque(motion.q, [spring for spring in robot.springs if spring.enabled])
+        return states.described + np.asarray(self.arm.model.damping) * motion.v + springs
 
     def with_slopes(self, motion: Motions) -> "Slopes":
         """Columns and torques, and how they change with positions, velocities and accelerations."""
@@ -90,9 +95,9 @@ class Columns:
         shifts = np.vstack([np.zeros((1, 3 * nj)), STEP * np.eye(3 * nj)])
         parts = (motion.q, motion.v, motion.a)
         moved = ((part + shifts[:, None, k * nj : (k + 1) * nj]).reshape(-1, nj) for k, part in enumerate(parts))
-        states = Motions(*moved)
-        columns = self.at(states).reshape(1 + 3 * nj, n, nj, -1)
-        torque = self.torque(states).reshape(1 + 3 * nj, n, nj)
+        states = self._states(Motions(*moved))
+        columns = self._columns(states).reshape(1 + 3 * nj, n, nj, -1)
+        torque = self._torque(states).reshape(1 + 3 * nj, n, nj)
         return Slopes(columns[0], torque[0], columns[1:], torque[1:])
 
 

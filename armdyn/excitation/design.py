@@ -3,7 +3,7 @@ r"""The motion of least cost inside the limits: an augmented Lagrangian over the
     min f(F(x))   subject to   c_i(x) <= 0
 
 by the multiplier method of Powell, Hestenes and Rockafellar (Nocedal & Wright, Numerical Optimization, 2006, §17.3),
-each step by L-BFGS. Limits hold on a grid of times. Distances to collisions and singularities are linearised about the
+each step by L-BFGS. Limits hold on a grid of times. Distances to collisions are linearised about the
 last motion at the postures near them, again in every round.
 """
 
@@ -38,7 +38,7 @@ NUDGE = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Cuts:
-    """Half-spaces in which postures must stay: at instant `when` of the grid, normal . q >= bound.
+    """Half-spaces in which postures must stay: at instant `when` of the finer grid, normal . q >= bound.
 
     Attributes:
         when: (m,) indices.
@@ -172,17 +172,21 @@ class Design:
     def cuts(self, x: np.ndarray) -> Cuts:
         """Half-spaces about the postures that are near something forbidden."""
         when, kinds, normals, bounds = [], [], [], []
+        finer = self.finer[0] @ x.T
         for i, q in enumerate(self.motion(x).q):
             margins = self.postures.margins(q)
             if margins.min() > NEAR:
                 continue
             moved = np.array([self.postures.margins(q + step) for step in NUDGE * np.eye(len(q))])
             slopes = (moved - margins).T / NUDGE
-            for kind in np.flatnonzero(margins <= NEAR):
-                when.append(i)
-                kinds.append(kind)
-                normals.append(slopes[kind])
-                bounds.append(slopes[kind] @ q - margins[kind])
+            for k in range(FINER * i - FINER // 2, FINER * i + FINER // 2 + 1):
+                here = finer[k % len(finer)]
+                left = margins if k == FINER * i else self.postures.margins(here)
+                for kind in np.flatnonzero(margins <= NEAR):
+                    when.append(k % len(finer))
+                    kinds.append(kind)
+                    normals.append(slopes[kind])
+                    bounds.append(slopes[kind] @ here - left[kind])
         nj = len(x)
         return Cuts(
             np.array(when, dtype=int), np.array(kinds, dtype=int), np.array(normals).reshape(-1, nj), np.array(bounds)
@@ -214,10 +218,10 @@ class _Objective:
         cost, by_share = self._penalty(np.stack([share - 1.0, -share - 1.0]), held.torque)
         value += cost
         by_motion = list(slopes.gradient(by_columns, (by_share[0] - by_share[1]) / effort))
-        cost, by_left = self._penalty(self._left(motion.q), self._of_cuts)
-        value += cost
-        np.subtract.at(by_motion[0], self._cuts.when, by_left[:, None] * self._cuts.normal)
         gradient = sum((g.T @ B for g, B in zip(by_motion, design.functions, strict=True)), np.zeros_like(x))
+        cost, by_left = self._penalty(self._left(x), self._of_cuts)
+        value += cost
+        gradient -= (by_left[:, None] * self._cuts.normal).T @ design.finer[0][self._cuts.when]
         over, sizes = design._kinematic(x)
         for B, beyond, size, multipliers in zip(design.finer, over, sizes, held.kinematic, strict=True):
             cost, by = self._penalty(beyond, multipliers)
@@ -233,13 +237,14 @@ class _Objective:
         held.torque = self._updated(np.stack([share - 1.0, -share - 1.0]), held.torque)
         over, _ = design._kinematic(x)
         held.kinematic = [self._updated(beyond, old) for beyond, old in zip(over, held.kinematic, strict=True)]
-        fresh = self._updated(self._left(motion.q), self._of_cuts)
+        fresh = self._updated(self._left(x), self._of_cuts)
         keys = zip(self._cuts.when.tolist(), self._cuts.kind.tolist(), strict=True)
         held.cuts = dict(zip(keys, fresh.tolist(), strict=True))
 
-    def _left(self, q: np.ndarray) -> np.ndarray:
+    def _left(self, x: np.ndarray) -> np.ndarray:
         """(m,) how far postures are beyond the cuts."""
-        return np.asarray(self._cuts.bound - np.einsum("mj,mj->m", self._cuts.normal, q[self._cuts.when]))
+        q = self._design.finer[0][self._cuts.when] @ x.T
+        return np.asarray(self._cuts.bound - np.einsum("mj,mj->m", self._cuts.normal, q))
 
     def _penalty(self, beyond: np.ndarray, multipliers: np.ndarray) -> tuple[float, np.ndarray]:
         """(rho/2) sum max(0, c + lambda/rho)^2, and its derivatives by c."""

@@ -15,7 +15,7 @@ exactly, and its torques are not those of its description."""
 
 
 class Postures(Protocol):
-    """Which postures are free of collisions and singularities."""
+    """Which postures are free, of collisions for one."""
 
     def free(self, q: np.ndarray) -> bool:
         """Whether the posture (nj,) is allowed, without any distance asked for; quick."""

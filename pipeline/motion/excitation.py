@@ -106,9 +106,9 @@ def excitation(
     Raises:
         TaskFailedError: no feasible motion was found.
     """
-    settings = settings or CheckSettings()
+    settings = settings or CheckSettings(singular_value=0.0)  # joints that are led one by one race for no tool
     robot = goal.columns.arm.robot
-    postures = FreePostures(robot, settings.clearance, settings.singular_value)
+    postures = FreePostures(robot, settings.clearance)
     design = Design(goal.columns, Series(seconds), Room.of(robot), postures)
     starts = _random(design, random, seed, say)
     informations = [design.information(x) for x in starts]
@@ -237,8 +237,6 @@ def _with_less_room(design: Design, check: FeasibilityReport) -> Design:
             continue
         if margin.limit in ("position", "velocity", "acceleration", "torque"):
             design = design.narrower(margin.limit, joints.index(margin.joint), LESS / margin.used)
-        elif margin.limit == "singularity":
-            postures = replace(postures, singular_value=postures.singular_value - 2.0 * margin.margin)
         elif margin.limit == "self_collision":
             postures = replace(postures, clearance=postures.clearance - 2.0 * margin.margin)
     return replace(design, postures=postures)
