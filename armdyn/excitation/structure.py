@@ -12,6 +12,8 @@ STATES = 300
 SPANNED = 1e-6
 """Share of a column's length that is left where others span it; rounding leaves 1e-12, what a motion tells 1e-3."""
 
+ROUNDING = 1e-6
+"""Of the noise of a sample: a torque so small is the rounding of an unknown that changes nothing."""
 PART = 1e-3
 """Share that an unknown has at least in a change that no motion shows, if it has one at all."""
 
@@ -30,7 +32,9 @@ class Structure:
     def of(cls, columns: Columns) -> "Structure":
         """The structure of an arm's unknowns."""
         found = columns.at(random_states(columns.arm, STATES))
-        return cls(found.reshape(-1, found.shape[2]))
+        rows = found.reshape(-1, found.shape[2])
+        rows[:, np.abs(rows).max(axis=0) < ROUNDING] = 0.0
+        return cls(rows)
 
     def told(self, own: np.ndarray, others: np.ndarray) -> np.ndarray:
         """(len(own), k) orthonormal changes of some unknowns that some motion tells from changes of others."""

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import find
 from armdyn.errors import InputError, TaskFailedError, UnknownNameError
 from armdyn.excitation.goal import determining, separating
@@ -81,3 +82,11 @@ def test_base_parameters_span_all_others(shoulder, effects):
     fitted, *_ = np.linalg.lstsq(X[:, chosen], X, rcond=None)
     assert np.linalg.norm(X - X[:, chosen] @ fitted) < 1e-6 * np.linalg.norm(X)
     assert np.linalg.matrix_rank(X[:, chosen]) == len(chosen) < X.shape[1]
+
+
+def test_a_place_along_parallel_axes_is_told_by_no_motion(effects):
+    """The torques of joints that turn about parallel axes do not depend on where along them a load is."""
+    plane = arm_model(robot="baxter", joints=["right_s1", "right_e1", "right_w1"])
+    goal = determining(plane, effects("payload"), 100.0)
+    assert [goal.columns.unknowns[i].name for i in goal.hopeless] == ["payload.z[right_w1]"]
+    assert goal.hopeless[0] not in goal.structure.independent()
