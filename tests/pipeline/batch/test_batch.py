@@ -19,13 +19,6 @@ def answer(folder):
     return json.loads((folder / "out.json").read_text())
 
 
-@pytest.fixture
-def done(lab, armdyn):
-    status, out, _ = armdyn(*BATCH)
-    assert status == 0
-    return lab, out
-
-
 def test_a_heavier_tool_is_found_on_its_day_and_nothing_else(done):
     lab, out = done
     found = rows(lab)
@@ -108,7 +101,7 @@ def test_bad_files_become_rows_and_never_end_the_batch(lab, armdyn):
     bad = {row["recording"].rpartition("/")[2]: row for row in rows(lab) if row["problem"]}
     assert sorted(bad) == [f"log_2026-02-0{day}.csv" for day in (1, 2, 3, 4)]
     assert all(row["verdict"] is None and row["value.payload.mass[wrist_3_joint] [kg]"] is None for row in bad.values())
-    assert len(rows(lab)) == 28
+    assert len(rows(lab)) == 10
     assert "4 could not be used" in out
     assert "Traceback" not in out
 
@@ -152,7 +145,7 @@ def test_repair_says_what_each_recording_lacks(lab, armdyn):
     model.write_text(re.sub(r"effects = .*", "effects = []", text))
     (lab / "spec.toml").write_text(
         'task = "repair"\n[[recordings]]\nrobot = "the first"\nmodel = "robots/robot_00/model.toml"\n'
-        'runs = "robots/robot_00/logs/log_2026-01-1*.csv"\n'
+        'runs = "robots/robot_00/logs/log_2026-01-1[0-4].csv"\n'
     )
     armdyn(*BATCH)
     found = rows(lab)
