@@ -1,8 +1,8 @@
 """The day on which a parameter changed, in fits of many recordings: a test with a stated rate of false alarms.
 
 A series is one parameter of one robot over time. It counts as changed where a step explains more of it than chance would
-in any series of the whole batch. What is slow is no step: every step is judged beside a straight line, and a step that a
-parabola explains better is none. A single odd recording is none either: a value far from the median of its neighbours
+in any series of the whole batch. What is slow is no step: every step is judged beside a straight line, and
+must stand beside a parabola, too. A single odd recording is none either: a value far from the median of its neighbours
 counts as that median. With y_i the values, w_i = 1/scale_i and u_k the step after recording k,
 
     t_k: that of the coefficient of w u_k in the regression of w y on w, w t, w u_k,
@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
+from scipy.optimize import brentq
 from scipy.signal import lfilter
 from scipy.stats import theilslopes
 
@@ -33,15 +34,15 @@ LEAST = 10
 """Recordings of a series that is looked at."""
 ALIKE = 1e-12
 """Spread over size of values that are all the same."""
-NEIGHBOURS, ODD = 5, 3.0
-"""Two recordings on either side and the one itself; one that is farther from their median than so many standard
-deviations is odd. A step of any size has three of its own."""
+ODD = 3.0
+"""Standard deviations from the median of itself and two recordings on either side, beyond which a recording is odd. The
+first one after a step has three of its own kind among these."""
 NORMAL_MEDIAN = 0.6745
 """Median of the absolute value of a normal deviate."""
 AT_ONCE = 2_000_000
 """Numbers that are simulated at once: 16 MB."""
-MOST, LEAST_BATCHES = 200_000_000, 1000
-"""Numbers that are simulated altogether, half a minute; beyond that fewer batches, the bound then being the 10th largest.
+MOST, LEAST_BATCHES = 50_000_000, 1000
+"""Numbers that are simulated altogether, some ten seconds; beyond that fewer batches, the bound then being the 10th largest.
 """
 GRID = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9])
 """Values of phi at which what a step leaves is simulated, to read phi from what it leaves of the batch."""
@@ -78,8 +79,15 @@ class Series:
         """
         if self.std is None:
             return np.ones_like(self.value)
-        seen = np.median(np.abs(np.diff(self.value))) / (NORMAL_MEDIAN * np.sqrt(2.0))
-        return np.sqrt(self.std**2 + max(seen**2 - float(np.median(self.std**2)), 0.0) + (ALIKE * seen) ** 2)
+        jumps, own = np.abs(np.diff(self.value)), self.std[1:] ** 2 + self.std[:-1] ** 2
+        tiny = ALIKE * float(jumps.max(initial=0.0))
+
+        def too_large(more: float) -> float:
+            return float(np.median(jumps / np.sqrt(own + 2.0 * more**2 + tiny**2))) - NORMAL_MEDIAN
+
+        top = 2.0 * float(jumps.max(initial=0.0))
+        more = brentq(too_large, 0.0, top) if tiny > 0.0 and too_large(0.0) > 0.0 else 0.0
+        return np.sqrt(self.std**2 + more**2 + tiny**2)
 
 
 @dataclass(frozen=True)
@@ -200,7 +208,7 @@ def _steps(name: Name, series: Series, part: tuple[int, int], phi: float, judge:
         return
     deviates, best, _ = test.largest(test.scores[None])
     deviate = _certain(phi) * float(deviates[0])
-    if deviate <= judge.bound or test.bends(int(best[0])):
+    if deviate <= judge.bound or _certain(phi) * test.beside_a_parabola(int(best[0])) <= judge.bound:
         return
     middle = first + int(test.splits[best[0]])
     earlier, later = (list(_steps(name, series, sides, phi, judge)) for sides in ((first, middle), (middle, end)))
@@ -273,7 +281,7 @@ class _Test:
         kept = squares > 1e-6  # of two groups of times a step is a line
         if not kept.any():
             return None
-        scores = weight * (_without_odd_ones(value, scale) - np.median(value))
+        scores = weight * (_without_odd_ones(value[None], scale)[0] - np.median(value))
         return cls(time, value, weight, scores, line, splits[kept], sums[kept], np.sqrt(squares[kept]))
 
     def largest(self, scores: FloatArray) -> tuple[FloatArray, np.ndarray, FloatArray]:
@@ -291,16 +299,14 @@ class _Test:
         left = scores - np.outer(scores @ self.line[:, 0], self.line[:, 0])
         return _deviate(left @ self.line[:, 1], left, 2)
 
-    def bends(self, best: int) -> bool:
-        """Whether a parabola explains more of the values than this step."""
-        left = self.scores - self.line @ (self.line.T @ self.scores)
-        step = self.weight * (np.arange(len(left)) >= self.splits[best])
-        curve = self.weight * (self.time - self.time.mean()) ** 2
-        explained = []
-        for shape in (step, curve / np.linalg.norm(curve)):
-            shape = shape - self.line @ (self.line.T @ shape)
-            explained.append(abs(float(shape @ left)) / max(float(np.linalg.norm(shape)), 1e-300))
-        return explained[1] > explained[0]
+    def beside_a_parabola(self, best: int) -> float:
+        """Deviate of a step where a parabola may explain the values, too."""
+        curve = self.weight * ((self.time - self.time.mean()) / np.ptp(self.time)) ** 2
+        smooth = np.linalg.qr(np.column_stack([self.line, curve]))[0]
+        step = self.weight * (np.arange(len(curve)) >= self.splits[best])
+        left, step = (values - smooth @ (smooth.T @ values) for values in (self.scores, step))
+        length = float(np.linalg.norm(step))
+        return float(_deviate(np.array([left @ step / length]), left[None], 4)[0]) if length > 1e-3 else 0.0
 
     def by_chance(self, phi: float, batches: int, rng: np.random.Generator) -> FloatArray:
         """(2, batches) deviates of the best step and of the slope in noise."""
@@ -308,7 +314,8 @@ class _Test:
         size = max(1, AT_ONCE // len(self.time))
         for first in range(0, batches, size):
             some = slice(first, min(first + size, batches))
-            scores = _noise(phi, (some.stop - first, len(self.time)), rng)
+            noise = _noise(phi, (some.stop - first, len(self.time)), rng)
+            scores = self.weight * _without_odd_ones(noise / self.weight, 1.0 / self.weight)
             found[0, some] = self.largest(scores)[0]
             found[1, some] = self.trends(scores)
         return _certain(phi) * found
@@ -339,13 +346,17 @@ def _noise(phi: float, shape: tuple[int, int], rng: np.random.Generator) -> Floa
     return np.asarray(lfilter([1.0], [1.0, -phi], white, axis=1))
 
 
-def _without_odd_ones(value: FloatArray, scale: FloatArray) -> FloatArray:
-    """(n,) values, those that are far from the median of their neighbours replaced by it."""
-    half = NEIGHBOURS // 2
-    around = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(value, half, mode="reflect"), NEIGHBOURS), axis=1)
-    jumps = np.abs(np.diff(value)) / np.hypot(scale[1:], scale[:-1])
-    usual = float(np.median(jumps)) / NORMAL_MEDIAN
-    return np.where(np.abs(value - around) > ODD * usual * scale, around, value)
+def _without_odd_ones(values: FloatArray, scale: FloatArray) -> FloatArray:
+    """(m, n) values, those that are far from the median of their five neighbours, itself one, replaced by it."""
+    padded = np.concatenate([values[:, 2:0:-1], values, values[:, -2:-4:-1]], axis=1)
+    count = values.shape[1]
+    a, b, c, d, e = (padded[:, k : k + count] for k in range(5))
+    a, b, c, d = np.minimum(a, b), np.maximum(a, b), np.minimum(c, d), np.maximum(c, d)
+    low, high = np.maximum(a, c), np.minimum(b, d)  # the median of five is that of these two and the fifth
+    around = np.maximum(np.minimum(low, high), np.minimum(np.maximum(low, high), e))
+    jumps = np.abs(np.diff(values, axis=1)) / np.hypot(scale[1:], scale[:-1])
+    usual = np.median(jumps, axis=1, keepdims=True) / NORMAL_MEDIAN
+    return np.where(np.abs(values - around) > ODD * usual * scale, around, values)
 
 
 def _from_the_end(rows: FloatArray) -> FloatArray:

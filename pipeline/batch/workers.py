@@ -5,6 +5,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import set_forkserver_preload
 from typing import Any
 
 from armdyn.errors import InputError, TaskFailedError
@@ -19,6 +20,11 @@ DEATHS = 2
 """Times that a worker may die of one job, the second time alone, before the job is given up."""
 CONNECT = 10.0
 """To wait for a scheduler, s."""
+
+START = "forkserver"
+"""How processes begin: with everything loaded, and free of the threads of this one."""
+LOADED = ("armdyn.arm.model", "armdyn.pendulum.model", "armdyn.identify.repair", "pipeline.answers")
+"""What they share."""
 
 Stopped = Callable[[], bool]
 
@@ -35,13 +41,15 @@ def in_processes(jobs: Iterable[Job], workers: int, stopped: Stopped) -> Iterato
         workers: processes.
         stopped: asked often; where it says so, workers are ended at once and the iteration ends.
     """
+    if START == "forkserver":
+        set_forkserver_preload(list(LOADED))
     left, alone = deque(jobs), deque[Job]()
     deaths: Counter[str] = Counter()
     while left or alone:
         together = bool(left)
         running: dict[Future[Outcome], Job] = {}
         try:
-            with worker_pool(workers if together else 1) as pool:
+            with worker_pool(workers if together else 1, START) as pool:
                 source = left if together else alone
                 most = AHEAD * workers if together else 1
                 while source or running:
@@ -56,7 +64,7 @@ def in_processes(jobs: Iterable[Job], workers: int, stopped: Stopped) -> Iterato
                         yield outcome
         except _StoppedError:
             return
-        except BrokenProcessPool:  # one of these killed its worker, or somebody else did
+        except BrokenProcessPool:
             for future, job in list(running.items()):
                 if future.done() and future.exception() is None:
                     yield future.result()
