@@ -2,7 +2,7 @@
 
 A series is one parameter of one robot over time. It counts as changed where a step explains more of it than chance would
 in any series of the whole batch. What is slow is no step: every step is judged beside a straight line, and
-must stand beside a parabola, too. A single odd recording is none either: a value far from the median of its neighbours
+must stand beside a parabola or beside a line through its neighbours, too. A single odd recording is none either: a value far from the median of its neighbours
 counts as that median. With y_i the values, w_i = 1/scale_i and u_k the step after recording k,
 
     t_k: that of the coefficient of w u_k in the regression of w y on w, w t, w u_k,
@@ -34,6 +34,9 @@ LEAST = 10
 """Recordings of a series that is looked at."""
 ALIKE = 1e-12
 """Spread over size of values that are all the same."""
+NEARBY = 12
+"""Recordings on either side that are neighbours of a step: what bends slowly is straight there, and what comes and goes
+is a step there."""
 ODD = 3.0
 """Standard deviations from the median of itself and two recordings on either side, beyond which a recording is odd. The
 first one after a step has three of its own kind among these."""
@@ -208,9 +211,14 @@ def _steps(name: Name, series: Series, part: tuple[int, int], phi: float, judge:
         return
     deviates, best, _ = test.largest(test.scores[None])
     deviate = _certain(phi) * float(deviates[0])
-    if deviate <= judge.bound or _certain(phi) * test.beside_a_parabola(int(best[0])) <= judge.bound:
-        return
     middle = first + int(test.splits[best[0]])
+    nearby = _Test.of(series.part(max(first, middle - NEARBY), min(end, middle + NEARBY)))
+    sharp = max(
+        test.beside(int(best[0]), parabola=True),
+        nearby.beside(int(np.argmin(np.abs(nearby.splits - min(middle - first, NEARBY)))), parabola=False) if nearby else 0.0,
+    )
+    if min(deviate, _certain(phi) * sharp) <= judge.bound:
+        return
     earlier, later = (list(_steps(name, series, sides, phi, judge)) for sides in ((first, middle), (middle, end)))
     start = max((s.index for s in earlier), default=first)
     stop = min((s.index for s in later), default=end)
@@ -294,19 +302,27 @@ class _Test:
         rest = left - (size / self.lengths[best])[:, None] * (stepped - self.sums[best] @ self.line.T)
         return _deviate(size, left, 3), best, rest
 
+    def two_steps_left(self, scores: FloatArray) -> FloatArray:
+        """(m, n) what is left of (m, n) scores after the best step and the best after that: one may undo the other."""
+        return self.largest(self.largest(scores)[2])[2]
+
     def trends(self, scores: FloatArray) -> FloatArray:
         """Of (m, n) scores: (m,) deviates of the slope."""
         left = scores - np.outer(scores @ self.line[:, 0], self.line[:, 0])
         return _deviate(left @ self.line[:, 1], left, 2)
 
-    def beside_a_parabola(self, best: int) -> float:
-        """Deviate of a step where a parabola may explain the values, too."""
-        curve = self.weight * ((self.time - self.time.mean()) / np.ptp(self.time)) ** 2
-        smooth = np.linalg.qr(np.column_stack([self.line, curve]))[0]
-        step = self.weight * (np.arange(len(curve)) >= self.splits[best])
+    def beside(self, split: int, *, parabola: bool) -> float:
+        """Deviate of one step beside the line, or beside a parabola."""
+        smooth = self.line
+        if parabola:
+            curve = self.weight * ((self.time - self.time.mean()) / np.ptp(self.time)) ** 2
+            smooth = np.linalg.qr(np.column_stack([self.line, curve]))[0]
+        step = self.weight * (np.arange(len(self.time)) >= self.splits[split])
         left, step = (values - smooth @ (smooth.T @ values) for values in (self.scores, step))
         length = float(np.linalg.norm(step))
-        return float(_deviate(np.array([left @ step / length]), left[None], 4)[0]) if length > 1e-3 else 0.0
+        if length < 1e-3:
+            return 0.0
+        return float(_deviate(np.array([left @ step / length]), left[None], smooth.shape[1] + 1)[0])
 
     def by_chance(self, phi: float, batches: int, rng: np.random.Generator) -> FloatArray:
         """(2, batches) deviates of the best step and of the slope in noise."""
@@ -322,12 +338,12 @@ class _Test:
 
 
 def _phi(group: Sequence[_Test], rng: np.random.Generator) -> float:
-    """Correlation of neighbours, from what the best step of each series leaves beside what one leaves of such noise."""
-    seen = float(np.mean([_neighbours(test.largest(test.scores[None])[2])[0] for test in group]))
+    """Correlation of neighbours, from what two steps of each series leave beside what two leave of such noise."""
+    seen = float(np.mean([_neighbours(test.two_steps_left(test.scores[None]))[0] for test in group]))
     typical = sorted(group, key=lambda test: len(test.time))[len(group) // 2]
     count = len(typical.time)
     expected = [
-        float(np.mean(_neighbours(typical.largest(_noise(phi, (GRID_SERIES, count), rng))[2]))) for phi in GRID
+        float(np.mean(_neighbours(typical.two_steps_left(_noise(phi, (GRID_SERIES, count), rng))))) for phi in GRID
     ]
     return float(np.interp(seen, np.maximum.accumulate(expected), GRID))
 
