@@ -22,7 +22,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-COMMANDS = ("trial", "models", "importing", "identify", "export", "ik", "arm", "excite", "check", "loadcell", "ros")
+COMMANDS = (
+    "trial", "models", "importing", "identify", "batch", "export", "ik", "arm", "excite", "check", "loadcell", "ros",
+)  # fmt: skip
 """Modules of `pipeline.commands`, in the order in which `armdyn --help` lists their commands."""
 
 
