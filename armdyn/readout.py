@@ -147,6 +147,21 @@ class Sensor:
         """(n, 1 + m) samples of an amplified signal at the sampler's nodes."""
         return self.sampled(sampler.coefficients(self.lagged(signal, theta, sampler.nodes)), sampler, theta)
 
+    def pulled(self, weights: np.ndarray, sampler: Sampler, theta: np.ndarray) -> np.ndarray:
+        """(K,) weights of the quantity at the nodes that give the same sum as (n,) `weights` of the samples.
+
+        For a sampler whose coefficients are the signal itself, as `Interpolated`.
+        """
+        signal = np.asarray(sampler.matrix(self.delay(theta) if self.delays else 0.0).T @ weights)
+        if not self.lags:
+            return signal
+        e, share = _lag_shares(float(self._function(theta)[0][1, 0]), np.diff(sampler.nodes))
+        bands = np.vstack([np.append(0.0, -e), np.ones(len(signal))])
+        follows = np.asarray(solve_banded((0, 1), bands, signal, check_finite=False))
+        pulled = np.append(follows[:1], (1.0 - share) * follows[1:])
+        pulled[:-1] += (share - e) * follows[1:]
+        return pulled
+
     def sampled(self, coefficients: np.ndarray, sampler: Sampler, theta: np.ndarray) -> np.ndarray:
         """(n, 1 + m) samples of what (N, 1 + m) coefficients represent."""
         delay = self.delay(theta) if self.delays else 0.0
@@ -191,11 +206,11 @@ def lagged(
         (K, m) filtered, and (K,) derivative of the first column with respect to tau.
     """
     tau, dt = time_constant, np.broadcast_to(step, len(values) - 1)
-    if tau < 1e-3 * dt.min():  # e underflows to zero and every term but the linear one with it
-        e, share, de, dshare = 0.0 * dt, max(tau, 0.0) / dt, 0.0 * dt, 1.0 / dt
+    e, share = _lag_shares(tau, dt)
+    if tau < 1e-3 * dt.min():
+        de, dshare = 0.0 * dt, 1.0 / dt
     else:
-        e = np.exp(-dt / tau)
-        share, de = (1.0 - e) * tau / dt, e * dt / tau**2
+        de = e * dt / tau**2
         dshare = (1.0 - e) / dt - de * tau / dt
     y, first = values, values[:1].astype(float)
     if start is not None:
@@ -203,6 +218,14 @@ def lagged(
     z = _recursive(e, (share - e)[:, None] * y[:-1] + (1.0 - share)[:, None] * y[1:], first)
     drive = de * z[:-1, 0] + (dshare - de) * y[:-1, 0] - dshare * y[1:, 0]
     return z, _recursive(e, drive[:, None], np.array([[start_by_lag]]))[:, 0]
+
+
+def _lag_shares(time_constant: float, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(K-1,) e and (1 - e) tau/dt of a lag over steps; see `lagged`."""
+    if time_constant < 1e-3 * step.min():  # e underflows to zero and every term but the linear one with it
+        return np.zeros_like(step), max(time_constant, 0.0) / step
+    e = np.exp(-step / time_constant)
+    return e, (1.0 - e) * time_constant / step
 
 
 def _recursive(decay: np.ndarray, drive: np.ndarray, first: np.ndarray) -> np.ndarray:

@@ -1,14 +1,19 @@
 r"""Sequential Action Control: a needle of gripper acceleration that makes the load cell informative.
 
-The extended state holds the gripper (x, v), the pendulum (phi, P) and psi = d(phi, P)/d(length). With
-Gamma = dT/d(length) = h_s psi + h_length the cost over the horizon is
+The extended state holds the gripper (x, v), one or two pendulums (phi, P) and psi = d(phi, P)/dtheta for the parameters
+in question. What the load cell says of them are signals g(t), see `questions`. The cost over the horizon is
 
-    J = sum dt [ G0^2 / (Gamma^2 + G0^2) + w_x x^2 + w_v v^2 + w_b max(0, |x| - x_b)^2 ].
+    J = sum dt [ rho(g) + w_x x^2 + w_v v^2 + w_b max(0, |x| - x_b)^2 ] + f(G),      G = G_0 + sum dt g g' / s^2 .
+
+For the length alone g = Gamma = dT/d(length) and rho = G0^2 / (Gamma^2 + G0^2), f = 0; for several parameters, or
+rival models, rho = 0 and f is a criterion of the Gram matrix G, in which G_0 is what is known already. Its slope
+F = df/dG at the end of the horizon makes f a running cost g' F g for the derivatives, which are exact.
 
 One action is found in closed form from the first-order effect of a needle (mode insertion gradient) u2 g, g = dJ/du
 per unit time along the free motion:  u2 = g alpha_d / (g^2 + R), alpha_d = gamma J. Its time minimises
 |u2| + u2 g + (t - t0)^beta, its duration is the longest that lowers the cost.
-(Ansari & Murphey, IEEE T-RO 2016; Wilson et al., IEEE T-ASE 2016. G0, the floor, is ours: at rest Gamma = 0.)
+(Ansari & Murphey, IEEE T-RO 2016; Wilson et al., IEEE T-ASE 2016. G0, the floor, is ours: at rest Gamma = 0. Where the
+cost is a logarithm, gamma itself is the desired change.)
 
 Gamma crosses zero within milliseconds, so the gradient is that of the discretised cost, by reverse differentiation.
 """
@@ -21,11 +26,11 @@ import casadi as ca
 import numpy as np
 
 from armdyn.codegen import Buffered, compiled
+from armdyn.control.questions import LENGTH, Question
 from armdyn.errors import InputError
 from armdyn.pendulum.dynamics import STATE_SIZE, Dynamics
 from armdyn.pendulum.model import PendulumModel
 
-EXTENDED = 2 + 2 * STATE_SIZE
 SETTINGS = ("information_floor", "position_weight", "velocity_weight", "barrier_weight", "barrier")
 
 
@@ -49,6 +54,7 @@ class SacSettings:
         velocity_weight: w_v, s^2/m^2.
         barrier_weight: w_b, 1/m^2.
         barrier: x_b, m.
+        noise: s, of the load cell, N s^(1/2): one sample's over the square root of their rate.
     """
 
     horizon: float = 1.4
@@ -66,10 +72,11 @@ class SacSettings:
     velocity_weight: float = 0.2
     barrier_weight: float = 500.0
     barrier: float = 0.18
+    noise: float = 5e-4
 
     def __post_init__(self) -> None:
         positive = ("horizon", "dt", "sample_time", "control_weight", "largest_acceleration", "largest_speed")
-        for name in (*positive, "first_duration", "information_floor"):
+        for name in (*positive, "first_duration", "information_floor", "noise"):
             if not getattr(self, name) > 0:
                 raise InputError(f"SAC setting {name} = {getattr(self, name)}: it must be positive")
         if not self.desired_change < 0:
@@ -89,14 +96,18 @@ class SacSettings:
 
 @dataclass(frozen=True)
 class SacState:
-    """Where the gripper and the load are, and how the load's state would change with the length.
+    """Where the gripper and the load are, and how the load's state would change with the parameters in question.
 
     Attributes:
         time: s.
         x: gripper, m.
         v: gripper, m/s.
         pendulum: (2,) angle and momentum, see `dynamics`.
-        sensitivity: (2,) its derivative with respect to the length.
+        sensitivity: (2,) its derivative with respect to the length, or (2, m) with respect to m parameters; (2, 0) of a
+            hypothesis that is held against a rival.
+        rival: (2,) angle and momentum of the rival's load; None where there is no rival.
+        rival_sensitivity: (2, m) its derivative with respect to the rival's m unknowns.
+        gram: (k, k) G_0 of the k signals; None where the question has none.
     """
 
     time: float
@@ -104,10 +115,16 @@ class SacState:
     v: float
     pendulum: np.ndarray
     sensitivity: np.ndarray
+    rival: np.ndarray | None = None
+    rival_sensitivity: np.ndarray | None = None
+    gram: np.ndarray | None = None
 
     def vector(self) -> np.ndarray:
-        """(6,) extended state."""
-        return np.concatenate([[self.x, self.v], self.pendulum, self.sensitivity])
+        """(n,) extended state; 6 for the length alone."""
+        parts = [[self.x, self.v], self.pendulum, self.sensitivity.ravel(order="F")]
+        if self.rival is not None and self.rival_sensitivity is not None:
+            parts += [self.rival, self.rival_sensitivity.ravel(order="F")]
+        return np.concatenate(parts)
 
 
 @dataclass(frozen=True)
@@ -134,31 +151,53 @@ class SacAction:
 
 
 class SequentialActionControl:
-    """Chooses actions for one composed model."""
+    """Chooses actions for one composed model, or for two that are rivals.
 
-    def __init__(self, model: PendulumModel, settings: SacSettings | None = None) -> None:
-        self.settings = settings or SacSettings()
-        self._names = model.physics_names
+    Args:
+        model: whose parameters are in question, or the hypothesis.
+        settings: weights and limits.
+        question: what the motion shall tell; the length where it is not given.
+        rival: what is held against the hypothesis; for a question about rivals.
+    """
+
+    def __init__(
+        self,
+        model: PendulumModel,
+        settings: SacSettings | None = None,
+        question: Question = LENGTH,
+        rival: PendulumModel | None = None,
+    ) -> None:
+        self.settings, self.question = settings or SacSettings(), question
+        if question.rivals != (rival is not None):
+            raise InputError("a question about rivals needs two models, and every other question one")
+        models = [model] if rival is None else [model, rival]
+        self._names = tuple(m.physics_names for m in models)
+        question.check(models)
+        known = models[-1].parameters
+        self._scales = np.array([known[name].typical for name in question.parameters])
         self._cost, self._gradient = _functions(
-            model.dynamics(), model.formulation, self.settings.steps, self.settings.dt
+            tuple(m.dynamics() for m in models),
+            "_against_".join(m.formulation for m in models),
+            question,
+            self.settings.steps,
+            self.settings.dt,
         )
 
-    def act(self, state: SacState, model: PendulumModel) -> SacAction:
+    def act(self, state: SacState, model: PendulumModel, rival: PendulumModel | None = None) -> SacAction:
         """The action from now on.
 
         Args:
             state: of gripper and load, now.
             model: with the latest estimate; the same effects as the one this controller was built for.
+            rival: likewise.
         """
         started = perf_counter()
-        if model.physics_names != self._names:
-            raise InputError("this controller was built for a model with other effects: build a new one")
         c = self.settings
-        fixed = (state.vector(), state.time, model.physics_theta(), c.weights())
+        fixed = self._fixed(state, model, rival)
         free = np.zeros(c.steps)
         cost, gradient = self._gradient(free, *fixed)
         free_cost, g = float(cost[0, 0]), gradient.ravel() / c.dt
-        desired = c.desired_change * free_cost
+        desired = c.desired_change * (1.0 if self.question.logarithmic else free_cost)
         u2 = np.clip(g * desired / (g**2 + c.control_weight), -c.largest_acceleration, c.largest_acceleration)
         times = c.dt * (np.arange(c.steps) + 0.5)
         best = int(np.argmin(np.abs(u2) + u2 * g + times**c.time_exponent))
@@ -175,12 +214,25 @@ class SequentialActionControl:
             0.0, 0.0, 0.0, self._within_speed(free, state.v), free_cost, free_cost, perf_counter() - started
         )
 
-    def gradient(self, schedule: np.ndarray, state: SacState, model: PendulumModel) -> tuple[float, np.ndarray]:
+    def gradient(
+        self, schedule: np.ndarray, state: SacState, model: PendulumModel, rival: PendulumModel | None = None
+    ) -> tuple[float, np.ndarray]:
         """Cost of a schedule (steps,) of accelerations and its exact derivative (steps,)."""
-        cost, gradient = self._gradient(
-            schedule, state.vector(), state.time, model.physics_theta(), self.settings.weights()
-        )
+        cost, gradient = self._gradient(schedule, *self._fixed(state, model, rival))
         return float(cost[0, 0]), gradient.ravel().copy()
+
+    def _fixed(self, state: SacState, model: PendulumModel, rival: PendulumModel | None) -> tuple[object, ...]:
+        """Arguments of the compiled functions behind the schedule."""
+        models = [model] if rival is None else [model, rival]
+        if tuple(m.physics_names for m in models) != self._names:
+            raise InputError("this controller was built for a model with other effects: build a new one")
+        theta = models[0].physics_theta() if rival is None else np.concatenate([m.physics_theta() for m in models])
+        if not self.question.logarithmic:
+            return state.vector(), state.time, theta, self.settings.weights()
+        if state.gram is None:
+            raise InputError("this question needs to know what is known already: give the state's gram")
+        scales = np.append(self._scales, self.settings.noise)
+        return state.vector(), state.time, theta, self.settings.weights(), scales, state.gram
 
     def _within_speed(self, schedule: np.ndarray, v: float) -> np.ndarray:
         limit, dt = self.settings.largest_speed, self.settings.dt
@@ -199,56 +251,101 @@ def needle(size: float, start: float, end: float, steps: int, dt: float) -> np.n
 
 
 @lru_cache(maxsize=16)
-def _functions(dynamics: Dynamics, name: str, steps: int, dt: float) -> tuple[Buffered, Buffered]:
-    """Cost, and cost with gradient, of (schedule, extended state, time, theta, weights)."""
-    parameters = len(dynamics.names)
-    z, u, t = ca.SX.sym("z", EXTENDED), ca.SX.sym("u"), ca.SX.sym("t")
-    theta, weights = ca.SX.sym("theta", parameters), ca.SX.sym("weights", len(SETTINGS))
-    x, v, pendulum, psi = z[0], z[1], z[2 : 2 + STATE_SIZE], z[2 + STATE_SIZE :]
+def _functions(
+    dynamics: tuple[Dynamics, ...], name: str, question: Question, steps: int, dt: float
+) -> tuple[Buffered, Buffered]:
+    """Cost, and cost with gradient, of (schedule, extended state, time, theta, weights), and of (scales, gram)."""
+    watched = question.watched
+    extended_size = 2 + sum(STATE_SIZE * (1 + len(names)) for names in watched)
+    sizes = [len(d.names) for d in dynamics]
+    z, u, t = ca.SX.sym("z", extended_size), ca.SX.sym("u"), ca.SX.sym("t")
+    theta, weights = ca.SX.sym("theta", sum(sizes)), ca.SX.sym("weights", len(SETTINGS))
+    scales = ca.SX.sym("scales", len(question.parameters) + 1)
+    x, v = z[0], z[1]
     w = ca.vertcat(t, x, v, u, ca.SX(3, 1))
-    length = dynamics.names.index("length")
 
-    def derivative(expression: ca.SX) -> ca.SX:
-        """Total derivative with respect to the length."""
-        return ca.jtimes(expression, pendulum, psi) + ca.jacobian(expression, theta)[:, length]
+    rates, readings, slopes = [v, u], [], []
+    at, first = 2, 0
+    for d, names, size in zip(dynamics, watched, sizes, strict=True):
+        own = theta[first : first + size]
+        pendulum = z[at : at + STATE_SIZE]
+        psi = ca.reshape(z[at + STATE_SIZE : at + STATE_SIZE * (1 + len(names))], STATE_SIZE, len(names))
+        columns = [d.names.index(parameter) for parameter in names]
 
-    rate = dynamics.derivative(pendulum, w, theta)
-    extended = ca.Function("extended", [z, u, t, theta], [ca.vertcat(v, u, rate, derivative(rate))])
+        def derivative(
+            expression: ca.SX, *, state: ca.SX = pendulum, by: ca.SX = psi, of: ca.SX = own, places: list[int] = columns
+        ) -> ca.SX:
+            """Total derivative with respect to the parameters that are watched."""
+            if not places:
+                return ca.SX(expression.numel(), 0)
+            if len(places) == 1:
+                return ca.jtimes(expression, state, by) + ca.jacobian(expression, of)[:, places[0]]
+            return ca.jacobian(expression, state) @ by + ca.jacobian(expression, of)[:, places]
+
+        rate = d.derivative(pendulum, w, own)
+        rates += [rate, ca.vec(derivative(rate))]
+        reading = d.output(pendulum, w, own)[0] if question.logarithmic else d.tension(pendulum, w, own)
+        readings.append(reading)
+        slopes.append(derivative(reading))
+        at, first = at + STATE_SIZE * (1 + len(names)), first + size
+    extended = ca.Function("extended", [z, u, t, theta], [ca.vertcat(*rates)])
     k1 = extended(z, u, t, theta)
     k2 = extended(z + dt / 2 * k1, u, t + dt / 2, theta)
     k3 = extended(z + dt / 2 * k2, u, t + dt / 2, theta)
     k4 = extended(z + dt * k3, u, t + dt, theta)
     following = z + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
-    gamma = derivative(dynamics.tension(pendulum, w, theta))
     floor, w_x, w_v, w_b, barrier = ca.vertsplit(weights)
-    running = floor**2 / (gamma**2 + floor**2) + w_x * x**2 + w_v * v**2 + w_b * ca.fmax(0, ca.fabs(x) - barrier) ** 2
-    J = ca.SX.sym("J")
-    stage = ca.Function("stage", [z, J, u, t, theta, weights], [following, J + dt * running])
-    co = ca.SX.sym("co", EXTENDED)
+    running = w_x * x**2 + w_v * v**2 + w_b * ca.fmax(0, ca.fabs(x) - barrier) ** 2
+    signals = question.signals(readings, slopes, scales)
+    if not question.logarithmic:
+        running = floor**2 / (signals**2 + floor**2) + running
+    J, F = ca.SX.sym("J"), ca.SX.sym("F", signals.numel(), signals.numel())
+    gained = dt * signals @ signals.T
+    effective = running + ca.dot(F, signals @ signals.T) if question.logarithmic else running
+    given = [u, t, theta, weights, scales]
+    gram = ca.SX.sym("gram", signals.numel(), signals.numel())
+    co = ca.SX.sym("co", extended_size)
+    if question.logarithmic:
+        stage = ca.Function("stage", [z, J, gram, *given], [following, J + dt * running, gram + gained])
+    else:
+        stage = ca.Function("stage", [z, J, u, t, theta, weights], [following, J + dt * running])
+    behind_given = [u, t, theta, weights, scales, F] if question.logarithmic else [u, t, theta, weights]
     back = ca.Function(
         "back",
-        [co, z, u, t, theta, weights],
+        [co, z, *behind_given],
         [
-            ca.densify(ca.jtimes(following, z, co, True) + dt * ca.gradient(running, z)),
-            ca.jtimes(following, u, co, True) + dt * ca.gradient(running, u),
+            ca.densify(ca.jtimes(following, z, co, True) + dt * ca.gradient(effective, z)),
+            ca.jtimes(following, u, co, True) + dt * ca.gradient(effective, u),
         ],
     )
-    ahead, behind = stage.mapaccum("ahead", steps, 2), back.mapaccum("behind", steps)
-    U, z0, t0 = ca.MX.sym("u", steps), ca.MX.sym("z0", EXTENDED), ca.MX.sym("t0")
-    P, W = ca.MX.sym("theta", parameters), ca.MX.sym("weights", len(SETTINGS))
+    behind = back.mapaccum("behind", steps)
+    U, z0, t0 = ca.MX.sym("u", steps), ca.MX.sym("z0", extended_size), ca.MX.sym("t0")
+    P, W = ca.MX.sym("theta", sum(sizes)), ca.MX.sym("weights", len(SETTINGS))
     T = t0 + dt * ca.DM(range(steps)).T
-    repeated = (ca.repmat(P, 1, steps), ca.repmat(W, 1, steps))
-    Z, cost = ahead(z0, 0, U.T, T, *repeated)
-    before = ca.horzcat(z0, Z[:, :-1])
     flip = ca.Slice(steps - 1, -(steps + 1), -1)
-    _, gradient = behind(ca.MX.zeros(EXTENDED), before[:, flip], U.T[:, flip], T[:, flip], *repeated)
+    repeated = [ca.repmat(P, 1, steps), ca.repmat(W, 1, steps)]
     arguments = [U, z0, t0, P, W]
+    if question.logarithmic:
+        S, G0 = ca.MX.sym("scales", scales.numel()), ca.MX.sym("gram", *gram.shape)
+        arguments += [S, G0]
+        repeated.append(ca.repmat(S, 1, steps))
+        Z, costs, grams = stage.mapaccum("ahead", steps, 3)(z0, 0, G0, U.T, T, *repeated)
+        size = signals.numel()
+        value, slope = question.criterion_function()(grams[:, -size:])
+        cost = costs[-1] + value
+        repeated.append(ca.repmat(slope, 1, steps))
+    else:
+        Z, costs = stage.mapaccum("ahead", steps, 2)(z0, 0, U.T, T, *repeated)
+        cost = costs[-1]
+    before = ca.horzcat(z0, Z[:, :-1])
+    last = [ca.MX.zeros(extended_size), before[:, flip], U.T[:, flip], T[:, flip], *repeated]
+    _, gradient = behind(*last)
     built = compiled(
-        f"sac_{name}",
+        f"sac_{name}{question.tag}",
         {
-            "cost": ca.Function("cost", arguments, [cost[-1]]),
-            "gradient": ca.Function("gradient", arguments, [cost[-1], gradient[:, flip].T]),
+            "cost": ca.Function("cost", arguments, [cost]),
+            "gradient": ca.Function("gradient", arguments, [cost, gradient[:, flip].T]),
         },
     )
     return Buffered(built["cost"]), Buffered(built["gradient"])

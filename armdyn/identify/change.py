@@ -215,7 +215,9 @@ def _steps(name: Name, series: Series, part: tuple[int, int], phi: float, judge:
     nearby = _Test.of(series.part(max(first, middle - NEARBY), min(end, middle + NEARBY)))
     sharp = max(
         test.beside(int(best[0]), parabola=True),
-        nearby.beside(int(np.argmin(np.abs(nearby.splits - min(middle - first, NEARBY)))), parabola=False) if nearby else 0.0,
+        nearby.beside(int(np.argmin(np.abs(nearby.splits - min(middle - first, NEARBY)))), parabola=False)
+        if nearby
+        else 0.0,
     )
     if min(deviate, _certain(phi) * sharp) <= judge.bound:
         return

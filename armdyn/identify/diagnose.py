@@ -1,5 +1,6 @@
 """Which effect is missing, with an honest verdict."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,7 +11,6 @@ from armdyn.identify.candidate import Candidate
 from armdyn.identify.compare import Comparison, comparison
 from armdyn.identify.explained import Scale, share_gone
 from armdyn.identify.fit import channel_rmse
-from armdyn.identify.remedies import remedies
 from armdyn.identify.repair_step import repair_step
 from armdyn.identify.residual_tests import LARGEST_Z
 from armdyn.identify.search import Progress, Search, Step, search
@@ -45,7 +45,7 @@ class Diagnosis(Shown):
         comparison: of the model as given.
         suspects: best first.
         unseen: effects that cannot be seen in these runs, with the parameters that imitate them.
-        remedies: what would tell tied effects apart.
+        remedies: how to find what tells tied effects apart.
         unknown: what is known of an effect outside the catalogue; None where there is none.
         search: the steps that led here.
     """
@@ -74,7 +74,7 @@ def diagnose(study: Study, progress: Progress | None = None) -> Diagnosis:
     verdict = judge(study, found, unknown)
     advice: tuple[str, ...] = ()
     if verdict is Verdict.CANNOT_TELL_APART:
-        advice = remedies([e.effect for e in (*_added(found), *_ties(study, found))], study.runs)
+        advice = (_next_experiment(study, [e.effect for e in (*_added(found), *_ties(study, found))]),)
     said = (
         headline(study, found, unknown)
         if verdict is Verdict.EFFECT_MISSING
@@ -90,6 +90,16 @@ def diagnose(study: Study, progress: Progress | None = None) -> Diagnosis:
         unknown=unknown,
         search=found,
     )
+
+
+def _next_experiment(study: Study, tied: Sequence[str]) -> str:
+    """Which command computes what tells the rivals apart; it takes seconds, and so is not done here."""
+    names = ",".join(dict.fromkeys(tied))
+    if any(run.joints for run in study.runs):
+        return f"'armdyn excite --for {names}' designs the motion of the arm that tells them apart"
+    if all("gripper_x" in run.channels for run in study.runs):
+        return "'armdyn next' on the same files computes which experiment does, and designs the motion"
+    return "record another motion, with other frequencies and amplitudes"
 
 
 def headline(study: Study, found: Search, unknown: Unknown | None) -> str:

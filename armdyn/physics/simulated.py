@@ -87,7 +87,12 @@ class SimulatedModel(Model):
     def predict(self, run: Run, theta: np.ndarray) -> Prediction:
         """See `Model.predict`."""
         channels, path = self.predicted_channels(run), self.path(run)
-        rollout = self.rollout(path, theta, channels)
+        return self.readings(run, path, self.rollout(path, theta, channels), theta, channels)
+
+    def readings(
+        self, run: Run, path: Path, rollout: Rollout, theta: np.ndarray, channels: tuple[str, ...]
+    ) -> Prediction:
+        """What the sensors make of a rollout of `channels` along a path, at the stamps of a run."""
         columns, places = self._order
         nodes = path.start + path.dt * np.arange(len(rollout.outputs))
         physics, parts = theta[places], []

@@ -23,7 +23,8 @@ app = typer.Typer(
 )
 
 COMMANDS = (
-    "trial", "models", "importing", "identify", "batch", "export", "ik", "arm", "excite", "check", "loadcell", "ros",
+    "trial", "models", "importing", "identify", "next_experiment", "batch", "export", "ik", "arm", "excite", "check",
+    "loadcell", "ros",
 )  # fmt: skip
 """Modules of `pipeline.commands`, in the order in which `armdyn --help` lists their commands."""
 

@@ -178,6 +178,8 @@ def diagnose(
     if json_file != Path("-"):
         say_diagnosis(found)
         say_report(report)
+        if found.remedies and given.study.model.base == "pendulum":
+            typer.echo(f"tell them apart: {inputs.command('next', '--output', 'motion.csv', '--report', 'next.html')}")
         if found.suspects:
             typer.echo(f"add it: {inputs.command('repair', *REPAIRED)}")
 

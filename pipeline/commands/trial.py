@@ -14,6 +14,7 @@ from pipeline.commands.output import JsonOption, check_outputs, command_line, ph
 
 if TYPE_CHECKING:
     from armdyn.pendulum.model import PendulumModel
+    from pipeline.motion.trajectory import LineTrajectory
     from pipeline.trial import SimulatedTrial, TrialSettings
 
 
@@ -87,6 +88,17 @@ def trial(
     landed: Annotated[
         str | None, typer.Option(help="With --robot ros: whether the load landed, 'yes' or 'no'; else you are asked.")
     ] = None,
+    investigate: Annotated[
+        int,
+        typer.Option(
+            "--investigate",
+            metavar="N",
+            help="First find out what the model lacks, by at most so many experiments, each designed from the last.",
+        ),
+    ] = 0,
+    motion: Annotated[
+        Path | None, typer.Option(help="Learn along this motion, of 'armdyn next', in place of the one SAC chooses.")
+    ] = None,
     json_file: JsonOption = None,
 ) -> None:
     """Learn the string's length, plan the swing, put the load into the box."""
@@ -100,6 +112,11 @@ def trial(
     estimate = not (no_estimation or held)
     note = f"{model} holds the length fixed: it was not estimated" if held and not no_estimation else ""
     weighed, weighed_std = _mass(mass)
+    if investigate < 0:
+        raise InputError(f"--investigate {investigate}: give the number of experiments, such as 4")
+    if (investigate or motion) and not estimate:
+        raise InputError("--investigate and --motion: need an estimate; leave out --no-estimation")
+    along = _motion(motion) if motion is not None else None
     if robot == "ros":
         from pipeline.commands.real import real_trial
 
@@ -109,8 +126,9 @@ def trial(
         if ros is None:
             raise InputError("--robot ros: say where it is: --ros ws://HOST:9090")
         protocol = ProtocolSettings(
-            length_guess=guess, estimate=estimate, model=given, mass=weighed, mass_std=weighed_std
-        )
+            length_guess=guess, estimate=estimate, model=given, mass=weighed, mass_std=weighed_std,
+            motion=along, investigate=investigate,
+        )  # fmt: skip
         with own_folder(out, Path("out/trial")) as folder:
             real_trial(protocol, ros, arm, loadcell, calibration, folder, rehearse, yes, landed, json_file, note)
         return
@@ -121,7 +139,7 @@ def trial(
             raise InputError(f"{option}: needs --robot ros")
     settings = TrialSettings(
         length_guess=guess, length=length, estimate=estimate, hidden=parse_hidden(hidden or []), model=given,
-        seed=seed, mass=weighed, mass_std=weighed_std,
+        seed=seed, mass=weighed, mass_std=weighed_std, motion=along, investigate=investigate,
     )  # fmt: skip
     with own_folder(out, Path("out/trial")) as folder:
         _run(replace(settings, out=folder), folder, json_file, note, picture=picture)
@@ -153,6 +171,10 @@ def _run(settings: "TrialSettings", out: Path, json_file: Path | None, note: str
             )
         if note:
             say(note, markup=False)
+        if result.investigation is not None:
+            for number, stage in enumerate(result.investigation.stages, start=1):
+                say(f"experiment {number}: {stage.diagnosis.sentence}", markup=False)
+            say(result.investigation.sentence, markup=False)
         say(result.message, style=f"bold {'green' if result.success else 'red'}", markup=False)
         for note in (*result.notes, *([told] if told else [])):
             say(note, soft_wrap=True, markup=False)
@@ -176,6 +198,17 @@ def _report(done: "SimulatedTrial", report: Path) -> str | None:
             raise
         return f"no report: {type(error).__name__}: {' '.join(str(error).split())}"
     return None
+
+
+def _motion(file: Path) -> "LineTrajectory":
+    import urdf
+    from pipeline.motion.feasibility.read import read_trajectory
+    from pipeline.motion.trajectory import LineTrajectory
+
+    found = read_trajectory(file, urdf.load("baxter"))
+    if not isinstance(found, LineTrajectory):
+        raise InputError(f"{file}: is a motion of the joints; give one along the line, with a column 's [m]'")
+    return found
 
 
 def _mass(text: str) -> tuple[float, float]:

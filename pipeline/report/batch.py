@@ -54,7 +54,9 @@ def batch_report(spec: Spec, done: Done, found: History, command: str = "") -> R
         key_figures=(
             KeyFigure("Recordings", str(len(done.rows)), f"{done.worked} done this time"),
             KeyFigure("Explained", str(explained), "only noise is left"),
-            KeyFigure("Changes", str(len(found.events)), f"{100 * found.found.false_alarms:.2g} % chance of a false one"),
+            KeyFigure(
+                "Changes", str(len(found.events)), f"{100 * found.found.false_alarms:.2g} % chance of a false one"
+            ),
             KeyFigure("Not usable", str(len(bad)), "see below" if bad else ""),
         ),
         notes=notes,
@@ -90,7 +92,9 @@ def summary(spec: Spec, done: Done, found: History) -> str:
 def times_sentence(rows: Sequence[Row]) -> str:
     """Where the times came from: they are never guessed silently."""
     counts = Counter(row.item.when.source for row in rows)
-    parts = [f"{counts[source]} from {source.value}" for source in TimeFrom if counts[source] and source.value != "nowhere"]
+    parts = [
+        f"{counts[source]} from {source.value}" for source in TimeFrom if counts[source] and source.value != "nowhere"
+    ]
     text = f"Times of recordings: {', '.join(parts) or 'none is known'}."
     if counts[TimeFrom.NOWHERE]:
         problems = Counter(row.item.when.problem for row in rows if row.item.when.time is None)
@@ -115,7 +119,16 @@ def _next_steps(spec: Spec, rows: Sequence[Row]) -> tuple[NextStep, ...]:
     robot = left.most_common(1)[0][0]
     mine = [row for row in rows if row.item.robot == robot and row.outcome.verdict not in ("", "explained")]
     runs = [str(row.item.run) for row in mine if row.item.model == mine[0].item.model][:3]
-    command = ["armdyn", "repair", str(mine[0].item.model), *runs, "--output", "repaired.toml", "--report", "repair.html"]
+    command = [
+        "armdyn",
+        "repair",
+        str(mine[0].item.model),
+        *runs,
+        "--output",
+        "repaired.toml",
+        "--report",
+        "repair.html",
+    ]
     return (NextStep(f"What the model of {robot} lacks", shlex.join(command)),)
 
 
@@ -159,7 +172,9 @@ class ChangeSection(Section):
             ends = 1e3 * series.time[[edges[i], edges[i + 1] - 1]]
             figure.add_scatter(x=ends, y=[level] * 2, mode="lines", line={"color": INK, "width": 1.5, "dash": "dot"})
         for s in own:
-            figure.add_vrect(x0=1e3 * s.last_before, x1=1e3 * s.first_after, fillcolor=SHADE, line_width=1, line_color=BLUE)
+            figure.add_vrect(
+                x0=1e3 * s.last_before, x1=1e3 * s.first_after, fillcolor=SHADE, line_width=1, line_color=BLUE
+            )
         figure.update_layout(**_axes(f"{_plain(step.parameter)} [{self.found.units[step.parameter]}]"))
         return Chart(figure, f"{event_sentence(event, self.found)}. Bars: one standard deviation; dotted: medians.")
 

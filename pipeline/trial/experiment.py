@@ -135,6 +135,7 @@ class Experiment:
         cell: what is in order for the load cell.
         landed: whether the load is at rest in the box; asked once, at the end.
         progress: told what is going on.
+        begin: where the gripper stands on the line [m].
 
     Attributes:
         course: how far it has come.
@@ -155,18 +156,22 @@ class Experiment:
         cell: FaultLimits,
         landed: Callable[[], bool],
         progress: Progress | None = None,
+        begin: float = 0.0,
     ) -> None:
         self.settings, self.description, self.table = settings, description, table
         self._robot, self._clock, self._recorder, self._landed = robot, clock, recorder, landed
         self._progress = progress or (lambda _what, _share: None)
         self.course = Course()
         limits, model = LineLimits.from_table(table), settings.starting_model()
+        if settings.motion is not None:
+            check = CheckSettings(load_mass=settings.mass)
+            check_line(table, description, settings.motion, check).require_feasible("the motion")
         noise = {"load_force": settings.force_noise}
         self.measurement = MeasurementNode(robot, description, recorder, FaultDetector(cell), noise, settings.mass)
         self._beside: Beside = InAProcess() if clock.real else AtOnce()
         self.estimator = EstimatorNode(self.measurement, Estimator(model, noise), recorder, self._beside)
         gate = Gate(limits, table, description.limits, DT)
-        smoother = LineSmoother(limits, DT, LineState(0.0))
+        smoother = LineSmoother(limits, DT, LineState(begin))
         self.drive = DriveNode(robot, table, smoother, gate, self.measurement, recorder)
         self.sac = SacNode(self.measurement, self.estimator, self.drive)
         # Without an estimate the planner is the paper's, which knows no box: that is what Table I compares with.
@@ -230,22 +235,36 @@ class Experiment:
         c = self.settings
         self._run(Phase.REST, 0.0, REST)
         if c.estimate:
-            self.estimator.begin(self._clock.time)
-            self.sac.begin(self._clock.time)
-            self._run(Phase.LEARN, 0.05, c.estimation_time, self._certain, may_expire=True)
-            self.sac.end()
-            self.estimator.end()
-            self._require_estimate()
-            self.task.settle(self.estimator.model, self._swing_state)
-            longest = self.task.longest_planning + c.task.settling + 2.0
-            self._run(Phase.SETTLE, 0.5, longest, lambda: self.task.idle)
-            self._run(Phase.CALM, 0.65, CALM)
+            self._learn()
+            self._settle()
         self.task.throw(self.estimator.model, self.estimator.start, self.measurement.expect_touch)
         self._run(Phase.SWING, 0.7, self.task.longest_planning + c.task.duration + 1.0, self._swing_ends)
         self.measurement.let_down(self._clock.time)
         self._run(Phase.FINISH, 0.9, 3.0, lambda: self.task.idle)
         self._run(Phase.LOOK, 0.95, LOOK)
         return self._landed()
+
+    def _learn(self) -> None:
+        """Move so that the load cell tells the length: as SAC chooses, or along the motion that was given."""
+        c = self.settings
+        self.estimator.begin(self._clock.time)
+        if c.motion is None:
+            self.sac.begin(self._clock.time)
+            self._run(Phase.LEARN, 0.05, c.estimation_time, self._certain, may_expire=True)
+            self.sac.end()
+        else:
+            here = self.drive.state.s - c.motion.s[0]  # the last motion may have ended a little aside
+            self.drive.play(replace(c.motion, s=c.motion.s + here))
+            self._run(Phase.LEARN, 0.05, float(c.motion.time[-1]) + 1.0, lambda: self.drive.at_rest)
+        self.estimator.end()
+        self._require_estimate()
+
+    def _settle(self) -> None:
+        """Bring the load to rest."""
+        self.task.settle(self.estimator.model, self._swing_state)
+        longest = self.task.longest_planning + self.settings.task.settling + 2.0
+        self._run(Phase.SETTLE, 0.5, longest, lambda: self.task.idle)
+        self._run(Phase.CALM, 0.65, CALM)
 
     def _run(
         self,

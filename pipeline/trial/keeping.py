@@ -13,24 +13,26 @@ from pipeline.record import Recorder
 from pipeline.trial.experiment import Ending, Experiment, recorded_channels
 from pipeline.trial.settings import ProtocolSettings
 
+RECORDING = "trial.mcap"
+"""Name of a trial's recording."""
 R = TypeVar("R", bound=Recorder)
 
 
 @contextmanager
 def recording(
-    kind: type[R], folder: Path, joints: tuple[str, ...], settings: ProtocolSettings, description: str
+    kind: type[R], file: Path, joints: tuple[str, ...], settings: ProtocolSettings, description: str
 ) -> Iterator[R]:
-    """The recorder of a trial; what is raised in the block passes on, and the recording is complete all the same.
+    """The recorder of a trial or an experiment; what is raised in the block passes on, the recording is complete then.
 
     Args:
         kind: of recorder.
-        folder: where ``trial.mcap`` goes.
+        file: of the recording, MCAP.
         joints: of the arm.
         settings: whose noise and mass the recording states.
         description: a line for a person.
     """
     recorder = kind(
-        folder / "trial.mcap",
+        file,
         recorded_channels(joints),
         description=description,
         noise={"load_force": settings.force_noise},

@@ -26,7 +26,7 @@ from pipeline.ros.telemetry import PublishingRecorder, Telemetry
 from pipeline.ros.topics import RosTopics
 from pipeline.trial.experiment import Experiment, Progress
 from pipeline.trial.folder import gathered
-from pipeline.trial.keeping import kept, recording
+from pipeline.trial.keeping import RECORDING, kept, recording
 from pipeline.trial.moves import Posture, along, approach, play, rehearsal
 from pipeline.trial.result import TrialResult, result_of
 from pipeline.trial.settings import ProtocolSettings
@@ -139,7 +139,7 @@ def run_real(
 
         folder = stack.enter_context(gathered(out))
         described = f"{link.arm.name} over ROS, load on a string"
-        with recording(PublishingRecorder, folder, link.arm.joint_names, c, described) as recorder:
+        with recording(PublishingRecorder, folder / RECORDING, link.arm.joint_names, c, described) as recorder:
             recorder.telemetry = telemetry
             experiment = Experiment(
                 robot, clock, link.arm, table, recorder, c,

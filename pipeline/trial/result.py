@@ -10,9 +10,11 @@ import numpy as np
 from armdyn.errors import InputError
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.recorded import run_path
+from pipeline.answers_next import investigation_answer
 from pipeline.nodes.estimator import LengthEstimate
 from pipeline.nodes.scheduler import Timing
 from pipeline.trial.experiment import Ending, Experiment, Phase, PhaseSpan
+from pipeline.trial.investigation import Investigation
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,7 @@ class TrialResult:
         recording: the MCAP file, None where nothing was kept.
         signal: number of the signal that ended it; None where none did.
         missed_cycles: cycles of the loop that were left out because it was late; 0 on a simulated clock.
+        investigation: what the robot found out before; None where it did not look.
         notes: a sentence per kind of reading that was left out, and on missed cycles; empty in a healthy trial.
     """
 
@@ -81,6 +84,7 @@ class TrialResult:
     signal: int | None = None
     missed_cycles: int = 0
     notes: tuple[str, ...] = ()
+    investigation: Investigation | None = None
 
     @property
     def repair_command(self) -> str | None:
@@ -121,10 +125,17 @@ class TrialResult:
             "recording": str(self.recording) if self.recording else None,
             "missed_cycles": self.missed_cycles,
             **({"notes": list(self.notes)} if self.notes else {}),
+            **({"investigation": investigation_answer(self.investigation)} if self.investigation else {}),
         }  # fmt: skip
 
 
-def result_of(experiment: Experiment, ending: Ending, length_true: float | None, recording: Path | None) -> TrialResult:
+def result_of(
+    experiment: Experiment,
+    ending: Ending,
+    length_true: float | None,
+    recording: Path | None,
+    investigation: Investigation | None = None,
+) -> TrialResult:
     """The outcome of an experiment that has run.
 
     Args:
@@ -132,6 +143,7 @@ def result_of(experiment: Experiment, ending: Ending, length_true: float | None,
         ending: how it ended.
         length_true: [m]; None where nobody knows it.
         recording: the MCAP file; None where nothing was kept.
+        investigation: what the robot found out before; None where it did not look.
     """
     history, swing = experiment.estimator.history, experiment.task.swing
     force, report, cycles = (
@@ -163,6 +175,7 @@ def result_of(experiment: Experiment, ending: Ending, length_true: float | None,
         signal=experiment.course.interrupted,
         missed_cycles=cycle.skipped,
         notes=experiment.measurement.notes + experiment.estimator.left_out + (late if cycle.skipped else ()),
+        investigation=investigation,
     )
 
 

@@ -5,10 +5,13 @@ from dataclasses import dataclass, field
 from math import isfinite
 from pathlib import Path
 
+import numpy as np
+
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError
 from armdyn.pendulum.model import PendulumModel, pendulum_model
-from pipeline.nodes.task import TaskSettings
+from pipeline.motion import LineTrajectory
+from pipeline.nodes.task import DT, TaskSettings
 from pipeline.robot.settings import PlantSettings
 
 SHORTEST, LONGEST = 0.05, 2.0
@@ -45,6 +48,8 @@ class ProtocolSettings:
         certain_enough: the largest standard deviation of the length with which the swing is tried [m].
         model: equations and parameters used by estimator, SAC and planner; the default one when not given.
         task: the swing.
+        motion: along the line, a sample per cycle, from which the length is learnt in place of what SAC chooses.
+        investigate: experiments, at most, by which the robot first finds out what its model lacks; 0 for none.
     """
 
     length_guess: float = 0.328
@@ -59,12 +64,16 @@ class ProtocolSettings:
     certain_enough: float = 0.02
     model: PendulumModel | None = None
     task: TaskSettings = field(default_factory=TaskSettings)
+    motion: LineTrajectory | None = None
+    investigate: int = 0
 
     def __post_init__(self) -> None:
         _check_length("length guess", self.length_guess)
         for name in ("mass", "mass_std", "load_radius", "force_noise", "estimation_time"):
             if not (isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise InputError(f"{name.replace('_', ' ')} {getattr(self, name):g}: give a positive number")
+        if self.motion is not None and not np.allclose(np.diff(self.motion.time), DT, atol=1e-6):
+            raise InputError(f"the motion has no sample every {DT:g} s: write it at the rate of the robot's cycle")
 
     def starting_model(self) -> PendulumModel:
         """The given model, or the bare pendulum, with the nuisances, the weighed mass and the guessed length.

@@ -83,7 +83,7 @@ def test_a_sidecar_that_appears_counts_as_a_change(done, armdyn):
     lab, _ = done
     log = sorted((lab / "robots/robot_00/logs").glob("*.csv"))[0]
     log.with_suffix(".toml").unlink(missing_ok=True)
-    log.with_suffix(".toml").write_text('recorded = 2026-03-01T12:00:00+02:00\n')
+    log.with_suffix(".toml").write_text("recorded = 2026-03-01T12:00:00+02:00\n")
     armdyn(*BATCH)
     assert answer(lab)["worked"] == 1
     (row,) = (row for row in rows(lab) if row["recording"].endswith(log.name) and row["robot"] == "robot_00")
@@ -166,5 +166,3 @@ def test_another_batch_in_the_same_folder_is_refused(done, armdyn):
         status, _, err = armdyn(*BATCH)
     assert status == 2
     assert "another batch writes to out: wait for it" in err
-
-

@@ -1,0 +1,152 @@
+r"""What a motion shall tell: the length, several parameters with others as nuisance, or which of two rivals is true.
+
+All but the first are criteria of one matrix. The load cell's signals g are the derivatives of its reading with respect
+to the wanted parameters and to the nuisance ones; of two rivals the difference of their readings, which is wanted, and
+the derivatives of the rival's with respect to its unknowns, which are nuisance. With the Gram matrix G of the signals in
+blocks, w wanted and n nuisance, what the nuisance leaves of the wanted is the Schur complement
+
+    S = G_ww - G_wn G_nn^-1 G_nw :
+
+the Fisher information on the wanted parameters with the others unknown (Kay, Estimation Theory, 1993, §3.7), and for
+rivals the rise of chi2 when the rival is refitted. Maximised is log det S (D-optimal), or minimised log tr S^-1
+(A-optimal) or log d' S^-1 d, the variance in one direction d (Pukelsheim, Optimal Design of Experiments, 2006, ch. 6).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from armdyn.errors import InputError, UnknownNameError
+from armdyn.pendulum.model import PendulumModel
+
+
+class Criterion(Enum):
+    """What becomes small; see the head of this file."""
+
+    DETERMINANT = "determinant"
+    INVERSE = "inverse"
+    DIRECTION = "direction"
+    FLOOR = "floor"
+
+
+@dataclass(frozen=True)
+class Question:
+    """What a motion shall tell; make it with `information` or `separation`.
+
+    Attributes:
+        wanted: parameters that are asked for; none for rivals.
+        nuisance: unknowns beside them; of the rival, for rivals.
+        criterion: of their information.
+        direction: weights of the wanted parameters, each in its typical size; for the criterion of a direction.
+        rivals: whether two models are told apart.
+    """
+
+    wanted: tuple[str, ...]
+    nuisance: tuple[str, ...] = ()
+    criterion: Criterion = Criterion.DETERMINANT
+    direction: tuple[float, ...] = ()
+    rivals: bool = False
+
+    @property
+    def logarithmic(self) -> bool:
+        """Whether the cost is a logarithm of all signals together; the length alone is judged moment by moment."""
+        return self.criterion is not Criterion.FLOOR
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """By which readings are differentiated."""
+        return (*self.wanted, *self.nuisance)
+
+    @property
+    def watched(self) -> tuple[tuple[str, ...], ...]:
+        """The same by model."""
+        return ((), self.nuisance) if self.rivals else (self.parameters,)
+
+    @property
+    def asked(self) -> int:
+        """Number of signals that are wanted; they come first."""
+        return 1 if self.rivals else len(self.wanted)
+
+    @property
+    def size(self) -> int:
+        """Number of signals."""
+        return self.asked + len(self.nuisance)
+
+    @property
+    def tag(self) -> str:
+        """For the cache of compiled code."""
+        return f"_{self.criterion.value}_{self.size}" if self.logarithmic else ""
+
+    def check(self, models: Sequence[PendulumModel]) -> None:
+        """Refuse parameters that a model lacks.
+
+        Raises:
+            UnknownNameError: names one.
+        """
+        for name in self.parameters:
+            if name not in models[-1].physics_names:
+                raise UnknownNameError("parameter", name, models[-1].physics_names)
+
+    def signals(self, readings: Sequence[Any], slopes: Sequence[Any], scales: Any) -> Any:
+        """(k,) signals, wanted first.
+
+        Args:
+            readings: force of every model, N.
+            slopes: (1, m) its derivatives with respect to what is watched of each model.
+            scales: (m + 1,) typical size of every parameter, and last the noise.
+        """
+        if not self.logarithmic:
+            return slopes[0]
+        typical, noise = scales[:-1], scales[-1]
+        scaled = (slopes[-1].T * typical) / noise
+        return ca.vertcat((readings[0] - readings[1]) / noise, scaled) if self.rivals else scaled
+
+    def criterion_function(self) -> ca.Function:
+        """``G (k, k) -> cost, F (k, k)`` with F = d cost/dG."""
+        k, asked = self.size, self.asked
+        G = ca.SX.sym("G", k, k)
+        S = ca.SX(G)
+        for last in reversed(range(asked, k)):  # what the nuisance explains is taken out, one signal after the other
+            S = S[:last, :last] - S[:last, last] @ S[last, :last] / S[last, last]
+        if self.criterion is Criterion.DETERMINANT:
+            cost = 0
+            for last in reversed(range(asked)):  # the determinant is the product of the pivots
+                cost -= ca.log(S[last, last])
+                S = S[:last, :last] - S[:last, last] @ S[last, :last] / S[last, last]
+        else:
+            d = ca.DM(np.diag(np.ones(asked)) if self.criterion is Criterion.INVERSE else np.array(self.direction))
+            cost = ca.log(ca.trace(d.T @ ca.solve(S, ca.SX(d))))
+        return ca.Function("criterion", [G], [cost, ca.densify(ca.reshape(ca.gradient(cost, ca.vec(G)), k, k))])
+
+
+LENGTH = Question(("length",), criterion=Criterion.FLOOR)
+"""The paper's: the length alone, moment by moment."""
+
+
+def information(
+    wanted: Sequence[str],
+    nuisance: Sequence[str] = (),
+    criterion: Criterion = Criterion.DETERMINANT,
+    direction: Sequence[float] = (),
+) -> Question:
+    """Information on some parameters, others being unknown as well.
+
+    Raises:
+        InputError: nothing is wanted, something twice, or the direction does not fit.
+    """
+    if not wanted or len({*wanted, *nuisance}) < len(wanted) + len(nuisance):
+        raise InputError("name at least one parameter that is wanted, and none twice")
+    if criterion is Criterion.FLOOR:
+        raise InputError("the floor is for the length alone: choose determinant, inverse or direction")
+    if (criterion is Criterion.DIRECTION) != bool(direction) or (direction and len(direction) != len(wanted)):
+        raise InputError("the criterion of a direction needs one weight for each parameter that is wanted")
+    return Question(tuple(wanted), tuple(nuisance), criterion, tuple(float(d) for d in direction))
+
+
+def separation(unknowns: Sequence[str]) -> Question:
+    """Which of two models is true, whatever the rival's unknowns."""
+    return Question((), tuple(unknowns), rivals=True)

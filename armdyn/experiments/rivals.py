@@ -1,0 +1,222 @@
+"""Which hypotheses a diagnosis leaves, each fitted to the runs, with what the runs and the priors say of its values."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armdyn.errors import InputError, UnknownNameError
+from armdyn.experiments.hypothesis import Hypothesis
+from armdyn.experiments.motion import Motion
+from armdyn.identify.candidate import Candidate
+from armdyn.identify.diagnose import Diagnosis
+from armdyn.identify.fit import Fit
+from armdyn.identify.noise import correlation_time
+from armdyn.identify.repair_path import merged
+from armdyn.identify.study import Study
+from armdyn.pendulum.model import PendulumModel
+from armdyn.pendulum.recorded import run_path
+from armdyn.run import Run
+
+LIKELY = 2.0
+"""Standard deviations: the size that an effect may well have which the runs do not see."""
+MOST = 5
+"""Rivals that are planned for; the most plausible ones."""
+WELL_KNOWN = 0.05
+"""Standard deviation over typical size up to which a value counts as known well."""
+NOTHING = "nothing"
+"""Name of the hypothesis that adds no effect."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rivals:
+    """What may be true, and what noise there is.
+
+    Attributes:
+        hypotheses: the best one so far first.
+        noise: by channel, standard deviation of one sample of as many as are independent.
+        last: the run whose experiment could be repeated in another way.
+        left_out: names of rivals beyond the most plausible ones.
+    """
+
+    hypotheses: tuple[Hypothesis, ...]
+    noise: dict[str, float]
+    last: Run
+    left_out: tuple[str, ...] = ()
+
+
+def require_gripper(study: Study) -> None:
+    """Refuse what no motion of a gripper can be designed for.
+
+    Raises:
+        InputError: the model is no pendulum, or the runs hold no gripper.
+    """
+    if not isinstance(study.model, PendulumModel):
+        raise InputError(
+            f"experiments are designed for pendulums, and this model is of base '{study.model.base}': for an arm, "
+            "'armdyn excite' designs the motion"
+        )
+    for run in study.runs:
+        if "gripper_x" not in run.channels:
+            raise InputError(f"{run.name}: has no 'gripper_x', and only a gripper that moves can be planned for")
+
+
+def tied_sets(found: Diagnosis) -> list[tuple[Candidate, ...]]:
+    """Sets of effects, beside those of the model as given, that the runs cannot tell apart, the best one first."""
+    last, given = found.search.last, found.search.steps[0].effects
+    added = merged([c for c in last.effects if c not in given])
+    sets = [tuple(added)]
+    for step in found.search.steps[1:]:
+        mine = {c.effect for c in step.added}
+        if not any(c in last.effects for c in step.added):
+            continue
+        rest = [c for c in added if c.effect not in mine]
+        sets += [(*rest, tied) for tied in step.tied if tied not in last.effects]
+    return sets
+
+
+def of_diagnosis(study: Study, found: Diagnosis) -> Rivals | None:
+    """The rivals that a diagnosis leaves; None where it leaves none."""
+    sets = tied_sets(found)
+    if len(sets) < 2:
+        return None
+    return _fitted(study, sets, found.search.steps[0].fit)
+
+
+def named(study: Study, names: Sequence[str]) -> Rivals:
+    """Rivals that a person names: each alone beside the model as given; one name stands against no effect at all.
+
+    Raises:
+        UnknownNameError: the catalogue lacks one, or the model has it.
+    """
+    sets: list[tuple[Candidate, ...]] = []
+    by_name = {c.effect: c for c in study.candidates}
+    for name in dict.fromkeys(names):
+        if name in {c.effect for c in study.present}:
+            raise InputError(f"--rivals {name}: the model has this effect already: name one that it lacks")
+        if name not in by_name:
+            raise UnknownNameError("effect", name, by_name)
+        sets.append((by_name[name],))
+    if len(sets) == 1:
+        sets.append(())
+    return _fitted(study, sets, study.first())
+
+
+def refitted(study: Study, sets: Sequence[Sequence[str]]) -> Rivals:
+    """The same rivals, by the names of their effects, held against the runs of another study."""
+    by_name = {c.effect: c for c in study.candidates}
+    return _fitted(study, [tuple(by_name[name] for name in names) for names in sets], study.first(), most=len(sets))
+
+
+def weakest(study: Study, found: Diagnosis) -> Rivals | None:
+    """The value that the runs determine worst, against another one that they allow; None where all are known well.
+
+    Two values of one parameter are rivals like any others: their separation is the information on it with all other
+    unknowns as nuisance, times the squared distance of the two.
+    """
+    if found.unknown is not None and found.search.last.tests.fails:
+        return None
+    noise = _effective_noise(found.search.last.fit)
+    best = _hypothesis(study, found.search.last.fit, (), noise)
+    covariance = np.linalg.pinv(best.information, hermitian=True)
+    parameters = [best.model.parameters[name] for name in best.free]
+    stds = np.sqrt(np.diag(covariance))
+    shares = np.array([std / p.typical for std, p in zip(stds, parameters, strict=True)])
+    worst = int(np.argmax(shares))
+    if shares[worst] < WELL_KNOWN:
+        return None
+    p, std = parameters[worst], float(stds[worst])
+    away = LIKELY * std if p.value + LIKELY * std <= p.upper else -LIKELY * std
+    rest = [i for i in range(len(best.free)) if i != worst]
+    # With the parameter held elsewhere, the others move along with it as the runs have tied them together.
+    moved = {best.free[i]: parameters[i].value + covariance[i, worst] / std**2 * away for i in rest}
+    bounds = {n: best.model.parameters[n] for n in moved}
+    values = {n: float(np.clip(v, bounds[n].lower, bounds[n].upper)) for n, v in moved.items()}
+    other = Hypothesis(
+        name=f"{p.name} = {p.value + away:.4g} {p.unit}",
+        model=best.model.with_values({**values, p.name: p.value + away}),
+        free=tuple(best.free[i] for i in rest),
+        information=best.information[np.ix_(rest, rest)],
+        misfit=LIKELY**2,
+    )
+    first = replace(best, name=f"{p.name} = {p.value:.4g} {p.unit}", free=other.free, information=other.information)
+    return Rivals((first, other), noise, study.runs[-1])
+
+
+def _fitted(study: Study, sets: Sequence[tuple[Candidate, ...]], first: Fit, most: int = MOST) -> Rivals:
+    fits = [study.to_the_end(study.fit_with((*study.present, *s), first)) for s in sets]
+    best = min(fits, key=lambda one: one.cost)
+    noise = _effective_noise(best)
+    common = set.intersection(*(set(s) for s in sets))
+    hypotheses = [
+        _hypothesis(study, one, tuple(c for c in s if c not in common), noise)
+        for one, s in zip(fits, sets, strict=True)
+    ]
+    least = min(h.misfit for h in hypotheses)
+    hypotheses = sorted((replace(h, misfit=h.misfit - least) for h in hypotheses), key=lambda h: h.misfit)
+    left_out = tuple(h.name for h in hypotheses[most:])
+    return Rivals(tuple(hypotheses[:most]), noise, study.runs[-1], left_out)
+
+
+def _effective_noise(best: Fit) -> dict[str, float]:
+    """By channel, what the best model leaves, at least the noise; of one sample of as many as are independent."""
+    noise = {}
+    for channel in dict.fromkeys(block.channel for block in best.blocks):
+        blocks = [block for block in best.blocks if block.channel == channel]
+        left = float(np.sqrt(np.mean(np.concatenate([block.misfit for block in blocks]) ** 2)))
+        stated = max(block.noise for block in blocks)
+        noise[channel] = max(left, stated) * float(np.sqrt(correlation_time([block.misfit for block in blocks])))
+    return noise
+
+
+def _hypothesis(study: Study, found: Fit, own: Sequence[Candidate], noise: dict[str, float]) -> Hypothesis:
+    """A fit as a hypothesis: values, and information from all runs with everything that belongs to one run unknown."""
+    lean = study.lean(found)
+    problem, model = lean.problem, lean.problem.model
+    assert isinstance(model, PendulumModel), "asked for with `require_gripper`"
+    blocks = problem.blocks(lean.values, lean.free)
+    weights = [b.noise / noise[b.channel] for b in blocks]
+    off = problem.prior_weight * (problem.prior_mean - lean.values)
+    misfit = float(off @ off) + sum(w**2 * float(b.residual @ b.residual) for w, b in zip(weights, blocks, strict=True))
+    jacobian = np.vstack([w * b.sensitivities for w, b in zip(weights, blocks, strict=True)])
+    information = jacobian.T @ jacobian + np.diag(problem.prior_weight**2)
+    last = problem.places(len(problem.runs) - 1)
+    shared = [i for i in last if lean.free[i] and problem.columns[i].parameter.name not in model.start_names]
+    others = [i for i in np.flatnonzero(lean.free) if i not in shared]
+    kept = (
+        information[np.ix_(shared, shared)]
+        - information[np.ix_(shared, others)]
+        @ np.linalg.pinv(information[np.ix_(others, others)], hermitian=True)
+        @ information[np.ix_(others, shared)]
+    )
+    names = tuple(problem.columns[i].parameter.name for i in shared)
+    at = problem.theta(len(problem.runs) - 1, lean.values)
+    values = {name: float(v) for name, v in zip(model.names, at, strict=True) if name not in model.start_names}
+    mine = [i for i, name in enumerate(names) if any(name in c.names for c in own)]
+    for i in mine:
+        values[names[i]] = _sizeable(model, names[i], values[names[i]], float(kept[i, i]))
+    return Hypothesis(
+        name=" + ".join(c.spoken for c in own) or NOTHING,
+        model=model.with_values(values),
+        free=names,
+        information=kept,
+        misfit=misfit,
+    )
+
+
+def _sizeable(model: PendulumModel, name: str, value: float, information: float) -> float:
+    """A value of an effect that is worth looking for: where the fit says none, as much as the runs allow."""
+    p = model.parameters[name]
+    std = information**-0.5 if information > 0.0 else np.inf
+    if abs(value - p.null) >= std:
+        return value
+    side = -1.0 if value < p.null or p.upper <= p.null else 1.0
+    return float(np.clip(p.null + side * min(p.typical, LIKELY * std), p.lower, p.upper))
+
+
+def last_motion(run: Run, seconds: float) -> Motion:
+    """The gripper's motion in a run, or its first part."""
+    path = run_path(run)
+    count = min(len(path.x), round(seconds / path.dt) + 1)
+    along = np.vstack([path.x, path.v, path.a])[:, :count]
+    return Motion(path.dt * np.arange(count), along)

@@ -1,0 +1,185 @@
+r"""How far apart two hypotheses are in an experiment, when the rival may be refitted.
+
+With d the difference of the predicted readings over their noise, J the rival's derivatives and L what is known of its
+unknowns from earlier runs and priors,
+
+    lambda = min_delta |d - J delta|^2 + delta' L delta = d' (1 + J L^-1 J')^-1 d
+
+is the rise of chi2, earlier runs included, with which the rival explains noise-free data of the other. Measured data
+move it: for a true hypothesis H and a rival R
+
+    chi2_R - chi2_H = |d + J_H z + e|^2_R - |J_H z + e|^2_H,      |.|^2_X = .' (1 + J_X L_X^-1 J_X')^-1 .
+
+with the noise e and the error z of H's values; without z it is close to N(lambda, 4 lambda). H is named where this,
+with what earlier runs say, passes the margin of the diagnosis for every rival.
+(Atkinson & Fedorov, Biometrika 62, 1975: T-optimal designs; Box & Hill, Technometrics 9, 1967.)
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from armdyn.experiments.hypothesis import Experiment, Held, Hypothesis
+from armdyn.identify.least_squares import Expansion, descend
+from armdyn.identify.repair_path import TIE
+
+MARGIN = 2.0 * TIE
+"""Difference of chi2 up to which the diagnosis calls two effects a tie where only noise is left."""
+DRAWS = 400
+"""Outcomes of an experiment that are drawn to say how probable a right verdict is."""
+LITTLE = 1e-9
+"""Share of its own size that is added to what is known of an unknown: what nothing determines stays where it is."""
+NEAR = 1e-9
+"""Of its typical size by which an unknown may pass a bound, by rounding."""
+STEPS = 12
+"""Of a refit of the rival, at most."""
+
+
+class Rival:
+    """A hypothesis that is fitted to what another one predicts; also the cost that `descend` minimises."""
+
+    def __init__(self, held: Held, readings: np.ndarray) -> None:
+        self.held, self._readings = held, readings
+        self.lower, self.upper = held.lower, held.upper
+
+    def evaluate(self, values: np.ndarray) -> Expansion:
+        """Half the rise of chi2 around (m,) values of the rival's unknowns."""
+        away = values - self.held.start
+        with np.errstate(all="ignore"):
+            predicted, slopes = self.held.predict(values)
+            rest = self._readings - predicted
+            cost = 0.5 * float(rest @ rest + away @ self.held.prior @ away)
+        if not np.isfinite(cost):
+            return Expansion(np.inf, np.zeros(len(values)), np.eye(len(values)))
+        hessian = slopes.T @ slopes + self.held.prior
+        return Expansion(cost, self.held.prior @ away - slopes.T @ rest, hessian)
+
+    def refitted(self, start: np.ndarray | None = None, steps: int = STEPS) -> tuple[float, np.ndarray]:
+        """Rise of chi2 at the rival's best values, and these (m,)."""
+        found = descend(self, self.held.start if start is None else start, most_steps=steps, tolerance=0.02)
+        return 2.0 * found.at.cost, found.values
+
+
+def linear_separation(truth: Held, rival: Held) -> float:
+    """The rise of chi2 by one linearisation around the rival's present values."""
+    difference = truth.predict(truth.start)[0] - rival.predict(rival.start)[0]
+    return float(_Around(rival, rival.start).left(difference[:, None])[0])
+
+
+def separation(truth: Held, rival: Held) -> float:
+    """The rise of chi2 when the rival is really refitted, within the bounds of its unknowns."""
+    return Rival(rival, truth.predict(truth.start)[0]).refitted()[0]
+
+
+@dataclass(frozen=True, eq=False)
+class Outlook:
+    """What is expected of an experiment.
+
+    Attributes:
+        names: of the hypotheses.
+        rises: (h, h) rise of chi2 by the experiment if the first is true and the second is refitted; 0 on the diagonal.
+        right: (h,) probability that each hypothesis, if true, is the only one left.
+        belief: (h,) before the experiment.
+    """
+
+    names: tuple[str, ...]
+    rises: np.ndarray
+    right: np.ndarray
+    belief: np.ndarray
+
+    @property
+    def separation(self) -> float:
+        """Standard deviations between the two hypotheses that are hardest to tell apart."""
+        apart = self.rises[~np.eye(len(self.names), dtype=bool)]
+        return float(np.sqrt(max(apart.min(), 0.0))) if len(apart) else 0.0
+
+    @property
+    def probability(self) -> float:
+        """Of a unique right verdict, whichever hypothesis is true."""
+        return float(self.belief @ self.right)
+
+
+def beliefs(hypotheses: Sequence[Hypothesis]) -> np.ndarray:
+    """(h,) probability of each from how well it fits the runs so far."""
+    misfit = np.array([h.misfit for h in hypotheses])
+    weight = np.exp(-0.5 * (misfit - misfit.min()))
+    return np.asarray(weight / weight.sum())
+
+
+def outlook(hypotheses: Sequence[Hypothesis], experiment: Experiment, seed: int = 0) -> Outlook:
+    """What is expected of an experiment, every rival really refitted.
+
+    Args:
+        hypotheses: what may be true.
+        experiment: that could be made.
+        seed: of the outcomes that are drawn.
+    """
+    held = [Held(h, experiment) for h in hypotheses]
+    count = len(held)
+    rises, right = np.zeros((count, count)), np.ones(count)
+    rng = np.random.default_rng(seed)
+    for i, truth in enumerate(held):
+        readings, slopes = truth.predict(truth.start)
+        noise = rng.standard_normal((len(readings), DRAWS))
+        errors = truth.start[:, None] + truth.spread @ rng.standard_normal((len(truth.start), DRAWS))
+        errors = np.clip(errors, truth.lower[:, None], truth.upper[:, None]) - truth.start[:, None]
+        off = noise + slopes @ errors
+        own = _Around(truth, truth.start).left(off)
+        wins = np.ones(DRAWS, dtype=bool)
+        for j, rival in enumerate(held):
+            if i == j:
+                continue
+            rises[i, j], best = Rival(rival, readings).refitted()
+            left = readings - rival.predict(best)[0]
+            other = _Around(rival, best).left(left[:, None] + off)
+            earlier = hypotheses[j].misfit - hypotheses[i].misfit
+            wins &= other - own + earlier > MARGIN
+        right[i] = float(np.mean(wins))
+    return Outlook(tuple(h.name for h in hypotheses), rises, right, beliefs(hypotheses))
+
+
+class _Around:
+    """What a hypothesis leaves of readings that it does not predict, linear around values of its unknowns.
+
+    min_delta |r - J delta|^2 + (a + delta)' L (a + delta), a how far the values are from what is known of them, within
+    the bounds of the unknowns: friction does not become negative.
+    """
+
+    def __init__(self, held: Held, values: np.ndarray) -> None:
+        self._slopes = held.predict(values)[1] * held.typical
+        self._prior = held.prior * np.outer(held.typical, held.typical)
+        self._away = (values - held.start) / held.typical
+        self._room = (held.lower - values) / held.typical, (held.upper - values) / held.typical
+        self._normal = self._slopes.T @ self._slopes + self._prior
+        self._normal.flat[:: len(self._normal) + 1] *= 1.0 + LITTLE
+        self._normal.flat[:: len(self._normal) + 1] += np.finfo(float).tiny
+
+    def left(self, rest: np.ndarray) -> np.ndarray:
+        """(r,) rise of chi2 for (n, r) readings minus predictions."""
+        pull = self._slopes.T @ rest - (self._prior @ self._away)[:, None]
+        lower, upper = (room[:, None] for room in self._room)
+        held = np.zeros(pull.shape, dtype=int)  # -1 on the lower bound, 1 on the upper
+        change = self._solved(pull, held)
+        for _ in range(len(pull)):
+            beyond = np.where(change < lower - NEAR, -1, np.where(change > upper + NEAR, 1, 0))
+            beyond[held != 0] = 0
+            if not beyond.any():
+                break
+            held += beyond
+            change = self._solved(pull, held)
+        squares = np.sum(rest**2, axis=0) + self._away @ self._prior @ self._away
+        taken = np.sum((2.0 * pull - self._normal @ change) * change, axis=0)
+        return np.asarray(squares - taken)
+
+    def _solved(self, pull: np.ndarray, held: np.ndarray) -> np.ndarray:
+        """(m, r) changes of least cost, those that are `held` staying on their bounds."""
+        change = np.where(held < 0, self._room[0][:, None], np.where(held > 0, self._room[1][:, None], 0.0))
+        for pattern in np.unique(held, axis=1).T:
+            mine = np.all(held == pattern[:, None], axis=0)
+            free = pattern == 0
+            matrix = self._normal[np.ix_(free, free)]
+            right = pull[np.ix_(free, mine)] - self._normal[np.ix_(free, ~free)] @ change[np.ix_(~free, mine)]
+            change[np.ix_(free, mine)] = cho_solve(cho_factor(matrix), right)
+        return change

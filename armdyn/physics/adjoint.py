@@ -1,0 +1,111 @@
+r"""How a sum over the samples of a rollout changes with the recorded inputs, by one reverse pass.
+
+With s_{k+1} = f(s_k, w_k) and y_k = h(s_k, w_k) the sum S = sum_k c_k' y_k has the gradient
+
+    dS/dw_k = (df/dw_k)' lambda_{k+1} + (dh/dw_k)' c_k,      lambda_k = (df/ds_k)' lambda_{k+1} + (dh/ds_k)' c_k,
+
+at the cost of about one rollout, however many numbers describe the inputs (Griewank & Walther, Evaluating Derivatives,
+2nd ed., §3.2). It is the exact derivative of the Runge-Kutta scheme of `simulate`, not of the differential equation.
+"""
+
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from armdyn.codegen import Buffered, compiled
+from armdyn.physics.motion import slope
+from armdyn.physics.recorded import Path
+from armdyn.physics.simulate import BLOCK, System
+
+
+class Adjoint:
+    """Reverse passes through one system.
+
+    Args:
+        system: the equations.
+        name: identifier of the composition, for the cache of compiled code.
+        channels: the outputs whose weighted sum is differentiated.
+    """
+
+    def __init__(self, system: System, name: str, channels: tuple[str, ...]) -> None:
+        self._system = system
+        self._impulse = system.impulse_adds_to in channels
+        self._force = channels.index(str(system.impulse_adds_to)) if self._impulse else 0
+        rows = [system.outputs.index(channel) for channel in channels] + [len(system.outputs)] * self._impulse
+        self._back = Buffered(compiled(f"adjoint_{name}", {"back": _back(system, rows)})["back"])
+
+    def gradient(
+        self, path: Path, theta: np.ndarray, states: np.ndarray, weights: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Gradient of the sum of weights times outputs with respect to the inputs.
+
+        Args:
+            path: the inputs of the rollout, on its grid of K nodes.
+            theta: (p,) in the order of the system's names.
+            states: (K, n) of the rollout; the state at the start counts as given.
+            weights: (K, c) one column for each channel.
+
+        Returns:
+            (i, K) with respect to the inputs at the nodes, and (i, K-1) halfway between; where something yields, the
+            jerk is the last of the i inputs.
+        """
+        s = self._system
+        nodes, middle = (rows[: s.inputs] for rows in path.rows(with_jerk=s.impulse_adds_to is not None))
+        K = nodes.shape[1]
+        if self._impulse:
+            impulse = _slope_matrix(K).T @ weights[:, self._force] / path.dt
+            weights = np.column_stack([weights, impulse])
+        padded = -(-K // BLOCK) * BLOCK
+        first = padded - K  # from the last node back to the first, behind steps of no length
+        inputs, state = np.zeros((3 * s.inputs, padded)), np.zeros((s.states, padded))
+        step, weight = np.zeros((1, padded)), np.zeros((weights.shape[1], padded))
+        inputs[: s.inputs, first:] = nodes[:, ::-1]
+        inputs[s.inputs : 2 * s.inputs, first + 1 :] = middle[:, ::-1]
+        inputs[2 * s.inputs :, first + 1 :] = nodes[:, :0:-1]
+        inputs[:, :first] = inputs[:, first : first + 1]
+        step[0, first + 1 :] = path.dt
+        state[:, first:], state[:, :first] = states.T[:, ::-1], states[-1][:, None]
+        weight[:, first:] = weights.T[:, ::-1]
+        gradient, co = np.empty((3 * s.inputs, padded)), np.zeros((s.states, 1))
+        for begin in range(0, padded, BLOCK):
+            block = slice(begin, begin + BLOCK)
+            co, part = self._back(co, state[:, block], inputs[:, block], step[:, block], weight[:, block], theta)
+            gradient[:, block] = part
+        gradient = gradient[:, first:][:, ::-1]
+        here, between, there = np.split(gradient, 3)
+        at_nodes = here.copy()
+        at_nodes[:, 1:] += there[:, :-1]
+        return at_nodes, between[:, :-1].copy()
+
+
+def _back(system: System, rows: list[int]) -> ca.Function:
+    """One block of steps back in time: costates, and gradients by the inputs here, halfway and there."""
+    n, width = system.states, system.inputs
+    s, co, theta, dt = ca.SX.sym("s", n), ca.SX.sym("co", n), ca.SX.sym("theta", len(system.names)), ca.SX.sym("dt")
+    w, c = ca.SX.sym("w", 3 * width), ca.SX.sym("c", len(rows))
+    here, middle, there = ca.vertsplit(w, width)
+    k1 = system.derivative(s, here, theta)
+    k2 = system.derivative(s + dt / 2 * k1, middle, theta)
+    k3 = system.derivative(s + dt / 2 * k2, middle, theta)
+    k4 = system.derivative(s + dt * k3, there, theta)
+    following = s + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    total = ca.dot(co, following) + ca.dot(c, system.output(s, here, theta)[rows])
+    step = ca.Function(
+        "step",
+        [co, s, w, dt, c, theta],
+        [ca.densify(ca.gradient(total, s)), ca.densify(ca.gradient(total, w))],
+    )
+    over = step.mapaccum("over", BLOCK)
+    co0, P = ca.MX.sym("co", n), ca.MX.sym("theta", len(system.names))
+    S, W = ca.MX.sym("s", n, BLOCK), ca.MX.sym("w", 3 * width, BLOCK)
+    DT, C = ca.MX.sym("dt", 1, BLOCK), ca.MX.sym("c", len(rows), BLOCK)
+    costates, gradient = over(co0, S, W, DT, C, ca.repmat(P, 1, BLOCK))
+    return ca.Function("back", [co0, S, W, DT, C, P], [costates[:, -1], gradient])
+
+
+@lru_cache(maxsize=4)
+def _slope_matrix(size: int) -> csr_matrix:
+    """(size, size) that takes even samples to their first derivative, for a step of 1."""
+    return csr_matrix(slope(np.eye(size), 1.0))

@@ -1,0 +1,122 @@
+"""A designed motion as the arm can make it: on its line, within its limits, with the load clear of box and arm."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+import urdf
+from armdyn.channels import Channel
+from armdyn.csv_run import write_csv
+from armdyn.experiments.hypothesis import CHANNELS, Experiment, Held, Hypothesis
+from armdyn.experiments.motion import Motion
+from armdyn.experiments.plan import HOPELESS, Plan, with_motion
+from ik import LineTable, default_table
+from pipeline.box import Box
+from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, Swing, box_and_table, check_line
+from pipeline.motion.limits import LineLimits
+from pipeline.motion.trajectory import LineTrajectory
+
+FACTORS = tuple(sign * size for size in (1.0, 0.9, 0.8, 0.65, 0.5) for sign in (1.0, -1.0))
+"""Of the motion, tried in this order: its mirror image tells as much, and swings to the other side."""
+AWAY = 0.03
+"""m that the load keeps from the box beside its own radius."""
+
+
+@dataclass(frozen=True, eq=False)
+class Offered:
+    """A motion that may be made.
+
+    Attributes:
+        motion: of the gripper.
+        trajectory: the same along the arm's line.
+        check: the report of the whole arm.
+        factor: by which the designed motion was changed.
+    """
+
+    motion: Motion
+    trajectory: LineTrajectory
+    check: FeasibilityReport
+    factor: float
+
+
+def offered(
+    motion: Motion,
+    hypotheses: Sequence[Hypothesis],
+    robot: urdf.Robot,
+    table: LineTable,
+    load_radius: float,
+    box: Box | None = None,
+) -> Offered | None:
+    """The motion, or its mirror image, or as much of it as the arm can make; None where that is too little.
+
+    Args:
+        motion: that was designed.
+        hypotheses: that say how the load may swing; the box and the arm are kept clear of by all of them.
+        robot: the arm.
+        table: of its line.
+        load_radius: m.
+        box: that stands at the line; the usual one where it is not given.
+    """
+    box, limits = box or Box(), LineLimits.from_table(table)
+    obstacles = box_and_table(table.line, box)
+    for factor in FACTORS:
+        scaled = Motion(motion.time, factor * motion.along)
+        s, v, a = scaled.along
+        jerk = np.abs(np.diff(a)) / scaled.step
+        within = limits.s[0] <= s.min() and s.max() <= limits.s[-1] and jerk.max() <= limits.jerk
+        if not (within and np.all(np.abs(v) <= limits.speed_at(s)) and np.all(np.abs(a) <= limits.acceleration_at(s))):
+            continue
+        swings = [_swing(h, scaled, load_radius) for h in hypotheses]
+        if not all(_clear_of(box, scaled, swing) for swing in swings):
+            continue
+        trajectory = LineTrajectory(scaled.time, s, v, a)
+        mass = hypotheses[0].model.value("mass")
+        settings = CheckSettings(load_mass=mass, obstacles=obstacles)
+        reports = [check_line(table, robot, trajectory, settings, swing) for swing in swings[:1]]
+        if all(report.feasible for report in reports):
+            return Offered(scaled, trajectory, reports[0], factor)
+    return None
+
+
+def arranged(plan: Plan, load_radius: float, robot: urdf.Robot | None = None) -> tuple[Plan, Offered | None]:
+    """The plan with the motion as the arm can make it, or without it; where it differs, its promise is computed anew.
+
+    Args:
+        plan: with a designed motion.
+        load_radius: m.
+        robot: the arm; Baxter where it is not given.
+    """
+    moving = plan.motion
+    if moving is None or moving.experiment.motion is None or moving.outlook.probability <= HOPELESS:
+        return plan, None
+    arm = robot or urdf.load("baxter")
+    found = offered(moving.experiment.motion, plan.rivals.hypotheses, arm, default_table(arm), load_radius)
+    rest = tuple(p for p in plan.proposals if p is not moving)
+    if found is None:
+        return replace(plan, proposals=rest), None
+    if found.factor != 1.0:
+        moving = with_motion(moving, plan.rivals.hypotheses, found.motion, moving.experiment.what)
+    return replace(plan, proposals=tuple(sorted((*rest, moving), key=lambda p: p.rank))), found
+
+
+def write_motion(trajectory: LineTrajectory, file: Path) -> None:
+    """Write a motion along the line as `armdyn check` and `armdyn trial --motion` read it."""
+    columns = (("s", trajectory.s, "m"), ("v", trajectory.v, "m/s"), ("a", trajectory.a, "m/s^2"))
+    write_csv(file, {name: Channel(trajectory.time, values, unit) for name, values, unit in columns})
+
+
+def _swing(hypothesis: Hypothesis, motion: Motion, radius: float) -> Swing:
+    held = Held(hypothesis, Experiment("motion", "", motion))
+    outputs = held.rollout(held.start).outputs
+    angle, tension = (outputs[:, CHANNELS.index(name)] for name in ("swing_angle", "load_force"))
+    return Swing(motion.time, angle, tension, hypothesis.model.value("length"), radius)
+
+
+def _clear_of(box: Box, motion: Motion, swing: Swing) -> bool:
+    """Whether the load stays away from the near wall, or above the rim."""
+    x = motion.along[0] - swing.length * np.sin(swing.angle)
+    below = swing.length * np.cos(swing.angle)
+    room = swing.radius + AWAY
+    return bool(np.all((x < box.near_wall - room) | (below < box.rim - room)))

@@ -1,0 +1,258 @@
+"""The robot finds out by itself what its model lacks: swing, diagnose, design the next motion, till one verdict stands.
+
+Each swing is an experiment of its own that leaves the load at rest; between two of them the arm stands and the
+recordings are thought over. It knows neither whether the robot is simulated nor where its recordings go.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from typing import TypeVar
+
+import numpy as np
+
+import urdf
+from armdyn.effects.catalogue import CATALOGUE
+from armdyn.effects.effect import Effect
+from armdyn.errors import InputError
+from armdyn.experiments.plan import HOPELESS, Proposal, designed_motion
+from armdyn.experiments.rivals import Rivals, of_diagnosis, refitted
+from armdyn.experiments.separation import beliefs
+from armdyn.identify.diagnose import Diagnosis, diagnose
+from armdyn.identify.repair import fitted_model
+from armdyn.identify.study import Study
+from armdyn.identify.verdict import Verdict
+from armdyn.pendulum.model import PendulumModel
+from armdyn.run import Run
+from ik import LineTable
+from pipeline.motion import LineTrajectory
+from pipeline.motion.offered import offered
+from pipeline.trial.experiment import REST, Ending, Experiment, Phase
+from pipeline.trial.settings import ProtocolSettings
+
+MOST = 4
+"""Experiments, where the user names no number."""
+SECONDS = 8.0
+"""Of a designed motion."""
+LEAST_STD = 1e-3
+"""m."""
+ASKED = ("linear_drag",)
+"""Effects that a trial allows for without asking, and that stand for others: drag hides friction."""
+START_STD = {"initial_angle": 0.05, "initial_rate": 0.2}
+"""rad, rad/s: how far from rest a load may be that the robot has brought to rest with a model that lacks something."""
+
+Swing = Callable[[ProtocolSettings, int, float], tuple["SwingExperiment", Ending]]
+"""``(settings, number, where the gripper stands) -> the experiment that was made, and how it ended``."""
+
+
+class Stop(Enum):
+    """Why an investigation ended; the value is what a person should read."""
+
+    EXPLAINED = "nothing is missing"
+    NAMED = "one verdict stands"
+    INSEPARABLE = "no motion of the gripper tells apart what is left"
+    UNKNOWN = "something is missing that no effect of the catalogue explains"
+    SPENT = "no experiment is left"
+    INTERRUPTED = "an experiment was ended before its time"
+
+
+class SwingExperiment(Experiment):
+    """An experiment that only learns: it ends with the load at rest below the gripper."""
+
+    def _protocol(self) -> bool:
+        self._run(Phase.REST, 0.0, REST)
+        self._learn()
+        self._settle()
+        return True
+
+    def recording(self, name: str) -> Run:
+        """What was measured while it learnt; its noise is measured as well, with what the arm adds to the cell's."""
+        self.measurement.update_path()
+        return replace(self.measurement.run(), name=name, noise={})
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """One experiment of an investigation, and what it taught.
+
+    Attributes:
+        run: the recording.
+        proposal: the experiment as it was designed, with what was expected; None for the first.
+        diagnosis: of all runs so far.
+        belief: by effect, of those that have been in question.
+        gap: by how much the second best of them fits worse than the best, on the scale of chi2; None for one alone.
+    """
+
+    run: Run
+    proposal: Proposal | None
+    diagnosis: Diagnosis
+    belief: dict[str, float] = field(default_factory=dict)
+    gap: float | None = None
+
+    @property
+    def candidates(self) -> tuple[str, ...]:
+        """Effects that may be missing; empty where nothing is, or nothing known."""
+        if self.diagnosis.verdict in (Verdict.EXPLAINED, Verdict.UNKNOWN_EFFECT) or not self.diagnosis.suspects:
+            return ()
+        search = self.diagnosis.search
+        given = search.steps[0].effects
+        found = [c.effect for c in search.last.effects if c not in given]
+        return tuple(dict.fromkeys([*found, *(c.effect for c in search.tied)]))
+
+    @property
+    def residual(self) -> float:
+        """Root mean square of what the best model leaves of the force, over its noise."""
+        return float(np.sqrt(self.diagnosis.search.last.fit.chi2_per_sample))
+
+
+@dataclass(frozen=True, eq=False)
+class Investigation:
+    """What the robot found out.
+
+    Attributes:
+        stages: experiments in order.
+        stop: why there was none more.
+        model: with what was found; None where nothing was to be added.
+        ending: of an experiment that was ended before its time; None elsewhere.
+        place: where the gripper stands now [m].
+    """
+
+    stages: tuple[Stage, ...]
+    stop: Stop
+    model: PendulumModel | None
+    ending: Ending | None = None
+    place: float = 0.0
+
+    @property
+    def sentence(self) -> str:
+        """The story in a line."""
+        count = len(self.stages)
+        what = ", ".join(self.stages[-1].candidates) if self.stages else ""
+        made = f"after {count} experiment{'s' if count != 1 else ''}"
+        return f"{made} {self.stop.value}" + (f": {what}" if what else "")
+
+
+def investigate(
+    settings: ProtocolSettings,
+    swing: Swing,
+    arm: urdf.Robot,
+    table: LineTable,
+    most: int = MOST,
+    say: Callable[[str], None] | None = None,
+    catalogue: Sequence[Effect] = tuple(CATALOGUE.values()),
+) -> Investigation:
+    """Swing, diagnose, design, and again.
+
+    Args:
+        settings: of the trial that follows.
+        swing: makes one experiment.
+        arm: that moves.
+        table: of its line.
+        most: experiments, at most.
+        say: told what is going on.
+        catalogue: effects that may be missing.
+
+    Raises:
+        InputError: there is not one experiment to make.
+    """
+    if most < 1:
+        raise InputError(f"--investigate {most}: allow at least one experiment")
+    tell = say or (lambda _: None)
+    model = questioned(settings)
+    stages: list[Stage] = []
+    questions: dict[tuple[str, ...], None] = {}
+    motion: LineTrajectory | None = None
+    proposal: Proposal | None = None
+    place = 0.0
+    while True:
+        number = len(stages) + 1
+        experiment, ending = swing(replace(settings, estimate=True, motion=motion), number, place)
+        place = experiment.drive.state.s
+        if ending.stopped:
+            return Investigation(tuple(stages), Stop.INTERRUPTED, None, ending, place)
+        run = experiment.recording(f"experiment {number}")
+        tell(f"thinking over {number} experiment{'s' if number > 1 else ''}")
+        study = Study(model, [*(stage.run for stage in stages), run], [], catalogue)
+        found = diagnose(study)
+        rivals = of_diagnosis(study, found)
+        if rivals is not None:
+            questions.update(dict.fromkeys(_names(rivals, study)))
+        belief, gap = _believed(study, list(questions))
+        stages.append(Stage(run, proposal, found, belief, gap))
+        stop = _stop(found, rivals)
+        if stop is None and number >= most:
+            stop = Stop.SPENT
+        if stop is None and rivals is not None:
+            tell("designing the next motion")
+            proposal = designed_motion(rivals, SECONDS, seed=number)
+            assert proposal.experiment.motion is not None, "it was designed"
+            made = offered(proposal.experiment.motion, rivals.hypotheses, arm, table, settings.load_radius)
+            if made is None or not _promising(proposal):
+                stop = Stop.INSEPARABLE
+            else:
+                motion = made.trajectory
+        if stop is not None:
+            changed = found.verdict in (Verdict.EFFECT_MISSING, Verdict.CANNOT_TELL_APART)
+            better = fitted_model(study, found.search.last) if changed else None
+            assert better is None or isinstance(better, PendulumModel), "a pendulum was given"
+            return Investigation(tuple(stages), stop, better, None, place)
+
+
+S = TypeVar("S", bound=ProtocolSettings)
+
+
+def after(settings: S, found: Investigation) -> S:
+    """Settings of the trial that follows, with what was found."""
+    if found.model is None:
+        return settings
+    length = found.model.parameters["length"]
+    # The string is still the same: what was learnt of it stays known, but no better than a ruler knows it.
+    model = found.model.with_prior("length", length.value, max(length.std or 0.0, LEAST_STD))
+    return replace(settings, model=model, length_guess=length.value)
+
+
+def questioned(settings: ProtocolSettings) -> PendulumModel:
+    """The model that is held against the recordings: the robot's, but drag is a question and no nuisance.
+
+    Its start is nearly at rest, and not held there: the robot may have left the load swinging.
+    """
+    model = settings.starting_model()
+    for name in ASKED:
+        if settings.model is None or not settings.model.joints_with(name):
+            model = model.without_effect(name)
+    for name, std in START_STD.items():
+        freed = replace(model.parameters[name], fitted=True)
+        model = model.with_parameters({name: freed}).with_prior(name, freed.value, std)
+    return model
+
+
+def _stop(found: Diagnosis, rivals: Rivals | None) -> Stop | None:
+    if found.verdict is Verdict.EXPLAINED:
+        return Stop.EXPLAINED
+    if found.verdict is Verdict.UNKNOWN_EFFECT:
+        return Stop.UNKNOWN
+    return Stop.NAMED if rivals is None or found.verdict is Verdict.EFFECT_MISSING else None
+
+
+def _promising(proposal: Proposal) -> bool:
+    """Whether the motion may tell at least one pair apart."""
+    return proposal.outlook.probability > HOPELESS or bool(np.any(proposal.outlook.rises > WORTH))
+
+
+WORTH = 12.0
+"""Rise of chi2 from which a motion is worth making: twice the margin of a tie."""
+
+
+def _names(rivals: Rivals, study: Study) -> list[tuple[str, ...]]:
+    """The effects of every rival that the model of the study lacks."""
+    lacking = {c.effect for c in study.candidates}
+    return [tuple(e.name for e in h.model.effects if e.name in lacking) for h in rivals.hypotheses]
+
+
+def _believed(study: Study, questions: Sequence[tuple[str, ...]]) -> tuple[dict[str, float], float | None]:
+    """By rival of all experiments so far how probable it is, and how far the second best is behind."""
+    if len(questions) < 2:
+        return {}, None
+    rivals = refitted(study, questions)
+    shares = beliefs(rivals.hypotheses)
+    return {h.name: float(b) for h, b in zip(rivals.hypotheses, shares, strict=True)}, rivals.hypotheses[1].misfit

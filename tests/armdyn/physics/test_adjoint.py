@@ -1,0 +1,49 @@
+import numpy as np
+import pytest
+
+from armdyn.effects.catalogue import CATALOGUE
+from armdyn.experiments.hypothesis import Experiment, Held, Hypothesis
+from armdyn.experiments.motion import Harmonics, Limits
+from armdyn.pendulum.model import pendulum_model
+
+HARMONICS = Harmonics(3.0, Limits())
+COEFFICIENTS = 0.5 * HARMONICS.random(np.random.default_rng(0))
+
+
+def held(effects, coefficients, noise):
+    """A hypothesis with effects at their typical sizes, in an experiment with one motion."""
+    model = pendulum_model(0.368, 0.08, [CATALOGUE[name] for name in effects])
+    model = model.with_values({n: p.typical for n, p in model.parameters.items() if p.effect})
+    free = ("length", "mass")
+    experiment = Experiment("motion", "", HARMONICS.motion(coefficients), noise)
+    return Held(Hypothesis("", model, free, np.zeros((2, 2))), experiment)
+
+
+# Plain equations; the sensor's lag and delay; a gripper that trails; what yields, with its jerk and impulse; memory-free
+# states across the line.
+@pytest.mark.parametrize(
+    "effects",
+    [
+        ("linear_drag",),
+        ("sensor_lag", "sensor_delay"),
+        ("gripper_lag", "pivot_coulomb_friction"),
+        ("string_elasticity", "sensor_lag"),
+        ("gripper_compliance", "gripper_lag"),
+        ("out_of_plane_swing", "wind"),
+    ],
+)
+@pytest.mark.parametrize("noise", [{"load_force": 5e-3}, {"load_force": 5e-3, "swing_angle": 5e-3}])
+def test_the_reverse_pass_gives_the_gradient_of_any_sum_of_readings(effects, noise):
+    at = held(effects, COEFFICIENTS, noise)
+    rng = np.random.default_rng(1)
+    readings, swing = rng.normal(size=len(at.predict(at.start)[0])), rng.normal(size=len(HARMONICS.time))
+    gradient = at.by_coefficients(at.start, HARMONICS, readings, swing)
+
+    def total(coefficients):
+        other = held(effects, coefficients, noise)
+        return readings @ other.predict(other.start)[0] + swing @ other.swing(other.start)
+
+    some = rng.choice(HARMONICS.size, 4, replace=False)
+    steps = 1e-4 * np.eye(HARMONICS.size)[some]
+    numeric = [(total(COEFFICIENTS + s) - total(COEFFICIENTS - s)) / 2e-4 for s in steps]
+    np.testing.assert_allclose(numeric, gradient[some], rtol=0, atol=1e-6 * np.abs(gradient).max())
