@@ -228,7 +228,7 @@ class Report:
             next_steps="".join(map(_next_step, self.next_steps)),
             sections=sections,
             footer=escape(f"armdyn {__version__}" + (f" · {self.command}" if self.command else "")),
-            style=_template("style.css").template,
+            style=report_style(),
             script=_template("page.js").template,
             overlay=_template("overlay.js").template,
             look=_json({"template": TEMPLATE, "dark": DARK}),
@@ -314,6 +314,11 @@ def _key_figure(figure: KeyFigure) -> str:
 
 def _template(name: str) -> Template:
     return Template((_TEMPLATES / name).read_text(encoding="utf-8"))
+
+
+def report_style() -> str:
+    """Style sheet of every page."""
+    return _template("style.css").template
 
 
 @cache
