@@ -230,8 +230,9 @@ class Report:
             footer=escape(f"armdyn {__version__}" + (f" · {self.command}" if self.command else "")),
             style=report_style(),
             script=_template("page.js").template,
+            draw=_template("draw.js").template,
             overlay=_template("overlay.js").template,
-            look=_json({"template": TEMPLATE, "dark": DARK}),
+            look=_json(LOOK),
             data=packed(_json({"figures": figures, "widgets": widgets})),
             plotly=_library(),
         )
@@ -314,6 +315,14 @@ def _key_figure(figure: KeyFigure) -> str:
 
 def _template(name: str) -> Template:
     return Template((_TEMPLATES / name).read_text(encoding="utf-8"))
+
+
+LOOK = {"template": TEMPLATE, "dark": DARK}
+
+
+def widget_scripts() -> tuple[str, ...]:
+    """Scripts that draw a `Widget` on a page that has plotly.js; `LOOK` says in which colours."""
+    return _template("draw.js").template, _template("overlay.js").template
 
 
 def report_style() -> str:
