@@ -19,7 +19,7 @@ def worker_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
     Args:
         workers: how many processes.
     """
-    pool = ProcessPoolExecutor(workers, initializer=_begin, initargs=(os.getpid(),))
+    pool = ProcessPoolExecutor(workers, initializer=begin_worker, initargs=(os.getpid(),))
     try:
         yield pool
     except BaseException:
@@ -31,7 +31,7 @@ def worker_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
     pool.shutdown()
 
 
-def _begin(parent: int) -> None:
+def begin_worker(parent: int) -> None:
     """In a worker: Ctrl-C is left to the parent, and a parent that was killed takes its workers along."""
     for name in ("SIGINT", "SIGHUP"):
         if hasattr(signal, name):

@@ -22,7 +22,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-COMMANDS = ("trial", "models", "importing", "identify", "export", "ik", "arm", "check", "loadcell", "ros", "view")
+COMMANDS = ("trial", "models", "importing", "identify", "export", "ik", "arm", "check", "loadcell", "ros", "view", "workbench")
 """Modules of `pipeline.commands`, in the order in which `armdyn --help` lists their commands."""
 
 

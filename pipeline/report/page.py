@@ -251,7 +251,7 @@ def _section(section: Section, figures: list[dict[str, Any]], widgets: list[Mapp
     heading = f"<h2>{escape(section.title)}</h2>"
     if section.sentence():
         heading += f"<p class='sentence'>{escape(section.sentence())}</p>"
-    heading += _tabs(section.tabs(), section.anchor)
+    heading += tabs_html(section.tabs(), section.anchor)
     widget = section.widget()
     if widget is not None:
         place = f"<div class='chart' style='height: {widget.height}px'></div><p class='caption'></p>"
@@ -264,7 +264,7 @@ def _section(section: Section, figures: list[dict[str, Any]], widgets: list[Mapp
     return f"<section id='{section.anchor}'>{together}{''.join(charts[1:])}{tables}</section>"
 
 
-def _tabs(tabs: Mapping[str, str], anchor: str) -> str:
+def tabs_html(tabs: Mapping[str, str], anchor: str) -> str:
     """Radio buttons that choose what is shown, in this and in other sections; none where there is nothing to choose."""
     if len(tabs) < 2:
         return ""

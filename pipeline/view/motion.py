@@ -118,7 +118,7 @@ def swing_of(run: Run, model: Model | None, fit: Fit | None = None) -> Swing:
     Args:
         run: the recording.
         model: that knows the length, and the angle where none was measured; None for none.
-        fit: of that model to runs of which this is the first; it is made where it is needed and not given.
+        fit: of that model to runs of which this is one; it is made where it is needed and not given.
 
     Raises:
         InputError: the angle was not measured, and no model says it.
@@ -148,8 +148,9 @@ def _predicted_angle(run: Run, model: Model, fit: Fit | None) -> tuple[Channel, 
 
         fit = Study(model, [run], [], []).first()
     problem = fit.problem
-    theta = problem.theta(0, fit.values)
-    angle = problem.model.covariates(problem.runs[0], theta).get("swing_angle")
+    index = [other.name for other in problem.runs].index(run.name)
+    theta = problem.theta(index, fit.values)
+    angle = problem.model.covariates(problem.runs[index], theta).get("swing_angle")
     if angle is None:
         raise InputError(f"{run.source or run.name}: the model of base '{model.base}' says no swing angle")
     return angle, dict(zip(problem.model.names, theta.tolist(), strict=True))

@@ -110,6 +110,7 @@ const armdynOverlay = (place, data, draw) => {
     chart.hidden = caption.hidden = false;
     tell(curve);
     draw(chart, figureOf(curve));
+    place.dispatchEvent(new CustomEvent("armdyn-shown", { detail: curve, bubbles: true }));
   };
   place.addEventListener("change", ({ target }) => {
     if (target.dataset.control) { now[target.dataset.control] = Number(target.value); show(); }

@@ -92,12 +92,13 @@ const armdynScene = (place, data, { dark = () => false } = {}) => {
   const clock = document.createElement("output");
   const rule = document.createElement("div");
   rule.className = "rule";
-  rule.append(slider, ...data.marks.map(({ start, end, text }) => {
+  const marks = (stretches) => rule.replaceChildren(slider, ...stretches.map(({ start, end, text }) => {
     const mark = Object.assign(document.createElement("i"), { title: `${text}, ${start.toFixed(2)} to ${end.toFixed(2)} s` });
     mark.style.left = `${(100 * (start - first)) / (last - first)}%`;
     mark.style.width = `${Math.max(0.6, (100 * (end - start)) / (last - first))}%`;
     return mark;
   }));
+  marks(data.marks);
   bar.append(play, rule, clock);
   place.replaceChildren(canvas, bar);
 
@@ -200,7 +201,7 @@ const armdynScene = (place, data, { dark = () => false } = {}) => {
   fit();
   show(first, { tell: false });
   return {
-    show: (now) => { playing(false); show(now, { tell: false }); }, draw, first, last,
+    show: (now) => { playing(false); show(now, { tell: false }); }, draw, marks, first, last,
     end: () => { state.stopped = true; watch.disconnect(); renderer.dispose(); renderer.forceContextLoss(); place.replaceChildren(); },
   };
 };
