@@ -115,7 +115,7 @@ class Browser:
         """Press the left button of the mouse on an element, where it can be seen."""
         x, y = self.ask(
             f"(() => {{ const e = document.querySelector({json.dumps(selector)});"
-            " e.scrollIntoView({ block: 'center' }); const b = e.getBoundingClientRect();"
+            " e.scrollIntoView({ block: 'center', behavior: 'instant' }); const b = e.getBoundingClientRect();"
             " return [b.x + b.width / 2, b.y + b.height / 2]; })()"
         )
         for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
@@ -152,5 +152,3 @@ class Browser:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-

@@ -22,7 +22,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-COMMANDS = ("trial", "models", "importing", "identify", "export", "ik", "arm", "check", "loadcell", "ros", "view", "workbench")
+COMMANDS = (
+    "trial", "models", "importing", "identify", "workbench", "export", "ik", "arm", "check", "view", "loadcell", "ros",
+)  # fmt: skip
 """Modules of `pipeline.commands`, in the order in which `armdyn --help` lists their commands."""
 
 

@@ -50,7 +50,9 @@ def workbench(
         listen = listening(port)
 
     def started(address: str) -> None:
-        typer.echo(f"workbench at {address} (this computer only; each browser tab has a choice of its own; Ctrl-C ends it)")
+        typer.echo(
+            f"workbench at {address} (this computer only; each browser tab has a choice of its own; Ctrl-C ends it)"
+        )
         if not no_browser:
             import webbrowser
 

@@ -3,10 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from armdyn.channels import FloatArray
-from armdyn.identify.appraisal import Appraisal
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.fit import Fit
 from armdyn.identify.study import Study
@@ -52,18 +49,14 @@ class Foretelling:
         Args:
             effects: of the study's candidates, each on one joint.
         """
-        one, sums = self._around.of(effects), self._around.sums
+        sums = self._around.sums
+        columns, change, values = self._around.minimum(effects)
         residuals = {
-            (sums.runs[sums.run[unit]], sums.channels[sums.channel[unit]]): sums.residual(
-                unit, one.columns, one.effective
-            )
+            (sums.runs[sums.run[unit]], sums.channels[sums.channel[unit]]): sums.residual(unit, columns, change)
             for unit in range(len(sums.count))
             if self._linear or sums.training[unit]
         }
-        return Foretold(residuals, self._values(one))
-
-    def _values(self, one: Appraisal) -> FloatArray:
-        return np.asarray(self._study.own_values(self._around, one))
+        return Foretold(residuals, self._study.own(values, sums.problem))
 
 
 def _around(study: Study, first: Fit) -> Summed:

@@ -1,6 +1,5 @@
 """What a person keeps of the bench: the model file, a report, the model for other tools."""
 
-import shlex
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -9,7 +8,7 @@ from pathlib import Path
 from armdyn.arm.model import ArmModel
 from armdyn.errors import InputError
 from armdyn.model import Model
-from pipeline.commands.identify import Given
+from pipeline.commands.identify import Given, Inputs
 from pipeline.workbench.bench import Atom, Bench
 
 
@@ -31,6 +30,7 @@ class Kept:
 
 
 def keep(
+    opened: Inputs,
     given: Given,
     bench: Bench,
     effects: Sequence[Atom],
@@ -43,6 +43,7 @@ def keep(
     """Refit with these effects one after the other, and write what `add` and `export` would.
 
     Args:
+        opened: that were opened.
         given: model file and catalogue.
         bench: the study and what can be ticked.
         effects: that are ticked.
@@ -65,8 +66,7 @@ def keep(
     if model.suffix.lower() != ".toml":
         raise InputError(f"{model}: end the name of a model file in .toml")
     study = bench.study
-    inputs = [run.source for run in (*study.runs, *study.held_out) if run.source is not None]
-    check_outputs(model, report, exported, inputs=inputs)
+    check_outputs(model, report, exported, inputs=opened.recordings)
     for file in (model, report, exported):
         if file is not None:
             free_to_write(file, force)
@@ -76,7 +76,7 @@ def keep(
         model, ModelFile(kept, given.file.description, (*given.file.history, *history_entries(study, found)))
     )
     files, notes = [model, *copied], []
-    command = shlex.join(["armdyn", "compare", str(model), *(str(path) for path in inputs)])
+    command = opened._replace(model=model).command("compare", "--report", "compare.html")
     if report is not None:
         repair_report(study, found, next_steps=[NextStep("hold it against runs:", command)]).write(report)
         files.append(report)

@@ -220,9 +220,9 @@ class Page:
         report = model.with_suffix(".html") if args["report"] else None
         ending = str(args["export"])
         exported = model.with_suffix(ending) if ending else None
-        ticked, force = self._ticked, bool(args["force"])
+        opened, ticked, force = self._desk_open().inputs, self._ticked, bool(args["force"])
         kept = await self._working(
-            "fitting and writing", lambda: keep(given, bench, ticked, model, report, exported, force=force)
+            "fitting and writing", lambda: keep(opened, given, bench, ticked, model, report, exported, force=force)
         )
         self._kept = model
         lines = [f"<p class='sentence'>{escape(kept.sentence)}</p>"]
@@ -246,10 +246,14 @@ class Page:
             self._search.stop()
             self._search = None
         self._panel("files", panels.files_panel(self._model, self._runs, self._said))
-        self._run("armdynBench.say('')")
+        self._panel("ranking", "<p class='caption'>A search ranks every effect beside what is ticked.</p>")
+        self._panel("effects", "")
+        self._run("armdynBench.say('');armdynBench.show('stop', false)")
         fitted = [path for path, held_out in self._runs if not held_out]
         if self._model is None or not fitted:
-            missing = "a recording to fit" if self._model is not None else "a model: start one, or drop a model or a URDF"
+            missing = (
+                "a recording to fit" if self._model is not None else "a model: start one, or drop a model or a URDF"
+            )
             self._subtitle(f"still needed: {missing}")
             return
         held_out = [path for path, held in self._runs if held]
@@ -345,5 +349,3 @@ class Page:
 
 def _json(value: object) -> str:
     return json.dumps(value, separators=(",", ":"))
-
-

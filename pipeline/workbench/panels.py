@@ -1,6 +1,5 @@
 """The page's panels as HTML, made of the state; every text is escaped."""
 
-import os
 from collections.abc import Collection, Mapping, Sequence
 from html import escape
 from pathlib import Path
@@ -27,7 +26,9 @@ def effects_panel(bench: Bench, ticked: Collection[Atom]) -> str:
     rows = []
     for effect in dict.fromkeys(atom.effect for atom in (*bench.present, *bench.atoms)):
         mine = [atom for atom in (*bench.present, *bench.atoms) if atom.effect == effect]
-        boxes = "".join(_box(atom, short.get(atom.joint, effect), atom in ticked, atom in bench.present) for atom in mine)
+        boxes = "".join(
+            _box(atom, short.get(atom.joint, effect), atom in ticked, atom in bench.present) for atom in mine
+        )
         free = [atom for atom in mine if atom not in bench.present]
         every = f"<button type='button' data-every='{escape(effect)}'>all</button>" if len(free) > MANY_JOINTS else ""
         summary = bench.study.effects[effect].summary
@@ -50,15 +51,13 @@ def _box(atom: Atom, label: str, ticked: bool, fixed: bool) -> str:
 
 def short_joints(joints: Sequence[str]) -> dict[str, str]:
     """Names without what all of them begin with, or end in: ``right_s0`` as ``s0``."""
-    each = list(dict.fromkeys(joints))
-    if len(each) < 2:
-        return {name: name for name in each}
-    begin = os.path.commonprefix(each).rpartition("_")[0]
-    cut = len(begin) + 1 if begin else 0
-    rest = [name[cut:] for name in each]
-    end = os.path.commonprefix([name[::-1] for name in rest])[::-1]
-    end = end[end.index("_") :] if "_" in end else ""
-    return {name: left.removesuffix(end) for name, left in zip(each, rest, strict=True)}
+    words = {name: name.split("_") for name in joints}
+    for side in (0, -1):
+        while (
+            len(words) > 1 and all(len(w) > 1 for w in words.values()) and len({w[side] for w in words.values()}) == 1
+        ):
+            words = {name: w[1:] if side == 0 else w[:-1] for name, w in words.items()}
+    return {name: "_".join(w) for name, w in words.items()}
 
 
 def errors_panel(state: State) -> str:
@@ -75,7 +74,9 @@ def errors_panel(state: State) -> str:
     if state.others and not any(curve.kind == HELD_OUT for curve in state.curves):
         for unit, error in totals(state.others, units).items():
             figures.append(_key("Error, runs predicted from the others", number(error, unit), ""))
-    return f"<div class='keys'>{''.join(figures)}</div><p class='how {state.how.replace(' ', '-')}'>{HOW[state.how]}</p>"
+    return (
+        f"<div class='keys'>{''.join(figures)}</div><p class='how {state.how.replace(' ', '-')}'>{HOW[state.how]}</p>"
+    )
 
 
 def _figure(name: str, before: float, after: float, unit: str) -> str:
@@ -86,9 +87,8 @@ def _figure(name: str, before: float, after: float, unit: str) -> str:
 
 
 def _key(name: str, value: str, note: str) -> str:
-    return (
-        f"<div class='key'><span>{escape(name)}</span><strong>{escape(value)}</strong><small>{escape(note)}</small></div>"
-    )
+    text = f"<span>{escape(name)}</span><strong>{escape(value)}</strong><small>{escape(note)}</small>"
+    return f"<div class='key'>{text}</div>"
 
 
 def knobs_panel(state: State) -> str:
@@ -104,7 +104,8 @@ def _slider(name: str, knob: Knob) -> str:
     spread = f" ± {knob.std:.2g}" if knob.std is not None else ""
     return (
         f"<label class='knob'><span>{escape(name)}</span>"
-        f"<input type='range' data-knob='{escape(name)}' min='{knob.low!r}' max='{knob.high!r}' step='any' value='{value!r}'>"
+        f"<input type='range' data-knob='{escape(name)}' step='any' "
+        f"min='{knob.low!r}' max='{knob.high!r}' value='{value!r}'>"
         f"<output data-unit='{escape(unit)}'>{value:.4g}{spread} {escape(unit)}</output></label>"
     )
 
@@ -128,7 +129,8 @@ def ranking_panel(ranking: Ranking, units: Mapping[str, str]) -> str:
         left = ", ".join(number(error, unit) for unit, error in after.items())
         rows.append(
             f"<tr><td><b>{escape(suspect.effect)}</b>{escape(places)}{tie if suspect.tied_with else ''}</td>"
-            f"<td class='share fine'><span style='width: {100 * min(share, 1.0):.1f}%'></span><b>{escape(left)}</b></td>"
+            f"<td class='share fine'><span style='width: {100 * min(share, 1.0):.1f}%'></span>"
+            f"<b>{escape(left)}</b></td>"
             f"<td><button type='button' data-try='{escape(label)}'>try</button></td></tr>"
         )
     remedies = f"<p class='caption'>What would tell them apart: {escape('; '.join(ranking.remedies))}.</p>"
@@ -149,7 +151,7 @@ def files_panel(model: Path | None, runs: Sequence[tuple[Path, bool]], said: Seq
     rows = [f"<tr><td>model</td><td>{escape(model.name) if model else 'none yet'}</td><td></td></tr>"]
     for i, (path, held_out) in enumerate(runs):
         choice = "".join(
-            f"<button type='button' data-role='{role}' data-run='{i}'{' class=chosen' if chosen else ''}>{role}</button>"
+            f"<button type='button' data-role='{role}' data-run='{i}'{' class=chosen' * chosen}>{role}</button>"
             for role, chosen in (("fit", not held_out), ("hold out", held_out), ("leave out", False))
         )
         rows.append(f"<tr><td>recording</td><td>{escape(path.name)}</td><td class='roles'>{choice}</td></tr>")

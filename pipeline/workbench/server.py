@@ -1,8 +1,7 @@
 """Serves the workbench on this computer only, until Ctrl-C."""
 
 import socket
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 
 import uvicorn
 from fastapi import FastAPI, Response
@@ -62,7 +61,6 @@ def serve(inputs: Inputs | None, listen: socket.socket, started: Callable[[str],
     if inputs is not None:
         open_desk(inputs)  # the browser takes a second to come, in which the recordings can be read
 
-    @ui.page("/", title="armdyn workbench", dark=None)
     async def page(client: Client) -> None:
         ui.add_head_html(_head())
         own = Page(client, inputs, open_desk)
@@ -70,7 +68,8 @@ def serve(inputs: Inputs | None, listen: socket.socket, started: Callable[[str],
         await client.connected()
         await own.begin()
 
-    server = _Server(_application(), started)
+    ui.page("/", title="armdyn workbench", dark=None)(page)
+    server = _server(_application(), started)
     try:
         server.run(sockets=[listen])
     finally:
@@ -93,47 +92,38 @@ def _application() -> FastAPI:
     }
     texts = {name: make() for name, make in scripts.items()}
 
-    @application.get(ASSETS + "/{version}/{name}")
     def asset(version: str, name: str) -> Response:
         del version  # only there so that another version of armdyn is not taken from the browser's cache
         if name not in texts:
             return Response(status_code=404)
         return Response(texts[name], media_type="text/javascript", headers=DAY)
 
+    application.get(ASSETS + "/{version}/{name}")(asset)
     ui.run_with(application, title="armdyn workbench", dark=None, tailwind=False, show_welcome_message=False,
                 binding_refresh_interval=None)  # fmt: skip
     return application
 
 
 def _head() -> str:
-    sources = "".join(
-        f"<script defer src='{ASSETS}/{__version__}/{name}'></script>"
-        for name in ("plotly.js", "three.js", "workbench.js")
-    )
+    script = f"<script defer src='{ASSETS}/{__version__}/workbench.js'></script>"
     own = (TEMPLATES / "workbench.css").read_text(encoding="utf-8")
-    return f"<meta name='color-scheme' content='light dark'><style>{report_style()}\n{scene_style()}\n{own}</style>{sources}"
+    style = f"<style>{report_style()}\n{scene_style()}\n{own}</style>"
+    return f"<meta name='color-scheme' content='light dark'>{style}{script}"
 
 
-class _Server(uvicorn.Server):
-    """Ends in order on the first Ctrl-C, at once on the second."""
+def _server(application: FastAPI, started: Callable[[str], None]) -> uvicorn.Server:
+    """A server that ends in order on the first Ctrl-C, at once on the second."""
+    server = uvicorn.Server(uvicorn.Config(application, log_level="warning", timeout_graceful_shutdown=1))
+    usual = server.startup
 
-    def __init__(self, application: FastAPI, started: Callable[[str], None]) -> None:
-        super().__init__(
-            uvicorn.Config(application, log_level="warning", timeout_graceful_shutdown=1, ws_ping_interval=None)
-        )
-        self._tell = started
+    async def startup(sockets: list[socket.socket]) -> None:
+        await usual(sockets=sockets)
+        if not server.should_exit:
+            started(f"http://{HOST}:{sockets[0].getsockname()[1]}")
 
-    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        await super().startup(sockets)
-        if sockets and not self.should_exit:
-            self._tell(f"http://{HOST}:{sockets[0].getsockname()[1]}")
+    def note(_: int) -> None:
+        server.should_exit = True
 
-    @contextmanager
-    def capture_signals(self) -> Iterator[None]:
-        def note(_: int) -> None:
-            self.should_exit = True
-
-        with noted_signals(note):
-            yield
-
-
+    server.startup = startup
+    server.capture_signals = lambda: noted_signals(note)
+    return server

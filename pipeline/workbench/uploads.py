@@ -118,7 +118,9 @@ def _toml(path: Path) -> Dropped:
     if "base" in table:
         model: Model = read_model_file(path).model
         effects = ", ".join(effect.label for effect in model.effects)
-        return Dropped("model", path, f"{path.name}: a model of base '{model.base}'" + (f" with {effects}" * bool(effects)))
+        return Dropped(
+            "model", path, f"{path.name}: a model of base '{model.base}'" + (f" with {effects}" * bool(effects))
+        )
     read_sidecar(path)
     return Dropped("sidecar", path, f"{path.name}: describes the recording of the same name")
 

@@ -15,8 +15,19 @@ const armdynBench = (() => {
   };
   const busy = (text) => { at("busy").textContent = text; at("busy").hidden = !text; };
 
+  // The large libraries come after the page: it is there to be read and clicked before they are compiled.
+  const script = (name) => new Promise((done, failed) => {
+    const element = Object.assign(document.createElement("script"), { src: `${assets}/${name}`, onload: done, onerror: failed });
+    document.head.append(element);
+  });
+  const assets = document.currentScript.src.replace(/\/[^/]*$/, "");
+  const libraries = {};
+  const library = (name) => (libraries[name] ??= script(name));
+  addEventListener("load", () => setTimeout(() => library("plotly.js"), 50));
+
   // The curves: one form with the controls of a report.
-  const open = ({ html, data, look }) => {
+  const open = async ({ html, data, look }) => {
+    await library("plotly.js");
     state.figures ??= armdynFigures(look);
     panel("curves", html);
     const form = at("curves").querySelector("form");
@@ -59,7 +70,8 @@ const armdynBench = (() => {
     state.cursor.style.height = `${chart.clientHeight - 70}px`;
   };
   const failing = (curve) => curve.failing.map(([start, end]) => ({ start, end, text: "as given, the residual is far above the noise" }));
-  const scene = (data) => {
+  const scene = async (data) => {
+    await library("three.js");
     state.view?.end();
     state.view = armdynScene(at("scene"), data, { dark: state.figures.dark });
     at("scene-note").textContent = data.note;
