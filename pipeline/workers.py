@@ -23,7 +23,7 @@ def worker_pool(workers: int, start: str | None = None) -> Iterator[ProcessPoolE
             go, ``"forkserver"``: a forked copy of a process with threads can hang.
     """
     parent = os.getpid() if start in (None, "fork") else None
-    pool = ProcessPoolExecutor(workers, get_context(start), initializer=_begin, initargs=(parent,))
+    pool = ProcessPoolExecutor(workers, get_context(start), initializer=begin_worker, initargs=(parent,))
     try:
         yield pool
     except BaseException:
@@ -35,7 +35,7 @@ def worker_pool(workers: int, start: str | None = None) -> Iterator[ProcessPoolE
     pool.shutdown()
 
 
-def _begin(parent: int | None) -> None:
+def begin_worker(parent: int | None) -> None:
     """In a worker: Ctrl-C is left to the parent, and a parent that was killed takes its workers along.
 
     Args:

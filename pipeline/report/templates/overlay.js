@@ -110,11 +110,24 @@ const armdynOverlay = (place, data, draw) => {
     chart.hidden = caption.hidden = false;
     tell(curve);
     draw(chart, figureOf(curve));
+    place.dispatchEvent(new CustomEvent("armdyn-shown", { detail: curve, bubbles: true }));
   };
   place.addEventListener("change", ({ target }) => {
     if (target.dataset.control) { now[target.dataset.control] = Number(target.value); show(); }
   });
   return {
+    // Other predictions of the last step, for curves in the order of the data.
+    update: (curves, totals) => {
+      const last = data.steps.length - 1;
+      curves.forEach((changed, i) => {
+        if (!changed) return;
+        const curve = data.curves[i];
+        curve.residuals[last] = changed.residual;
+        [curve.rmse[last], curve.explained[last]] = [changed.rmse, changed.explained];
+      });
+      data.totals = totals;
+      show();
+    },
     choose: ({ channel, step, run }) => {
       if (channel) now.channel = channel;
       for (const [name, value, count] of [["step", step, data.steps.length], ["run", run, runs.length]]) {
