@@ -221,7 +221,7 @@ def _feasible(
         design = _with_less_room(design, check)
         say(f"{k + 1} of {REPAIRS} repairs, as the {check.violations[0]}")
         x = design.optimised(x, criterion, first=len(STEPS) - 2)
-    smaller = []
+    smaller: list[tuple[float, int, tuple[Array, JointTrajectory, FeasibilityReport]]] = []
     for motion in (x, best):
         for size in SMALLER:
             trajectory = sampled(design, scaled(motion, size))
