@@ -116,11 +116,14 @@ class Separated:
     def __call__(self, information: np.ndarray) -> tuple[float, np.ndarray]:
         """See `Criterion`."""
         total, slopes = 0.0, np.zeros_like(information)
+        known: dict[bytes, np.ndarray] = {}  # an effect's joints mostly have the same to be fitted in their place
         for case in self.hidden:
             everything = np.concatenate([case.own, case.fitted])
             F, size = information[np.ix_(everything, everything)], len(case.own)
-            K = covariance(F[size:, size:], self.prior[case.fitted])
-            onto = K @ F[size:, :size]  # what is fitted per change of the hidden effect
+            key = case.fitted.tobytes()
+            if key not in known:
+                known[key] = covariance(F[size:, size:], self.prior[case.fitted])
+            onto = known[key] @ F[size:, :size]  # what is fitted per change of the hidden effect
             L = case.directions.T @ (F[:size, :size] - F[:size, size:] @ onto) @ case.directions
             inverse = np.linalg.inv(L + FAINT * np.eye(len(L)))
             total += float(np.trace(inverse))

@@ -32,6 +32,8 @@ HARDER = 3.0
 """Growth of the penalty from round to round."""
 NEAR = 0.6
 """Margin of a posture, see `Postures.margins`, from which its distance is watched."""
+DEEPEST = -0.4
+"""Margin below which a posture is too deep in what is forbidden to be led out of it."""
 NUDGE = 1e-4
 """rad or m: of the finite differences of margins."""
 
@@ -163,11 +165,22 @@ class Design:
                 objective, (x / self.unit[:, None]).ravel(), jac=True, method="L-BFGS-B",
                 options={"maxiter": STEPS[min(k, len(STEPS) - 1)], "maxcor": 20},
             )  # fmt: skip
-            x = found.x.reshape(start.shape) * self.unit[:, None]
+            x = self._shallow(x, found.x.reshape(start.shape) * self.unit[:, None])
             objective.learn(x)
             held.penalty *= HARDER
             done(k)
         return x
+
+    def _shallow(self, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+        """The motion after a round, or one between, so that no posture is deep in what is forbidden.
+
+        Linearised about a deep posture, the way out may lead on through an obstacle.
+        """
+        for share in (1.0, 0.5, 0.25, 0.1):
+            x = before + share * (after - before)
+            if all(self.postures.margins(q).min() > DEEPEST for q in self.motion(x).q):
+                return x
+        return before
 
     def cuts(self, x: np.ndarray) -> Cuts:
         """Half-spaces about the postures that are near something forbidden."""

@@ -27,7 +27,7 @@ REPAIRS = 4
 """How often a motion that breaks a limit between the instants of its design is designed again with less room."""
 LESS = 0.99
 """Share of the room that is kept beyond what a violation asks for."""
-SMALLER = (0.95, 0.9, 0.8, 0.65, 0.5, 0.3)
+SMALLER = (1.0, 0.95, 0.9, 0.8, 0.65, 0.5, 0.3)
 """Sizes that are tried at last."""
 Say = Callable[[str], None]
 
@@ -113,13 +113,13 @@ def excitation(
     starts = _random(design, random, seed, say)
     informations = [design.information(x) for x in starts]
     x = _searched(design, goal.criterion, starts, informations, "rounds of the design done", say)
-    x, trajectory, check = _feasible(design, goal.criterion, x, settings, say)
+    best = starts[int(np.argmin([goal.criterion(information)[0] for information in informations]))]
+    x, trajectory, check = _feasible(design, goal.criterion, x, best, settings, say)
     conditioned = None
     if compare:
         say("designing the motion with the least condition number")
         other = _searched(design, goal.conditioned, starts, informations, "rounds of its rival done", say)
         conditioned = expectation(design, goal, _inside(design, other))
-    best = starts[int(np.argmin([goal.criterion(information)[0] for information in informations]))]
     return Excitation(
         goal=goal,
         series=design.series,
@@ -198,9 +198,11 @@ def _inside(design: Design, x: Array) -> Array:
 
 
 def _feasible(
-    design: Design, criterion: Criterion, x: Array, settings: CheckSettings, say: Say
+    design: Design, criterion: Criterion, x: Array, best: Array, settings: CheckSettings, say: Say
 ) -> tuple[Array, JointTrajectory, FeasibilityReport]:
-    """The motion after the check, designed again with less room, or made smaller, where it breaks a limit.
+    """The motion after the check, designed again with less room where it breaks a limit.
+
+    Where it still does, the motion or the `best` random one is made smaller, whichever then tells more.
 
     Raises:
         TaskFailedError: it breaks one all the same.
@@ -219,11 +221,17 @@ def _feasible(
         design = _with_less_room(design, check)
         say(f"{k + 1} of {REPAIRS} repairs, as the {check.violations[0]}")
         x = design.optimised(x, criterion, first=len(STEPS) - 2)
-    for size in SMALLER:
-        trajectory = sampled(design, scaled(x, size))
-        check = check_joints(robot, trajectory, settings)
-        if check.feasible:
-            return scaled(x, size), trajectory, check
+    smaller: list[tuple[float, int, tuple[Array, JointTrajectory, FeasibilityReport]]] = []
+    for motion in (x, best):
+        for size in SMALLER:
+            trajectory = sampled(design, scaled(motion, size))
+            check = check_joints(robot, trajectory, settings)
+            if check.feasible:
+                value, _ = criterion(design.information(scaled(motion, size)))
+                smaller.append((value, len(smaller), (scaled(motion, size), trajectory, check)))
+                break
+    if smaller:
+        return min(smaller)[2]
     assert first is not None
     raise TaskFailedError(f"no feasible motion was found: {first.sentence} Choose other --joints or --seconds")
 
