@@ -91,7 +91,10 @@ def repair_story(found: "Repair") -> Story:
                 values = [getattr(step, errors).get(channel) for step in found.path]
                 if any(value is not None for value in values):
                     columns[f"{kind} {channel} [{found.after.channels[channel].unit}]"] = values
-        return columns | {"chi2_per_sample": [s.chi2_per_sample for s in found.path], "bic": [s.bic for s in found.path]}
+        return columns | {
+            "chi2_per_sample": [s.chi2_per_sample for s in found.path],
+            "bic": [s.bic for s in found.path],
+        }
 
     fits = {"as given": found.before.fit} | ({"repaired": found.after.fit} if len(found.path) > 1 else {})
     good = found.verdict.key == "explained"
@@ -146,7 +149,9 @@ def figure(story: Story) -> Any:
         source = runs[name].channels[channel]
         measured = np.interp(first.time, source.time, source.value)
         curves = [("measured", measured, {"mode": "markers", "marker": {"color": MEASURED, "size": 3}})]
-        for (label, _), colour, dash, by in zip(fits, _colours(len(fits)), ("dash", "solid")[-len(fits) :], blocks, strict=True):
+        for (label, _), colour, dash, by in zip(
+            fits, _colours(len(fits)), ("dash", "solid")[-len(fits) :], blocks, strict=True
+        ):
             line = {"color": colour, "width": 2, "dash": dash}
             curves.append((label, measured - by[name, channel].misfit, {"mode": "lines", "line": line}))
         for label, values, look in curves:
@@ -165,7 +170,9 @@ def figure(story: Story) -> Any:
         buttons = [
             {"label": name, "method": "update", "args": [{"visible": [run == name for run in owner]}]} for name in runs
         ]
-        made.update_layout(updatemenus=[{"buttons": buttons, "x": 1.0, "xanchor": "right", "y": 1.0, "yanchor": "bottom"}])
+        made.update_layout(
+            updatemenus=[{"buttons": buttons, "x": 1.0, "xanchor": "right", "y": 1.0, "yanchor": "bottom"}]
+        )
     return made
 
 
@@ -191,7 +198,9 @@ def _html(name: str, columns: Columns) -> str:
     if not lines:
         return ""
     table = f"<table><thead><tr>{header}</tr></thead><tbody>{''.join(lines)}</tbody></table>"
-    return f"<details><summary>{len(lines)} {escape(name)}</summary>{table}</details>" if len(lines) > MOST_ROWS else table
+    return (
+        f"<details><summary>{len(lines)} {escape(name)}</summary>{table}</details>" if len(lines) > MOST_ROWS else table
+    )
 
 
 def _text(value: Any) -> str:

@@ -59,11 +59,14 @@ def one_lab(folder: Path, lab: Lab, throughput: bool) -> None:
         named = [f"{moment(e.first_after):%Y-%m-%d} ({e.steps[0].parameter})" for e in mine]
         print(f"  {robot} changes on {day}: {', '.join(named) or 'not found'}")
     others = [event for event in found.events if event.robot not in days]
-    print(f"  other robots marked: {len(others)}; drifts: {len(found.found.drifts)}; {found.found.tested} series tested")
+    print(
+        f"  other robots marked: {len(others)}; drifts: {len(found.found.drifts)}; {found.found.tested} series tested"
+    )
     print(f"  looking for changes took {looked / seconds[2]:.0%} of the time of two workers")
     if throughput:
         work = sum(row.outcome.seconds for row in done.rows) / len(done.rows)
-        print(f"  one worker: {len(done.rows) / seconds[1]:.1f} recordings/s; two: {seconds[1] / seconds[2]:.2f} times that")
+        rate = len(done.rows) / seconds[1]
+        print(f"  one worker: {rate:.1f} recordings/s; two: {seconds[1] / seconds[2]:.2f} times that")
         print(f"  a recording takes {work:.3f} s of a worker")
 
 

@@ -18,7 +18,11 @@ STIFFNESS, DAMPING = 100.0, 20.0
 def reference(t: float, home: np.ndarray) -> list[np.ndarray]:
     """Position, velocity and acceleration of a smooth motion about a posture."""
     w, size = 2.0 * np.pi / 3.0, 0.4
-    return [home + size * (1 - np.cos(w * t)), size * w * np.sin(w * t) + 0 * home, size * w**2 * np.cos(w * t) + 0 * home]
+    return [
+        home + size * (1 - np.cos(w * t)),
+        size * w * np.sin(w * t) + 0 * home,
+        size * w**2 * np.cos(w * t) + 0 * home,
+    ]
 
 
 def tracked(plant: mujoco.MjModel, known: mujoco.MjModel, home: np.ndarray) -> float:

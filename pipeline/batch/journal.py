@@ -60,7 +60,9 @@ class Journal:
             self._file.flush()
             os.fsync(self._file.fileno())
         except OSError as error:
-            raise InputError(f"cannot write {self._path}: {error.strerror or error}; make room and run it again") from error
+            raise InputError(
+                f"cannot write {self._path}: {error.strerror or error}; make room and run it again"
+            ) from error
         self.outcomes[outcome.key] = outcome
 
     def close(self) -> None:

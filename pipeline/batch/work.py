@@ -94,7 +94,10 @@ def work(job: Job) -> Outcome:
         except Exception as error:  # one bad file never ends a batch
             frame = traceback.extract_tb(error.__traceback__)[-1]
             what = f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
-            found = {"problem": f"not foreseen: {what} ({Path(frame.filename).name}, line {frame.lineno})", "passing": True}
+            found = {
+                "problem": f"not foreseen: {what} ({Path(frame.filename).name}, line {frame.lineno})",
+                "passing": True,
+            }
         return Outcome(job.key, seconds=time.perf_counter() - began, **found)
 
 
@@ -209,6 +212,3 @@ def _digest(parts: list[str]) -> str:
 def lost(job: Job, why: str) -> Outcome:
     """The outcome of a job whose workers died."""
     return Outcome(job.key, problem=f"{why}; the same command tries it again", passing=True)
-
-
-

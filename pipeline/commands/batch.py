@@ -24,7 +24,9 @@ def register(app: typer.Typer) -> None:
 
 def batch(
     spec: Annotated[Path, typer.Argument(metavar="SPEC.toml", help="Which models and recordings; see docs/batch.md.")],
-    output: Annotated[Path, typer.Option("--output", help="Directory for rows and report; a batch in it is continued.")],
+    output: Annotated[
+        Path, typer.Option("--output", help="Directory for rows and report; a batch in it is continued.")
+    ],
     scheduler: Annotated[
         str | None, typer.Option(help="A dask scheduler whose workers do it, such as tcp://host:8786.")
     ] = None,
@@ -47,9 +49,7 @@ def batch(
     check_outputs(json_file, inputs=[spec])
     signals: list[int] = []
     with own_folder(output, output, what="batch") as folder, noted_signals(signals.append), spinner() as say:
-        done = run_batch(
-            asked, folder, workers=workers, scheduler=scheduler, stopped=lambda: bool(signals), say=say
-        )
+        done = run_batch(asked, folder, workers=workers, scheduler=scheduler, stopped=lambda: bool(signals), say=say)
         say("writing the rows")
         write_parquet(folder / NAME, asked, done.rows)
         if not signals:
@@ -59,7 +59,9 @@ def batch(
             batch_report(asked, done, found, command_line()).write(folder / "report.html")
     if signals:
         again = shlex.join(["armdyn", "batch", str(spec), "--output", str(output)])
-        typer.echo(f"{len(done.rows)} of {len(asked.items)} recordings are done and kept; continue with: {again}", err=True)
+        typer.echo(
+            f"{len(done.rows)} of {len(asked.items)} recordings are done and kept; continue with: {again}", err=True
+        )
         raise Interrupt(signals[0])
     if json_file is not None:
         write_json(_answer(asked, done, found), json_file)
@@ -71,7 +73,7 @@ def _say(spec: "Spec", done: "Done", found: "History", output: Path) -> None:
     from pipeline.batch.parquet import NAME
     from pipeline.report.batch import event_sentence, summary
 
-    typer.echo(summary(spec, done, found))
+    typer.echo(summary(done, found))
     for event in found.events:
         typer.echo(f"  {event_sentence(event, found)}")
     bad = [row for row in done.rows if row.outcome.problem]
@@ -109,7 +111,8 @@ def _answer(spec: "Spec", done: "Done", found: "History") -> dict[str, Any]:
         "changes": [
             {
                 "robot": step.robot, "parameter": step.parameter, "unit": found.units[step.parameter],
-                "last_before": moment(step.last_before).isoformat(), "first_after": moment(step.first_after).isoformat(),
+                "last_before": moment(step.last_before).isoformat(),
+                "first_after": moment(step.first_after).isoformat(),
                 "before": number(step.before), "after": number(step.after), "chance": number(step.chance),
             }
             for event in found.events

@@ -42,7 +42,7 @@ def batch_report(spec: Spec, done: Done, found: History, command: str = "") -> R
     return Report(
         title=f"Batch: {spec.task} for {len(done.rows)} recordings",
         level=Level.CAUTION if found.events or bad or done.left else Level.GOOD,
-        verdict=summary(spec, done, found),
+        verdict=summary(done, found),
         sections=[
             ChangeSection(found),
             *([TimeSection(found)] if found.series else []),
@@ -54,7 +54,9 @@ def batch_report(spec: Spec, done: Done, found: History, command: str = "") -> R
         key_figures=(
             KeyFigure("Recordings", str(len(done.rows)), f"{done.worked} done this time"),
             KeyFigure("Explained", str(explained), "only noise is left"),
-            KeyFigure("Changes", str(len(found.events)), f"{100 * found.found.false_alarms:.2g} % chance of a false one"),
+            KeyFigure(
+                "Changes", str(len(found.events)), f"{100 * found.found.false_alarms:.2g} % chance of a false one"
+            ),
             KeyFigure("Not usable", str(len(bad)), "see below" if bad else ""),
         ),
         notes=notes,
@@ -68,7 +70,7 @@ def verdicts(rows: Sequence[Row]) -> dict[str, int]:
     return dict(Counter(row.outcome.verdict for row in rows if row.outcome.verdict).most_common())
 
 
-def summary(spec: Spec, done: Done, found: History) -> str:
+def summary(done: Done, found: History) -> str:
     """A sentence or two."""
     robots = {row.item.robot for row in done.rows}
     text = f"{len(done.rows)} recordings of {len(robots)} robots"
@@ -90,7 +92,9 @@ def summary(spec: Spec, done: Done, found: History) -> str:
 def times_sentence(rows: Sequence[Row]) -> str:
     """Where the times came from: they are never guessed silently."""
     counts = Counter(row.item.when.source for row in rows)
-    parts = [f"{counts[source]} from {source.value}" for source in TimeFrom if counts[source] and source.value != "nowhere"]
+    parts = [
+        f"{counts[source]} from {source.value}" for source in TimeFrom if counts[source] and source.value != "nowhere"
+    ]
     text = f"Times of recordings: {', '.join(parts) or 'none is known'}."
     if counts[TimeFrom.NOWHERE]:
         problems = Counter(row.item.when.problem for row in rows if row.item.when.time is None)
@@ -115,7 +119,16 @@ def _next_steps(spec: Spec, rows: Sequence[Row]) -> tuple[NextStep, ...]:
     robot = left.most_common(1)[0][0]
     mine = [row for row in rows if row.item.robot == robot and row.outcome.verdict not in ("", "explained")]
     runs = [str(row.item.run) for row in mine if row.item.model == mine[0].item.model][:3]
-    command = ["armdyn", "repair", str(mine[0].item.model), *runs, "--output", "repaired.toml", "--report", "repair.html"]
+    command = [
+        "armdyn",
+        "repair",
+        str(mine[0].item.model),
+        *runs,
+        "--output",
+        "repaired.toml",
+        "--report",
+        "repair.html",
+    ]
     return (NextStep(f"What the model of {robot} lacks", shlex.join(command)),)
 
 
@@ -159,7 +172,9 @@ class ChangeSection(Section):
             ends = 1e3 * series.time[[edges[i], edges[i + 1] - 1]]
             figure.add_scatter(x=ends, y=[level] * 2, mode="lines", line={"color": INK, "width": 1.5, "dash": "dot"})
         for s in own:
-            figure.add_vrect(x0=1e3 * s.last_before, x1=1e3 * s.first_after, fillcolor=SHADE, line_width=1, line_color=BLUE)
+            figure.add_vrect(
+                x0=1e3 * s.last_before, x1=1e3 * s.first_after, fillcolor=SHADE, line_width=1, line_color=BLUE
+            )
         figure.update_layout(**_axes(f"{_plain(step.parameter)} [{self.found.units[step.parameter]}]"))
         return Chart(figure, f"{event_sentence(event, self.found)}. Bars: one standard deviation; dotted: medians.")
 
@@ -174,7 +189,10 @@ class ChangeSection(Section):
             for s in event.steps
         ]  # fmt: skip
         drifts = [
-            [d.robot, _plain(d.parameter), f"{DAY * d.slope:+.3g}", f"{self.found.units[d.parameter]} per day", f"≤ {d.chance:.2g}"]
+            [
+                d.robot, _plain(d.parameter), f"{DAY * d.slope:+.3g}", f"{self.found.units[d.parameter]} per day",
+                f"≤ {d.chance:.2g}",
+            ]
             for d in self.found.found.drifts
         ]  # fmt: skip
         tables = []
@@ -228,7 +246,7 @@ class TimeSection(Section):
             figure.add_scatter(
                 x=1e3 * np.concatenate([part for s in series for part in (s.time, gap)]),
                 y=np.concatenate([part for s in series for part in (s.value, gap)]),
-                text=[t for r in quiet for t in (*(f"{r}: {row.item.run.name}" for row in self.found.rows[r, name]), "")],
+                text=[t for r in quiet for t in (*(_hover(row) for row in self.found.rows[r, name]), "")],
                 name="no change" if changed else "all robots", mode="lines+markers",
                 line={"color": RAW, "width": 1}, marker={"color": RAW, "size": 4},
             )  # fmt: skip
@@ -253,8 +271,8 @@ class ErrorSection(Section):
     def sentence(self) -> str:
         """What to look for."""
         return (
-            "Root mean square error of every recording's own fit; of several channels the root of their summed squares. A "
-            "jump that no parameter shows is something that the model lacks."
+            "Root mean square error of every recording's own fit; of several channels the root of their summed squares. "
+            "A jump that no parameter shows is something that the model lacks."
         )
 
     def charts(self) -> Sequence[Chart]:
@@ -277,7 +295,7 @@ class ErrorSection(Section):
             if mine:
                 figure.add_scatter(
                     x=[time for time, _, _ in mine], y=[value for _, value, _ in mine], mode="markers", name=name,
-                    marker={"color": colour, "size": 5}, text=[f"{r.item.robot}: {r.item.run.name}" for _, _, r in mine],
+                    marker={"color": colour, "size": 5}, text=[_hover(row) for _, _, row in mine],
                 )  # fmt: skip
         figure.update_layout(**_axes(f"error [{unit}]"))
         figure.update_yaxes(rangemode="tozero")
@@ -305,7 +323,7 @@ class RobotSection(Section):
             table.append([
                 robot, str(len(mine)), str(sum(row.outcome.verdict == "explained" for row in good)),
                 str(len(mine) - len(good)), f"{times[0]:%Y-%m-%d} to {times[-1]:%Y-%m-%d}" if times else "no time",
-                ", ".join(name if count == len(good) else f"{name} ({count})" for name, count in effects.most_common(8)),
+                ", ".join(name if n == len(good) else f"{name} ({n})" for name, n in effects.most_common(8)),
             ])  # fmt: skip
         header = ["robot", "recordings", "explained", "not usable", "time", "effects of the model"]
         return [Table(header, table, "In brackets: recordings in which an effect was added, where it is not all.")]
@@ -328,6 +346,10 @@ class BadSection(Section):
         """Each with what to do."""
         rows = [[row.item.robot, self.spec.name(row.item.run), row.outcome.problem] for row in self.bad[:MOST_ROWS]]
         return [Table(["robot", "recording", "what is wrong"], rows)]
+
+
+def _hover(row: Row) -> str:
+    return f"{row.item.robot}: {row.item.run.name}"
 
 
 def _axes(title: str) -> dict[str, Any]:

@@ -60,7 +60,9 @@ class ErrorSection(Section):
                 errors += [f"{q.rmse:.4g}" for q in found] or ["–"] * len(each)
                 share = [q.explained for q in found] or share
             noise = float(np.sqrt(np.mean([c.noise**2 for c in mine])))
-            rows.append([full_name(channel, mine[0].unit), f"{noise:.3g}", *errors, mine[0].unit, *map(in_percent, share)])
+            rows.append(
+                [full_name(channel, mine[0].unit), f"{noise:.3g}", *errors, mine[0].unit, *map(in_percent, share)]
+            )
             shares.append([max(x, 0.0) for x in share])
         bars = {len(header) - len(each) + i: [share[i] for share in shares] for i in range(len(each))}
         caption = (
@@ -225,7 +227,9 @@ def key_figures(shown: OverlaySection) -> list[KeyFigure]:
         explained = [f"as given {in_percent(before.explained)}"] if last else []
         error = [f"as given {number(before.rmse, unit)}"] if last else []
         figures += [
-            KeyFigure(f"{title} explained", in_percent(after.explained), "; ".join([*explained, f"of its variation, {whose}"])),
+            KeyFigure(
+                f"{title} explained", in_percent(after.explained), "; ".join([*explained, f"of its variation, {whose}"])
+            ),
             KeyFigure(
                 f"{title} error",
                 number(after.rmse, unit),

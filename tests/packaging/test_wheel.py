@@ -18,7 +18,9 @@ def python(tmp_path_factory):
     """Python of a fresh environment with the wheel; what pip cannot get is a reason to skip."""
     folder = tmp_path_factory.mktemp("wheel")
     source = folder / "source"
-    shutil.copytree(ROOT, source, ignore=shutil.ignore_patterns(".venv", ".git", "out", "site", "__pycache__", ".*_cache"))
+    shutil.copytree(
+        ROOT, source, ignore=shutil.ignore_patterns(".venv", ".git", "out", "site", "__pycache__", ".*_cache")
+    )
     made = subprocess.run(
         [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", folder, source],
         capture_output=True, text=True,

@@ -19,7 +19,7 @@ def found(value, time=DAYS, **options):
 
 @pytest.mark.parametrize("day", [4, 13, 20, 36])
 def test_a_step_is_found_on_its_day(day):
-    (step,) = found(5.0 + 0.1 * noise(1) + 1.0 * (DAYS >= day * DAY)).steps
+    (step,) = found(5.0 + 0.1 * noise(1) + 1.0 * (day * DAY <= DAYS)).steps
     assert (step.last_before, step.first_after) == ((day - 1) * DAY, day * DAY)
     assert (step.before, step.after) == (pytest.approx(5.0, abs=0.1), pytest.approx(6.0, abs=0.1))
     assert step.chance <= 0.01

@@ -2,10 +2,12 @@
 
 import json
 import re
+from pathlib import Path
 
 import pytest
 
 from pipeline.batch.journal import NAME as JOURNAL
+from pipeline.trial.folder import own_folder
 
 pq = pytest.importorskip("pyarrow.parquet")
 BATCH = ("batch", "spec.toml", "--output", "out", "--workers", "1", "--json", "out.json")
@@ -83,7 +85,7 @@ def test_a_sidecar_that_appears_counts_as_a_change(done, armdyn):
     lab, _ = done
     log = sorted((lab / "robots/robot_00/logs").glob("*.csv"))[0]
     log.with_suffix(".toml").unlink(missing_ok=True)
-    log.with_suffix(".toml").write_text('recorded = 2026-03-01T12:00:00+02:00\n')
+    log.with_suffix(".toml").write_text("recorded = 2026-03-01T12:00:00+02:00\n")
     armdyn(*BATCH)
     assert answer(lab)["worked"] == 1
     (row,) = (row for row in rows(lab) if row["recording"].endswith(log.name) and row["robot"] == "robot_00")
@@ -157,14 +159,9 @@ def test_repair_says_what_each_recording_lacks(lab, armdyn):
         assert row["explained"] > 0.95
 
 
-def test_another_batch_in_the_same_folder_is_refused(done, armdyn):
-    from pathlib import Path
-
-    from pipeline.trial.folder import own_folder
-
+@pytest.mark.usefixtures("lab")
+def test_another_batch_in_the_same_folder_is_refused(armdyn):
     with own_folder(Path("out"), Path("out")):
         status, _, err = armdyn(*BATCH)
     assert status == 2
     assert "another batch writes to out: wait for it" in err
-
-
