@@ -65,9 +65,8 @@ def one_lab(folder: Path, lab: Lab, throughput: bool) -> None:
     print(f"  looking for changes took {looked / seconds[2]:.0%} of the time of two workers")
     if throughput:
         work = sum(row.outcome.seconds for row in done.rows) / len(done.rows)
-        print(
-            f"  one worker: {len(done.rows) / seconds[1]:.1f} recordings/s; two: {seconds[1] / seconds[2]:.2f} times that"
-        )
+        rate = len(done.rows) / seconds[1]
+        print(f"  one worker: {rate:.1f} recordings/s; two: {seconds[1] / seconds[2]:.2f} times that")
         print(f"  a recording takes {work:.3f} s of a worker")
 
 

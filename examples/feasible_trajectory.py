@@ -1,6 +1,6 @@
 """Is a trajectory feasible on the arm? Position, speed, acceleration, jerk, torque, collisions: which limit, when.
 
-Baxter's arm goes from one posture to another in 3 s, then in 0.8 s; the second one asks for too much.
+Baxter's arm goes from one posture to another in 3 s, then in 0.5 s; the second one asks for too much.
 """
 
 import numpy as np
@@ -26,7 +26,7 @@ def main() -> dict[float, FeasibilityReport]:
     settings = CheckSettings(load_mass=0.5)  # kg in the hand
 
     reports = {}
-    for seconds in (3.0, 0.8):
+    for seconds in (3.0, 0.5):
         found = check_joints(arm, move(arm, start, end, seconds), settings)
         reports[seconds] = found
         print(f"in {seconds:g} s: {found.sentence}")

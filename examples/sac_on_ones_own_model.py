@@ -1,7 +1,7 @@
 """Sequential Action Control on one's own model: move the gripper so that the tension tells the string's length.
 
-The model has air drag, as a repair may have found; SAC's gradient contains it without another line. Here the model itself
-is moved: a robot would send the state that it measured.
+The model has air drag, as a repair may have found; SAC's gradient contains it without another line. Here the model
+itself is moved: a robot would send the state that it measured.
 """
 
 import numpy as np

@@ -7,7 +7,7 @@ import numpy as np
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parents[1] / "tests"))
-from hidden_effects.pendulum import Setup, record  # equations of their own, none of armdyn's
+from hidden_effects.pendulum import Setup, record  # noqa: E402  equations of their own, none of armdyn's
 
 HIDDEN = {"swing": {"quadratic_drag": 0.04}, "magnet": {"magnet": 0.03}}
 

@@ -60,21 +60,21 @@ def history(spec: Spec, rows: Sequence[Row]) -> History:
     units: dict[str, str] = {}
     without_time = 0
     for row in rows:
-        if row.item.when.time is None:
+        item, time = row.item, row.item.when.time
+        if time is None:
             without_time += 1
             continue
-        item = row.item
         robot = f"{item.robot} ({spec.name(item.model)})" if item.robot in several else item.robot
         for name, parameter in (row.outcome.parameters or {}).items():
             if parameter["fitted"] and parameter["value"] is not None and parameter["std"] is not None:
                 units[name] = parameter["unit"]
-                point = ((item.when.time - EPOCH).total_seconds(), parameter["value"], parameter["std"], row)
+                point = ((time - EPOCH).total_seconds(), parameter["value"], parameter["std"], row)
                 points.setdefault((robot, name), []).append(point)
     series, of = {}, {}
     for key, found in points.items():
         found.sort(key=lambda point: point[0])
-        time, value, std = (np.array([point[i] for point in found], dtype=float) for i in range(3))
-        series[key], of[key] = Series(time, value, std), [point[3] for point in found]
+        times, value, std = (np.array([point[i] for point in found], dtype=float) for i in range(3))
+        series[key], of[key] = Series(times, value, std), [point[3] for point in found]
     changes = find_changes(series, spec.false_alarms)
     return History(series, of, units, changes, _events(changes.steps), without_time)
 

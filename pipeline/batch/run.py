@@ -1,7 +1,7 @@
 """Does what a SPEC asks for, and only what was not done before."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -83,15 +83,14 @@ def run_batch(
                 journal.add(outcome)
                 worked += 1
                 say(f"{there + worked} of {len(jobs)} recordings done")
-        rows = [
-            Row(item, journal.outcomes[key])
-            for item in spec.items
-            if (key := keys.get((item.model, item.run))) is not None and key in journal.outcomes
-        ]
+        found = ((item, journal.outcomes.get(keys.get((item.model, item.run), ""))) for item in spec.items)
+        rows = [Row(item, outcome) for item, outcome in found if outcome is not None]
     return Done(tuple(rows), len(spec.items) - len(rows), worked)
 
 
-def _outcomes(jobs: Sequence[Job], workers: int | None, scheduler: str | None, stopped: Callable[[], bool]):  # type: ignore[no-untyped-def]
+def _outcomes(
+    jobs: Sequence[Job], workers: int | None, scheduler: str | None, stopped: Callable[[], bool]
+) -> Iterator[Outcome]:
     if scheduler is not None:
         return on_cluster(jobs, scheduler, stopped)
     return in_processes(jobs, min(workers or os.cpu_count() or 1, len(jobs)), stopped)

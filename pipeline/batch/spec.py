@@ -165,7 +165,8 @@ def _matching(pattern: str, folder: Path) -> list[Path]:
         raise InputError(f"{pattern!r}: a name holds no null character: correct it")
     if not glob.has_magic(pattern):
         return [folder / pattern]
-    return sorted(Path(found) for found in glob.glob(str(Path(glob.escape(str(folder))) / pattern), recursive=True))
+    found = glob.glob(str(Path(glob.escape(str(folder))) / pattern), recursive=True)  # noqa: PTH207  also absolute ones
+    return sorted(map(Path, found))
 
 
 def _clock(table: Mapping[str, Any]) -> Clock:

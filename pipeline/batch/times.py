@@ -117,14 +117,15 @@ def _of_sidecar(path: Path) -> datetime | None:
 
 
 def _date(match: re.Match[str]) -> datetime | None:
-    day = [int(match[key]) for key in ("year", "month", "day")]
-    hour = [int(match[key] or 0) for key in ("hour", "minute", "second")]
-    if not EARLIEST <= day[0] <= LATEST:
+    year, month, day = (int(match[key]) for key in ("year", "month", "day"))
+    hour, minute, second = (int(match[key] or 0) for key in ("hour", "minute", "second"))
+    if not EARLIEST <= year <= LATEST:
         return None
     try:
-        return datetime(*day, *hour)
+        found = datetime(year, month, day)
     except ValueError:
-        try:
-            return datetime(*day)
-        except ValueError:
-            return None
+        return None
+    try:
+        return found.replace(hour=hour, minute=minute, second=second)
+    except ValueError:  # a number of its own that follows the day
+        return found

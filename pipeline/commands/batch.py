@@ -73,7 +73,7 @@ def _say(spec: "Spec", done: "Done", found: "History", output: Path) -> None:
     from pipeline.batch.parquet import NAME
     from pipeline.report.batch import event_sentence, summary
 
-    typer.echo(summary(spec, done, found))
+    typer.echo(summary(done, found))
     for event in found.events:
         typer.echo(f"  {event_sentence(event, found)}")
     bad = [row for row in done.rows if row.outcome.problem]
@@ -111,7 +111,8 @@ def _answer(spec: "Spec", done: "Done", found: "History") -> dict[str, Any]:
         "changes": [
             {
                 "robot": step.robot, "parameter": step.parameter, "unit": found.units[step.parameter],
-                "last_before": moment(step.last_before).isoformat(), "first_after": moment(step.first_after).isoformat(),
+                "last_before": moment(step.last_before).isoformat(),
+                "first_after": moment(step.first_after).isoformat(),
                 "before": number(step.before), "after": number(step.after), "chance": number(step.chance),
             }
             for event in found.events

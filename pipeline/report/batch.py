@@ -42,7 +42,7 @@ def batch_report(spec: Spec, done: Done, found: History, command: str = "") -> R
     return Report(
         title=f"Batch: {spec.task} for {len(done.rows)} recordings",
         level=Level.CAUTION if found.events or bad or done.left else Level.GOOD,
-        verdict=summary(spec, done, found),
+        verdict=summary(done, found),
         sections=[
             ChangeSection(found),
             *([TimeSection(found)] if found.series else []),
@@ -70,7 +70,7 @@ def verdicts(rows: Sequence[Row]) -> dict[str, int]:
     return dict(Counter(row.outcome.verdict for row in rows if row.outcome.verdict).most_common())
 
 
-def summary(spec: Spec, done: Done, found: History) -> str:
+def summary(done: Done, found: History) -> str:
     """A sentence or two."""
     robots = {row.item.robot for row in done.rows}
     text = f"{len(done.rows)} recordings of {len(robots)} robots"
@@ -189,7 +189,10 @@ class ChangeSection(Section):
             for s in event.steps
         ]  # fmt: skip
         drifts = [
-            [d.robot, _plain(d.parameter), f"{DAY * d.slope:+.3g}", f"{self.found.units[d.parameter]} per day", f"≤ {d.chance:.2g}"]
+            [
+                d.robot, _plain(d.parameter), f"{DAY * d.slope:+.3g}", f"{self.found.units[d.parameter]} per day",
+                f"≤ {d.chance:.2g}",
+            ]
             for d in self.found.found.drifts
         ]  # fmt: skip
         tables = []
@@ -243,7 +246,7 @@ class TimeSection(Section):
             figure.add_scatter(
                 x=1e3 * np.concatenate([part for s in series for part in (s.time, gap)]),
                 y=np.concatenate([part for s in series for part in (s.value, gap)]),
-                text=[t for r in quiet for t in (*(f"{r}: {row.item.run.name}" for row in self.found.rows[r, name]), "")],
+                text=[t for r in quiet for t in (*(_hover(row) for row in self.found.rows[r, name]), "")],
                 name="no change" if changed else "all robots", mode="lines+markers",
                 line={"color": RAW, "width": 1}, marker={"color": RAW, "size": 4},
             )  # fmt: skip
@@ -268,8 +271,8 @@ class ErrorSection(Section):
     def sentence(self) -> str:
         """What to look for."""
         return (
-            "Root mean square error of every recording's own fit; of several channels the root of their summed squares. A "
-            "jump that no parameter shows is something that the model lacks."
+            "Root mean square error of every recording's own fit; of several channels the root of their summed squares. "
+            "A jump that no parameter shows is something that the model lacks."
         )
 
     def charts(self) -> Sequence[Chart]:
@@ -292,7 +295,7 @@ class ErrorSection(Section):
             if mine:
                 figure.add_scatter(
                     x=[time for time, _, _ in mine], y=[value for _, value, _ in mine], mode="markers", name=name,
-                    marker={"color": colour, "size": 5}, text=[f"{r.item.robot}: {r.item.run.name}" for _, _, r in mine],
+                    marker={"color": colour, "size": 5}, text=[_hover(row) for _, _, row in mine],
                 )  # fmt: skip
         figure.update_layout(**_axes(f"error [{unit}]"))
         figure.update_yaxes(rangemode="tozero")
@@ -320,7 +323,7 @@ class RobotSection(Section):
             table.append([
                 robot, str(len(mine)), str(sum(row.outcome.verdict == "explained" for row in good)),
                 str(len(mine) - len(good)), f"{times[0]:%Y-%m-%d} to {times[-1]:%Y-%m-%d}" if times else "no time",
-                ", ".join(name if count == len(good) else f"{name} ({count})" for name, count in effects.most_common(8)),
+                ", ".join(name if n == len(good) else f"{name} ({n})" for name, n in effects.most_common(8)),
             ])  # fmt: skip
         header = ["robot", "recordings", "explained", "not usable", "time", "effects of the model"]
         return [Table(header, table, "In brackets: recordings in which an effect was added, where it is not all.")]
@@ -343,6 +346,10 @@ class BadSection(Section):
         """Each with what to do."""
         rows = [[row.item.robot, self.spec.name(row.item.run), row.outcome.problem] for row in self.bad[:MOST_ROWS]]
         return [Table(["robot", "recording", "what is wrong"], rows)]
+
+
+def _hover(row: Row) -> str:
+    return f"{row.item.robot}: {row.item.run.name}"
 
 
 def _axes(title: str) -> dict[str, Any]:

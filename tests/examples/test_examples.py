@@ -48,7 +48,7 @@ def test_a_pendulum_from_a_csv(example, capsys):
 def test_an_arm_from_a_urdf(example, capsys):
     errors = example("arm_from_urdf").main()
     assert errors["with friction and payload"] < 0.02 * errors["as described"]
-    payload = float(capsys.readouterr().out.split("payload: ")[1].split()[0])
+    payload = float(capsys.readouterr().out.split("\npayload: ")[1].split()[0])
     assert payload == pytest.approx(1.5, abs=0.005)
 
 

@@ -1,6 +1,6 @@
-"""A lab's logs: many arms, a recording a day, friction that follows the weather, and now and then something that changes.
+"""A lab's logs: many arms, a recording every few days, friction that follows the weather, and sometimes a change.
 
-Bodies are MuJoCo's, see `plant`; every robot has friction and a tool of its own, which its model does not know in advance.
+Bodies are MuJoCo's, see `plant`; every robot has friction and a tool of its own, which its model does not know.
 """
 
 from collections.abc import Mapping, Sequence

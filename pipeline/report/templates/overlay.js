@@ -24,7 +24,7 @@ const armdynOverlay = (place, data, draw) => {
   const digits = (value) => (value === 0 ? "0" : Math.abs(value) >= 1000 ? value.toFixed(0) : value.toPrecision(3));
   const percent = (share) => {
     if (share === null) return "–";
-    const tenths = share > 0.99 && share < 1 ? Math.min(99.9, Math.floor(1000 * share) / 10) : Math.round(100 * share);
+    const tenths = share >= 1 ? 100 : share >= 0.99 ? Math.floor(1000 * share) / 10 : Math.floor(100 * share);
     return `${tenths} %`.replace("-", "−");
   };
 

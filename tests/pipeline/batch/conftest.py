@@ -51,9 +51,9 @@ def lab(logs, tmp_path, monkeypatch):
 def called(*arguments):
     """Exit status, what was printed, what was complained of."""
     out, err = io.StringIO(), io.StringIO()
-    with pytest.MonkeyPatch.context() as patch, pytest.raises(SystemExit) as stop:
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         patch.setattr(sys, "argv", ["armdyn", *map(str, arguments)])
-        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        with pytest.raises(SystemExit) as stop:
             main()
     return stop.value.code, out.getvalue(), err.getvalue()
 

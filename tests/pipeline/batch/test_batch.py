@@ -2,10 +2,12 @@
 
 import json
 import re
+from pathlib import Path
 
 import pytest
 
 from pipeline.batch.journal import NAME as JOURNAL
+from pipeline.trial.folder import own_folder
 
 pq = pytest.importorskip("pyarrow.parquet")
 BATCH = ("batch", "spec.toml", "--output", "out", "--workers", "1", "--json", "out.json")
@@ -157,11 +159,8 @@ def test_repair_says_what_each_recording_lacks(lab, armdyn):
         assert row["explained"] > 0.95
 
 
-def test_another_batch_in_the_same_folder_is_refused(done, armdyn):
-    from pathlib import Path
-
-    from pipeline.trial.folder import own_folder
-
+@pytest.mark.usefixtures("lab")
+def test_another_batch_in_the_same_folder_is_refused(armdyn):
     with own_folder(Path("out"), Path("out")):
         status, _, err = armdyn(*BATCH)
     assert status == 2
