@@ -13,11 +13,14 @@ import numpy as np
 from _numpy_sac import NumpyControl
 from _pendulum import Pendulum
 
+from armdyn.control.questions import Question, information, separation
 from armdyn.control.sac import SacAction, SacSettings, SacState, SequentialActionControl
+from armdyn.effects.catalogue import CATALOGUE
 from armdyn.pendulum.model import PendulumModel, pendulum_model
 
 LENGTH, MASS = 0.368, 0.08
 OURS, OURS_VM, RIVAL = "armdyn", "armdyn, no C compiler", "plain numpy"
+THREE, TWO = "armdyn, three parameters", "armdyn, two rivals"
 STATES = 16
 SAME = 1e-9
 """Relative difference allowed between the two implementations' costs, gradients and actions."""
@@ -48,6 +51,51 @@ def armdyn_once() -> float:
     """A contender that another process can be asked to run: one cycle from each state."""
     control, model, states = armdyn_control()
     return bench.timed(lambda: [control.act(state, model) for state in states])() / len(states)
+
+
+@cache
+def several() -> tuple[SequentialActionControl, list[SacState], PendulumModel]:
+    """Length, mass and drag at once, each with the others unknown."""
+    model = pendulum_model(LENGTH, MASS, [CATALOGUE["linear_drag"]]).with_values({"linear_drag.coefficient": 0.005})
+    question = information(("length", "mass", "linear_drag.coefficient"))
+    return SequentialActionControl(model, question=question), informed(question), model
+
+
+@cache
+def rivals() -> tuple[SequentialActionControl, list[SacState], PendulumModel, PendulumModel]:
+    """Drag against friction at the string's upper end, whatever length, mass and friction."""
+    drag = pendulum_model(LENGTH, MASS, [CATALOGUE["linear_drag"]]).with_values({"linear_drag.coefficient": 0.005})
+    name = "pivot_viscous_friction.coefficient"
+    pivot = pendulum_model(LENGTH, MASS, [CATALOGUE["pivot_viscous_friction"]]).with_values({name: 7e-4})
+    question = separation(("length", "mass", name))
+    return SequentialActionControl(drag, question=question, rival=pivot), informed(question), drag, pivot
+
+
+def informed(question: Question) -> list[SacState]:
+    """The same situations after a few seconds, with what is known then."""
+    rng, states = np.random.default_rng(3), []
+    for state in situations():
+        psi = rng.normal(size=(2, len(question.parameters))) * [[0.5], [0.02]]
+        root = 10.0 * rng.normal(size=(question.size, question.size))
+        gram = root @ root.T + 100.0 * np.eye(question.size)
+        at = (state.time, state.x, state.v, state.pendulum)
+        if question.rivals:
+            states.append(SacState(*at, np.zeros((2, 0)), 1.02 * state.pendulum, psi, gram))
+        else:
+            states.append(SacState(*at, psi, gram=gram))
+    return states
+
+
+def several_once() -> float:
+    """One cycle for three parameters."""
+    control, states, model = several()
+    return bench.timed(lambda: [control.act(state, model) for state in states])() / len(states)
+
+
+def rivals_once() -> float:
+    """One cycle for two rivals."""
+    control, states, drag, pivot = rivals()
+    return bench.timed(lambda: [control.act(state, drag, pivot) for state in states])() / len(states)
 
 
 def difference(ours: np.ndarray | float, other: np.ndarray | float) -> float:
@@ -110,6 +158,8 @@ def main() -> int:
         seconds = bench.race(
             {
                 OURS: armdyn_once,
+                THREE: several_once,
+                TWO: rivals_once,
                 OURS_VM: elsewhere(armdyn_once),
                 RIVAL: lambda: bench.timed(lambda: [rival.act(vector) for vector in vectors])() / len(vectors),
             },

@@ -18,6 +18,8 @@ armdyn repair "$work/miss/model.toml" "$work/miss/trial.csv" --output "$work/rep
 shoot "$work/repair.html" "$PWD/docs/pictures/repair_report.png" 1500
 armdyn trial --hidden quadratic_drag=0.05 --model "$work/repaired.toml" --picture --out "$work/land"
 cp "$work/land/swing.png" docs/pictures/swing_repaired.png
+armdyn trial --hidden pivot_viscous_friction --seed 2 --investigate 4 --out "$work/asked"
+shoot "$work/asked/report.html#what-the-model-lacked" "$PWD/docs/pictures/investigation.png" 1300
 armdyn import examples/ur5/*.csv --output "$work/runs" --guess --robot ur5
 armdyn import examples/ur5/*.csv --output "$work/runs" --map "$work/runs/map.toml"
 armdyn new arm "$work/ur5.toml" --robot ur5

@@ -2,8 +2,8 @@ r"""What a motion shall tell: the length, several parameters with others as nuis
 
 All but the first are criteria of one matrix. The load cell's signals g are the derivatives of its reading with respect
 to the wanted parameters and to the nuisance ones; of two rivals the difference of their readings, which is wanted, and
-the derivatives of the rival's with respect to its unknowns, which are nuisance. With the Gram matrix G of the signals in
-blocks, w wanted and n nuisance, what the nuisance leaves of the wanted is the Schur complement
+the derivatives of the rival's with respect to its unknowns, which are nuisance. With the Gram matrix G of the signals
+in blocks, w wanted and n nuisance, what the nuisance leaves of the wanted is the Schur complement
 
     S = G_ww - G_wn G_nn^-1 G_nw :
 

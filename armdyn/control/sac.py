@@ -121,7 +121,7 @@ class SacState:
 
     def vector(self) -> np.ndarray:
         """(n,) extended state; 6 for the length alone."""
-        parts = [[self.x, self.v], self.pendulum, self.sensitivity.ravel(order="F")]
+        parts = [np.array([self.x, self.v]), self.pendulum, self.sensitivity.ravel(order="F")]
         if self.rival is not None and self.rival_sensitivity is not None:
             parts += [self.rival, self.rival_sensitivity.ravel(order="F")]
         return np.concatenate(parts)

@@ -7,6 +7,7 @@ import numpy as np
 from pipeline.motion.feasibility import Margin
 from pipeline.nodes.scheduler import Timing
 from pipeline.report.feasibility import MarginSection
+from pipeline.report.investigation import InvestigationSection
 from pipeline.report.learning import EstimateSection, EstimateTrace, ForceSection, ForceTrace
 from pipeline.report.motion import (
     GripperSection,
@@ -38,6 +39,7 @@ class TrialReportData:
         margins: to the limits; the tightest need not come first.
         nodes: computing times.
         next_steps: what to do now.
+        investigation: what the robot found out before the swing.
     """
 
     level: Level
@@ -55,6 +57,7 @@ class TrialReportData:
     margins: tuple[Margin, ...] = ()
     nodes: tuple[Timing, ...] = ()
     next_steps: tuple[NextStep, ...] = ()
+    investigation: InvestigationSection | None = None
 
 
 def trial_report(data: TrialReportData) -> Report:
@@ -76,6 +79,8 @@ def _sections(data: TrialReportData) -> list[Section]:
     sections: list[Section] = []
     if data.swing is not None:
         sections.append(SwingSection(data.swing))
+    if data.investigation is not None:
+        sections.append(data.investigation)
     if data.estimates:
         white = data.force.residual_is_white if data.force is not None else None
         sections.append(EstimateSection(data.estimates, data.phases, white))

@@ -15,6 +15,7 @@ import urdf
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
+from armdyn.experiments.motion import Limits
 from armdyn.experiments.plan import HOPELESS, Proposal, designed_motion
 from armdyn.experiments.rivals import Rivals, of_diagnosis, refitted
 from armdyn.experiments.separation import beliefs
@@ -34,12 +35,13 @@ MOST = 4
 """Experiments, where the user names no number."""
 SECONDS = 8.0
 """Of a designed motion."""
+LIMITS = Limits(swing=0.6)
+"""A load that swings farther begins to swing across the line as well, by 0.1 rad after 8 s at 1 rad on the simulated
+arm, and no motion along the line brings that to rest."""
 LEAST_STD = 1e-3
 """m."""
 ASKED = ("linear_drag",)
 """Effects that a trial allows for without asking, and that stand for others: drag hides friction."""
-START_STD = {"initial_angle": 0.05, "initial_rate": 0.2}
-"""rad, rad/s: how far from rest a load may be that the robot has brought to rest with a model that lacks something."""
 
 Swing = Callable[[ProtocolSettings, int, float], tuple["SwingExperiment", Ending]]
 """``(settings, number, where the gripper stands) -> the experiment that was made, and how it ended``."""
@@ -166,7 +168,8 @@ def investigate(
     place = 0.0
     while True:
         number = len(stages) + 1
-        experiment, ending = swing(replace(settings, estimate=True, motion=motion), number, place)
+        now = replace(settings, estimate=True, motion=motion, hangs_still=number == 1)
+        experiment, ending = swing(now, number, place)
         place = experiment.drive.state.s
         if ending.stopped:
             return Investigation(tuple(stages), Stop.INTERRUPTED, None, ending, place)
@@ -184,7 +187,7 @@ def investigate(
             stop = Stop.SPENT
         if stop is None and rivals is not None:
             tell("designing the next motion")
-            proposal = designed_motion(rivals, SECONDS, seed=number)
+            proposal = designed_motion(rivals, SECONDS, LIMITS, seed=number)
             assert proposal.experiment.motion is not None, "it was designed"
             made = offered(proposal.experiment.motion, rivals.hypotheses, arm, table, settings.load_radius)
             if made is None or not _promising(proposal):
@@ -203,6 +206,7 @@ S = TypeVar("S", bound=ProtocolSettings)
 
 def after(settings: S, found: Investigation) -> S:
     """Settings of the trial that follows, with what was found."""
+    settings = replace(settings, hangs_still=False)
     if found.model is None:
         return settings
     length = found.model.parameters["length"]
@@ -214,15 +218,12 @@ def after(settings: S, found: Investigation) -> S:
 def questioned(settings: ProtocolSettings) -> PendulumModel:
     """The model that is held against the recordings: the robot's, but drag is a question and no nuisance.
 
-    Its start is nearly at rest, and not held there: the robot may have left the load swinging.
+    Its start is nearly at rest, and not held there: the robot may have left the load swaying.
     """
-    model = settings.starting_model()
+    model = replace(settings, hangs_still=False).starting_model()
     for name in ASKED:
         if settings.model is None or not settings.model.joints_with(name):
             model = model.without_effect(name)
-    for name, std in START_STD.items():
-        freed = replace(model.parameters[name], fitted=True)
-        model = model.with_parameters({name: freed}).with_prior(name, freed.value, std)
     return model
 
 

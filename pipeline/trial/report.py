@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from pipeline.report.investigation import InvestigationSection
 from pipeline.report.learning import EstimateTrace, ForceTrace
 from pipeline.report.motion import GripperTrace, JointTrace
 from pipeline.report.page import Level, NextStep, Report
@@ -41,6 +42,7 @@ def report_of(
             margins=feasibility.margins if feasibility else (),
             nodes=tuple(result.timing.values()),
             next_steps=_next_steps(result),
+            investigation=_investigation(result),
         )
     )
 
@@ -52,6 +54,11 @@ def _next_steps(result: TrialResult) -> tuple[NextStep, ...]:
         NextStep("Find what the model lacks:", f"{result.repair_command} --report repair.html"),
         NextStep("Then try again with what was found:", "armdyn trial --model repaired.toml"),
     )
+
+
+def _investigation(result: TrialResult) -> InvestigationSection | None:
+    found = result.investigation
+    return InvestigationSection(found) if found is not None and found.stages else None
 
 
 def _notes(experiment: Experiment, result: TrialResult) -> tuple[str, ...]:

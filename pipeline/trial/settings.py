@@ -31,6 +31,10 @@ UPRIGHT, LEAN = 1e-3, 0.05
 """Where a load at rest hangs askew by more than the first [rad], its angle has the second as standard deviation."""
 
 
+SWAYS = {"initial_angle": 0.05, "initial_rate": 0.2}
+"""rad, rad/s: how far from rest a load may be that the robot has brought to rest with a model that lacks something."""
+
+
 @dataclass(frozen=True)
 class ProtocolSettings:
     """A trial on any robot.
@@ -49,6 +53,7 @@ class ProtocolSettings:
         model: equations and parameters used by estimator, SAC and planner; the default one when not given.
         task: the swing.
         motion: along the line, a sample per cycle, from which the length is learnt in place of what SAC chooses.
+        hangs_still: whether the load hangs at rest at first; after other swings it only nearly does.
         investigate: experiments, at most, by which the robot first finds out what its model lacks; 0 for none.
     """
 
@@ -65,6 +70,7 @@ class ProtocolSettings:
     model: PendulumModel | None = None
     task: TaskSettings = field(default_factory=TaskSettings)
     motion: LineTrajectory | None = None
+    hangs_still: bool = True
     investigate: int = 0
 
     def __post_init__(self) -> None:
@@ -94,7 +100,12 @@ class ProtocolSettings:
         model = model.with_values({"length": self.length_guess})
         rest = model.rest_angle()
         # The load hangs at rest at first; where an effect pulls it aside, its angle is as uncertain as the effect.
-        model = model.with_values({"initial_angle": rest, "initial_rate": 0.0}).with_fixed("initial_rate")
+        model = model.with_values({"initial_angle": rest, "initial_rate": 0.0})
+        if not self.hangs_still:
+            for name, at in (("initial_angle", rest), ("initial_rate", 0.0)):
+                model = model.with_prior(name, at, SWAYS[name])
+            return model
+        model = model.with_fixed("initial_rate")
         if abs(rest) > UPRIGHT:
             return model.with_prior("initial_angle", rest, LEAN)
         return model.with_fixed("initial_angle")

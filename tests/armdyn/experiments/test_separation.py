@@ -39,7 +39,7 @@ def test_a_motion_is_the_derivative_of_its_position_and_begins_and_ends_at_rest(
     harmonics = Harmonics(4.0, Limits(), step=1e-3)
     x, v, a = harmonics.motion(harmonics.random(np.random.default_rng(0))).along
     np.testing.assert_allclose(np.gradient(x, 1e-3)[2:-2], v[2:-2], atol=1e-4)
-    np.testing.assert_allclose(np.gradient(v, 1e-3)[2:-2], a[2:-2], atol=1e-3)
+    np.testing.assert_allclose(np.gradient(v, 1e-3)[2:-2], a[2:-2], atol=5e-3)
     for end in (0, -1):
         np.testing.assert_allclose([x[end], v[end], a[end]], 0.0, atol=1e-12)
 
@@ -81,7 +81,7 @@ def test_what_earlier_runs_know_of_the_rival_counts_in_the_separation():
     information = free.information.copy()
     information[2, 2] = 1e-4**-2.0  # its coefficient is known
     knowing = Hypothesis("linear_drag", free.model, free.free, information)
-    assert separation(truth, Held(knowing, experiment)) > separation(truth, Held(free, experiment)) + 1.0
+    assert separation(truth, Held(knowing, experiment)) > 2.0 * separation(truth, Held(free, experiment))
 
 
 def test_friction_does_not_become_negative_to_imitate():
@@ -95,8 +95,8 @@ def test_friction_does_not_become_negative_to_imitate():
 
 def test_the_probability_is_that_of_simulated_outcomes():
     """Noise is drawn, both hypotheses are really fitted, and the margin decides."""
-    experiment = random_experiment(5)
-    pair = hypothesis("pivot_viscous_friction", 2e-3), hypothesis("linear_drag")
+    experiment = random_experiment(2)
+    pair = hypothesis("linear_drag", 0.01), hypothesis("pivot_viscous_friction", 2e-3)
     foretold = outlook(pair, experiment)
     rng = np.random.default_rng(0)
     helds = [Held(h, experiment) for h in pair]
@@ -130,13 +130,18 @@ def test_a_designed_motion_separates_far_better_than_random_ones_within_the_limi
 
 def test_wind_and_tilt_are_inseparable_by_motion_and_the_reason_is_a_rotation():
     wind = hypothesis("wind", 0.02)
-    tilt = hypothesis("path_tilt", wind.rest_angle)
+    tilt = hypothesis("path_tilt", -wind.rest_angle)
     experiment = random_experiment(6)
     pairs = inseparable((wind, tilt), outlook((wind, tilt), experiment), experiment)
     assert [p.effects for p in pairs] == [("wind", "path_tilt")]
     assert "rotation of the frame" in pairs[0].why
+    # A run in which the wind blows from the other side, after one in which both were measured.
     turned = Experiment("turn", "", experiment.motion, LOAD_CELL, turned=("wind.force",))
-    assert outlook((wind, tilt), turned).rises.max() > 100.0
+    seen = [
+        Hypothesis(h.name, h.model, h.free, h.information + np.diag([0.0, 0.0, size**-2.0, 0.0]))
+        for h, size in ((wind, 1e-3), (tilt, 1e-3))
+    ]
+    assert outlook(seen, turned).rises[~np.eye(2, dtype=bool)].min() > 100.0
 
 
 def test_a_load_that_is_weighed_tells_gain_from_a_wrong_mass():

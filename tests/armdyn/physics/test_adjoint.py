@@ -6,7 +6,7 @@ from armdyn.experiments.hypothesis import Experiment, Held, Hypothesis
 from armdyn.experiments.motion import Harmonics, Limits
 from armdyn.pendulum.model import pendulum_model
 
-HARMONICS = Harmonics(3.0, Limits())
+HARMONICS = Harmonics(3.0, Limits(), 0.02)
 COEFFICIENTS = 0.5 * HARMONICS.random(np.random.default_rng(0))
 
 
@@ -19,8 +19,8 @@ def held(effects, coefficients, noise):
     return Held(Hypothesis("", model, free, np.zeros((2, 2))), experiment)
 
 
-# Plain equations; the sensor's lag and delay; a gripper that trails; what yields, with its jerk and impulse; memory-free
-# states across the line.
+# Plain equations; the sensor's lag and delay; a gripper that trails; what yields, with its jerk and impulse; further
+# states.
 @pytest.mark.parametrize(
     "effects",
     [
@@ -32,8 +32,8 @@ def held(effects, coefficients, noise):
         ("out_of_plane_swing", "wind"),
     ],
 )
-@pytest.mark.parametrize("noise", [{"load_force": 5e-3}, {"load_force": 5e-3, "swing_angle": 5e-3}])
-def test_the_reverse_pass_gives_the_gradient_of_any_sum_of_readings(effects, noise):
+def test_the_reverse_pass_gives_the_gradient_of_any_sum_of_readings(effects):
+    noise = {"load_force": 5e-3, "swing_angle": 5e-3}
     at = held(effects, COEFFICIENTS, noise)
     rng = np.random.default_rng(1)
     readings, swing = rng.normal(size=len(at.predict(at.start)[0])), rng.normal(size=len(HARMONICS.time))

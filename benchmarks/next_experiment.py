@@ -1,0 +1,261 @@
+"""Does one designed motion tell rivals apart, does a random one, and is the predicted probability right?
+
+    python benchmarks/next_experiment.py [--seeds N] [--first-seed N] [--processes N] [--what EFFECTS] [--quick]
+
+Recordings come from `tests/hidden_effects/pendulum.py`, which shares no code with armdyn: 8 s at 100 Hz, force noise
+5 mN, load weighed to 1 %, string measured to 3 mm; `sensor_bias` and `sensor_delay` are unknowns of every model. In
+each case one of two rivals is hidden. The first run is a random multisine; `next --rivals` designs the second one from
+it, and beside it stands a random motion of the same peak acceleration. Both are recorded, and each is diagnosed
+together with the first run, with the two rivals as the catalogue. Right is: one effect, no tie, and the hidden one.
+"""
+
+import json
+import multiprocessing
+import time
+import zlib
+from argparse import Namespace
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+# First, because it keeps numpy to one thread.
+import _hidden_table as hidden_table
+import _timing as bench
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from armdyn.effects.catalogue import CATALOGUE
+from armdyn.experiments.design import within_swing
+from armdyn.experiments.hypothesis import Held
+from armdyn.experiments.inseparable import inseparable
+from armdyn.experiments.motion import Harmonics, Limits, Motion
+from armdyn.experiments.plan import Proposal, designed_motion
+from armdyn.experiments.rivals import Rivals, named
+from armdyn.experiments.separation import outlook
+from armdyn.identify.diagnose import Diagnosis, diagnose
+from armdyn.identify.study import Study
+from armdyn.pendulum.model import PendulumModel, pendulum_model
+from armdyn.run import Run
+from armdyn.units import Known
+
+hidden_pendulum = hidden_table.generator("pendulum")
+
+SIZES = {
+    "pivot_viscous_friction": 7e-4, "linear_drag": 5e-3, "quadratic_drag": 5e-3, "pivot_coulomb_friction": 7e-4,
+    "sensor_lag": 0.02, "gripper_lag": 0.02, "string_elasticity": 2e-3, "gripper_compliance": 5e-3, "wind": 0.01,
+    "path_tilt": 0.01, "load_inertia": 4e-4, "string_mass": 5e-3, "gripper_scale": 0.03, "sensor_drift": 1e-3,
+    "string_creep": 2e-4, "cross_axis_sensitivity": 0.02, "sensor_nonlinearity": 0.05, "sensor_gain": 0.03,
+}  # fmt: skip
+"""Of what is hidden, SI units; usual sizes."""
+PAIRS = (
+    ("pivot_viscous_friction", "linear_drag"), ("linear_drag", "pivot_viscous_friction"),
+    ("linear_drag", "quadratic_drag"), ("sensor_lag", "gripper_lag"),
+    ("pivot_coulomb_friction", "pivot_viscous_friction"), ("string_elasticity", "gripper_compliance"),
+    ("wind", "path_tilt"),
+    ("gripper_lag", "sensor_lag"), ("quadratic_drag", "linear_drag"), ("quadratic_drag", "pivot_coulomb_friction"),
+    ("pivot_viscous_friction", "pivot_coulomb_friction"), ("gripper_compliance", "string_elasticity"),
+    ("gripper_scale", "load_inertia"), ("load_inertia", "gripper_scale"), ("string_creep", "sensor_drift"),
+    ("path_tilt", "wind"), ("load_inertia", "string_mass"), ("string_mass", "load_inertia"),
+)  # fmt: skip
+"""What is hidden, and its rival: first those of which it is known what a random search found, then more ties."""
+INSEPARABLE = ({"wind", "path_tilt"}, {"load_inertia", "string_mass"})
+"""Exact ties of a load cell, whatever the motion: a rotation of the frame, and inertia about the pivot."""
+DURATION = 8.0
+NUISANCE = {"sensor_bias.force": (0.0, 0.02), "sensor_delay.time": (0.0, 0.01)}
+BINS = (0.0, 0.2, 0.5, 0.8, 0.95, 1.0001)
+SURE = 0.95
+
+
+def model() -> PendulumModel:
+    found = pendulum_model(0.36, 0.08, [CATALOGUE["sensor_bias"], CATALOGUE["sensor_delay"]])
+    for name, (mean, std) in NUISANCE.items():
+        found = found.with_prior(name, mean, std)
+    return found
+
+
+def recorded(name: str, setup: object, motion: Motion | None, rng: np.random.Generator, known: dict[str, Known]) -> Run:
+    """One run; along the generator's own random motion where none is given."""
+    if motion is None:
+        run = hidden_pendulum.record(name, setup, rng)
+    else:
+        spline = make_interp_spline(motion.time, motion.along[0], k=5)
+        parts = [spline, spline.derivative(1), spline.derivative(2)]
+
+        def moved(t: np.ndarray | float) -> np.ndarray:
+            inside = np.clip(t, 0.0, motion.time[-1])
+            return np.array([part(inside) for part in parts])
+
+        given, hidden_pendulum.gripper_motion = hidden_pendulum.gripper_motion, lambda _rng, _duration: moved
+        try:
+            run = hidden_pendulum.record(name, setup, rng)
+        finally:
+            hidden_pendulum.gripper_motion = given
+    return replace(run, known=known)
+
+
+def study_of(runs: list[Run], pair: tuple[str, str]) -> Study:
+    return Study(model(), runs, [], [CATALOGUE[name] for name in pair])
+
+
+def right(found: Diagnosis, hidden: str) -> bool:
+    added = [c.effect for c in found.search.last.effects if c not in found.search.steps[0].effects]
+    return found.verdict.key == "effect_missing" and added == [hidden]
+
+
+def random_motion(rivals: Rivals, designed: Proposal, rng: np.random.Generator) -> Motion:
+    """With the peak acceleration of the designed one, within the same limits."""
+    assert designed.experiment.motion is not None
+    limits = Limits(acceleration=float(designed.experiment.motion.peaks[2]))
+    harmonics = Harmonics(DURATION, limits)
+    helds = [Held(h, designed.experiment) for h in rivals.hypotheses]
+    return harmonics.motion(within_swing(helds, harmonics, harmonics.random(rng)))
+
+
+def case(pair: tuple[str, str], seed: int) -> dict[str, object]:
+    """The first of a pair is hidden."""
+    hidden = pair[0]
+    rng = np.random.default_rng([seed, zlib.crc32("/".join(pair).encode())])
+    mass, length = 0.08 * (1 + 0.1 * rng.normal()), 0.368 * (1 + 0.05 * rng.normal())
+    known = {
+        "mass": Known(mass * (1 + 0.01 * rng.normal()), 0.01 * mass, "kg"),
+        "length": Known(length + 3e-3 * rng.normal(), 3e-3, "m"),
+    }
+    setup = hidden_pendulum.Setup(
+        length=length, mass=mass, hidden={hidden: SIZES[hidden]}, duration=DURATION, force_noise=5e-3, start=(0.0, 0.0)
+    )
+    first = recorded("first.csv", setup, None, rng, known)
+    study = study_of([first], pair)
+    begun = diagnose(study)
+    rivals = named(study, pair)
+    names = [h.name for h in rivals.hypotheses]
+    started = time.process_time()
+    proposal = designed_motion(rivals, DURATION, seed=seed)
+    separable = set(pair) not in INSEPARABLE
+    row: dict[str, object] = {
+        "pair": "/".join(pair), "seed": seed, "verdict": begun.verdict.key, "first": right(begun, hidden),
+        "cpu": time.process_time() - started, "separable": separable,
+        "said": len(inseparable(rivals.hypotheses, proposal.outlook, proposal.experiment)) == 1,
+    }  # fmt: skip
+    motion = random_motion(rivals, proposal, rng)
+    for kind, foreseen in (
+        ("designed", proposal.outlook),
+        ("random", outlook(rivals.hypotheses, proposal.experiment.along(motion))),
+    ):
+        made = proposal.experiment.motion if kind == "designed" else motion
+        row[f"{kind}_predicted"] = float(foreseen.right[names.index(hidden)])
+        row[f"{kind}_separation"] = float(np.sqrt(foreseen.rises[names.index(hidden), 1 - names.index(hidden)]))
+        if separable:
+            after = diagnose(study_of([first, recorded(f"{kind}.csv", setup, made, rng, known)], pair))
+            row[f"{kind}_right"], row[f"{kind}_verdict"] = right(after, hidden), after.verdict.key
+    return row
+
+
+def calibration(rows: list[dict[str, object]]) -> list[tuple[float, float, int, float, float]]:
+    """By bin of the predicted probability: how often the verdict was right."""
+    points = [
+        (float(r[f"{k}_predicted"]), bool(r[f"{k}_right"]))
+        for r in rows for k in ("designed", "random") if f"{k}_right" in r
+    ]  # fmt: skip
+    found = []
+    for low, high in pairwise(BINS):
+        inside = [(p, w) for p, w in points if low <= p < high]
+        if inside:
+            mean, share = np.mean([p for p, _ in inside]), np.mean([w for _, w in inside])
+            found.append((low, high, len(inside), float(mean), float(share)))
+    return found
+
+
+def worked(job: tuple[tuple[str, str], int]) -> dict[str, object]:
+    return case(*job)
+
+
+def arguments() -> Namespace:
+    parser = bench.arguments(__doc__.splitlines()[0], rounds=1, quick_rounds=1)
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--first-seed", type=int, default=2000)
+    parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--what", help="pairs such as wind/path_tilt, separated by commas; all if not given")
+    parser.add_argument("--progress", type=Path, metavar="FILE", help="append every case to this file as it ends")
+    return parser.parse_args()
+
+
+def main() -> int:
+    options = arguments()
+    wanted = PAIRS if options.what is None else [tuple(p.split("/")) for p in options.what.split(",")]
+    pairs = PAIRS[:1] if options.quick else wanted
+    seeds = range(options.first_seed, options.first_seed + (1 if options.quick else options.seeds))
+    jobs = [(pair, seed) for seed in seeds for pair in pairs]
+    rows: list[dict[str, object]] = []
+    if options.processes > 1:
+        with ProcessPoolExecutor(options.processes, mp_context=multiprocessing.get_context("spawn")) as pool:
+            rows = list(pool.map(worked, jobs))
+    else:
+        for job in jobs:
+            rows.append(worked(job))
+            if options.progress is not None:
+                with options.progress.open("a") as stream:
+                    stream.write(json.dumps(rows[-1]) + "\n")
+    return report(rows, options)
+
+
+def report(rows: list[dict[str, object]], options: Namespace) -> int:
+    """Print what came out."""
+    table = []
+    for name in dict.fromkeys(str(r["pair"]) for r in rows):
+        mine = [r for r in rows if r["pair"] == name]
+        tried = [r for r in mine if r["separable"]]
+        table.append(
+            [
+                name, str(len(mine)), f"{sum(bool(r['first']) for r in mine)}/{len(mine)}",
+                *(f"{sum(bool(r[f'{k}_right']) for r in tried)}/{len(tried)}" for k in ("designed", "random")),
+                *(f"{np.median([float(r[f'{k}_separation']) for r in mine]):.1f}" for k in ("designed", "random")),
+            ]
+        )  # fmt: skip
+    bench.print_table(
+        "Verdict unique and right after the first run, and after one more motion of 8 s",
+        ["hidden/rival", "cases", "first run", "designed", "random", "sep. designed", "sep. random"], table,
+    )  # fmt: skip
+    found = calibration(rows)
+    bench.print_table(
+        "Calibration of the predicted probability, designed and random motions",
+        ["predicted", "cases", "mean", "right"],
+        [
+            [f"{low:.2f} to {min(high, 1.0):.2f}", str(n), f"{mean:.2f}", f"{share:.2f}"]
+            for low, high, n, mean, share in found
+        ],
+    )
+    tried = [r for r in rows if r["separable"]]
+    sure = [r for r in tried if float(r["designed_predicted"]) >= SURE]
+    wins = np.mean([bool(r["designed_right"]) for r in sure]) if sure else 0.0
+    random = np.mean([bool(r["random_right"]) for r in tried]) if tried else 0.0
+    exact = [r for r in rows if not r["separable"]]
+    said = np.mean([bool(r["said"]) for r in exact]) if exact else 0.0
+    wrongly = sum(bool(r["said"]) for r in tried)
+    off = max((abs(mean - share) for _, _, n, mean, share in found if n >= 10), default=0.0)
+    judged = not options.quick
+    claims = [
+        bench.Claim(
+            f"right after a designed motion where {SURE:.0%} is predicted, at least 95 %",
+            f"{wins:.1%} of {len(sure)}", bool(wins >= 0.95) if judged and sure else None,
+        ),
+        bench.Claim(
+            "right after a random motion of the same peak acceleration, below 50 %",
+            f"{random:.1%} of {len(tried)}", bool(random < 0.5) if judged and tried else None,
+        ),
+        bench.Claim(
+            "predicted probability within 0.1 in every bin with 10 cases or more", f"{off:.2f} off",
+            bool(off <= 0.1) if judged and tried else None,
+        ),
+        bench.Claim(
+            "inseparable pairs said to be so, and no others", f"{said:.0%} of {len(exact)}, and {wrongly} others",
+            bool(said == 1.0 and not wrongly) if judged and exact else None,
+        ),
+    ]  # fmt: skip
+    if tried:
+        print(f"\ndesign: {np.median([float(r['cpu']) for r in rows]):.1f} s of processor time (median)")
+    return bench.conclude(claims, {"rows": rows, "calibration": found}, options.json)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,92 @@
+"""`armdyn next` as a user meets it; the recordings come from equations of their own."""
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from armdyn.run import write_run_csv
+from armdyn.units import Known
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+from hidden_effects.pendulum import Setup, record, weighed
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """A model, and a run for each hidden effect."""
+    folder = tmp_path_factory.mktemp("next")
+    (folder / "model.toml").write_text(
+        'base = "pendulum"\n[parameters]\nlength = { value = 0.36, unit = "m" }\nmass = { value = 0.08, unit = "kg" }\n'
+    )
+    for name, size in (("wind", 0.01), ("pivot_viscous_friction", 1e-3), ("cross_axis_sensitivity", 0.05)):
+        setup = Setup(hidden={name: size}, duration=8.0, force_noise=5e-3)
+        run = record("a.csv", setup, np.random.default_rng(5))
+        run = weighed(run, Known(0.08, 0.0008, "kg"), Known(0.368, 0.003, "m"))
+        write_run_csv(replace(run, noise={"load_force": 5e-3}), folder / f"{name}.csv")
+    return folder
+
+
+def answer(armdyn, *arguments):
+    status, out, err = armdyn("next", *arguments, "--json", "-")
+    assert status in (0, None), err
+    return json.loads(out)
+
+
+def test_two_rivals_get_a_motion_that_check_finds_feasible(armdyn, files):
+    found = answer(
+        armdyn, files / "model.toml", files / "pivot_viscous_friction.csv", "--rivals",
+        "pivot_viscous_friction,linear_drag", "--seconds", 5, "--output", "motion.csv", "--report", "next.html",
+    )  # fmt: skip
+    assert found["schema"] == "armdyn.next/1"
+    assert set(found["rivals"]) == {"pivot_viscous_friction", "linear_drag"}
+    motion = next(e for e in found["experiments"] if e["kind"] == "motion")
+    assert motion["output"] == "motion.csv"
+    assert motion["separation"] > 3.0
+    assert motion["peak"]["a"] <= 2.0
+    assert motion["peak"]["x"] <= 0.15
+    kinds = [e["kind"] for e in found["experiments"]]
+    assert {"mass", "length", "angle_sensor", "measure", "rest"} <= set(kinds)
+    assert "turn" not in kinds  # nothing here belongs to the room
+    probabilities = [e["probability"] for e in found["experiments"]]
+    assert probabilities == sorted(probabilities, reverse=True)
+    assert "Which experiment" in Path("next.html").read_text()
+    status, out, _ = armdyn("check", "motion.csv", "--json", "-")
+    assert status == 0
+    assert json.loads(out)["feasible"]
+
+
+def test_wind_and_tilt_cannot_be_told_apart_by_a_motion_but_by_turning_the_robot(armdyn, files):
+    found = answer(armdyn, files / "model.toml", files / "wind.csv", "--seconds", 4, "--output", "motion.csv")
+    assert found["verdict"] == "cannot_tell_apart"
+    assert [set(pair["effects"]) for pair in found["inseparable"]] == [{"wind", "path_tilt"}]
+    assert "rotation" in found["inseparable"][0]["why"]
+    assert found["experiments"][0]["kind"] == "turn"
+    assert found["experiments"][0]["probability"] > 0.9
+    assert next(e for e in found["experiments"] if e["kind"] == "motion")["output"] is None
+    assert not Path("motion.csv").exists()  # a motion that tells nothing is not offered
+
+
+def test_where_one_verdict_stands_nothing_is_designed(armdyn, files):
+    found = answer(armdyn, files / "model.toml", files / "cross_axis_sensitivity.csv")
+    assert found["verdict"] == "effect_missing"
+    assert found["rivals"] == [] or all("=" in name for name in found["rivals"])
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--rivals", "nonsense"), "nonsense"),
+        (("--seconds", "0.5"), "0.5 s"),
+        (("--output", "no/such/folder/motion.csv"), "no/such/folder"),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(armdyn, files, options, said):
+    status, out, err = armdyn("next", files / "model.toml", files / "wind.csv", *options)
+    assert status == 2
+    assert said in err
+    assert len(err.strip().splitlines()) == 1
+    assert "Traceback" not in out + err
