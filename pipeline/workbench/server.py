@@ -58,8 +58,12 @@ def serve(inputs: Inputs | None, listen: socket.socket, started: Callable[[str],
             desks[key] = Desk(wanted)
         return desks[key]
 
-    if inputs is not None:
-        open_desk(inputs)  # the browser takes a second to come, in which the recordings can be read
+    def begun(address: str) -> None:
+        started(address)
+        if inputs is not None:
+            # The browser takes a second to come, in which recordings can be read. Not before the address is printed:
+            # reading a URDF keeps what is printed from the terminal.
+            open_desk(inputs)
 
     async def page(client: Client) -> None:
         ui.add_head_html(_head())
@@ -69,7 +73,7 @@ def serve(inputs: Inputs | None, listen: socket.socket, started: Callable[[str],
         await own.begin()
 
     ui.page("/", title="armdyn workbench", dark=None)(page)
-    server = _server(_application(), started)
+    server = _server(_application(), begun)
     try:
         server.run(sockets=[listen])
     finally:
