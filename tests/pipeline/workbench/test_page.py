@@ -1,6 +1,5 @@
 """The page in a real browser, with real clicks."""
 
-import os
 import re
 import signal
 import subprocess
@@ -150,7 +149,10 @@ def test_a_page_of_elsewhere_gets_nothing(address):
 def test_a_taken_port_and_a_missing_file_are_one_line(address, armdyn, tmp_path):
     port = address.rpartition(":")[2]
     status, _, errors = armdyn("workbench", "--port", port, "--no-browser")
-    assert status == 2 and f"--port {port}" in errors and errors.count("\n") == 1
+    assert status == 2
+    assert f"--port {port}" in errors
+    assert errors.count("\n") == 1
     status, _, errors = armdyn("workbench", tmp_path / "absent.toml")
-    assert status == 2 and "no such file" in errors
-    assert os.listdir(tmp_path) == []
+    assert status == 2
+    assert "no such file" in errors
+    assert list(tmp_path.iterdir()) == []
