@@ -1,6 +1,7 @@
 """Serves the workbench on this computer only, until Ctrl-C."""
 
 import socket
+import sys
 from collections.abc import Callable
 
 import uvicorn
@@ -21,6 +22,8 @@ from pipeline.workbench.page import TEMPLATES, Page
 HOST = "127.0.0.1"
 USUAL_PORT = 8080
 ASSETS = "/armdyn"
+SWITCH = 1e-3
+"""s for which a refit may keep the page's thread waiting at a time."""
 DAY = {"Cache-Control": "max-age=86400"}
 
 
@@ -72,6 +75,7 @@ def serve(inputs: Inputs | None, listen: socket.socket, started: Callable[[str],
         await client.connected()
         await own.begin()
 
+    sys.setswitchinterval(SWITCH)
     ui.page("/", title="armdyn workbench", dark=None)(page)
     server = _server(_application(), begun)
     try:
