@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import tempfile
 from pathlib import Path
+from threading import Thread
 from typing import Any, Self
 
 import pytest
@@ -38,6 +39,8 @@ class Browser:
             stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
         address = next(found[1] for line in self._process.stderr if (found := re.search(r"(ws://\S+)", line)))
+        # What else it has to say is read by nobody, and must not fill the pipe.
+        Thread(target=self._process.stderr.read, daemon=True).start()
         self._number, self._answers, self.errors = 0, {}, []
         self._session: str | None = None
 
@@ -144,7 +147,6 @@ class Browser:
         self._loop.close()
         self._process.terminate()
         self._process.wait(10)
-        self._process.stderr.close()
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def __enter__(self) -> Self:

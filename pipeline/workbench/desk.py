@@ -2,8 +2,10 @@
 
 import asyncio
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TypeVar
+from concurrent.futures import Future
+from queue import SimpleQueue
+from threading import Thread
+from typing import Any, TypeVar
 
 from pipeline.commands.identify import Given, Inputs
 from pipeline.workbench.bench import Bench
@@ -20,10 +22,12 @@ class Desk:
 
     def __init__(self, inputs: Inputs) -> None:
         self.inputs = inputs
-        self._thread = ThreadPoolExecutor(1, thread_name_prefix="armdyn-desk")
-        self._given: Future[Given] = self._thread.submit(inputs.read)
-        self._bench: Future[Bench] = self._thread.submit(self._first_look)
-        self._ready = self._thread.submit(lambda: self._bench.result().foretelling)
+        self._work: SimpleQueue[tuple[Future[Any], Callable[[], Any]] | None] = SimpleQueue()
+        # A daemon: the program ends at once, whatever is being computed.
+        Thread(target=self._working, name="armdyn-desk", daemon=True).start()
+        self._given = self._submit(inputs.read)
+        self._bench = self._submit(self._first_look)
+        self._ready = self._submit(lambda: self._bench.result().foretelling)
 
     def _first_look(self) -> Bench:
         bench = Bench(self._given.result().study)
@@ -44,11 +48,26 @@ class Desk:
 
     async def do(self, work: Callable[[], T]) -> T:
         """The answer of something slow, computed one after the other."""
-        return await asyncio.wrap_future(self._thread.submit(work))
+        return await asyncio.wrap_future(self._submit(work))
 
     def close(self) -> None:
         """Do nothing further."""
-        self._thread.shutdown(wait=False, cancel_futures=True)
+        self._work.put(None)
+
+    def _submit(self, work: Callable[[], T]) -> "Future[T]":
+        future: Future[T] = Future()
+        self._work.put((future, work))
+        return future
+
+    def _working(self) -> None:
+        while (item := self._work.get()) is not None:
+            future, work = item
+            if not future.set_running_or_notify_cancel():
+                continue
+            try:
+                future.set_result(work())
+            except BaseException as error:
+                future.set_exception(error)
 
 
 def key_of(inputs: Inputs) -> tuple[object, ...]:

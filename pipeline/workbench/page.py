@@ -21,6 +21,8 @@ from pipeline.workbench.keeping import keep
 from pipeline.workbench.ranking import Ranking, Search
 
 TEMPLATES = Path(__file__).parent / "templates"
+STILL = 0.25
+"""s without another click before a refit begins: it takes time from the answers to the clicks."""
 OpenDesk = Callable[[Inputs], Desk]
 
 
@@ -114,6 +116,9 @@ class Page:
         asked = self._asked
         self._show(bench.foretold(self._ticked))
         if not effects:
+            return
+        await asyncio.sleep(STILL)
+        if asked != self._asked:
             return
         state = await self._working("refitting", lambda: bench.fitted(self._ticked) if asked == self._asked else None)
         if state is not None and asked == self._asked:

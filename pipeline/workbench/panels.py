@@ -73,7 +73,7 @@ def errors_panel(state: State) -> str:
             figures.append(_figure(f"Error, {kind} runs", before, after, unit))
     if state.others and not any(curve.kind == HELD_OUT for curve in state.curves):
         for unit, error in totals(state.others, units).items():
-            figures.append(_key("Error, runs predicted from the others", number(error, unit), ""))
+            figures.append(_key("Error, runs predicted from the others", error, unit, ""))
     return (
         f"<div class='keys'>{''.join(figures)}</div><p class='how {state.how.replace(' ', '-')}'>{HOW[state.how]}</p>"
     )
@@ -83,12 +83,12 @@ def _figure(name: str, before: float, after: float, unit: str) -> str:
     change = 100.0 * (after / before - 1.0) if before else 0.0
     sign = "+" if change > 0 else "−"
     note = f"as given {number(before, unit)}" + (f", {sign}{abs(change):.0f} %" if after != before else "")
-    return _key(name, number(after, unit), note)
+    return _key(name, after, unit, note)
 
 
-def _key(name: str, value: str, note: str) -> str:
-    text = f"<span>{escape(name)}</span><strong>{escape(value)}</strong><small>{escape(note)}</small>"
-    return f"<div class='key'>{text}</div>"
+def _key(name: str, value: float, unit: str, note: str) -> str:
+    text = f"<span>{escape(name)}</span><strong>{escape(number(value, unit))}</strong><small>{escape(note)}</small>"
+    return f"<div class='key' data-value='{value!r}'>{text}</div>"
 
 
 def knobs_panel(state: State) -> str:

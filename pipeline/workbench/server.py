@@ -1,6 +1,7 @@
 """Serves the workbench on this computer only, until Ctrl-C."""
 
 import socket
+import sys
 from collections.abc import Callable
 
 import uvicorn
@@ -21,6 +22,8 @@ from pipeline.workbench.page import TEMPLATES, Page
 HOST = "127.0.0.1"
 USUAL_PORT = 8080
 ASSETS = "/armdyn"
+SWITCH = 1e-3
+"""s for which a refit may keep the page's thread waiting at a time."""
 DAY = {"Cache-Control": "max-age=86400"}
 
 
@@ -58,8 +61,12 @@ def serve(inputs: Inputs | None, listen: socket.socket, started: Callable[[str],
             desks[key] = Desk(wanted)
         return desks[key]
 
-    if inputs is not None:
-        open_desk(inputs)  # the browser takes a second to come, in which the recordings can be read
+    def begun(address: str) -> None:
+        started(address)
+        if inputs is not None:
+            # The browser takes a second to come, in which recordings can be read. Not before the address is printed:
+            # reading a URDF keeps what is printed from the terminal.
+            open_desk(inputs)
 
     async def page(client: Client) -> None:
         ui.add_head_html(_head())
@@ -68,8 +75,9 @@ def serve(inputs: Inputs | None, listen: socket.socket, started: Callable[[str],
         await client.connected()
         await own.begin()
 
+    sys.setswitchinterval(SWITCH)
     ui.page("/", title="armdyn workbench", dark=None)(page)
-    server = _server(_application(), started)
+    server = _server(_application(), begun)
     try:
         server.run(sockets=[listen])
     finally:

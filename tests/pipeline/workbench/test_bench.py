@@ -68,7 +68,7 @@ def test_turning_a_parameter_predicts_with_it(bench):
 
 
 def test_an_effect_that_is_not_there_is_a_sentence(bench):
-    with pytest.raises(UnknownNameError, match="did you mean .joint_viscous_friction:right"):
+    with pytest.raises(UnknownNameError, match=r"did you mean .joint_viscous_friction:right"):
         bench.foretold([Atom(HIDDEN, "right_s9")])
 
 
@@ -80,7 +80,8 @@ def test_a_pendulums_hidden_drag_is_foretold_and_then_fitted():
     foretold = {name: bench.foretold([Atom(name)]) for name in effects}
     assert min(effects, key=lambda name: error(foretold[name])) == "quadratic_drag"
     fitted = bench.fitted([Atom("quadratic_drag")])
-    assert foretold["quadratic_drag"].stale and not fitted.stale  # a held-out pendulum has a start of its own to fit
+    assert not fitted.stale
+    assert foretold["quadratic_drag"].stale  # a held-out pendulum has a start of its own to fit
     for kind in (FITTED, HELD_OUT):  # what is left is the sensor's noise of 3 mN
         assert error(bench.opening, kind) > 4e-3
         assert error(fitted, kind) == pytest.approx(3e-3, rel=0.1)
@@ -110,7 +111,8 @@ def test_what_is_kept_is_what_add_writes(files, tmp_path):
 
 def test_panels_escape_what_users_name():
     html = panels.files_panel(None, [(Path("<b>.csv"), True)], ["<i>"])
-    assert "<b>.csv" not in html and "&lt;i&gt;" in html
+    assert "<b>.csv" not in html
+    assert "&lt;i&gt;" in html
     assert panels.short_joints(["right_s0", "right_w2"]) == {"right_s0": "s0", "right_w2": "w2"}
     assert panels.short_joints(["shoulder_pan_joint", "elbow_joint"]) == {
         "shoulder_pan_joint": "shoulder_pan", "elbow_joint": "elbow",

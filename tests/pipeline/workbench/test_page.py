@@ -1,6 +1,5 @@
 """The page in a real browser, with real clicks."""
 
-import os
 import re
 import signal
 import subprocess
@@ -17,7 +16,8 @@ from armdyn.run import write_run_csv
 from .conftest import HIDDEN, RIVALS
 
 pytest.importorskip("nicegui", reason="needs the extra 'workbench': pip install 'armdyn[workbench]'")
-ERROR = "Number(document.querySelector('.key strong').innerText.split(' ')[0])"
+ERROR = "Number(document.querySelector('.key').dataset.value)"
+NONE = "!document.querySelector('[data-pick]:checked')"
 FITTED = "document.querySelector('.how.fitted')"
 
 
@@ -75,8 +75,7 @@ def test_a_hidden_effect_is_found_by_clicking(address, browser):
         selector = f"[data-every='{effect}']" if every else f"[data-pick^='{effect}'] + span"
         left[effect] = ticked(browser, selector)
         browser.click("#clear")
-        browser.wait(f"{ERROR} == {given}")
-        assert browser.ask("document.querySelectorAll('[data-pick]:checked').length") == 0
+        browser.wait(f"{NONE} && {ERROR} == {given}")
     assert min(left, key=left.get) == HIDDEN
     assert left[HIDDEN] < 0.2 * given
 
@@ -131,8 +130,8 @@ def test_a_pendulum_is_started_and_its_recording_dropped_on_a_small_dark_screen(
         browser.wait("document.querySelector('#said').innerText.includes('bananas')")
         browser.drop("input[type=file]", [tmp_path / "swing.csv"])
         browser.wait("document.querySelector('[data-pick]')")
-        given = browser.ask(ERROR)
-        assert ticked(browser, "[data-pick='quadratic_drag'] + span") < 0.8 * given
+        assert browser.ask(ERROR) > 3.5e-3
+        assert ticked(browser, "[data-pick='quadratic_drag'] + span") == pytest.approx(3e-3, rel=0.1)  # N, the noise
         width = "document.documentElement.scrollWidth"
         assert browser.ask(width) <= 400  # nothing is cut off, nothing scrolls sideways
         assert browser.errors == []
@@ -150,7 +149,10 @@ def test_a_page_of_elsewhere_gets_nothing(address):
 def test_a_taken_port_and_a_missing_file_are_one_line(address, armdyn, tmp_path):
     port = address.rpartition(":")[2]
     status, _, errors = armdyn("workbench", "--port", port, "--no-browser")
-    assert status == 2 and f"--port {port}" in errors and errors.count("\n") == 1
+    assert status == 2
+    assert f"--port {port}" in errors
+    assert errors.count("\n") == 1
     status, _, errors = armdyn("workbench", tmp_path / "absent.toml")
-    assert status == 2 and "no such file" in errors
-    assert os.listdir(tmp_path) == []
+    assert status == 2
+    assert "no such file" in errors
+    assert list(tmp_path.iterdir()) == []
