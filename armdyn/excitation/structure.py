@@ -13,8 +13,9 @@ SPANNED = 1e-6
 """Share of a column's length that is left where others span it; rounding leaves 1e-12, what a motion tells 1e-3."""
 
 SHOWS = 0.5
-"""Of the noise: root mean square over random states, all joints together, of a change that a motion can show. A designed
-motion has a quarter of their accelerations; in 20 s at 100 Hz such a change then stands out by 5 standard deviations."""
+"""Of the noise: root mean square over random states, all joints together, of a change that a motion can show. A
+designed motion has a quarter of their accelerations; in 20 s at 100 Hz such a change then stands out by 5 standard
+deviations."""
 ROUNDING = 1e-6
 """Of the noise of a sample: a torque so small is the rounding of an unknown that changes nothing."""
 PART = 1e-3
