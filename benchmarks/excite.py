@@ -176,7 +176,7 @@ def report(name: str, found: Excitation, seconds: float) -> tuple[dict, list[_ti
         headings = ["hidden", "joint", *(label for label, _ in contenders(found))]
         _timing.print_table("separation in standard deviations, typical size", headings, separations(found), 2)
         least = {label: min(e.separations) ** 0.5 for label, e in contenders(found)}
-        told = least["designed"] >= 2.0 * least["best random"]
+        told = least["designed"] >= max(2.0 * least["best random"], 1.0)
         claim = _timing.Claim(f"{name}: smallest separation at least twice the best random one's", str(least), told)
         return {"least": least, "rows": separations(found)}, [claim]
     against = {label: factor(found, e) for label, e in contenders(found) if e is not found.expected}

@@ -152,6 +152,7 @@ def excitation_answer(found: Excitation, output: Path) -> dict[str, Any]:
         "energy": found.energy,
         "feasible": found.check.feasible,
         "check": found.check.sentence,
+        "defects": list(columns.arm.robot.defects),
     }
 
 

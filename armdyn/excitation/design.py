@@ -30,7 +30,7 @@ STIFFNESS = 0.5
 """Of the first round's penalty: an excess of 5 % at 20 instants costs as much as a standard deviation 1 % larger."""
 HARDER = 3.0
 """Growth of the penalty from round to round."""
-NEAR = 0.6
+NEAR = 0.3
 """Margin of a posture, see `Postures.margins`, from which its distance is watched."""
 DEEPEST = -0.4
 """Margin below which a posture is too deep in what is forbidden to be led out of it."""
@@ -178,7 +178,8 @@ class Design:
         """
         for share in (1.0, 0.5, 0.25, 0.1):
             x = before + share * (after - before)
-            if all(self.postures.margins(q).min() > DEEPEST for q in self.motion(x).q):
+            touching = (q for q in self.motion(x).q if not self.postures.free(q))  # quick, where distances are not
+            if all(self.postures.margins(q).min() > DEEPEST for q in touching):
                 return x
         return before
 

@@ -111,7 +111,7 @@ def separating(model: ArmModel, first: Effect, second: Effect, rate: float) -> G
             continue
         narrowed = _cases(columns, structure, pair, [*beside, name])
         if any(n.directions.shape[1] < c.directions.shape[1] for n, c in zip(narrowed, cases, strict=True)):
-            left_out[name] = "with it no motion could tell the two apart"
+            left_out[name] = "with it no motion could tell some of their changes apart"
         else:
             beside.append(name)
     columns = _columns(model, pair, beside, rate)

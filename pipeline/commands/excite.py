@@ -1,6 +1,5 @@
 """`armdyn excite`: the motion of an arm to record, so that chosen effects are determined or told apart."""
 
-import math
 import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -92,7 +91,8 @@ def excite(
 
         write_json(excitation_answer(found, output), json_file)
     if json_file != Path("-"):
-        _print(found, output, report, _robot_options(robot, urdf_file))
+        # `check` takes an arm as its description has it.
+        _print(found, output, report, _robot_options(robot, urdf_file) if joints is None and tool is None else None)
     return 0
 
 
@@ -164,7 +164,7 @@ SHOWN = 20
 """Unknowns that are printed; of more, the effects with the mean of theirs."""
 
 
-def _print(found: "Excitation", output: Path, report: Path | None, robot: str) -> None:
+def _print(found: "Excitation", output: Path, report: Path | None, robot: str | None) -> None:
     from rich.table import Table
 
     from pipeline.commands.output import to_screen
@@ -185,6 +185,9 @@ def _print(found: "Excitation", output: Path, report: Path | None, robot: str) -
         typer.echo(f"taken as known: {name}, {why}")
     for what in found.goal.inseparable:
         typer.echo(f"no motion can tell: {what}")
+    if missing := [defect for defect in found.goal.columns.arm.robot.defects if defect.startswith("mesh ")]:
+        more = f"; and {len(missing) - 1} more" if missing[1:] else ""
+        typer.echo(f"{missing[0]}{more}")
     typer.echo(f"motion: {output}" + (f"\nreport: {report}" if report is not None else ""))
-    if " --joints" not in robot and math.isfinite(found.energy):
+    if robot is not None:
         typer.echo(f"check it again: armdyn check {shlex.quote(str(output))} {robot}")

@@ -15,6 +15,9 @@ FAR = 0.1
 ASKED_MORE = 1.5
 """Times what the check asks for: a motion is designed on a grid, and checked in between."""
 
+REMEMBERED = 5000
+"""Postures whose distances are kept."""
+
 
 @dataclass(frozen=True, eq=False)
 class FreePostures:
@@ -37,6 +40,11 @@ class FreePostures:
         """Whether there is anything to collide with; a URDF whose meshes are missing has nothing."""
         return bool(self._collision.pairs)
 
+    @cached_property
+    def _known(self) -> dict[bytes, float]:
+        """Margins of the last postures: a motion is looked at twice, and meshes take milliseconds each time."""
+        return {}
+
     def free(self, q: Array) -> bool:
         """Whether no links touch."""
         return not self._shapes or self._collision.touching(q) is None
@@ -45,4 +53,9 @@ class FreePostures:
         """(1,) distance between links beyond what is asked for, in units of `FAR`."""
         if not self._shapes:
             return np.array([np.inf])
-        return np.array([(self._collision.clearance(q).distance - ASKED_MORE * self.clearance) / FAR])
+        key = q.tobytes()
+        if key not in self._known:
+            if len(self._known) >= REMEMBERED:
+                self._known.clear()
+            self._known[key] = (self._collision.clearance(q).distance - ASKED_MORE * self.clearance) / FAR
+        return np.array([self._known[key]])

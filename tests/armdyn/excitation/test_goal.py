@@ -90,3 +90,13 @@ def test_a_place_along_parallel_axes_is_told_by_no_motion(effects):
     goal = determining(plane, effects("payload"), 100.0)
     assert [goal.columns.unknowns[i].name for i in goal.hopeless] == ["payload.z[right_w1]"]
     assert goal.hopeless[0] not in goal.structure.independent()
+
+
+def test_changes_of_a_link_that_the_noise_hides_at_any_speed_are_not_asked_for(shoulder):
+    """Of the ten ways to change a link, few act on torques by more than their noise."""
+    goal = separating(shoulder, find("payload"), find("link_inertia:right_e0"), 100.0)
+    (case,) = goal.hidden
+    assert 1 <= case.directions.shape[1] < 10
+    assert case.directions.T @ case.directions == pytest.approx(np.eye(case.directions.shape[1]))
+    shown = goal.structure.rows[:, case.own] @ case.directions
+    assert np.linalg.norm(shown, axis=0).min() > 5.0
