@@ -2,8 +2,9 @@
 
 A series is one parameter of one robot over time. It counts as changed where a step explains more of it than chance
 would in any series of the whole batch. What is slow is no step: every step is judged beside a straight line, and must
-stand beside a parabola or beside a line through its neighbours, too. A single odd recording is none either: a value far
-from the median of its neighbours counts as that median. With y_i the values, w_i = 1/scale_i and u_k the step after recording k,
+stand beside a parabola or beside a line through its neighbours, too. A single odd recording is none either: a value
+far from the median of its neighbours counts as that median. With y_i the values, w_i = 1/scale_i and u_k the step after
+recording k,
 
     t_k: that of the coefficient of w u_k in the regression of w y on w, w t, w u_k,
 
@@ -45,7 +46,7 @@ NORMAL_MEDIAN = 0.6745
 AT_ONCE = 2_000_000
 """Numbers that are simulated at once: 16 MB."""
 MOST, LEAST_BATCHES = 50_000_000, 1000
-"""Numbers that are simulated altogether, some ten seconds; beyond that fewer batches, at least so many that the bound at
+"""Numbers that are simulated altogether, some ten seconds; beyond that fewer batches, so many that the bound at
 1 % is the 10th largest."""
 GRID = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9])
 """Values of phi at which what a step leaves is simulated, to read phi from what it leaves of the batch."""

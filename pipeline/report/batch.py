@@ -271,8 +271,8 @@ class ErrorSection(Section):
     def sentence(self) -> str:
         """What to look for."""
         return (
-            "Root mean square error of every recording's own fit; of several channels the root of their summed squares. "
-            "A jump that no parameter shows is something that the model lacks."
+            "Root mean square error of every recording's own fit; of several channels the root of their summed "
+            "squares. A jump that no parameter shows is something that the model lacks."
         )
 
     def charts(self) -> Sequence[Chart]:
