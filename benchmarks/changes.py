@@ -107,9 +107,8 @@ def main() -> None:
             mine = [s for s in steps if (s.robot, s.parameter) == ("robot 0", "p0")]
             hits, exact = hits + bool(mine), exact + any(s.index == recordings // 2 for s in mine)
             others += len(steps) - len(mine)
-        print(
-            f"  {recordings} recordings, {size:2}: {hits / asked.batches:4.0%} {exact / asked.batches:4.0%}; others {others}"
-        )
+        found, right = hits / asked.batches, exact / asked.batches
+        print(f"  {recordings} recordings, {size:2}: {found:4.0%} {right:4.0%}; others {others}", flush=True)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from scipy.stats import norm
 from scipy.stats import t as student
 
