@@ -2,13 +2,15 @@
 
 A series is one parameter of one robot over time. It counts as changed where a step explains more of it than chance
 would in any series of the whole batch. What is slow is no step: every step is judged beside a straight line, and must
-stand beside a parabola or beside a line through its neighbours, too. A single odd recording is none either: a value far
-from the median of its neighbours counts as that median. With y_i the values, w_i = 1/scale_i and u_k the step after recording k,
+stand beside a parabola or beside a line through its neighbours, too. A single odd recording is none either: a value
+far from the median of its neighbours counts as that median. With y_i the values, w_i = 1/scale_i and u_k the step after
+recording k,
 
     t_k: that of the coefficient of w u_k in the regression of w y on w, w t, w u_k,
 
 the largest t_k is turned into a normal deviate of the same probability (Wallace 1959). Neighbours in time may be alike,
 by the weather for one: an AR(1) process whose phi is that of the same quantity on all joints of all robots together.
+It is taken out of both sides of the regression, z_i - phi z_i-1 in the place of z_i (Prais and Winsten 1954).
 The bound is the quantile of the batch's largest deviate over simulated batches of such noise; it holds for the batch
 also where the parameters of a robot are correlated, which only makes alarms rarer (Sidak 1967).
 """
@@ -45,7 +47,7 @@ NORMAL_MEDIAN = 0.6745
 AT_ONCE = 2_000_000
 """Numbers that are simulated at once: 16 MB."""
 MOST, LEAST_BATCHES = 50_000_000, 1000
-"""Numbers that are simulated altogether, some ten seconds; beyond that fewer batches, at least so many that the bound at
+"""Numbers that are simulated altogether, some ten seconds; beyond that fewer batches, so many that the bound at
 1 % is the 10th largest."""
 GRID = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9])
 """Values of phi at which what a step leaves is simulated, to read phi from what it leaves of the batch."""
@@ -177,20 +179,19 @@ def find_changes(
     for (_, parameter), test in tests.items():
         kinds.setdefault(_kind(parameter), []).append(test)
     phi = {kind: _phi(group, rng) for kind, group in kinds.items()}
+    tests = {name: test for name in tests if (test := _Test.of(series[name], phi[_kind(name[1])])) is not None}
     size = sum(len(test.time) for test in tests.values())
     batches = min(batches, max(LEAST_BATCHES, MOST // size))
     largest = np.zeros((2, batches))
-    for kind, group in kinds.items():
-        for test in group:
-            np.maximum(largest, test.by_chance(phi[kind], batches, rng), out=largest)
+    for test in tests.values():
+        np.maximum(largest, test.by_chance(batches, rng), out=largest)
     for_steps, for_drifts = (_Judge.of(by_chance, false_alarms) for by_chance in largest)
     steps: list[Step] = []
     drifts: list[Drift] = []
     for name, test in tests.items():
-        own = phi[_kind(name[1])]
-        found = list(_steps(name, series[name], (0, len(test.time)), own, for_steps))
+        found = list(_steps(name, series[name], (0, len(test.time)), test.phi, for_steps))
         steps += found
-        trend = _certain(own) * float(test.trends(test.scores[None])[0])
+        trend = float(test.trends(test.scores[None])[0])
         if not found and trend > for_drifts.bound:
             slope = float(theilslopes(test.value, test.time).slope)
             drifts.append(Drift(*name, slope, for_drifts.chance(trend)))
@@ -206,20 +207,20 @@ def find_changes(
 def _steps(name: Name, series: Series, part: tuple[int, int], phi: float, judge: "_Judge") -> Iterator[Step]:
     """Steps of a part of a series, each looked for between those that were found."""
     first, end = part
-    test = _Test.of(series.part(first, end))
+    test = _Test.of(series.part(first, end), phi)
     if test is None:
         return
     deviates, best, _ = test.largest(test.scores[None])
-    deviate = _certain(phi) * float(deviates[0])
+    deviate = float(deviates[0])
     middle = first + int(test.splits[best[0]])
-    nearby = _Test.of(series.part(max(first, middle - NEARBY), min(end, middle + NEARBY)))
+    nearby = _Test.of(series.part(max(first, middle - NEARBY), min(end, middle + NEARBY)), phi)
     sharp = max(
         test.beside(int(best[0]), parabola=True),
         nearby.beside(int(np.argmin(np.abs(nearby.splits - min(middle - first, NEARBY)))), parabola=False)
         if nearby
         else 0.0,
     )
-    if min(deviate, _certain(phi) * sharp) <= judge.bound:
+    if min(deviate, sharp) <= judge.bound:
         return
     earlier, later = (list(_steps(name, series, sides, phi, judge)) for sides in ((first, middle), (middle, end)))
     start = max((s.index for s in earlier), default=first)
@@ -257,16 +258,18 @@ class _Test:
         time: (n,) s.
         value: (n,).
         weight: (n,) one over the scale of each value.
-        scores: (n,) the values over their scale, odd ones replaced.
-        line: (n, 2) orthonormal: weighted constant and slope.
+        phi: correlation of neighbours.
+        scores: (n,) the values over their scale, odd ones replaced, what neighbours share taken out.
+        line: (n, 2) orthonormal: constant and slope, treated likewise.
         splits: (k,) first recording after each possible step.
-        sums: (k, 2) components of each weighted step along the line.
-        lengths: (k,) of each weighted step without its line.
+        sums: (k, 2) components of each step, treated likewise, along the line.
+        lengths: (k,) of each step without its line.
     """
 
     time: FloatArray
     value: FloatArray
     weight: FloatArray
+    phi: float
     scores: FloatArray
     line: FloatArray
     splits: np.ndarray
@@ -274,7 +277,7 @@ class _Test:
     lengths: FloatArray
 
     @classmethod
-    def of(cls, series: Series) -> "_Test | None":
+    def of(cls, series: Series, phi: float = 0.0) -> "_Test | None":
         """None where the series is too short, or its values or times are all the same."""
         time, value = series.time, series.value
         count = len(value)
@@ -285,22 +288,25 @@ class _Test:
         splits = np.arange(LEAST_AT_A_SIDE, count - LEAST_AT_A_SIDE + 1)
         splits = splits[time[splits] > time[splits - 1]]
         middle = np.average(time, weights=weight**2)
-        line = np.linalg.qr(weight[:, None] * np.column_stack([np.ones(count), (time - middle) / np.ptp(time)]))[0]
-        sums = _from_the_end(weight[:, None] * line)[splits]
-        squares = _from_the_end(weight[:, None] ** 2)[splits, 0] - np.sum(sums**2, axis=1)
+        straight = weight * np.array([np.ones(count), (time - middle) / np.ptp(time)])
+        line = np.linalg.qr(_own(straight, phi).T)[0]
+        sums = _along_steps(line.T, weight, phi)[:, splits].T
+        after = _own(weight[None], phi)[0] ** 2
+        squares = (_from_the_end(after[None])[0] - after + weight**2)[splits] - np.sum(sums**2, axis=1)
         kept = squares > 1e-6  # of two groups of times a step is a line
         if not kept.any():
             return None
         scores = weight * (_without_odd_ones(value[None], scale)[0] - np.median(value))
-        return cls(time, value, weight, scores, line, splits[kept], sums[kept], np.sqrt(squares[kept]))
+        scores = _own(scores[None], phi)[0]
+        return cls(time, value, weight, phi, scores, line, splits[kept], sums[kept], np.sqrt(squares[kept]))
 
     def largest(self, scores: FloatArray) -> tuple[FloatArray, np.ndarray, FloatArray]:
         """Of (m, n) scores: (m,) deviates of the best step, (m,) which of the splits that is, (m, n) what it leaves."""
         left = scores - scores @ self.line @ self.line.T
-        along = _from_the_end((left * self.weight).T).T[:, self.splits] / self.lengths
+        along = _along_steps(left, self.weight, self.phi)[:, self.splits] / self.lengths
         best = np.argmax(np.abs(along), axis=1)
         size = along[np.arange(len(along)), best]
-        stepped = self.weight * (np.arange(left.shape[1]) >= self.splits[best][:, None])
+        stepped = _own(self.weight * (np.arange(left.shape[1]) >= self.splits[best][:, None]), self.phi)
         rest = left - (size / self.lengths[best])[:, None] * (stepped - self.sums[best] @ self.line.T)
         return _deviate(size, left, 3), best, rest
 
@@ -317,26 +323,26 @@ class _Test:
         """Deviate of one step beside the line, or beside a parabola."""
         smooth = self.line
         if parabola:
-            curve = self.weight * ((self.time - self.time.mean()) / np.ptp(self.time)) ** 2
+            curve = _own((self.weight * ((self.time - self.time.mean()) / np.ptp(self.time)) ** 2)[None], self.phi)[0]
             smooth = np.linalg.qr(np.column_stack([self.line, curve]))[0]
-        step = self.weight * (np.arange(len(self.time)) >= self.splits[split])
+        step = _own((self.weight * (np.arange(len(self.time)) >= self.splits[split]))[None], self.phi)[0]
         left, step = (values - smooth @ (smooth.T @ values) for values in (self.scores, step))
         length = float(np.linalg.norm(step))
         if length < 1e-3:
             return 0.0
         return float(_deviate(np.array([left @ step / length]), left[None], smooth.shape[1] + 1)[0])
 
-    def by_chance(self, phi: float, batches: int, rng: np.random.Generator) -> FloatArray:
+    def by_chance(self, batches: int, rng: np.random.Generator) -> FloatArray:
         """(2, batches) deviates of the best step and of the slope in noise."""
         found = np.empty((2, batches))
         size = max(1, AT_ONCE // len(self.time))
         for first in range(0, batches, size):
             some = slice(first, min(first + size, batches))
-            noise = _noise(phi, (some.stop - first, len(self.time)), rng)
-            scores = self.weight * _without_odd_ones(noise / self.weight, 1.0 / self.weight)
+            noise = _noise(self.phi, (some.stop - first, len(self.time)), rng)
+            scores = _own(self.weight * _without_odd_ones(noise / self.weight, 1.0 / self.weight), self.phi)
             found[0, some] = self.largest(scores)[0]
             found[1, some] = self.trends(scores)
-        return _certain(phi) * found
+        return found
 
 
 def _phi(group: Sequence[_Test], rng: np.random.Generator) -> float:
@@ -377,14 +383,23 @@ def _without_odd_ones(values: FloatArray, scale: FloatArray) -> FloatArray:
     return np.where(np.abs(values - around) > ODD * usual * scale, around, values)
 
 
-def _from_the_end(rows: FloatArray) -> FloatArray:
-    """Sums of each row and all after it."""
-    return np.cumsum(rows[::-1], axis=0)[::-1]
+def _own(values: FloatArray, phi: float) -> FloatArray:
+    """(m, n) what each value of (m, n) has beyond its share of the one before (Prais and Winsten 1954)."""
+    left = values.copy()
+    left[:, 1:] -= phi * values[:, :-1]
+    left[:, 0] *= np.sqrt(1.0 - phi**2)
+    return left
 
 
-def _certain(phi: float) -> float:
-    """By how much correlation of neighbours makes a deviate smaller, so that all quantities have the same chance."""
-    return float(np.sqrt((1.0 - phi) / (1.0 + phi)))
+def _along_steps(left: FloatArray, weight: FloatArray, phi: float) -> FloatArray:
+    """(m, n) products of (m, n) values with the step that begins at each recording, weighted and treated by `_own`."""
+    after = np.concatenate([[0.0], phi * weight[:-1]])  # a step's first recording has none before it to share with
+    return _from_the_end(left * (weight - after)) + left * after
+
+
+def _from_the_end(values: FloatArray) -> FloatArray:
+    """(m, n) sums of each value of (m, n) and all after it."""
+    return np.cumsum(values[:, ::-1], axis=1)[:, ::-1]
 
 
 def _deviate(along: FloatArray, left: FloatArray, lost: int) -> FloatArray:

@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -118,11 +119,11 @@ def _next_steps(spec: Spec, rows: Sequence[Row]) -> tuple[NextStep, ...]:
         return ()
     robot = left.most_common(1)[0][0]
     mine = [row for row in rows if row.item.robot == robot and row.outcome.verdict not in ("", "explained")]
-    runs = [str(row.item.run) for row in mine if row.item.model == mine[0].item.model][:3]
+    runs = [_typed(row.item.run) for row in mine if row.item.model == mine[0].item.model][:3]
     command = [
         "armdyn",
         "repair",
-        str(mine[0].item.model),
+        _typed(mine[0].item.model),
         *runs,
         "--output",
         "repaired.toml",
@@ -175,7 +176,7 @@ class ChangeSection(Section):
             figure.add_vrect(
                 x0=1e3 * s.last_before, x1=1e3 * s.first_after, fillcolor=SHADE, line_width=1, line_color=BLUE
             )
-        figure.update_layout(**_axes(f"{_plain(step.parameter)} [{self.found.units[step.parameter]}]"))
+        figure.update_layout(**_axes(_quantity(step.parameter, self.found)))
         return Chart(figure, f"{event_sentence(event, self.found)}. Bars: one standard deviation; dotted: medians.")
 
     def tables(self) -> Sequence[Table]:
@@ -256,7 +257,7 @@ class TimeSection(Section):
                 x=1e3 * s.time, y=s.value, name=robot, mode="lines+markers", line={"color": colour, "width": 1.5},
                 marker={"color": colour, "size": 6}, text=[row.item.run.name for row in self.found.rows[robot, name]],
             )  # fmt: skip
-        figure.update_layout(**_axes(f"{_plain(name)} [{self.found.units[name]}]"))
+        figure.update_layout(**_axes(_quantity(name, self.found)))
         return figure
 
 
@@ -271,8 +272,8 @@ class ErrorSection(Section):
     def sentence(self) -> str:
         """What to look for."""
         return (
-            "Root mean square error of every recording's own fit; of several channels the root of their summed squares. "
-            "A jump that no parameter shows is something that the model lacks."
+            "Root mean square error of every recording's own fit; of several channels the root of their summed "
+            "squares. A jump that no parameter shows is something that the model lacks."
         )
 
     def charts(self) -> Sequence[Chart]:
@@ -346,6 +347,18 @@ class BadSection(Section):
         """Each with what to do."""
         rows = [[row.item.robot, self.spec.name(row.item.run), row.outcome.problem] for row in self.bad[:MOST_ROWS]]
         return [Table(["robot", "recording", "what is wrong"], rows)]
+
+
+def _quantity(parameter: str, found: History) -> str:
+    """``torque [N m]`` for ``joint_coulomb_friction.torque[elbow]``: short enough for an axis."""
+    name = parameter.partition("[")[0].rpartition(".")[2].replace("_", " ")
+    return f"{name} [{found.units[parameter]}]"
+
+
+def _typed(path: Path) -> str:
+    """A path as it is typed where the batch was started."""
+    here = Path.cwd()
+    return str(path.relative_to(here) if path.is_relative_to(here) else path)
 
 
 def _hover(row: Row) -> str:

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.stats import norm
+from scipy.stats import t as student
 
-from armdyn.identify.change import Series, find_changes
+from armdyn.identify.change import Series, _Test, find_changes
 
 DAY = 86400.0
 DAYS = DAY * np.arange(40)
@@ -107,3 +109,24 @@ def test_alarms_are_as_rare_as_stated(phi):
     """With a stated rate of 20 % over 30 batches, 6 are expected; 14 and more would come once in 2,000."""
     alarms = sum(bool(find_changes(batch(seed, phi), 0.2, batches=200).steps) for seed in range(30))
     assert alarms < 14
+
+
+@pytest.mark.parametrize("phi", [0.0, 0.5])
+def test_the_best_step_is_that_of_a_regression(phi):
+    """Every step beside a line, weighted and with what neighbours share taken out, by plain least squares."""
+    rng, count = np.random.default_rng(0), 20
+    time, std = np.cumsum(rng.uniform(0.5, 2.0, count)), rng.uniform(0.5, 2.0, count)
+    test = _Test.of(Series(time, rng.standard_normal(count) + 2.0 * (np.arange(count) > 9), std), phi)
+    own = np.eye(count) - phi * np.eye(count, k=-1)
+    own[0, 0] = np.sqrt(1.0 - phi**2)
+    sizes = []
+    for split in test.splits:
+        columns = own @ (test.weight[:, None] * np.column_stack([np.ones(count), time, np.arange(count) >= split]))
+        found = np.linalg.lstsq(columns, test.scores, rcond=None)[0]
+        left = test.scores - columns @ found
+        variance = left @ left / (count - 3) * np.linalg.inv(columns.T @ columns)[2, 2]
+        sizes.append(abs(found[2]) / np.sqrt(variance))
+    (deviate,), (best,), _ = test.largest(test.scores[None])
+    assert best == np.argmax(sizes)
+    exact = -norm.ppf(student.sf(max(sizes), count - 3))
+    assert deviate == pytest.approx(exact, rel=5e-3)
