@@ -228,7 +228,8 @@ def report(rows: list[dict[str, object]], options: Namespace) -> int:
     tried = [r for r in rows if r["separable"]]
     sure = [r for r in tried if float(r["designed_predicted"]) >= SURE]
     wins = np.mean([bool(r["designed_right"]) for r in sure]) if sure else 0.0
-    random = np.mean([bool(r["random_right"]) for r in tried]) if tried else 0.0
+    open_still = [r for r in tried if not r["first"]]
+    random = np.mean([bool(r["random_right"]) for r in open_still]) if open_still else 0.0
     exact = [r for r in rows if not r["separable"]]
     said = np.mean([bool(r["said"]) for r in exact]) if exact else 0.0
     wrongly = sum(bool(r["said"]) for r in tried)
@@ -240,8 +241,8 @@ def report(rows: list[dict[str, object]], options: Namespace) -> int:
             f"{wins:.1%} of {len(sure)}", bool(wins >= 0.95) if judged and sure else None,
         ),
         bench.Claim(
-            "right after a random motion of the same peak acceleration, below 50 %",
-            f"{random:.1%} of {len(tried)}", bool(random < 0.5) if judged and tried else None,
+            "right after a random motion of the same peak acceleration where the first run did not do, below 50 %",
+            f"{random:.1%} of {len(open_still)}", bool(random < 0.5) if judged and open_still else None,
         ),
         bench.Claim(
             "predicted probability within 0.1 in every bin with 10 cases or more", f"{off:.2f} off",

@@ -8,6 +8,13 @@ shoot() { # page, picture, height
     chromium --headless --no-sandbox --disable-gpu --hide-scrollbars --window-size="1280,$3" --virtual-time-budget=8000 \
         --screenshot="$2" "file://$1" 2>/dev/null
 }
+below_the_blank() { # picture of a page that was scrolled: what was passed is white
+    python -c "
+import sys, numpy, PIL.Image
+picture = PIL.Image.open(sys.argv[1]).convert('RGB')
+top = int(numpy.flatnonzero((numpy.asarray(picture) < 250).any(axis=(1, 2)))[0])
+picture.crop((0, top, *picture.size)).save(sys.argv[1])" "$1"
+}
 mkdir -p docs/pictures
 armdyn trial --picture --out "$work/trial"
 cp "$work/trial/swing.png" "$work/trial/swing.gif" docs/pictures/
@@ -19,7 +26,8 @@ shoot "$work/repair.html" "$PWD/docs/pictures/repair_report.png" 1500
 armdyn trial --hidden quadratic_drag=0.05 --model "$work/repaired.toml" --picture --out "$work/land"
 cp "$work/land/swing.png" docs/pictures/swing_repaired.png
 armdyn trial --hidden pivot_viscous_friction --seed 2 --investigate 4 --out "$work/asked"
-shoot "$work/asked/report.html#what-the-model-lacked" "$PWD/docs/pictures/investigation.png" 1300
+shoot "$work/asked/report.html#what-the-model-lacked" "$PWD/docs/pictures/investigation.png" 1930
+below_the_blank "$PWD/docs/pictures/investigation.png"
 armdyn import examples/ur5/*.csv --output "$work/runs" --guess --robot ur5
 armdyn import examples/ur5/*.csv --output "$work/runs" --map "$work/runs/map.toml"
 armdyn new arm "$work/ur5.toml" --robot ur5

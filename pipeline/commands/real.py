@@ -102,6 +102,10 @@ def _show(done: "RealTrial", out: Path, json_file: Path | None, note: str) -> No
             f"length {result.length_estimate:.4f} m +/- {1e3 * result.length_std:.2f} mm "
             f"(guess {result.length_guess:g} m)"
         )
+    if result.investigation is not None:
+        for number, stage in enumerate(result.investigation.stages, start=1):
+            say(f"experiment {number}: {stage.diagnosis.sentence}", markup=False)
+        say(result.investigation.sentence, markup=False)
     say(result.message, style=f"bold {'green' if result.success else 'red'}", markup=False)
     for line in filter(None, (note, *result.notes, *_timing(done.figures), told)):
         say(line, soft_wrap=True, markup=False)

@@ -117,6 +117,7 @@ class Investigation:
         model: with what was found; None where nothing was to be added.
         ending: of an experiment that was ended before its time; None elsewhere.
         place: where the gripper stands now [m].
+        signal: number of the signal that ended it; None where none did.
     """
 
     stages: tuple[Stage, ...]
@@ -124,6 +125,7 @@ class Investigation:
     model: PendulumModel | None
     ending: Ending | None = None
     place: float = 0.0
+    signal: int | None = None
 
     @property
     def sentence(self) -> str:
@@ -172,7 +174,7 @@ def investigate(
         experiment, ending = swing(now, number, place)
         place = experiment.drive.state.s
         if ending.stopped:
-            return Investigation(tuple(stages), Stop.INTERRUPTED, None, ending, place)
+            return Investigation(tuple(stages), Stop.INTERRUPTED, None, ending, place, experiment.course.interrupted)
         run = experiment.recording(f"experiment {number}")
         tell(f"thinking over {number} experiment{'s' if number > 1 else ''}")
         study = Study(model, [*(stage.run for stage in stages), run], [], catalogue)
@@ -213,6 +215,14 @@ def after(settings: S, found: Investigation) -> S:
     # The string is still the same: what was learnt of it stays known, but no better than a ruler knows it.
     model = found.model.with_prior("length", length.value, max(length.std or 0.0, LEAST_STD))
     return replace(settings, model=model, length_guess=length.value)
+
+
+def ended_before(experiment: Experiment, found: Investigation | None) -> Ending | None:
+    """How the trial ended where an experiment before it was ended before its time; None where it may go on."""
+    if found is None or found.ending is None:
+        return None
+    experiment.course.interrupted = found.signal
+    return found.ending
 
 
 def questioned(settings: ProtocolSettings) -> PendulumModel:

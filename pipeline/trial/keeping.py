@@ -13,26 +13,32 @@ from pipeline.record import Recorder
 from pipeline.trial.experiment import Ending, Experiment, recorded_channels
 from pipeline.trial.settings import ProtocolSettings
 
-RECORDING = "trial.mcap"
-"""Name of a trial's recording."""
+TRIAL = "trial"
+"""Name of the recording of the trial itself."""
 R = TypeVar("R", bound=Recorder)
 
 
 @contextmanager
 def recording(
-    kind: type[R], file: Path, joints: tuple[str, ...], settings: ProtocolSettings, description: str
+    kind: type[R],
+    folder: Path,
+    joints: tuple[str, ...],
+    settings: ProtocolSettings,
+    description: str,
+    name: str = TRIAL,
 ) -> Iterator[R]:
-    """The recorder of a trial or an experiment; what is raised in the block passes on, the recording is complete then.
+    """The recorder of a trial; what is raised in the block passes on, and the recording is complete all the same.
 
     Args:
         kind: of recorder.
-        file: of the recording, MCAP.
+        folder: where it goes.
         joints: of the arm.
         settings: whose noise and mass the recording states.
         description: a line for a person.
+        name: of the file, without its ending.
     """
     recorder = kind(
-        file,
+        folder / f"{name}.mcap",
         recorded_channels(joints),
         description=description,
         noise={"load_force": settings.force_noise},

@@ -24,9 +24,10 @@ from pipeline.robot.ros import RosRobot
 from pipeline.ros.latency import Figures
 from pipeline.ros.telemetry import PublishingRecorder, Telemetry
 from pipeline.ros.topics import RosTopics
-from pipeline.trial.experiment import Experiment, Progress
+from pipeline.trial.experiment import Ending, Experiment, Progress
 from pipeline.trial.folder import gathered
-from pipeline.trial.keeping import RECORDING, kept, recording
+from pipeline.trial.investigation import SwingExperiment, after, ended_before, investigate
+from pipeline.trial.keeping import kept, recording
 from pipeline.trial.moves import Posture, along, approach, play, rehearsal
 from pipeline.trial.result import TrialResult, result_of
 from pipeline.trial.settings import ProtocolSettings
@@ -139,19 +140,41 @@ def run_real(
 
         folder = stack.enter_context(gathered(out))
         described = f"{link.arm.name} over ROS, load on a string"
-        with recording(PublishingRecorder, folder / RECORDING, link.arm.joint_names, c, described) as recorder:
+        limits = _cell_limits(link.calibration)
+
+        def swing(of: ProtocolSettings, number: int, place: float) -> tuple[SwingExperiment, Ending]:
+            if number > 1:
+                _wait_until_calm(robot, c, say)
+            name = f"experiment_{number}"
+            with recording(PublishingRecorder, folder, link.arm.joint_names, c, described, name) as kept_there:
+                kept_there.telemetry = telemetry
+                made = SwingExperiment(
+                    robot, clock, link.arm, table, kept_there, of,
+                    cell=limits, landed=lambda: True, progress=show, begin=place,
+                )  # fmt: skip
+                ending = made.run()
+                kept_there.close()
+            return made, ending
+
+        found, of = None, c
+        if c.investigate:
+            found = investigate(c, swing, link.arm, table, c.investigate, lambda what: show(what, 0.0))
+            of = after(c, found)
+            if found.ending is None:
+                _wait_until_calm(robot, c, say)
+        with recording(PublishingRecorder, folder, link.arm.joint_names, c, described) as recorder:
             recorder.telemetry = telemetry
             experiment = Experiment(
-                robot, clock, link.arm, table, recorder, c,
-                cell=_cell_limits(link.calibration), landed=lambda: True, progress=show,
+                robot, clock, link.arm, table, recorder, of,
+                cell=limits, landed=lambda: True, progress=show, begin=found.place if found is not None else 0.0,
             )  # fmt: skip
-            ending = experiment.run()
+            ending = ended_before(experiment, found) or experiment.run()
             if not ending.stopped:
                 success = asking.landed()
                 said = f"the load {'came to rest in' if success else 'missed'} the box (as the user said)"
                 ending = replace(ending, success=success, message=said)
         ending = kept(experiment, ending, recorder, folder)
-        result = result_of(experiment, ending, None, out / recorder.path.name if out else None)
+        result = result_of(experiment, ending, None, out / recorder.path.name if out else None, found)
         return RealTrial(c, link, experiment, result, robot.figures)
 
 

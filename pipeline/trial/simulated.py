@@ -1,7 +1,6 @@
 """A trial on the simulated robot: builds it, runs the protocol on it, and adds what only a simulation knows."""
 
 from collections.abc import Callable
-from contextlib import closing
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -18,8 +17,8 @@ from pipeline.robot.simulated import SimulatedRobot
 from pipeline.robot.truth import History
 from pipeline.trial.experiment import Ending, Experiment, Progress
 from pipeline.trial.folder import gathered
-from pipeline.trial.investigation import SwingExperiment, after, investigate
-from pipeline.trial.keeping import RECORDING, kept, recording
+from pipeline.trial.investigation import SwingExperiment, after, ended_before, investigate
+from pipeline.trial.keeping import kept, recording
 from pipeline.trial.result import TrialResult, result_of
 from pipeline.trial.settings import ProtocolSettings, TrialSettings
 
@@ -102,26 +101,28 @@ def simulate(
     robot = SimulatedRobot(description, table.posture(0.0).q, plant, c.hidden, c.seed)
     reached = through(robot) if through is not None else robot
     cell = FaultLimits.of(plant.cell.noise, plant.cell.resolution, plant.cell.full_scale)
-    described = f"simulated Baxter, load on a string, seed {c.seed}"
     with gathered(c.out) as directory:
+        described = f"simulated Baxter, load on a string, seed {c.seed}"
 
         def swing(of: ProtocolSettings, number: int, place: float) -> tuple[SwingExperiment, Ending]:
             def show(what: str, _share: float) -> None:
                 say(f"experiment {number}: {what}", 0.0)
 
-            file = directory / f"experiment_{number}.mcap"
-            with recording(Recorder, file, description.joint_names, c, described) as recorder, closing(recorder):
+            name = f"experiment_{number}"
+            with recording(Recorder, directory, description.joint_names, c, described, name) as kept_there:
                 made = SwingExperiment(
-                    reached, clock(reached), description, table, recorder, of,
+                    reached, clock(reached), description, table, kept_there, of,
                     cell=cell, landed=lambda: True, progress=show, begin=place,
                 )  # fmt: skip
-                return made, made.run()
+                ending = made.run()
+                kept_there.close()
+            return made, ending
 
         found, of = None, c
         if c.investigate:
             found = investigate(c, swing, description, table, c.investigate, lambda what: say(what, 0.0))
             of = after(c, found)
-        with recording(Recorder, directory / RECORDING, description.joint_names, c, described) as recorder:
+        with recording(Recorder, directory, description.joint_names, c, described) as recorder:
             experiment = Experiment(
                 reached,
                 clock(reached),
@@ -134,7 +135,7 @@ def simulate(
                 progress=say,
                 begin=found.place if found is not None else 0.0,
             )
-            ending = found.ending if found is not None and found.ending is not None else experiment.run()
+            ending = ended_before(experiment, found) or experiment.run()
         ending = kept(experiment, ending, recorder, directory)
         result = result_of(experiment, ending, c.length, c.out / recorder.path.name if c.out else None, found)
     return SimulatedTrial(c, plant, robot, experiment, result)

@@ -1,0 +1,90 @@
+"""The robot finds out by itself what its model lacks; the plant is MuJoCo's and shares no code with the models."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import ik
+import urdf
+from armdyn.errors import InputError
+from pipeline.motion import LineTrajectory
+from pipeline.trial import ProtocolSettings, TrialSettings, simulate
+from pipeline.trial.experiment import Ending
+from pipeline.trial.investigation import Stop, ended_before, investigate, questioned
+
+
+@pytest.mark.slow  # two experiments, their diagnoses and a design: half a minute
+@pytest.mark.parametrize(
+    ("hidden", "seed"), [("pivot_viscous_friction", 2), ("quadratic_drag", 1), ("sensor_lag", 1), ("linear_drag", 1)]
+)
+def test_effects_that_tie_at_first_are_told_apart_and_the_load_lands(hidden, seed, tmp_path):
+    settings = TrialSettings(hidden={hidden: None}, seed=seed, investigate=4, out=tmp_path)
+    trial = simulate(settings)
+    found = trial.result.investigation
+    assert found is not None
+    assert len(found.stages[0].candidates) > 1  # a tie
+    assert found.stop is Stop.NAMED
+    assert found.stages[-1].candidates == (hidden,)
+    assert len(found.stages) <= 3
+    assert trial.result.success
+    answer = trial.result.as_json()["investigation"]
+    assert [entry["verdict"] for entry in answer] == ["cannot_tell_apart"] * (len(answer) - 1) + ["effect_missing"]
+    assert answer[0]["experiment"] is None
+    assert answer[1]["experiment"]["probability"] > 0.2
+    assert answer[-1]["belief"][hidden] > 0.99
+    assert (tmp_path / "experiment_1.csv").exists()
+
+
+@pytest.mark.slow
+def test_what_no_motion_separates_is_said_and_the_load_lands_all_the_same():
+    trial = simulate(TrialSettings(hidden={"wind": 0.03}, seed=1, investigate=4))
+    found = trial.result.investigation
+    assert found is not None
+    assert found.stop is Stop.INSEPARABLE
+    assert set(found.stages[-1].candidates) == {"wind", "path_tilt"}
+    assert trial.result.success
+
+
+def test_drag_is_a_question_and_the_load_may_sway():
+    model = questioned(ProtocolSettings())
+    assert "linear_drag" not in {effect.name for effect in model.effects}
+    assert {"sensor_bias", "sensor_delay"} <= {effect.name for effect in model.effects}
+    for name in ("initial_angle", "initial_rate"):
+        assert model.parameters[name].fitted
+        assert model.parameters[name].prior is not None
+
+
+def test_an_experiment_that_is_stopped_ends_the_investigation():
+    robot = urdf.load("baxter")
+    ending = Ending(False, "the string went slack", True)
+    stopped = SimpleNamespace(
+        drive=SimpleNamespace(state=SimpleNamespace(s=0.01)), course=SimpleNamespace(interrupted=15)
+    )
+    found = investigate(ProtocolSettings(), lambda *_: (stopped, ending), robot, ik.default_table(robot))
+    assert found.stop is Stop.INTERRUPTED
+    assert found.ending is ending
+    assert found.stages == ()
+    trial = SimpleNamespace(course=SimpleNamespace(interrupted=None))
+    assert ended_before(trial, found) is ending
+    assert trial.course.interrupted == 15
+    assert ended_before(trial, None) is None
+    with pytest.raises(InputError, match="at least one"):
+        investigate(ProtocolSettings(), lambda *_: (stopped, ending), robot, ik.default_table(robot), most=0)
+
+
+def test_a_motion_at_another_rate_than_the_robots_is_refused():
+    time = np.arange(0.0, 4.0, 0.02)
+    still = np.zeros(len(time))
+    with pytest.raises(InputError, match=r"every 0\.01 s"):
+        ProtocolSettings(motion=LineTrajectory(time, still, still, still))
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [(("--investigate", "-1"), "--investigate -1"), (("--investigate", "2", "--no-estimation"), "need an estimate")],
+)
+def test_options_that_make_no_sense_are_refused(armdyn, options, said):
+    status, _, err = armdyn("trial", *options)
+    assert status == 2
+    assert said in err
