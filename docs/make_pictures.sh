@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Makes the pictures of the README; needs `armdyn` and `chromium` on the path.
+# Makes the pictures of the README; needs `armdyn` with its extra `workbench`, `python` and `chromium` on the path.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 work=$(mktemp -d)
@@ -24,3 +24,4 @@ armdyn new arm "$work/ur5.toml" --robot ur5
 armdyn repair "$work/ur5.toml" "$work/runs/sweep_1.csv" "$work/runs/sweep_2.csv" --held-out "$work/runs/pick_and_place.csv" \
     --output "$work/ur5_repaired.toml" --report "$work/arm.html"
 shoot "$work/arm.html#tab=tau.elbow_joint" "$PWD/docs/pictures/arm_report.png" 1180
+python docs/workbench_pictures.py "$work/runs" "$work/ur5.toml" docs/pictures

@@ -125,6 +125,10 @@ class Browser:
             button = {} if kind == "mouseMoved" else {"button": "left", "clickCount": 1}
             self._tell("Input.dispatchMouseEvent", type=kind, x=x, y=y, **button)
 
+    def point(self, x: float, y: float) -> None:
+        """Move the mouse to a place [px]."""
+        self._tell("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
+
     def drop(self, selector: str, files: list[Path]) -> None:
         """Choose files in an input for files."""
         root = self._tell("DOM.getDocument")["root"]["nodeId"]
