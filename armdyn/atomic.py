@@ -9,6 +9,7 @@ import re
 import secrets
 import stat
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -18,6 +19,9 @@ from armdyn.errors import InputError
 
 _OPEN_FILE = re.compile(r"/(?:dev|proc/self)/fd/(\d+)")
 _STANDARD = {"/dev/stdout": 1, "/dev/stderr": 2}
+_TEMPORARY = ".armdyn-{}.tmp"
+ABANDONED = 86400.0
+"""Age from which a temporary file belongs to a program that was killed [s]: nobody writes to it any more."""
 
 
 def write_text(path: Path, text: str) -> None:
@@ -154,7 +158,8 @@ def _beside(target: Path) -> Iterator[BinaryIO]:
     old = target.stat() if target.exists() else None
     if old is not None and not os.access(target, os.W_OK):
         raise PermissionError(0, "it is write-protected")
-    temporary = target.with_name(f".armdyn-{os.getpid()}-{secrets.token_hex(6)}.tmp")
+    _remove_abandoned(target.parent)
+    temporary = target.with_name(_TEMPORARY.format(f"{os.getpid()}-{secrets.token_hex(6)}"))
     mode = 0o666 if old is None else stat.S_IMODE(old.st_mode)
     descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_CLOEXEC", 0), mode & 0o777)
     try:
@@ -170,3 +175,11 @@ def _beside(target: Path) -> Iterator[BinaryIO]:
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+def _remove_abandoned(directory: Path) -> None:
+    """What programs that were killed have left of their files."""
+    for left in directory.glob(_TEMPORARY.format("*")):
+        with suppress(OSError):
+            if time.time() - left.stat().st_mtime > ABANDONED:
+                left.unlink()

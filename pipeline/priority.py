@@ -1,10 +1,16 @@
 """Real-time scheduling, where the operating system grants it: other programs then do not delay commands."""
 
+import ctypes
 import os
+import sys
 import threading
 
 PRIORITY = 10
 """Of 1 to 99: above every ordinary program, below what the system itself runs with."""
+SWITCH = 0.001
+"""How long one thread of a program may keep the others waiting in Python [s]; 5 ms is half a cycle."""
+LOCK_EVERYTHING = 1 | 2 | 4
+"""``MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT`` of ``sys/mman.h``."""
 
 
 def ask_for_real_time() -> bool:
@@ -13,6 +19,7 @@ def ask_for_real_time() -> bool:
     Returns:
         Whether it was granted: to the superuser, or where ``/etc/security/limits.conf`` grants ``rtprio``.
     """
+    sys.setswitchinterval(SWITCH)
     if not hasattr(os, "sched_setscheduler"):  # macOS, Windows
         return False
     try:
@@ -21,7 +28,19 @@ def ask_for_real_time() -> bool:
                 os.sched_setscheduler(thread.native_id, os.SCHED_RR, os.sched_param(PRIORITY))
     except OSError:
         return False
+    _keep_in_memory()
     return True
+
+
+def _keep_in_memory() -> None:
+    """Keep what is in memory there, where that is granted: code that a disk has to bring back delays a command."""
+    if sys.platform != "linux":
+        return
+    import resource
+
+    # Under a limit, memory that is asked for later would be refused.
+    if os.geteuid() == 0 or resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
+        ctypes.CDLL(None).mlockall(LOCK_EVERYTHING)
 
 
 def be_ordinary() -> None:

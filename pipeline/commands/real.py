@@ -25,8 +25,9 @@ def real_trial(
     yes: bool,
     landed: str | None,
     json_file: Path | None,
+    note: str,
 ) -> None:
-    """Run or rehearse a trial on a robot; exit status 1 where the load did not land."""
+    """Run or rehearse a trial on a robot, and tell what came of it and `note`; exit status 1 where it did not land."""
     from pipeline.trial.real import rehearse, run_real
 
     link = _link(ros, arm, None if rehearsed else port, calibration)
@@ -39,7 +40,7 @@ def real_trial(
     if rehearsed:
         _show_rehearsal(figures, farthest, json_file)
         return
-    _show(done, out, json_file)
+    _show(done, out, json_file, note)
     if done.result.signal is not None:
         raise typer.Exit(128 + done.result.signal)
     if not done.result.success:
@@ -80,7 +81,7 @@ def _asking(yes: bool, landed: str | None, json_file: Path | None) -> "Asking":
     return Asking(tell, may_move, has_landed)
 
 
-def _show(done: "RealTrial", out: Path, json_file: Path | None) -> None:
+def _show(done: "RealTrial", out: Path, json_file: Path | None, note: str) -> None:
     result = done.result
     answer: dict[str, Any] = {**result.as_json(), "robot": done.figures.as_json(), "nodes": _nodes(done)}
     if json_file is not None:
@@ -102,12 +103,11 @@ def _show(done: "RealTrial", out: Path, json_file: Path | None) -> None:
             f"(guess {result.length_guess:g} m)"
         )
     say(result.message, style=f"bold {'green' if result.success else 'red'}", markup=False)
-    for note in (*result.notes, *_timing(done.figures), *([told] if told else [])):
-        say(note, soft_wrap=True, markup=False)
+    for line in filter(None, (note, *result.notes, *_timing(done.figures), told)):
+        say(line, soft_wrap=True, markup=False)
     say(f"{'' if told else f'report {report}, '}recording {result.recording}", soft_wrap=True)
-    if not result.success and result.estimates and not result.stopped:
-        repair = f"armdyn repair {out / 'model.toml'} {out / 'trial.csv'} --output repaired.toml"
-        say(f"what the model lacks: {repair}", soft_wrap=True)
+    if result.repair_command is not None:
+        say(f"what the model lacks: {result.repair_command}", soft_wrap=True)
 
 
 def _show_rehearsal(figures: "Figures", farthest: float, json_file: Path | None) -> None:

@@ -112,7 +112,7 @@ def trial(
             length_guess=guess, estimate=estimate, model=given, mass=weighed, mass_std=weighed_std
         )
         with own_folder(out, Path("out/trial")) as folder:
-            real_trial(protocol, ros, arm, loadcell, calibration, folder, rehearse, yes, landed, json_file)
+            real_trial(protocol, ros, arm, loadcell, calibration, folder, rehearse, yes, landed, json_file, note)
         return
     if robot != "simulated":
         raise InputError(f"--robot {robot}: choose 'simulated' or 'ros'")

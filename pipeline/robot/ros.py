@@ -20,6 +20,7 @@ from pipeline.ros.braking import Braking
 from pipeline.ros.bridge import Bridge
 from pipeline.ros.gate import FRESH, PERIOD, CommandGate
 from pipeline.ros.latency import Figures, round_trip
+from pipeline.ros.master import MasterWatch
 from pipeline.ros.states import EvenTimes, JointStates
 from pipeline.ros.telemetry import Telemetry
 from pipeline.ros.topics import RosTopics
@@ -111,7 +112,7 @@ class RosRobot:
     @property
     def fault(self) -> str | None:
         """Why nothing is commanded any more; None while all is well."""
-        return self._ended or self._trouble()
+        return self._ended or self._trouble() or self._master.trouble
 
     def prepare(self) -> None:
         """Enable the arm and set its command timeout; nothing moves.
@@ -146,7 +147,8 @@ class RosRobot:
                     self._blend = Blend(state.q, q)
                 if self._blend is not None and q.shape == v.shape == a.shape:
                     q, v, a = self._blend.next(q, v, a)
-                problem = self._send(q, v, a, state)
+                # Without a master the arm still follows, and so can be braked; but the run ends.
+                problem = self._master.trouble or self._send(q, v, a, state)
                 if problem is None:
                     return
                 self._ended = problem
@@ -214,6 +216,7 @@ class RosRobot:
         with self._lock:
             self._closing.set()
             self._braking.set()
+        self._master.close()
         self._braker.join(1.0)
         with suppress(ArmdynError):
             if self._topics.timeout is not None:
@@ -237,6 +240,7 @@ class RosRobot:
         advertised = self.time
         self._power = None if topics.enabling is None else Power(bridge, topics.enabling)
         self._states.first(topics.joint_states)
+        self._master = MasterWatch(bridge)
         self.figures.round_trip = round_trip(bridge)
         self.advance(advertised + REPEATED - self.time)
         if self._foreign:

@@ -271,7 +271,12 @@ class Experiment:
         """Why the trial must stop now."""
         if self.course.interrupted is not None:
             return f"{sentence_of_signal(self.course.interrupted)} at {self._clock.time:.2f} s"
-        return self.measurement.fault or self.drive.fault or self._recorder.failure
+        return self.measurement.fault or self.drive.fault or self._recorder.failure or self._watched
+
+    @property
+    def _watched(self) -> str | None:
+        """What the watchdog did; None where it did nothing, or there is none."""
+        return None if self.watchdog is None else self.watchdog.fault
 
     def _interrupt(self, number: int) -> None:
         if self.course.interrupted is None:
@@ -288,12 +293,12 @@ class Experiment:
         start = self._clock.time
         self.task.cancel()
         self.estimator.end()
-        stopped_by = [self.watchdog.fault] if self.watchdog is not None and self.watchdog.fault else []
+        also = [self._watched] if self._watched and self._watched not in reason else []
         failed = come_to_rest(
             self.drive, self.measurement, self._robot, self.watchdog.beat if self.watchdog is not None else None
         )
         self.course.phases.append(PhaseSpan(Phase.STOP, start, self._clock.time))
-        message = "; ".join([reason, *stopped_by, *failed])
+        message = "; ".join([reason, *also, *failed])
         return Ending(False, message, True, None if isinstance(error, _StopError | _InterruptedError) else error)
 
     def _certain(self) -> bool:

@@ -2,7 +2,7 @@
 
 import gc
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,8 +11,7 @@ import numpy as np
 
 import ik
 import urdf
-from armdyn.errors import ArmdynError, InputError, TaskFailedError
-from armdyn.units import Known
+from armdyn.errors import InputError, TaskFailedError
 from pipeline.loadcell.calibration import Calibration
 from pipeline.loadcell.cell import LoadCell
 from pipeline.loadcell.faults import FaultLimits, implausible_repeats
@@ -25,9 +24,9 @@ from pipeline.robot.ros import RosRobot
 from pipeline.ros.latency import Figures
 from pipeline.ros.telemetry import PublishingRecorder, Telemetry
 from pipeline.ros.topics import RosTopics
-from pipeline.trial.experiment import Experiment, Progress, recorded_channels
+from pipeline.trial.experiment import Experiment, Progress
 from pipeline.trial.folder import gathered
-from pipeline.trial.keeping import kept
+from pipeline.trial.keeping import kept, recording
 from pipeline.trial.moves import Posture, along, approach, play, rehearsal
 from pipeline.trial.result import TrialResult, result_of
 from pipeline.trial.settings import ProtocolSettings
@@ -128,6 +127,7 @@ def run_real(
         robot = stack.enter_context(RosRobot(link.uri, link.arm, link.topics, cell, lambda: clock.time))
         telemetry = Telemetry(robot.bridge, robot.joint_names)
         robot.telemetry = telemetry
+        _be_punctual(asking)
         _tell_link(robot, asking)
         _require_force(robot, c)
         _go_to_start(robot, link.arm, table, c, asking, say)
@@ -138,28 +138,18 @@ def run_real(
             say(what, share)
 
         folder = stack.enter_context(gathered(out))
-        recorder = PublishingRecorder(
-            folder / "trial.mcap",
-            recorded_channels(link.arm.joint_names),
-            description=f"{link.arm.name} over ROS, load on a string",
-            noise={"load_force": c.force_noise},
-            known={"mass": Known(c.mass, c.mass_std, "kg")},
-        )
-        recorder.telemetry = telemetry
-        try:
+        described = f"{link.arm.name} over ROS, load on a string"
+        with recording(PublishingRecorder, folder, link.arm.joint_names, c, described) as recorder:
+            recorder.telemetry = telemetry
             experiment = Experiment(
                 robot, clock, link.arm, table, recorder, c,
                 cell=_cell_limits(link.calibration), landed=lambda: True, progress=show,
             )  # fmt: skip
             ending = experiment.run()
-        except BaseException:
-            with suppress(ArmdynError, OSError):  # the recording is completed, but must not hide what happened
-                recorder.close()
-            raise
-        if not ending.stopped:
-            success = asking.landed()
-            said = f"the load {'came to rest in' if success else 'missed'} the box (as the user said)"
-            ending = replace(ending, success=success, message=said)
+            if not ending.stopped:
+                success = asking.landed()
+                said = f"the load {'came to rest in' if success else 'missed'} the box (as the user said)"
+                ending = replace(ending, success=success, message=said)
         ending = kept(experiment, ending, recorder, folder)
         result = result_of(experiment, ending, None, out / recorder.path.name if out else None)
         return RealTrial(c, link, experiment, result, robot.figures)
@@ -184,6 +174,7 @@ def rehearse(
     check_line(table, link.arm, motion, CheckSettings()).require_feasible("the rehearsal")
     total, farthest = float(motion.time[-1]), 0.0
     with RosRobot(link.uri, link.arm, link.topics, None, lambda: clock.time) as robot:
+        _be_punctual(asking)
         _tell_link(robot, asking)
         _go_to_start(robot, link.arm, table, settings, asking, say, "moves slowly along its whole line")
 
@@ -197,14 +188,17 @@ def rehearse(
         return robot.figures, farthest
 
 
-def _tell_link(robot: RosRobot, asking: Asking) -> None:
+def _be_punctual(asking: Asking) -> None:
+    """This process serves a robot now: no pauses to look through what was loaded, and real-time priority if granted."""
     gc.collect()
     gc.freeze()  # what was loaded stays; looking through it again and again would stop a motion for 50 ms
-    granted = ask_for_real_time()
+    if not ask_for_real_time():
+        asking.tell("this program runs with ordinary priority: close others, or allow real time (docs/robot.md)")
+
+
+def _tell_link(robot: RosRobot, asking: Asking) -> None:
     assert robot.figures.round_trip is not None, "it is measured at the start"
     asking.tell(f"round trip to the robot's master: median {robot.figures.round_trip.milliseconds}")
-    if not granted:
-        asking.tell("this program runs with ordinary priority: close others, or allow real time (docs/robot.md)")
 
 
 def _require_force(robot: RosRobot, c: ProtocolSettings) -> None:

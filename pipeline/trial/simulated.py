@@ -1,17 +1,13 @@
 """A trial on the simulated robot: builds it, runs the protocol on it, and adds what only a simulation knows."""
 
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 import ik
 import urdf
-from armdyn.errors import ArmdynError
-from armdyn.run import Known
 from pipeline.loadcell.faults import FaultLimits
 from pipeline.nodes.scheduler import Clock, SimulatedClock
 from pipeline.record import Recorder
@@ -19,9 +15,9 @@ from pipeline.robot.protocol import RobotInterface, Vector
 from pipeline.robot.settings import PlantSettings
 from pipeline.robot.simulated import SimulatedRobot
 from pipeline.robot.truth import History
-from pipeline.trial.experiment import Experiment, Progress, recorded_channels
+from pipeline.trial.experiment import Experiment, Progress
 from pipeline.trial.folder import gathered
-from pipeline.trial.keeping import kept
+from pipeline.trial.keeping import kept, recording
 from pipeline.trial.result import TrialResult, result_of
 from pipeline.trial.settings import TrialSettings
 
@@ -104,8 +100,8 @@ def simulate(
     robot = SimulatedRobot(description, table.posture(0.0).q, plant, c.hidden, c.seed)
     reached = through(robot) if through is not None else robot
     with gathered(c.out) as directory:
-        recorder = _recorder(directory, c, description)
-        try:
+        described = f"simulated Baxter, load on a string, seed {c.seed}"
+        with recording(Recorder, directory, description.joint_names, c, described) as recorder:
             experiment = Experiment(
                 reached,
                 clock(reached),
@@ -118,26 +114,11 @@ def simulate(
                 progress=say,
             )
             ending = experiment.run()
-        except BaseException:
-            with suppress(ArmdynError, OSError):  # the recording is completed, but must not hide what happened
-                recorder.close()
-            raise
         ending = kept(experiment, ending, recorder, directory)
-        recording = c.out / recorder.path.name if c.out else None
-        result = result_of(experiment, ending, c.length, recording)
+        result = result_of(experiment, ending, c.length, c.out / recorder.path.name if c.out else None)
     return SimulatedTrial(c, plant, robot, experiment, result)
 
 
 def run_trial(settings: TrialSettings, progress: Progress | None = None) -> TrialResult:
     """The outcome of one whole trial on the simulated robot, see `simulate`."""
     return simulate(settings, progress).result
-
-
-def _recorder(directory: Path, settings: TrialSettings, description: urdf.Robot) -> Recorder:
-    return Recorder(
-        directory / "trial.mcap",
-        recorded_channels(description.joint_names),
-        description=f"simulated Baxter, load on a string, seed {settings.seed}",
-        noise={"load_force": settings.force_noise},
-        known={"mass": Known(settings.mass, settings.mass_std, "kg")},
-    )

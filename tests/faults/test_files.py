@@ -170,6 +170,18 @@ def test_many_writers_of_one_file_leave_one_whole_file(tmp_path):
     assert names(tmp_path) == ["a.txt"]
 
 
+def test_what_a_killed_program_left_goes_with_a_later_write(tmp_path):
+    left, young, foreign = (tmp_path / name for name in (".armdyn-7-ab.tmp", ".armdyn-8-cd.tmp", "notes.tmp"))
+    for file in (left, young, foreign):
+        file.write_text("half")
+    for file in (left, foreign):
+        os.utime(file, (0, 0))
+    atomic.write_text(tmp_path / "model.toml", "whole")
+    assert not left.exists()
+    assert young.exists()
+    assert foreign.exists()
+
+
 def test_names_that_no_file_can_have_are_refused(tmp_path):
     for name in ("x" * 300, "nul\0l", "absent/a.txt"):
         with pytest.raises(InputError, match="cannot write"):

@@ -8,7 +8,9 @@ from faults.faulty import AT_REST, Hangs, InRealTime
 
 from armdyn.run import read_run
 from pipeline.nodes.scheduler import RobotClock
+from pipeline.nodes.watchdog import Watchdog
 from pipeline.trial import TrialSettings, simulate
+from pipeline.trial.experiment import Phase
 
 
 def stands(robot, patience=5.0):
@@ -33,6 +35,29 @@ def test_a_watchdog_stops_an_arm_whose_loop_hangs(tmp_path):
     assert robot.stood_after < 5.0  # it hung until the arm stood
     assert "watchdog stopped the arm" in trial.result.message
     assert read_run(tmp_path / "trial.mcap").channels["gripper_x"].time[-1] > 0.1
+
+
+class TripsOnce(Watchdog):
+    """Stops the arm in one beat of many, as after a hang too short for anything else to notice."""
+
+    beats = 0
+
+    def _watch(self):
+        """Nothing: the wall's clock does not matter here."""
+
+    def beat(self):
+        self.beats += 1
+        if self.beats == 60:
+            self.fault = "the watchdog stopped the arm"
+            self._stop()
+
+
+def test_what_the_watchdog_stopped_does_not_go_on(monkeypatch):
+    """Time is simulated, so that nothing else is late."""
+    monkeypatch.setattr("pipeline.trial.experiment.Watchdog", TripsOnce)
+    trial = simulate(TrialSettings(estimation_time=5.0), clock=RobotClock)
+    assert trial.result.message == "the watchdog stopped the arm"
+    assert trial.experiment.span(Phase.LEARN).end < 1.5
 
 
 @pytest.mark.slow

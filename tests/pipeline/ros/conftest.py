@@ -103,7 +103,8 @@ class LoopbackBridge:
                 if answer is not None:
                     values = answer(request["args"])
                     reply = {"op": "service_response", "id": request["id"], "service": request["service"]}
-                    client.send(json.dumps({**reply, "values": values, "result": values is not None}))
+                    failed = values is None or isinstance(values, str)  # a bridge says in words what failed
+                    client.send(json.dumps({**reply, "values": values, "result": not failed}))
 
     def _pass_on(self, request):
         text = json.dumps({name: request[name] for name in ("op", "topic", "msg")})

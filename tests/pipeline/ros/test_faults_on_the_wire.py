@@ -58,6 +58,10 @@ def kill_bridge(wire, _twin, _trial):
     os.kill(wire.pids["BRIDGE_PID"], signal.SIGKILL)
 
 
+def kill_master(wire, _twin, _trial):
+    os.kill(wire.pids["MASTER_PID"], signal.SIGKILL)
+
+
 def stall_bridge(wire, _twin, _trial):
     suspend(wire.pids["BRIDGE_PID"], AWAKE)
 
@@ -82,6 +86,7 @@ FAULTS = {
     "program-killed": (kill_trial, None),
     "bridge-killed": (kill_bridge, "connection to the bridge .* is lost|too old"),
     "bridge-stalled": (stall_bridge, "too old|stood still"),
+    "master-killed": (kill_master, "ROS master is gone"),
     "emergency-stop": (press, "stopped by the red button"),
     "second-commander": (intrude, "another program sends commands"),
     "load-cell-dies": (unplug, "load cell"),

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import pipeline.robot.ros as ros_module
+import pipeline.ros.master as master_module
 import pipeline.ros.states as states_module
 import urdf
 from armdyn.errors import InputError, TaskFailedError
@@ -220,6 +221,22 @@ def test_a_lost_bridge_ends_the_run(robot, until):
     until(lambda: robot.fault)
     with pytest.raises(TaskFailedError, match="connection to the bridge"):
         stream(robot, 1)
+
+
+def test_a_master_that_is_gone_ends_the_run_and_the_arm_is_braked(robot, until):
+    stream(robot, 5)
+    robot.arm.loopback.answers[master_module.SERVICE] = lambda _arguments: "Unable to communicate with master!"
+    until(lambda: robot.fault)
+    with pytest.raises(TaskFailedError, match="the ROS master is gone"):
+        stream(robot, 1)
+    until(lambda: len(sent(robot)) > 5)
+
+
+def test_a_bridge_without_that_service_is_no_dead_master(robot, until):
+    asked = []
+    robot.arm.loopback.answers[master_module.SERVICE] = lambda _arguments: asked.append(0) or "does not exist"
+    until(lambda: len(asked) > 2)
+    assert robot.fault is None
 
 
 def test_a_stream_begins_where_the_arm_is_and_goes_over_to_the_command_without_a_step(robot):

@@ -1,0 +1,122 @@
+"""Does the load land over a real ROS master and a real rosbridge, in real time, from each of the paper's guesses?
+
+    ARMDYN_ROS_KIT=KIT python benchmarks/on_the_wire.py [--guesses 0.308,0.468] [--hidden quadratic_drag=0.05]
+
+Master and bridge, twin, and trial run in processes of their own; the twin knows the truth. With `--hidden` the twin has
+an effect that the robot's model lacks. A last column says how long this machine kept a real-time thread from running.
+"""
+
+import _timing as bench  # isort: skip
+
+import argparse
+import resource
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from armdyn.errors import ArmdynError
+from armdyn.run import read_run
+from pipeline.trial.table import GUESSES
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+from ros_wire.wire import Stalls, TracedTwin, Trial, Wire, missing
+
+WITHIN = 1e-3
+"""Error of the length that is claimed [m]."""
+
+
+def busy() -> float:
+    """Processor time of all processes that this one has started and seen end [s]."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def one(guess: float, seed: int, hidden: list[str], options: list[str], keep: Path | None) -> dict[str, object]:
+    """One trial in three processes."""
+    with TemporaryDirectory() as scratch:
+        folder, stalls, before = keep or Path(scratch), Stalls(), busy()
+        folder.mkdir(parents=True, exist_ok=True)
+        with Wire() as wire, TracedTwin(wire, folder, seed, hidden) as twin:
+            with Trial(wire, twin, folder, "--length-guess", str(guess), *options) as trial:
+                status, said, answer = trial.wait()
+            trace = twin.end()
+        stalls.close()
+        try:
+            samples = len(read_run(trial.out / "trial.mcap").channels["load_force"])
+        except (ArmdynError, OSError):
+            samples = 0
+    answer = answer or {}
+    robot = answer.get("robot") or {}
+    estimate = answer.get("length_estimate")
+    return {
+        "guess": guess,
+        "landed": bool(trace["load_in_box"]) and status == 0,
+        "error": None if estimate is None else float(estimate - trace["length"]),
+        "samples": samples,
+        "lost": int(robot.get("commands", 0)) - len(trace["received"]),
+        "missed": answer.get("missed_cycles"),
+        "robot": robot,
+        "nodes": answer.get("nodes"),
+        "busy": busy() - before,
+        "stall": stalls.worst,
+        "said": answer.get("message") or " ".join(said.split())[-300:],
+        "notes": answer.get("notes"),
+    }
+
+
+def milliseconds(row: dict[str, object], name: str) -> str:
+    """Median, 95 %, 99 % and worst of what the robot measured."""
+    robot = row["robot"]
+    spread = robot.get(name) if isinstance(robot, dict) else None
+    return "" if not spread else " ".join(f"{1e3 * spread[k]:.1f}" for k in ("median", "p95", "p99", "worst"))
+
+
+def main() -> int:
+    """Prints the table; returns the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--guesses", default=",".join(map(str, GUESSES)), help="of the length [m]")
+    parser.add_argument("--hidden", action="append", default=[], help="EFFECT=VALUE of the twin")
+    parser.add_argument("--seed", type=int, default=0, help="of the first twin; the next ones follow")
+    parser.add_argument("--model", type=Path, help="model file of the robot, such as a repaired one")
+    parser.add_argument("--keep", type=Path, help="folder for recordings; nothing is kept if not given")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write what is printed as JSON too")
+    options = parser.parse_args()
+    reason = missing()
+    if reason is not None:
+        print(reason, file=sys.stderr)
+        return 2
+    given = ["--model", str(options.model.resolve())] if options.model else []
+    rows = []
+    for k, text in enumerate(options.guesses.split(",")):
+        keep = options.keep / text if options.keep else None
+        rows.append(one(float(text), options.seed + k, options.hidden, given, keep))
+        print(f"  {text}: {rows[-1]['said']}", file=sys.stderr, flush=True)
+    bench.print_table(
+        "Trials over ROS (intervals and ages: median, 95 %, 99 %, worst, ms)",
+        ["guess m", "landed", "error mm", "lost", "missed", "command interval", "state age", "CPU s", "stall ms"],
+        [
+            [
+                f"{row['guess']:g}", "yes" if row["landed"] else "no",
+                "" if row["error"] is None else f"{1e3 * row['error']:+.2f}", str(row["lost"]), str(row["missed"]),
+                milliseconds(row, "command_interval"), milliseconds(row, "state_age"), f"{row['busy']:.0f}",
+                f"{1e3 * row['stall']:.0f}",
+            ]
+            for row in rows
+        ],
+    )  # fmt: skip
+    landed = sum(row["landed"] is True for row in rows)
+    errors = [abs(row["error"]) for row in rows if isinstance(row["error"], float)]
+    claims = [
+        bench.Claim("every load lands", f"{landed} of {len(rows)}", landed == len(rows)),
+        bench.Claim("every recording can be read", "", all(row["samples"] for row in rows)),
+    ]
+    if not options.hidden:
+        worst = max(errors, default=np.inf)
+        claims.append(bench.Claim("every length within 1 mm", f"worst {1e3 * worst:.2f} mm", worst <= WITHIN))
+    return bench.conclude(claims, {"rows": rows}, options.json)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
