@@ -72,7 +72,7 @@ class Browser:
             answer = self._answers[self._number] = self._loop.create_future()
             session = {} if self._session is None else {"sessionId": self._session}
             await self._socket.send(json.dumps({"id": self._number, "method": method, "params": params} | session))
-            return await asyncio.wait_for(answer, SIXTY)
+            return await asyncio.wait_for(answer, 1.5 * SIXTY)
 
         message = self._loop.run_until_complete(ask())
         assert "error" not in message, message["error"]

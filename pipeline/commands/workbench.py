@@ -1,5 +1,6 @@
 """`armdyn workbench`: the page on which effects are ticked and the error falls."""
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -57,10 +58,11 @@ def workbench(
             write_json({"schema": "armdyn.workbench/1", "address": address}, json_file)
         if json_file != Path("-"):
             typer.echo(f"workbench at {address}, for this computer only; each tab has its own choice; Ctrl-C ends it")
-        if not no_browser:
+        if not no_browser and sys.stdout.isatty():
             import webbrowser
+            from threading import Thread
 
-            webbrowser.open(address)
+            Thread(target=webbrowser.open, args=(address,), daemon=True).start()  # some do not return until they end
 
     inputs = None if model is None else Inputs(model, runs or [], held_out, None, effects)
     serve(inputs, listen, started)

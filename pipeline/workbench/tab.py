@@ -100,6 +100,7 @@ class Tab:
         new = {"changed": [changed(curve, self._points) for curve in state.curves], "totals": section.totals()}
         self._run(f"armdynBench.update({js(new)})")
         self._panel("errors", panels.errors_panel(state))
+        self._run(f"armdynBench.show('refit', {js(state.how == 'by hand')})")
         if knobs:
             self._panel("knobs", panels.knobs_panel(state))
 
