@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Makes the pictures of the README; needs `armdyn` and `chromium` on the path.
+# Makes the pictures of the README; needs `armdyn` with its extra `workbench`, `python` and `chromium` on the path.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 work=$(mktemp -d)
@@ -51,3 +51,4 @@ EOF
 (cd "$work" && armdyn batch lab.toml --output lab)
 shoot "$work/lab/report.html" "$PWD/docs/pictures/batch_report.png" 1560
 shoot "$work/arm.html#tab=tau.elbow_joint" "$PWD/docs/pictures/arm_report.png" 1180
+python docs/workbench_pictures.py "$work/runs" "$work/ur5.toml" docs/pictures

@@ -72,7 +72,7 @@ class Browser:
             answer = self._answers[self._number] = self._loop.create_future()
             session = {} if self._session is None else {"sessionId": self._session}
             await self._socket.send(json.dumps({"id": self._number, "method": method, "params": params} | session))
-            return await asyncio.wait_for(answer, SIXTY)
+            return await asyncio.wait_for(answer, 1.5 * SIXTY)
 
         message = self._loop.run_until_complete(ask())
         assert "error" not in message, message["error"]
@@ -124,6 +124,10 @@ class Browser:
         for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
             button = {} if kind == "mouseMoved" else {"button": "left", "clickCount": 1}
             self._tell("Input.dispatchMouseEvent", type=kind, x=x, y=y, **button)
+
+    def point(self, x: float, y: float) -> None:
+        """Move the mouse to a place [px]."""
+        self._tell("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
 
     def drop(self, selector: str, files: list[Path]) -> None:
         """Choose files in an input for files."""

@@ -104,7 +104,11 @@ def _line(path: Path, robot: urdf.Robot) -> Scene:
             f"from {table.s[0]:.3g} to {table.s[-1]:.3g} m"
         )
     return _checked(
-        path, robot, check_line(table, robot, motion, CheckSettings()), motion.time, table.posture(motion.s).q
+        path,
+        robot,
+        check_line(table, robot, motion, CheckSettings(collision=False)),
+        motion.time,
+        table.posture(motion.s).q,
     )
 
 
@@ -117,17 +121,18 @@ def _joints(path: Path, run: Run, robot: urdf.Robot) -> Scene:
     if not any(name.startswith("tau.") for name in run.channels) and set(robot.joint_names) <= set(run.joints):
         motion = read_trajectory(path, robot)
         assert isinstance(motion, JointTrajectory)  # it has joints
-        return _checked(path, robot, check_joints(robot, motion, CheckSettings()), motion.time, motion.q)
+        return _checked(path, robot, check_joints(robot, motion, CheckSettings(collision=False)), motion.time, motion.q)
     return arm_scene(path.name, "run", links_of(robot), *joint_motion(run, robot))
 
 
 def _checked(path: Path, robot: urdf.Robot, found: "FeasibilityReport", time: FloatArray, q: FloatArray) -> Scene:
-    """A trajectory with what its check says; the moments at which a limit is passed are marked."""
+    """A trajectory with what a check of its limits says; the moments at which a limit is passed are marked."""
     marks = [
         Mark(v.time, v.time, f"{v.limit}{f' of {v.joint}' if v.joint else ''}: {v.value:.3g} of {v.bound:.3g} {v.unit}")
         for v in found.violations[:MOST_MARKS]
     ]
-    return arm_scene(path.name, "trajectory", links_of(robot), time, q, marks, found.sentence)
+    note = f"{found.sentence} Whether it touches anything, 'armdyn check' tells."
+    return arm_scene(path.name, "trajectory", links_of(robot), time, q, marks, note)
 
 
 def _table(path: Path, robot: urdf.Robot | None) -> Scene:

@@ -11,6 +11,7 @@ from pipeline.commands.identify import Given, Inputs
 from pipeline.workbench.bench import Bench
 
 T = TypeVar("T")
+Work = SimpleQueue[tuple[Future[Any], Callable[[], Any]] | None]
 
 
 class Desk:
@@ -22,17 +23,12 @@ class Desk:
 
     def __init__(self, inputs: Inputs) -> None:
         self.inputs = inputs
-        self._work: SimpleQueue[tuple[Future[Any], Callable[[], Any]] | None] = SimpleQueue()
+        self._work: Work = SimpleQueue()
         # A daemon: the program ends at once, whatever is being computed.
-        Thread(target=self._working, name="armdyn-desk", daemon=True).start()
-        self._given = self._submit(inputs.read)
-        self._bench = self._submit(self._first_look)
-        self._ready = self._submit(lambda: self._bench.result().foretelling)
-
-    def _first_look(self) -> Bench:
-        bench = Bench(self._given.result().study)
-        _ = bench.opening
-        return bench
+        Thread(target=_working, args=(self._work,), name="armdyn-desk", daemon=True).start()
+        given = self._given = self._submit(inputs.read)
+        bench = self._bench = self._submit(lambda: _first_look(given.result()))
+        self._ready = self._submit(lambda: bench.result().foretelling)
 
     async def opened(self) -> tuple[Given, Bench]:
         """Both, as soon as the model as given can be shown.
@@ -50,8 +46,7 @@ class Desk:
         """The answer of something slow, computed one after the other."""
         return await asyncio.wrap_future(self._submit(work))
 
-    def close(self) -> None:
-        """Do nothing further."""
+    def __del__(self) -> None:
         self._work.put(None)
 
     def _submit(self, work: Callable[[], T]) -> "Future[T]":
@@ -59,15 +54,23 @@ class Desk:
         self._work.put((future, work))
         return future
 
-    def _working(self) -> None:
-        while (item := self._work.get()) is not None:
-            future, work = item
-            if not future.set_running_or_notify_cancel():
-                continue
+
+def _first_look(given: Given) -> Bench:
+    bench = Bench(given.study)
+    _ = bench.opening
+    return bench
+
+
+def _working(queue: Work) -> None:
+    """One after the other; it holds no desk, so that one which nobody uses any more goes with all that was opened."""
+    while (item := queue.get()) is not None:
+        future, work = item
+        if future.set_running_or_notify_cancel():
             try:
                 future.set_result(work())
             except BaseException as error:
                 future.set_exception(error)
+        del item, future, work
 
 
 def key_of(inputs: Inputs) -> tuple[object, ...]:

@@ -95,8 +95,7 @@ def knobs_panel(state: State) -> str:
     """A slider for every parameter of the model."""
     if not state.knobs:
         return "<p class='caption'>The model has no parameters yet: tick an effect.</p>"
-    back = "<button type='button' data-refit>back to the fit</button>" if state.how == "by hand" else ""
-    return "".join(_slider(name, knob) for name, knob in state.knobs.items()) + back
+    return "".join(_slider(name, knob) for name, knob in state.knobs.items())
 
 
 def _slider(name: str, knob: Knob) -> str:

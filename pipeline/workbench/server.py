@@ -3,6 +3,7 @@
 import socket
 import sys
 from collections.abc import Callable
+from weakref import WeakValueDictionary
 
 import uvicorn
 from fastapi import FastAPI, Response
@@ -53,20 +54,22 @@ def serve(inputs: Inputs | None, listen: socket.socket, started: Callable[[str],
         listen: where.
         started: told the address.
     """
-    desks: dict[tuple[object, ...], Desk] = {}
+    desks: WeakValueDictionary[tuple[object, ...], Desk] = WeakValueDictionary()
+    first: list[Desk] = []
 
     def open_desk(wanted: Inputs) -> Desk:
         key = key_of(wanted)
-        if key not in desks:
-            desks[key] = Desk(wanted)
-        return desks[key]
+        desk = desks.get(key)
+        if desk is None:
+            desk = desks[key] = Desk(wanted)
+        return desk
 
     def begun(address: str) -> None:
         started(address)
         if inputs is not None:
             # The browser takes a second to come, in which recordings can be read. Not before the address is printed:
             # reading a URDF keeps what is printed from the terminal.
-            open_desk(inputs)
+            first.append(open_desk(inputs))
 
     async def page(client: Client) -> None:
         ui.add_head_html(_head())
@@ -78,11 +81,7 @@ def serve(inputs: Inputs | None, listen: socket.socket, started: Callable[[str],
     sys.setswitchinterval(SWITCH)
     ui.page("/", title="armdyn workbench", dark=None)(page)
     server = _server(_application(), begun)
-    try:
-        server.run(sockets=[listen])
-    finally:
-        for desk in desks.values():
-            desk.close()
+    server.run(sockets=[listen])
 
 
 def _application() -> FastAPI:

@@ -36,7 +36,7 @@ const armdynOverlay = (place, data, draw) => {
     const { quantity, name } = data.channels[curve.channel];
     const [error, share] = [curve.rmse[now.step], curve.explained[now.step]];
     const [before, shareBefore] = [curve.rmse[0], curve.explained[0]];
-    const later = now.step > 0;
+    const later = now.step > 0 && error !== before;
     const change = 100 * (error / before - 1);
     const parts = [
       span("what", name === quantity ? name : `${quantity} of ${name}`),

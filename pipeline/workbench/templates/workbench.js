@@ -67,7 +67,8 @@ const armdynBench = (() => {
     const x = axis.l2p(time);
     state.cursor.hidden = x < 0 || x > axis._length;
     state.cursor.style.left = `${axis._offset + x}px`;
-    state.cursor.style.height = `${chart.clientHeight - 70}px`;
+    const { t, h } = chart._fullLayout._size;
+    [state.cursor.style.top, state.cursor.style.height] = [`${t}px`, `${h}px`];
   };
   const failing = (curve) => curve.failing.map(([start, end]) => ({ start, end, text: "as given, the residual is far above the noise" }));
   const scene = async (data) => {

@@ -19,6 +19,11 @@ pytest.importorskip("nicegui", reason="needs the extra 'workbench': pip install 
 ERROR = "Number(document.querySelector('.key').dataset.value)"
 NONE = "!document.querySelector('[data-pick]:checked')"
 FITTED = "document.querySelector('.how.fitted')"
+TURNED = """(() => {
+    const knob = document.querySelector("[data-knob=length]");
+    knob.value = knob.value / 2;
+    knob.dispatchEvent(new Event("input", { bubbles: true }));
+})()"""
 
 
 @contextmanager
@@ -132,6 +137,10 @@ def test_a_pendulum_is_started_and_its_recording_dropped_on_a_small_dark_screen(
         browser.wait("document.querySelector('[data-pick]')")
         assert browser.ask(ERROR) > 3.5e-3
         assert ticked(browser, "[data-pick='quadratic_drag'] + span") == pytest.approx(3e-3, rel=0.1)  # N, the noise
+        browser.ask(TURNED)
+        browser.wait(f"document.querySelector('.how.by-hand') && {ERROR} > 4e-3")  # the prediction with half the length
+        browser.click("#refit")
+        browser.wait(f"{FITTED} && {ERROR} < 3.5e-3")
         width = "document.documentElement.scrollWidth"
         assert browser.ask(width) <= 400  # nothing is cut off, nothing scrolls sideways
         assert browser.errors == []
