@@ -122,13 +122,14 @@ def _found(job: Job) -> dict[str, Any]:
         }
     else:
         from armdyn.identify.repair import repair
+        from pipeline.answers import number
 
         repaired = repair(study)
         compared = repaired.after
         answer = {
             "verdict": repaired.verdict.key,
             "sentence": repaired.sentence,
-            "explained": repaired.explained,
+            "explained": number(repaired.explained),
             "effects": tuple(effect.name for effect in repaired.model.effects),
         }
     return {**answer, **_numbers(compared), "duration": duration}

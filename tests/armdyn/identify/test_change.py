@@ -104,11 +104,11 @@ def batch(seed, phi):
     return series
 
 
-@pytest.mark.parametrize("phi", [0.0, 0.4])
+@pytest.mark.parametrize("phi", [0.0, pytest.param(0.4, marks=pytest.mark.slow)])
 def test_alarms_are_as_rare_as_stated(phi):
-    """With a stated rate of 20 % over 30 batches, 6 are expected; 14 and more would come once in 2,000."""
-    alarms = sum(bool(find_changes(batch(seed, phi), 0.2, batches=200).steps) for seed in range(30))
-    assert alarms < 14
+    """With a stated rate of 20 % over 20 batches, 4 are expected; 11 and more would come once in 1,700."""
+    alarms = sum(bool(find_changes(batch(seed, phi), 0.2, batches=100).steps) for seed in range(20))
+    assert alarms < 11
 
 
 @pytest.mark.parametrize("phi", [0.0, 0.5])
