@@ -168,7 +168,7 @@ def files_panel(model: Path | None, runs: Sequence[tuple[Path, bool]], said: Seq
             f"<button type='button' data-role='{role}' data-run='{i}'{' class=chosen' * chosen}>{role}</button>"
             for role, chosen in (("fit", not held_out), ("hold out", held_out), ("leave out", False))
         )
-        rows.append(f"<tr><td>recording</td><td>{escape(path.name)}</td><td class='roles'>{choice}</td></tr>")
+        rows.append(f"<tr><td>run</td><td>{escape(path.name)}</td><td class='roles'>{choice}</td></tr>")
     notes = "".join(f"<p class='caption'>{escape(text)}</p>" for text in said)
     return f"<div class='table'><table><tbody>{''.join(rows)}</tbody></table></div>{notes}"
 
