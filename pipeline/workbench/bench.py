@@ -12,7 +12,7 @@ from armdyn.errors import UnknownNameError
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.compare import FittedParameter, fitted_parameters
 from armdyn.identify.fit import Fit, channel_rmse
-from armdyn.identify.localise import localise
+from armdyn.identify.localise import Place, localise
 from armdyn.identify.problem import Block, Problem
 from armdyn.identify.repair_path import merged
 from armdyn.identify.study import Study
@@ -69,6 +69,7 @@ class State:
         stale: whether runs that were not fitted still show the model as given.
         knobs: its parameters.
         others: error by channel of runs that took no part in the fit; empty where it is not known yet.
+        places: where it fails, the worst first; empty where that is not known yet, or only noise is left.
     """
 
     effects: tuple[Atom, ...]
@@ -77,6 +78,7 @@ class State:
     stale: bool
     knobs: Mapping[str, Knob]
     others: Mapping[str, float]
+    places: tuple[Place, ...] = ()
 
 
 class Bench:
@@ -98,9 +100,10 @@ class Bench:
         self.atoms = tuple(self._candidates)
         self.present = tuple(Atom(c.effect, joint) for c in study.present for joint, _ in c.parts)
         self._fits: dict[frozenset[Atom], Fit] = {frozenset(): self.first}
+        self._places = localise(self.first)
         self._given = tuple(
             replace(curve, residuals=np.repeat(curve.residuals, 2, axis=0))
-            for curve in overlays(study, [self.first], localise(self.first))
+            for curve in overlays(study, [self.first], self._places)
             if curve.kind in (FITTED, HELD_OUT)
         )
 
@@ -112,7 +115,8 @@ class Bench:
     @cached_property
     def opening(self) -> State:
         """The model as given."""
-        return State((), "fitted", self._given, False, self._knobs(self.first), self._others(self.first))
+        knobs, others = self._knobs(self.first), self._others(self.first)
+        return State((), "fitted", self._given, False, knobs, others, self._places)
 
     def effects_of(self, effects: Sequence[Atom]) -> list[Effect]:
         """As `repair.add` takes them: joints together that have the same effect.
@@ -144,7 +148,8 @@ class Bench:
         fit = self.fit(effects)
         held_out = self.study.held_out_blocks(fit)
         residuals = _residuals(fit.blocks) | (_residuals(held_out or ()) if self.study.held_out else {})
-        return self._state(effects, "fitted", residuals, self._knobs(fit), self._others(fit))
+        state = self._state(effects, "fitted", residuals, self._knobs(fit), self._others(fit))
+        return replace(state, places=localise(fit))
 
     def fit(self, effects: Sequence[Atom]) -> Fit:
         """The minimum with these effects, made once: the best of those from the nearest fit and from the sums."""

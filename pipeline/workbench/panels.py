@@ -6,6 +6,7 @@ from pathlib import Path
 
 from armdyn.identify.sentence import totals
 from pipeline.commands.export import KINDS
+from pipeline.report.names import full_name
 from pipeline.report.overlay import FITTED, HELD_OUT, quality
 from pipeline.report.theme import number
 from pipeline.workbench.bench import Atom, Bench, Knob, State
@@ -17,6 +18,8 @@ HOW = {
     "by hand": "parameters by hand, nothing fitted",
 }
 MANY_JOINTS = 2
+MOST_PLACES = 2
+"""Places where a model fails that are told; the curves show the others."""
 
 
 def effects_panel(bench: Bench, ticked: Collection[Atom]) -> str:
@@ -74,9 +77,21 @@ def errors_panel(state: State) -> str:
     if state.others and not any(curve.kind == HELD_OUT for curve in state.curves):
         for unit, error in totals(state.others, units).items():
             figures.append(_key("Error, runs predicted from the others", error, unit, ""))
-    return (
-        f"<div class='keys'>{''.join(figures)}</div><p class='how {state.how.replace(' ', '-')}'>{HOW[state.how]}</p>"
-    )
+    how = f"<p class='how {state.how.replace(' ', '-')}'>{HOW[state.how]}</p>"
+    return f"<div class='keys'>{''.join(figures)}</div>{how}{_where(state, units)}"
+
+
+def _where(state: State, units: Mapping[str, str]) -> str:
+    """The places where it fails most, one for each channel and quantity."""
+    told: dict[tuple[str, str], str] = {}
+    for place in state.places:
+        name = full_name(place.channel, units[place.channel])
+        within = f" in {place.run}" if place.run else ""
+        span = f"from {place.start:.3g} to {place.end:.3g} {place.unit}{within}"
+        told.setdefault((place.channel, place.against), f"{name} against {place.against}, {span}")
+    if not told:
+        return ""
+    return f"<p class='caption'>Fails most: {escape('; '.join(list(told.values())[:MOST_PLACES]))}.</p>"
 
 
 def _figure(name: str, before: float, after: float, unit: str) -> str:
@@ -153,7 +168,7 @@ def files_panel(model: Path | None, runs: Sequence[tuple[Path, bool]], said: Seq
             f"<button type='button' data-role='{role}' data-run='{i}'{' class=chosen' * chosen}>{role}</button>"
             for role, chosen in (("fit", not held_out), ("hold out", held_out), ("leave out", False))
         )
-        rows.append(f"<tr><td>recording</td><td>{escape(path.name)}</td><td class='roles'>{choice}</td></tr>")
+        rows.append(f"<tr><td>run</td><td>{escape(path.name)}</td><td class='roles'>{choice}</td></tr>")
     notes = "".join(f"<p class='caption'>{escape(text)}</p>" for text in said)
     return f"<div class='table'><table><tbody>{''.join(rows)}</tbody></table></div>{notes}"
 

@@ -45,6 +45,14 @@ def test_what_is_foretold_of_an_arm_is_what_a_refit_finds(bench):
     assert not foretold.stale
 
 
+def test_it_says_where_the_model_fails_until_only_noise_is_left(bench):
+    text = panels.errors_panel(bench.opening)
+    assert "Fails most: torque of" in text
+    assert f"v.{bench.opening.places[0].channel.partition('.')[2]}" in text  # a friction depends on the speed
+    before, after = (sum(place.chi2_per_sample for place in bench.fitted(e).places) for e in ([], FRICTION))
+    assert after < 0.05 * before
+
+
 def test_nothing_ticked_is_the_model_as_given(bench):
     state = bench.foretold([])
     assert all(np.array_equal(curve.residuals[0], curve.residuals[1]) for curve in state.curves)
