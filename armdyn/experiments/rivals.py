@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armdyn.errors import InputError, UnknownNameError
-from armdyn.experiments.hypothesis import Hypothesis
+from armdyn.experiments.hypothesis import CHANNELS, Hypothesis
 from armdyn.experiments.motion import Motion
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.diagnose import Diagnosis
@@ -49,7 +49,7 @@ def require_gripper(study: Study) -> None:
     """Refuse what no motion of a gripper can be designed for.
 
     Raises:
-        InputError: the model is no pendulum, or the runs hold no gripper.
+        InputError: the model is no pendulum, or the runs hold no gripper or nothing that can be predicted.
     """
     if not isinstance(study.model, PendulumModel):
         raise InputError(
@@ -59,6 +59,8 @@ def require_gripper(study: Study) -> None:
     for run in study.runs:
         if "gripper_x" not in run.channels:
             raise InputError(f"{run.name}: has no 'gripper_x', and only a gripper that moves can be planned for")
+        if not any(channel in run.channels for channel in CHANNELS):
+            raise InputError(f"{run.name}: has none of {', '.join(CHANNELS)}, by which an experiment would be judged")
 
 
 def tied_sets(found: Diagnosis) -> list[tuple[Candidate, ...]]:

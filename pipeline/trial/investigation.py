@@ -18,7 +18,7 @@ from armdyn.errors import InputError
 from armdyn.experiments.motion import Limits
 from armdyn.experiments.plan import HOPELESS, Proposal, designed_motion
 from armdyn.experiments.rivals import Rivals, of_diagnosis, refitted
-from armdyn.experiments.separation import beliefs
+from armdyn.experiments.separation import MARGIN, beliefs
 from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.repair import fitted_model
 from armdyn.identify.study import Study
@@ -58,6 +58,10 @@ class Stop(Enum):
     INTERRUPTED = "an experiment was ended before its time"
 
 
+LEARNT = (Stop.NAMED, Stop.INSEPARABLE, Stop.SPENT)
+"""Ends after which the best model of all that was recorded is worth more than the one before."""
+
+
 class SwingExperiment(Experiment):
     """An experiment that only learns: it ends with the load at rest below the gripper."""
 
@@ -94,7 +98,7 @@ class Stage:
     @property
     def candidates(self) -> tuple[str, ...]:
         """Effects that may be missing; empty where nothing is, or nothing known."""
-        if self.diagnosis.verdict in (Verdict.EXPLAINED, Verdict.UNKNOWN_EFFECT) or not self.diagnosis.suspects:
+        if self.diagnosis.verdict is Verdict.EXPLAINED:
             return ()
         search = self.diagnosis.search
         given = search.steps[0].effects
@@ -184,7 +188,7 @@ def investigate(
             questions.update(dict.fromkeys(_names(rivals, study)))
         belief, gap = _believed(study, list(questions))
         stages.append(Stage(run, proposal, found, belief, gap))
-        stop = _stop(found, rivals)
+        stop = _stop(found, rivals, gap)
         if stop is None and number >= most:
             stop = Stop.SPENT
         if stop is None and rivals is not None:
@@ -197,8 +201,7 @@ def investigate(
             else:
                 motion = made.trajectory
         if stop is not None:
-            changed = found.verdict in (Verdict.EFFECT_MISSING, Verdict.CANNOT_TELL_APART)
-            better = fitted_model(study, found.search.last) if changed else None
+            better = fitted_model(study, found.search.last) if stop in LEARNT else None
             assert better is None or isinstance(better, PendulumModel), "a pendulum was given"
             return Investigation(tuple(stages), stop, better, None, place)
 
@@ -237,12 +240,14 @@ def questioned(settings: ProtocolSettings) -> PendulumModel:
     return model
 
 
-def _stop(found: Diagnosis, rivals: Rivals | None) -> Stop | None:
+def _stop(found: Diagnosis, rivals: Rivals | None, gap: float | None) -> Stop | None:
     if found.verdict is Verdict.EXPLAINED:
         return Stop.EXPLAINED
-    if found.verdict is Verdict.UNKNOWN_EFFECT:
-        return Stop.UNKNOWN
-    return Stop.NAMED if rivals is None or found.verdict is Verdict.EFFECT_MISSING else None
+    if rivals is not None and found.verdict is not Verdict.EFFECT_MISSING:
+        return None
+    # A rival that has won stands, also where the arm leaves more than the noise of its load cell.
+    won = gap is not None and gap > MARGIN
+    return Stop.UNKNOWN if found.verdict is Verdict.UNKNOWN_EFFECT and not won else Stop.NAMED
 
 
 def _promising(proposal: Proposal) -> bool:

@@ -9,6 +9,8 @@ import ik
 import urdf
 from armdyn.errors import InputError
 from pipeline.motion import LineTrajectory
+from pipeline.nodes.scheduler import RobotClock
+from pipeline.nodes.watchdog import Watchdog
 from pipeline.trial import ProtocolSettings, TrialSettings, simulate
 from pipeline.trial.experiment import Ending
 from pipeline.trial.investigation import Stop, ended_before, investigate, questioned
@@ -43,6 +45,25 @@ def test_what_no_motion_separates_is_said_and_the_load_lands_all_the_same():
     assert found is not None
     assert found.stop is Stop.INSEPARABLE
     assert set(found.stages[-1].candidates) == {"wind", "path_tilt"}
+    assert trial.result.success
+
+
+class Asleep(Watchdog):
+    """Stops nothing: how busy this machine is does not matter here."""
+
+    def _watch(self):
+        pass
+
+
+@pytest.mark.slow
+def test_on_a_real_clock_the_arm_stands_while_the_recordings_are_thought_over(monkeypatch):
+    """Plans are made ahead and beside the loop, as on a robot; time is simulated, so that nothing is late."""
+    monkeypatch.setattr("pipeline.trial.experiment.Watchdog", Asleep)
+    trial = simulate(TrialSettings(hidden={"pivot_viscous_friction": None}, seed=2, investigate=3), clock=RobotClock)
+    found = trial.result.investigation
+    assert found is not None
+    assert found.stop is Stop.NAMED
+    assert found.stages[-1].candidates == ("pivot_viscous_friction",)
     assert trial.result.success
 
 
