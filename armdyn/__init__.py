@@ -16,16 +16,29 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from armdyn import arm, effects, pendulum
+    from armdyn.effects.catalogue import CATALOGUE
+    from armdyn.effects.effect import Effect, effect
     from armdyn.front import compare, diagnose, fit, repair
+    from armdyn.identify.compare import Comparison
+    from armdyn.identify.diagnose import Diagnosis
+    from armdyn.identify.repair import Repair
+    from armdyn.model import Model
     from armdyn.model_file import read_model
+    from armdyn.parameter import quantity
     from armdyn.run import Run, read_run
 
 __version__ = "0.1.0"
-__all__ = ["Run", "arm", "compare", "diagnose", "effects", "fit", "pendulum", "read_model", "read_run", "repair"]
+__all__ = [
+    "CATALOGUE", "Comparison", "Diagnosis", "Effect", "Model", "Repair", "Run", "arm", "compare", "diagnose", "effect",
+    "effects", "fit", "pendulum", "quantity", "read_model", "read_run", "repair",
+]  # fmt: skip
 
 _MODULES = {
-    "Run": "armdyn.run", "read_run": "armdyn.run", "read_model": "armdyn.model_file", "compare": "armdyn.front",
-    "diagnose": "armdyn.front", "repair": "armdyn.front", "fit": "armdyn.front",
+    "CATALOGUE": "armdyn.effects.catalogue", "Effect": "armdyn.effects.effect", "effect": "armdyn.effects.effect",
+    "quantity": "armdyn.parameter", "Run": "armdyn.run", "read_run": "armdyn.run", "Model": "armdyn.model",
+    "read_model": "armdyn.model_file", "Comparison": "armdyn.identify.compare", "compare": "armdyn.front",
+    "Diagnosis": "armdyn.identify.diagnose", "diagnose": "armdyn.front", "Repair": "armdyn.identify.repair",
+    "repair": "armdyn.front", "fit": "armdyn.front",
 }  # fmt: skip
 
 

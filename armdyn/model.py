@@ -1,11 +1,11 @@
 """A model: a base, effects, parameters. Never changed in place."""
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import numpy as np
 
@@ -13,7 +13,11 @@ from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.parameter import Parameter, Prior, Quantity
 from armdyn.run import Channel, Run
+from armdyn.shown import Shown
 from armdyn.start import Start
+
+if TYPE_CHECKING:
+    from armdyn.notebook import Story
 
 
 @dataclass(frozen=True)
@@ -72,7 +76,7 @@ class Linear(Protocol):
 
 
 @dataclass(frozen=True)
-class Model(ABC):
+class Model(Shown):
     """Base class of `PendulumModel` and `ArmModel`.
 
     Attributes:
@@ -82,6 +86,21 @@ class Model(ABC):
 
     effects: tuple[Effect, ...]
     parameters: Mapping[str, Parameter]
+
+    def _story(self) -> "Story":
+        from armdyn.notebook import model_story
+
+        return model_story(self)
+
+    def plot(self, *runs: Run | str | Path) -> Any:
+        """Recordings and what this model, fitted to them, says: a plotly figure; see `Shown.plot`.
+
+        Raises:
+            InputError: plotly is missing, or a recording cannot be used.
+        """
+        from armdyn.front import compare
+
+        return compare(self, runs).plot()
 
     @property
     def start(self) -> Start:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import datetime
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -36,6 +37,7 @@ class Run:
         warnings: a sentence per thing that was lost, such as the end of a recording that was cut off.
         began: s; when the recording began of which this is a later piece. None where it is whole.
         outliers: number of samples that were left out as faulty, by channel.
+        recorded: when it was made, UTC; None where nobody wrote it down.
 
     Raises:
         InputError: a joint turns in one channel and slides in another.
@@ -51,6 +53,7 @@ class Run:
     warnings: tuple[str, ...] = ()
     began: float | None = field(default=None, kw_only=True)
     outliers: Mapping[str, int] = field(default_factory=dict, kw_only=True)
+    recorded: datetime | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         for name in self.channels:
@@ -114,7 +117,7 @@ class Run:
     def __reduce__(self) -> tuple[Callable[..., "Run"], tuple[Any, ...]]:
         # A MappingProxyType cannot be pickled, and runs go to other processes.
         mappings = (dict(self.channels), dict(self.known), dict(self.noise))
-        rest = partial(Run, began=self.began, outliers=dict(self.outliers))
+        rest = partial(Run, began=self.began, outliers=dict(self.outliers), recorded=self.recorded)
         return rest, (self.name, *mappings, self.description, self.source, self.warnings)
 
     @property
@@ -214,6 +217,7 @@ def read_run(path: Path | str, recover: bool = False) -> Run:
         description=sidecar.description,
         source=path,
         warnings=warnings,
+        recorded=sidecar.recorded,
     )
 
 
@@ -233,7 +237,7 @@ def write_run_csv(run: Run, path: Path | str) -> None:
         name: run.channels[name].unit if name in run.channels else channel_kind(name).units[0] for name in run.noise
     }
     noise = {name: Known(std, None, units[name]) for name, std in run.noise.items()}
-    atomic.write_text(path.with_suffix(".toml"), sidecar_text(Sidecar(run.description, noise, run.known)))
+    atomic.write_text(path.with_suffix(".toml"), sidecar_text(Sidecar(run.description, noise, run.known, run.recorded)))
     write_csv(path, run.channels)
 
 

@@ -2,6 +2,7 @@
 
 ```toml
 description = "swing 3, 80 g ball"
+recorded = 2026-05-04T14:30:00
 [noise]                     # standard deviation per channel
 load_force = "3 mN"
 [known]                     # measured by hand: priors, not truth
@@ -15,6 +16,7 @@ resembles a key above is refused as misspelt.
 import difflib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from datetime import UTC, date, datetime
 from pathlib import Path
 
 from armdyn.channels import channel_kind, channel_unit, in_contract
@@ -26,7 +28,7 @@ POSITIVE = {"mass": "kg", "length": "m"}
 """Known values of the base pendulum that have a fixed unit and cannot be zero or less."""
 
 
-KEYS = ("description", "noise", "known", "source", "licence", "license", "published", "urdf", "notes")
+KEYS = ("description", "recorded", "noise", "known", "source", "licence", "license", "published", "urdf", "notes")
 """Keys that are used, and those that recordings have for their readers."""
 ALIKE = 0.75
 """Ratio of common letters (`difflib`) from which a key is a misspelling: 'nosie' and 'knwon' have 0.8, and 'author'
@@ -35,11 +37,12 @@ none of its own kind."""
 
 @dataclass(frozen=True)
 class Sidecar:
-    """Description, noise and hand-measured values of one recording, in SI units."""
+    """Description, noise, hand-measured values of one recording, in SI units, and when it was made, UTC."""
 
     description: str = ""
     noise: Mapping[str, Known] = field(default_factory=dict)
     known: Mapping[str, Known] = field(default_factory=dict)
+    recorded: datetime | None = None
 
 
 def read_sidecar(path: Path) -> Sidecar:
@@ -75,7 +78,29 @@ def _sidecar(table: Mapping[str, object]) -> Sidecar:
         raise InputError(f"description: {description!r} is not a text: put it in quotes")
     noise = {name: _noise(name, value) for name, value in _entries(table, "noise").items()}
     known = {name: _known(name, value) for name, value in _entries(table, "known").items()}
-    return Sidecar(description, noise, known)
+    return Sidecar(description, noise, known, utc(table["recorded"], "recorded") if "recorded" in table else None)
+
+
+def utc(value: object, where: str) -> datetime:
+    """A day or a time, as TOML or ISO 8601 writes them, without a zone in UTC; a day is its beginning.
+
+    Args:
+        value: such as ``2026-05-04``, ``2026-05-04T14:30:00+02:00``, or the same as text.
+        where: it stands.
+
+    Raises:
+        InputError: it is none.
+    """
+    if isinstance(value, str):
+        try:
+            value = datetime.fromisoformat(value)
+        except ValueError:
+            value = None
+    if isinstance(value, datetime):
+        return value if value.tzinfo is None else value.astimezone(UTC).replace(tzinfo=None)
+    if isinstance(value, date):
+        return datetime(value.year, value.month, value.day)
+    raise InputError(f"{where}: is no time: write it as 2026-05-04 or 2026-05-04T14:30:00")
 
 
 def _check_keys(table: Mapping[str, object]) -> None:
@@ -95,6 +120,8 @@ def _check_keys(table: Mapping[str, object]) -> None:
 def sidecar_text(sidecar: Sidecar) -> str:
     """The sidecar as TOML."""
     lines = [f"description = {_quoted(sidecar.description)}"]
+    if sidecar.recorded is not None:
+        lines.append(f"recorded = {sidecar.recorded.isoformat()}Z")
     for title, entries in (("noise", sidecar.noise), ("known", sidecar.known)):
         if entries:
             lines += [

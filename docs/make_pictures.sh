@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Makes the pictures of the README; needs `armdyn` and `chromium` on the path.
+# Makes the pictures of the README; needs `armdyn` with its extra `workbench`, `python` and `chromium` on the path.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 work=$(mktemp -d)
@@ -33,4 +33,22 @@ armdyn import examples/ur5/*.csv --output "$work/runs" --map "$work/runs/map.tom
 armdyn new arm "$work/ur5.toml" --robot ur5
 armdyn repair "$work/ur5.toml" "$work/runs/sweep_1.csv" "$work/runs/sweep_2.csv" --held-out "$work/runs/pick_and_place.csv" \
     --output "$work/ur5_repaired.toml" --report "$work/arm.html"
+PYTHONPATH=tests python - "$work" <<'EOF'
+import sys
+from pathlib import Path
+
+from hidden_effects.lab import Change, Lab
+
+changes = {1: Change(19, tool=0.1), 4: Change(12, dry_friction=1.25)}
+Lab(robots=6, recordings=36, changes=changes).write(Path(sys.argv[1]) / "robots")
+EOF
+cat > "$work/lab.toml" <<'EOF'
+task = "compare"
+[[recordings]]
+model = "robots/{robot}/model.toml"
+runs = ["robots/{robot}/logs/*.csv"]
+EOF
+(cd "$work" && armdyn batch lab.toml --output lab)
+shoot "$work/lab/report.html" "$PWD/docs/pictures/batch_report.png" 1560
 shoot "$work/arm.html#tab=tau.elbow_joint" "$PWD/docs/pictures/arm_report.png" 1180
+python docs/workbench_pictures.py "$work/runs" "$work/ur5.toml" docs/pictures

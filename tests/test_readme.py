@@ -89,7 +89,7 @@ def in_mujoco(model, run, capsys):
 
 
 def test_a_strangers_recording_becomes_runs_a_model_and_a_mujoco_file(page, capsys):
-    guess, convert, new, _, _, described = COMMANDS
+    guess, convert, new, _, _, described, *_ = COMMANDS
     assert "q.wrist_3_joint" in page(guess)
     assert "runs/pick_and_place.csv: q, tau of 6 joints, 14.0 s, 100 samples per second" in page(convert)
     page(new)

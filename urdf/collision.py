@@ -59,8 +59,9 @@ class CollisionModel:
         if robot.srdf_path is not None:
             self._follow(robot.srdf_path)
         self._leave_out(robot.collision_exclusions)
+        self._hulls, self._inexact = _with_hulls(self._shapes)
         self._data = self._model.createData()
-        self._results = self._shapes.createData()
+        self._results, self._hull_results = self._shapes.createData(), self._hulls.createData()
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
@@ -69,18 +70,36 @@ class CollisionModel:
 
     def touching(self, q: Array) -> tuple[str, str] | None:
         """The first pair of links that touch at a posture (n,), or None."""
-        if not pin.computeCollisions(self._model, self._data, self._shapes, self._results, np.asarray(q), True):
-            return None
-        results = self._results.collisionResults
-        return self._links(next(index for index in range(len(results)) if results[index].isCollision()))
+        pin.computeCollisions(self._model, self._data, self._hulls, self._hull_results, np.asarray(q), False)
+        pin.updateGeometryPlacements(self._model, self._data, self._shapes, self._results)
+        results = self._hull_results.collisionResults
+        for index in range(len(results)):
+            if results[index].isCollision() and (
+                index not in self._inexact or pin.computeCollision(self._shapes, self._results, index)
+            ):
+                return self._links(index)
+        return None
 
     def clearance(self, q: Array) -> Clearance:
-        """How close the arm comes to anything at a posture (n,)."""
-        pin.computeDistances(self._model, self._data, self._shapes, self._results, np.asarray(q))
-        results = self._results.distanceResults
-        distances = [results[index].min_distance for index in range(len(results))]
-        closest = int(np.argmin(distances))
-        return Clearance(float(distances[closest]), *self._links(closest))
+        """How close the arm comes to anything at a posture (n,).
+
+        Meshes are as far apart as their convex hulls, or farther: only pairs whose hulls are closer than the closest
+        meshes so far are measured themselves.
+        """
+        pin.computeDistances(self._model, self._data, self._hulls, self._hull_results, np.asarray(q))
+        pin.updateGeometryPlacements(self._model, self._data, self._shapes, self._results)
+        results = self._hull_results.distanceResults
+        bounds = np.array([results[index].min_distance for index in range(len(results))])
+        closest, least = 0, np.inf
+        for index in map(int, np.argsort(bounds, kind="stable")):
+            if bounds[index] >= least:
+                break
+            distance = bounds[index]
+            if index in self._inexact:
+                distance = pin.computeDistance(self._shapes, self._results, index).min_distance
+            if distance < least:
+                closest, least = index, distance
+        return Clearance(float(least), *self._links(closest))
 
     def _follow(self, srdf: Path) -> None:
         """Leave out what an SRDF says.
@@ -115,3 +134,15 @@ class CollisionModel:
         # Pinocchio numbers the shapes of a link: "hand_0", "hand_1".
         first, second = (self._shapes.geometryObjects[end].name.rpartition("_")[0] for end in (pair.first, pair.second))
         return first, second
+
+
+def _with_hulls(shapes: pin.GeometryModel) -> tuple[pin.GeometryModel, frozenset[int]]:
+    """The same shapes with convex hulls for meshes, and the pairs for which that is not the same."""
+    hulls = pin.GeometryModel(shapes)
+    meshes = set()
+    for number, shape in enumerate(hulls.geometryObjects):
+        if hasattr(shape.geometry, "buildConvexHull") and shape.geometry.buildConvexHull(False, "Qt"):
+            shape.geometry = shape.geometry.convex
+            meshes.add(number)
+    pairs = enumerate(hulls.collisionPairs)
+    return hulls, frozenset(index for index, pair in pairs if {int(pair.first), int(pair.second)} & meshes)

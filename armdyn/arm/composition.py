@@ -146,6 +146,7 @@ class JointFunctions:
         offset: of the sensor's reading.
         sensor: its gain, lag and delay.
         link: None where no effect acts on the link.
+        remembers: whether an effect has states of its own.
     """
 
     names: tuple[str, ...]
@@ -154,6 +155,7 @@ class JointFunctions:
     offset: Term
     sensor: Sensor
     link: LinkFunction | None
+    remembers: bool
 
 
 def compose_joint(effects: Sequence[Effect]) -> JointFunctions:
@@ -209,6 +211,7 @@ def _composed(effects: tuple[_Applied, ...]) -> JointFunctions:
         offset=Term(joint.offset, inputs, theta, remembered),
         sensor=Sensor(theta, joint.gain, joint.lag, joint.delay),
         link=LinkFunction(parameters, shape, theta, null) if ca.depends_on(parameters, theta) else None,
+        remembers=bool(joint.memory),
     )
 
 

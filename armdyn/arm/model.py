@@ -12,14 +12,16 @@ import numpy as np
 
 from armdyn.arm import recorded
 from armdyn.arm.arm import Arm, find_arm
-from armdyn.arm.bodies import OF_BASE, Bodies
+from armdyn.arm.bodies import OF_BASE, Bodies, Stretch
 from armdyn.arm.composition import BaseFunction, JointFunctions, compose_joint
 from armdyn.arm.motion import measured_motion
+from armdyn.arm.prediction import ChannelPredictor
 from armdyn.arm.prepared import PreparedRun
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.model import Bend, Linear, Model, Prediction, joined
 from armdyn.parameter import Parameter, Quantity
+from armdyn.readout import Interpolated
 from armdyn.run import Channel, Run
 
 KEYS = ("urdf", "robot", "joints", "tool")
@@ -176,6 +178,30 @@ class ArmModel(Model):
                 sensitivities[:, where] = columns
             parts.append((name, run.channels[name].time, values, sensitivities))
         return joined(parts)
+
+    def sensitivities(self, stretch: Stretch) -> np.ndarray:
+        """(n, nj, p) derivatives of all torques, at states that are known exactly and need not follow each other.
+
+        Raises:
+            InputError: an effect makes a torque depend on what was before.
+        """
+        for functions in self._functions:
+            if functions.remembers or functions.sensor.lags or functions.sensor.delays:
+                late = ", ".join(dict.fromkeys(name.partition(".")[0] for name in functions.names))
+                raise InputError(
+                    f"among the effects {late} is one by which a torque depends on what was before, a delay or a state "
+                    "of its own: leave it out"
+                )
+        theta, count = self.theta(), len(stretch.time)
+        per_joint, bodies = [theta[columns] for columns in self._columns], self._bodies(theta)
+        apart = np.arange(count, dtype=float)
+        sampler = Interpolated(apart, apart)
+        found = np.zeros((count, len(self.joints), len(theta)))
+        for j in range(len(self.joints)):
+            _, derivatives = ChannelPredictor(stretch, sampler, j).predict(self._functions, per_joint, bodies)
+            for joint, columns in derivatives.items():
+                found[:, j, self._base_columns if joint == OF_BASE else self._columns[joint]] = columns
+        return found
 
     def changed_links(self, theta: np.ndarray) -> Mapping[int, tuple[np.ndarray, np.ndarray]]:
         """By index of the joint whose link effects can change: (10,) change at (p,) `theta`, (10, p) derivatives."""

@@ -57,7 +57,8 @@ class _Reduction:
         self.reduce = reduce
         self._stretch, self._joint = stretch, joint
         self.link = cache(lambda link: reduce(stretch.regressor[:, joint, link]))
-        self.weight = cache(lambda link: self._reduced_weight(stretch.gravity_regressor[:, joint, link]))
+        # Not a method: large arrays in a circle of references would stay until Python looks for circles.
+        self.weight = cache(lambda link: _reduced_weight(reduce, stretch.gravity_regressor[:, joint, link]))
         self.linear: dict[Term, np.ndarray] = {}
         self.rests: dict[Term, _Rest] = {}
 
@@ -72,9 +73,10 @@ class _Reduction:
         weights = described_parameters(self._stretch.model)[:, :4]
         return self.reduce(np.einsum("nlkp,lp->nk", self._stretch.gravity_regressor[:, self._joint], weights))
 
-    def _reduced_weight(self, columns: np.ndarray) -> np.ndarray:
-        """(N, 3, 4) of (n, 3, 4) torques per gravity and per mass and first moment of a link."""
-        return self.reduce(columns.reshape(len(columns), -1)).reshape(-1, *columns.shape[1:])
+
+def _reduced_weight(reduce: Callable[[np.ndarray], np.ndarray], columns: np.ndarray) -> np.ndarray:
+    """(N, 3, 4) of (n, 3, 4) torques per gravity and per mass and first moment of a link."""
+    return reduce(columns.reshape(len(columns), -1)).reshape(-1, *columns.shape[1:])
 
 
 class ChannelPredictor:

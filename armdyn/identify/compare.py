@@ -1,6 +1,7 @@
 """Hold a model against runs: fit what is free, and say how well it does, how noisy the channels are, where it fails."""
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +15,10 @@ from armdyn.identify.residual_tests import ResidualTests, residual_tests
 from armdyn.identify.study import Study
 from armdyn.identify.uncertainty import uncertainty
 from armdyn.identify.unknown import behaves_like, process_error_share
+from armdyn.shown import Shown
+
+if TYPE_CHECKING:
+    from armdyn.notebook import Story
 
 NOT_WHITE = 0.01
 
@@ -86,7 +91,7 @@ class Correction:
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class Comparison(Shown):
     """A model held against runs.
 
     Attributes:
@@ -117,6 +122,11 @@ class Comparison:
     left_out: tuple[str, ...] = ()
     correction: Correction | None = None
     widened: float = 1.0
+
+    def _story(self) -> "Story":
+        from armdyn.notebook import comparison_story
+
+        return comparison_story(self)
 
     @property
     def explained(self) -> bool:

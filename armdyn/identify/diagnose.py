@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +20,10 @@ from armdyn.identify.suspects import Suspect
 from armdyn.identify.uncertainty import FAR_ABOVE_STATED
 from armdyn.identify.unknown import Unknown, characterise
 from armdyn.identify.verdict import Verdict
+from armdyn.shown import Shown
+
+if TYPE_CHECKING:
+    from armdyn.notebook import Story
 
 IDEALISED = 0.97
 """Share of the misfit that the catalogue must explain where what is left is of the size of the noise: its effects are
@@ -31,7 +36,7 @@ STANDS_OUT = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Diagnosis:
+class Diagnosis(Shown):
     """What is missing.
 
     Attributes:
@@ -53,6 +58,11 @@ class Diagnosis:
     remedies: tuple[str, ...]
     unknown: Unknown | None
     search: Search
+
+    def _story(self) -> "Story":
+        from armdyn.notebook import diagnosis_story
+
+        return diagnosis_story(self)
 
 
 def diagnose(study: Study, progress: Progress | None = None) -> Diagnosis:

@@ -9,6 +9,7 @@ e_c the rms error of channel c before, e_c' after, s_c the standard deviation of
 have one unit, such as the torques of an arm, else 1/s_c^2.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
@@ -82,3 +83,12 @@ def _above_noise(errors: Mapping[str, float], scale: Scale) -> float:
         noise = scale.noise[channel]
         total += max(error**2 - noise**2, 0.0) / (1.0 if one_unit else noise**2)
     return total
+
+
+def in_percent(share: float) -> str:
+    """``0.9994`` as ``99.9 %``, in every text and number: rounded down, so never all where something is left."""
+    if not math.isfinite(share):
+        return "–"
+    digits = 0 if share < 0.99 else 1
+    cut = math.floor(round(share * 10 ** (digits + 2), 6)) / 10**digits
+    return f"{100 if share >= 1.0 else cut:.{digits}f} %".replace(".0 %", " %").replace("-", "−")

@@ -21,13 +21,15 @@ from armdyn.identify.uncertainty import FAR_ABOVE_STATED
 from armdyn.identify.unknown import Unknown, characterise
 from armdyn.identify.verdict import Verdict
 from armdyn.model import Model
+from armdyn.shown import Shown
 
 if TYPE_CHECKING:
     from armdyn.arm.links import LinkChange
+    from armdyn.notebook import Story
 
 
 @dataclass(frozen=True, eq=False)
-class Repair:
+class Repair(Shown):
     """A repaired model.
 
     Attributes:
@@ -53,6 +55,11 @@ class Repair:
     links: tuple["LinkChange", ...] = ()
     explained: float = 0.0
     steps: tuple[Step, ...] = ()
+
+    def _story(self) -> "Story":
+        from armdyn.notebook import repair_story
+
+        return repair_story(self)
 
 
 def repair(study: Study, progress: Progress | None = None) -> Repair:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from armdyn.identify.exam import Judge
-from armdyn.identify.explained import Errors, Scale, explained, judged
+from armdyn.identify.explained import Errors, Scale, explained, in_percent, judged
 
 WHOSE = {
     Judge.EXAM: "on the exam, which took part in nothing,",
@@ -116,12 +116,12 @@ def _found(
         text += f" (these runs cannot tell {_listed(ties, 'or')} from {'them' if several else 'it'})"
     them = "they explain" if several else "it explains"
     if helps:
-        text += f": {them} {_percent(share)} of the misfit"
+        text += f": {them} {in_percent(share)} of the misfit"
         # The first one often does most, and a reader wants to know.
         if several and len(steps) > 2 and len(steps[1].added) == 1:
             alone = explained(steps[0], steps[1], judge, scale)
             if 0.5 < alone < share:
-                text += f", {steps[1].added[0]} alone {_percent(alone)}"
+                text += f", {steps[1].added[0]} alone {in_percent(alone)}"
     return f"{text}; the error {WHOSE[judge]} {_change(before, after)}."
 
 
@@ -159,13 +159,6 @@ def _on(name: str, joints: Sequence[str]) -> str:
     if not joints:
         return name
     return f"{name} on {_listed(list(joints)) if len(joints) <= MOST_JOINTS else f'{len(joints)} joints'}"
-
-
-def _percent(share: float) -> str:
-    """``0.9994`` as ``99.9 %``: never all where something is left."""
-    digits = 0 if share < 0.99 else 1
-    cut = math.floor(share * 10 ** (digits + 2)) / 10**digits
-    return f"{100 if share >= 1.0 else cut:.{digits}f} %".replace(".0 %", " %")
 
 
 def _number(value: float, digits: int = 3) -> str:

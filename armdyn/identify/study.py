@@ -173,7 +173,11 @@ class Study:
 
     def own_values(self, appraiser: Appraiser, one: Appraisal) -> np.ndarray:
         """(P,) values of the study's unknowns at an appraised set."""
-        return transferred(appraiser.values(one), appraiser.sums.problem, self.problem)
+        return self.own(appraiser.values(one), appraiser.sums.problem)
+
+    def own(self, values: np.ndarray, problem: Problem) -> np.ndarray:
+        """(P,) values of the study's unknowns, of those of a problem with more or other runs."""
+        return transferred(values, problem, self.problem)
 
     def scores(self, at: Fit, effects: Sequence[Candidate]) -> list[Score]:
         """Promises of what is not among `effects`; an effect may be there on some joints and promise more on others."""

@@ -34,10 +34,23 @@ class Summed(Appraiser):
 
     def values(self, one: Appraisal) -> np.ndarray:
         """See `Appraiser.values`; foretold."""
+        return self._values(one.columns, one.change)
+
+    def minimum(self, effects: Sequence[Candidate]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What a set is fitted to, without what it is worth: much faster than `of`.
+
+        Returns:
+            (c,) the unknowns that change, (c,) the change that predictions are linear in, (P,) values of all unknowns.
+        """
+        one = self._solver.subset(effects)
+        change, effective = self._solver.minimum(one, self._training)
+        return one.columns, effective, self._values(one.columns, change)
+
+    def _values(self, columns: np.ndarray, change: np.ndarray) -> np.ndarray:
         exact = np.zeros(len(self.sums.values), dtype=bool)
         for c in self._solver.bends:
             exact[self._solver.columns[c]] = True
-        return self.sums.changed(one.columns, one.change, exact)
+        return self.sums.changed(columns, change, exact)
 
     def promising(self, now: Appraisal, changes: Sequence[Change], most: int) -> list[Appraisal]:
         """See `Appraiser.promising`."""

@@ -1,5 +1,6 @@
 """`armdyn check`: is a trajectory feasible on the arm; if not, which limit, which joint, when."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -76,6 +77,8 @@ def check(
             near = line is not None and (on_line or _starts_on(line, motion, arm))
             obstacles = box_and_table(line, Box()) if line is not None and (near if box is None else box) else ()
             settings = CheckSettings(load_mass=mass, springs=springs, obstacles=obstacles)
+            if not (near or isinstance(motion, LineTrajectory)):
+                settings = replace(settings, singular_value=0.0)  # joints that are led one by one race for no tool
             at = _start(start, arm) if ros is None else _where(ros, robot or "baxter", start, arm)
             say("checking the motion on the whole arm")
             if isinstance(motion, LineTrajectory):

@@ -38,24 +38,20 @@ def export(
     json_file: JsonOption = None,
 ) -> None:
     """Write a model for other tools, and name what the format cannot hold."""
-    from armdyn import atomic
     from armdyn.effects.user import load_effects
     from armdyn.errors import InputError
     from armdyn.model_file import read_model_file
 
-    kind = KINDS.get(output.suffix.lower())
-    if kind is None:
-        raise InputError(f"{output}: end its name in {', '.join(KINDS)}, which says what it is to be")
+    kind = kind_of(output)
     check_outputs(output, json_file, inputs=[model])
     free_to_write(output, force)
     with spinner() as say:
         file = read_model_file(model, load_effects(effects, stages=None) if effects is not None else ())
         say(f"writing {output}")
         try:
-            text, notes = _text(file, output, f"{kind} of {model.name}")
+            notes = write_export(file, output, model.name)
         except InputError as error:
             raise InputError(f"{model}: {error}") from error
-        atomic.write_text(output, text)
     if json_file is not None:
         write_json({"schema": "armdyn.export/1", "file": str(output), "kind": kind, "not_held": notes}, json_file)
     if json_file != Path("-"):
@@ -63,6 +59,38 @@ def export(
         for note in notes:
             typer.echo(f"  not in it: {note}")
         typer.echo(f"next: {_next(file.model, output)}")
+
+
+def kind_of(output: Path) -> str:
+    """What a file is to be, by the ending of its name.
+
+    Raises:
+        InputError: there is no such kind.
+    """
+    from armdyn.errors import InputError
+
+    kind = KINDS.get(output.suffix.lower())
+    if kind is None:
+        raise InputError(f"{output}: end its name in {', '.join(KINDS)}, which says what it is to be")
+    return kind
+
+
+def write_export(file: "ModelFile", output: Path, name: str) -> list[str]:
+    """Write a model for other tools; what the format cannot hold.
+
+    Args:
+        file: the model.
+        output: file to write.
+        name: of the model's file.
+
+    Raises:
+        InputError: the format is not for such a model, or the file cannot be written.
+    """
+    from armdyn import atomic
+
+    text, notes = _text(file, output, f"{kind_of(output)} of {name}")
+    atomic.write_text(output, text)
+    return notes
 
 
 def _text(file: "ModelFile", output: Path, about: str) -> tuple[str, list[str]]:

@@ -243,14 +243,12 @@ def _render(done: "SimulatedTrial", out: Path, show: Callable[[str, float], None
         return ()
     files = (out / "swing.png", out / "swing.gif")
     for file in files:
-        render_swing(
-            done.experiment.description,
-            done.plant,
-            history,
-            file,
-            # Pictures take as long as all that was before.
-            progress=lambda drawn, total: show(f"picture {drawn} of {total}", drawn / total),
-        )
+        show(f"{file.name}: the robot's shapes", 0.0)  # reading them takes as long as several pictures
+
+        def drawn(count: int, total: int, name: str = file.name) -> None:
+            show(f"{name}: {count} of {total} drawn", count / total)
+
+        render_swing(done.experiment.description, done.plant, history, file, progress=drawn)
     return files
 
 

@@ -2,6 +2,7 @@
 
 import difflib
 from collections.abc import Iterable
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,8 @@ from armdyn.units import parse_quantity, si_factor
 from pipeline.imports.foreign import Column, Foreign, ImportProblemsError
 from pipeline.imports.mapping import ColumnMap, Entry
 
+YEARS = 2000, 2100
+"""Between which stamps since 1970 are dates; no recording lasts so long that its own time goes so far."""
 MOTOR_SIDE = {"q": -1, "v": -1, "a": -1, "tau": 1}
 """Power of the gear ratio by which a motor's value is multiplied to be the joint's."""
 
@@ -77,8 +80,14 @@ def imported(foreign: Foreign, mapping: ColumnMap) -> Run:
     channels = {name: Channel(c.time - first, c.value, c.unit) for name, c in channels.items()}
     return Run(
         foreign.name, channels, mapping.sidecar.known, {n: k.value for n, k in mapping.sidecar.noise.items()},
-        mapping.sidecar.description, warnings=tuple(notes),
+        mapping.sidecar.description, warnings=tuple(notes), recorded=mapping.sidecar.recorded or _date(first),
     )  # fmt: skip
+
+
+def _date(stamp: float) -> datetime | None:
+    """When a recording began whose stamps are s since 1970; None where they count from anything else."""
+    first, last = (datetime(year, 1, 1, tzinfo=UTC).timestamp() for year in YEARS)
+    return datetime.fromtimestamp(round(stamp), UTC).replace(tzinfo=None) if first <= stamp < last else None
 
 
 def converted(column: Column, entry: Entry) -> tuple[str, FloatArray]:

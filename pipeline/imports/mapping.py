@@ -26,7 +26,7 @@ from pipeline.imports.foreign import Foreign, ImportProblemsError
 from urdf.table_file import TableFileError, read_table
 
 KEYS = ("channel", "unit", "sign", "offset", "gear_ratio", "torque_constant")
-SIDECAR_KEYS = ("description", "known", "noise")
+SIDECAR_KEYS = ("description", "recorded", "known", "noise")
 
 
 @dataclass(frozen=True)

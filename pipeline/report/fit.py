@@ -8,13 +8,14 @@ import numpy as np
 import plotly.graph_objects as go
 
 from armdyn.identify.compare import Comparison
+from armdyn.identify.explained import in_percent
 from armdyn.identify.fit import Fit
 from armdyn.identify.localise import Place
 from armdyn.identify.study import Study
 from pipeline.report.names import full_name, quantity_of, short_name
 from pipeline.report.overlay import Overlay, OverlaySection, of_fits, quality
 from pipeline.report.page import Chart, KeyFigure, Level, Report, Section, Table
-from pipeline.report.theme import LIMIT, MEASURED, MODEL, nearly, number
+from pipeline.report.theme import LIMIT, MEASURED, MODEL, number
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,9 @@ class ErrorSection(Section):
                 errors += [f"{q.rmse:.4g}" for q in found] or ["–"] * len(each)
                 share = [q.explained for q in found] or share
             noise = float(np.sqrt(np.mean([c.noise**2 for c in mine])))
-            rows.append([full_name(channel, mine[0].unit), f"{noise:.3g}", *errors, mine[0].unit, *map(nearly, share)])
+            rows.append(
+                [full_name(channel, mine[0].unit), f"{noise:.3g}", *errors, mine[0].unit, *map(in_percent, share)]
+            )
             shares.append([max(x, 0.0) for x in share])
         bars = {len(header) - len(each) + i: [share[i] for share in shares] for i in range(len(each))}
         caption = (
@@ -221,10 +224,12 @@ def key_figures(shown: OverlaySection) -> list[KeyFigure]:
         title = quantity[:1].upper() + quantity[1:]
         whose = f"{kind}{', all joints' if len(channels) > 1 else ''}"
         noise = np.sqrt(sum(np.mean([c.noise**2 for c in mine if c.channel == channel]) for channel in channels))
-        explained = [f"as given {nearly(before.explained)}"] if last else []
+        explained = [f"as given {in_percent(before.explained)}"] if last else []
         error = [f"as given {number(before.rmse, unit)}"] if last else []
         figures += [
-            KeyFigure(f"{title} explained", nearly(after.explained), "; ".join([*explained, whose])),
+            KeyFigure(
+                f"{title} explained", in_percent(after.explained), "; ".join([*explained, f"of its variation, {whose}"])
+            ),
             KeyFigure(
                 f"{title} error",
                 number(after.rmse, unit),

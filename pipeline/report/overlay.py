@@ -185,6 +185,11 @@ class OverlaySection(Section):
         return f"{text} {self.preparation}".strip()
 
     @cached_property
+    def points(self) -> int:
+        """Most points of each curve."""
+        return _points(self.curves)
+
+    @cached_property
     def channels(self) -> tuple[str, ...]:
         """In the order of the recordings."""
         return tuple(dict.fromkeys(curve.channel for curve in self.curves))
@@ -204,7 +209,7 @@ class OverlaySection(Section):
 
     def data(self) -> dict[str, Any]:
         """What the page's script draws."""
-        points = _points(self.curves)
+        points = self.points
         return {
             "steps": list(self.steps),
             "start": self._most_improved(),
@@ -213,7 +218,7 @@ class OverlaySection(Section):
                 curve.channel: {"quantity": quantity_of(curve.channel, curve.unit), "name": short_name(curve.channel)}
                 for curve in self.curves
             },
-            "totals": self._totals(),
+            "totals": self.totals(),
         }
 
     def _runs(self, start: Mapping[str, Any]) -> str:
@@ -234,7 +239,7 @@ class OverlaySection(Section):
         best = max(choices, key=gain) if one_unit else choices[0]
         return {"run": best.run, "kind": best.kind, "channel": best.channel}
 
-    def _totals(self) -> dict[str, dict[str, list[list[float | None]]]]:
+    def totals(self) -> dict[str, dict[str, list[list[float | None]]]]:
         """By kind and channel: error and share explained at every step."""
         found: dict[str, dict[str, list[list[float | None]]]] = {}
         for kind in dict.fromkeys(curve.kind for curve in self.curves):
@@ -265,8 +270,22 @@ def _points(curves: Sequence[Overlay]) -> int:
     return int(np.clip(MOST_VALUES // max(rows, 1), LEAST_POINTS, MOST_POINTS))
 
 
+def changed(curve: Overlay, most: int) -> dict[str, Any]:
+    """What the page's script needs of a curve whose last step was computed again."""
+    last = quality([curve], -1)
+    return {
+        "residual": quantised(curve.residuals[-1][_every(curve, most)]),
+        "rmse": _finite(last.rmse),
+        "explained": _finite(last.explained),
+    }
+
+
+def _every(curve: Overlay, most: int) -> slice:
+    return slice(None, None, -(-len(curve.time) // most))
+
+
 def _packed(curve: Overlay, most: int) -> dict[str, Any]:
-    every = slice(None, None, -(-len(curve.time) // most))
+    every = _every(curve, most)
     steps = range(len(curve.residuals))
     each = [quality([curve], step) for step in steps]
     return {

@@ -228,10 +228,11 @@ class Report:
             next_steps="".join(map(_next_step, self.next_steps)),
             sections=sections,
             footer=escape(f"armdyn {__version__}" + (f" · {self.command}" if self.command else "")),
-            style=_template("style.css").template,
+            style=report_style(),
             script=_template("page.js").template,
+            draw=_template("draw.js").template,
             overlay=_template("overlay.js").template,
-            look=_json({"template": TEMPLATE, "dark": DARK}),
+            look=_json(LOOK),
             data=packed(_json({"figures": figures, "widgets": widgets})),
             plotly=_library(),
         )
@@ -250,7 +251,7 @@ def _section(section: Section, figures: list[dict[str, Any]], widgets: list[Mapp
     heading = f"<h2>{escape(section.title)}</h2>"
     if section.sentence():
         heading += f"<p class='sentence'>{escape(section.sentence())}</p>"
-    heading += _tabs(section.tabs(), section.anchor)
+    heading += tabs_html(section.tabs(), section.anchor)
     widget = section.widget()
     if widget is not None:
         place = f"<div class='chart' style='height: {widget.height}px'></div><p class='caption'></p>"
@@ -263,7 +264,7 @@ def _section(section: Section, figures: list[dict[str, Any]], widgets: list[Mapp
     return f"<section id='{section.anchor}'>{together}{''.join(charts[1:])}{tables}</section>"
 
 
-def _tabs(tabs: Mapping[str, str], anchor: str) -> str:
+def tabs_html(tabs: Mapping[str, str], anchor: str) -> str:
     """Radio buttons that choose what is shown, in this and in other sections; none where there is nothing to choose."""
     if len(tabs) < 2:
         return ""
@@ -314,6 +315,19 @@ def _key_figure(figure: KeyFigure) -> str:
 
 def _template(name: str) -> Template:
     return Template((_TEMPLATES / name).read_text(encoding="utf-8"))
+
+
+LOOK = {"template": TEMPLATE, "dark": DARK}
+
+
+def widget_scripts() -> tuple[str, ...]:
+    """Scripts that draw a `Widget` on a page that has plotly.js; `LOOK` says in which colours."""
+    return _template("draw.js").template, _template("overlay.js").template
+
+
+def report_style() -> str:
+    """Style sheet of every page."""
+    return _template("style.css").template
 
 
 @cache

@@ -8,16 +8,16 @@ import numpy as np
 
 from armdyn.identify.diagnose import Diagnosis
 from armdyn.identify.exam import Judge
-from armdyn.identify.explained import Scale
+from armdyn.identify.explained import Scale, in_percent
 from armdyn.identify.repair import Repair
 from armdyn.identify.repair_step import RepairStep, repair_step
-from armdyn.identify.sentence import MOST_JOINTS, totals
+from armdyn.identify.sentence import MOST_JOINTS, WHOSE, totals
 from armdyn.identify.study import Study
 from armdyn.identify.suspects import Suspect
 from armdyn.identify.verdict import Verdict
 from pipeline.report.fit import fit_sections, key_figures, runs_of
 from pipeline.report.overlay import OverlaySection
-from pipeline.report.page import Level, NextStep, Report, Section, Table
+from pipeline.report.page import KeyFigure, Level, NextStep, Report, Section, Table
 
 if TYPE_CHECKING:
     from armdyn.arm.links import LinkChange
@@ -221,6 +221,14 @@ class LinkSection(Section):
         )
 
 
+def misfit_figure(study: Study, found: Repair) -> list[KeyFigure]:
+    """The share that the sentence tells; nothing where nothing was added."""
+    if len(found.path) < 2:
+        return []
+    whose = WHOSE[study.judges[0]].rstrip(",")
+    return [KeyFigure("Misfit explained", in_percent(found.explained), f"by what was added; {whose}")]
+
+
 LEVELS = {
     Verdict.EXPLAINED: Level.GOOD,
     Verdict.EFFECT_MISSING: Level.CAUTION,
@@ -277,7 +285,7 @@ def repair_report(study: Study, found: Repair, command: str = "", next_steps: Se
         verdict=found.sentence,
         sections=[shown, path, *links, *fit_sections(found.after, shown, "the last step")],
         subtitle=runs_of(study),
-        key_figures=key_figures(shown),
+        key_figures=[*misfit_figure(study, found), *key_figures(shown)],
         command=command,
         next_steps=next_steps,
     )

@@ -149,13 +149,6 @@ def percent(share: float) -> str:
     return f"{100 * share:.0f} %" if math.isfinite(share) else "–"
 
 
-def nearly(share: float) -> str:
-    """``0.9994`` as ``99.9 %``: never all where something is left."""
-    if 0.99 < share < 1.0:
-        return f"{min(99.9, math.floor(1000 * share) / 10):.1f} %"
-    return percent(share).replace("-", "−")
-
-
 def _significant(value: float, digits: int) -> str:
     if value == 0.0:
         return "0"

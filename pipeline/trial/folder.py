@@ -63,12 +63,13 @@ def _move(folder: Path, out: Path) -> None:
 
 
 @contextmanager
-def own_folder(given: Path | None, usual: Path) -> Iterator[Path]:
+def own_folder(given: Path | None, usual: Path, what: str = "trial") -> Iterator[Path]:
     """The folder that this process alone writes to, until the block ends.
 
     Args:
         given: by the user; None for the usual one, or where another trial writes there, that with a number.
         usual: such as ``out/trial``, then ``out/trial-2``.
+        what: writes there, for the message.
 
     Raises:
         InputError: another trial writes to the given folder, or it cannot be written to.
@@ -84,7 +85,7 @@ def own_folder(given: Path | None, usual: Path) -> Iterator[Path]:
                 return
         finally:
             os.close(descriptor)  # which also unlocks, as the end of the process does
-    raise InputError(f"another trial writes to {choices[0]}: wait for it, or give another folder with --out")
+    raise InputError(f"another {what} writes to {choices[0]}: wait for it, or choose another folder")
 
 
 def _locked(descriptor: int) -> bool:

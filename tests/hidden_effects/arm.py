@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 import urdf
 from armdyn.run import Channel, Run
 from hidden_effects import bodies
-from hidden_effects.motions import Fourier, random_fourier
+from hidden_effects.motions import Fourier, Motion, random_fourier
 
 JOINTS = ("right_s0", "right_s1", "right_e0", "right_e1", "right_w0", "right_w1", "right_w2")
 LAST_LINK = "right_wrist"
@@ -76,6 +76,7 @@ def generate(
     jitter: float = 0.0,
     rates: bool = False,
     stated: bool = True,
+    path: Motion | None = None,
 ) -> Run:
     """One recording of the right arm.
 
@@ -91,12 +92,13 @@ def generate(
         jitter: of the stamps, as a share of the interval.
         rates: whether velocities are recorded, with 0.015 rad/s of noise.
         stated: whether the recording states the noise of its efforts.
+        path: the motion; that of `motion` where it is not given.
     """
     names = (effect,) if isinstance(effect, str) else tuple(effect or ())
     rng = np.random.default_rng([seed, recording])
     time = np.arange(round(duration * rate)) / rate
     time = time + jitter / rate * rng.uniform(-0.5, 0.5, len(time))
-    path = motion(seed, recording)
+    path = motion(seed, recording) if path is None else path
     q, v, _ = path.at(time)
     effort = _effort(names, size, path, time)
     effort = effort + noise * EFFORT_NOISE * _coloured(rng, effort.shape, colour)
@@ -125,7 +127,7 @@ def _sizes(effect: str, quantity: str, size: float) -> np.ndarray:
     return size * np.array([known.get(f"{quantity}[{joint}]", 0.0) for joint in JOINTS])
 
 
-def _effort(names: Sequence[str], size: float, path: Fourier, time: np.ndarray) -> np.ndarray:
+def _effort(names: Sequence[str], size: float, path: Motion, time: np.ndarray) -> np.ndarray:
     """(n, 7) what the efforts read without noise."""
     late = _sizes("torque_delay", "time", size) if "torque_delay" in names else np.zeros(7)
     reading = np.empty((len(time), 7))
@@ -141,7 +143,7 @@ def _effort(names: Sequence[str], size: float, path: Fourier, time: np.ndarray) 
     return reading
 
 
-def _torque(names: Sequence[str], size: float, path: Fourier, time: np.ndarray) -> np.ndarray:
+def _torque(names: Sequence[str], size: float, path: Motion, time: np.ndarray) -> np.ndarray:
     """(n, 7) torques of the drives."""
     q, v, a = path.at(time)
     payload = size * REALISTIC["payload"]["mass[right_w2]"] if "payload" in names else 0.0

@@ -1,6 +1,7 @@
 """What is shown while a command works."""
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from armdyn.identify.study import Study
 from armdyn.pendulum.model import pendulum_model
 from armdyn.units import Known
 from pipeline.commands.output import COUNTED, about, spinner
+from pipeline.commands.trial import _render
 
 
 @pytest.mark.parametrize(
@@ -39,3 +41,18 @@ def test_a_pipe_gets_no_progress(capsys):
         say("2 of 5 candidates tried")
         say("fitting [m]")
     assert capsys.readouterr() == ("", "")
+
+
+def test_a_picture_says_which_file_is_drawn_and_how_far(monkeypatch, tmp_path):
+    monkeypatch.setattr("pipeline.robot.picture.render_swing", lambda *_, progress: progress(3, 6))
+    done = SimpleNamespace(
+        swing_history=lambda: "history", experiment=SimpleNamespace(description="robot"), plant="plant"
+    )
+    said = []
+    files = _render(done, tmp_path, lambda what, share: said.append((what, share)))
+    assert files == (tmp_path / "swing.png", tmp_path / "swing.gif")
+    assert said == [
+        (f"{name}: {what}", share)
+        for name in ("swing.png", "swing.gif")
+        for what, share in (("the robot's shapes", 0.0), ("3 of 6 drawn", 0.5))
+    ]

@@ -24,7 +24,7 @@ const armdynOverlay = (place, data, draw) => {
   const digits = (value) => (value === 0 ? "0" : Math.abs(value) >= 1000 ? value.toFixed(0) : value.toPrecision(3));
   const percent = (share) => {
     if (share === null) return "–";
-    const tenths = share > 0.99 && share < 1 ? Math.min(99.9, Math.floor(1000 * share) / 10) : Math.round(100 * share);
+    const tenths = share >= 1 ? 100 : share >= 0.99 ? Math.floor(1000 * share) / 10 : Math.floor(100 * share);
     return `${tenths} %`.replace("-", "−");
   };
 
@@ -36,7 +36,7 @@ const armdynOverlay = (place, data, draw) => {
     const { quantity, name } = data.channels[curve.channel];
     const [error, share] = [curve.rmse[now.step], curve.explained[now.step]];
     const [before, shareBefore] = [curve.rmse[0], curve.explained[0]];
-    const later = now.step > 0;
+    const later = now.step > 0 && error !== before;
     const change = 100 * (error / before - 1);
     const parts = [
       span("what", name === quantity ? name : `${quantity} of ${name}`),
@@ -110,11 +110,24 @@ const armdynOverlay = (place, data, draw) => {
     chart.hidden = caption.hidden = false;
     tell(curve);
     draw(chart, figureOf(curve));
+    place.dispatchEvent(new CustomEvent("armdyn-shown", { detail: curve, bubbles: true }));
   };
   place.addEventListener("change", ({ target }) => {
     if (target.dataset.control) { now[target.dataset.control] = Number(target.value); show(); }
   });
   return {
+    // Other predictions of the last step, for curves in the order of the data.
+    update: (curves, totals) => {
+      const last = data.steps.length - 1;
+      curves.forEach((changed, i) => {
+        if (!changed) return;
+        const curve = data.curves[i];
+        curve.residuals[last] = changed.residual;
+        [curve.rmse[last], curve.explained[last]] = [changed.rmse, changed.explained];
+      });
+      data.totals = totals;
+      show();
+    },
     choose: ({ channel, step, run }) => {
       if (channel) now.channel = channel;
       for (const [name, value, count] of [["step", step, data.steps.length], ["run", run, runs.length]]) {

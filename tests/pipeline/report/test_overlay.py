@@ -87,7 +87,9 @@ def test_the_page_is_small(page):
 
 
 def test_the_pages_first_numbers_are_explained_torque_and_error_in_newton_metres(study, found):
-    figures = repair_report(study, found).key_figures
+    misfit, *figures = repair_report(study, found).key_figures
+    assert misfit.name == "Misfit explained"
+    assert f"explains {misfit.value} of the misfit" in found.sentence.replace("they explain ", "it explains ")
     assert [figure.name for figure in figures] == ["Torque explained", "Torque error"]
     assert figures[0].value.endswith("%")
     assert figures[1].value.endswith("N m")

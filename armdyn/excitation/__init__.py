@@ -1,0 +1,1 @@
+"""Motions of an arm that tell as much as possible about chosen effects."""

@@ -1,0 +1,166 @@
+"""What the torques of an arm tell about unknowns at every instant of a motion: derivatives by each of them."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.special import erf
+
+from armdyn.arm.arm import Arm
+from armdyn.arm.bodies import Stretch
+from armdyn.arm.model import ArmModel
+from armdyn.arm.motion import Motion
+from armdyn.excitation.series import Motions
+from armdyn.parameter import Parameter
+
+NOISE = 2e-3
+"""Of a joint's effort limit: standard deviation of a torque's sample where nothing is known. Recordings of Baxter have
+0.05 to 0.10 N m on joints of 50 N m and 0.014 to 0.07 N m on joints of 15 N m."""
+CREEP = 0.02
+"""Of a joint's speed limit: slower, its direction is hardly known, and its dry friction tells little."""
+WIDE = 10.0
+"""Times its typical size: standard deviation of an unknown before the recording, as in a repair's fits."""
+STEP = 1e-5
+"""rad, rad/s, rad/s^2: of finite differences."""
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """The unknowns of an arm's model as columns of one linear regression per joint.
+
+    Attributes:
+        model: with every effect that is wanted or may be there, where its parameters have derivatives; see `present`.
+        rate: samples per second that are recorded.
+    """
+
+    model: ArmModel
+    rate: float
+
+    @property
+    def arm(self) -> Arm:
+        """The arm as described."""
+        return self.model.arm
+
+    @cached_property
+    def unknowns(self) -> tuple[Parameter, ...]:
+        """(P,) in the order of the columns."""
+        return tuple(self.model.parameters.values())
+
+    @cached_property
+    def typical(self) -> np.ndarray:
+        """(P,) sizes in the unknowns' units; columns are for changes of this size."""
+        return np.array([p.typical for p in self.unknowns])
+
+    @cached_property
+    def prior(self) -> np.ndarray:
+        """(P,) standard deviations before the recording, in typical sizes."""
+        return np.array([min(WIDE, p.prior.std / p.typical if p.prior else WIDE) for p in self.unknowns])
+
+    @cached_property
+    def noise(self) -> np.ndarray:
+        """(nj,) standard deviation of a torque's sample, N m or N."""
+        return NOISE * np.asarray(self.arm.robot.limits.effort)
+
+    def of(self, effect: str, joint: str | None = None) -> np.ndarray:
+        """Indices of an effect's unknowns, on one joint or on all."""
+        return np.array(
+            [i for i, p in enumerate(self.unknowns) if p.effect == effect and joint in (None, p.joint)], dtype=int
+        )
+
+    def at(self, motion: Motions) -> np.ndarray:
+        """(n, nj, P) changes of the torques, in units of their noise, by changes of typical size."""
+        return self._columns(self._states(motion))
+
+    def torque(self, motion: Motions) -> np.ndarray:
+        """(n, nj) what the motors give for the arm as described, N m or N; damping and springs counted in."""
+        return self._torque(self._states(motion))
+
+    def _states(self, motion: Motions) -> Stretch:
+        slow = CREEP * np.asarray(self.arm.robot.limits.velocity)
+        direction = erf(motion.v / (np.sqrt(2.0) * slow))
+        apart = np.zeros(len(motion.q))  # no effect here depends on time
+        return Stretch(self.arm.model, Motion(apart, motion.q, motion.v, motion.a, direction), apart)
+
+    def _columns(self, states: Stretch) -> np.ndarray:
+        return self.model.sensitivities(states) * (self.typical / self.noise[:, None])
+
+    def _torque(self, states: Stretch) -> np.ndarray:
+        robot, motion = self.arm.robot, states.motion
+        springs = robot.spring_torque(motion.q, [spring for spring in robot.springs if spring.enabled])
+        return states.described + np.asarray(self.arm.model.damping) * motion.v + springs
+
+    def with_slopes(self, motion: Motions) -> "Slopes":
+        """Columns and torques, and how they change with positions, velocities and accelerations."""
+        n, nj = motion.q.shape
+        shifts = np.vstack([np.zeros((1, 3 * nj)), STEP * np.eye(3 * nj)])
+        parts = (motion.q, motion.v, motion.a)
+        moved = ((part + shifts[:, None, k * nj : (k + 1) * nj]).reshape(-1, nj) for k, part in enumerate(parts))
+        states = self._states(Motions(*moved))
+        columns = self._columns(states).reshape(1 + 3 * nj, n, nj, -1)
+        torque = self._torque(states).reshape(1 + 3 * nj, n, nj)
+        return Slopes(columns[0], torque[0], columns[1:], torque[1:])
+
+
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """Columns and torques of a motion, and those of motions that differ in one position, velocity or acceleration.
+
+    Attributes:
+        columns: (n, nj, P).
+        torque: (n, nj).
+        shifted_columns: (3 nj, n, nj, P) after a step of `STEP`.
+        shifted_torque: (3 nj, n, nj).
+    """
+
+    columns: np.ndarray
+    torque: np.ndarray
+    shifted_columns: np.ndarray
+    shifted_torque: np.ndarray
+
+    def gradient(self, by_columns: np.ndarray, by_torque: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(n, nj) derivatives of a number by positions, velocities and accelerations.
+
+        Args:
+            by_columns: (n, nj, P) its derivatives by the columns.
+            by_torque: (n, nj) those by the torques.
+        """
+        n, nj = self.torque.shape
+        whole = np.einsum("dnjp,njp->dn", self.shifted_columns, by_columns, optimize=True)
+        whole -= np.einsum("njp,njp->n", self.columns, by_columns)
+        whole += np.einsum("dnj,nj->dn", self.shifted_torque, by_torque)
+        whole -= np.einsum("nj,nj->n", self.torque, by_torque)
+        q, v, a = (whole / STEP).reshape(3, nj, n).transpose(0, 2, 1)
+        return q, v, a
+
+
+def present(model: ArmModel) -> ArmModel:
+    """The model where all its effects' parameters have derivatives.
+
+    Effects are at their null values, but one whose parameters act through another one, as a payload's place acts
+    through its mass, has that other one at its typical size.
+    """
+    columns = Columns(model, 1.0).at(random_states(model.arm, PROBED))
+    acts = dict(zip(model.names, np.any(columns != 0.0, axis=(0, 1)).tolist(), strict=True))
+    changed = {}
+    for effect in model.effects:
+        for names in model.parts(effect.name).values():
+            acting = [name for name in names if acts[name]]
+            if acting and len(acting) < len(names):
+                driver = model.parameters[acting[0]]
+                size = driver.typical if driver.upper > driver.value else -driver.typical
+                changed[driver.name] = float(np.clip(driver.value + size, driver.lower, driver.upper))
+    return model.with_values(changed) if changed else model
+
+
+PROBED = 50
+"""Random states at which an unknown that changes no torque is taken to act through another one."""
+
+
+def random_states(arm: Arm, count: int) -> Motions:
+    """States all over the arm's limits, (count, nj), always the same."""
+    rng, limits = np.random.default_rng(0), arm.robot.limits
+    shape = (count, len(arm.joints))
+    lower, upper = (np.clip(bound, -2.0 * np.pi, 2.0 * np.pi) for bound in (limits.lower, limits.upper))
+    q = rng.uniform(lower, upper, shape)
+    v, a = (rng.uniform(-1.0, 1.0, shape) * np.asarray(x) for x in (limits.velocity, limits.acceleration))
+    return Motions(q, v, a)

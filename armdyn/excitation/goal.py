@@ -1,0 +1,162 @@
+"""What a motion is wanted for: unknowns to be determined, or rivals to be told apart, and what else is unknown."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from armdyn.arm.model import ArmModel
+from armdyn.effects.catalogue import find
+from armdyn.effects.effect import Effect
+from armdyn.errors import InputError, TaskFailedError
+from armdyn.excitation.columns import Columns, present
+from armdyn.excitation.criteria import Conditioned, Criterion, Determined, Hidden, Separated
+from armdyn.excitation.structure import Structure
+
+USUAL = ("joint_viscous_friction", "joint_coulomb_friction", "torque_offset", "rotor_inertia", "link_inertia")
+"""Effects that every arm may have: unknown beside what is wanted, or wanted themselves where nothing is named."""
+
+
+@dataclass(frozen=True, eq=False)
+class Goal:
+    """What is wanted of a motion.
+
+    Attributes:
+        columns: of everything that is unknown.
+        criterion: to be made small.
+        wanted: indices of the unknowns to be determined; with rivals, of theirs.
+        hopeless: those of them that no motion determines, as others make the same torques.
+        beside: names of the effects that are unknown beside.
+        left_out: names of usual effects that are taken as known, with the reason.
+        rivals: names of two effects to be told apart; empty where unknowns are to be determined.
+        hidden: with rivals, what may be the truth.
+        inseparable: sentences on what no motion can tell.
+    """
+
+    columns: Columns
+    criterion: Criterion
+    wanted: np.ndarray
+    hopeless: np.ndarray
+    beside: tuple[str, ...]
+    left_out: Mapping[str, str]
+    rivals: tuple[str, ...] = ()
+    hidden: tuple[Hidden, ...] = ()
+    inseparable: tuple[str, ...] = ()
+    structure: Structure = field(repr=False, kw_only=True)
+
+    @property
+    def conditioned(self) -> Criterion:
+        """The usual criterion on the same unknowns."""
+        return Conditioned(self.structure.independent(), self.columns.typical)
+
+
+def determining(model: ArmModel, wanted: Sequence[Effect], rate: float) -> Goal:
+    """The goal to determine the unknowns of effects; those of `USUAL` where none is given.
+
+    Args:
+        model: the arm as described.
+        wanted: effects, on some joints or on all that they can act on.
+        rate: samples per second that are recorded.
+
+    Raises:
+        InputError: an effect cannot act on this arm or its joints, or no motion can be designed for it.
+    """
+    effects = list(wanted) or [find(name) for name in USUAL if model.reachable(find(name))]
+    columns = _columns(model, effects, USUAL, rate)
+    own = _indices(columns, effects)
+    structure = Structure.of(columns)
+    alone = structure.hopeless(own, np.zeros(0, dtype=int))
+    beside: list[str] = []
+    left_out: dict[str, str] = {}
+    for name in USUAL:
+        others = np.setdiff1d(np.concatenate([columns.of(e) for e in (*beside, name)]), own)
+        if not len(np.setdiff1d(columns.of(name), own)):
+            continue
+        lost = np.setdiff1d(structure.hopeless(own, others), alone)
+        if len(lost):
+            left_out[name] = f"no motion could tell it from {columns.unknowns[lost[0]].name}"
+        else:
+            beside.append(name)
+    columns = _columns(model, effects, beside, rate)
+    structure, own = Structure.of(columns), _indices(columns, effects)
+    return Goal(
+        columns, Determined(own, columns.prior), own, structure.hopeless(own, np.zeros(0, dtype=int)), tuple(beside),
+        left_out, structure=structure,
+    )  # fmt: skip
+
+
+def separating(model: ArmModel, first: Effect, second: Effect, rate: float) -> Goal:
+    """The goal to tell two effects apart, whichever of both is there.
+
+    Args:
+        model: the arm as described.
+        first: an effect, on some joints or on all that it can act on.
+        second: another one.
+        rate: samples per second that are recorded.
+
+    Raises:
+        InputError: an effect cannot act on this arm or its joints, or no motion can be designed for it.
+        TaskFailedError: no motion can tell them apart.
+    """
+    if first.name == second.name:
+        raise InputError(f"--rivals {first.name},{second.name}: name two different effects")
+    pair = (first, second)
+    columns = _columns(model, pair, USUAL, rate)
+    structure = Structure.of(columns)
+    beside: list[str] = []
+    left_out: dict[str, str] = {}
+    cases = _cases(columns, structure, pair, [])
+    for name in USUAL:
+        if name in (first.name, second.name) or not len(columns.of(name)):
+            continue
+        narrowed = _cases(columns, structure, pair, [*beside, name])
+        if any(n.directions.shape[1] < c.directions.shape[1] for n, c in zip(narrowed, cases, strict=True)):
+            left_out[name] = "with it no motion could tell some of their changes apart"
+        else:
+            beside.append(name)
+    columns = _columns(model, pair, beside, rate)
+    structure, own = Structure.of(columns), _indices(columns, pair)
+    cases = _cases(columns, structure, pair, beside)
+    hidden = tuple(case for case in cases if case.directions.shape[1])
+    inseparable = tuple(
+        f"{case.effect}{f' on {case.joint}' if case.joint else ''} makes torques that {case.rival} makes as well"
+        for case in cases
+        if not case.directions.shape[1]
+    )
+    if not hidden:
+        raise TaskFailedError(f"no motion can tell {first.name} from {second.name}: {inseparable[0]}")
+    return Goal(
+        columns, Separated(hidden, columns.prior), own, structure.hopeless(own, np.zeros(0, dtype=int)), tuple(beside),
+        left_out, (first.name, second.name), hidden, inseparable, structure=structure,
+    )  # fmt: skip
+
+
+def _columns(model: ArmModel, effects: Sequence[Effect], beside: Sequence[str], rate: float) -> Columns:
+    """Of effects where they are wanted, and of others on all joints that they can act on."""
+    for effect in effects:
+        model = model.with_effect(effect)
+    for effect in map(find, beside):
+        if model.reachable(effect) and model.lacks(effect):
+            model = model.with_effect(effect)
+    return Columns(present(model), rate)
+
+
+def _indices(columns: Columns, effects: Sequence[Effect]) -> np.ndarray:
+    """Of the unknowns of these effects, on the joints for which they are meant."""
+    found = [columns.of(e.name, joint) for e in effects for joint in e.joints or columns.model.joints_with(e.name)]
+    return np.unique(np.concatenate(found))
+
+
+def _cases(
+    columns: Columns, structure: Structure, pair: tuple[Effect, Effect], beside: Sequence[str]
+) -> tuple[Hidden, ...]:
+    """Each effect on each of its joints, against the other on all of its own."""
+    found = []
+    for truth, rival in (pair, pair[::-1]):
+        nuisance = [columns.of(name) for name in beside]
+        fitted = np.unique(np.concatenate([_indices(columns, [rival]), *nuisance]))
+        for joint in truth.joints or columns.model.joints_with(truth.name):
+            own = columns.of(truth.name, joint)
+            directions = structure.told(own, np.setdiff1d(fitted, own))
+            found.append(Hidden(truth.name, joint, rival.name, own, np.setdiff1d(fitted, own), directions))
+    return tuple(found)

@@ -1,0 +1,46 @@
+"""What every result can do in a notebook: show itself, plot itself, become a data frame. Loads nothing until asked."""
+
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from armdyn.notebook import Story
+
+
+class Shown(ABC):
+    """Base of what a notebook shows."""
+
+    @abstractmethod
+    def _story(self) -> "Story":
+        """What there is to show."""
+
+    def _repr_html_(self) -> str:
+        """A small card for a notebook, without scripts."""
+        from armdyn.notebook import card
+
+        return card(self._story())
+
+    def plot(self) -> Any:
+        """Measured and predicted over time, per channel, as a plotly figure; of several runs one at a time.
+
+        Raises:
+            InputError: plotly is missing.
+        """
+        from armdyn.notebook import figure
+
+        return figure(self._story())
+
+    def to_dataframe(self, what: str = "") -> Any:
+        """A table of this result as a pandas data frame.
+
+        Args:
+            what: ``"parameters"``, ``"channels"`` or ``"samples"``; of a diagnosis also ``"candidates"``, of a repair
+                also ``"steps"``. The first of what there is when it is not given.
+
+        Raises:
+            InputError: pandas is missing.
+            UnknownNameError: there is no such table.
+        """
+        from armdyn.notebook import frame
+
+        return frame(self._story(), what)

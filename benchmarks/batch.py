@@ -1,0 +1,87 @@
+"""A lab's thousand logs: 20 arms, 50 recordings of each, two of which change on a day. Are both found, and no other?
+
+Then the same recordings with one and with two worker processes: how much faster are two.
+
+    python benchmarks/batch.py [--labs 1] [--robots 20] [--recordings 50]
+"""
+
+import argparse
+import sys
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from hidden_effects.lab import Change, Lab
+
+from pipeline.batch.history import history, moment
+from pipeline.batch.run import run_batch
+from pipeline.batch.spec import Spec, read_spec
+
+SPEC = 'task = "compare"\n[[recordings]]\nmodel = "robots/{robot}/model.toml"\nruns = ["robots/{robot}/logs/*.csv"]\n'
+TOOL, FRICTION = 7, 13
+"""Robots that change: the tool is 0.1 kg heavier, the elbow has a quarter more dry friction."""
+
+
+SHARE = 100
+"""Recordings that are done with one worker and with two."""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--labs", type=int, default=1, help="with other robots, days and noise")
+    parser.add_argument("--robots", type=int, default=20)
+    parser.add_argument("--recordings", type=int, default=50)
+    asked = parser.parse_args()
+    changes = {
+        TOOL % asked.robots: Change(asked.recordings // 2, tool=0.1),
+        FRICTION % asked.robots: Change(asked.recordings // 3, dry_friction=1.25),
+    }
+    for seed in range(asked.labs):
+        with tempfile.TemporaryDirectory() as folder:
+            one_lab(Path(folder), Lab(asked.robots, asked.recordings, changes, seed=seed), throughput=seed == 0)
+
+
+def one_lab(folder: Path, lab: Lab, throughput: bool) -> None:
+    lab.write(folder / "robots")
+    (folder / "spec.toml").write_text(SPEC)
+    spec = read_spec(folder / "spec.toml")
+    if throughput:
+        ratio(folder, replace(spec, items=spec.items[:SHARE]))
+    (folder / "out").mkdir()
+    began = time.perf_counter()
+    done = run_batch(spec, folder / "out")
+    worked = time.perf_counter() - began
+    began = time.perf_counter()
+    found = history(spec, done.rows)
+    looked = time.perf_counter() - began
+    bad = sum(bool(row.outcome.problem) for row in done.rows)
+    print(f"seed {lab.seed}: {len(done.rows)} recordings of {lab.robots} robots, {bad} not usable")
+    days = {f"robot_{robot:02d}": lab.days(robot)[change.recording] for robot, change in lab.changes.items()}
+    for robot, day in days.items():
+        mine = [event for event in found.events if event.robot == robot]
+        named = [f"{moment(e.first_after):%Y-%m-%d} ({e.steps[0].parameter})" for e in mine]
+        print(f"  {robot} changes on {day}: {', '.join(named) or 'not found'}")
+    others = [event for event in found.events if event.robot not in days]
+    print(
+        f"  other robots marked: {len(others)}; drifts: {len(found.found.drifts)}; {found.found.tested} series tested"
+    )
+    print(f"  looking for changes took {looked / worked:.0%} of the time of the fits", flush=True)
+
+
+def ratio(folder: Path, spec: Spec) -> None:
+    """Print what one worker does, and how much more two do on the same recordings."""
+    seconds = {}
+    for workers in (1, 2):
+        (folder / f"out_{workers}").mkdir()
+        began = time.perf_counter()
+        done = run_batch(spec, folder / f"out_{workers}", workers=workers)
+        seconds[workers] = time.perf_counter() - began
+    work = sum(row.outcome.seconds for row in done.rows) / len(done.rows)
+    print(f"{len(done.rows)} recordings: one worker {len(done.rows) / seconds[1]:.2f} per second, two workers")
+    print(f"{seconds[1] / seconds[2]:.2f} times that, their start included; {work:.2f} s of work each", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,111 @@
+"""Parameters over time: a series per robot and parameter, and what changed on which day."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+import numpy as np
+
+from armdyn.identify.change import Found, Name, Series, Step, find_changes
+from pipeline.batch.run import Row
+from pipeline.batch.spec import Spec
+
+EPOCH = datetime(1970, 1, 1)
+DAY = 86400.0
+"""s"""
+
+
+@dataclass(frozen=True)
+class Event:
+    """A robot changed: one or several of its parameters did at the same time.
+
+    Attributes:
+        robot: whose.
+        last_before: time of the last recording before, s since 1970.
+        first_after: of the first one after.
+        steps: of its parameters, the clearest first.
+    """
+
+    robot: str
+    last_before: float
+    first_after: float
+    steps: tuple[Step, ...]
+
+
+@dataclass(frozen=True)
+class History:
+    """What a batch says of time.
+
+    Attributes:
+        series: by robot and parameter, in time; fitted values only.
+        rows: by robot and parameter, the rows of a series, in its order.
+        units: by parameter.
+        found: what changed.
+        events: by time.
+        without_time: recordings whose time is not known.
+    """
+
+    series: dict[Name, Series]
+    rows: dict[Name, list[Row]]
+    units: dict[str, str]
+    found: Found
+    events: tuple[Event, ...]
+    without_time: int
+
+
+def history(spec: Spec, rows: Sequence[Row]) -> History:
+    """The history of a batch."""
+    several = {item.robot for item in spec.items if len({i.model for i in spec.items if i.robot == item.robot}) > 1}
+    points: dict[Name, list[tuple[float, float, float, Row]]] = {}
+    units: dict[str, str] = {}
+    without_time = 0
+    for row in rows:
+        item, time = row.item, row.item.when.time
+        if time is None:
+            without_time += 1
+            continue
+        robot = f"{item.robot} ({spec.name(item.model)})" if item.robot in several else item.robot
+        for name, parameter in (row.outcome.parameters or {}).items():
+            if parameter["fitted"] and parameter["value"] is not None and parameter["std"] is not None:
+                units[name] = parameter["unit"]
+                point = ((time - EPOCH).total_seconds(), parameter["value"], parameter["std"], row)
+                points.setdefault((robot, name), []).append(point)
+    series, of = {}, {}
+    for key, found in points.items():
+        found.sort(key=lambda point: point[0])
+        times, value, std = (np.array([point[i] for point in found], dtype=float) for i in range(3))
+        series[key], of[key] = Series(times, value, std), [point[3] for point in found]
+    changes = find_changes(series, spec.false_alarms)
+    return History(series, of, units, changes, _events(changes.steps), without_time)
+
+
+def _events(steps: Sequence[Step]) -> tuple[Event, ...]:
+    """Steps of one robot whose days touch are one event, on the day of the clearest of them."""
+    events: list[list[Step]] = []
+    for step in steps:
+        for event in events:
+            first = event[0]
+            if (
+                step.robot == first.robot
+                and step.last_before <= first.first_after + DAY
+                and first.last_before <= step.first_after + DAY
+            ):
+                event.append(step)
+                break
+        else:
+            events.append([step])
+    found = [Event(e[0].robot, e[0].last_before, e[0].first_after, tuple(e)) for e in events]
+    return tuple(sorted(found, key=lambda event: (event.first_after, event.robot)))
+
+
+def moment(seconds: float) -> datetime:
+    """A time of a series as a date, UTC."""
+    return EPOCH + timedelta(seconds=seconds)
+
+
+def between(event: Event | Step) -> str:
+    """Such as ``between 2026-05-03 and 2026-05-04``, with the time of day where both are on one day."""
+    first, last = moment(event.last_before), moment(event.first_after)
+    if first.date() == last.date():
+        return f"on {first:%Y-%m-%d} between {first:%H:%M} and {last:%H:%M}"
+    return f"between {first:%Y-%m-%d} and {last:%Y-%m-%d}"

@@ -1,0 +1,131 @@
+"""When a recording was made: written in the SPEC or in its sidecar, or a date in its name; never guessed silently."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from enum import Enum
+from pathlib import Path, PurePosixPath
+
+from armdyn.errors import InputError
+from armdyn.sidecar import read_sidecar
+
+EARLIEST, LATEST = 1990, 2100
+"""Years that a date in a name can have; other numbers of eight digits are none."""
+DATE = re.compile(
+    r"(?<!\d)(?P<year>\d{4})(?P<between>[-_.]?)(?P<month>\d{2})(?P=between)(?P<day>\d{2})"
+    r"(?:[T_ -]{1,2}(?P<hour>\d{2})[-:.h_]?(?P<minute>\d{2})(?:[-:.m_]?(?P<second>\d{2}))?)?(?!\d)"
+)
+"""Year, month, day with the same sign between, or none, and a time of day after it."""
+
+
+class TimeFrom(Enum):
+    """Where a time was found; the value is what a person reads."""
+
+    SPEC = "the SPEC"
+    SIDECAR = "the sidecar"
+    NAME = "a date in the name"
+    NOWHERE = "nowhere"
+
+    @property
+    def key(self) -> str:
+        """Name in files."""
+        return self.name.lower()
+
+
+@dataclass(frozen=True)
+class When:
+    """When a recording was made.
+
+    Attributes:
+        time: UTC; None where it is not known.
+        source: where that was found.
+        problem: why it is not known; empty where it is.
+    """
+
+    time: datetime | None
+    source: TimeFrom
+    problem: str = ""
+
+
+@dataclass(frozen=True)
+class Clock:
+    """How times are found.
+
+    Attributes:
+        only: the one place to look at; None for the first of SPEC, sidecar and name that has one.
+        form: of the date in a name, as `datetime.strptime` takes it, for the whole stem; empty for year, month, day.
+    """
+
+    only: TimeFrom | None = None
+    form: str = ""
+
+    def of(self, path: Path, folder: Path, given: Mapping[str, datetime]) -> When:
+        """When a recording was made.
+
+        Args:
+            path: of the recording.
+            folder: of the SPEC: names of folders from there on may hold the date, where the file's own does not.
+            given: times by name of a file or path from `folder`, as the SPEC has them.
+        """
+        name = shown(path, folder)
+        for source in [self.only] if self.only is not None else [TimeFrom.SPEC, TimeFrom.SIDECAR, TimeFrom.NAME]:
+            found: datetime | str | None
+            if source is TimeFrom.SPEC:
+                found = given.get(name, given.get(path.name))
+            elif source is TimeFrom.SIDECAR:
+                found = _of_sidecar(path)
+            else:
+                found = self._of_name(name)
+            if isinstance(found, datetime):
+                return When(found, source)
+            if isinstance(found, str):
+                return When(None, TimeFrom.NOWHERE, found)
+        where = self.only.value if self.only is not None else "the SPEC, the sidecar or a date in the name"
+        return When(None, TimeFrom.NOWHERE, f"no time in {where}")
+
+    def _of_name(self, name: str) -> datetime | str | None:
+        if self.form:
+            stem = PurePosixPath(name).stem
+            try:
+                return datetime.strptime(stem, self.form).replace(tzinfo=None)
+            except ValueError:
+                return f"the name is not of the form {self.form}"
+        for part in (PurePosixPath(name).stem, *reversed(PurePosixPath(name).parts[:-1])):
+            dates = {found for match in DATE.finditer(part) if (found := _date(match)) is not None}
+            if len(dates) > 1:
+                return f"several dates in '{part}': set [time] form, or give it in times"
+            if dates:
+                return dates.pop()
+        return None
+
+
+def shown(path: Path, folder: Path) -> str:
+    """A path as seen from the SPEC's folder, if it lies there."""
+    return (path.relative_to(folder) if path.is_relative_to(folder) else path).as_posix()
+
+
+def _of_sidecar(path: Path) -> datetime | None:
+    try:
+        if path.suffix.lower() == ".mcap" and not path.with_suffix(".toml").exists():
+            from armdyn.mcap_run import read_mcap
+
+            return read_mcap(path, recover=True).sidecar.recorded
+        return read_sidecar(path.with_suffix(".toml")).recorded
+    except InputError:  # the recording cannot be used, and its row says so
+        return None
+
+
+def _date(match: re.Match[str]) -> datetime | None:
+    year, month, day = (int(match[key]) for key in ("year", "month", "day"))
+    hour, minute, second = (int(match[key] or 0) for key in ("hour", "minute", "second"))
+    if not EARLIEST <= year <= LATEST:
+        return None
+    try:
+        found = datetime(year, month, day)
+    except ValueError:
+        return None
+    try:
+        return found.replace(hour=hour, minute=minute, second=second)
+    except ValueError:  # a number of its own that follows the day
+        return found

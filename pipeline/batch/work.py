@@ -1,0 +1,215 @@
+"""One model against one recording: what a worker does, on this machine or another."""
+
+import hashlib
+import threading
+import time
+import traceback
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from armdyn.errors import ArmdynError
+from urdf.table_file import read_table
+
+if TYPE_CHECKING:
+    from armdyn.effects.effect import Effect
+    from armdyn.identify.compare import Comparison
+    from armdyn.model import Model
+
+NOT_EXPLAINED = "not_explained"
+"""Verdict of a comparison that leaves something; which effect that is, only a repair says."""
+_one_at_a_time = threading.Lock()
+"""Workers of a dask cluster may have several threads; models are not made for them."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """What a worker is sent.
+
+    Attributes:
+        key: of what is in all its files, so that it is done once and again when one of them changes.
+        task: ``"compare"`` or ``"repair"``.
+        model: file.
+        model_key: of the model's content.
+        run: the recording's file.
+        effects: file with effects of the user's own.
+    """
+
+    key: str
+    task: str
+    model: Path
+    model_key: str
+    run: Path
+    effects: Path | None
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came out, without what the SPEC says of the recording; all of it can be written as JSON.
+
+    Attributes:
+        key: of the job.
+        verdict: ``"explained"``, `NOT_EXPLAINED`, or a repair's; empty where the recording could not be used.
+        sentence: for a person.
+        problem: why it could not be used; empty where it could.
+        passing: whether the problem may be gone next time, as a worker that was killed.
+        explained: share of the misfit that a repair takes away; None of a comparison.
+        effects: of the model, after a repair.
+        chi2_per_sample: 1 where only noise is left.
+        intervals_hold: whether the standard deviations can be trusted as intervals.
+        channels: rms error, noise and unit by channel.
+        parameters: value, standard deviation, unit and whether it was fitted, by name; those of the model, not those of
+            a single run such as how it began.
+        duration: of the recording, s.
+        seconds: that the work took, s.
+    """
+
+    key: str
+    verdict: str = ""
+    sentence: str = ""
+    problem: str = ""
+    passing: bool = False
+    explained: float | None = None
+    effects: tuple[str, ...] = ()
+    chi2_per_sample: float | None = None
+    intervals_hold: bool = False
+    channels: Mapping[str, Mapping[str, Any]] | None = None
+    parameters: Mapping[str, Mapping[str, Any]] | None = None
+    duration: float | None = None
+    seconds: float = 0.0
+
+
+def work(job: Job) -> Outcome:
+    """Do a job; whatever is wrong with the recording becomes part of the outcome."""
+    with _one_at_a_time:
+        began = time.perf_counter()
+        try:
+            found = _found(job)
+        except ArmdynError as error:
+            found = {"problem": str(error)}
+        except MemoryError:
+            found = {"problem": "the memory of this machine is too small for it", "passing": True}
+        except Exception as error:  # one bad file never ends a batch
+            frame = traceback.extract_tb(error.__traceback__)[-1]
+            what = f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
+            found = {
+                "problem": f"not foreseen: {what} ({Path(frame.filename).name}, line {frame.lineno})",
+                "passing": True,
+            }
+        return Outcome(job.key, seconds=time.perf_counter() - began, **found)
+
+
+def _found(job: Job) -> dict[str, Any]:
+    from armdyn.identify.study import Study
+    from armdyn.run import read_run
+    from armdyn.run_checks import check_run
+
+    model, catalogue = _model(job.model, job.model_key, job.effects)
+    run = read_run(job.run)
+    check_run(model, run)
+    duration = max((float(c.time[-1] - c.time[0]) for c in run.channels.values()), default=0.0)
+    study = Study(model, [run], [], catalogue)
+    if job.task == "compare":
+        from armdyn.identify.compare import compare
+
+        compared = compare(study)
+        answer: dict[str, Any] = {
+            "verdict": "explained" if compared.explained else NOT_EXPLAINED,
+            "sentence": compared.sentence,
+            "effects": tuple(effect.name for effect in model.effects),
+        }
+    else:
+        from armdyn.identify.repair import repair
+        from pipeline.answers import number
+
+        repaired = repair(study)
+        compared = repaired.after
+        answer = {
+            "verdict": repaired.verdict.key,
+            "sentence": repaired.sentence,
+            "explained": number(repaired.explained),
+            "effects": tuple(effect.name for effect in repaired.model.effects),
+        }
+    return {**answer, **_numbers(compared), "duration": duration}
+
+
+def _numbers(found: "Comparison") -> dict[str, Any]:
+    from pipeline.answers import fit_answer, number
+
+    answer = fit_answer(found)
+    of_the_run = {c.name for c in found.fit.problem.columns if c.parameter.scope == "per_run"}
+    return {
+        "chi2_per_sample": number(found.fit.chi2_per_sample),
+        "intervals_hold": found.intervals_hold,
+        "channels": {
+            name: {key: channel[key] for key in ("unit", "rmse", "noise_std")}
+            for name, channel in answer["channels"].items()
+        },
+        "parameters": {name: p for name, p in answer["parameters"].items() if name not in of_the_run},
+    }
+
+
+@lru_cache(maxsize=64)
+def _model(path: Path, key: str, effects: Path | None) -> "tuple[Model, tuple[Effect, ...]]":
+    """Model and effects to choose from, read once per content: the key is part of the question."""
+    del key
+    return model_of(path, effects)
+
+
+def model_of(path: Path, effects: Path | None) -> "tuple[Model, tuple[Effect, ...]]":
+    """A model and the effects to choose from.
+
+    Raises:
+        InputError: a file cannot be used.
+    """
+    from armdyn.effects.user import available, load_effects
+    from armdyn.model_file import read_model_file
+
+    own = load_effects(effects, stages=None) if effects is not None else ()
+    model = read_model_file(path, own).model
+    return model, available(model, own, effects)
+
+
+def key_of_model(path: Path, effects: Path | None) -> str:
+    """What a model is, by the content of every file that it is read from.
+
+    Raises:
+        InputError: one of them cannot be used.
+    """
+    from armdyn.arm.model import ArmModel
+
+    model, _ = model_of(path, effects)
+    parts = [contents(path)]
+    parts += [contents(effects)] if effects is not None else []
+    if isinstance(model, ArmModel):
+        parts.append(model.arm.robot.fingerprint)
+    base = str(read_table(path)[1]["base"])
+    parts += [contents(path.parent / base)] if base.endswith(".py") else []
+    return _digest(parts)
+
+
+def key_of(task: str, model_key: str, name: str, run: Path) -> str:
+    """What a job is: by the version of armdyn, the model, and name and content of recording and sidecar."""
+    from armdyn import __version__
+
+    return _digest([__version__, task, model_key, name, contents(run), contents(run.with_suffix(".toml"))])
+
+
+def contents(path: Path) -> str:
+    """Digest of a file; empty where it cannot be read, which whoever reads it will say."""
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except (OSError, ValueError):
+        return ""
+
+
+def _digest(parts: list[str]) -> str:
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:32]
+
+
+def lost(job: Job, why: str) -> Outcome:
+    """The outcome of a job whose workers died."""
+    return Outcome(job.key, problem=f"{why}; the same command tries it again", passing=True)

@@ -1,0 +1,128 @@
+"""`armdyn batch`: compare or repair for many models and recordings."""
+
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from pipeline.commands.output import JsonOption, check_outputs, command_line, spinner, write_json
+
+if TYPE_CHECKING:
+    from pipeline.batch.history import History
+    from pipeline.batch.run import Done, Row
+    from pipeline.batch.spec import Spec
+
+MOST_SHOWN = 5
+"""Bad recordings that are named on the screen; all are in the files."""
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command of this file."""
+    app.command()(batch)
+
+
+def batch(
+    spec: Annotated[Path, typer.Argument(metavar="SPEC.toml", help="Which models and recordings; see docs/batch.md.")],
+    output: Annotated[
+        Path, typer.Option("--output", help="Directory for rows and report; a batch in it is continued.")
+    ],
+    scheduler: Annotated[
+        str | None, typer.Option(help="A dask scheduler whose workers do it, such as tcp://host:8786.")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes of this machine; as many as it has cores when not given.")
+    ] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Compare or repair for a lab's thousand logs: one row each, and what changed on which day."""
+    from pipeline.batch.history import history
+    from pipeline.batch.parquet import NAME, check_parquet, write_parquet
+    from pipeline.batch.run import run_batch
+    from pipeline.batch.spec import read_spec
+    from pipeline.interrupts import Interrupt, noted_signals
+    from pipeline.report.batch import batch_report
+    from pipeline.trial.folder import own_folder
+
+    check_parquet()
+    asked = read_spec(spec)
+    check_outputs(json_file, inputs=[spec])
+    signals: list[int] = []
+    with own_folder(output, output, what="batch") as folder, noted_signals(signals.append), spinner() as say:
+        done = run_batch(asked, folder, workers=workers, scheduler=scheduler, stopped=lambda: bool(signals), say=say)
+        say("writing the rows")
+        write_parquet(folder / NAME, asked, done.rows)
+        if not signals:
+            say("looking for changes")
+            found = history(asked, done.rows)
+            say("writing the report")
+            batch_report(asked, done, found, command_line()).write(folder / "report.html")
+    if signals:
+        again = shlex.join(["armdyn", "batch", str(spec), "--output", str(output)])
+        typer.echo(
+            f"{len(done.rows)} of {len(asked.items)} recordings are done and kept; continue with: {again}", err=True
+        )
+        raise Interrupt(signals[0])
+    if json_file is not None:
+        write_json(_answer(asked, done, found), json_file)
+    if json_file != Path("-"):
+        _say(asked, done, found, output)
+
+
+def _say(spec: "Spec", done: "Done", found: "History", output: Path) -> None:
+    from pipeline.batch.parquet import NAME
+    from pipeline.report.batch import event_sentence, summary
+
+    typer.echo(summary(done, found))
+    for event in found.events:
+        typer.echo(f"  {event_sentence(event, found)}")
+    bad = [row for row in done.rows if row.outcome.problem]
+    for row in bad[:MOST_SHOWN]:
+        typer.echo(f"  could not be used: {_problem(spec, row)}")
+    if len(bad) > MOST_SHOWN:
+        typer.echo(f"  and {len(bad) - MOST_SHOWN} more, see the report")
+    typer.echo(f"rows: {output / NAME}")
+    typer.echo(f"report: {output / 'report.html'}")
+
+
+def _problem(spec: "Spec", row: "Row") -> str:
+    """With the recording's name, which most messages begin with."""
+    text = row.outcome.problem.replace(str(row.item.run), spec.name(row.item.run))
+    return text if spec.name(row.item.run) in text else f"{spec.name(row.item.run)}: {text}"
+
+
+def _answer(spec: "Spec", done: "Done", found: "History") -> dict[str, Any]:
+    from pipeline.answers import number
+    from pipeline.batch.history import moment
+    from pipeline.report.batch import verdicts
+
+    return {
+        "schema": "armdyn.batch/1",
+        "task": spec.task,
+        "recordings": len(done.rows),
+        "worked": done.worked,
+        "verdicts": verdicts(done.rows),
+        "bad": [
+            {"recording": spec.name(row.item.run), "problem": row.outcome.problem}
+            for row in done.rows
+            if row.outcome.problem
+        ],
+        "false_alarms": found.found.false_alarms,
+        "changes": [
+            {
+                "robot": step.robot, "parameter": step.parameter, "unit": found.units[step.parameter],
+                "last_before": moment(step.last_before).isoformat(),
+                "first_after": moment(step.first_after).isoformat(),
+                "before": number(step.before), "after": number(step.after), "chance": number(step.chance),
+            }
+            for event in found.events
+            for step in event.steps
+        ],
+        "drifts": [
+            {
+                "robot": d.robot, "parameter": d.parameter, "per_day": number(86400.0 * d.slope),
+                "unit": found.units[d.parameter], "chance": number(d.chance),
+            }
+            for d in found.found.drifts
+        ],
+    }  # fmt: skip

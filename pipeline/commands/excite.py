@@ -1,0 +1,193 @@
+"""`armdyn excite`: the motion of an arm to record, so that chosen effects are determined or told apart."""
+
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pipeline.commands.output import JsonOption, check_outputs, command_line, spinner, write_json
+from pipeline.commands.which_robot import JointsOption, ToolOption
+
+if TYPE_CHECKING:
+    from armdyn.arm.model import ArmModel
+    from armdyn.effects.effect import Effect
+    from armdyn.excitation.goal import Goal
+    from pipeline.motion.excitation import Excitation
+
+SHORTEST, LONGEST = 2.0, 600.0
+"""s; a shorter motion excites little, a longer one repeats a period of 20 s and tells no more per second."""
+SLOWEST, FASTEST = 20.0, 1000.0
+"""Samples per second: twice the 10 Hz below which torques are compared, and what robots are commanded with at most."""
+MOST_RANDOM = 1000
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(excite)
+
+
+def excite(
+    output: Annotated[Path, typer.Option(help="Where the motion goes: CSV with q, v and a of every joint.")],
+    robot: Annotated[str | None, typer.Option(help="Name of a known robot, such as baxter.")] = None,
+    urdf_file: Annotated[Path | None, typer.Option("--urdf", help="A URDF file, in place of --robot.")] = None,
+    joints: JointsOption = None,
+    tool: ToolOption = None,
+    wanted: Annotated[
+        str | None,
+        typer.Option(
+            "--for",
+            metavar="EFFECT[:JOINT,...],...",
+            help="Effects to determine, on some joints or on all; friction, offsets and inertias when not given.",
+        ),
+    ] = None,
+    rivals: Annotated[
+        str | None, typer.Option(metavar="A,B", help="Two effects to tell apart, in place of --for; joints as there.")
+    ] = None,
+    effects_file: Annotated[
+        Path | None, typer.Option("--effects", help="Python file with effects of your own.")
+    ] = None,
+    seconds: Annotated[float, typer.Option(help="How long the motion takes.")] = 20.0,
+    rate: Annotated[float, typer.Option(help="Samples per second.")] = 100.0,
+    random: Annotated[int, typer.Option(help="Random motions to start from and to compare with.")] = 100,
+    compare: Annotated[
+        bool, typer.Option("--compare/--no-compare", help="Compare with the motion of the least condition number.")
+    ] = True,
+    seed: Annotated[int, typer.Option(help="Of the random motions.")] = 0,
+    report: Annotated[Path | None, typer.Option(help="Write one offline HTML file.")] = None,
+    json_file: JsonOption = None,
+) -> int:
+    """Design the motion of an arm that determines chosen effects best, or tells two of them apart."""
+    from armdyn.errors import InputError
+
+    if (robot is None) == (urdf_file is None):
+        raise InputError("a robot is known by its name or by its URDF: give one of --robot and --urdf")
+    if wanted is not None and rivals is not None:
+        raise InputError("a motion determines effects or tells two apart: give one of --for and --rivals")
+    _within("--seconds", seconds, SHORTEST, LONGEST, "s")
+    _within("--rate", rate, SLOWEST, FASTEST, "samples per second")
+    if not 1 <= random <= MOST_RANDOM:
+        raise InputError(f"--random {random}: give a number from 1 to {MOST_RANDOM}")
+    if seed < 0:
+        raise InputError(f"--seed {seed}: give 0 or more")
+    check_outputs(output, report, json_file, inputs=[file for file in (urdf_file, effects_file) if file is not None])
+    with spinner() as say:
+        from armdyn.arm.model import arm_model
+        from pipeline.motion.excitation import excitation
+
+        say("reading the robot")
+        names = None if joints is None else [name.strip() for name in joints.split(",") if name.strip()]
+        model = arm_model(urdf_file, robot, names, tool=tool)
+        say("looking for what a motion can tell")
+        goal = _goal(model, wanted, rivals, effects_file, rate)
+        found = excitation(goal, seconds, random=random, compare=compare, seed=seed, say=say)
+    _write_motion(found, output)
+    if report is not None:
+        from pipeline.report.excitation import excitation_page
+
+        excitation_page(found, command_line()).write(report)
+    if json_file is not None:
+        from pipeline.excitation_answer import excitation_answer
+
+        write_json(excitation_answer(found, output), json_file)
+    if json_file != Path("-"):
+        # `check` takes an arm as its description has it.
+        _print(found, output, report, _robot_options(robot, urdf_file) if joints is None and tool is None else None)
+    return 0
+
+
+def _within(option: str, value: float, lowest: float, highest: float, unit: str) -> None:
+    from armdyn.errors import InputError
+
+    if not lowest <= value <= highest:  # refuses nan as well
+        raise InputError(f"{option} {value:g}: give a number from {lowest:g} to {highest:g} {unit}")
+
+
+def _goal(model: "ArmModel", wanted: str | None, rivals: str | None, effects_file: Path | None, rate: float) -> "Goal":
+    from armdyn.effects.user import load_effects
+    from armdyn.errors import InputError
+    from armdyn.excitation.goal import determining, separating
+
+    own = load_effects(effects_file) if effects_file is not None else ()
+    if rivals is None:
+        return determining(model, _effects(wanted, "--for", model, own) if wanted is not None else (), rate)
+    pair = _effects(rivals, "--rivals", model, own)
+    if len(pair) != 2:
+        raise InputError(f"--rivals {rivals}: name two effects, separated by a comma")
+    return separating(model, pair[0], pair[1], rate)
+
+
+def _effects(text: str, option: str, model: "ArmModel", own: "tuple[Effect, ...]") -> "list[Effect]":
+    """The effects of a list such as ``"payload,rotor_inertia:elbow,wrist"``: a joint belongs to the effect before it.
+
+    Raises:
+        InputError: it names no effect, one twice, or one that this arm cannot have.
+        UnknownNameError: no effect and no joint has a name.
+    """
+    from armdyn.effects.catalogue import find
+    from armdyn.errors import InputError
+
+    listed: list[str] = []
+    for part in (piece.strip() for piece in text.split(",")):
+        if listed and ":" in listed[-1] and part in model.joints:
+            listed[-1] += f",{part}"
+        elif part:
+            listed.append(part)
+    if not listed:
+        raise InputError(f"{option}: names no effect; 'armdyn effects' lists them")
+    found = [find(name, own) for name in listed]
+    twice = [e.name for i, e in enumerate(found) if e.name in [other.name for other in found[:i]]]
+    if twice:
+        raise InputError(f"{option}: names {twice[0]} twice; write its joints in one list, {twice[0]}:JOINT,JOINT")
+    for effect in found:
+        model.with_effect(effect)  # refuses one that this arm cannot have
+    return found
+
+
+def _write_motion(found: "Excitation", output: Path) -> None:
+    from armdyn.channels import Channel
+    from armdyn.csv_run import write_csv
+
+    motion, slides = found.trajectory, found.goal.columns.arm.slides
+    channels = {}
+    for kind, values, per in (("q", motion.q, ""), ("v", motion.v, "/s"), ("a", motion.a, "/s^2")):
+        for i, joint in enumerate(motion.joint_names):
+            channels[f"{kind}.{joint}"] = Channel(motion.time, values[:, i], ("m" if slides[i] else "rad") + per)
+    write_csv(output, channels)
+
+
+def _robot_options(robot: str | None, urdf_file: Path | None) -> str:
+    return shlex.join(["--robot", str(robot)] if urdf_file is None else ["--urdf", str(urdf_file)])
+
+
+SHOWN = 20
+"""Unknowns that are printed; of more, the effects with the mean of theirs."""
+
+
+def _print(found: "Excitation", output: Path, report: Path | None, robot: str | None) -> None:
+    from rich.table import Table
+
+    from pipeline.commands.output import to_screen
+    from pipeline.excitation_answer import expectation_rows, peak_rows, sentence
+
+    console = to_screen()
+    typer.echo(sentence(found))
+    for header, rows in (expectation_rows(found, SHOWN), peak_rows(found)):
+        table = Table(box=None, pad_edge=False)
+        for k, name in enumerate(header):
+            table.add_column(name, justify="left" if k == 0 else "right")
+        for row in rows:
+            table.add_row(*row)
+        typer.echo("")
+        console.print(table)
+    typer.echo("")
+    for name, why in found.goal.left_out.items():
+        typer.echo(f"taken as known: {name}, {why}")
+    for what in found.goal.inseparable:
+        typer.echo(f"no motion can tell: {what}")
+    if missing := [defect for defect in found.goal.columns.arm.robot.defects if defect.startswith("mesh ")]:
+        more = f"; and {len(missing) - 1} more" if missing[1:] else ""
+        typer.echo(f"{missing[0]}{more}")
+    typer.echo(f"motion: {output}" + (f"\nreport: {report}" if report is not None else ""))
+    if robot is not None:
+        typer.echo(f"check it again: armdyn check {shlex.quote(str(output))} {robot}")

@@ -1,0 +1,77 @@
+"""`armdyn view`: what moved, in three dimensions, as one offline page."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline.commands.identify import EffectsOption
+from pipeline.commands.output import JsonOption, check_outputs, command_line, free_to_write, spinner, write_json
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command of this file."""
+    app.command()(view)
+
+
+def view(
+    file: Annotated[
+        Path,
+        typer.Argument(help="A run or trajectory (CSV, MCAP), a table of 'ik build' (npz), a trial's folder."),
+    ],
+    model: Annotated[
+        Path | None, typer.Option("--model", help="Model of the load or the arm; a trial's own where it has one.")
+    ] = None,
+    robot: Annotated[
+        str | None, typer.Option(help="Whose joints they are; the known robot that has them, if not given.")
+    ] = None,
+    urdf_file: Annotated[Path | None, typer.Option("--urdf", help="URDF of the robot, in place of --robot.")] = None,
+    effects: EffectsOption = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", help="The HTML file to write; <name>_view.html here, if not given.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Write over the file where it is there.")] = False,
+    no_browser: Annotated[
+        bool, typer.Option("--no-browser", help="Only write the file; with --output that is so in any case.")
+    ] = False,
+    json_file: JsonOption = None,
+) -> None:
+    """Show a recording, a trajectory, a table or a trial in 3-D: one HTML file that works offline."""
+    import urdf
+    from armdyn.effects.user import load_effects
+    from armdyn.errors import InputError
+    from armdyn.model_file import read_model
+    from pipeline.view.page import write_view
+    from pipeline.view.reading import scene_of
+
+    if robot is not None and urdf_file is not None:
+        raise InputError("a robot is known by its name or by its URDF: give one of --robot and --urdf")
+    page = output or Path(f"{file.resolve().stem}_view.html")
+    check_outputs(page, json_file, inputs=[file, *([model] if model else [])])
+    free_to_write(page, force or output is None)
+    with spinner() as say:
+        say("reading")
+        given = None
+        if model is not None:
+            given = read_model(model, load_effects(effects, stages=None) if effects is not None else ())
+        try:
+            chosen = None if robot is None and urdf_file is None else urdf.load(robot or str(urdf_file), meshes=False)
+            say("drawing")
+            scene = scene_of(file, given, chosen)
+        except urdf.UrdfError as error:
+            raise InputError(str(error)) from error
+        write_view(scene, page, command_line())
+    if json_file is not None:
+        answer = {
+            "schema": "armdyn.view/1", "file": str(page), "kind": scene.kind,
+            "seconds": float(scene.time[-1] - scene.time[0]), "bodies": [body.name for body in scene.bodies],
+            "note": scene.note,
+        }  # fmt: skip
+        write_json(answer, json_file)
+    if json_file != Path("-"):
+        typer.echo(f"view written to {page}" + (f"; {scene.note}" if scene.note else ""))
+    if output is None and not no_browser and sys.stdout.isatty():
+        import webbrowser
+
+        webbrowser.open(page.resolve().as_uri())

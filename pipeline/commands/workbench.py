@@ -1,0 +1,70 @@
+"""`armdyn workbench`: the page on which effects are ticked and the error falls."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline.commands.identify import EffectsOption, Inputs
+from pipeline.commands.output import JsonOption
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command of this file."""
+    app.command()(workbench)
+
+
+def workbench(
+    model: Annotated[
+        Path | None, typer.Argument(metavar="[M.toml]", help="Model file; without one, start or drop it on the page.")
+    ] = None,
+    runs: Annotated[list[Path] | None, typer.Argument(metavar="[RUN...]", help="Recordings: CSV or MCAP.")] = None,
+    held_out: Annotated[
+        list[Path] | None,
+        typer.Option("--held-out", help="A recording that is predicted and never fitted; once for each."),
+    ] = None,
+    effects: EffectsOption = None,
+    port: Annotated[
+        int | None, typer.Option(min=1, max=65535, help="On this computer; 8080 or a free one, if not given.")
+    ] = None,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Only say where the page is.")] = False,
+    json_file: JsonOption = None,
+) -> None:
+    """Open the page: tick an effect and watch the error fall, turn parameters, keep the model. Ctrl-C ends it."""
+    from armdyn.errors import InputError
+    from pipeline.commands.output import check_outputs, spinner, write_json
+
+    check_outputs(json_file)
+    if model is not None and not model.is_file():
+        raise InputError(f"{model}: no such file: make a model with 'armdyn new', or start one on the page")
+    for run in (*(runs or ()), *(held_out or ())):
+        if not run.is_file():
+            raise InputError(f"{run}: no such file")
+    with spinner() as say:
+        say("starting")
+        try:
+            from pipeline.workbench.server import listening, serve
+        except ModuleNotFoundError as error:
+            if error.name is None or error.name.partition(".")[0] in ("pipeline", "armdyn", "urdf", "ik"):
+                raise
+            raise InputError(
+                f"the workbench needs the package '{error.name}': run  pip install 'armdyn[workbench]'"
+            ) from error
+        listen = listening(port)
+
+    def started(address: str) -> None:
+        if json_file is not None:
+            write_json({"schema": "armdyn.workbench/1", "address": address}, json_file)
+        if json_file != Path("-"):
+            typer.echo(f"workbench at {address}, for this computer only; each tab has its own choice; Ctrl-C ends it")
+        if not no_browser and sys.stdout.isatty():
+            import webbrowser
+            from threading import Thread
+
+            Thread(target=webbrowser.open, args=(address,), daemon=True).start()  # some do not return until they end
+
+    inputs = None if model is None else Inputs(model, runs or [], held_out, None, effects)
+    serve(inputs, listen, started)
+    if json_file != Path("-"):
+        typer.echo("workbench closed")

@@ -1,0 +1,256 @@
+"""A motion of an arm that tells as much as possible about chosen effects, inside every limit and free of collisions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armdyn.errors import TaskFailedError
+from armdyn.excitation.criteria import Criterion, covariance
+from armdyn.excitation.design import STEPS, Design
+from armdyn.excitation.goal import Goal
+from armdyn.excitation.random_motions import random_motion, scaled
+from armdyn.excitation.room import Room
+from armdyn.excitation.series import Series
+from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, check_joints
+from pipeline.motion.free_postures import FreePostures
+from pipeline.motion.trajectory import JointTrajectory
+from urdf.robot import Array
+
+STARTS = 3
+"""Random motions, the best of all, from which a search starts; the best one after its first round goes on."""
+NEARLY = 0.02
+"""Share by which a motion may exceed the room: the room leaves 3 to 7 % of each limit."""
+REPAIRS = 4
+"""How often a motion that breaks a limit between the instants of its design is designed again with less room."""
+LESS = 0.99
+"""Share of the room that is kept beyond what a violation asks for."""
+SMALLER = (1.0, 0.95, 0.9, 0.8, 0.65, 0.5, 0.3)
+"""Sizes that are tried at last."""
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Expectation:
+    """What a recording of a motion would tell.
+
+    Attributes:
+        coefficients: (nj, size) of the motion's series [rad or m].
+        criterion: value of the goal's criterion.
+        std: (W,) standard deviations of the wanted unknowns, in their units.
+        separations: by hidden case of the goal, the smallest rise of chi2 after the rival is refitted.
+    """
+
+    coefficients: Array
+    criterion: float
+    std: Array
+    separations: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Excitation:
+    """A motion, what it is expected to tell, and what others would.
+
+    Attributes:
+        goal: what was wanted.
+        series: of which motions are made.
+        trajectory: sampled at the goal's rate.
+        check: of its feasibility.
+        expected: of a recording of it.
+        random: of the best of some random motions; None where there was none.
+        conditioned: of the motion with the least condition number; None where it was not asked for.
+        tried: number of random motions.
+        torque: (n, nj) of the motors along the trajectory [N m or N].
+    """
+
+    goal: Goal
+    series: Series
+    trajectory: JointTrajectory
+    check: FeasibilityReport
+    expected: Expectation
+    random: Expectation | None
+    conditioned: Expectation | None
+    tried: int
+    torque: Array
+
+    @property
+    def energy(self) -> float:
+        """Mechanical work of all motors, braking counted like driving [J]."""
+        power = np.abs(self.torque * self.trajectory.v).sum(axis=1)
+        return float(np.trapezoid(power, self.trajectory.time))
+
+
+def excitation(
+    goal: Goal,
+    seconds: float,
+    *,
+    random: int = 100,
+    compare: bool = True,
+    seed: int = 0,
+    settings: CheckSettings | None = None,
+    say: Say = lambda _: None,
+) -> Excitation:
+    """Design a motion.
+
+    Args:
+        goal: what is wanted.
+        seconds: of the whole motion.
+        random: number of random motions to start from and to compare with.
+        compare: whether the motion with the least condition number is looked for as well.
+        seed: of the random motions.
+        settings: of the feasibility check.
+        say: told what is going on.
+
+    Raises:
+        TaskFailedError: no feasible motion was found.
+    """
+    settings = settings or CheckSettings(singular_value=0.0)  # joints that are led one by one race for no tool
+    robot = goal.columns.arm.robot
+    postures = FreePostures(robot, settings.clearance)
+    design = Design(goal.columns, Series(seconds), Room.of(robot), postures)
+    starts = _random(design, random, seed, say)
+    informations = [design.information(x) for x in starts]
+    x = _searched(design, goal.criterion, starts, informations, "rounds of the design done", say)
+    best = starts[int(np.argmin([goal.criterion(information)[0] for information in informations]))]
+    x, trajectory, check = _feasible(design, goal.criterion, x, best, settings, say)
+    conditioned = None
+    if compare:
+        say("designing the motion with the least condition number")
+        other = _searched(design, goal.conditioned, starts, informations, "rounds of its rival done", say)
+        conditioned = expectation(design, goal, _inside(design, other))
+    return Excitation(
+        goal=goal,
+        series=design.series,
+        trajectory=trajectory,
+        check=check,
+        expected=expectation(design, goal, x),
+        random=expectation(design, goal, best),
+        conditioned=conditioned,
+        tried=len(starts),
+        torque=_torque(design, trajectory),
+    )
+
+
+def expectation(design: Design, goal: Goal, x: Array) -> Expectation:
+    """What a recording of the motion of (nj, size) coefficients would tell."""
+    information, prior = design.information(x), goal.columns.prior
+    K = covariance(information, prior)
+    std = np.sqrt(np.diag(K))[goal.wanted] * goal.columns.typical[goal.wanted]
+    separations = tuple(case.separation(information, prior) for case in goal.hidden)
+    return Expectation(x, goal.criterion(information)[0], std, separations)
+
+
+def sampled(design: Design, x: Array) -> JointTrajectory:
+    """The motion of (nj, size) coefficients at the rate of the recording."""
+    seconds = design.series.seconds
+    time = np.linspace(0.0, seconds, round(seconds * design.columns.rate) + 1)
+    motion = design.series.motion(x, time)
+    return JointTrajectory(time, motion.q, motion.v, motion.a, design.columns.arm.joints)
+
+
+def _random(design: Design, count: int, seed: int, say: Say) -> list[Array]:
+    """Random motions inside the limits.
+
+    Raises:
+        TaskFailedError: there is none.
+    """
+    rng, found = np.random.default_rng(seed), []
+    for k in range(count):
+        x = random_motion(design, rng)
+        if x is not None:
+            found.append(x)
+        say(f"{k + 1} of {count} random motions tried")
+    if not found:
+        raise TaskFailedError(
+            "no posture was found at which the arm is free and its torques suffice: choose other --joints, or mend the "
+            "limits of its URDF"
+        )
+    return found
+
+
+def _searched(
+    design: Design, criterion: Criterion, starts: Sequence[Array], informations: Sequence[Array], what: str, say: Say
+) -> Array:
+    """The best motion found from the best of the starts."""
+    scores = [criterion(information)[0] for information in informations]
+    rounds = len(STEPS) + STARTS - 1
+    tried = []
+    for k, i in enumerate(np.argsort(scores)[:STARTS]):
+        x = design.optimised(starts[i], criterion, 1)
+        tried.append((criterion(design.information(_inside(design, x)))[0], k, x))
+        say(f"{k + 1} of {rounds} {what}")
+    _, _, x = min(tried)
+
+    def count(k: int) -> None:
+        say(f"{STARTS + k} of {rounds} {what}")
+
+    return design.optimised(x, criterion, first=1, done=count)
+
+
+def _inside(design: Design, x: Array) -> Array:
+    """The motion made smaller until its limits hold on the grid, nearly."""
+    for size in np.linspace(1.0, 0.2, 81):
+        if design.excess(scaled(x, size)) <= NEARLY:
+            return scaled(x, size)
+    return x
+
+
+def _feasible(
+    design: Design, criterion: Criterion, x: Array, best: Array, settings: CheckSettings, say: Say
+) -> tuple[Array, JointTrajectory, FeasibilityReport]:
+    """The motion after the check, designed again with less room where it breaks a limit.
+
+    Where it still does, the motion or the `best` random one is made smaller, whichever then tells more.
+
+    Raises:
+        TaskFailedError: it breaks one all the same.
+    """
+    robot = design.columns.arm.robot
+    first = None
+    for k in range(REPAIRS + 1):
+        say("checking the motion on the whole arm")
+        trajectory = sampled(design, x)
+        check = check_joints(robot, trajectory, settings)
+        if check.feasible:
+            return x, trajectory, check
+        first = first or check
+        if k == REPAIRS:
+            break
+        design = _with_less_room(design, check)
+        say(f"{k + 1} of {REPAIRS} repairs, as the {check.violations[0]}")
+        x = design.optimised(x, criterion, first=len(STEPS) - 2)
+    smaller: list[tuple[float, int, tuple[Array, JointTrajectory, FeasibilityReport]]] = []
+    for motion in (x, best):
+        for size in SMALLER:
+            trajectory = sampled(design, scaled(motion, size))
+            check = check_joints(robot, trajectory, settings)
+            if check.feasible:
+                value, _ = criterion(design.information(scaled(motion, size)))
+                smaller.append((value, len(smaller), (scaled(motion, size), trajectory, check)))
+                break
+    if smaller:
+        return min(smaller)[2]
+    assert first is not None
+    raise TaskFailedError(f"no feasible motion was found: {first.sentence} Choose other --joints or --seconds")
+
+
+def _with_less_room(design: Design, check: FeasibilityReport) -> Design:
+    """The design with less room where a check found a limit broken."""
+    joints, postures = design.columns.arm.joints, design.postures
+    assert isinstance(postures, FreePostures)
+    for margin in check.margins:
+        if margin.margin >= 0.0:
+            continue
+        if margin.limit in ("position", "velocity", "acceleration", "torque"):
+            design = design.narrower(margin.limit, joints.index(margin.joint), LESS / margin.used)
+        elif margin.limit == "self_collision":
+            postures = replace(postures, clearance=postures.clearance - 2.0 * margin.margin)
+    return replace(design, postures=postures)
+
+
+def _torque(design: Design, trajectory: JointTrajectory) -> Array:
+    from armdyn.excitation.series import Motions
+
+    return design.columns.torque(Motions(trajectory.q, trajectory.v, trajectory.a))

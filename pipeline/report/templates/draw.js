@@ -1,0 +1,65 @@
+"use strict";
+// Draws figures in the colours of the screen, narrow ones on narrow screens; zooming one over time zooms them all.
+const armdynFigures = ({ template, dark: darker }) => {
+  const root = document.documentElement;
+  const system = matchMedia("(prefers-color-scheme: dark)");
+  let printing = false;
+  const dark = () => !printing && (root.dataset.look ? root.dataset.look === "dark" : system.matches);
+
+  // Every colour has a role, and each role has a colour for dark screens.
+  const painted = (value) => {
+    if (typeof value === "string") return (dark() && darker[value]) || value;
+    if (Array.isArray(value)) return typeof value[0] === "number" ? value : value.map(painted);
+    if (!value || typeof value !== "object" || ArrayBuffer.isView(value) || "bdata" in value) return value;
+    return Object.fromEntries(Object.entries(value).map(([key, entry]) => [key, painted(entry)]));
+  };
+  const narrow = () => Math.min(innerWidth, root.clientWidth) < 620;
+  const fitted = (layout) => {
+    if (!narrow()) return layout;
+    const small = structuredClone(layout);
+    small.margin = { ...small.margin, l: 44, r: 6, t: 64, b: 40 };
+    small.font = { size: 11 };
+    for (const key of Object.keys(small).filter((name) => /^[xy]axis\d*$/.test(name))) {
+      small[key].title = { ...small[key].title, standoff: 4, font: { size: 11 } };
+      small[key].nticks ??= 6;
+    }
+    return small;
+  };
+  const config = {
+    responsive: true, displaylogo: false, displayModeBar: narrow() ? false : "hover",
+    modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
+  };
+  const shown = new Map();
+  const draw = (place, { data, layout }) => {
+    const first = !shown.has(place);
+    shown.set(place, { data, layout });
+    const whole = { uirevision: "kept", ...fitted(painted(layout)), template: painted(template), autosize: true };
+    const done = Plotly.react(place, painted(data), whole, config);
+    if (first && layout.meta?.time_axis) place.on("plotly_relayout", (change) => zoomed(place, change));
+    return done;
+  };
+  const redraw = () => shown.forEach((figure, place) => { if (place.offsetParent) draw(place, figure); else shown.delete(place); });
+
+  // Zooming one figure over time zooms all of them: what failed at 3.2 s is seen everywhere.
+  let zooming = false;
+  const zoomed = async (chart, change) => {
+    const axis = Object.keys(change).find((key) => /^xaxis\d*\.(range|autorange)/.test(key))?.split(".")[0];
+    if (zooming || !axis) return;
+    zooming = true;
+    const { range, autorange } = chart.layout[axis];
+    const all = Object.keys(change).some((key) => key.endsWith(".autorange")) && autorange;
+    for (const other of [...shown.keys()].filter((c) => c !== chart && c.offsetParent && c.layout.meta?.time_axis)) {
+      const axes = Object.keys(other.layout).filter((key) => /^xaxis\d*$/.test(key));
+      await Plotly.relayout(other, Object.fromEntries(
+        axes.map((key) => (all ? [`${key}.autorange`, true] : [`${key}.range`, [...range]]))));
+    }
+    zooming = false;
+  };
+  system.addEventListener("change", redraw);
+
+  // Paper is white, and narrower than the screen.
+  const resize = (size) => shown.forEach((_, place) => { if (place.offsetParent) Plotly.relayout(place, size); });
+  addEventListener("beforeprint", () => { printing = true; redraw(); resize({ width: 690, autosize: false }); });
+  addEventListener("afterprint", () => { printing = false; redraw(); resize({ width: null, autosize: true }); });
+  return { draw, redraw, shown, dark };
+};

@@ -1,0 +1,191 @@
+"""Scenes of motions: an arm by its joints, a load by the gripper and the angle of its string, both of a trial."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from armdyn.arm.model import ArmModel
+from armdyn.channels import Channel, FloatArray
+from armdyn.errors import InputError
+from armdyn.identify.fit import Fit
+from armdyn.model import Model
+from armdyn.run import Run
+from pipeline.box import Box
+from pipeline.robot.scene import LineFrame
+from pipeline.view.scene import DARK, STEEL, WOOD, Body, Cord, Mark, Mesh, Scene, ball, block, frames, moved, standing
+from pipeline.view.shapes import Links
+from urdf import Robot
+
+RADIUS = 0.014
+"""m; of the ball that stands for a load whose size nobody recorded."""
+USUAL_LENGTH = 0.35
+"""m; of a string whose length nobody knows."""
+UP = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Swing:
+    """A load on a string.
+
+    Attributes:
+        gripper: position of the string's upper end along its line; None where it does not move.
+        angle: of the string, 0 hanging [rad].
+        length: [m].
+        height: of the upper end; None where it stays.
+        note: where angle and length come from; empty where both were recorded.
+    """
+
+    gripper: Channel | None
+    angle: Channel
+    length: float
+    height: Channel | None = None
+    note: str = ""
+
+
+def arm_scene(
+    title: str, kind: str, links: Links, time: FloatArray, q: FloatArray, marks: Sequence[Mark] = (), note: str = ""
+) -> Scene:
+    """An arm that moves.
+
+    Args:
+        title: of the view.
+        kind: see `Scene`.
+        links: what is drawn.
+        time: (n,) [s].
+        q: (n, joints) [rad or m].
+        marks: see `Scene`.
+        note: see `Scene`.
+    """
+    at = frames(float(time[0]), float(time[-1]))
+    postures = _at(at, time, q)
+    return Scene(
+        title, kind, at, links.bodies(postures), trail=links.tool(postures), marks=marks,
+        note=" ".join(filter(None, (note, links.note))),
+    )  # fmt: skip
+
+
+def joint_motion(run: Run, robot: Robot) -> tuple[FloatArray, FloatArray]:
+    """(n,) times and (n, joints) positions of an arm's joints; a joint that was not recorded stays at home.
+
+    Raises:
+        InputError: none was recorded.
+    """
+    known = [f"q.{joint}" for joint in robot.joint_names if f"q.{joint}" in run.channels]
+    if not known:
+        raise InputError(
+            f"{run.source or run.name}: holds no joint of '{robot.name}' ({', '.join(robot.joint_names)}): "
+            "give the robot that it was recorded of with --urdf"
+        )
+    time = run.channels[known[0]].time
+    q = np.tile(robot.home, (len(time), 1))
+    for i, joint in enumerate(robot.joint_names):
+        if (channel := run.channels.get(f"q.{joint}")) is not None:
+            q[:, i] = np.interp(time, channel.time, channel.value)
+    return time, q
+
+
+def swing_scene(title: str, kind: str, swing: Swing, marks: Sequence[Mark] = ()) -> Scene:
+    """A load on a string below a gripper that moves along a line, from left to right."""
+    at = _frames_of(swing)
+    pivot = np.column_stack([_follow(at, swing.gripper), np.zeros(len(at)), _follow(at, swing.height)])
+    load = pivot + swing.length * _hanging(at, swing, np.array([1.0, 0.0, 0.0]))
+    low, high = float(pivot[:, 0].min()) - 0.15, float(pivot[:, 0].max()) + 0.15
+    rail = Body("rail", [block((high - low, 0.012, 0.012), STEEL)],
+                standing((0.5 * (low + high), 0.0, float(pivot[:, 2].max()) + 0.02)))  # fmt: skip
+    bodies = [rail, Body("gripper", [block((0.05, 0.035, 0.03), DARK)], moved(pivot)),
+              Body("load", [ball(RADIUS)], moved(load))]  # fmt: skip
+    return Scene(title, kind, at, bodies, [Cord(np.stack([pivot, load], axis=1))], load, marks, swing.note)
+
+
+def trial_scene(title: str, links: Links, run: Run, swing: Swing, box: Box | None) -> Scene:
+    """An arm that swings a load along its line, and the box that the load is meant for."""
+    robot, at = links.robot, _frames_of(swing)
+    postures = _at(at, *joint_motion(run, robot))
+    line = LineFrame.of(robot)
+    pivot = links.tool(postures)
+    load = pivot + swing.length * _hanging(at, swing, line.along)
+    bodies = [*links.bodies(postures), Body("load", [ball(RADIUS)], moved(load))]
+    if box is not None:
+        bodies.append(Body("box", _walls(line, box), standing(line.origin)))
+    cords = [Cord(np.stack([pivot, load], axis=1))]
+    return Scene(title, "trial", at, bodies, cords, load, note=" ".join(filter(None, (swing.note, links.note))))
+
+
+def swing_of(run: Run, model: Model | None, fit: Fit | None = None) -> Swing:
+    """How the load of a run swings: as measured, else as a model says.
+
+    Args:
+        run: the recording.
+        model: that knows the length, and the angle where none was measured; None for none.
+        fit: of that model to runs of which this is one; it is made where it is needed and not given.
+
+    Raises:
+        InputError: the angle was not measured, and no model says it.
+    """
+    values: Mapping[str, float] = {} if model is None else {n: model.value(n) for n in model.names}
+    angle, note = run.channels.get("swing_angle"), ""
+    if angle is None:
+        if model is None or isinstance(model, ArmModel):
+            raise InputError(
+                f"{run.source or run.name}: holds neither joints nor a swing angle: give the model of the load with "
+                "--model M.toml, which says how it swings"
+            )
+        angle, values = _predicted_angle(run, model, fit)
+        note = "The angle of the string is the model's: none was measured."
+    known = run.known.get("length")
+    length = known.value if known is not None else values.get("length")
+    if length is None:
+        length, note = USUAL_LENGTH, f"{note} The length of the string is not known: drawn as {USUAL_LENGTH} m.".strip()
+    channels = run.channels
+    return Swing(channels.get("gripper_x"), angle, float(length), channels.get("gripper_z"), note)
+
+
+def _predicted_angle(run: Run, model: Model, fit: Fit | None) -> tuple[Channel, Mapping[str, float]]:
+    """The angle that a model says, and the values of its parameters."""
+    if fit is None:
+        from armdyn.identify.study import Study
+
+        fit = Study(model, [run], [], []).first()
+    problem = fit.problem
+    index = [other.name for other in problem.runs].index(run.name)
+    theta = problem.theta(index, fit.values)
+    angle = problem.model.covariates(problem.runs[index], theta).get("swing_angle")
+    if angle is None:
+        raise InputError(f"{run.source or run.name}: the model of base '{model.base}' says no swing angle")
+    return angle, dict(zip(problem.model.names, theta.tolist(), strict=True))
+
+
+def _frames_of(swing: Swing) -> FloatArray:
+    start, end = float(swing.angle.time[0]), float(swing.angle.time[-1])
+    if swing.gripper is not None:
+        start, end = max(start, float(swing.gripper.time[0])), min(end, float(swing.gripper.time[-1]))
+    return frames(start, end)
+
+
+def _hanging(at: FloatArray, swing: Swing, along: FloatArray) -> FloatArray:
+    """(k, 3) unit vectors from the upper end of the string to the load."""
+    angle = _follow(at, swing.angle)
+    return -np.sin(angle)[:, None] * along - np.cos(angle)[:, None] * UP
+
+
+def _follow(at: FloatArray, channel: Channel | None) -> FloatArray:
+    return np.zeros(len(at)) if channel is None else np.interp(at, channel.time, channel.value)
+
+
+def _at(at: FloatArray, time: FloatArray, q: FloatArray) -> FloatArray:
+    return np.column_stack([np.interp(at, time, column) for column in q.T])
+
+
+def _walls(line: LineFrame, box: Box) -> list[Mesh]:
+    """The box, in the frame of the line's origin."""
+    axes = np.column_stack([line.along, line.across, UP])
+    middle = -box.rim * UP + box.middle * line.along
+    walls = []
+    for plate in box.plates():
+        wall = block(
+            (2.0 * plate.half).tolist(), WOOD, opacity=0.35 if plate.name in ("front", "back", "near") else 0.8
+        )
+        walls.append(Mesh(wall.vertices @ axes.T + middle + axes @ plate.offset, wall.faces, wall.colour,
+                                wall.opacity))  # fmt: skip
+    return walls

@@ -1,0 +1,170 @@
+"""The scene of a file: a recording, a trajectory, a table of postures, a trial."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+import urdf
+from armdyn.arm.model import ArmModel
+from armdyn.channels import FloatArray
+from armdyn.errors import InputError
+from armdyn.model import Model
+from armdyn.run import Run, read_run
+from pipeline.view.motion import arm_scene, joint_motion, swing_of, swing_scene, trial_scene
+from pipeline.view.scene import Mark, Scene
+from pipeline.view.shapes import links_of
+
+if TYPE_CHECKING:
+    from pipeline.motion.feasibility import FeasibilityReport
+
+MOST_MARKS = 200
+"""Moments at which a checked trajectory passes a limit."""
+ON_TABLE = 0.15
+"""m/s; the speed at which a table is shown."""
+
+
+def scene_of(path: Path, model: Model | None = None, robot: urdf.Robot | None = None) -> Scene:
+    """What a file shows.
+
+    Args:
+        path: a run (CSV, MCAP), a trajectory of joints or along a robot's line (CSV), a table (npz), or the folder or
+            MCAP file of a trial.
+        model: of the load, or of the arm whose joints were recorded.
+        robot: whose joints these are; the known one that has them if neither it nor an arm's model is given.
+
+    Raises:
+        InputError: the file cannot be read, or does not say what moves.
+    """
+    if path.is_dir():
+        path = _trial_in(path)
+    if robot is None and isinstance(model, ArmModel):
+        robot = model.arm.robot
+    if path.suffix.lower() == ".npz":
+        return _table(path, robot)
+    if _is_line(path):
+        return _line(path, robot or _known("baxter"))
+    run = read_run(path)
+    if (model is None and not run.joints) or "gripper_x" in run.channels:
+        model = _model_beside(path, model)
+    if run.joints and "gripper_x" in run.channels and "load_force" in run.channels:
+        return _trial(path, run, model, robot or _robot_of(run))
+    if run.joints:
+        return _joints(path, run, robot or _robot_of(run))
+    return swing_scene(path.name, "run", swing_of(run, model))
+
+
+def _trial_in(folder: Path) -> Path:
+    for name in ("trial.mcap", "trial.csv"):
+        if (folder / name).is_file():
+            return folder / name
+    raise InputError(f"{folder} is a directory without a trial: give a run, a trajectory, a table or a trial's folder")
+
+
+def _model_beside(path: Path, model: Model | None) -> Model | None:
+    """The model that was given, else the one that a trial left beside its recording."""
+    beside = path.parent / "model.toml"
+    if model is not None or not beside.is_file():
+        return model
+    from armdyn.model_file import read_model
+
+    return read_model(beside)
+
+
+def _trial(path: Path, run: Run, model: Model | None, robot: urdf.Robot) -> Scene:
+    from pipeline.box import Box
+
+    swing = swing_of(run, None if isinstance(model, ArmModel) else model)
+    if robot.given_line is None:
+        return arm_scene(path.name, "run", links_of(robot), *joint_motion(run, robot))
+    return trial_scene(path.parent.name or path.name, links_of(robot), run, swing, Box())
+
+
+def _is_line(path: Path) -> bool:
+    from pipeline.motion.feasibility.read import is_line_csv
+
+    return path.suffix.lower() == ".csv" and is_line_csv(path)
+
+
+def _line(path: Path, robot: urdf.Robot) -> Scene:
+    """A motion along a robot's line, as its joints make it."""
+    from ik import default_table
+    from pipeline.motion.feasibility import CheckSettings, check_line
+    from pipeline.motion.feasibility.read import read_trajectory
+    from pipeline.motion.trajectory import LineTrajectory
+
+    motion = read_trajectory(path, robot)
+    assert isinstance(motion, LineTrajectory)  # `_is_line` has looked
+    table = default_table(robot)
+    beyond = (motion.s < table.s[0]) | (motion.s > table.s[-1])
+    if np.any(beyond):
+        where = int(np.argmax(beyond))
+        raise InputError(
+            f"{path}: s is {motion.s[where]:.3g} m at {motion.time[where]:.3g} s, beyond the line of '{robot.name}' "
+            f"from {table.s[0]:.3g} to {table.s[-1]:.3g} m"
+        )
+    return _checked(
+        path,
+        robot,
+        check_line(table, robot, motion, CheckSettings(collision=False)),
+        motion.time,
+        table.posture(motion.s).q,
+    )
+
+
+def _joints(path: Path, run: Run, robot: urdf.Robot) -> Scene:
+    """A motion of joints: a recording where torques were measured, else a trajectory, which is checked."""
+    from pipeline.motion.feasibility import CheckSettings, check_joints
+    from pipeline.motion.feasibility.read import read_trajectory
+    from pipeline.motion.trajectory import JointTrajectory
+
+    if not any(name.startswith("tau.") for name in run.channels) and set(robot.joint_names) <= set(run.joints):
+        motion = read_trajectory(path, robot)
+        assert isinstance(motion, JointTrajectory)  # it has joints
+        return _checked(path, robot, check_joints(robot, motion, CheckSettings(collision=False)), motion.time, motion.q)
+    return arm_scene(path.name, "run", links_of(robot), *joint_motion(run, robot))
+
+
+def _checked(path: Path, robot: urdf.Robot, found: "FeasibilityReport", time: FloatArray, q: FloatArray) -> Scene:
+    """A trajectory with what a check of its limits says; the moments at which a limit is passed are marked."""
+    marks = [
+        Mark(v.time, v.time, f"{v.limit}{f' of {v.joint}' if v.joint else ''}: {v.value:.3g} of {v.bound:.3g} {v.unit}")
+        for v in found.violations[:MOST_MARKS]
+    ]
+    note = f"{found.sentence} Whether it touches anything, 'armdyn check' tells."
+    return arm_scene(path.name, "trajectory", links_of(robot), time, q, marks, note)
+
+
+def _table(path: Path, robot: urdf.Robot | None) -> Scene:
+    """The postures of a table, from one end of its path to the other and back."""
+    from ik import PathTable
+
+    table = PathTable.load(path, robot)
+    if robot is None:
+        robot = _known(table.robot_name)
+    s = np.concatenate([table.s, table.s[-2::-1]])
+    q: FloatArray = np.concatenate([table.q, table.q[-2::-1]])
+    time = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(s)))]) / ON_TABLE
+    note = f"The path of the table at {ON_TABLE} m/s, there and back."
+    return arm_scene(path.name, "table", links_of(robot), time, q, note=note)
+
+
+def _known(name: str) -> urdf.Robot:
+    try:
+        return urdf.load(name, meshes=False)
+    except urdf.UrdfError as error:
+        raise InputError(f"{error}: say which robot it is with --urdf FILE") from error
+
+
+def _robot_of(run: Run) -> urdf.Robot:
+    """The known robot that has the joints of a run."""
+    from urdf.load import known_robots
+
+    for name in known_robots():
+        robot = urdf.load(name, meshes=False)
+        if set(robot.joint_names) & set(run.joints):
+            return robot
+    raise InputError(
+        f"{run.source or run.name}: no known robot has a joint '{run.joints[0]}': say which it is with --urdf FILE or "
+        "--model M.toml"
+    )

@@ -1,0 +1,165 @@
+"""What a 3-D view shows: bodies with their poses over time, strings, a trail, stretches of time worth a look."""
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import trimesh
+
+from armdyn.channels import FloatArray
+
+MOST_FRAMES = 1200
+"""Poses that a view holds; what lies between them is interpolated."""
+GREY, STEEL, DARK, LOAD, WOOD = "#B9C2CC", "#8795A5", "#3A4552", "#D55E00", "#B08655"
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles of one colour.
+
+    Attributes:
+        vertices: (n, 3) in the frame of its body [m].
+        faces: (m, 3) indices of vertices.
+        colour: as ``#RRGGBB``.
+        opacity: 1 for what cannot be seen through.
+    """
+
+    vertices: FloatArray
+    faces: np.ndarray
+    colour: str = GREY
+    opacity: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """What moves as one.
+
+    Attributes:
+        name: of the link or load.
+        meshes: its shape.
+        poses: (k, 7) position [m] and quaternion x, y, z, w in the world for every frame; (1, 7) where it stands still.
+    """
+
+    name: str
+    meshes: Sequence[Mesh]
+    poses: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Cord:
+    """A string between two moving points.
+
+    Attributes:
+        ends: (k, 2, 3) [m].
+    """
+
+    ends: FloatArray
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A stretch of time that is worth a look.
+
+    Attributes:
+        start: [s].
+        end: [s].
+        text: why.
+    """
+
+    start: float
+    end: float
+    text: str
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A motion in space; the z axis points up.
+
+    Attributes:
+        title: what it is.
+        kind: "run", "table", "trajectory" or "trial".
+        time: (k,) of the frames [s].
+        bodies: what is drawn.
+        cords: strings.
+        trail: (k, 3) the path of the load or the tool [m]; None for none.
+        marks: stretches of time.
+        note: what a viewer must know, such as that an angle is the model's.
+    """
+
+    title: str
+    kind: str
+    time: FloatArray
+    bodies: Sequence[Body]
+    cords: Sequence[Cord] = ()
+    trail: FloatArray | None = None
+    marks: Sequence[Mark] = ()
+    note: str = ""
+
+    def data(self) -> dict[str, Any]:
+        """What the page's script draws; numbers are in base64 of little-endian 32-bit floats and integers."""
+        return {
+            "title": self.title,
+            "note": self.note,
+            "time": _floats(self.time),
+            "bodies": [
+                {"name": body.name, "poses": _floats(body.poses), "meshes": [_mesh(mesh) for mesh in body.meshes]}
+                for body in self.bodies
+            ],
+            "cords": [_floats(cord.ends) for cord in self.cords],
+            "trail": None if self.trail is None else _floats(self.trail),
+            "marks": [{"start": mark.start, "end": mark.end, "text": mark.text} for mark in self.marks],
+        }
+
+
+def frames(start: float, end: float) -> FloatArray:
+    """(k,) times of the frames of a motion [s]: 50 per second, fewer where it is long."""
+    return np.linspace(start, end, int(np.clip(round(50.0 * (end - start)) + 1, 2, MOST_FRAMES)))
+
+
+def standing(position: FloatArray | Sequence[float] = (0.0, 0.0, 0.0)) -> FloatArray:
+    """(1, 7) the pose of what stands still at a position (3,) [m]."""
+    return np.array([[*position, 0.0, 0.0, 0.0, 1.0]])
+
+
+def moved(positions: FloatArray) -> FloatArray:
+    """(k, 7) poses of what is carried along (k, 3) positions [m] without turning."""
+    return np.column_stack([positions, np.zeros((len(positions), 3)), np.ones(len(positions))])
+
+
+def ball(radius: float, colour: str = LOAD) -> Mesh:
+    """A ball about the origin."""
+    return _of(trimesh.creation.icosphere(subdivisions=3, radius=radius), colour)
+
+
+def capsule(start: FloatArray, end: FloatArray, radius: float, colour: str = GREY) -> Mesh:
+    """A rod with round ends between two points (3,) [m]."""
+    if np.linalg.norm(end - start) < 1e-6:
+        sphere = ball(radius, colour)
+        return Mesh(sphere.vertices + start, sphere.faces, colour)
+    rod = trimesh.creation.cylinder(radius=radius, segment=np.array([start, end]), sections=24)
+    ends = [trimesh.creation.icosphere(subdivisions=2, radius=radius).apply_translation(p) for p in (start, end)]
+    return _of(trimesh.util.concatenate([rod, *ends]), colour)
+
+
+def block(extents: Sequence[float], colour: str = STEEL, opacity: float = 1.0) -> Mesh:
+    """A box about the origin with edge lengths (3,) [m]."""
+    return _of(trimesh.creation.box(extents=np.asarray(extents)), colour, opacity)
+
+
+def _of(shape: trimesh.Trimesh, colour: str, opacity: float = 1.0) -> Mesh:
+    return Mesh(np.asarray(shape.vertices), np.asarray(shape.faces), colour, opacity)
+
+
+def _mesh(mesh: Mesh) -> dict[str, Any]:
+    return {
+        "vertices": _floats(mesh.vertices),
+        "faces": base64.b64encode(np.ascontiguousarray(mesh.faces, dtype="<u4").tobytes()).decode(),
+        "colour": mesh.colour,
+        "opacity": mesh.opacity,
+    }
+
+
+def _floats(values: FloatArray) -> str:
+    return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode()

@@ -1,0 +1,252 @@
+"""A model held against runs, with effects that are put in and taken out: the state of the page, without the page."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from armdyn.channels import FloatArray
+from armdyn.effects.effect import Effect
+from armdyn.errors import UnknownNameError
+from armdyn.identify.candidate import Candidate
+from armdyn.identify.compare import FittedParameter, fitted_parameters
+from armdyn.identify.fit import Fit, channel_rmse
+from armdyn.identify.localise import Place, localise
+from armdyn.identify.problem import Block, Problem
+from armdyn.identify.repair_path import merged
+from armdyn.identify.study import Study
+from armdyn.parameter import Parameter
+from pipeline.report.overlay import FITTED, HELD_OUT, Overlay, overlays
+from pipeline.workbench.foretelling import Foretelling, Residuals
+
+AS_GIVEN, NOW = "as given", "now"
+
+
+@dataclass(frozen=True)
+class Atom:
+    """One effect on one joint.
+
+    Attributes:
+        effect: its name.
+        joint: where; ``""`` where it acts on the whole model.
+    """
+
+    effect: str
+    joint: str = ""
+
+    @property
+    def label(self) -> str:
+        """As commands take it."""
+        return f"{self.effect}:{self.joint}" if self.joint else self.effect
+
+
+@dataclass(frozen=True)
+class Knob:
+    """A parameter that a person can turn.
+
+    Attributes:
+        parameter: with its unit and bounds; its value is the present one.
+        std: standard deviation; None where none is known.
+        low: lowest value to turn it to.
+        high: highest.
+    """
+
+    parameter: Parameter
+    std: float | None
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """The model with the effects that are ticked.
+
+    Attributes:
+        effects: what is ticked, in that order.
+        how: "foretold" from sums, "fitted", or "by hand".
+        curves: every training and held-out run and channel, as given and now.
+        stale: whether runs that were not fitted still show the model as given.
+        knobs: its parameters.
+        others: error by channel of runs that took no part in the fit; empty where it is not known yet.
+        places: where it fails, the worst first; empty where that is not known yet, or only noise is left.
+    """
+
+    effects: tuple[Atom, ...]
+    how: str
+    curves: tuple[Overlay, ...]
+    stale: bool
+    knobs: Mapping[str, Knob]
+    others: Mapping[str, float]
+    places: tuple[Place, ...] = ()
+
+
+class Bench:
+    """A model, runs and a catalogue, opened.
+
+    Args:
+        study: of the model as given.
+
+    Attributes:
+        study: the same.
+        first: fit of the model as given.
+        atoms: what can be ticked.
+        present: what the model as given has.
+    """
+
+    def __init__(self, study: Study) -> None:
+        self.study, self.first = study, study.first()
+        self._candidates = {_atom(atom): atom for c in study.candidates for atom in c.apart()}
+        self.atoms = tuple(self._candidates)
+        self.present = tuple(Atom(c.effect, joint) for c in study.present for joint, _ in c.parts)
+        self._fits: dict[frozenset[Atom], Fit] = {frozenset(): self.first}
+        self._places = localise(self.first)
+        self._given = tuple(
+            replace(curve, residuals=np.repeat(curve.residuals, 2, axis=0))
+            for curve in overlays(study, [self.first], self._places)
+            if curve.kind in (FITTED, HELD_OUT)
+        )
+
+    @cached_property
+    def foretelling(self) -> Foretelling:
+        """Made when it is first asked for: as given, a model is shown before."""
+        return Foretelling(self.study, self.first)
+
+    @cached_property
+    def opening(self) -> State:
+        """The model as given."""
+        knobs, others = self._knobs(self.first), self._others(self.first)
+        return State((), "fitted", self._given, False, knobs, others, self._places)
+
+    def effects_of(self, effects: Sequence[Atom]) -> list[Effect]:
+        """As `repair.add` takes them: joints together that have the same effect.
+
+        Raises:
+            UnknownNameError: one of them cannot be ticked.
+        """
+        together = merged([self._candidate(atom) for atom in effects])
+        return [self.study.effects[c.effect].on(*c.joints) for c in together]
+
+    def foretold(self, effects: Sequence[Atom]) -> State:
+        """What these effects would do, at once.
+
+        Raises:
+            UnknownNameError: one of them cannot be ticked.
+        """
+        if not effects:
+            return self.opening
+        found = self.foretelling.of([self._candidate(atom) for atom in effects])
+        knobs = self._knobs_at(found.values, self._names(effects), {})
+        return self._state(effects, "foretold", found.residuals, knobs, {})
+
+    def fitted(self, effects: Sequence[Atom]) -> State:
+        """What these effects do, fitted to all samples; takes from a tenth of a second to several.
+
+        Raises:
+            UnknownNameError: one of them cannot be ticked.
+        """
+        fit = self.fit(effects)
+        held_out = self.study.held_out_blocks(fit)
+        residuals = _residuals(fit.blocks) | (_residuals(held_out or ()) if self.study.held_out else {})
+        state = self._state(effects, "fitted", residuals, self._knobs(fit), self._others(fit))
+        return replace(state, places=localise(fit))
+
+    def fit(self, effects: Sequence[Atom]) -> Fit:
+        """The minimum with these effects, made once: the best of those from the nearest fit and from the sums."""
+        key = frozenset(effects)
+        if key not in self._fits:
+            study, atoms = self.study, [self._candidate(atom) for atom in effects]
+            whole = (*study.present, *merged(atoms))
+            near = self._fits[min(self._fits, key=lambda other: (len(other ^ key), self._fits[other].cost))]
+            starts = [self.foretelling.of(atoms).values, *([] if study.model.linear else [None])]
+            best = min((study.fit_with(whole, near, start) for start in starts), key=lambda fit: fit.cost)
+            self._fits[key] = study.to_the_end(best)
+        return self._fits[key]
+
+    def by_hand(self, effects: Sequence[Atom], values: Mapping[str, float]) -> State:
+        """The prediction with some parameters at values (in their units), nothing fitted.
+
+        Raises:
+            UnknownNameError: the model has no such parameter.
+        """
+        fit = self.fit(effects)
+        lean = self.study.lean(fit)
+        runs = [*lean.problem.runs, *(self.study.held_out if self.study.model.linear else ())]
+        problem = Problem(lean.problem.model, runs, lean.problem.noise)
+        knobs = self._knobs(fit)
+        at = {name: float(np.clip(value, knobs[self._known(name, knobs)].parameter.lower, knobs[name].parameter.upper))
+              for name, value in values.items()}  # fmt: skip
+        start = {lean.problem.key(i): value for i, value in enumerate(lean.values)}
+        theta = np.array([at.get(c.name, start[problem.key(i)]) for i, c in enumerate(problem.columns)])
+        blocks = problem.blocks(theta, np.zeros(len(theta), dtype=bool))
+        turned = {
+            name: replace(knob, parameter=knob.parameter.with_value(at[name])) if name in at else knob
+            for name, knob in knobs.items()
+        }
+        return self._state(effects, "by hand", _residuals(blocks), turned, {})
+
+    def _candidate(self, atom: Atom) -> Candidate:
+        if atom not in self._candidates:
+            raise UnknownNameError("effect to tick", atom.label, [known.label for known in self.atoms])
+        return self._candidates[atom]
+
+    @staticmethod
+    def _known(name: str, knobs: Mapping[str, Knob]) -> str:
+        if name not in knobs:
+            raise UnknownNameError("parameter", name, list(knobs))
+        return name
+
+    def _state(
+        self,
+        effects: Sequence[Atom],
+        how: str,
+        residuals: Residuals,
+        knobs: Mapping[str, Knob],
+        others: Mapping[str, float],
+    ) -> State:
+        curves, stale = [], False
+        for curve in self._given:
+            left = residuals.get((curve.run, curve.channel))
+            stale |= left is None
+            curves.append(curve if left is None else replace(curve, residuals=np.stack([curve.residuals[0], left])))
+        return State(tuple(effects), how, tuple(curves), stale, knobs, others)
+
+    def _others(self, fit: Fit) -> Mapping[str, float]:
+        """Error by channel on held-out runs, else of every run predicted from the others."""
+        blocks = self.study.held_out_blocks(fit)
+        return channel_rmse(blocks) if blocks else {}
+
+    def _names(self, effects: Sequence[Atom]) -> set[str]:
+        """Parameters of the model with these effects that belong to all runs."""
+        absent = {name for c in self.study.candidates for name in c.names}
+        ticked = {name for atom in effects for name in self._candidate(atom).names}
+        columns = self.study.problem.columns
+        return {c.name for c in columns if c.run is None and (c.name in ticked or c.name not in absent)}
+
+    def _knobs(self, fit: Fit) -> Mapping[str, Knob]:
+        described = fitted_parameters(self.study, fit)
+        return self._knobs_at(fit.values, described.keys(), described)
+
+    def _knobs_at(
+        self, values: FloatArray, names: Collection[str], described: Mapping[str, FittedParameter]
+    ) -> Mapping[str, Knob]:
+        found = {}
+        for column, value in zip(self.study.problem.columns, values.tolist(), strict=True):
+            if column.run is not None or column.name not in names:
+                continue
+            parameter = replace(column.parameter, value=value)
+            std = described[column.name].std if column.name in described else None
+            reach = max(5.0 * (std or 0.0), 0.5 * abs(value), 0.5 * parameter.typical)
+            found[column.name] = Knob(
+                parameter, std, max(value - reach, parameter.lower), min(value + reach, parameter.upper)
+            )
+        return found
+
+
+def _atom(candidate: Candidate) -> Atom:
+    ((joint, _),) = candidate.parts
+    return Atom(candidate.effect, joint)
+
+
+def _residuals(blocks: Sequence[Block]) -> dict[tuple[str, str], FloatArray]:
+    return {(block.run, block.channel): block.misfit for block in blocks}

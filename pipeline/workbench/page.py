@@ -1,0 +1,215 @@
+"""What a person clicks on the page, and what follows from it."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from html import escape
+from pathlib import Path
+from string import Template
+from typing import Any
+
+from nicegui import Client, events, ui
+
+from armdyn.errors import InputError
+from pipeline.commands.identify import Inputs
+from pipeline.workbench import panels, uploads
+from pipeline.workbench.bench import Atom
+from pipeline.workbench.desk import Desk
+from pipeline.workbench.keeping import keep
+from pipeline.workbench.ranking import Ranking, Search
+from pipeline.workbench.tab import OpenDesk, Tab, js
+from urdf.load import known_robots
+
+TEMPLATES = Path(__file__).parent / "templates"
+STILL = 0.25
+"""s without another click before a refit begins: it takes time from the answers to the clicks."""
+
+
+class Page(Tab):
+    """A tab with everything on it that can be clicked; see `Tab` for the arguments."""
+
+    def __init__(self, client: Client, inputs: Inputs | None, open_desk: OpenDesk) -> None:
+        super().__init__(client, inputs, open_desk)
+        self._kept: Path | None = None
+        self._build()
+
+    def _build(self) -> None:
+        skeleton = Template((TEMPLATES / "workbench.html").read_text(encoding="utf-8"))
+        robots = "".join(f"<option>{name}</option>" for name in known_robots())
+        ui.html(skeleton.substitute(robots=robots, kinds=panels.kinds_of_export()), sanitize=False)
+        label = "Drop recordings, a model or a URDF here, or choose files with +"
+        upload = ui.upload(
+            label=label, multiple=True, auto_upload=True, max_file_size=uploads.LARGEST,
+            on_multi_upload=self._guarded_event(self._dropped),
+            on_rejected=lambda: self._say("A file is too large: record for a shorter time."),
+        ).props("flat")  # fmt: skip
+        upload.classes("drop").props('id="drop"')
+        self._uploader = upload
+        handlers: dict[str, Callable[[dict[str, Any]], Awaitable[None]]] = {
+            "pick": self._pick, "every": self._every, "try": self._try, "clear": self._clear, "knob": self._knob,
+            "refit": self._refit, "role": self._role, "scene": self._scene, "search": self._look, "stop": self._stop,
+            "start-pendulum": self._pendulum, "start-arm": self._arm, "keep": self._keep, "go-on": self._go_on,
+        }  # fmt: skip
+        for name, handler in handlers.items():
+            ui.on(name, self._guarded_event(handler))
+
+    async def begin(self) -> None:
+        """Show what the command named, as soon as the browser is there."""
+        self._run("document.querySelector('section[aria-label=Files]').append(document.getElementById('drop'))")
+        await self._guarded(self._reopen())
+
+    async def _pick(self, args: dict[str, Any]) -> None:
+        atom = self._atom(args["label"])
+        await self._tick([*(a for a in self._ticked if a != atom), *([atom] if args["on"] else [])])
+
+    async def _every(self, args: dict[str, Any]) -> None:
+        mine = [atom for atom in self._opened().atoms if atom.effect == args["effect"]]
+        rest = [atom for atom in self._ticked if atom not in mine]
+        await self._tick(rest if set(mine) <= set(self._ticked) else [*rest, *mine], told=False)
+
+    async def _try(self, args: dict[str, Any]) -> None:
+        effect, _, joints = str(args["label"]).partition(":")
+        new = [self._atom(f"{effect}:{joint}" if joint else effect) for joint in joints.split(",")]
+        await self._tick([*(a for a in self._ticked if a not in new), *new], told=False)
+
+    async def _clear(self, _: dict[str, Any]) -> None:
+        await self._tick([], told=False)
+
+    async def _tick(self, effects: list[Atom], *, told: bool = True) -> None:
+        """Show at once what these effects would do, then what they do."""
+        bench = self._opened()
+        self._ticked, self._values = tuple(effects), {}
+        if not told:
+            self._run(f"armdynBench.ticks({js([atom.label for atom in effects])})")
+        self._asked += 1
+        asked = self._asked
+        self._show(bench.foretold(self._ticked))
+        if not effects:
+            return
+        await asyncio.sleep(STILL)
+        if asked != self._asked:
+            return
+        state = await self._working("refitting", lambda: bench.fitted(self._ticked) if asked == self._asked else None)
+        if state is not None and asked == self._asked:
+            self._show(state)
+
+    async def _knob(self, args: dict[str, Any]) -> None:
+        bench = self._opened()
+        self._values[str(args["name"])] = float(args["value"])
+        self._asked += 1
+        try:
+            values = dict(self._values)
+            state = await self._desk_open().do(lambda: bench.by_hand(self._ticked, values))
+            self._show(state, knobs=False)
+        finally:
+            self._run("armdynBench.turned()")
+
+    async def _refit(self, _: dict[str, Any]) -> None:
+        await self._tick(list(self._ticked))
+
+    async def _look(self, _: dict[str, Any]) -> None:
+        self._opened()
+        if self._search is not None:
+            self._search.stop()
+        loop, here = asyncio.get_running_loop(), self._desk_open()
+
+        def told(kind: str, what: object) -> None:  # from another thread
+            if not loop.is_closed():
+                loop.call_soon_threadsafe(self._heard, here, kind, what)
+
+        self._panel("ranking", "<p class='busy' id='progress'>starting the search</p>")
+        self._run("armdynBench.show('stop', true)")
+        labels = [effect.label for effect in self._opened().effects_of(self._ticked)]
+        self._search = Search(here.inputs, labels, told)
+
+    def _heard(self, asked: Desk, kind: str, what: object) -> None:
+        if asked is not self._desk:
+            return
+        if kind == "progress":
+            self._panel("progress", escape(str(what)))
+            return
+        self._run("armdynBench.show('stop', false)")
+        if isinstance(what, Ranking):
+            self._panel("ranking", panels.ranking_panel(what, what.units))
+        else:
+            self._panel("ranking", f"<p class='caption'>{escape(str(what))}</p>")
+
+    async def _stop(self, _: dict[str, Any]) -> None:
+        if self._search is not None:
+            self._search.stop()
+        self._run("armdynBench.show('stop', false)")
+        self._panel("ranking", "<p class='caption'>The search was stopped.</p>")
+
+    async def _scene(self, args: dict[str, Any]) -> None:
+        from pipeline.workbench.space import scene_of_run
+
+        bench, name, ticked = self._opened(), args.get("run"), self._ticked
+        scene = await self._working("drawing in 3-D", lambda: scene_of_run(bench, ticked, name).data())
+        self._run(f"armdynBench.scene({js(scene)})")
+
+    async def _role(self, args: dict[str, Any]) -> None:
+        i = int(args["run"])
+        path, _ = self._runs[i]
+        kept = [] if args["role"] == "leave out" else [(path, args["role"] == "hold out")]
+        self._runs[i : i + 1] = kept
+        await self._reopen()
+
+    async def _pendulum(self, args: dict[str, Any]) -> None:
+        self._model = uploads.pendulum(Path(self._folder.name), str(args["mass"]), str(args["length"]))
+        await self._reopen()
+
+    async def _arm(self, args: dict[str, Any]) -> None:
+        folder, robot = Path(self._folder.name), str(args["robot"])
+        self._model = await asyncio.to_thread(uploads.known_arm, folder, robot)
+        await self._reopen()
+
+    async def _dropped(self, event: events.MultiUploadEventArguments) -> None:
+        joints = tuple(getattr(self._bench.study.model, "joints", ())) if self._bench else ()
+        problems = []
+        # A model first: its joints name the columns of recordings.
+        for file in sorted(event.files, key=lambda file: not file.name.lower().endswith((".urdf", ".xml", ".toml"))):
+            try:
+                path = uploads.place_for(Path(self._folder.name), file.name)
+                await file.save(path)
+                found = await asyncio.to_thread(uploads.taken_in, path, joints)
+            except InputError as error:
+                problems.append(str(error).replace(f"{self._folder.name}/", ""))
+                continue
+            self._said.append(found.said)
+            if found.kind == "model":
+                self._model = found.path
+            elif found.kind == "run":
+                self._runs = [(p, held) for p, held in self._runs if p != found.path] + [(found.path, False)]
+        self._uploader.reset()
+        await self._reopen()
+        if problems:
+            self._say("; ".join(problems))
+
+    async def _keep(self, args: dict[str, Any]) -> None:
+        bench, given = self._opened(), self._given
+        assert given is not None  # it was opened together with the bench
+        if not self._ticked:
+            raise InputError("nothing is ticked: the model is as given; tick an effect first")
+        model = Path(str(args["model"]).strip() or "repaired.toml").expanduser()
+        report = model.with_suffix(".html") if args["report"] else None
+        ending = str(args["export"])
+        exported = model.with_suffix(ending) if ending else None
+        opened, ticked, force = self._desk_open().inputs, self._ticked, bool(args["force"])
+        kept = await self._working(
+            "fitting and writing", lambda: keep(opened, given, bench, ticked, model, report, exported, force=force)
+        )
+        self._kept = model
+        lines = [f"<p class='sentence'>{escape(kept.sentence)}</p>"]
+        lines += [f"<p class='caption'>written to {escape(str(path.resolve()))}</p>" for path in kept.files]
+        lines += [f"<p class='caption'>not in it: {escape(note)}</p>" for note in kept.notes]
+        lines.append(f"<p class='next'>next:<code>{escape(kept.next_step)}</code></p>")
+        lines.append("<button type='button' id='go-on'>go on from this model</button>")
+        self._panel("kept", "".join(lines))
+
+    async def _go_on(self, _: dict[str, Any]) -> None:
+        self._model = self._kept
+        await self._reopen()
+
+    @staticmethod
+    def _atom(label: str) -> Atom:
+        effect, _, joint = label.partition(":")
+        return Atom(effect, joint)

@@ -1,0 +1,179 @@
+"""The page's panels as HTML, made of the state; every text is escaped."""
+
+from collections.abc import Collection, Mapping, Sequence
+from html import escape
+from pathlib import Path
+
+from armdyn.identify.sentence import totals
+from pipeline.commands.export import KINDS
+from pipeline.report.names import full_name
+from pipeline.report.overlay import FITTED, HELD_OUT, quality
+from pipeline.report.theme import number
+from pipeline.workbench.bench import Atom, Bench, Knob, State
+from pipeline.workbench.ranking import Ranking
+
+HOW = {
+    "foretold": "foretold from one expansion; the refit is running",
+    "fitted": "fitted to all samples",
+    "by hand": "parameters by hand, nothing fitted",
+}
+MANY_JOINTS = 2
+MOST_PLACES = 2
+"""Places where a model fails that are told; the curves show the others."""
+
+
+def effects_panel(bench: Bench, ticked: Collection[Atom]) -> str:
+    """A line per effect with a box for every joint that it can act on; what the model has is ticked for good."""
+    names = [atom.joint for atom in (*bench.atoms, *bench.present) if atom.joint]
+    short = short_joints(names)
+    rows = []
+    for effect in dict.fromkeys(atom.effect for atom in (*bench.present, *bench.atoms)):
+        mine = [atom for atom in (*bench.present, *bench.atoms) if atom.effect == effect]
+        boxes = "".join(
+            _box(atom, short.get(atom.joint, effect), atom in ticked, atom in bench.present) for atom in mine
+        )
+        free = [atom for atom in mine if atom not in bench.present]
+        every = f"<button type='button' data-every='{escape(effect)}'>all</button>" if len(free) > MANY_JOINTS else ""
+        summary = bench.study.effects[effect].summary
+        rows.append(
+            f"<div class='effect'><p><b>{escape(effect)}</b> <span>{escape(summary)}</span></p>"
+            f"<div class='picks'>{boxes}{every}</div></div>"
+        )
+    return "".join(rows)
+
+
+def _box(atom: Atom, label: str, ticked: bool, fixed: bool) -> str:
+    state = (" checked" if ticked or fixed else "") + (" disabled" if fixed else "")
+    title = f"{atom.label}: the model has it" if fixed else atom.label
+    text = label if atom.joint else ("in the model" if fixed else "add")
+    return (
+        f"<label title='{escape(title)}'><input type='checkbox' data-pick='{escape(atom.label)}'{state}>"
+        f"<span>{escape(text)}</span></label>"
+    )
+
+
+def short_joints(joints: Sequence[str]) -> dict[str, str]:
+    """Names without what all of them begin with, or end in: ``right_s0`` as ``s0``."""
+    words = {name: name.split("_") for name in joints}
+    for side in (0, -1):
+        while (
+            len(words) > 1 and all(len(w) > 1 for w in words.values()) and len({w[side] for w in words.values()}) == 1
+        ):
+            words = {name: w[1:] if side == 0 else w[:-1] for name, w in words.items()}
+    return {name: "_".join(w) for name, w in words.items()}
+
+
+def errors_panel(state: State) -> str:
+    """Before and after on every kind of run, in the channels' unit."""
+    units = {curve.channel: curve.unit for curve in state.curves}
+    figures = []
+    for kind in (FITTED, HELD_OUT):
+        mine = [curve for curve in state.curves if curve.kind == kind]
+        if not mine or (kind == HELD_OUT and state.stale):
+            continue
+        for unit in dict.fromkeys(units.values()):
+            before, after = (quality([c for c in mine if c.unit == unit], step).rmse for step in (0, 1))
+            figures.append(_figure(f"Error, {kind} runs", before, after, unit))
+    if state.others and not any(curve.kind == HELD_OUT for curve in state.curves):
+        for unit, error in totals(state.others, units).items():
+            figures.append(_key("Error, runs predicted from the others", error, unit, ""))
+    how = f"<p class='how {state.how.replace(' ', '-')}'>{HOW[state.how]}</p>"
+    return f"<div class='keys'>{''.join(figures)}</div>{how}{_where(state, units)}"
+
+
+def _where(state: State, units: Mapping[str, str]) -> str:
+    """The places where it fails most, one for each channel and quantity."""
+    told: dict[tuple[str, str], str] = {}
+    for place in state.places:
+        name = full_name(place.channel, units[place.channel])
+        within = f" in {place.run}" if place.run else ""
+        span = f"from {place.start:.3g} to {place.end:.3g} {place.unit}{within}"
+        told.setdefault((place.channel, place.against), f"{name} against {place.against}, {span}")
+    if not told:
+        return ""
+    return f"<p class='caption'>Fails most: {escape('; '.join(list(told.values())[:MOST_PLACES]))}.</p>"
+
+
+def _figure(name: str, before: float, after: float, unit: str) -> str:
+    change = 100.0 * (after / before - 1.0) if before else 0.0
+    sign = "+" if change > 0 else "−"
+    note = f"as given {number(before, unit)}" + (f", {sign}{abs(change):.0f} %" if after != before else "")
+    return _key(name, after, unit, note)
+
+
+def _key(name: str, value: float, unit: str, note: str) -> str:
+    text = f"<span>{escape(name)}</span><strong>{escape(number(value, unit))}</strong><small>{escape(note)}</small>"
+    return f"<div class='key' data-value='{value!r}'>{text}</div>"
+
+
+def knobs_panel(state: State) -> str:
+    """A slider for every parameter of the model."""
+    if not state.knobs:
+        return "<p class='caption'>The model has no parameters yet: tick an effect.</p>"
+    return "".join(_slider(name, knob) for name, knob in state.knobs.items())
+
+
+def _slider(name: str, knob: Knob) -> str:
+    value, unit = knob.parameter.value, knob.parameter.unit
+    spread = f" ± {knob.std:.2g}" if knob.std is not None else ""
+    return (
+        f"<label class='knob'><span>{escape(name)}</span>"
+        f"<input type='range' data-knob='{escape(name)}' step='any' "
+        f"min='{knob.low!r}' max='{knob.high!r}' value='{value!r}'>"
+        f"<output data-unit='{escape(unit)}'>{value:.4g}{spread} {escape(unit)}</output></label>"
+    )
+
+
+def ranking_panel(ranking: Ranking, units: Mapping[str, str]) -> str:
+    """Candidates, best first, with their errors alone and their ties, each with a button that ticks it."""
+    beside = f" Beside {', '.join(ranking.beside)}." if ranking.beside else ""
+    said = f"<p class='sentence'>{escape(ranking.sentence)}{escape(beside)}</p>"
+    if not ranking.suspects:
+        return said
+    rows = []
+    before = totals(ranking.given, units)
+    for suspect in ranking.suspects:
+        after = totals(suspect.rmse, units)
+        share = max((after[unit] / before[unit] for unit in after if before.get(unit)), default=0.0)
+        places = f" on {len(suspect.joints)} joints" if len(suspect.joints) > MANY_JOINTS else (
+            f" on {', '.join(suspect.joints)}" if suspect.joints else ""
+        )  # fmt: skip
+        label = f"{suspect.effect}:{','.join(suspect.joints)}" if suspect.joints else suspect.effect
+        tie = f"<br><span class='tie'>these runs cannot tell it from {escape(', '.join(suspect.tied_with))}</span>"
+        left = ", ".join(number(error, unit) for unit, error in after.items())
+        rows.append(
+            f"<tr><td><b>{escape(suspect.effect)}</b>{escape(places)}{tie if suspect.tied_with else ''}</td>"
+            f"<td class='share fine'><span style='width: {100 * min(share, 1.0):.1f}%'></span>"
+            f"<b>{escape(left)}</b></td>"
+            f"<td><button type='button' data-try='{escape(label)}'>try</button></td></tr>"
+        )
+    remedies = f"<p class='caption'>What would tell them apart: {escape('; '.join(ranking.remedies))}.</p>"
+    return (
+        f"{said}<div class='table'><table><thead><tr><th>alone beside the model</th><th>error left</th><th></th></tr>"
+        f"</thead><tbody>{''.join(rows)}</tbody></table></div>{remedies if ranking.remedies else ''}"
+    )
+
+
+def files_panel(model: Path | None, runs: Sequence[tuple[Path, bool]], said: Sequence[str]) -> str:
+    """The files of the page; a recording can be fitted, held out, or left out.
+
+    Args:
+        model: its file; None where there is none yet.
+        runs: each with whether it is held out.
+        said: sentences on files that were dropped.
+    """
+    rows = [f"<tr><td>model</td><td>{escape(model.name) if model else 'none yet'}</td><td></td></tr>"]
+    for i, (path, held_out) in enumerate(runs):
+        choice = "".join(
+            f"<button type='button' data-role='{role}' data-run='{i}'{' class=chosen' * chosen}>{role}</button>"
+            for role, chosen in (("fit", not held_out), ("hold out", held_out), ("leave out", False))
+        )
+        rows.append(f"<tr><td>run</td><td>{escape(path.name)}</td><td class='roles'>{choice}</td></tr>")
+    notes = "".join(f"<p class='caption'>{escape(text)}</p>" for text in said)
+    return f"<div class='table'><table><tbody>{''.join(rows)}</tbody></table></div>{notes}"
+
+
+def kinds_of_export() -> str:
+    """Options of what a model can be written as besides."""
+    options = "".join(f"<option value='{ending}'>{escape(kind)} ({ending})</option>" for ending, kind in KINDS.items())
+    return f"<option value=''>nothing else</option>{options}"

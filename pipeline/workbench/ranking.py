@@ -1,0 +1,133 @@
+"""What is missing from a model, found by a process of its own: a diagnosis takes from a second to minutes."""
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from threading import Thread
+from typing import TYPE_CHECKING, Protocol
+
+from armdyn.errors import ArmdynError
+from pipeline.commands.identify import Inputs
+
+if TYPE_CHECKING:
+    from armdyn.identify.suspects import Suspect
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """An answer of `diagnose`, without its fits.
+
+    Attributes:
+        verdict: key of the contract.
+        sentence: for a person.
+        suspects: best first.
+        remedies: what would tell tied effects apart.
+        given: error by channel of the model that was diagnosed.
+        units: of the channels.
+        beside: labels of the effects that the model had when it was diagnosed.
+    """
+
+    verdict: str
+    sentence: str
+    suspects: tuple["Suspect", ...]
+    remedies: tuple[str, ...]
+    given: Mapping[str, float]
+    units: Mapping[str, str]
+    beside: tuple[str, ...] = field(default=())
+
+
+class Told(Protocol):
+    """Who is told how a search goes, from another thread."""
+
+    def __call__(self, kind: str, what: object) -> None:
+        """`kind` is "progress" with a sentence, "done" with a `Ranking`, or "failed" with a sentence."""
+
+
+class Search:
+    """One diagnosis in a process of its own.
+
+    Args:
+        inputs: files of model and runs.
+        effects: labels of effects that are put into the model first.
+        told: see `Told`.
+    """
+
+    def __init__(self, inputs: Inputs, effects: Sequence[str], told: Told) -> None:
+        # Not forked: the server has threads, whose locks a copy of it would keep for ever.
+        context = get_context("spawn")
+        mine, theirs = context.Pipe(duplex=False)
+        self._process = context.Process(
+            target=_search, args=(inputs, tuple(effects), theirs, os.getpid()), daemon=True, name="armdyn-search"
+        )
+        self._stopped = False
+        self._process.start()
+        theirs.close()
+        Thread(target=self._listen, args=(mine, told), daemon=True).start()
+
+    def stop(self) -> None:
+        """End it, and tell nobody."""
+        self._stopped = True
+        self._process.kill()
+
+    def _listen(self, answers: Connection, told: Told) -> None:
+        kind, what = "failed", "The search ended before it had an answer: start it again."
+        try:
+            while True:
+                kind, what = answers.recv()
+                if kind != "progress":
+                    break
+                if not self._stopped:
+                    told(kind, what)
+                kind, what = "failed", "The search ended before it had an answer: start it again."
+        except (EOFError, OSError):
+            pass
+        self._process.join()
+        if not self._stopped:
+            told(kind, what)
+
+
+def rank(inputs: Inputs, effects: Sequence[str], say: Callable[[str], None]) -> Ranking:
+    """Diagnose a model with some effects put in.
+
+    Raises:
+        InputError: something cannot be used.
+    """
+    from armdyn.effects.catalogue import find
+    from armdyn.identify.diagnose import diagnose
+    from armdyn.identify.study import Study
+
+    given = inputs.read()
+    study = given.study
+    if effects:
+        model = study.model
+        for label in effects:
+            model = model.with_effect(find(label, given.catalogue))
+        study = Study(model, study.runs, study.held_out, given.catalogue)
+    found = diagnose(study, say)
+    channels = found.comparison.channels
+    return Ranking(
+        verdict=found.verdict.key,
+        sentence=found.sentence,
+        suspects=found.suspects,
+        remedies=found.remedies,
+        given={name: channel.rmse for name, channel in channels.items()},
+        units={name: channel.unit for name, channel in channels.items()},
+        beside=tuple(effects),
+    )
+
+
+def _search(inputs: Inputs, effects: tuple[str, ...], answers: Connection, parent: int) -> None:
+    """In the process: what it finds goes through the pipe."""
+    from pipeline.workers import begin_worker
+
+    begin_worker(parent)
+    os.nice(5)  # the page comes first
+    try:
+        found = rank(inputs, effects, lambda what: answers.send(("progress", what)))
+        answers.send(("done", found))
+    except ArmdynError as error:
+        answers.send(("failed", str(error)))
+    except Exception as error:
+        answers.send(("failed", f"The search failed with {type(error).__name__}: {' '.join(str(error).split())}"))

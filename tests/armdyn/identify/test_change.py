@@ -1,0 +1,132 @@
+"""A change is found on its day; what is slow, odd or merely noisy is none; alarms are as rare as stated."""
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+from scipy.stats import t as student
+
+from armdyn.identify.change import Series, _Test, find_changes
+
+DAY = 86400.0
+DAYS = DAY * np.arange(40)
+
+
+def noise(seed, count=40):
+    return np.random.default_rng(seed).standard_normal(count)
+
+
+def found(value, time=DAYS, **options):
+    return find_changes({("robot", "mass"): Series(time, value)}, batches=1000, **options)
+
+
+@pytest.mark.parametrize("day", [4, 13, 20, 36])
+def test_a_step_is_found_on_its_day(day):
+    (step,) = found(5.0 + 0.1 * noise(1) + 1.0 * (day * DAY <= DAYS)).steps
+    assert (step.last_before, step.first_after) == ((day - 1) * DAY, day * DAY)
+    assert (step.before, step.after) == (pytest.approx(5.0, abs=0.1), pytest.approx(6.0, abs=0.1))
+    assert step.chance <= 0.01
+
+
+def test_a_step_counts_as_much_whatever_its_direction_and_unit():
+    value = 0.1 * noise(2) + (DAYS >= 15 * DAY)
+    (up,), (down,) = found(value).steps, found(-1e6 * value).steps
+    assert (up.index, up.chance) == (down.index, down.chance)
+
+
+def test_a_tool_that_comes_and_goes_is_two_steps():
+    value = 0.1 * noise(3) + ((DAYS >= 12 * DAY) & (DAYS < 26 * DAY))
+    assert [step.index for step in sorted(found(value).steps, key=lambda step: step.index)] == [12, 26]
+
+
+def test_wear_is_a_drift_and_no_step():
+    result = found(0.1 * noise(4) + DAYS / DAYS[-1])
+    assert result.steps == ()
+    (drift,) = result.drifts
+    assert drift.slope == pytest.approx(1.0 / DAYS[-1], rel=0.2)
+
+
+def test_wear_that_slows_down_is_no_step():
+    assert found(0.05 * noise(5) + np.exp(-DAYS / (10 * DAY))).steps == ()
+
+
+def test_a_step_is_found_beside_wear():
+    (step,) = found(0.1 * noise(6) + 2.0 * DAYS / DAYS[-1] + (DAYS >= 18 * DAY)).steps
+    assert step.index == 18
+
+
+def test_odd_recordings_are_no_step_and_hide_none():
+    value = 0.1 * noise(7)
+    value[[5, 6, 30]] = 50.0
+    assert found(value).steps == ()
+    (step,) = found(value + 1.0 * (DAYS >= 20 * DAY)).steps
+    assert step.index == 20
+
+
+def test_poor_recordings_count_less():
+    std = np.where(DAYS < 20 * DAY, 0.05, 2.0)
+    series = {("robot", "mass"): Series(DAYS, std * noise(8), std)}
+    assert find_changes(series, batches=1000).steps == ()
+
+
+def test_recordings_of_one_day_are_not_torn_apart():
+    time = DAY * (np.arange(40) // 4)
+    (step,) = found(0.1 * noise(9) + (np.arange(40) >= 20), time).steps
+    assert (step.last_before, step.first_after) == (4 * DAY, 5 * DAY)
+
+
+@pytest.mark.parametrize(
+    "value", [noise(1, 9), np.full(40, 3.0), np.zeros(40)], ids=["too short", "all the same", "all zero"]
+)
+def test_what_cannot_be_tested_is_counted_and_left(value):
+    result = found(value, DAYS[: len(value)])
+    assert (result.tested, result.too_short, result.steps) == (0, 1, ())
+
+
+def test_series_at_a_single_time_are_left():
+    assert found(noise(1), np.zeros(40)).tested == 0
+
+
+def test_the_answer_is_the_same_every_time():
+    value = 0.1 * noise(1) + 0.15 * (DAYS >= 20 * DAY)
+    assert found(value) == found(value)
+
+
+def batch(seed, phi):
+    """Eight robots with three parameters that follow the weather together."""
+    rng, series = np.random.default_rng(seed), {}
+    for robot in range(8):
+        weather = rng.standard_normal((4, 30))
+        for k in range(1, 30):
+            weather[:, k] = phi * weather[:, k - 1] + np.sqrt(1.0 - phi**2) * weather[:, k]
+        for parameter in range(3):
+            value = 0.6 * weather[3] + 0.8 * weather[parameter]
+            series[f"robot {robot}", f"p{parameter}"] = Series(DAYS[:30], value)
+    return series
+
+
+@pytest.mark.parametrize("phi", [0.0, pytest.param(0.4, marks=pytest.mark.slow)])
+def test_alarms_are_as_rare_as_stated(phi):
+    """With a stated rate of 20 % over 20 batches, 4 are expected; 11 and more would come once in 1,700."""
+    alarms = sum(bool(find_changes(batch(seed, phi), 0.2, batches=100).steps) for seed in range(20))
+    assert alarms < 11
+
+
+@pytest.mark.parametrize("phi", [0.0, 0.5])
+def test_the_best_step_is_that_of_a_regression(phi):
+    """Every step beside a line, weighted and with what neighbours share taken out, by plain least squares."""
+    rng, count = np.random.default_rng(0), 20
+    time, std = np.cumsum(rng.uniform(0.5, 2.0, count)), rng.uniform(0.5, 2.0, count)
+    test = _Test.of(Series(time, rng.standard_normal(count) + 2.0 * (np.arange(count) > 9), std), phi)
+    own = np.eye(count) - phi * np.eye(count, k=-1)
+    own[0, 0] = np.sqrt(1.0 - phi**2)
+    sizes = []
+    for split in test.splits:
+        columns = own @ (test.weight[:, None] * np.column_stack([np.ones(count), time, np.arange(count) >= split]))
+        found = np.linalg.lstsq(columns, test.scores, rcond=None)[0]
+        left = test.scores - columns @ found
+        variance = left @ left / (count - 3) * np.linalg.inv(columns.T @ columns)[2, 2]
+        sizes.append(abs(found[2]) / np.sqrt(variance))
+    (deviate,), (best,), _ = test.largest(test.scores[None])
+    assert best == np.argmax(sizes)
+    exact = -norm.ppf(student.sf(max(sizes), count - 3))
+    assert deviate == pytest.approx(exact, rel=5e-3)

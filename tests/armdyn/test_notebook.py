@@ -1,0 +1,104 @@
+"""Results in a notebook: small, without scripts, and the same numbers as in the result."""
+
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hidden_effects.pendulum import Setup, record
+
+import armdyn
+from armdyn.errors import InputError, UnknownNameError
+
+DRAG = Setup(duration=4.0, hidden={"linear_drag": 3e-2})
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return [record(f"{name}.csv", DRAG, np.random.default_rng(seed)) for seed, name in enumerate("ab")]
+
+
+@pytest.fixture(scope="module")
+def model():
+    return armdyn.pendulum.pendulum_model(length=0.36, mass=0.08)
+
+
+@pytest.fixture(scope="module")
+def results(model, runs):
+    effects = [armdyn.CATALOGUE["linear_drag"], armdyn.CATALOGUE["sensor_bias"]]
+    return {
+        "fit": armdyn.fit(model, runs),
+        "compare": armdyn.compare(model, runs),
+        "diagnose": armdyn.diagnose(model, runs, effects=effects),
+        "repair": armdyn.repair(model, runs, effects=effects),
+    }
+
+
+@pytest.mark.parametrize("name", ["fit", "compare", "diagnose", "repair"])
+def test_a_card_is_small_and_stands_alone(results, name):
+    html = results[name]._repr_html_()
+    assert 300 < len(html) < 20_000
+    assert not re.search(r"<script|src=|href=|@import", html)
+    assert html.count("<table>") == html.count("</table>") >= 1
+    if name != "fit":
+        assert results[name].sentence.split(";")[0][:40] in html
+
+
+def test_names_cannot_break_out_of_a_card(runs, model):
+    run = armdyn.Run("<b onclick=x>.csv", runs[0].channels, {}, runs[0].noise)
+    assert "<b onclick" not in armdyn.compare(model, [run, runs[1]])._repr_html_()
+
+
+def test_a_plot_shows_what_was_measured_and_predicted(results, runs):
+    figure = results["repair"].plot()
+    curves = {trace.name: trace for trace in figure.data if trace.visible is not False}
+    assert set(curves) == {"measured", "as given", "repaired"}
+    force = runs[0].channels["load_force"].value
+    np.testing.assert_allclose(curves["measured"].y, force, atol=1e-12)
+    rms = {name: np.std(curves[name].y - force) for name in ("as given", "repaired")}
+    assert rms["repaired"] == pytest.approx(0.003, rel=0.2)
+    assert rms["as given"] > 1.5 * rms["repaired"]
+    assert [button.label for button in figure.layout.updatemenus[0].buttons] == ["a.csv", "b.csv"]
+    assert figure.layout.yaxis.title.text == "load_force [N]"
+
+
+def test_a_fitted_model_is_plotted_against_recordings(results, runs):
+    assert len(results["fit"].plot(*runs).data) == 4
+
+
+def test_data_frames_hold_the_results(results):
+    pytest.importorskip("pandas", reason="data frames need pandas: pip install 'armdyn[notebook]'")
+    steps = results["repair"].to_dataframe()
+    assert list(steps["step"]) == ["as given", "linear_drag"]
+    assert steps["rmse load_force [N]"].iloc[1] < steps["rmse load_force [N]"].iloc[0]
+    parameters = results["repair"].to_dataframe("parameters").set_index("parameter")
+    drag = results["repair"].after.parameters["linear_drag.coefficient"]
+    assert parameters.loc["linear_drag.coefficient", "value"] == drag.value
+    assert parameters.loc["linear_drag.coefficient", "unit"] == "N s/m"
+    samples = results["compare"].to_dataframe("samples")
+    rmse = float(np.sqrt(np.mean((samples["measured"] - samples["predicted"]) ** 2)))
+    assert rmse == pytest.approx(results["compare"].channels["load_force"].rmse)
+    assert results["diagnose"].to_dataframe()["effect"].iloc[0] == "linear_drag"
+    with pytest.raises(UnknownNameError, match="did you mean 'parameters'"):
+        results["fit"].to_dataframe("parameter")
+
+
+@pytest.mark.parametrize(("missing", "what"), [("pandas", "to_dataframe"), ("plotly.subplots", "plot")])
+def test_what_is_missing_is_named(results, monkeypatch, missing, what):
+    monkeypatch.setitem(sys.modules, missing, None)
+    with pytest.raises(InputError, match="pip install"):
+        getattr(results["compare"], what)()
+
+
+def test_importing_armdyn_costs_next_to_nothing():
+    """Less than half as much as importing numpy, in one and the same process; 50 ms on the slowest machine we know."""
+    code = """
+import sys, time
+t = [time.process_time()]; import armdyn
+t.append(time.process_time()); import numpy
+t.append(time.process_time()); loaded = [m for m in ("plotly", "pandas", "scipy", "casadi") if m in sys.modules]
+print(t[1] - t[0] < 0.5 * (t[2] - t[1]), loaded)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "True []"

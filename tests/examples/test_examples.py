@@ -1,0 +1,75 @@
+"""Every example runs as it stands, says what it promises, and is short enough to be read."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+LONGEST = 60
+
+
+@pytest.fixture
+def example(monkeypatch, tmp_path):
+    """Loads an example by its name, as its user does: from its own folder, with output elsewhere."""
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    monkeypatch.chdir(tmp_path)
+
+    def load(name):
+        specification = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+        module = importlib.util.module_from_spec(specification)
+        monkeypatch.setitem(sys.modules, name, module)
+        specification.loader.exec_module(module)
+        return module
+
+    return load
+
+
+SHORT = (
+    "pendulum_from_csv", "arm_from_urdf", "effect_of_ones_own", "repaired_model_in_mujoco", "sac_on_ones_own_model",
+    "feasible_trajectory",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SHORT)
+def test_an_example_is_short(name):
+    assert len((EXAMPLES / f"{name}.py").read_text().splitlines()) <= LONGEST
+
+
+def test_a_pendulum_from_a_csv(example, capsys):
+    found = example("pendulum_from_csv").main()
+    assert [effect.name for effect in found.model.effects] == ["quadratic_drag"]
+    assert found.model.parameters["quadratic_drag.coefficient"].value == pytest.approx(0.04, rel=0.05)
+    assert found.model.parameters["length"].value == pytest.approx(0.368, abs=0.001)
+    assert "quadratic_drag is missing" in capsys.readouterr().out
+
+
+def test_an_arm_from_a_urdf(example, capsys):
+    errors = example("arm_from_urdf").main()
+    assert errors["with friction and payload"] < 0.02 * errors["as described"]
+    payload = float(capsys.readouterr().out.split("\npayload: ")[1].split()[0])
+    assert payload == pytest.approx(1.5, abs=0.005)
+
+
+def test_an_effect_of_ones_own(example):
+    found = example("effect_of_ones_own").main()
+    assert [effect.name for effect in found.model.effects] == ["magnet"]
+    assert found.model.parameters["magnet.strength"].value == pytest.approx(0.03, rel=0.05)
+    assert found.verdict.key == "explained"
+
+
+def test_a_repaired_model_in_mujoco(example):
+    described, repaired = example("repaired_model_in_mujoco").main()
+    assert repaired < 0.2 * described
+
+
+def test_sac_on_ones_own_model(example):
+    std = example("sac_on_ones_own_model").main()
+    assert std[True] < 0.1 * std[False]
+
+
+def test_feasibility_of_a_trajectory(example):
+    slow, fast = example("feasible_trajectory").main().values()
+    assert slow.feasible
+    assert not fast.feasible

@@ -1,0 +1,84 @@
+import contextlib
+import io
+import shutil
+import sys
+
+import pytest
+from hidden_effects.lab import Change, Lab
+
+from pipeline.cli import main
+
+SPEC = """task = "compare"
+[[recordings]]
+model = "robots/{robot}/model.toml"
+runs = ["robots/{robot}/logs/*.csv"]
+"""
+LAB = Lab(robots=2, recordings=12, changes={1: Change(7, tool=0.3)}, seconds=2.5)
+
+
+@pytest.fixture(scope="session")
+def logs(tmp_path_factory):
+    """Two robots with twelve recordings each; the second one's tool is 0.3 kg heavier from the eighth on."""
+    folder = tmp_path_factory.mktemp("lab")
+    LAB.write(folder / "robots")
+    return folder / "robots"
+
+
+FEW = 6
+
+
+def linked(logs, folder, few=False):
+    """The logs, or `FEW` of the first robot, as links, so that a test may replace one; and a SPEC."""
+    paths = sorted(logs.rglob("*.*"))
+    if few:
+        paths = [path for path in paths if "robot_00" in str(path)]
+        paths = [p for p in paths if p.suffix == ".csv"][:FEW] + [p for p in paths if p.name == "model.toml"]
+    for path in paths:
+        target = folder / "robots" / path.relative_to(logs)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.symlink_to(path)
+    (folder / "spec.toml").write_text(SPEC)
+    return folder
+
+
+@pytest.fixture
+def lab(logs, tmp_path, monkeypatch):
+    """A folder with a SPEC and `FEW` logs."""
+    monkeypatch.chdir(tmp_path)
+    return linked(logs, tmp_path, few=True)
+
+
+def called(*arguments):
+    """Exit status, what was printed, what was complained of."""
+    out, err = io.StringIO(), io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        patch.setattr(sys, "argv", ["armdyn", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stop:
+            main()
+    return stop.value.code, out.getvalue(), err.getvalue()
+
+
+@pytest.fixture
+def armdyn():
+    """Runs a command."""
+    return called
+
+
+@pytest.fixture(scope="session")
+def finished(logs, tmp_path_factory):
+    """A batch that is done, and what it printed."""
+    folder = linked(logs, tmp_path_factory.mktemp("finished"))
+    with contextlib.chdir(folder):
+        status, out, _ = called("batch", "spec.toml", "--output", "out", "--workers", "1", "--json", "out.json")
+    assert status == 0
+    return folder, out
+
+
+@pytest.fixture
+def done(logs, tmp_path, monkeypatch, finished):
+    """A finished batch of both robots to go on with, and what it printed."""
+    monkeypatch.chdir(tmp_path)
+    lab = linked(logs, tmp_path)
+    shutil.copytree(finished[0] / "out", lab / "out")
+    shutil.copy(finished[0] / "out.json", lab)
+    return lab, finished[1]

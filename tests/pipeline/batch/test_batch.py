@@ -1,0 +1,167 @@
+"""One row per recording, whatever is wrong with it; done once, and again when something changed."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from pipeline.batch.journal import NAME as JOURNAL
+from pipeline.trial.folder import own_folder
+
+pq = pytest.importorskip("pyarrow.parquet")
+BATCH = ("batch", "spec.toml", "--output", "out", "--workers", "1", "--json", "out.json")
+
+
+def rows(folder):
+    return pq.read_table(folder / "out/batch.parquet").to_pylist()
+
+
+def answer(folder):
+    return json.loads((folder / "out.json").read_text())
+
+
+def test_a_heavier_tool_is_found_on_its_day_and_nothing_else(done):
+    lab, out = done
+    found = rows(lab)
+    assert len(found) == 24
+    assert {row["time_from"] for row in found} == {"name"}
+    days = sorted(row["time"].date().isoformat() for row in found if row["robot"] == "robot_01")
+    changes = [c for c in answer(lab)["changes"] if c["parameter"].startswith("payload.mass")]
+    assert [change["robot"] for change in answer(lab)["changes"]] == ["robot_01"] * len(answer(lab)["changes"])
+    (change,) = changes
+    assert change["last_before"][:10] == days[6]
+    assert change["first_after"][:10] == days[7]
+    assert change["after"] - change["before"] == pytest.approx(0.3, abs=0.01)
+    assert f"robot_01, between {days[6]} and {days[7]}" in out
+
+
+def test_columns_carry_units_and_standard_deviations(done):
+    row = rows(done[0])[0]
+    assert row["value.payload.mass[wrist_3_joint] [kg]"] == pytest.approx(1.4, abs=0.65)
+    assert 0 < row["std.payload.mass[wrist_3_joint] [kg]"] < 0.05
+    assert 0 < row["rmse.tau.elbow_joint [N m]"] < 1.0
+    assert row["duration [s]"] == pytest.approx(2.49)
+    assert row["verdict"] in ("explained", "not_explained")
+    assert row["seconds"] > 0
+
+
+def test_the_report_is_one_offline_page_with_what_changed(done):
+    page = (done[0] / "out/report.html").read_text()
+    assert "What changed" in page
+    assert "payload mass (wrist_3_joint)" in page
+    assert "Times of recordings: 24 from a date in the name." in page
+    assert not re.search(r'(src|href)="?https?:', page)
+
+
+def test_finished_recordings_are_not_done_again(done, armdyn, monkeypatch):
+    lab, _ = done
+    before = rows(lab)
+    monkeypatch.setattr("pipeline.batch.workers.work", None)  # nobody may ask for it
+    armdyn(*BATCH)
+    assert answer(lab)["worked"] == 0
+    assert rows(lab) == before
+
+
+def test_a_changed_recording_and_a_changed_model_are_done_again(done, armdyn):
+    lab, _ = done
+    log = sorted((lab / "robots/robot_00/logs").glob("*.csv"))[3]
+    text = log.read_text()
+    log.unlink()
+    log.write_text(text.replace("time [s]", "time  [s]"))
+    armdyn(*BATCH)
+    assert answer(lab)["worked"] == 1
+    model = lab / "robots/robot_01/model.toml"
+    text = model.read_text()
+    model.unlink()
+    model.write_text(text.replace('"joint_viscous_friction", ', ""))
+    armdyn(*BATCH)
+    assert answer(lab)["worked"] == 12
+    assert all(row["value.joint_viscous_friction.coefficient[elbow_joint] [N m s/rad]"] is None
+               for row in rows(lab) if row["robot"] == "robot_01")  # fmt: skip
+
+
+def test_a_sidecar_that_appears_counts_as_a_change(done, armdyn):
+    lab, _ = done
+    log = sorted((lab / "robots/robot_00/logs").glob("*.csv"))[0]
+    log.with_suffix(".toml").unlink(missing_ok=True)
+    log.with_suffix(".toml").write_text("recorded = 2026-03-01T12:00:00+02:00\n")
+    armdyn(*BATCH)
+    assert answer(lab)["worked"] == 1
+    (row,) = (row for row in rows(lab) if row["recording"].endswith(log.name) and row["robot"] == "robot_00")
+    assert (row["time"].isoformat(), row["time_from"]) == ("2026-03-01T10:00:00+00:00", "sidecar")
+
+
+def test_bad_files_become_rows_and_never_end_the_batch(lab, armdyn):
+    logs = lab / "robots/robot_00/logs"
+    (logs / "log_2026-02-01.csv").write_text("time [s],q.elbow\n0,1\n")
+    (logs / "log_2026-02-02.csv").write_bytes(b"\x00\xff" * 500)
+    (logs / "log_2026-02-03.csv").mkdir()
+    (logs / "log_2026-02-04.csv").symlink_to("nowhere.csv")
+    status, out, _ = armdyn(*BATCH)
+    assert status == 0
+    bad = {row["recording"].rpartition("/")[2]: row for row in rows(lab) if row["problem"]}
+    assert sorted(bad) == [f"log_2026-02-0{day}.csv" for day in (1, 2, 3, 4)]
+    assert all(row["verdict"] is None and row["value.payload.mass[wrist_3_joint] [kg]"] is None for row in bad.values())
+    assert len(rows(lab)) == 10
+    assert "4 could not be used" in out
+    assert "Traceback" not in out
+
+
+def test_something_unforeseen_in_one_recording_is_its_row_and_is_tried_again(lab, armdyn, monkeypatch):
+    from armdyn.identify import compare
+
+    usual = compare.compare
+
+    def fails(study):
+        if study.runs[0].name == "log_2026-01-08.csv":
+            raise ZeroDivisionError("of a mistake in armdyn")
+        return usual(study)
+
+    monkeypatch.setattr(compare, "compare", fails)
+    monkeypatch.setattr("pipeline.batch.workers.START", "fork")  # which takes the change along
+    armdyn(*BATCH)
+    bad = [row for row in rows(lab) if row["problem"]]
+    assert bad
+    assert all("ZeroDivisionError" in row["problem"] for row in bad)
+    monkeypatch.setattr(compare, "compare", usual)
+    armdyn(*BATCH)
+    assert answer(lab)["worked"] == len(bad)
+    assert not [row for row in rows(lab) if row["problem"]]
+
+
+def test_a_journal_that_was_cut_off_is_continued(done, armdyn):
+    lab, _ = done
+    journal = lab / "out" / JOURNAL
+    data = journal.read_bytes()
+    journal.write_bytes(data[: len(data) - 40])
+    armdyn(*BATCH)
+    assert answer(lab)["worked"] == 1
+    armdyn(*BATCH)
+    assert answer(lab)["worked"] == 0
+
+
+def test_repair_says_what_each_recording_lacks(lab, armdyn):
+    model = lab / "robots/robot_00/model.toml"
+    text = model.read_text()
+    model.unlink()
+    model.write_text(re.sub(r"effects = .*", "effects = []", text))
+    (lab / "spec.toml").write_text(
+        'task = "repair"\n[[recordings]]\nrobot = "the first"\nmodel = "robots/robot_00/model.toml"\n'
+        f'runs = "{next(iter(sorted(model.parent.glob("logs/*.csv")))).relative_to(lab)}"\n'
+    )
+    armdyn(*BATCH)
+    found = rows(lab)
+    assert found
+    for row in found:
+        assert row["robot"] == "the first"
+        assert {"joint_viscous_friction", "joint_coulomb_friction", "payload"} <= set(row["effects"])
+        assert row["explained"] > 0.95
+
+
+@pytest.mark.usefixtures("lab")
+def test_another_batch_in_the_same_folder_is_refused(armdyn):
+    with own_folder(Path("out"), Path("out")):
+        status, _, err = armdyn(*BATCH)
+    assert status == 2
+    assert "another batch writes to out: wait for it" in err

@@ -1,0 +1,130 @@
+"""What a SPEC names is found, and what is wrong with it is said in one line."""
+
+from datetime import datetime
+from pathlib import Path
+
+import pytest
+
+from armdyn.errors import InputError
+from pipeline.batch.spec import read_spec
+from pipeline.batch.times import Clock, TimeFrom
+
+GOOD = '[[recordings]]\nmodel = "m.toml"\nruns = ["*.csv"]\n'
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for robot in ("left", "right[2]"):
+        (tmp_path / "robots" / robot).mkdir(parents=True)
+        (tmp_path / "robots" / robot / "model.toml").write_text("")
+        for day in (4, 5):
+            (tmp_path / "robots" / robot / f"log_2026-05-0{day}.csv").write_text("")
+    (tmp_path / "m.toml").write_text("")
+    (tmp_path / "a.csv").write_text("")
+    (tmp_path / "a.toml").write_text("recorded = 2026-06-01")
+    return tmp_path
+
+
+def read(folder, text):
+    (folder / "spec.toml").write_text(text)
+    return read_spec(folder / "spec.toml")
+
+
+def test_a_robots_folder_joins_its_model_and_its_logs(folder):
+    spec = read(folder, '[[recordings]]\nmodel = "robots/{robot}/model.toml"\nruns = "robots/{robot}/*.csv"\n')
+    assert [(item.robot, item.model.parent.name, item.run.parent.name, item.when.time.day) for item in spec.items] == [
+        (robot, robot, robot, day) for robot in ("left", "right[2]") for day in (4, 5)
+    ]
+    assert spec.task == "compare"
+
+
+def test_every_model_meets_every_recording_once(folder):
+    text = '[[recordings]]\nmodel = "robots/*/model.toml"\nruns = ["a.csv", "*.csv"]\n'
+    assert len(read(folder, text).items) == 2
+
+
+def test_a_recording_that_is_named_and_missing_is_a_row_not_an_error(folder):
+    (item,) = read(folder, GOOD.replace("*.csv", "gone.csv")).items
+    assert item.run.name == "gone.csv"
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("", "there are no [[recordings]]"),
+        ("recordings = 3", "there are no [[recordings]]"),
+        ("[[recordings]]\nmodell = 'm.toml'", "unknown key 'modell': did you mean 'model'?"),
+        ("[[recordings]]\nmodel = 'm.toml'", "'runs' is missing"),
+        (GOOD.replace("m.toml", "n.toml"), None),
+        (GOOD.replace("m.toml", "n*.toml"), "model: 'n*.toml' matches no file"),
+        (GOOD.replace("*.csv", "*.mcap"), "runs: '*.mcap' matches no recording"),
+        (GOOD.replace('["*.csv"]', "[3]"), "runs: write a list of files"),
+        (GOOD.replace("*.csv", "{robot}.csv"), "runs: {robot} stands for what it is in `model`"),
+        (f"task = 'repare'\n{GOOD}", "unknown task 'repare': did you mean 'repair'?"),
+        (f"taks = 'repair'\n{GOOD}", "unknown key 'taks': did you mean 'task'?"),
+        (f"[changes]\nfalse_alarms = 2\n{GOOD}", "give a probability from 0.001 to 0.2"),
+        (f"[changes]\nfalse_alarms = true\n{GOOD}", "give a probability"),
+        (f"[time]\nfrom = 'file'\n{GOOD}", "unknown place in [time] from 'file'"),
+        (f"[time]\nform = 'log'\n{GOOD}", "form: 'log': write what the name is"),
+        (f"time = 3\n{GOOD}", "'time' is not a table"),
+        (GOOD + "times = { 'b.csv' = 2026-05-04 }", "unknown recording in times of [[recordings]] 1 'b.csv'"),
+        (GOOD + "times = { 'a.csv' = 5 }", "'a.csv': is no time: write it as 2026-05-04"),
+        ("[[recordings]", "is not TOML"),
+    ],
+)
+def test_a_wrong_spec_is_refused_in_one_line(folder, text, complaint):
+    if complaint is None:
+        complaint = "model: 'n.toml' matches no file"
+    with pytest.raises(InputError) as error:
+        read(folder, text)
+    assert complaint in str(error.value)
+    assert str(folder / "spec.toml") in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def when(name, clock=None, given=()):
+    return (clock or Clock()).of(Path("/lab") / name, Path("/lab"), dict(given))
+
+
+@pytest.mark.parametrize(
+    ("name", "time"),
+    [
+        ("log_2026-05-04.csv", datetime(2026, 5, 4)),
+        ("2026_05_04_run7.mcap", datetime(2026, 5, 4)),
+        ("run7-20260504T143005.csv", datetime(2026, 5, 4, 14, 30, 5)),
+        ("2026-05-04-14-30-05.csv", datetime(2026, 5, 4, 14, 30, 5)),
+        ("rosbag2_2026_05_04-14_30_05_0.csv", datetime(2026, 5, 4, 14, 30, 5)),
+        ("2026-05-04 14.30.csv", datetime(2026, 5, 4, 14, 30)),
+        ("2026-05-04/run_3.csv", datetime(2026, 5, 4)),
+        ("2026-05-04/run_2026-05-05.csv", datetime(2026, 5, 5)),
+    ],
+)
+def test_a_date_in_the_name_is_read(name, time):
+    assert (when(name).time, when(name).source) == (time, TimeFrom.NAME)
+
+
+@pytest.mark.parametrize(
+    "name", ["run_7.csv", "serial_12345678.csv", "04-05-2026.csv", "2026-13-45.csv", "202605041.csv", "2026-05.csv"]
+)
+def test_what_is_no_date_or_could_be_two_is_not_guessed(name):
+    assert when(name).time is None
+    assert "no time in" in when(name).problem
+
+
+def test_two_dates_in_a_name_are_not_guessed():
+    assert "several dates" in when("2026-05-04_to_2026-05-09.csv").problem
+
+
+def test_a_form_reads_other_dates_and_says_where_it_fails():
+    clock = Clock(form="log_%d%m%y_%H%M")
+    assert when("log_040526_1430.csv", clock).time == datetime(2026, 5, 4, 14, 30)
+    assert "not of the form log_%d%m%y_%H%M" in when("log_4.csv", clock).problem
+
+
+def test_the_spec_counts_more_than_the_sidecar_and_that_more_than_the_name(folder):
+    (item,) = read(folder, GOOD).items
+    assert (item.when.time, item.when.source) == (datetime(2026, 6, 1), TimeFrom.SIDECAR)
+    (item,) = read(folder, GOOD + "times = { 'a.csv' = 2026-05-04T12:00:00+02:00 }").items
+    assert (item.when.time, item.when.source) == (datetime(2026, 5, 4, 10), TimeFrom.SPEC)
+    (item,) = read(folder, '[time]\nfrom = "name"\n' + GOOD).items
+    assert item.when.time is None

@@ -1,0 +1,154 @@
+"""Workers are killed, a user presses Ctrl-C: every recording is done, once."""
+
+import collections
+import json
+import multiprocessing
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import pytest
+
+from pipeline.batch.journal import NAME as JOURNAL
+from pipeline.batch.run import run_batch
+from pipeline.batch.spec import read_spec
+
+FEW = 6
+pq = pytest.importorskip("pyarrow.parquet")
+
+
+def lines(folder):
+    """Keys in the journal, as often as they were written."""
+    path = folder / "out" / JOURNAL
+    text = path.read_text() if path.exists() else ""
+    return collections.Counter(json.loads(line)["key"] for line in text.splitlines())
+
+
+def check_done_once(folder, done):
+    assert len(done.rows) == FEW
+    assert done.left == 0
+    assert not [row.outcome.problem for row in done.rows if row.outcome.problem]
+    assert set(lines(folder).values()) == {1}
+    assert len(lines(folder)) == FEW
+
+
+def test_a_killed_process_costs_nothing_but_time(lab):
+    (lab / "out").mkdir()
+    killed = []
+
+    def kill_one(what):
+        if "2 of 6 recordings done" in what and not killed:
+            killed.append(multiprocessing.active_children()[0])
+            killed[0].kill()
+
+    done = run_batch(read_spec(lab / "spec.toml"), lab / "out", workers=2, say=kill_one)
+    assert killed
+    check_done_once(lab, done)
+
+
+def dies(job):
+    """Stands for a recording that makes its process run out of memory."""
+    if job.run.name == "log_2026-01-08.csv":
+        os.kill(os.getpid(), signal.SIGKILL)
+    from pipeline.batch.work import work
+
+    return work(job)
+
+
+def test_a_recording_that_kills_its_process_is_a_row_and_the_others_are_done(lab, monkeypatch):
+    (lab / "out").mkdir()
+    monkeypatch.setattr("pipeline.batch.workers.work", dies)
+    monkeypatch.setattr("pipeline.batch.workers.START", "fork")  # which knows this file's function
+    done = run_batch(read_spec(lab / "spec.toml"), lab / "out", workers=1)
+    bad = [row for row in done.rows if row.outcome.problem]
+    assert {row.item.run.name for row in bad} == {"log_2026-01-08.csv"}
+    assert all("died 2 times" in row.outcome.problem for row in bad)
+    assert len(done.rows) == FEW
+
+
+def started(folder, *arguments):
+    return subprocess.Popen(
+        [sys.executable, "-m", "pipeline.cli", "batch", "spec.toml", "--output", "out", "--workers", "1", *arguments],
+        cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1"},
+    )  # fmt: skip
+
+
+def test_ctrl_c_keeps_what_is_finished_and_the_same_command_goes_on(lab):
+    process = started(lab)
+    while not lines(lab):
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.02)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in err
+    kept = len(lines(lab))
+    assert 1 <= kept < FEW
+    assert f"{kept} of 6 recordings are done and kept; continue with: armdyn batch spec.toml --output out" in err
+    assert pq.read_table(lab / "out/batch.parquet").num_rows == kept
+    done = run_batch(read_spec(lab / "spec.toml"), lab / "out", workers=1)
+    assert done.worked == FEW - kept
+    check_done_once(lab, done)
+
+
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    """A scheduler and two workers, each a process of its own."""
+    pytest.importorskip("distributed")
+    address = f"tcp://127.0.0.1:{free_port()}"
+
+    def start(*arguments):
+        return subprocess.Popen(
+            [sys.executable, "-m", "dask", *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1"},
+        )  # fmt: skip
+
+    worker = ("worker", address, "--nthreads", "2", "--no-nanny", "--no-dashboard", "--death-timeout", "60")
+    processes = [start("scheduler", "--port", address.rpartition(":")[2], "--no-dashboard")]
+    processes += [start(*worker), start(*worker)]
+    try:
+        yield address, processes
+    finally:
+        for process in processes:
+            process.kill()
+        for process in processes:
+            process.wait()
+
+
+def test_a_cluster_that_loses_a_worker_does_everything_once(cluster, lab):
+    from distributed import Client
+
+    address, (_, first, second) = cluster
+    with Client(address, timeout=60, set_as_default=False) as client:
+        client.wait_for_workers(2, timeout=60)
+    (lab / "out").mkdir()
+
+    def kill_one(what):
+        if "2 of 6 recordings done" in what and first.poll() is None:
+            first.kill()
+
+    done = run_batch(read_spec(lab / "spec.toml"), lab / "out", scheduler=address, say=kill_one)
+    assert first.wait() != 0
+    assert second.poll() is None
+    check_done_once(lab, done)
+
+
+def test_a_scheduler_that_does_not_answer_is_bad_input(lab, monkeypatch):
+    from armdyn.errors import InputError
+
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("pipeline.batch.workers.CONNECT", 0.5)
+    (lab / "out").mkdir()
+    with pytest.raises(InputError, match="no dask scheduler answers there"):
+        run_batch(read_spec(lab / "spec.toml"), lab / "out", scheduler=f"tcp://127.0.0.1:{free_port()}")

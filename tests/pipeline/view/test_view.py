@@ -1,0 +1,163 @@
+"""What moved, in three dimensions: poses are those of the arm's kinematics, and the page works offline."""
+
+import base64
+import json
+import re
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from browser import Browser, chromium
+from hidden_effects.arm import JOINTS, generate
+from PIL import Image
+
+import urdf
+from armdyn.errors import InputError
+from armdyn.model_file import base_pendulum
+from armdyn.run import Channel, Run, write_run_csv
+from pipeline.view.page import view_page
+from pipeline.view.reading import scene_of
+from pipeline.view.scene import Mesh, block
+from pipeline.view.shapes import MOST_TRIANGLES, _clustered, links_of
+
+TIME = np.arange(0.0, 4.0, 0.01)
+
+
+@pytest.fixture(scope="module")
+def ur5():
+    return urdf.load("ur5", meshes=False)
+
+
+@pytest.fixture(scope="module")
+def recording(ur5, tmp_path_factory):
+    path = tmp_path_factory.mktemp("run") / "ur5.csv"
+    q = ur5.home + 0.3 * np.sin(TIME[:, None] + np.arange(6))
+    channels = {f"q.{joint}": Channel(TIME, q[:, i], "rad") for i, joint in enumerate(ur5.joint_names)}
+    channels |= {f"tau.{joint}": Channel(TIME, np.cos(TIME), "N m") for joint in ur5.joint_names}
+    write_run_csv(Run("ur5", channels), path)
+    return path, q
+
+
+def test_bodies_are_where_the_kinematics_has_them(ur5, recording):
+    path, q = recording
+    scene = scene_of(path)  # the known robot that has these joints
+    assert (scene.kind, scene.title) == ("run", "ur5.csv")
+    for frame in (0, 77, len(scene.time) - 1):
+        posture = [np.interp(scene.time[frame], TIME, column) for column in q.T]
+        data = ur5.model.createData()
+        pin.forwardKinematics(ur5.model, data, np.array(posture))
+        wrist = next(body for body in scene.bodies if body.name == "wrist_3_joint")
+        assert np.allclose(wrist.poses[frame], pin.SE3ToXYZQUAT(data.oMi[6]), atol=1e-9)
+        assert np.allclose(scene.trail[frame], ur5.tool_pose(np.array(posture)).translation)
+
+
+def test_a_load_hangs_where_the_angle_has_it(tmp_path):
+    angle, x = 0.4 * np.sin(5.0 * TIME), 0.1 * np.sin(TIME)
+    channels = {"gripper_x": Channel(TIME, x, "m"), "swing_angle": Channel(TIME, angle, "rad")}
+    path = tmp_path / "swing.csv"
+    write_run_csv(Run("swing", channels), path)
+    scene = scene_of(path, base_pendulum({"length": "0.5 m"}))
+    load = next(body for body in scene.bodies if body.name == "load")
+    expected = np.interp(scene.time, TIME, x - 0.5 * np.sin(angle))
+    assert np.allclose(load.poses[:, 0], expected, atol=1e-4)
+    lengths = np.linalg.norm(scene.cords[0].ends[:, 0] - scene.cords[0].ends[:, 1], axis=1)
+    assert np.allclose(lengths, 0.5)
+    assert "not known" in scene_of(path).note  # without a model nobody knows the length
+
+
+def test_an_angle_that_was_not_measured_is_the_models(tmp_path):
+    path = tmp_path / "swing.csv"
+    force = Channel(TIME, 0.785 + 0.02 * np.cos(10.3 * TIME), "N")
+    write_run_csv(Run("swing", {"load_force": force}), path)
+    with pytest.raises(InputError, match="--model"):
+        scene_of(path)
+    assert "the model's" in scene_of(path, base_pendulum({"mass": "80 g", "length": "0.368 m"})).note
+
+
+def test_a_trajectory_is_checked_and_its_faults_are_marked(ur5, tmp_path):
+    path = tmp_path / "fast.csv"
+    q = ur5.home + 0.5 * np.sin(9.0 * TIME[:, None] + np.arange(6))
+    rows = "\n".join(",".join(f"{value:.6f}" for value in (t, *row)) for t, row in zip(TIME, q, strict=True))
+    path.write_text(",".join(["time [s]", *(f"q.{joint} [rad]" for joint in ur5.joint_names)]) + "\n" + rows)
+    scene = scene_of(path, robot=ur5)
+    assert scene.kind == "trajectory"
+    assert "Not feasible" in scene.note
+    assert any("velocity of shoulder_pan_joint" in mark.text for mark in scene.marks)
+
+
+def test_an_arm_without_meshes_is_drawn_as_rods(ur5, tmp_path):
+    text = ur5.urdf_path.read_text().replace("package://", "package://absent_")
+    (tmp_path / "bare.urdf").write_text(text)
+    links = links_of(urdf.load(str(tmp_path / "bare.urdf"), meshes=False))
+    assert "rods" in links.note
+    assert all(links.meshes[1:])
+    tips = links.meshes[3][0].vertices  # the forearm's rod reaches to the first wrist joint
+    reach = np.linalg.norm(ur5.model.jointPlacements[4].translation)
+    assert np.linalg.norm(tips, axis=1).max() == pytest.approx(reach, abs=0.07)
+
+
+def test_heavy_meshes_become_coarse_and_keep_their_size(ur5):
+    links = links_of(ur5)
+    assert sum(len(mesh.faces) for of_joint in links.meshes for mesh in of_joint) <= MOST_TRIANGLES
+    fine = block((1.0, 1.0, 1.0))
+    vertices = fine.vertices[fine.faces].reshape(-1, 3)
+    once = _clustered(Mesh(vertices, np.arange(len(vertices)).reshape(-1, 3)), 0.1)
+    assert len(once.vertices) == 8
+    assert len(once.faces) == len(fine.faces)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "hint"),
+    [
+        ("a.npz", b"PK", "a.npz"),
+        ("a.csv", b"time [s],q.arm [rad]\n" + b"".join(b"%d,%d\n" % (i, i) for i in range(20)), "--urdf"),
+    ],
+)
+def test_what_cannot_be_shown_is_one_line(armdyn, tmp_path, name, content, hint):
+    (tmp_path / name).write_bytes(content)
+    status, out, errors = armdyn("view", name, "--output", "x.html")
+    assert (status, out, errors.count("\n")) == (2, "", 1)
+    assert hint in errors
+    assert not (tmp_path / "x.html").exists()
+
+
+def test_the_command_writes_a_page_and_nothing_over_another(armdyn, recording):
+    path, _ = recording
+    status, out, _ = armdyn("view", path, "--output", "x.html", "--json", "-")
+    assert (status, json.loads(out)["bodies"][1]) == (0, "shoulder_pan_joint")
+    assert armdyn("view", path, "--output", "x.html")[0] == 2
+    assert armdyn("view", path, "--output", "x.html", "--force")[0] == 0
+
+
+def test_a_browser_draws_it_without_a_network(recording, tmp_path):
+    chromium()
+    page = tmp_path / "view.html"
+    page.write_text(view_page(scene_of(recording[0])))
+    assert page.stat().st_size < 1_500_000
+    assert not re.search(r"(src|href)=.?https?:", page.read_text())
+    with Browser(600, 500) as tab:
+        tab.go(f"{page.as_uri()}#time=1")
+        tab.wait("document.body.dataset.ready")
+        tab.picture(tmp_path / "a.png")
+        assert tab.ask("document.querySelector('output').textContent") == "1.00 s"
+        tab.click(".scrubber button")  # plays
+        tab.wait("parseFloat(document.querySelector('output').textContent) > 1.5")
+        tab.picture(tmp_path / "b.png")
+        assert tab.errors == []
+    before, after = (np.asarray(Image.open(tmp_path / f"{name}.png").convert("L"), float) for name in "ab")
+    stage = slice(90, 350)
+    assert len(np.unique(before[stage])) > 50  # an arm with light on it, not an empty stage
+    assert np.abs(before[stage] - after[stage]).max() > 50  # and it moved
+
+
+def test_numbers_are_packed_in_single_precision(recording):
+    data = scene_of(recording[0]).data()
+    time = np.frombuffer(base64.b64decode(data["time"]), "<f4")
+    assert time[0] == 0.0
+    assert time[-1] == pytest.approx(TIME[-1])
+
+
+def test_a_recorded_baxter_is_found_by_its_joints(tmp_path):
+    path = tmp_path / "baxter.csv"
+    write_run_csv(generate(None, 1.0, 0, duration=1.0, rate=50.0), path)
+    assert {body.name for body in scene_of(path).bodies} >= set(JOINTS)

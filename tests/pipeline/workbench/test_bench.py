@@ -1,0 +1,128 @@
+"""The state of the page without the page: what is foretold at once is what a fit finds."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hidden_effects.arm import JOINTS
+from hidden_effects.pendulum import Setup, record
+
+from armdyn.effects.catalogue import CATALOGUE
+from armdyn.errors import InputError, UnknownNameError
+from armdyn.identify.study import Study
+from armdyn.model_file import base_pendulum, read_model_file
+from pipeline.commands.identify import Inputs
+from pipeline.report.overlay import FITTED, HELD_OUT, quality
+from pipeline.workbench import panels
+from pipeline.workbench.bench import Atom, Bench
+from pipeline.workbench.keeping import keep
+
+from .conftest import HIDDEN, RIVALS
+
+FRICTION = [Atom(HIDDEN, joint) for joint in JOINTS]
+
+
+def error(state, kind=FITTED):
+    return quality([curve for curve in state.curves if curve.kind == kind], 1).rmse
+
+
+def test_the_hidden_effect_leaves_less_than_any_other(bench):
+    left = {}
+    for name in (HIDDEN, *RIVALS):
+        left[name] = error(bench.foretold([atom for atom in bench.atoms if atom.effect == name]), HELD_OUT)
+    assert min(left, key=left.get) == HIDDEN
+    assert left[HIDDEN] < 0.2 * error(bench.opening, HELD_OUT)
+
+
+def test_what_is_foretold_of_an_arm_is_what_a_refit_finds(bench):
+    atoms = [*FRICTION, Atom("payload", "right_w2")]
+    foretold, fitted = bench.foretold(atoms), bench.fitted(atoms)
+    assert (foretold.how, fitted.how) == ("foretold", "fitted")
+    for before, after in zip(foretold.curves, fitted.curves, strict=True):
+        noise = before.noise
+        assert np.abs(before.residuals[1] - after.residuals[1]).max() < 0.5 * noise
+        assert np.array_equal(before.residuals[0], after.residuals[0])
+    assert not foretold.stale
+
+
+def test_it_says_where_the_model_fails_until_only_noise_is_left(bench):
+    text = panels.errors_panel(bench.opening)
+    assert "Fails most: torque of" in text
+    assert f"v.{bench.opening.places[0].channel.partition('.')[2]}" in text  # a friction depends on the speed
+    before, after = (sum(place.chi2_per_sample for place in bench.fitted(e).places) for e in ([], FRICTION))
+    assert after < 0.05 * before
+
+
+def test_nothing_ticked_is_the_model_as_given(bench):
+    state = bench.foretold([])
+    assert all(np.array_equal(curve.residuals[0], curve.residuals[1]) for curve in state.curves)
+    assert dict(state.knobs) == {}
+
+
+def test_turning_a_parameter_predicts_with_it(bench):
+    fitted = bench.fitted(FRICTION)
+    name = f"{HIDDEN}.coefficient[right_s0]"
+    value = fitted.knobs[name].parameter.value
+    same, off = (bench.by_hand(FRICTION, {name: value * factor}) for factor in (1.0, 0.5))
+    for a, b in zip(fitted.curves, same.curves, strict=True):
+        assert np.allclose(a.residuals[1], b.residuals[1], atol=1e-6)
+    assert off.knobs[name].parameter.value == pytest.approx(0.5 * value)
+    # Half of a friction is missing on its joint, and on no other.
+    for a, b in zip(fitted.curves, off.curves, strict=True):
+        changed = np.abs(a.residuals[1] - b.residuals[1]).max()
+        assert (changed > a.noise) == (a.channel == "tau.right_s0")
+    with pytest.raises(UnknownNameError, match="length"):
+        bench.by_hand(FRICTION, {"length": 1.0})
+
+
+def test_an_effect_that_is_not_there_is_a_sentence(bench):
+    with pytest.raises(UnknownNameError, match=r"did you mean .joint_viscous_friction:right"):
+        bench.foretold([Atom(HIDDEN, "right_s9")])
+
+
+def test_a_pendulums_hidden_drag_is_foretold_and_then_fitted():
+    rng = np.random.default_rng(3)
+    runs = [record(f"{i}.csv", Setup(duration=6.0, hidden={"quadratic_drag": 0.02}), rng) for i in range(2)]
+    effects = ("quadratic_drag", "sensor_bias", "string_elasticity")
+    bench = Bench(Study(base_pendulum(), runs[:1], runs[1:], [CATALOGUE[name] for name in effects]))
+    foretold = {name: bench.foretold([Atom(name)]) for name in effects}
+    assert min(effects, key=lambda name: error(foretold[name])) == "quadratic_drag"
+    fitted = bench.fitted([Atom("quadratic_drag")])
+    assert not fitted.stale
+    assert foretold["quadratic_drag"].stale  # a held-out pendulum has a start of its own to fit
+    for kind in (FITTED, HELD_OUT):  # what is left is the sensor's noise of 3 mN
+        assert error(bench.opening, kind) > 4e-3
+        assert error(fitted, kind) == pytest.approx(3e-3, rel=0.1)
+    assert {"length", "mass", "quadratic_drag.coefficient"} <= set(fitted.knobs)
+
+
+def test_what_is_kept_is_what_add_writes(files, tmp_path):
+    model, run, held_out = files
+    inputs = Inputs(model, [run], [held_out], None, None)
+    given = inputs.read()
+    bench = Bench(given.study)
+    target = tmp_path / "repaired.toml"
+    report, exported = tmp_path / "repaired.html", tmp_path / "repaired.json"
+    kept = keep(inputs, given, bench, FRICTION, target, report, exported)
+    assert kept.files == (target, report, exported)
+    assert HIDDEN in kept.sentence
+    assert f"compare {target} {run} --held-out {held_out}" in kept.next_step
+    written = read_model_file(target)
+    assert [effect.name for effect in written.model.effects] == [HIDDEN]
+    assert written.history[-1]["added"] == HIDDEN
+    fitted = bench.fitted(FRICTION).knobs
+    for name, parameter in written.model.parameters.items():
+        assert parameter.value == pytest.approx(fitted[name].parameter.value, rel=1e-3)
+    with pytest.raises(InputError, match="is there already"):
+        keep(inputs, given, bench, FRICTION, target)
+
+
+def test_panels_escape_what_users_name():
+    html = panels.files_panel(None, [(Path("<b>.csv"), True)], ["<i>"])
+    assert "<b>.csv" not in html
+    assert "&lt;i&gt;" in html
+    assert panels.short_joints(["right_s0", "right_w2"]) == {"right_s0": "s0", "right_w2": "w2"}
+    assert panels.short_joints(["shoulder_pan_joint", "elbow_joint"]) == {
+        "shoulder_pan_joint": "shoulder_pan", "elbow_joint": "elbow",
+    }  # fmt: skip
+    assert panels.short_joints(["a_b"]) == {"a_b": "a_b"}

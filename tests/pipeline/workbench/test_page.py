@@ -1,0 +1,167 @@
+"""The page in a real browser, with real clicks."""
+
+import re
+import signal
+import subprocess
+import sys
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from browser import Browser, chromium
+from hidden_effects.pendulum import Setup, record
+
+from armdyn.run import write_run_csv
+
+from .conftest import HIDDEN, RIVALS
+
+pytest.importorskip("nicegui", reason="needs the extra 'workbench': pip install 'armdyn[workbench]'")
+ERROR = "Number(document.querySelector('.key').dataset.value)"
+NONE = "!document.querySelector('[data-pick]:checked')"
+FITTED = "document.querySelector('.how.fitted')"
+TURNED = """(() => {
+    const knob = document.querySelector("[data-knob=length]");
+    knob.value = knob.value / 2;
+    knob.dispatchEvent(new Event("input", { bubbles: true }));
+})()"""
+
+
+@contextmanager
+def served(folder, *arguments):
+    """The address of a workbench; it must end in order on Ctrl-C."""
+    chromium()
+    command = [sys.executable, "-m", "pipeline.cli", "workbench", *map(str, arguments), "--no-browser"]
+    process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        said = process.stdout.readline()
+        found = re.search(r"http://127\.0\.0\.1:\d+", said)
+        assert found, said + process.stderr.read()
+        yield found[0]
+        process.send_signal(signal.SIGINT)
+        out, errors = process.communicate(timeout=20)
+        assert (process.returncode, out, errors) == (0, "workbench closed\n", "")
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture(scope="module")
+def address(files, tmp_path_factory):
+    model, run, held_out = files
+    with served(tmp_path_factory.mktemp("work"), model, run, "--held-out", held_out) as found:
+        yield found
+
+
+@pytest.fixture
+def browser():
+    with Browser() as tab:
+        yield tab
+        assert tab.errors == []
+
+
+def ticked(browser, selector):
+    """Click, and the error that the page shows when the refit is done."""
+    n = browser.ask("armdynBench.latencies.length")
+    browser.click(selector)
+    browser.wait(f"armdynBench.latencies.length > {n}")
+    browser.wait(FITTED)
+    return browser.ask(ERROR)
+
+
+def test_a_hidden_effect_is_found_by_clicking(address, browser):
+    browser.go(address)
+    browser.wait("document.querySelector('[data-pick]')")
+    browser.wait("document.body.dataset.ready")
+    given = browser.ask(ERROR)
+    left = {}
+    for effect in (HIDDEN, *RIVALS):
+        every = browser.ask(f"Boolean(document.querySelector(\"[data-every='{effect}']\"))")
+        selector = f"[data-every='{effect}']" if every else f"[data-pick^='{effect}'] + span"
+        left[effect] = ticked(browser, selector)
+        browser.click("#clear")
+        browser.wait(f"{NONE} && {ERROR} == {given}")
+    assert min(left, key=left.get) == HIDDEN
+    assert left[HIDDEN] < 0.2 * given
+
+    ticked(browser, f"[data-every='{HIDDEN}']")
+    browser.click("#curves [data-tab='tau.right_e1'] + span")
+    readout = "document.querySelector('#curves .readout').innerText"
+    browser.wait(f"{readout}.startsWith('torque of right_e1')")
+    assert "as given" in browser.ask(readout)
+    browser.click("#show-scene")
+    browser.wait("document.getElementById('scene').dataset.ready")
+    assert browser.ask("document.querySelector('#scene canvas').width") > 300
+    browser.ask("document.querySelector('#scene input').dispatchEvent(new Event('input', { bubbles: true }))")
+    browser.wait("document.querySelector('.cursor').isConnected")
+
+
+def test_a_search_ranks_it_and_what_is_kept_is_a_model_file(address, browser):
+    browser.go(address)
+    browser.wait("document.querySelector('[data-pick]')")
+    browser.click("#search")
+    browser.wait("document.querySelector('[data-try]')")
+    first = browser.ask("document.querySelector('[data-try]').dataset.try")
+    assert first.startswith(HIDDEN)
+    ticked(browser, "[data-try]")
+    browser.click("#keep")
+    browser.wait("document.querySelector('#go-on')")
+    assert "repaired.toml" in browser.ask("document.querySelector('#kept').innerText")
+    browser.click("#keep")
+    browser.wait("document.querySelector('#said').innerText.includes('is there already')")
+
+
+def test_each_tab_has_a_choice_of_its_own(address, browser):
+    browser.go(address)
+    browser.wait("document.querySelector('[data-pick]')")
+    ticked(browser, "[data-pick='torque_offset:right_s0'] + span")
+    with Browser() as other:
+        other.go(address)
+        other.wait("document.querySelector('[data-pick]')")
+        assert other.ask("document.querySelectorAll('[data-pick]:checked').length") == 0
+    assert browser.ask("document.querySelectorAll('[data-pick]:checked').length") == 1
+
+
+def test_a_pendulum_is_started_and_its_recording_dropped_on_a_small_dark_screen(tmp_path):
+    run = record("swing.csv", Setup(duration=5.0, hidden={"quadratic_drag": 0.02}), np.random.default_rng(3))
+    write_run_csv(run, tmp_path / "swing.csv")
+    (tmp_path / "broken.csv").write_text("time [s],load_force [bananas]\n0,1\n")
+    with served(tmp_path) as found, Browser(400, 800, dark=True) as browser:
+        browser.go(found)
+        browser.wait("document.querySelector('#subtitle').innerText.includes('still needed')")
+        browser.click("#start-pendulum")
+        browser.wait("document.querySelector('#files').innerText.includes('pendulum.toml')")
+        browser.drop("input[type=file]", [tmp_path / "broken.csv"])
+        browser.wait("document.querySelector('#said').innerText.includes('bananas')")
+        browser.drop("input[type=file]", [tmp_path / "swing.csv"])
+        browser.wait("document.querySelector('[data-pick]')")
+        assert browser.ask(ERROR) > 3.5e-3
+        assert ticked(browser, "[data-pick='quadratic_drag'] + span") == pytest.approx(3e-3, rel=0.1)  # N, the noise
+        browser.ask(TURNED)
+        browser.wait(f"document.querySelector('.how.by-hand') && {ERROR} > 4e-3")  # the prediction with half the length
+        browser.click("#refit")
+        browser.wait(f"{FITTED} && {ERROR} < 3.5e-3")
+        width = "document.documentElement.scrollWidth"
+        assert browser.ask(width) <= 400  # nothing is cut off, nothing scrolls sideways
+        assert browser.errors == []
+
+
+def test_a_page_of_elsewhere_gets_nothing(address):
+    import urllib.error
+    import urllib.request
+
+    request = urllib.request.Request(address, headers={"Host": "elsewhere.example"})
+    with pytest.raises(urllib.error.HTTPError, match="400"):
+        urllib.request.urlopen(request)
+
+
+def test_a_taken_port_and_a_missing_file_are_one_line(address, armdyn, tmp_path):
+    port = address.rpartition(":")[2]
+    status, _, errors = armdyn("workbench", "--port", port, "--no-browser")
+    assert status == 2
+    assert f"--port {port}" in errors
+    assert errors.count("\n") == 1
+    status, _, errors = armdyn("workbench", tmp_path / "absent.toml")
+    assert status == 2
+    assert "no such file" in errors
+    assert list(tmp_path.iterdir()) == []
