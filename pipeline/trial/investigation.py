@@ -36,8 +36,8 @@ MOST = 4
 SECONDS = 8.0
 """Of a designed motion."""
 LIMITS = Limits(swing=0.5)
-"""A load that swings farther begins to swing across the line as well (on the simulated arm by 0.1 rad in 8 s at 1 rad, by
-0.05 at 0.6 rad), and no motion along the line brings that to rest."""
+"""A load that swings farther begins to swing across the line as well (on the simulated arm by 0.1 rad in 8 s at 1 rad,
+by 0.05 at 0.6 rad), and no motion along the line brings that to rest."""
 LEAST_STD = 1e-3
 """m."""
 ASKED = ("linear_drag",)
