@@ -49,6 +49,7 @@ def test_action_control_tells_more_than_a_generic_chirp(tmp_path: Path) -> None:
     assert found["same_peak"]["chirp 0.2-2 Hz"]["information"] < 0.1 * found["sac"]["information"]
 
 
+@pytest.mark.slow
 def test_length_is_learnt_on_the_simulated_robot(tmp_path: Path) -> None:
     trials = run("length.py", tmp_path, "--quick")["trials"]
     assert all(abs(trial["error"]) < 5e-3 for trial in trials)

@@ -40,6 +40,7 @@ def test_the_exam_error_falls_with_the_right_effect_and_everything_else_stays():
     assert examined.after.channels["load_force"].exam_rmse == repaired
 
 
+@pytest.mark.slow
 def test_an_exam_run_takes_another_name_where_its_own_is_taken():
     runs, (exam, _) = recordings(), recordings(seed=8)
     study = study_of(runs, exam=[exam])

@@ -141,6 +141,7 @@ def test_a_journal_that_was_cut_off_is_continued(done, armdyn):
     assert answer(lab)["worked"] == 0
 
 
+@pytest.mark.slow
 def test_repair_says_what_each_recording_lacks(lab, armdyn):
     model = lab / "robots/robot_00/model.toml"
     text = model.read_text()

@@ -55,6 +55,7 @@ def test_what_is_repaired_lands(effect, parameter, size, tmp_path, off_target):
     assert off_target(trial) < 0.04
 
 
+@pytest.mark.slow
 def test_wind_that_is_repaired_leaves_the_length_right(tmp_path):
     # Whether a swing in wind lands hangs on the last bit, the length does not: wind makes it 12 mm too short.
     hidden = {"wind": 0.2}

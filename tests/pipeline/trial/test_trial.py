@@ -116,7 +116,7 @@ def test_without_estimation_a_wrong_guess_misses(guess, off_target):
     assert off_target(trial) > 0.15
 
 
-@pytest.mark.parametrize("guess", [0.15, 0.9])
+@pytest.mark.parametrize("guess", [0.15, pytest.param(0.9, marks=pytest.mark.slow)])
 def test_estimation_converges_from_far_away(guess, off_target):
     trial = simulate(TrialSettings(length_guess=guess, seed=4))
     result = trial.result

@@ -129,6 +129,7 @@ def test_the_command_writes_a_page_and_nothing_over_another(armdyn, recording):
     assert armdyn("view", path, "--output", "x.html", "--force")[0] == 0
 
 
+@pytest.mark.slow
 def test_a_browser_draws_it_without_a_network(recording, tmp_path):
     chromium()
     page = tmp_path / "view.html"

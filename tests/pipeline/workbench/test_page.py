@@ -96,6 +96,7 @@ def test_a_hidden_effect_is_found_by_clicking(address, browser):
     browser.wait("document.querySelector('.cursor').isConnected")
 
 
+@pytest.mark.slow
 def test_a_search_ranks_it_and_what_is_kept_is_a_model_file(address, browser):
     browser.go(address)
     browser.wait("document.querySelector('[data-pick]')")
@@ -111,6 +112,7 @@ def test_a_search_ranks_it_and_what_is_kept_is_a_model_file(address, browser):
     browser.wait("document.querySelector('#said').innerText.includes('is there already')")
 
 
+@pytest.mark.slow
 def test_each_tab_has_a_choice_of_its_own(address, browser):
     browser.go(address)
     browser.wait("document.querySelector('[data-pick]')")
@@ -122,6 +124,7 @@ def test_each_tab_has_a_choice_of_its_own(address, browser):
     assert browser.ask("document.querySelectorAll('[data-pick]:checked').length") == 1
 
 
+@pytest.mark.slow
 def test_a_pendulum_is_started_and_its_recording_dropped_on_a_small_dark_screen(tmp_path):
     run = record("swing.csv", Setup(duration=5.0, hidden={"quadratic_drag": 0.02}), np.random.default_rng(3))
     write_run_csv(run, tmp_path / "swing.csv")
