@@ -68,7 +68,7 @@ def place_at_rest(
         turned = turn.apply(down)
         # The pull, and with it the stretch, falls with the cosine of the angle.
         _place_load(model, data, pivot, turned, rest + (settings.length - rest) * float(turned @ down))
-    data.qvel[:] = 0.0
+    data.qvel[:] = data.qacc[:] = 0.0  # the torque holds the arm, which these evaluations were without
     return Start(torque, rest)
 
 

@@ -39,6 +39,15 @@ def test_zero_leaves_the_plant_unchanged_to_the_last_digit(baxter, q_start, name
 
 
 @pytest.mark.parametrize("name", HIDDEN_EFFECTS)
+def test_the_first_reading_is_one_of_an_arm_at_rest(baxter, q_start, name):
+    plant = SimulatedRobot(baxter, q_start, PlantSettings(), {name: None})
+    first = plant.joint_state()
+    plant.advance(0.01)
+    assert np.abs(first.v).max() < 0.1
+    assert np.abs(first.q - plant.joint_state().q).max() < 0.01
+
+
+@pytest.mark.parametrize("name", HIDDEN_EFFECTS)
 def test_typical_value_is_in_range_and_changes_something_measured(baxter, q_start, line_motion, name):
     def run(hidden):
         settings = replace(PlantSettings.exact(), start_angle=0.2)
