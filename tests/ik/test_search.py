@@ -44,6 +44,7 @@ def test_lines_found_keep_what_the_settings_say_of_them(other) -> None:
     assert all(collisions.touching(q) is None for q in table.q[::40])
 
 
+@pytest.mark.slow
 def test_a_search_finds_a_fast_free_line_within_the_limits() -> None:
     robot = urdf.load("ur5")
     said: list[str] = []

@@ -117,6 +117,7 @@ def test_whitening_makes_an_autoregression_white():
     assert ljung_box(whitened(e, autoregression([e]))) > 1e-3
 
 
+@pytest.mark.slow
 def test_two_frictions_that_imitate_a_third_are_found():
     hidden = {"pivot_coulomb_friction": 1e-3, "quadratic_drag": 0.01}
     found = repair(study_of(recordings(hidden=hidden)))

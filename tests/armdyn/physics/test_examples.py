@@ -118,6 +118,7 @@ def test_hidden_friction_of_a_double_pendulum_is_named_and_added(tmp_path, doubl
     assert again["channels"]["q.upper"]["chi2_per_sample"] < 1.2
 
 
+@pytest.mark.slow
 def test_drag_and_a_sheaves_friction_are_found_on_a_crane(tmp_path, crane, lifts):
     runs = lifts(drag=0.8, sheave=0.01)
     before = answer(tmp_path, "compare", crane, runs, "--report", tmp_path / "compare.html")

@@ -42,6 +42,7 @@ def cluster(tmp_path) -> Iterator[tuple[str, list[subprocess.Popen]]]:
             process.wait()
 
 
+@pytest.mark.slow
 def test_a_volume_survives_the_death_of_a_worker(cluster, baxter, small, tmp_path) -> None:
     from distributed import Client
 

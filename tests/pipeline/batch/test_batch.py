@@ -63,6 +63,7 @@ def test_finished_recordings_are_not_done_again(done, armdyn, monkeypatch):
     assert rows(lab) == before
 
 
+@pytest.mark.slow
 def test_a_changed_recording_and_a_changed_model_are_done_again(done, armdyn):
     lab, _ = done
     log = sorted((lab / "robots/robot_00/logs").glob("*.csv"))[3]

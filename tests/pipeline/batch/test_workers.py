@@ -77,6 +77,7 @@ def started(folder, *arguments):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_what_is_finished_and_the_same_command_goes_on(lab):
     process = started(lab)
     while not lines(lab):
