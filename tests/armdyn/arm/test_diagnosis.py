@@ -28,6 +28,7 @@ def test_a_spring_is_no_offset_and_no_gain_though_either_takes_most_of_it_away()
         assert abs(value.value - true) < 4 * value.std
 
 
+@pytest.mark.slow
 def test_wrong_links_are_named_and_explain_the_runs():
     found = diagnose(study_of("link_inertia", 2))
     assert found.suspects[0].effect == "link_inertia"

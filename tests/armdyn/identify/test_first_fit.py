@@ -76,6 +76,7 @@ def test_of_two_mirror_images_the_one_with_a_positive_angle_is_taken():
     assert any(start[0] < 0 for start in truth.starts)
 
 
+@pytest.mark.slow
 def test_a_repaired_model_compared_with_its_runs_keeps_its_error():
     truth = recorded("plain", gripper_lag=0.02)
     repaired = repair(Study(model_for("plain"), truth.runs, [], EFFECTS))

@@ -21,6 +21,7 @@ def answer(folder):
     return json.loads((folder / "out.json").read_text())
 
 
+@pytest.mark.slow
 def test_a_heavier_tool_is_found_on_its_day_and_nothing_else(done):
     lab, out = done
     found = rows(lab)
@@ -109,6 +110,7 @@ def test_bad_files_become_rows_and_never_end_the_batch(lab, armdyn):
     assert "Traceback" not in out
 
 
+@pytest.mark.slow
 def test_something_unforeseen_in_one_recording_is_its_row_and_is_tried_again(lab, armdyn, monkeypatch):
     from armdyn.identify import compare
 

@@ -127,6 +127,7 @@ def cluster(tmp_path):
             process.wait()
 
 
+@pytest.mark.slow
 def test_a_cluster_that_loses_a_worker_does_everything_once(cluster, lab):
     from distributed import Client
 

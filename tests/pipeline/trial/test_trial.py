@@ -92,6 +92,7 @@ def test_a_missed_box_says_how_to_find_what_the_model_lacks(learnt):
     assert again.command == "armdyn trial --model repaired.toml"
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_trial():
     first, second = (run_trial(TrialSettings(seed=5, estimation_time=2.0)) for _ in range(2))
     assert first.length_estimate == second.length_estimate

@@ -121,6 +121,7 @@ def test_what_cannot_be_shown_is_one_line(armdyn, tmp_path, name, content, hint)
     assert not (tmp_path / "x.html").exists()
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_page_and_nothing_over_another(armdyn, recording):
     path, _ = recording
     status, out, _ = armdyn("view", path, "--output", "x.html", "--json", "-")
