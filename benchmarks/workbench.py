@@ -13,7 +13,7 @@ import tempfile
 import time
 from pathlib import Path
 
-import _timing  # noqa: F401  (keeps BLAS to one thread)
+import _timing as bench  # isort: skip (BLAS keeps to one thread: before NumPy)
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
@@ -65,9 +65,12 @@ def measure(tab: Browser, address: str) -> None:
             tab.click(f"[data-pick='{effect}:{joint}'] + span")
             tab.wait(f"armdynBench.latencies.length > {n}")
             time.sleep(PAUSE)
-    show("click to new curve", tab.ask("armdynBench.latencies"))
-    again = [tab.ask(REDRAW) for _ in range(20)]
-    show("the same curves again", again)
+    clicks, again = tab.ask("armdynBench.latencies"), [tab.ask(REDRAW) for _ in range(20)]
+    rows = [
+        [what, str(len(times)), f"{np.median(times):.0f}", f"{np.max(times):.0f}"]
+        for what, times in (("click to new curve", clicks), ("the same curves again", again))
+    ]
+    bench.print_table("Time to drawn curves [ms]", ["what", "tries", "median", "worst"], rows)
 
 
 REDRAW = """(async () => {
@@ -75,12 +78,6 @@ REDRAW = """(async () => {
     await Plotly.react(chart, chart.data, chart.layout);
     return performance.now() - start;
 })()"""
-
-
-def show(what: str, times: list[float]) -> None:
-    """One line, times in ms."""
-    worst, median, n = np.max(times), np.median(times), len(times)
-    print(f"{what:<26} {median:6.0f} ms median, {worst:.0f} ms worst of {n}")
 
 
 if __name__ == "__main__":

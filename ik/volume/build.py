@@ -13,6 +13,7 @@ import numpy as np
 
 from armdyn.errors import InputError, TaskFailedError
 from ik.chain import Chain
+from ik.cluster import dask_client
 from ik.volume.block import BlockSolver, Solved
 from ik.volume.grid import Block, Grid, Status
 from ik.volume.skeleton import build_skeleton
@@ -21,7 +22,6 @@ from urdf import CollisionModel, Robot
 
 RESTARTS = 3  # of a pool whose worker died
 RETRIES = 3  # of a block whose dask worker died
-CONNECT = 10.0  # s to wait for a scheduler
 
 
 def in_processes(solver: BlockSolver, blocks: Sequence[Block], processes: int) -> Iterator[tuple[Block, Solved]]:
@@ -88,15 +88,10 @@ def on_cluster(solver: BlockSolver, blocks: Sequence[Block], scheduler: str) -> 
         InputError: dask is missing, or the scheduler does not answer.
         TaskFailedError: a block failed on several workers.
     """
-    try:
-        from distributed import Client, KilledWorker
-        from distributed import as_completed as done
-    except ImportError as error:
-        raise InputError("--scheduler needs dask: run 'pip install armdyn[volume]'") from error
-    try:
-        client = Client(scheduler, timeout=CONNECT, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise InputError(f"{scheduler}: no dask scheduler answers there; start one with 'dask scheduler'") from error
+    client = dask_client(scheduler, "volume")
+    from distributed import KilledWorker
+    from distributed import as_completed as done
+
     with client:
         futures = {client.submit(solver, block, pure=False, retries=RETRIES): block for block in blocks}
         waiting = done(list(futures), loop=client.loop)

@@ -1,6 +1,7 @@
 """The rows as one Parquet file: a column per quantity, its unit in its name."""
 
 from collections.abc import Mapping, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +19,8 @@ def check_parquet() -> None:
     Raises:
         InputError: pyarrow is missing.
     """
-    try:
-        import pyarrow.parquet  # noqa: F401
-    except ImportError as error:
-        raise InputError("a batch needs pyarrow: run 'pip install armdyn[batch]'") from error
+    if find_spec("pyarrow") is None:
+        raise InputError("a batch needs pyarrow: run 'pip install armdyn[batch]'")
 
 
 def write_parquet(path: Path, spec: Spec, rows: Sequence[Row]) -> None:

@@ -8,7 +8,8 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import set_forkserver_preload
 from typing import Any
 
-from armdyn.errors import InputError, TaskFailedError
+from armdyn.errors import TaskFailedError
+from ik.cluster import dask_client
 from pipeline.batch.work import Job, Outcome, lost, work
 from pipeline.workers import worker_pool
 
@@ -18,8 +19,6 @@ AHEAD = 2
 """Jobs in hand per worker: one is there when another is done. Those in hand are suspects where a worker dies."""
 DEATHS = 2
 """Times that a worker may die of one job, the second time alone, before the job is given up."""
-CONNECT = 10.0
-"""To wait for a scheduler, s."""
 
 START = "forkserver"
 """How processes begin: with everything loaded, and free of the threads of this one."""
@@ -88,14 +87,9 @@ def on_cluster(jobs: Sequence[Job], scheduler: str, stopped: Stopped) -> Iterato
         InputError: dask is missing, or the scheduler does not answer.
         TaskFailedError: the scheduler is gone.
     """
-    try:
-        from distributed import Client, KilledWorker
-    except ImportError as error:
-        raise InputError("--scheduler needs dask: run 'pip install armdyn[batch]'") from error
-    try:
-        client = Client(scheduler, timeout=CONNECT, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise InputError(f"{scheduler}: no dask scheduler answers there; start one with 'dask scheduler'") from error
+    client = dask_client(scheduler, "batch")
+    from distributed import KilledWorker
+
     with client:
         done: queue.SimpleQueue[Any] = queue.SimpleQueue()
         futures = {client.submit(work, job, pure=False, key=f"armdyn-{job.key}"): job for job in jobs}

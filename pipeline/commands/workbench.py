@@ -49,7 +49,7 @@ def workbench(
             if error.name is None or error.name.partition(".")[0] in ("pipeline", "armdyn", "urdf", "ik"):
                 raise
             raise InputError(
-                f"the workbench needs the package '{error.name}': run  pip install 'armdyn[workbench]'"
+                "the workbench needs the package 'nicegui': run pip install 'armdyn[workbench]'"
             ) from error
         listen = listening(port)
 

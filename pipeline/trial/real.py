@@ -26,7 +26,7 @@ from pipeline.ros.telemetry import PublishingRecorder, Telemetry
 from pipeline.ros.topics import RosTopics
 from pipeline.trial.experiment import Ending, Experiment, Progress
 from pipeline.trial.folder import gathered
-from pipeline.trial.investigation import SwingExperiment, after, ended_before, investigate
+from pipeline.trial.investigation import SwingExperiment, after, ended_before, investigate, swing_of
 from pipeline.trial.keeping import kept, recording
 from pipeline.trial.moves import Posture, along, approach, play, rehearsal
 from pipeline.trial.result import TrialResult, result_of
@@ -148,13 +148,7 @@ def run_real(
             name = f"experiment_{number}"
             with recording(PublishingRecorder, folder, link.arm.joint_names, c, described, name) as kept_there:
                 kept_there.telemetry = telemetry
-                made = SwingExperiment(
-                    robot, clock, link.arm, table, kept_there, of,
-                    cell=limits, landed=lambda: True, progress=show, begin=place,
-                )  # fmt: skip
-                ending = made.run()
-                kept_there.close()
-            return made, ending
+                return swing_of(robot, clock, link.arm, table, kept_there, of, limits, show, place)
 
         found, of = None, c
         if c.investigate:

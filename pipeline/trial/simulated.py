@@ -17,7 +17,7 @@ from pipeline.robot.simulated import SimulatedRobot
 from pipeline.robot.truth import History
 from pipeline.trial.experiment import Ending, Experiment, Progress
 from pipeline.trial.folder import gathered
-from pipeline.trial.investigation import SwingExperiment, after, ended_before, investigate
+from pipeline.trial.investigation import SwingExperiment, after, ended_before, investigate, swing_of
 from pipeline.trial.keeping import kept, recording
 from pipeline.trial.result import TrialResult, result_of
 from pipeline.trial.settings import ProtocolSettings, TrialSettings
@@ -110,13 +110,7 @@ def simulate(
 
             name = f"experiment_{number}"
             with recording(Recorder, directory, description.joint_names, c, described, name) as kept_there:
-                made = SwingExperiment(
-                    reached, clock(reached), description, table, kept_there, of,
-                    cell=cell, landed=lambda: True, progress=show, begin=place,
-                )  # fmt: skip
-                ending = made.run()
-                kept_there.close()
-            return made, ending
+                return swing_of(reached, clock(reached), description, table, kept_there, of, cell, show, place)
 
         found, of = None, c
         if c.investigate:

@@ -5,12 +5,12 @@ import json
 import multiprocessing
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
 
 import pytest
+from dask_cluster import dask_cluster, free_port
 
 from pipeline.batch.journal import NAME as JOURNAL
 from pipeline.batch.run import run_batch
@@ -96,35 +96,11 @@ def test_ctrl_c_keeps_what_is_finished_and_the_same_command_goes_on(lab):
     check_done_once(lab, done)
 
 
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 @pytest.fixture
 def cluster(tmp_path):
-    """A scheduler and two workers, each a process of its own."""
     pytest.importorskip("distributed")
-    address = f"tcp://127.0.0.1:{free_port()}"
-
-    def start(*arguments):
-        return subprocess.Popen(
-            [sys.executable, "-m", "dask", *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-            cwd=tmp_path,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1"},
-        )  # fmt: skip
-
-    worker = ("worker", address, "--nthreads", "2", "--no-nanny", "--no-dashboard", "--death-timeout", "60")
-    processes = [start("scheduler", "--port", address.rpartition(":")[2], "--no-dashboard")]
-    processes += [start(*worker), start(*worker)]
-    try:
-        yield address, processes
-    finally:
-        for process in processes:
-            process.kill()
-        for process in processes:
-            process.wait()
+    with dask_cluster(tmp_path, threads=2) as started:
+        yield started
 
 
 @pytest.mark.slow
@@ -150,7 +126,7 @@ def test_a_scheduler_that_does_not_answer_is_bad_input(lab, monkeypatch):
     from armdyn.errors import InputError
 
     pytest.importorskip("distributed")
-    monkeypatch.setattr("pipeline.batch.workers.CONNECT", 0.5)
+    monkeypatch.setattr("ik.cluster.CONNECT", 0.5)
     (lab / "out").mkdir()
     with pytest.raises(InputError, match="no dask scheduler answers there"):
         run_batch(read_spec(lab / "spec.toml"), lab / "out", scheduler=f"tcp://127.0.0.1:{free_port()}")
