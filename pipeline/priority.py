@@ -4,9 +4,13 @@ import ctypes
 import os
 import sys
 import threading
+from collections.abc import Callable
 
 PRIORITY = 10
 """Of 1 to 99: above every ordinary program, below what the system itself runs with."""
+PROMPT = PRIORITY + 1
+"""Of threads that wait for something and are done with it at once: two of equal rank wait for each other, 100 ms at
+most on Linux, and so a state that arrived would wait until the loop has computed."""
 SWITCH = 0.001
 """How long one thread of a program may keep the others waiting in Python [s]; 5 ms is half a cycle."""
 LOCK_EVERYTHING = 1 | 2 | 4
@@ -25,11 +29,30 @@ def ask_for_real_time() -> bool:
     try:
         for thread in threading.enumerate():
             if thread.native_id is not None:
-                os.sched_setscheduler(thread.native_id, os.SCHED_RR, os.sched_param(PRIORITY))
+                rank = PROMPT if isinstance(thread, PromptThread) else PRIORITY
+                os.sched_setscheduler(thread.native_id, os.SCHED_RR, os.sched_param(rank))
     except OSError:
         return False
     _keep_in_memory()
     return True
+
+
+class PromptThread(threading.Thread):
+    """A daemon thread that receives or guards: in a program with real-time priority it goes before those that compute.
+
+    Args:
+        target: what it runs.
+        name: of the thread.
+    """
+
+    def __init__(self, target: Callable[[], None], name: str) -> None:
+        super().__init__(target=target, name=name, daemon=True)
+
+    def run(self) -> None:
+        """See `threading.Thread.run`."""
+        if hasattr(os, "sched_setscheduler") and os.sched_getscheduler(0) == os.SCHED_RR:
+            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(PROMPT))
+        super().run()
 
 
 def _keep_in_memory() -> None:

@@ -6,7 +6,8 @@ from datetime import datetime, timedelta
 
 import numpy as np
 
-from armdyn.identify.change import Found, Name, Series, Step, find_changes
+from armdyn.identify.change import Found, Name, Step, find_changes
+from armdyn.identify.series import Series
 from pipeline.batch.run import Row
 from pipeline.batch.spec import Spec
 

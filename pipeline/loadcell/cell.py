@@ -12,6 +12,7 @@ from typing import NamedTuple
 from pipeline.loadcell.calibration import Calibration
 from pipeline.loadcell.faults import Fault, FaultDetector, FaultEvent, FaultLimits, LoadCellStatus, implausible_repeats
 from pipeline.loadcell.protocol import BAUD, MAXIMUM_COUNTS, MINIMUM_COUNTS, Decoder, SerialLine, open_port
+from pipeline.priority import PromptThread
 from pipeline.robot.protocol import ForceSample
 
 SMALLEST_STEP = 1e-6
@@ -138,7 +139,7 @@ class CountReader:
         self._connected = True
         self._detector.check(clock())
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="load cell", daemon=True)
+        self._thread = PromptThread(self._run, "load cell")
         self._thread.start()
 
     def __enter__(self) -> "CountReader":

@@ -6,6 +6,8 @@ from time import monotonic
 from types import TracebackType
 from typing import Self
 
+from pipeline.priority import PromptThread
+
 CHECK = 0.002
 """Time between two looks [s]: by so much later than `patience` is the arm stopped, at most."""
 
@@ -30,7 +32,7 @@ class Watchdog:
         self._stop, self._moving, self._patience = stop, moving, patience
         self._seen = monotonic()
         self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._watch, name="watchdog", daemon=True)
+        self._thread = PromptThread(self._watch, "watchdog")
         self.fault: str | None = None
 
     def beat(self) -> None:

@@ -13,6 +13,7 @@ import urdf
 from armdyn.errors import ArmdynError, InputError, TaskFailedError
 from pipeline.loadcell.cell import LoadCell
 from pipeline.loadcell.faults import Fault
+from pipeline.priority import PromptThread
 from pipeline.robot.protocol import ForceSample, JointState, Vector
 from pipeline.ros.baxter import Power
 from pipeline.ros.blend import Blend
@@ -90,7 +91,7 @@ class RosRobot:
         except BaseException:
             self.bridge.close()
             raise
-        self._braker = threading.Thread(target=self._brake_when_told, name="braking", daemon=True)
+        self._braker = PromptThread(self._brake_when_told, "braking")
         self._braker.start()
 
     def __enter__(self) -> Self:

@@ -14,6 +14,7 @@ from contextlib import suppress
 from typing import Any, Self
 
 from armdyn.errors import ArmdynError, InputError
+from pipeline.priority import PromptThread
 
 Message = Mapping[str, Any]
 Take = Callable[[Message, float], None]
@@ -64,7 +65,7 @@ class Bridge:
         self._lock = threading.Lock()
         self._parts: list[bytes] = []
         self._connect()
-        self._thread = threading.Thread(target=self._receive, name="rosbridge", daemon=True)
+        self._thread = PromptThread(self._receive, "rosbridge")
         self._thread.start()
 
     def __enter__(self) -> Self:

@@ -7,6 +7,7 @@ which has no master, it always does.
 import threading
 
 from armdyn.errors import InputError
+from pipeline.priority import PromptThread
 from pipeline.ros.bridge import Bridge, BridgeError
 
 SERVICE = "/rosapi/get_time"
@@ -31,7 +32,7 @@ class MasterWatch:
         self._bridge = bridge
         self.trouble: str | None = None
         self._closed = threading.Event()
-        self._thread = threading.Thread(target=self._ask, name="ROS master", daemon=True)
+        self._thread = PromptThread(self._ask, "ROS master")
         self._thread.start()
 
     def close(self) -> None:

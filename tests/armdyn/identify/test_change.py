@@ -5,7 +5,8 @@ import pytest
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from armdyn.identify.change import Series, _Test, find_changes
+from armdyn.identify.change import find_changes
+from armdyn.identify.series import Series, StepTest
 
 DAY = 86400.0
 DAYS = DAY * np.arange(40)
@@ -116,7 +117,7 @@ def test_the_best_step_is_that_of_a_regression(phi):
     """Every step beside a line, weighted and with what neighbours share taken out, by plain least squares."""
     rng, count = np.random.default_rng(0), 20
     time, std = np.cumsum(rng.uniform(0.5, 2.0, count)), rng.uniform(0.5, 2.0, count)
-    test = _Test.of(Series(time, rng.standard_normal(count) + 2.0 * (np.arange(count) > 9), std), phi)
+    test = StepTest.of(Series(time, rng.standard_normal(count) + 2.0 * (np.arange(count) > 9), std), phi)
     own = np.eye(count) - phi * np.eye(count, k=-1)
     own[0, 0] = np.sqrt(1.0 - phi**2)
     sizes = []

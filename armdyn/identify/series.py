@@ -1,0 +1,237 @@
+"""One series of a parameter over time, and how much of it a step or a slope explains beyond chance.
+
+With y_i the values, w_i = 1/scale_i and u_k the step after recording k,
+
+    t_k: that of the coefficient of w u_k in the regression of w y on w, w t, w u_k,
+
+the largest t_k is turned into a normal deviate of the same probability (Wallace 1959). Neighbours in time may be alike,
+by the weather for one: an AR(1) process whose phi is that of the same quantity on all joints of all robots together.
+It is taken out of both sides of the regression, z_i - phi z_i-1 in the place of z_i (Prais and Winsten 1954).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.signal import lfilter
+
+from armdyn.channels import FloatArray
+
+LEAST_AT_A_SIDE = 4
+"""Recordings before and after a step: fewer may be a bad afternoon."""
+LEAST = 10
+"""Recordings of a series that is looked at."""
+ALIKE = 1e-12
+"""Spread over size of values that are all the same."""
+ODD = 3.0
+"""Standard deviations from the median of itself and two recordings on either side, beyond which a recording is odd. The
+first one after a step has three of its own kind among these."""
+NORMAL_MEDIAN = 0.6745
+"""Median of the absolute value of a normal deviate."""
+AT_ONCE = 2_000_000
+"""Numbers that are simulated at once: 16 MB."""
+GRID = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9])
+"""Values of phi at which what a step leaves is simulated, to read phi from what it leaves of the batch."""
+GRID_SERIES = 400
+
+
+@dataclass(frozen=True)
+class Series:
+    """One parameter of one robot.
+
+    Attributes:
+        time: (n,) s, not decreasing.
+        value: (n,) in any unit.
+        std: (n,) of each value; None where all are as certain.
+    """
+
+    time: FloatArray
+    value: FloatArray
+    std: FloatArray | None = None
+
+    def part(self, first: int, end: int) -> "Series":
+        """Some of its recordings, by their numbers."""
+        std = None if self.std is None else self.std[first:end]
+        return Series(self.time[first:end], self.value[first:end], std)
+
+    @property
+    def scale(self) -> FloatArray:
+        """(n,) how uncertain each value is: its own standard deviation, and what differs from recording to recording.
+
+        The latter is what neighbours differ by beyond their own: neither a step nor a drift makes it larger.
+        """
+        if self.std is None:
+            return np.ones_like(self.value)
+        jumps, own = np.abs(np.diff(self.value)), self.std[1:] ** 2 + self.std[:-1] ** 2
+        tiny = ALIKE * float(jumps.max(initial=0.0))
+
+        def too_large(more: float) -> float:
+            return float(np.median(jumps / np.sqrt(own + 2.0 * more**2 + tiny**2))) - NORMAL_MEDIAN
+
+        top = 2.0 * float(jumps.max(initial=0.0))
+        more = brentq(too_large, 0.0, top) if tiny > 0.0 and too_large(0.0) > 0.0 else 0.0
+        return np.sqrt(self.std**2 + more**2 + tiny**2)
+
+
+@dataclass(frozen=True)
+class StepTest:
+    """One series, ready to be held against noise.
+
+    Attributes:
+        time: (n,) s.
+        value: (n,).
+        weight: (n,) one over the scale of each value.
+        phi: correlation of neighbours.
+        scores: (n,) the values over their scale, odd ones replaced, what neighbours share taken out.
+        line: (n, 2) orthonormal: constant and slope, treated likewise.
+        splits: (k,) first recording after each possible step.
+        sums: (k, 2) components of each step, treated likewise, along the line.
+        lengths: (k,) of each step without its line.
+    """
+
+    time: FloatArray
+    value: FloatArray
+    weight: FloatArray
+    phi: float
+    scores: FloatArray
+    line: FloatArray
+    splits: np.ndarray
+    sums: FloatArray
+    lengths: FloatArray
+
+    @classmethod
+    def of(cls, series: Series, phi: float = 0.0) -> "StepTest | None":
+        """None where the series is too short, or its values or times are all the same."""
+        time, value = series.time, series.value
+        count = len(value)
+        if count < LEAST or time[-1] <= time[0] or np.ptp(value) <= ALIKE * np.abs(value).max():
+            return None
+        scale = series.scale
+        weight = np.median(scale) / scale
+        splits = np.arange(LEAST_AT_A_SIDE, count - LEAST_AT_A_SIDE + 1)
+        splits = splits[time[splits] > time[splits - 1]]
+        middle = np.average(time, weights=weight**2)
+        straight = weight * np.array([np.ones(count), (time - middle) / np.ptp(time)])
+        line = np.linalg.qr(_own(straight, phi).T)[0]
+        sums = _along_steps(line.T, weight, phi)[:, splits].T
+        after = _own(weight[None], phi)[0] ** 2
+        squares = (_from_the_end(after[None])[0] - after + weight**2)[splits] - np.sum(sums**2, axis=1)
+        kept = squares > 1e-6  # of two groups of times a step is a line
+        if not kept.any():
+            return None
+        scores = weight * (_without_odd_ones(value[None], scale)[0] - np.median(value))
+        scores = _own(scores[None], phi)[0]
+        return cls(time, value, weight, phi, scores, line, splits[kept], sums[kept], np.sqrt(squares[kept]))
+
+    def largest(self, scores: FloatArray) -> tuple[FloatArray, np.ndarray, FloatArray]:
+        """Of (m, n) scores: (m,) deviates of the best step, (m,) which of the splits that is, (m, n) what it leaves."""
+        left = scores - scores @ self.line @ self.line.T
+        along = _along_steps(left, self.weight, self.phi)[:, self.splits] / self.lengths
+        best = np.argmax(np.abs(along), axis=1)
+        size = along[np.arange(len(along)), best]
+        stepped = _own(self.weight * (np.arange(left.shape[1]) >= self.splits[best][:, None]), self.phi)
+        rest = left - (size / self.lengths[best])[:, None] * (stepped - self.sums[best] @ self.line.T)
+        return _deviate(size, left, 3), best, rest
+
+    def two_steps_left(self, scores: FloatArray) -> FloatArray:
+        """(m, n) what is left of (m, n) scores after the best step and the best after that: one may undo the other."""
+        return self.largest(self.largest(scores)[2])[2]
+
+    def trends(self, scores: FloatArray) -> FloatArray:
+        """Of (m, n) scores: (m,) deviates of the slope."""
+        left = scores - np.outer(scores @ self.line[:, 0], self.line[:, 0])
+        return _deviate(left @ self.line[:, 1], left, 2)
+
+    def beside(self, split: int, *, parabola: bool) -> float:
+        """Deviate of one step beside the line, or beside a parabola."""
+        smooth = self.line
+        if parabola:
+            curve = _own((self.weight * ((self.time - self.time.mean()) / np.ptp(self.time)) ** 2)[None], self.phi)[0]
+            smooth = np.linalg.qr(np.column_stack([self.line, curve]))[0]
+        step = _own((self.weight * (np.arange(len(self.time)) >= self.splits[split]))[None], self.phi)[0]
+        left, step = (values - smooth @ (smooth.T @ values) for values in (self.scores, step))
+        length = float(np.linalg.norm(step))
+        if length < 1e-3:
+            return 0.0
+        return float(_deviate(np.array([left @ step / length]), left[None], smooth.shape[1] + 1)[0])
+
+    def by_chance(self, batches: int, rng: np.random.Generator) -> FloatArray:
+        """(2, batches) deviates of the best step and of the slope in noise."""
+        found = np.empty((2, batches))
+        size = max(1, AT_ONCE // len(self.time))
+        for first in range(0, batches, size):
+            some = slice(first, min(first + size, batches))
+            noise = _noise(self.phi, (some.stop - first, len(self.time)), rng)
+            scores = _own(self.weight * _without_odd_ones(noise / self.weight, 1.0 / self.weight), self.phi)
+            found[0, some] = self.largest(scores)[0]
+            found[1, some] = self.trends(scores)
+        return found
+
+
+def correlation(group: Sequence[StepTest], rng: np.random.Generator) -> float:
+    """Correlation of neighbours, from what two steps of each series leave beside what two leave of such noise."""
+    seen = float(np.mean([_neighbours(test.two_steps_left(test.scores[None]))[0] for test in group]))
+    typical = sorted(group, key=lambda test: len(test.time))[len(group) // 2]
+    count = len(typical.time)
+    expected = [
+        float(np.mean(_neighbours(typical.two_steps_left(_noise(phi, (GRID_SERIES, count), rng))))) for phi in GRID
+    ]
+    return float(np.interp(seen, np.maximum.accumulate(expected), GRID))
+
+
+def _neighbours(rest: FloatArray) -> FloatArray:
+    """(m,) correlation of neighbours in (m, n)."""
+    return np.asarray(np.sum(rest[:, 1:] * rest[:, :-1], axis=1) / np.maximum(np.sum(rest**2, axis=1), 1e-300))
+
+
+def _noise(phi: float, shape: tuple[int, int], rng: np.random.Generator) -> FloatArray:
+    """(m, n) of an AR(1) process."""
+    white = rng.standard_normal(shape)
+    if phi <= 0.0:
+        return white
+    white[:, 0] /= np.sqrt(1.0 - phi**2)
+    return np.asarray(lfilter([1.0], [1.0, -phi], white, axis=1))
+
+
+def _without_odd_ones(values: FloatArray, scale: FloatArray) -> FloatArray:
+    """(m, n) values, those that are far from the median of their five neighbours, itself one, replaced by it."""
+    padded = np.concatenate([values[:, 2:0:-1], values, values[:, -2:-4:-1]], axis=1)
+    count = values.shape[1]
+    a, b, c, d, e = (padded[:, k : k + count] for k in range(5))
+    a, b, c, d = np.minimum(a, b), np.maximum(a, b), np.minimum(c, d), np.maximum(c, d)
+    low, high = np.maximum(a, c), np.minimum(b, d)  # the median of five is that of these two and the fifth
+    around = np.maximum(np.minimum(low, high), np.minimum(np.maximum(low, high), e))
+    jumps = np.abs(np.diff(values, axis=1)) / np.hypot(scale[1:], scale[:-1])
+    usual = np.median(jumps, axis=1, keepdims=True) / NORMAL_MEDIAN
+    return np.where(np.abs(values - around) > ODD * usual * scale, around, values)
+
+
+def _own(values: FloatArray, phi: float) -> FloatArray:
+    """(m, n) what each value of (m, n) has beyond its share of the one before (Prais and Winsten 1954)."""
+    left = values.copy()
+    left[:, 1:] -= phi * values[:, :-1]
+    left[:, 0] *= np.sqrt(1.0 - phi**2)
+    return left
+
+
+def _along_steps(left: FloatArray, weight: FloatArray, phi: float) -> FloatArray:
+    """(m, n) products of (m, n) values with the step that begins at each recording, weighted and treated by `_own`."""
+    after = np.concatenate([[0.0], phi * weight[:-1]])  # a step's first recording has none before it to share with
+    return _from_the_end(left * (weight - after)) + left * after
+
+
+def _from_the_end(values: FloatArray) -> FloatArray:
+    """(m, n) sums of each value of (m, n) and all after it."""
+    return np.cumsum(values[:, ::-1], axis=1)[:, ::-1]
+
+
+def _deviate(along: FloatArray, left: FloatArray, lost: int) -> FloatArray:
+    """(m,) normal deviates as rare as such components along a direction of (m, n) values.
+
+    The t statistic is sqrt(f s / (1 - s)), s the share of the squares that the direction explains and f the degrees of
+    freedom, n without those that are lost; Wallace 1959, Ann. Math. Stat. 30:1121, eq. 5.1.
+    """
+    share = np.minimum(along**2 / np.maximum(np.sum(left**2, axis=1), 1e-300), 1.0 - 1e-12)
+    freedom = left.shape[1] - lost
+    return np.asarray((8.0 * freedom + 1.0) / (8.0 * freedom + 3.0) * np.sqrt(-freedom * np.log1p(-share)))
