@@ -31,7 +31,9 @@ from pipeline.ros.topics import RosTopics
 STEP = 0.002
 """Time between two looks at what has arrived [s]."""
 STATE_EVERY = 0.01
-"""Time between two joint states, and between two states of the robot [s]."""
+"""Time between two joint states [s]."""
+POWER_EVERY = 0.05
+"""Time between two messages on whether the robot is enabled [s]; the bridge has to convert each."""
 ENABLE_TAKES = 0.1
 """From the request to being enabled [s]."""
 OFFSET, SCALE = 84213.0, 5.6e-6
@@ -151,7 +153,7 @@ class Twin:
         gc.freeze()  # what was loaded stays; looking through it again and again would take 50 ms each time
         start = self.start = time.monotonic() - self.robot.time
         self._epoch = time.time() - self.robot.time + self._stamp_offset
-        next_state = self.robot.time
+        next_state = next_power = self.robot.time
         while not until():
             now = time.monotonic()
             late = now - start - self.robot.time
@@ -162,7 +164,10 @@ class Twin:
             self._live(now, now - start)
             if self.robot.time >= next_state - STEP / 2:
                 next_state = max(next_state + STATE_EVERY, self.robot.time)
-                self._publish()
+                self._publish_joints()
+            if self.robot.time >= next_power - STEP / 2:
+                next_power = max(next_power + POWER_EVERY, self.robot.time)
+                self._publish_power()
             time.sleep(max(0.0, start + self.robot.time + STEP - time.monotonic()))
 
     def _live(self, now: float, until: float) -> None:
@@ -173,12 +178,10 @@ class Twin:
             act(now)
         if self._enabling is not None and now >= self._enabling:
             self._enabling, self._enabled = None, True
-        here = self.robot.joint_state().q
-        if not self._enabled:
-            self._arm.hold(here)
-        elif self._arm.timed_out(now):
-            self.tally.timeouts += 1
-            self._arm.hold(here)
+        timed_out = self._enabled and self._arm.timed_out(now)
+        self.tally.timeouts += timed_out
+        if timed_out or not self._enabled:
+            self._arm.hold(self.robot.joint_state().q)
         span = max(0.0, until - self.robot.time)
         reference = self._arm.advance(span)
         if reference is not None:
@@ -187,7 +190,7 @@ class Twin:
         for sample in self.robot.load_cell():
             self.port.send(self.port.line(round(OFFSET + sample.force / SCALE)))
 
-    def _publish(self) -> None:
+    def _publish_joints(self) -> None:
         state = self.robot.joint_state()
         rows = dict.fromkeys(OTHERS, (0.0, 0.0, 0.0))
         rows |= {
@@ -201,6 +204,8 @@ class Twin:
             "header": {"stamp": {"secs": int(stamp), "nsecs": round(1e9 * (stamp % 1.0)) % 1_000_000_000}},
             "name": self._order, "position": columns[0], "velocity": columns[1], "effort": columns[2],
         })  # fmt: skip
+
+    def _publish_power(self) -> None:
         self._say(f"{self._topics.enabling}/state", {
             "enabled": self._enabled, "ready": self._enabled, "stopped": self._stopped, "error": False,
             "estop_button": self._button, "estop_source": self._source,

@@ -29,13 +29,14 @@ def missing():
 
 
 def real_time(pid):
-    """Let all threads of a process run before ordinary programs, and before twin and trial, where that is granted.
+    """Let all threads of a process run before ordinary programs, but after twin and trial, where that is granted.
 
-    On a robot they have a computer of their own; here they must not wait until the twin has computed its step.
+    On a robot they have a computer of their own. Here the bridge looks through its memory for 60 ms now and then, for
+    which the others must not wait.
     """
     for task in Path(f"/proc/{pid}/task").iterdir():
         try:
-            os.sched_setscheduler(int(task.name), os.SCHED_RR, os.sched_param(15))
+            os.sched_setscheduler(int(task.name), os.SCHED_RR, os.sched_param(5))
         except OSError:
             return
 
