@@ -31,6 +31,8 @@ LAG = 0.01
 """How far behind now the joints are read [s]: by then the reading of that time has usually arrived."""
 REPEATED = 1.2
 """For a second after `advertise` rosbridge repeats what we send to new subscribers: nothing moves before that [s]."""
+PATIENCE = 2 * PERIOD
+"""How long a command waits for a joint state that is young enough [s]: so late the arm notices no gap, see `LATEST`."""
 OURS = 300
 """Commands that are remembered, so that others' are recognised: 3 s, longer than any bridge may stall."""
 HELD = 0.3
@@ -140,6 +142,8 @@ class RosRobot:
             TaskFailedError: it was withheld, or an earlier one was; the arm is brought to rest.
         """
         q, v, a = (np.array(x, dtype=float) for x in (q, v, a))
+        if self._ended is None:
+            self._states.wait_for_younger(lambda: self.time - FRESH, PATIENCE)
         with self._lock:
             if self._ended is None:
                 self._braking.clear()

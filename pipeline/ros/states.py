@@ -2,7 +2,7 @@
 
 import threading
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from math import inf, isfinite
 from typing import Any
@@ -89,6 +89,11 @@ class JointStates:
         """The newest state; None before the first."""
         with self._changed:
             return self._states[-1] if self._states else None
+
+    def wait_for_younger(self, time: Callable[[], float], patience: float) -> None:
+        """Wait until the newest state is of a time [s] that may change meanwhile, or patience [s] ends."""
+        with self._changed:
+            self._changed.wait_for(lambda: bool(self._states) and self._states[-1].time >= time(), patience)
 
     def first(self, topic: str) -> JointState:
         """The newest state, waited for where there is none yet.

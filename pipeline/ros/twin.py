@@ -91,7 +91,8 @@ class Twin:
     ) -> None:
         settings = settings or PlantSettings()
         servo = replace(settings.servo, extrapolate=False, hold_after=NEVER)
-        self.settings = replace(settings, servo=servo)
+        # The line rounds to counts: a coarser cell would repeat itself more often than its calibration allows.
+        self.settings = replace(settings, servo=servo, cell=replace(settings.cell, resolution=0.0))
         self._names, self._limits = description.joint_names, description.limits
         self.robot = SimulatedRobot(description, q_start, self.settings, hidden, seed)
         self.tally = Tally(largest_step=np.zeros(len(self._names)))

@@ -42,7 +42,7 @@ def real_time(pid):
 
 
 class Stalls:
-    """Sees how long this machine keeps even a real-time thread from running.
+    """Sees how long this machine keeps even a real-time thread from running, on the processor that is worst.
 
     Attributes:
         worst: longest delay so far [s].
@@ -52,21 +52,27 @@ class Stalls:
         self.worst, self._ended = 0.0, threading.Event()
         code = (
             "import os, sys, time\n"
+            "os.sched_setaffinity(0, {int(sys.argv[1])})\n"
             "try:\n os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(20))\nexcept OSError:\n pass\n"
             "while True:\n before = time.monotonic(); time.sleep(0.005); late = time.monotonic() - before - 0.005\n"
             " if late > 0.01: print(late, flush=True)\n"
         )
-        self._process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
-        threading.Thread(target=self._watch, daemon=True).start()
+        self._processes = [
+            subprocess.Popen([sys.executable, "-c", code, str(cpu)], stdout=subprocess.PIPE, text=True)
+            for cpu in os.sched_getaffinity(0)
+        ]
+        for process in self._processes:
+            threading.Thread(target=self._watch, args=(process,), daemon=True).start()
 
-    def _watch(self):
-        for line in self._process.stdout:
+    def _watch(self, process):
+        for line in process.stdout:
             self.worst = max(self.worst, float(line))
 
     def close(self):
-        self._process.kill()
-        self._process.wait()
-        self._process.stdout.close()
+        for process in self._processes:
+            process.kill()
+            process.wait()
+            process.stdout.close()
 
 
 class Wire:

@@ -196,6 +196,27 @@ def test_states_that_stop_coming_end_the_run_and_nothing_resumes(robot, until):
     assert len(sent(robot)) == count
 
 
+def test_a_command_waits_for_a_state_that_is_late_and_goes_after_it(robot, monkeypatch):
+    monkeypatch.setattr(ros_module, "PATIENCE", 10.0)  # of the computer that runs this test
+    q, v = stream(robot, 60, speed=0.3)
+    robot.arm.silent = True
+    for k in range(1, 5):
+        robot.arm.step(PERIOD)
+        robot.command(q + k * PERIOD * v, v, np.zeros(7))
+    robot.arm.step(2 * PERIOD)  # the newest state is 60 ms old now
+    count = robot.figures.commands
+    waiting = threading.Thread(target=lambda: robot.command(q + 5 * PERIOD * v, v, np.zeros(7)))
+    waiting.start()
+    waiting.join(0.1)
+    assert waiting.is_alive()
+    assert robot.figures.commands == count  # none leaves without a young state
+    robot.arm.silent = False
+    robot.arm.say()
+    waiting.join(10.0)
+    assert robot.figures.commands == count + 1
+    assert robot.fault is None
+
+
 def test_the_emergency_stop_ends_the_run(robot, until):
     stream(robot, 5)
     robot.arm.state |= {"enabled": False, "stopped": True, "estop_button": 1, "estop_source": 1}
