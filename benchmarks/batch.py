@@ -5,6 +5,8 @@ Then the same recordings with one and with two worker processes: how much faster
     python benchmarks/batch.py [--labs 1] [--robots 20] [--recordings 50]
 """
 
+import _timing as bench  # isort: skip
+
 import argparse
 import sys
 import tempfile
@@ -79,8 +81,11 @@ def ratio(folder: Path, spec: Spec) -> None:
         done = run_batch(spec, folder / f"out_{workers}", workers=workers)
         seconds[workers] = time.perf_counter() - began
     work = sum(row.outcome.seconds for row in done.rows) / len(done.rows)
-    print(f"{len(done.rows)} recordings: one worker {len(done.rows) / seconds[1]:.2f} per second, two workers")
-    print(f"{seconds[1] / seconds[2]:.2f} times that, their start included; {work:.2f} s of work each", flush=True)
+    rows = [[str(n), f"{len(done.rows) / took:.2f}", f"{seconds[1] / took:.2f}"] for n, took in seconds.items()]
+    bench.print_table(
+        f"{len(done.rows)} recordings, {work:.2f} s of work each, start of the workers included",
+        ["workers", "per second", "ratio"], rows,
+    )  # fmt: skip
 
 
 if __name__ == "__main__":
