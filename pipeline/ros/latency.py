@@ -18,6 +18,8 @@ EVERY = 0.01
 """Time between two pings [s]: the bridge's delays depend on it."""
 PATIENCE = 3.0
 """Longest time to the first answer and after the last ping [s]."""
+ENOUGH = 0.5
+"""Share of the pings that come back through a bridge that works."""
 _names = count()
 
 
@@ -62,7 +64,7 @@ def round_trip(bridge: Bridge, pings: int = 50) -> Spread:
     """Send pings at 100 Hz and see when they come back [s].
 
     Raises:
-        InputError: fewer than nine in ten come back.
+        InputError: fewer than half come back; a bridge that pauses for 60 ms keeps one of the six sent meanwhile.
     """
     topic = f"{TOPIC}_{next(_names)}"
     sent: dict[int, float] = {}
@@ -90,7 +92,7 @@ def round_trip(bridge: Bridge, pings: int = 50) -> Spread:
     while len(took) < pings and time.monotonic() < end:
         time.sleep(EVERY)
     spread = Spread.of(took.values())
-    if spread is None or spread.count < 0.9 * pings:
+    if spread is None or spread.count < ENOUGH * pings:
         raise InputError(
             f"{bridge.uri}: {len(took)} of {pings} messages came back: does the bridge reach the ROS master?"
         )
