@@ -96,8 +96,10 @@ def _force(experiment: Experiment) -> ForceTrace | None:
     return ForceTrace(recorded.time, recorded.value, predicted, noise=experiment.settings.force_noise)
 
 
-def _gripper(experiment: Experiment) -> GripperTrace:
+def _gripper(experiment: Experiment) -> GripperTrace | None:
     reference, actual = experiment.channel("reference.x"), experiment.channel("gripper_x")
+    if not (len(reference) and len(actual)):  # ended before it began
+        return None
     return GripperTrace(actual.time, np.interp(actual.time, reference.time, reference.value), actual.value)
 
 
@@ -109,8 +111,10 @@ def _swing(experiment: Experiment, executed: SwingTrace | None) -> SwingPicture 
     return SwingPicture(planned, executed, settings.task.box, settings.load_radius)
 
 
-def _joints(experiment: Experiment) -> JointTrace:
+def _joints(experiment: Experiment) -> JointTrace | None:
     names, limits = experiment.description.joint_names, experiment.description.limits
     time = experiment.channel(f"q.{names[0]}").time
+    if not len(time):
+        return None
     position, velocity = (np.column_stack([experiment.channel(f"{k}.{n}").value for n in names]) for k in "qv")
     return JointTrace(names, time, position, velocity, limits.lower, limits.upper, limits.velocity)

@@ -7,7 +7,7 @@ import pytest
 
 import ik
 import urdf
-from armdyn.errors import InputError
+from armdyn.errors import InputError, TaskFailedError
 from pipeline.motion import LineTrajectory
 from pipeline.nodes.scheduler import RobotClock
 from pipeline.nodes.watchdog import Watchdog
@@ -109,3 +109,15 @@ def test_options_that_make_no_sense_are_refused(armdyn, options, said):
     status, _, err = armdyn("trial", *options)
     assert status == 2
     assert said in err
+
+
+def test_a_trial_whose_first_experiment_was_stopped_has_a_report(monkeypatch, tmp_path):
+    def held(_self):
+        raise TaskFailedError("somebody holds the arm")
+
+    monkeypatch.setattr("pipeline.trial.investigation.SwingExperiment._learn", held)
+    trial = simulate(TrialSettings(investigate=2))
+    assert not trial.result.success
+    assert trial.result.investigation.stop is Stop.INTERRUPTED
+    trial.report().write(tmp_path / "report.html")
+    assert "Somebody holds the arm" in (tmp_path / "report.html").read_text()
