@@ -139,10 +139,12 @@ class CollisionModel:
 def _with_hulls(shapes: pin.GeometryModel) -> tuple[pin.GeometryModel, frozenset[int]]:
     """The same shapes with convex hulls for meshes, and the pairs for which that is not the same."""
     hulls = pin.GeometryModel(shapes)
-    meshes = set()
+    hollow = set()
     for number, shape in enumerate(hulls.geometryObjects):
-        if hasattr(shape.geometry, "buildConvexHull") and shape.geometry.buildConvexHull(False, "Qt"):
-            shape.geometry = shape.geometry.convex
-            meshes.add(number)
+        mesh = shape.geometry
+        if hasattr(mesh, "buildConvexHull"):
+            if not mesh.buildConvexHull(True, "Qt"):  # it answers whether the mesh is convex itself
+                hollow.add(number)
+            shape.geometry = mesh.convex
     pairs = enumerate(hulls.collisionPairs)
-    return hulls, frozenset(index for index, pair in pairs if {int(pair.first), int(pair.second)} & meshes)
+    return hulls, frozenset(index for index, pair in pairs if {int(pair.first), int(pair.second)} & hollow)
