@@ -1,0 +1,107 @@
+"""Does a robot that does not know what its model lacks find it out by itself, and land?
+
+    python benchmarks/investigations.py [--seeds N] [--first-seed N] [--workers N] [--only EFFECT,...] [--json FILE]
+
+For every effect and seed: `armdyn trial --investigate 4 --hidden EFFECT=VALUE`. The plant is MuJoCo's and shares no
+code with the models; arm, delays and encoders are as in any trial. Right is: the verdict that stands names the hidden
+effect and no other. An effect "ties" where the first experiment leaves more than one candidate.
+"""
+
+import _timing as bench  # isort: skip
+
+import argparse
+import multiprocessing
+import sys
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.trial import TrialSettings, simulate
+from pipeline.trial.investigation import Stop
+
+HIDDEN = {
+    "pivot_viscous_friction": 1e-3, "linear_drag": 0.01, "quadratic_drag": 0.05, "pivot_coulomb_friction": 2e-3,
+    "sensor_lag": 0.02, "gripper_lag": 0.03, "string_elasticity": 5e-3, "gripper_scale": 0.03, "load_inertia": 1e-3,
+    "sensor_gain": 0.05,
+}  # fmt: skip
+"""Values in SI units, of a usual size; most of them tie with another effect in one swing."""
+EXPERIMENTS = 4
+
+
+@dataclass(frozen=True)
+class Case:
+    """One investigation; `first` and `last` are the candidates after the first and the last experiment."""
+
+    effect: str
+    seed: int
+    stop: str
+    experiments: int
+    first: tuple[str, ...]
+    last: tuple[str, ...]
+    landed: bool
+
+    @property
+    def right(self) -> bool:
+        """Whether the hidden effect was named, and no other."""
+        return self.stop == Stop.NAMED.name and self.last == (self.effect,)
+
+
+def investigation(effect: str, seed: int) -> Case:
+    """Find out, and throw."""
+    trial = simulate(TrialSettings(hidden={effect: HIDDEN[effect]}, seed=seed, investigate=EXPERIMENTS))
+    found = trial.result.investigation
+    assert found is not None, "it was asked for"
+    first, last = (found.stages[k].candidates if found.stages else () for k in (0, -1))
+    return Case(effect, seed, found.stop.name, len(found.stages), first, last, trial.result.success)
+
+
+def row(effect: str, mine: list[Case]) -> list[str]:
+    """One line of the table."""
+    others = Counter("+".join(c.last) or c.stop.lower() for c in mine if not c.right)
+    return [
+        f"{effect} {HIDDEN[effect]:g}",
+        ", ".join(f"{n} {what}" for what, n in others.most_common()) or "-",
+        str(len(mine)),
+        str(sum(len(c.first) > 1 for c in mine)),
+        str(sum(c.right for c in mine)),
+        f"{np.mean([c.experiments for c in mine]):.1f}",
+        str(sum(c.landed for c in mine)),
+    ]
+
+
+def main() -> int:
+    """Run it; 1 where a claim is missed."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=10, help="of each effect")
+    parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--workers", type=int, default=1, help="processes")
+    parser.add_argument("--only", default=",".join(HIDDEN), help="effects, with commas")
+    parser.add_argument("--json", type=Path, metavar="FILE")
+    options = parser.parse_args()
+    effects = options.only.split(",")
+    seeds = range(options.first_seed, options.first_seed + options.seeds)
+    work = [(effect, seed) for seed in seeds for effect in effects]
+    cases: list[Case] = []
+    with ProcessPoolExecutor(options.workers, multiprocessing.get_context("spawn")) as pool:
+        for case in pool.map(investigation, *zip(*work, strict=True)):
+            cases.append(case)
+            print(f"  {case}", file=sys.stderr, flush=True)
+    bench.print_table(
+        f"Investigations of at most {EXPERIMENTS} experiments",
+        ["hidden", "named otherwise", "runs", "ties at first", "right", "experiments", "land"],
+        [row(effect, [c for c in cases if c.effect == effect]) for effect in effects],
+        texts=2,
+    )
+    right, landed = sum(c.right for c in cases), sum(c.landed for c in cases)
+    claims = [
+        bench.Claim("the hidden effect is named", f"{right} of {len(cases)}", right >= 0.95 * len(cases)),
+        bench.Claim("the load lands", f"{landed} of {len(cases)}", landed >= 0.95 * len(cases)),
+    ]
+    return bench.conclude(claims, {"cases": [asdict(c) for c in cases]}, options.json)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
