@@ -32,6 +32,10 @@ class UnknownNameError(InputError):
         hint = f"did you mean '{close[0]}'?" if close else f"choose one of: {listed}"
         super().__init__(f"unknown {kind} '{shown}': {hint}")
 
+    def __reduce__(self) -> tuple[type["UnknownNameError"], tuple[str, str, tuple[str, ...]]]:
+        """For its way out of a worker process: by default it would be made anew of its sentence alone."""
+        return type(self), (self.kind, self.name, self.valid)
+
 
 class TaskFailedError(ArmdynError):
     """The input is sound but the answer is no: infeasible, unreachable, stopped for safety."""
