@@ -24,8 +24,8 @@ from pipeline.trial.investigation import Stop
 
 HIDDEN = {
     "pivot_viscous_friction": 1e-3, "linear_drag": 0.01, "quadratic_drag": 0.05, "pivot_coulomb_friction": 2e-3,
-    "sensor_lag": 0.02, "gripper_lag": 0.03, "string_elasticity": 5e-3, "cross_axis_sensitivity": 0.05, "load_inertia": 1e-3,
-    "sensor_gain": 0.05,
+    "sensor_lag": 0.02, "gripper_lag": 0.03, "string_elasticity": 5e-3, "cross_axis_sensitivity": 0.05,
+    "load_inertia": 1e-3, "sensor_gain": 0.05,
 }  # fmt: skip
 """Values in SI units, of a usual size; most of them tie with another effect in one swing."""
 EXPERIMENTS = 4
