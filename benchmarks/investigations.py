@@ -9,15 +9,11 @@ effect and no other. An effect "ties" where the first experiment leaves more tha
 
 import _timing as bench  # isort: skip
 
-import argparse
-import multiprocessing
-import sys
 from collections import Counter
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
-from pathlib import Path
 
 import numpy as np
+from _cases import cases
 
 from pipeline.trial import TrialSettings, simulate
 from pipeline.trial.investigation import Stop
@@ -74,33 +70,20 @@ def row(effect: str, mine: list[Case]) -> list[str]:
 
 def main() -> int:
     """Run it; 1 where a claim is missed."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=10, help="of each effect")
-    parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument("--workers", type=int, default=1, help="processes")
-    parser.add_argument("--only", default=",".join(HIDDEN), help="effects, with commas")
-    parser.add_argument("--json", type=Path, metavar="FILE")
-    options = parser.parse_args()
-    effects = options.only.split(",")
-    seeds = range(options.first_seed, options.first_seed + options.seeds)
-    work = [(effect, seed) for seed in seeds for effect in effects]
-    cases: list[Case] = []
-    with ProcessPoolExecutor(options.workers, multiprocessing.get_context("spawn")) as pool:
-        for case in pool.map(investigation, *zip(*work, strict=True)):
-            cases.append(case)
-            print(f"  {case}", file=sys.stderr, flush=True)
+    options, of = cases(__doc__, HIDDEN, investigation)
+    done = [case for mine in of.values() for case in mine]
     bench.print_table(
         f"Investigations of at most {EXPERIMENTS} experiments",
         ["hidden", "named otherwise", "runs", "ties at first", "right", "experiments", "land"],
-        [row(effect, [c for c in cases if c.effect == effect]) for effect in effects],
+        [row(effect, mine) for effect, mine in of.items()],
         texts=2,
     )
-    right, landed = sum(c.right for c in cases), sum(c.landed for c in cases)
+    right, landed = sum(c.right for c in done), sum(c.landed for c in done)
     claims = [
-        bench.Claim("the hidden effect is named", f"{right} of {len(cases)}", right >= 0.95 * len(cases)),
-        bench.Claim("the load lands", f"{landed} of {len(cases)}", landed >= 0.95 * len(cases)),
+        bench.Claim("the hidden effect is named", f"{right} of {len(done)}", right >= 0.95 * len(done)),
+        bench.Claim("the load lands", f"{landed} of {len(done)}", landed >= 0.95 * len(done)),
     ]
-    return bench.conclude(claims, {"cases": [asdict(c) for c in cases]}, options.json)
+    return bench.conclude(claims, {"cases": [asdict(c) for c in done]}, options.json)
 
 
 if __name__ == "__main__":

@@ -9,15 +9,12 @@ with another mass, latency, bias and noise. "named" is the share of repairs that
 
 import _timing as bench  # isort: skip
 
-import argparse
-import multiprocessing
-import sys
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from _cases import cases
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.repair import repair
@@ -92,27 +89,13 @@ def row(effect: str, mine: list[Case]) -> list[str]:
 
 def main() -> int:
     """Run it; nothing is judged, the table says what happened."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=10, help="of each effect")
-    parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument("--workers", type=int, default=1, help="processes")
-    parser.add_argument("--only", default=",".join(HIDDEN), help="effects, with commas")
-    parser.add_argument("--json", type=Path, metavar="FILE")
-    options = parser.parse_args()
-    effects = options.only.split(",")
-    seeds = range(options.first_seed, options.first_seed + options.seeds)
-    work = [(effect, seed) for effect in effects for seed in seeds]
-    cases: list[Case] = []
-    with ProcessPoolExecutor(options.workers, multiprocessing.get_context("spawn")) as pool:
-        for case in pool.map(turn, *zip(*work, strict=True)):
-            cases.append(case)
-            print(f"  {case}", file=sys.stderr, flush=True)
+    options, of = cases(__doc__, HIDDEN, turn)
     bench.print_table(
         f"Miss, repair, land: {options.seeds} seeds each",
         ["hidden", "missed", "named", "value / truth", "chi2 per sample", "lands", "lands on another plant"],
-        [row(effect, [c for c in cases if c.effect == effect]) for effect in effects],
+        [row(effect, mine) for effect, mine in of.items()],
     )
-    return bench.conclude([], {"cases": [asdict(c) for c in cases]}, options.json)
+    return bench.conclude([], {"cases": [asdict(c) for mine in of.values() for c in mine]}, options.json)
 
 
 if __name__ == "__main__":
