@@ -33,6 +33,8 @@ REPEATED = 1.2
 """For a second after `advertise` rosbridge repeats what we send to new subscribers: nothing moves before that [s]."""
 PATIENCE = 2 * PERIOD
 """How long a command waits for a joint state that is young enough [s]: so late the arm notices no gap, see `LATEST`."""
+JUDGED = 0.002
+"""From the end of that wait to the gate's verdict, at most [s]."""
 OURS = 300
 """Commands that are remembered, so that others' are recognised: 3 s, longer than any bridge may stall."""
 HELD = 0.3
@@ -143,7 +145,7 @@ class RosRobot:
         """
         q, v, a = (np.array(x, dtype=float) for x in (q, v, a))
         if self._ended is None:
-            self._states.wait_for_younger(lambda: self.time - FRESH, PATIENCE)
+            self._states.wait_for_younger(lambda: self.time - FRESH + JUDGED, PATIENCE)
         with self._lock:
             if self._ended is None:
                 self._braking.clear()
