@@ -3,6 +3,7 @@
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any, Literal, TypeVar
 
@@ -48,7 +49,16 @@ class Effect:
 
     def on(self, *joints: str) -> "Effect":
         """The same effect on these joints only, on all within its reach where none is given."""
-        return replace(self, joints=joints)
+        if joints not in self._elsewhere:
+            made = replace(self, joints=joints)
+            made.__dict__["_elsewhere"] = self._elsewhere
+            self._elsewhere.setdefault(joints, made)
+        return self._elsewhere[joints]
+
+    @cached_property
+    def _elsewhere(self) -> dict[tuple[str, ...], "Effect"]:
+        """Itself by its joints: made once each, because what is derived of an effect is kept by what it *is*."""
+        return {self.joints: self}
 
     def apply(self, stage: Physics, parameters: Mapping[str, Any]) -> Physics:
         """The stage with this effect.
