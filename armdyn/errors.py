@@ -2,6 +2,7 @@
 
 import difflib
 from collections.abc import Iterable
+from typing import Any
 
 LONGEST_NAME, MOST_NAMES = 60, 60
 """Characters of a name, and names of a list, that a message shows."""
@@ -9,6 +10,16 @@ LONGEST_NAME, MOST_NAMES = 60, 60
 
 class ArmdynError(Exception):
     """Something a user can mend: the message is one line that says what, where and what to do."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """For its way out of a worker process: as it is, not made anew by a constructor that wants more than a line."""
+        return _as_it_was, (type(self), self.args, self.__dict__)
+
+
+def _as_it_was(kind: type[ArmdynError], args: tuple[Any, ...], state: dict[str, Any]) -> ArmdynError:
+    error = kind.__new__(kind, *args)
+    error.__dict__.update(state)
+    return error
 
 
 class InputError(ArmdynError):
@@ -31,10 +42,6 @@ class UnknownNameError(InputError):
         listed = ", ".join(self.valid[:MOST_NAMES]) + (", ..." if len(self.valid) > MOST_NAMES else "")
         hint = f"did you mean '{close[0]}'?" if close else f"choose one of: {listed}"
         super().__init__(f"unknown {kind} '{shown}': {hint}")
-
-    def __reduce__(self) -> tuple[type["UnknownNameError"], tuple[str, str, tuple[str, ...]]]:
-        """For its way out of a worker process: by default it would be made anew of its sentence alone."""
-        return type(self), (self.kind, self.name, self.valid)
 
 
 class TaskFailedError(ArmdynError):

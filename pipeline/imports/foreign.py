@@ -60,12 +60,8 @@ class ImportProblemsError(InputError):
     def __init__(self, where: str, problems: list[str]) -> None:
         from armdyn.arrays import listed
 
-        self.where, self.problems = where, tuple(problems)
+        self.problems = tuple(problems)
         super().__init__(f"{where}: {listed(problems)}")
-
-    def __reduce__(self) -> tuple[type["ImportProblemsError"], tuple[str, list[str]]]:
-        """For its way out of a worker process: by default it would be made anew of its sentence alone."""
-        return type(self), (self.where, list(self.problems))
 
 
 def labelled(label: str) -> tuple[str, str]:

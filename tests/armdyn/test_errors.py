@@ -5,6 +5,7 @@ import pickle
 import pytest
 
 from armdyn.errors import InputError, UnknownNameError
+from ik.errors import UnreachableError
 from pipeline.imports.foreign import ImportProblemsError
 
 
@@ -14,6 +15,7 @@ from pipeline.imports.foreign import ImportProblemsError
         InputError("a sentence"),
         UnknownNameError("effect", "linear_drog", ["linear_drag", "quadratic_drag"]),
         ImportProblemsError("run.csv", ["one", "another"]),
+        UnreachableError("no way", misses=()),
     ],
     ids=lambda error: type(error).__name__,
 )
