@@ -165,8 +165,7 @@ def _matching(pattern: str, folder: Path) -> list[Path]:
         raise InputError(f"{pattern!r}: a name holds no null character: correct it")
     if not glob.has_magic(pattern):
         return [folder / pattern]
-    found = glob.glob(str(Path(glob.escape(str(folder))) / pattern), recursive=True)  # noqa: PTH207  also absolute ones
-    return sorted(map(Path, found))
+    return sorted(folder / found for found in glob.glob(pattern, root_dir=folder, recursive=True))
 
 
 def _clock(table: Mapping[str, Any]) -> Clock:
