@@ -217,6 +217,7 @@ class Report:
         widgets: list[Mapping[str, Any]] = []
         sections = "".join(_section(section, figures, widgets) for section in self.sections)
         return _template("page.html").substitute(
+            head=page_head(self.title),
             title=escape(self.title),
             subtitle=escape(self.subtitle),
             level=self.level.name.lower(),
@@ -228,7 +229,6 @@ class Report:
             next_steps="".join(map(_next_step, self.next_steps)),
             sections=sections,
             footer=escape(f"armdyn {__version__}" + (f" · {self.command}" if self.command else "")),
-            style=report_style(),
             script=_template("page.js").template,
             draw=_template("draw.js").template,
             overlay=_template("overlay.js").template,
@@ -323,6 +323,16 @@ LOOK = {"template": TEMPLATE, "dark": DARK}
 def widget_scripts() -> tuple[str, ...]:
     """Scripts that draw a `Widget` on a page that has plotly.js; `LOOK` says in which colours."""
     return _template("draw.js").template, _template("overlay.js").template
+
+
+def page_head(title: str, style: str = "") -> str:
+    """Everything before the body of an offline page: nothing may be loaded from elsewhere.
+
+    Args:
+        title: of the page.
+        style: rules beside those of every page.
+    """
+    return _template("head.html").substitute(title=escape(title), style=f"{report_style()}{style}")
 
 
 def report_style() -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 from string import Template
 
 from armdyn import __version__, atomic
-from pipeline.report.page import packed, report_style
+from pipeline.report.page import packed, page_head
 from pipeline.view.scene import Scene
 from pipeline.view.three import three_js
 
@@ -27,14 +27,14 @@ def scene_style() -> str:
 
 def view_page(scene: Scene, command: str = "") -> str:
     """The page as HTML; it needs no network."""
+    own = (TEMPLATES / "view.css").read_text(encoding="utf-8")
     seconds = f"{scene.time[-1] - scene.time[0]:.1f} s"
     return Template((TEMPLATES / "view.html").read_text(encoding="utf-8")).substitute(
+        head=page_head(scene.title, scene_style() + own),
         title=escape(scene.title),
         subtitle=escape(f"{KINDS[scene.kind]}, {seconds}"),
         note=escape(scene.note),
         footer=escape(f"armdyn {__version__}" + (f" · {command}" if command else "")),
-        style=report_style(),
-        scene_style=scene_style(),
         scene=scene_script(),
         data=packed(json.dumps(scene.data(), separators=(",", ":"))),
         three=_library(),
