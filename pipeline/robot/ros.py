@@ -32,7 +32,7 @@ LAG = 0.01
 REPEATED = 1.2
 """For a second after `advertise` rosbridge repeats what we send to new subscribers: nothing moves before that [s]."""
 PATIENCE = 2 * PERIOD
-"""How long a command waits for a joint state that is young enough [s]: so late the arm notices no gap, see `LATEST`."""
+"""How long a command waits for a young joint state [s]: no gap yet, see `pipeline.nodes.drive.LATEST`."""
 JUDGED = 0.002
 """From the end of that wait to the gate's verdict, at most [s]."""
 OURS = 300

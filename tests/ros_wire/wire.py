@@ -49,7 +49,7 @@ class Stalls:
     """
 
     def __init__(self):
-        self.worst, self._ended = 0.0, threading.Event()
+        self.worst = 0.0
         code = (
             "import os, sys, time\n"
             "os.sched_setaffinity(0, {int(sys.argv[1])})\n"
