@@ -41,6 +41,10 @@ BLIND = 0.05
 10 to 1000, the pairs that can be separated start at 0.3."""
 LEAST = 1e-6
 """Added to a rise of chi2: pairs that no motion separates have a logarithm."""
+NEGLIGIBLE = 5e-4
+"""Share in the smooth minimum below which a pair's slope is left out: it takes a reverse pass."""
+LOST = 1e6
+"""Cost of a motion along which a model cannot be integrated: beyond any that can be."""
 SHRINK = 0.98
 """Factor by which a motion that swings the load too far is made smaller, again and again."""
 
@@ -79,20 +83,21 @@ class _Cost:
         self.evaluations += 1
         h, motion = self._harmonics, self._harmonics.motion(coefficients)
         helds = [held.along(motion) for held in self._helds]
+        truths = [held.predict(held.start)[0] for held in helds]
         rises, rests = np.empty(len(self._pairs)), []
         for k, (i, j) in enumerate(self._pairs):
-            readings = helds[i].predict(helds[i].start)[0]
-            rises[k], values = Rival(helds[j], readings).refitted(self._values[i, j], REFIT_STEPS)
+            rises[k], values = Rival(helds[j], truths[i]).refitted(self._values[i, j], REFIT_STEPS)
             self._values[i, j] = values
-            rests.append(readings - helds[j].predict(values)[0])
+            rests.append(truths[i] - helds[j].predict(values)[0])
         logs = np.log(rises + LEAST)
         shares = np.exp(-SHARPNESS * (logs - logs.min()))
         smallest = float(logs.min() - np.log(shares.sum()) / SHARPNESS)
-        weights = shares / shares.sum() * 2.0 / (rises + LEAST)
+        shares /= shares.sum()
+        weights = shares * 2.0 / (rises + LEAST)
         beyond, slope = h.excess(coefficients)
         cost, gradient = PENALTY * beyond - smallest, PENALTY * slope
         for i, held in enumerate(helds):
-            rest = np.zeros(len(held.predict(held.start)[0]))
+            rest = np.zeros(len(truths[i]))
             for weight, left, (truth, _) in zip(weights, rests, self._pairs, strict=True):
                 if truth == i:
                     rest -= weight * left
@@ -102,11 +107,11 @@ class _Cost:
             push = PENALTY * 2.0 * over * np.sign(swing) / h.limits.swing / len(swing)
             if rest.any() or push.any():
                 gradient = gradient + held.by_coefficients(held.start, h, rest, push)
-        for weight, left, (i, j) in zip(weights, rests, self._pairs, strict=True):
-            if weight * (rises[self._pairs.index((i, j))] + LEAST) > 1e-3:
+        for share, weight, left, (i, j) in zip(shares, weights, rests, self._pairs, strict=True):
+            if share > NEGLIGIBLE:
                 gradient = gradient + helds[j].by_coefficients(self._values[i, j], h, weight * left)
         if not (np.isfinite(cost) and np.all(np.isfinite(gradient))):
-            return 1e6, np.zeros(len(coefficients))
+            return LOST, np.zeros(len(coefficients))
         return cost, gradient
 
 

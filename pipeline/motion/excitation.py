@@ -13,7 +13,7 @@ from armdyn.excitation.design import STEPS, Design
 from armdyn.excitation.goal import Goal
 from armdyn.excitation.random_motions import random_motion, scaled
 from armdyn.excitation.room import Room
-from armdyn.excitation.series import Series
+from armdyn.excitation.series import Motions, Series
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, check_joints
 from pipeline.motion.free_postures import FreePostures
 from pipeline.motion.trajectory import JointTrajectory
@@ -251,6 +251,4 @@ def _with_less_room(design: Design, check: FeasibilityReport) -> Design:
 
 
 def _torque(design: Design, trajectory: JointTrajectory) -> Array:
-    from armdyn.excitation.series import Motions
-
     return design.columns.torque(Motions(trajectory.q, trajectory.v, trajectory.a))
