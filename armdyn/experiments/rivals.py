@@ -8,6 +8,8 @@ import numpy as np
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.experiments.hypothesis import CHANNELS, Hypothesis
 from armdyn.experiments.motion import Motion
+from armdyn.experiments.separation import MARGIN, Pairs
+from armdyn.identify.appraisal import SURE
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.diagnose import Diagnosis
 from armdyn.identify.fit import Fit
@@ -37,12 +39,14 @@ class Rivals:
         noise: by channel, standard deviation of one sample of as many as are independent.
         last: the run whose experiment could be repeated in another way.
         left_out: names of rivals beyond the most plausible ones.
+        pairs: ordered pairs of hypotheses that matter, the first one true; all pairs where it is None.
     """
 
     hypotheses: tuple[Hypothesis, ...]
     noise: dict[str, float]
     last: Run
     left_out: tuple[str, ...] = ()
+    pairs: Pairs | None = None
 
 
 def require_gripper(study: Study) -> None:
@@ -83,6 +87,51 @@ def of_diagnosis(study: Study, found: Diagnosis) -> Rivals | None:
     if len(sets) < 2:
         return None
     return _fitted(study, sets, found.search.steps[0].fit)
+
+
+def contested(study: Study, found: Diagnosis) -> Rivals | None:
+    """What a diagnosis names first, and what fits nearly as well where the model's own error counts as noise.
+
+    A diagnosis holds likelihoods against the noise that the richest model leaves; an arm's own error is slower than
+    that, and may decide between two effects that are alike. None where nothing comes near.
+    """
+    steps = found.search.steps
+    if len(steps) < 2:
+        return None
+    added = merged([c for c in found.search.last.effects if c not in steps[0].effects])
+    leading = {c.effect for c in steps[1].added}
+    rest = tuple(c for c in added if c.effect not in leading)
+    by_name = {c.effect: c for c in study.candidates}
+    others = [s.effect for s in found.suspects if s.effect not in {c.effect for c in added}]
+    sets = [tuple(added), *((*rest, by_name[name]) for name in others[: MOST - 1])]
+    all_of_them = _fitted(study, sets, steps[0].fit)
+    close = tuple(h for h in all_of_them.hypotheses if h.misfit <= MARGIN)
+    return replace(all_of_them, hypotheses=close) if len(close) > 1 else None
+
+
+def unseen(study: Study, found: Diagnosis) -> Rivals | None:
+    """No effect at all, against effects that these runs would not show if they were of typical size.
+
+    "Nothing is missing" says little of them. None where all of them would have been seen.
+    """
+    fit = found.search.last.fit
+    problem, noise = fit.problem, _effective_noise(fit)
+    blocks = problem.blocks(fit.values)
+    weighted = [b.sensitivities * (b.noise / noise[b.channel]) for b in blocks]
+    jacobian = np.vstack([*weighted, np.diag(problem.prior_weight)]) * problem.typical
+    Q, _ = np.linalg.qr(jacobian[:, fit.free])
+    shown = {}
+    for candidate in study.candidates:
+        own = jacobian[:, problem.of(candidate.names)]
+        shown[candidate] = float(np.max(np.sum((own - Q @ (Q.T @ own)) ** 2, axis=0)))
+    seen = 2.0 * (SURE + np.log(len(shown)))
+    hidden = sorted((c for c in shown if shown[c] < seen), key=lambda c: -shown[c])[: MOST - 1]
+    if not hidden:
+        return None
+    fitted = _fitted(study, [(), *((c,) for c in hidden)], fit)
+    nothing = next(i for i, h in enumerate(fitted.hypotheses) if h.name == NOTHING)
+    others = [i for i in range(len(fitted.hypotheses)) if i != nothing]
+    return replace(fitted, pairs=tuple(pair for i in others for pair in ((i, nothing), (nothing, i))))
 
 
 def named(study: Study, names: Sequence[str]) -> Rivals:

@@ -17,7 +17,7 @@ from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
 from armdyn.experiments.motion import Limits
 from armdyn.experiments.plan import HOPELESS, Proposal, designed_motion
-from armdyn.experiments.rivals import Rivals, of_diagnosis, refitted
+from armdyn.experiments.rivals import Rivals, contested, of_diagnosis, refitted, unseen
 from armdyn.experiments.separation import MARGIN, beliefs
 from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.repair import fitted_model
@@ -112,6 +112,7 @@ class Stage:
         diagnosis: of all runs so far.
         belief: by effect, of those that have been in question.
         gap: by how much the second best of them fits worse than the best, on the scale of chi2; None for one alone.
+        close: effects that fit nearly as well as those that the diagnosis names; see `rivals.contested`.
     """
 
     run: Run
@@ -119,6 +120,7 @@ class Stage:
     diagnosis: Diagnosis
     belief: dict[str, float] = field(default_factory=dict)
     gap: float | None = None
+    close: tuple[str, ...] = ()
 
     @property
     def candidates(self) -> tuple[str, ...]:
@@ -128,7 +130,7 @@ class Stage:
         search = self.diagnosis.search
         given = search.steps[0].effects
         found = [c.effect for c in search.last.effects if c not in given]
-        return tuple(dict.fromkeys([*found, *(c.effect for c in search.tied)]))
+        return tuple(dict.fromkeys([*found, *(c.effect for c in search.tied), *self.close]))
 
     @property
     def residual(self) -> float:
@@ -196,7 +198,7 @@ def investigate(
     questions: dict[tuple[str, ...], None] = {}
     motion: LineTrajectory | None = None
     proposal: Proposal | None = None
-    place = 0.0
+    place, screened = 0.0, False
     while True:
         number = len(stages) + 1
         now = replace(settings, estimate=True, motion=motion, hangs_still=number == 1)
@@ -209,11 +211,19 @@ def investigate(
         study = Study(model, [*(stage.run for stage in stages), run], [], catalogue)
         found = diagnose(study)
         rivals = of_diagnosis(study, found)
+        close: tuple[str, ...] = ()
+        if rivals is None and found.verdict is Verdict.EFFECT_MISSING:
+            rivals = contested(study, found)
+            close = () if rivals is None else tuple(name for names in _names(rivals, study) for name in names)
         if rivals is not None:
             questions.update(dict.fromkeys(_names(rivals, study)))
         belief, gap = _believed(study, list(questions))
-        stages.append(Stage(run, proposal, found, belief, gap))
+        stages.append(Stage(run, proposal, found, belief, gap, close))
         stop = _stop(found, rivals, gap)
+        if stop is Stop.EXPLAINED and not screened and number < most:
+            # "Nothing" says little of what this swing would not have shown: one larger swing looks for that.
+            rivals, screened = unseen(study, found), True
+            stop = stop if rivals is None else None
         if stop is None and number >= most:
             stop = Stop.SPENT
         if stop is None and rivals is not None:
@@ -222,7 +232,7 @@ def investigate(
             assert proposal.experiment.motion is not None, "it was designed"
             made = offered(proposal.experiment.motion, rivals.hypotheses, arm, table, settings.load_radius)
             if made is None or not _promising(proposal):
-                stop = Stop.INSEPARABLE
+                stop = Stop.INSEPARABLE if stages[-1].candidates else Stop.EXPLAINED
             else:
                 motion = made.trajectory
         if stop is not None:
@@ -268,7 +278,7 @@ def questioned(settings: ProtocolSettings) -> PendulumModel:
 def _stop(found: Diagnosis, rivals: Rivals | None, gap: float | None) -> Stop | None:
     if found.verdict is Verdict.EXPLAINED:
         return Stop.EXPLAINED
-    if rivals is not None and found.verdict is not Verdict.EFFECT_MISSING:
+    if rivals is not None:
         return None
     # A rival that has won stands, also where the arm leaves more than the noise of its load cell.
     won = gap is not None and gap > MARGIN
