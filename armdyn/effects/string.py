@@ -33,15 +33,18 @@ def pivot_coulomb_friction(
 
 
 @effect(
-    summary="The string stretches in proportion to its tension.",
+    summary="The string stretches in proportion to its tension, and the load bounces on it.",
     source="Hooke 1678; followed on its slow manifold, see armdyn.pendulum.yielding",
 )
 def string_elasticity(
     string: String,
     compliance: Expression = quantity("m/N", typical=2e-3, lower=0.0, upper=0.1, summary="stretch per tension"),
+    damping: Expression = quantity(
+        "1", typical=0.1, null=0.1, lower=0.0, upper=0.9, spread=0.1, summary="of the bounce, over the critical one"
+    ),
 ) -> String:
-    """Length l = l0 + c T."""
-    return string.with_compliance(compliance)
+    """Length l = l0 + s, m s'' + 2 z sqrt(m/c) s' + s/c = T."""
+    return string.with_compliance(compliance, damping)
 
 
 @effect(

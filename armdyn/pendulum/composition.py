@@ -39,6 +39,7 @@ class Composition:
         memory_start: ``theta -> (n,)`` what they are at the start of a run.
         timing: ``theta -> lag, delay of the load cell, lag of the gripper``, s.
         compliance: ``theta -> (2,)`` of the string and of the gripper, m/N.
+        bounce: ``theta -> (2,)`` of the load on its string: 1/w^2, s^2, and damping ratio; None where it is rigid.
         string_weight: ``theta -> (3,)`` mass of the string times gravity, N, in the frame of the line.
         string_mass: ``theta -> ()`` kg.
         transverse: ``theta -> (3,)`` swing across the line at the start, see `physics.Load`.
@@ -59,6 +60,7 @@ class Composition:
     memory_start: ca.Function
     timing: ca.Function
     compliance: ca.Function
+    bounce: ca.Function | None
     string_weight: ca.Function
     string_mass: ca.Function
     transverse: ca.Function
@@ -137,6 +139,9 @@ def compose(effects: Sequence[Effect]) -> Composition:
         memory_start=ca.Function("memory_start", [theta], [starts]),
         timing=ca.Function("timing", [theta], timing),
         compliance=ca.Function("compliance", [theta], [ca.densify(compliance)]),
+        bounce=None
+        if string.compliance.is_zero()
+        else ca.Function("bounce", [theta], [ca.vertcat(string.compliance * load.mass, string.damping)]),
         string_weight=ca.Function("string_weight", [theta], [-STANDARD_GRAVITY * string.mass * up]),
         string_mass=ca.Function("string_mass", [theta], [string.mass]),
         transverse=ca.Function("transverse", [theta], [ca.densify(load.transverse)]),

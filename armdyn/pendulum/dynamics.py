@@ -23,6 +23,7 @@ from armdyn.pendulum.composition import Composition, direction, quasi_static
 from armdyn.pendulum.physics import Expression
 from armdyn.pendulum.yielding import slow_manifold
 from armdyn.physics.simulate import System
+from armdyn.physics.vibration import Vibration
 from armdyn.readout import Sensor
 
 STATE_SIZE = 2
@@ -169,6 +170,7 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
         inputs=given.numel(),
         outputs=OUTPUTS,
         impulse_adds_to="load_force" if yields else None,
+        impulse_rings=Vibration(composition.bounce) if yields and composition.bounce is not None else None,
         input_lag=composition.gripper_lag,
         derivative=function("derivative", ca.vertcat(rate, P_dot, extra)),
         output=function("output", reading),

@@ -83,6 +83,7 @@ class String(Stage):
         torque: sum of the torques about the pivot that act along the angle, N m.
         mass: of the string, uniform along its length, kg.
         compliance: by how much it stretches, m/N.
+        damping: of the load's bounce on the string that stretches, over the critical one.
     """
 
     time: Expression
@@ -93,6 +94,7 @@ class String(Stage):
     torque: Expression = NONE
     mass: Expression = NONE
     compliance: Expression = NONE
+    damping: Expression = NONE
 
     def with_length(self, length: Expression) -> "String":
         """Another length, m; it may depend on time and angle."""
@@ -106,9 +108,9 @@ class String(Stage):
         """Add mass spread evenly along the string, kg."""
         return replace(self, mass=self.mass + mass)
 
-    def with_compliance(self, compliance: Expression) -> "String":
-        """Let the string stretch in proportion to its tension, m/N."""
-        return replace(self, compliance=self.compliance + compliance)
+    def with_compliance(self, compliance: Expression, damping: Expression = NONE) -> "String":
+        """Let the string stretch in proportion to its tension, m/N, and damp the bounce, over the critical damping."""
+        return replace(self, compliance=self.compliance + compliance, damping=self.damping + damping)
 
 
 @dataclass(frozen=True)

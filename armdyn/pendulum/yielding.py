@@ -12,6 +12,11 @@ The displacement and its rate enter the equations of motion; its acceleration en
 
 where it is the derivative of a signal on the grid. At zero compliance all of it vanishes, and so does every error of
 second order in it (Kevorkian & Cole, Multiple Scale and Singular Perturbation Methods, 1996, §4.1).
+
+What jerks the gripper makes the load bounce on an elastic string, which the load cell feels and the swing hardly does.
+With the damping d of the string m sigma'' + d sigma' + sigma/c_s = T0 is a vibration that c_s T0 passes; so the impulse
+-m sigma', of which the tension has the derivative, is that of the slow manifold after the same vibration
+(`armdyn.physics.vibration`).
 """
 
 from typing import NamedTuple

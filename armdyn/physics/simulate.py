@@ -11,6 +11,7 @@ from armdyn.codegen import Buffered, compiled
 from armdyn.physics.definition import Expression
 from armdyn.physics.motion import slope
 from armdyn.physics.recorded import Path
+from armdyn.physics.vibration import Vibration
 from armdyn.readout import Sensor
 
 BLOCK = 128
@@ -32,6 +33,7 @@ class System:
         initial: ``(start, ..., w, theta) -> s``, one argument for each of `starts`.
         sensors: by output, what reads it.
         impulse_adds_to: the output to which the time derivative of one row more is added; None where there is none.
+        impulse_rings: what vibration that row passes first; None where it does not.
         input_lag: ``theta -> ()`` time by which the inputs trail what was recorded, s; None where they do not.
     """
 
@@ -45,6 +47,7 @@ class System:
     initial: ca.Function
     sensors: Mapping[str, Sensor]
     impulse_adds_to: str | None = None
+    impulse_rings: Vibration | None = None
     input_lag: ca.Function | None = None
 
 
@@ -137,15 +140,20 @@ class Simulator:
         last[:, self._active] = sensitivity
         outputs, by_theta = outputs[:K], sensitivities[:K].transpose(0, 2, 1)
         if self._impulse:
-            outputs, by_theta = self._with_impulse(outputs, by_theta, path.dt)
+            outputs, by_theta = self._with_impulse(outputs, by_theta, theta, path.dt)
         return Rollout(states[:K], last, outputs, by_theta)
 
-    def _with_impulse(self, outputs: np.ndarray, by_theta: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    def _with_impulse(
+        self, outputs: np.ndarray, by_theta: np.ndarray, theta: np.ndarray, dt: float
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Outputs and derivatives without the last column, whose time derivative has been added to the force."""
         force = self.channels.index(str(self._dynamics.impulse_adds_to))
         outputs, by_theta = outputs.copy(), by_theta.copy()
-        outputs[:, force] += slope(outputs[:, -1:], dt)[:, 0]
-        by_theta[:, force] += slope(by_theta[:, -1], dt)
+        impulse, impulse_by_theta = outputs[:, -1], by_theta[:, -1]
+        if self._dynamics.impulse_rings is not None:
+            impulse, impulse_by_theta = self._dynamics.impulse_rings.passed(impulse, impulse_by_theta, theta, dt)
+        outputs[:, force] += slope(impulse[:, None], dt)[:, 0]
+        by_theta[:, force] += slope(impulse_by_theta, dt)
         return outputs[:, :-1], by_theta[:, :-1]
 
 

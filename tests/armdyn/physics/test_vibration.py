@@ -1,0 +1,102 @@
+"""A vibration that a signal passes, held against scipy's own simulation and finite differences."""
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.signal import lsim
+
+from armdyn.physics.vibration import FAST, Vibration
+
+DT = 0.01
+TIME = DT * np.arange(400)
+SIGNAL = np.sin(7.0 * TIME) + np.where(TIME > 1.0, 0.5, 0.0) * np.sin(30.0 * (TIME - 1.0))
+
+
+def vibration():
+    """With 1/w^2 = theta0 theta1 and damping ratio theta2."""
+    theta = ca.SX.sym("theta", 3)
+    return Vibration(ca.Function("settings", [theta], [ca.vertcat(theta[0] * theta[1], theta[2])]))
+
+
+def passed(theta, signal=SIGNAL):
+    return vibration().passed(signal, np.zeros((len(signal), 4)), np.array(theta), DT)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.05, 0.3, 0.8])
+@pytest.mark.parametrize("w", [12.0, 50.0, 140.0])
+def test_it_is_what_scipy_simulates(w, damping):
+    after, _ = passed([1.0, w**-2.0, damping])
+    _, expected, _ = lsim(([w**2], [1.0, 2.0 * damping * w, w**2]), SIGNAL, TIME, interp=True)
+    assert np.max(np.abs(after - expected)) < 2e-3 * np.max(np.abs(expected))
+
+
+def test_what_is_too_fast_for_the_samples_is_left_out():
+    after, by_theta = passed([1.0, (DT / (1.01 * FAST)) ** 2, 0.05])
+    assert np.array_equal(after, SIGNAL)
+    assert np.max(np.abs(by_theta)) < 1e-9
+
+
+@pytest.mark.parametrize("w", [20.0, 120.0, 200.0, 250.0])
+def test_derivatives_are_those_of_finite_differences(w):
+    theta = np.array([2.0, 0.5 / w**2, 0.1])
+    signal = SIGNAL + 0.3
+    own = np.cos(3.0 * TIME)  # the signal's own derivative by the last parameter
+    by_theta = np.zeros((len(signal), 4))
+    by_theta[:, 3] = own
+    _, found = vibration().passed(signal, by_theta, theta, DT)
+    for i in range(3):
+        step = 1e-6 * theta[i]
+        low, high = (passed(theta + sign * step * np.eye(3)[i], signal)[0] for sign in (-1.0, 1.0))
+        expected = (high - low) / (2.0 * step)
+        assert found[:, i] == pytest.approx(expected, rel=1e-5, abs=1e-6 * max(np.max(np.abs(expected)), 1.0))
+    assert found[:, 3] == pytest.approx(passed(theta, own)[0])
+
+
+def test_weights_pulled_through_it_give_the_same_sum():
+    rng = np.random.default_rng(0)
+    signal, weights = rng.normal(size=(2, 300))
+    theta = np.array([1.0, 1e-3, 0.1])
+    pulled = vibration().pulled(weights, theta, DT)
+    assert pulled @ signal == pytest.approx(weights @ passed(theta, signal)[0], rel=1e-10)
+
+
+def test_a_load_bounces_on_an_elastic_string_as_a_spring_pendulum_does():
+    """The whole spring pendulum, integrated by scipy in Cartesian coordinates, against the model's load cell."""
+    from armdyn.effects.catalogue import CATALOGUE
+    from armdyn.pendulum.model import pendulum_model
+    from armdyn.pendulum.path import smoothed_path
+
+    mass, length, compliance, damping, g = 0.08, 0.368, 5e-3, 0.05, 9.81
+    time = 0.005 * np.arange(1200)
+
+    def gripper(t):
+        """From rest with a jerk every half second: position, velocity, acceleration."""
+        w = 2.0 * np.pi / 0.5
+        a = 1.5 * np.sin(w * t) ** 3 * (t < 4.0)
+        return a
+
+    def right(t, s):
+        x, v, qx, qz, vx, vz = s
+        d = np.array([qx - x, qz])
+        r = np.hypot(*d)
+        n = d / r
+        pull = (r - length) / compliance + 2.0 * damping * np.sqrt(mass / compliance) * (np.array([vx - v, vz]) @ n)
+        return [v, gripper(t), vx, vz, -pull * n[0] / mass, -pull * n[1] / mass - g]
+
+    rest = [0.0, 0.0, 0.0, -length - compliance * mass * g, 0.0, 0.0]
+    found = solve_ivp(right, (0.0, time[-1]), rest, "DOP853", t_eval=time, rtol=1e-10, atol=1e-12, max_step=0.005).y
+    x, v, qx, qz, vx, vz = found
+    r = np.hypot(qx - x, qz)
+    speed = ((vx - v) * (qx - x) + vz * qz) / r
+    truth = (r - length) / compliance + 2.0 * damping * np.sqrt(mass / compliance) * speed
+
+    values = {"string_elasticity.compliance": compliance, "string_elasticity.damping": damping}
+    model = pendulum_model(length, mass).with_effect(CATALOGUE["string_elasticity"]).with_values(values)
+    path = smoothed_path(time, x, 0.005, exact=True)
+    predicted = model.rollout(path, model.theta(), ("load_force",)).outputs[:, 0]
+    slow = model.with_values({"string_elasticity.damping": 0.9})
+    without = slow.rollout(path, slow.theta(), ("load_force",)).outputs[:, 0]
+    bounce, left = np.std(truth - without), np.std(truth - predicted)
+    assert bounce > 2e-3  # what a load cell of 5 mN sees in a second
+    assert left < 0.3 * bounce
