@@ -18,7 +18,7 @@ from scipy.optimize import minimize
 
 from armdyn.experiments.hypothesis import Experiment, Held, Hypothesis
 from armdyn.experiments.motion import Harmonics, Limits, Motion
-from armdyn.experiments.separation import Pairs, Rival, all_pairs, linear_separation
+from armdyn.experiments.separation import Rival, linear_separation
 
 TRIED = 24
 """Random motions, of which the best are carried on."""
@@ -122,7 +122,6 @@ def designed(
     limits: Limits | None = None,
     seed: int = 0,
     say: Say | None = None,
-    pairs: Pairs | None = None,
 ) -> Designed:
     """The motion that makes the smallest separation of any two hypotheses largest.
 
@@ -133,13 +132,12 @@ def designed(
         limits: of gripper and swing.
         seed: of the random motions.
         say: told how far it is.
-        pairs: that matter; all of them, if not given.
     """
     tell = say or (lambda _: None)
     harmonics = Harmonics(seconds, limits or Limits(), COARSE)
     fine = Harmonics(seconds, harmonics.limits)
     rng = np.random.default_rng(seed)
-    pairs = all_pairs(len(hypotheses)) if pairs is None else pairs
+    pairs = [(i, j) for i in range(len(hypotheses)) for j in range(len(hypotheses)) if i != j]
     first = harmonics.motion(np.zeros(harmonics.size))
     helds = [Held(h, experiment.along(first)) for h in hypotheses]
     tried = []

@@ -125,9 +125,9 @@ def designed_motion(
 ) -> Proposal:
     """The motion that tells the rivals apart best; pairs that no motion separates do not count in it."""
     experiment = Experiment("motion", "swing along the designed motion", noise=rivals.noise)
-    best = designed(rivals.hypotheses, experiment, seconds, limits, seed, say, rivals.pairs)
+    best = designed(rivals.hypotheses, experiment, seconds, limits, seed, say)
     experiment = experiment.along(best.motion)
-    return Proposal(experiment, outlook(rivals.hypotheses, experiment, seed, rivals.pairs), best)
+    return Proposal(experiment, outlook(rivals.hypotheses, experiment, seed), best)
 
 
 def other_kinds(rivals: Rivals, seconds: float) -> list[Experiment]:

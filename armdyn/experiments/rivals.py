@@ -8,7 +8,7 @@ import numpy as np
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.experiments.hypothesis import CHANNELS, Hypothesis
 from armdyn.experiments.motion import Motion
-from armdyn.experiments.separation import MARGIN, Pairs
+from armdyn.experiments.separation import MARGIN
 from armdyn.identify.appraisal import SURE
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.diagnose import Diagnosis
@@ -39,14 +39,12 @@ class Rivals:
         noise: by channel, standard deviation of one sample of as many as are independent.
         last: the run whose experiment could be repeated in another way.
         left_out: names of rivals beyond the most plausible ones.
-        pairs: ordered pairs of hypotheses that matter, the first one true; all pairs where it is None.
     """
 
     hypotheses: tuple[Hypothesis, ...]
     noise: dict[str, float]
     last: Run
     left_out: tuple[str, ...] = ()
-    pairs: Pairs | None = None
 
 
 def require_gripper(study: Study) -> None:
@@ -89,11 +87,16 @@ def of_diagnosis(study: Study, found: Diagnosis) -> Rivals | None:
     return _fitted(study, sets, found.search.steps[0].fit)
 
 
-def contested(study: Study, found: Diagnosis) -> Rivals | None:
-    """What a diagnosis names first, and what fits nearly as well where the model's own error counts as noise.
+def contested(study: Study, found: Diagnosis, *, designed: bool) -> Rivals | None:
+    """What a diagnosis names first, and other effects that are not surely worse; None where all are.
 
-    A diagnosis holds likelihoods against the noise that the richest model leaves; an arm's own error is slower than
-    that, and may decide between two effects that are alike. None where nothing comes near.
+    An effect is believed where it is surely better than none. Against one that is alike the same is asked here: the
+    encoders' noise, differentiated twice, is an error of the model as well, and decided such pairs wrongly by 11.
+
+    Args:
+        study: of all runs.
+        found: its diagnosis.
+        designed: whether a run was designed to tell them apart; then the margin counts with which it was.
     """
     steps = found.search.steps
     if len(steps) < 2:
@@ -105,33 +108,14 @@ def contested(study: Study, found: Diagnosis) -> Rivals | None:
     others = [s.effect for s in found.suspects if s.effect not in {c.effect for c in added}]
     sets = [tuple(added), *((*rest, by_name[name]) for name in others[: MOST - 1])]
     all_of_them = _fitted(study, sets, steps[0].fit)
-    close = tuple(h for h in all_of_them.hypotheses if h.misfit <= MARGIN)
+    margin = MARGIN if designed else _surely(study)
+    close = tuple(h for h in all_of_them.hypotheses if h.misfit <= margin)
     return replace(all_of_them, hypotheses=close) if len(close) > 1 else None
 
 
-def unseen(study: Study, found: Diagnosis) -> Rivals | None:
-    """No effect at all, against effects that these runs would not show if they were of typical size.
-
-    "Nothing is missing" says little of them. None where all of them would have been seen.
-    """
-    fit = found.search.last.fit
-    problem, noise = fit.problem, _effective_noise(fit)
-    blocks = problem.blocks(fit.values)
-    weighted = [b.sensitivities * (b.noise / noise[b.channel]) for b in blocks]
-    jacobian = np.vstack([*weighted, np.diag(problem.prior_weight)]) * problem.typical
-    Q, _ = np.linalg.qr(jacobian[:, fit.free])
-    shown = {}
-    for candidate in study.candidates:
-        own = jacobian[:, problem.of(candidate.names)]
-        shown[candidate] = float(np.max(np.sum((own - Q @ (Q.T @ own)) ** 2, axis=0)))
-    seen = 2.0 * (SURE + np.log(len(shown)))
-    hidden = sorted((c for c in shown if shown[c] < seen), key=lambda c: -shown[c])[: MOST - 1]
-    if not hidden:
-        return None
-    fitted = _fitted(study, [(), *((c,) for c in hidden)], fit)
-    nothing = next(i for i, h in enumerate(fitted.hypotheses) if h.name == NOTHING)
-    others = [i for i in range(len(fitted.hypotheses)) if i != nothing]
-    return replace(fitted, pairs=tuple(pair for i in others for pair in ((i, nothing), (nothing, i))))
+def _surely(study: Study) -> float:
+    """Fall of chi2 by which one effect among all of the catalogue is believed."""
+    return 2.0 * (SURE + float(np.log(len(study.candidates))))
 
 
 def named(study: Study, names: Sequence[str]) -> Rivals:

@@ -17,7 +17,6 @@ with what earlier runs say, passes the margin of the diagnosis for every rival.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import permutations
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -26,8 +25,6 @@ from armdyn.experiments.hypothesis import Experiment, Held, Hypothesis
 from armdyn.identify.least_squares import Expansion, descend
 from armdyn.identify.repair_path import TIE
 
-Pairs = Sequence[tuple[int, int]]
-"""Ordered pairs of hypotheses by number, the first one true and the second its rival."""
 MARGIN = 2.0 * TIE
 """Difference of chi2 up to which the diagnosis calls two effects a tie where only noise is left."""
 DRAWS = 400
@@ -85,19 +82,18 @@ class Outlook:
         rises: (h, h) rise of chi2 by the experiment if the first is true and the second is refitted; 0 on the diagonal.
         right: (h,) probability that each hypothesis, if true, is the only one left.
         belief: (h,) before the experiment.
-        pairs: that matter.
     """
 
     names: tuple[str, ...]
     rises: np.ndarray
     right: np.ndarray
     belief: np.ndarray
-    pairs: Pairs
 
     @property
     def separation(self) -> float:
         """Standard deviations between the two hypotheses that are hardest to tell apart."""
-        return float(np.sqrt(max(min(self.rises[pair] for pair in self.pairs), 0.0))) if self.pairs else 0.0
+        apart = self.rises[~np.eye(len(self.names), dtype=bool)]
+        return float(np.sqrt(max(apart.min(), 0.0))) if len(apart) else 0.0
 
     @property
     def probability(self) -> float:
@@ -112,25 +108,16 @@ def beliefs(hypotheses: Sequence[Hypothesis]) -> np.ndarray:
     return np.asarray(weight / weight.sum())
 
 
-def all_pairs(count: int) -> Pairs:
-    """Each of so many hypotheses against each other one."""
-    return tuple(permutations(range(count), 2))
-
-
-def outlook(
-    hypotheses: Sequence[Hypothesis], experiment: Experiment, seed: int = 0, pairs: Pairs | None = None
-) -> Outlook:
+def outlook(hypotheses: Sequence[Hypothesis], experiment: Experiment, seed: int = 0) -> Outlook:
     """What is expected of an experiment, every rival really refitted.
 
     Args:
         hypotheses: what may be true.
         experiment: that could be made.
         seed: of the outcomes that are drawn.
-        pairs: that matter; all of them, if not given.
     """
     held = [Held(h, experiment) for h in hypotheses]
     count = len(held)
-    pairs = all_pairs(count) if pairs is None else pairs
     rises, right = np.zeros((count, count)), np.ones(count)
     rng = np.random.default_rng(seed)
     for i, truth in enumerate(held):
@@ -142,7 +129,7 @@ def outlook(
         own = _Around(truth, truth.start).left(off)
         wins = np.ones(DRAWS, dtype=bool)
         for j, rival in enumerate(held):
-            if (i, j) not in pairs:
+            if i == j:
                 continue
             rises[i, j], best = Rival(rival, readings).refitted()
             left = readings - rival.predict(best)[0]
@@ -150,7 +137,7 @@ def outlook(
             earlier = hypotheses[j].misfit - hypotheses[i].misfit
             wins &= other - own + earlier > MARGIN
         right[i] = float(np.mean(wins))
-    return Outlook(tuple(h.name for h in hypotheses), rises, right, beliefs(hypotheses), pairs)
+    return Outlook(tuple(h.name for h in hypotheses), rises, right, beliefs(hypotheses))
 
 
 class _Around:

@@ -47,14 +47,15 @@ class Door:
 
     Args:
         source: what is read, for messages, such as "joints".
+        check: what a person should look at where readings are refused for long.
 
     Attributes:
         refused: how many readings were left out, by reason.
         fault: a sentence once bad readings have lasted; None before.
     """
 
-    def __init__(self, source: str) -> None:
-        self._source = source
+    def __init__(self, source: str, check: str = "check sensor, cable and clock") -> None:
+        self._source, self._check = source, check
         self._level = 0.0
         self._seen_good = False
         self.refused: Counter[Refused] = Counter()
@@ -72,7 +73,7 @@ class Door:
         if self.fault is None and (self._level > PATIENCE or not self._seen_good):
             self.fault = (
                 f"{self._source} at {now:.2f} s: the reading {why.value}, and {self.refused.total()} were refused in "
-                "all: check sensor, cable and clock"
+                f"all: {self._check}"
             )
 
     @property
@@ -153,7 +154,7 @@ class ForceDoor(Door):
     """
 
     def __init__(self, jump: float, drift: float, taut: float) -> None:
-        super().__init__("load cell")
+        super().__init__("load cell", "check sensor, cable and clock, and whether the load struck something")
         self._jump, self._drift, self._taut = jump, drift, taut
         self._last: ForceSample | None = None
         self._held: list[ForceSample] = []

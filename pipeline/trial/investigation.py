@@ -17,7 +17,7 @@ from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
 from armdyn.experiments.motion import Limits
 from armdyn.experiments.plan import HOPELESS, Proposal, designed_motion
-from armdyn.experiments.rivals import Rivals, contested, of_diagnosis, refitted, unseen
+from armdyn.experiments.rivals import Rivals, contested, of_diagnosis, refitted
 from armdyn.experiments.separation import MARGIN, beliefs
 from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.repair import fitted_model
@@ -198,7 +198,7 @@ def investigate(
     questions: dict[tuple[str, ...], None] = {}
     motion: LineTrajectory | None = None
     proposal: Proposal | None = None
-    place, screened = 0.0, False
+    place = 0.0
     while True:
         number = len(stages) + 1
         now = replace(settings, estimate=True, motion=motion, hangs_still=number == 1)
@@ -213,17 +213,13 @@ def investigate(
         rivals = of_diagnosis(study, found)
         close: tuple[str, ...] = ()
         if rivals is None and found.verdict is Verdict.EFFECT_MISSING:
-            rivals = contested(study, found)
+            rivals = contested(study, found, designed=proposal is not None)
             close = () if rivals is None else tuple(name for names in _names(rivals, study) for name in names)
         if rivals is not None:
             questions.update(dict.fromkeys(_names(rivals, study)))
         belief, gap = _believed(study, list(questions))
         stages.append(Stage(run, proposal, found, belief, gap, close))
         stop = _stop(found, rivals, gap)
-        if stop is Stop.EXPLAINED and not screened and number < most:
-            # "Nothing" says little of what this swing would not have shown: one larger swing looks for that.
-            rivals, screened = unseen(study, found), True
-            stop = stop if rivals is None else None
         if stop is None and number >= most:
             stop = Stop.SPENT
         if stop is None and rivals is not None:
@@ -232,7 +228,7 @@ def investigate(
             assert proposal.experiment.motion is not None, "it was designed"
             made = offered(proposal.experiment.motion, rivals.hypotheses, arm, table, settings.load_radius)
             if made is None or not _promising(proposal):
-                stop = Stop.INSEPARABLE if stages[-1].candidates else Stop.EXPLAINED
+                stop = Stop.INSEPARABLE
             else:
                 motion = made.trajectory
         if stop is not None:
