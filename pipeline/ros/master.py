@@ -12,7 +12,7 @@ from pipeline.ros.bridge import Bridge, BridgeError
 
 SERVICE = "/rosapi/get_time"
 """What is called; also where nobody offers it, the bridge has to ask the master first."""
-EVERY = 0.1
+EVERY = 0.05
 """Time between two calls [s]: an arm that has to stand 0.3 s after the fault leaves about 0.2 s to see it."""
 GONE = "communicate with master"
 """What the bridge answers where the master does not: ``Unable to communicate with master!``."""
