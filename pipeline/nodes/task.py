@@ -34,8 +34,9 @@ LEAD = 2.0
 """So far ahead is planned on a real clock [s]; planning and check take 1 s on a quiet core."""
 TRIES = 3
 """Plans that may come too late before it is given up; each is made for an instant twice as far ahead."""
-LONGEST_PLANNING = LEAD * (2**TRIES - 1) + 2.0
-"""Time that planning, and coming to rest before it, may take on a real clock [s]."""
+LONGEST_PLANNING = TRIES * LEAD * 2 ** (TRIES - 1) + 2.0
+"""Time that planning, and coming to rest before it, may take on a real clock [s]: a plan that comes too late is waited
+for, and one that takes longer than the last lead is not tried again."""
 
 Check = Callable[[LineTrajectory, SwingPlan, PendulumModel, Vector], FeasibilityReport]
 """Judges a trajectory with the swing that belongs to it, for an arm that is at joint positions (n,) [rad]."""
