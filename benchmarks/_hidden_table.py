@@ -54,6 +54,16 @@ def parser(description: str | None, what: str, seeds: int) -> argparse.ArgumentP
     return made
 
 
+def wanted(what: str, kinds: Sequence[str]) -> list[str]:
+    """Names out of an option, separated by commas; ends the program with a sentence where one is unknown."""
+    names = [name.strip() for name in what.split(",")]
+    for name in names:
+        if name not in kinds:
+            sys.stderr.write(f"--what {name}: choose from {', '.join(kinds)}\n")
+            raise SystemExit(2)
+    return names
+
+
 def answered(case: Callable[..., Row], arguments: Sequence[tuple[Any, ...]], processes: int) -> Iterator[Row]:
     """Rows of `case(*arguments)`, in order; `case` is a function of a module, so that processes can find it."""
     if processes == 1:

@@ -179,7 +179,8 @@ def main() -> None:
         "pairs": (pair, [(*two, s, keep) for two in PAIRS for s in seeds]),
         "outside": (outside, [(n, s, keep) for n in OUTSIDE for s in seeds]),
     }
-    hidden_table.run({what: kinds[what] for what in given.what.split(",")}, given.processes, given.json)
+    names = hidden_table.wanted(given.what, [*kinds])
+    hidden_table.run({name: kinds[name] for name in names}, given.processes, given.json)
 
 
 if __name__ == "__main__":

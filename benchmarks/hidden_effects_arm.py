@@ -211,7 +211,7 @@ def main() -> None:
     names = given.only.split(",") if given.only else list(hidden_arm.REALISTIC)
     everything: dict[str, list[dict]] = {}
     with multiprocessing.get_context("spawn").Pool(given.processes, initializer=_started) as pool:
-        for kind in given.what.split(","):
+        for kind in hidden_table.wanted(given.what, [*CASES]):
             rows = everything[kind] = []
             for row in pool.imap(_task, cases(kind, names, given.first_seed, given.seeds)):
                 rows.append(row)

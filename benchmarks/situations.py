@@ -148,7 +148,7 @@ def main() -> None:
         for name in names for effect in effects for seed in seeds if (name, effect) not in UNSEEN
     ]  # fmt: skip
     kinds = {"diagnosed": (diagnosed, cases), "repaired": (repaired, cases)}
-    wanted = {what: kinds[what] for what in given_options.what.split(",")}
+    wanted = {what: kinds[what] for what in hidden_table.wanted(given_options.what, [*kinds])}
     hidden_table.run(wanted, given_options.processes, given_options.json)
 
 
