@@ -9,7 +9,7 @@ from armdyn.errors import InputError
 from pipeline.commands.output import command_line, phase_progress, to_screen, write_json
 
 if TYPE_CHECKING:
-    from pipeline.ros.latency import Figures
+    from pipeline.ros.master import Figures
     from pipeline.trial import ProtocolSettings
     from pipeline.trial.real import Asking, Link, RealTrial
 
@@ -127,7 +127,7 @@ def _show_rehearsal(figures: "Figures", farthest: float, json_file: Path | None)
 
 def _timing(figures: "Figures") -> list[str]:
     """What the commands and the states were like, in words."""
-    from pipeline.ros.latency import Spread
+    from pipeline.ros.master import Spread
 
     told = []
     for what, values in (

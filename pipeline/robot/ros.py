@@ -16,16 +16,13 @@ from pipeline.loadcell.faults import Fault
 from pipeline.priority import PromptThread
 from pipeline.robot.protocol import ForceSample, JointState, Vector
 from pipeline.ros.baxter import Power
-from pipeline.ros.blend import Blend
-from pipeline.ros.braking import Braking
 from pipeline.ros.bridge import Bridge
 from pipeline.ros.gate import FRESH, PERIOD, CommandGate
-from pipeline.ros.latency import Figures, round_trip
-from pipeline.ros.master import MasterWatch
+from pipeline.ros.master import Figures, MasterWatch, round_trip
 from pipeline.ros.states import EvenTimes, JointStates
 from pipeline.ros.telemetry import Telemetry
-from pipeline.ros.topics import RosTopics
-from pipeline.ros.wording import command_message, point_message, positions_in
+from pipeline.ros.topics import RosTopics, command_message, point_message, positions_in
+from pipeline.ros.ways import Blend, Braking
 
 LAG = 0.01
 """How far behind now the joints are read [s]: by then the reading of that time has usually arrived."""

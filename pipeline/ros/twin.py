@@ -24,8 +24,8 @@ from pipeline.priority import ask_for_real_time
 from pipeline.robot.protocol import Vector
 from pipeline.robot.settings import PlantSettings
 from pipeline.robot.simulated import SimulatedRobot
+from pipeline.ros.baxter import CommandedArm, Tally
 from pipeline.ros.bridge import Bridge, BridgeError
-from pipeline.ros.commanded import CommandedArm, Tally
 from pipeline.ros.topics import RosTopics
 
 STEP = 0.002

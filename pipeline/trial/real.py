@@ -21,7 +21,7 @@ from pipeline.nodes.measurement import GRAVITY
 from pipeline.nodes.scheduler import RealClock
 from pipeline.priority import ask_for_real_time
 from pipeline.robot.ros import RosRobot
-from pipeline.ros.latency import Figures
+from pipeline.ros.master import Figures
 from pipeline.ros.telemetry import PublishingRecorder, Telemetry
 from pipeline.ros.topics import RosTopics
 from pipeline.trial.experiment import Ending, Experiment, Progress

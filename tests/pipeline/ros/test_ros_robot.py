@@ -13,7 +13,7 @@ import urdf
 from armdyn.errors import InputError, TaskFailedError
 from pipeline.robot.ros import RosRobot
 from pipeline.ros.gate import PERIOD
-from pipeline.ros.latency import Spread
+from pipeline.ros.master import Spread
 from pipeline.ros.topics import CommandKind, RosTopics, read_topics, settings_file
 
 TOPICS = read_topics(settings_file("baxter"))

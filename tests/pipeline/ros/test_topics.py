@@ -3,8 +3,7 @@
 import pytest
 
 from armdyn.errors import InputError
-from pipeline.ros.topics import CommandKind, Mode, read_topics, settings_file
-from pipeline.ros.wording import positions_in
+from pipeline.ros.topics import CommandKind, Mode, positions_in, read_topics, settings_file
 
 UR = """
 [ros]
