@@ -37,8 +37,7 @@ def batch(
 ) -> None:
     """Compare or repair for a lab's thousand logs: one row each, and what changed on which day."""
     from pipeline.batch.history import history
-    from pipeline.batch.parquet import NAME, check_parquet, write_parquet
-    from pipeline.batch.run import run_batch
+    from pipeline.batch.run import ROWS, check_parquet, run_batch, write_parquet
     from pipeline.batch.spec import read_spec
     from pipeline.interrupts import Interrupt, noted_signals
     from pipeline.report.batch import batch_report
@@ -51,7 +50,7 @@ def batch(
     with own_folder(output, output, what="batch") as folder, noted_signals(signals.append), spinner() as say:
         done = run_batch(asked, folder, workers=workers, scheduler=scheduler, stopped=lambda: bool(signals), say=say)
         say("writing the rows")
-        write_parquet(folder / NAME, asked, done.rows)
+        write_parquet(folder / ROWS, asked, done.rows)
         if not signals:
             say("looking for changes")
             found = history(asked, done.rows)
@@ -70,7 +69,7 @@ def batch(
 
 
 def _say(spec: "Spec", done: "Done", found: "History", output: Path) -> None:
-    from pipeline.batch.parquet import NAME
+    from pipeline.batch.run import ROWS
     from pipeline.report.batch import summary
     from pipeline.report.changes import event_sentence
 
@@ -82,7 +81,7 @@ def _say(spec: "Spec", done: "Done", found: "History", output: Path) -> None:
         typer.echo(f"  could not be used: {_problem(spec, row)}")
     if len(bad) > MOST_SHOWN:
         typer.echo(f"  and {len(bad) - MOST_SHOWN} more, see the report")
-    typer.echo(f"rows: {output / NAME}")
+    typer.echo(f"rows: {output / ROWS}")
     typer.echo(f"report: {output / 'report.html'}")
 
 

@@ -83,7 +83,7 @@ def excite(
         found = excitation(goal, seconds, random=random, compare=compare, seed=seed, say=say)
     _write_motion(found, output)
     if report is not None:
-        from pipeline.report.excitation import excitation_page
+        from pipeline.report.feasibility import excitation_page
 
         excitation_page(found, command_line()).write(report)
     if json_file is not None:

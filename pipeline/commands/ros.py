@@ -47,10 +47,10 @@ def twin(
     import urdf
     from armdyn.errors import InputError, TaskFailedError
     from pipeline.commands.which_robot import exactly
+    from pipeline.interrupts import noted_signals
     from pipeline.robot.settings import PlantSettings
     from pipeline.ros.topics import read_topics, settings_file
     from pipeline.ros.twin import Twin
-    from pipeline.trial.signals import noted_signals
 
     check_outputs(json_file, calibration)
     arm = urdf.load("baxter")

@@ -12,10 +12,9 @@ from armdyn.identify.explained import in_percent
 from armdyn.identify.fit import Fit
 from armdyn.identify.localise import Place
 from armdyn.identify.study import Study
-from pipeline.report.names import full_name, quantity_of, short_name
 from pipeline.report.overlay import Overlay, OverlaySection, of_fits, quality
 from pipeline.report.page import Chart, KeyFigure, Level, Report, Section, Table
-from pipeline.report.theme import LIMIT, MEASURED, MODEL, number
+from pipeline.report.theme import LIMIT, MEASURED, MODEL, full_name, number, quantity_of, short_name
 
 
 @dataclass(frozen=True)

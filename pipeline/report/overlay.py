@@ -17,8 +17,8 @@ from armdyn.identify.problem import Block
 from armdyn.identify.study import Study
 from armdyn.preparation import of_all_runs, sentence
 from armdyn.run import Run
-from pipeline.report.names import quantity_of, short_name
 from pipeline.report.page import Section, Widget
+from pipeline.report.theme import quantity_of, short_name
 
 MOST_POINTS = 3000
 """Per curve; more makes the page heavy and the picture no clearer."""

@@ -23,23 +23,20 @@ from armdyn.pendulum.path import GripperPath
 from armdyn.pendulum.recorded import run_path
 from armdyn.run import Channel
 from ik import LineTable
+from pipeline.interrupts import noted_signals
 from pipeline.loadcell.faults import FaultDetector, FaultLimits
 from pipeline.motion import Gate, LineLimits, LineSmoother, LineState, LineTrajectory
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, Swing, check_line
 from pipeline.nodes.beside import AtOnce, Beside, InAProcess
 from pipeline.nodes.drive import LATEST, DriveNode
-from pipeline.nodes.estimator import EstimatorNode
+from pipeline.nodes.learning import EstimatorNode, SacNode
 from pipeline.nodes.measurement import MeasurementNode, channel_units
-from pipeline.nodes.sac import SacNode
-from pipeline.nodes.scheduler import Clock, Node, Scheduler
+from pipeline.nodes.scheduler import Clock, Node, Scheduler, Watchdog
 from pipeline.nodes.task import DT, TaskNode
-from pipeline.nodes.watchdog import Watchdog
 from pipeline.record import Recorder
 from pipeline.robot.protocol import RobotInterface, Vector
-from pipeline.trial.reason import sentence_of
-from pipeline.trial.rest import come_to_rest
+from pipeline.trial.ending import Ending, come_to_rest, sentence_of, sentence_of_signal
 from pipeline.trial.settings import ProtocolSettings
-from pipeline.trial.signals import noted_signals, sentence_of_signal
 
 REST = 0.5
 """Time at rest before the motion [s]: the estimate starts from a load that hangs still."""
@@ -89,23 +86,6 @@ class Course:
 
     phases: list[PhaseSpan] = field(default_factory=list)
     interrupted: int | None = None
-
-
-@dataclass(frozen=True)
-class Ending:
-    """How a run ended.
-
-    Attributes:
-        success: whether the load came to rest in the box.
-        message: a sentence for a person.
-        stopped: whether it was ended before its time, for safety or by the user.
-        cause: the error that ended it, for whoever mends it; None where none did.
-    """
-
-    success: bool
-    message: str
-    stopped: bool
-    cause: BaseException | None = None
 
 
 class _StopError(ArmdynError):
@@ -318,7 +298,7 @@ class Experiment:
         )
         self.course.phases.append(PhaseSpan(Phase.STOP, start, self._clock.time))
         message = "; ".join([reason, *also, *failed])
-        return Ending(False, message, True, None if isinstance(error, _StopError | _InterruptedError) else error)
+        return Ending(False, message, True)
 
     def _certain(self) -> bool:
         c, history = self.settings, self.estimator.history

@@ -32,7 +32,8 @@ from pipeline.motion.offered import offered
 from pipeline.nodes.scheduler import Clock
 from pipeline.record import Recorder
 from pipeline.robot.protocol import RobotInterface
-from pipeline.trial.experiment import REST, Ending, Experiment, Phase, Progress
+from pipeline.trial.ending import Ending
+from pipeline.trial.experiment import REST, Experiment, Phase, Progress
 from pipeline.trial.settings import ProtocolSettings
 
 MOST = 4

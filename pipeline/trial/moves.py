@@ -8,11 +8,12 @@ import numpy as np
 import urdf
 from armdyn.errors import TaskFailedError
 from ik import LineTable
+from pipeline.interrupts import noted_signals
 from pipeline.motion import LineTrajectory
 from pipeline.motion.trajectory import JointTrajectory
 from pipeline.robot.protocol import RobotInterface, Vector
 from pipeline.ros.gate import PERIOD
-from pipeline.trial.signals import noted_signals, sentence_of_signal
+from pipeline.trial.ending import sentence_of_signal
 
 JOINT_SPEED = 0.2
 """Largest joint speed on the way to the start posture [rad/s]: somebody beside the arm can step back."""

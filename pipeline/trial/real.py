@@ -24,12 +24,12 @@ from pipeline.robot.ros import RosRobot
 from pipeline.ros.master import Figures
 from pipeline.ros.telemetry import PublishingRecorder, Telemetry
 from pipeline.ros.topics import RosTopics
-from pipeline.trial.experiment import Ending, Experiment, Progress
+from pipeline.trial.ending import Ending
+from pipeline.trial.experiment import Experiment, Progress
 from pipeline.trial.folder import gathered
 from pipeline.trial.investigation import SwingExperiment, after, ended_before, investigate, swing_of
-from pipeline.trial.keeping import kept, recording
 from pipeline.trial.moves import Posture, along, approach, play, rehearsal
-from pipeline.trial.result import TrialResult, result_of
+from pipeline.trial.result import TrialResult, kept, recording, result_of
 from pipeline.trial.settings import ProtocolSettings
 
 if TYPE_CHECKING:

@@ -2,13 +2,12 @@
 
 import numpy as np
 
-from pipeline.report.investigation import InvestigationSection
 from pipeline.report.learning import EstimateTrace, ForceTrace
 from pipeline.report.motion import GripperTrace, JointTrace
+from pipeline.report.next_experiment import InvestigationSection
 from pipeline.report.page import Level, NextStep, Report
-from pipeline.report.swing import SwingPicture, SwingTrace
 from pipeline.report.theme import Span
-from pipeline.report.trial import TrialReportData, trial_report
+from pipeline.report.trial import SwingPicture, SwingTrace, TrialReportData, trial_report
 from pipeline.trial.experiment import Experiment
 from pipeline.trial.result import TrialResult
 

@@ -1,20 +1,27 @@
-"""What a trial came to: its numbers, and how they follow from the experiment."""
+"""What a trial came to and leaves behind: its numbers, the recording, and the model that the robot had."""
 
 import shlex
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
-from armdyn.errors import InputError
+from armdyn.errors import ArmdynError, InputError
+from armdyn.model_file import ModelFile, write_model_file
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.recorded import run_path
+from armdyn.units import Known
 from pipeline.answers_next import investigation_answer
-from pipeline.nodes.estimator import LengthEstimate
+from pipeline.nodes.learning import LengthEstimate
 from pipeline.nodes.scheduler import Timing
-from pipeline.trial.experiment import Ending, Experiment, Phase, PhaseSpan
+from pipeline.record import Recorder
+from pipeline.trial.ending import Ending
+from pipeline.trial.experiment import Experiment, Phase, PhaseSpan, recorded_channels
 from pipeline.trial.investigation import Investigation
+from pipeline.trial.settings import ProtocolSettings
 
 
 @dataclass(frozen=True)
@@ -209,3 +216,59 @@ def _largest_angle(experiment: Experiment, span: PhaseSpan) -> float | None:
         return None
     angles = angles[: int((span.end - span.start) / path.dt)]
     return float(np.max(np.abs(angles))) if len(angles) and np.isfinite(angles).all() else None
+
+
+TRIAL = "trial"
+"""Name of the recording of the trial itself."""
+R = TypeVar("R", bound=Recorder)
+
+
+@contextmanager
+def recording(
+    kind: type[R],
+    folder: Path,
+    joints: tuple[str, ...],
+    settings: ProtocolSettings,
+    description: str,
+    name: str = TRIAL,
+) -> Iterator[R]:
+    """The recorder of a trial; what is raised in the block passes on, and the recording is complete all the same.
+
+    Args:
+        kind: of recorder.
+        folder: where it goes.
+        joints: of the arm.
+        settings: whose noise and mass the recording states.
+        description: a line for a person.
+        name: of the file, without its ending.
+    """
+    recorder = kind(
+        folder / f"{name}.mcap",
+        recorded_channels(joints),
+        description=description,
+        noise={"load_force": settings.force_noise},
+        known={"mass": Known(settings.mass, settings.mass_std, "kg")},
+    )
+    try:
+        yield recorder
+    except BaseException:
+        with suppress(ArmdynError, OSError):  # completing it must not hide what happened
+            recorder.close()
+        raise
+
+
+def kept(experiment: Experiment, ending: Ending, recorder: Recorder, folder: Path) -> Ending:
+    """Complete the recording and write the model; what cannot be written is added to how the trial ended."""
+    problems = []
+    try:
+        recorder.close()
+    except (ArmdynError, OSError) as error:
+        problems.append(str(error))
+    if recorder.failure is not None:
+        problems.append(recorder.failure)
+    try:
+        write_model_file(folder / "model.toml", ModelFile(experiment.estimator.model, {}))
+    except (ArmdynError, OSError) as error:
+        problems.append(f"the model was not written: {error}")
+    new = [problem for problem in problems if problem not in ending.message]
+    return replace(ending, message="; ".join([ending.message, *new])) if new else ending

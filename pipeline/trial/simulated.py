@@ -15,16 +15,16 @@ from pipeline.robot.protocol import RobotInterface, Vector
 from pipeline.robot.settings import PlantSettings
 from pipeline.robot.simulated import SimulatedRobot
 from pipeline.robot.truth import History
-from pipeline.trial.experiment import Ending, Experiment, Progress
+from pipeline.trial.ending import Ending
+from pipeline.trial.experiment import Experiment, Progress
 from pipeline.trial.folder import gathered
 from pipeline.trial.investigation import SwingExperiment, after, ended_before, investigate, swing_of
-from pipeline.trial.keeping import kept, recording
-from pipeline.trial.result import TrialResult, result_of
+from pipeline.trial.result import TrialResult, kept, recording, result_of
 from pipeline.trial.settings import ProtocolSettings, TrialSettings
 
 if TYPE_CHECKING:
     from pipeline.report.page import Report
-    from pipeline.report.swing import SwingTrace
+    from pipeline.report.trial import SwingTrace
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class SimulatedTrial:
         return report_of(self.experiment, self.result, subtitle, command, executed=self._executed())
 
     def _executed(self) -> "SwingTrace | None":
-        from pipeline.report.swing import SwingTrace
+        from pipeline.report.trial import SwingTrace
 
         history, line = self.swing_history(), self.experiment.description.line
         if history is None:

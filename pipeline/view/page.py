@@ -1,4 +1,4 @@
-"""One offline page with a scene."""
+"""One offline page with a scene, drawn by three.js, which the package trimesh brings along."""
 
 import json
 from functools import cache
@@ -7,9 +7,9 @@ from pathlib import Path
 from string import Template
 
 from armdyn import __version__, atomic
+from armdyn.errors import InputError
 from pipeline.report.page import packed, page_head
 from pipeline.view.scene import Scene
-from pipeline.view.three import three_js
 
 TEMPLATES = Path(__file__).parent / "templates"
 KINDS = {"run": "recording", "table": "table of postures", "trajectory": "trajectory", "trial": "trial"}
@@ -53,3 +53,31 @@ def write_view(scene: Scene, path: Path, command: str = "") -> None:
 @cache
 def _library() -> str:
     return packed(three_js())
+
+
+BEGIN, END = "/**\n * @license", "\n"
+"""What stands around the library in trimesh's own viewer: its licence, and the end of the one line that it is."""
+
+
+@cache
+def three_js() -> str:
+    """The library as one script that defines ``THREE``; MIT licence, its notice included.
+
+    Raises:
+        InputError: trimesh brings it in another form.
+    """
+    import io
+    import zipfile
+
+    from trimesh import resources
+
+    try:
+        with zipfile.ZipFile(io.BytesIO(resources.get_bytes("templates/viewer.zip"))) as archive:
+            page = archive.read("viewer.html.template").decode("utf-8")
+        start = page.index(BEGIN)
+        body = page.index("!function", start)
+        script = page[start : page.index(END, body)]
+    except (OSError, KeyError, ValueError, AttributeError) as error:
+        raise InputError(f"trimesh brings no three.js ({error}): install trimesh 4.5 or later") from error
+    # Inside JavaScript's strings and in comments a tag that ends a script would end ours.
+    return script.replace("</script", "<\\/script")

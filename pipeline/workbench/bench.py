@@ -18,7 +18,7 @@ from armdyn.identify.repair_path import merged
 from armdyn.identify.study import Study
 from armdyn.parameter import Parameter
 from pipeline.report.overlay import FITTED, HELD_OUT, Overlay, overlays
-from pipeline.workbench.foretelling import Foretelling, Residuals
+from pipeline.workbench.ranking import Foretelling, Residuals
 
 AS_GIVEN, NOW = "as given", "now"
 

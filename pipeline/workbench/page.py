@@ -140,7 +140,7 @@ class Page(Tab):
         self._panel("ranking", "<p class='caption'>The search was stopped.</p>")
 
     async def _scene(self, args: dict[str, Any]) -> None:
-        from pipeline.workbench.space import scene_of_run
+        from pipeline.workbench.tab import scene_of_run
 
         bench, name, ticked = self._opened(), args.get("run"), self._ticked
         scene = await self._working("drawing in 3-D", lambda: scene_of_run(bench, ticked, name).data())

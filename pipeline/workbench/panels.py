@@ -6,9 +6,8 @@ from pathlib import Path
 
 from armdyn.identify.sentence import totals
 from pipeline.commands.export import KINDS
-from pipeline.report.names import full_name
 from pipeline.report.overlay import FITTED, HELD_OUT, quality
-from pipeline.report.theme import number
+from pipeline.report.theme import full_name, number
 from pipeline.workbench.bench import Atom, Bench, Knob, State
 from pipeline.workbench.ranking import Ranking
 

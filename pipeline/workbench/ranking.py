@@ -1,4 +1,7 @@
-"""What is missing from a model, found by a process of its own: a diagnosis takes from a second to minutes."""
+"""What a model lacks: what effects would do, foretold at once from sums, and what is missing, by a process of its own.
+
+A set of effects is foretold around the fit of the model as given; a diagnosis takes from a second to minutes.
+"""
 
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -8,7 +11,13 @@ from multiprocessing.connection import Connection
 from threading import Thread
 from typing import TYPE_CHECKING, Protocol
 
+from armdyn.channels import FloatArray
 from armdyn.errors import ArmdynError
+from armdyn.identify.candidate import Candidate
+from armdyn.identify.fit import Fit
+from armdyn.identify.study import Study
+from armdyn.identify.summed import Summed
+from armdyn.identify.sums import sums_at
 from pipeline.commands.identify import Inputs
 
 if TYPE_CHECKING:
@@ -131,3 +140,60 @@ def _search(inputs: Inputs, effects: tuple[str, ...], answers: Connection, paren
         answers.send(("failed", str(error)))
     except Exception as error:
         answers.send(("failed", f"The search failed with {type(error).__name__}: {' '.join(str(error).split())}"))
+
+
+Residuals = Mapping[tuple[str, str], FloatArray]
+"""By run and channel: (n,) measured minus predicted, in the channel's unit."""
+
+
+@dataclass(frozen=True, eq=False)
+class Foretold:
+    """A set of effects, fitted by sums.
+
+    Attributes:
+        residuals: of the runs whose prediction follows the expansion.
+        values: (P,) of the study's unknowns.
+    """
+
+    residuals: Residuals
+    values: FloatArray
+
+
+class Foretelling:
+    """Fits of sets of effects by one expansion.
+
+    Exact for an arm's effects that are linear, and its links and payloads; for a pendulum near the fit of the model as
+    given, so that a refit follows.
+
+    Args:
+        study: model, runs and catalogue.
+        first: the fit of the model as given.
+    """
+
+    def __init__(self, study: Study, first: Fit) -> None:
+        self._study = study
+        self._linear = bool(study.model.linear)
+        self._around = study.appraiser(first) if self._linear else _around(study, first)
+
+    def of(self, effects: Sequence[Candidate]) -> Foretold:
+        """What these effects would leave.
+
+        Args:
+            effects: of the study's candidates, each on one joint.
+        """
+        sums = self._around.sums
+        columns, change, values = self._around.minimum(effects)
+        residuals = {
+            (sums.runs[sums.run[unit]], sums.channels[sums.channel[unit]]): sums.residual(unit, columns, change)
+            for unit in range(len(sums.count))
+            if self._linear or sums.training[unit]
+        }
+        return Foretold(residuals, self._study.own(values, sums.problem))
+
+
+def _around(study: Study, first: Fit) -> Summed:
+    """An expansion with every effect at the fit of a model that is not linear in them."""
+    problem = study.problem
+    candidates = tuple(atom for c in study.candidates for atom in c.apart())
+    base = problem.fitted & ~problem.of([name for c in study.candidates for name in c.names])
+    return Summed(sums_at(first, problem.blocks(first.values)), base, candidates)

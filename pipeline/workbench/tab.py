@@ -1,16 +1,21 @@
-"""One browser tab: which files it has open, and what it shows of them."""
+"""One browser tab: which files it has open, what it shows of them, and the motion of a run in three dimensions."""
 
 import json
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from html import escape
 from typing import Any
 
 from nicegui import Client
 
+from armdyn.arm.model import ArmModel
 from armdyn.errors import ArmdynError, InputError
+from armdyn.run import Run
 from pipeline.commands.identify import Given, Inputs
 from pipeline.report.overlay import OverlaySection, changed
 from pipeline.report.page import LOOK, tabs_html
+from pipeline.view.motion import arm_scene, joint_motion, swing_of, swing_scene
+from pipeline.view.scene import Scene
+from pipeline.view.shapes import Links, links_of
 from pipeline.workbench import panels, uploads
 from pipeline.workbench.bench import AS_GIVEN, NOW, Atom, Bench, State
 from pipeline.workbench.desk import Desk
@@ -158,3 +163,34 @@ class Tab:
 def js(value: object) -> str:
     """A value as JavaScript."""
     return json.dumps(value, separators=(",", ":"))
+
+
+_links: dict[str, Links] = {}
+"""Of arms that were drawn already, by fingerprint: meshes take a second or two to read."""
+
+
+def scene_of_run(bench: Bench, effects: Sequence[Atom], name: str | None) -> Scene:
+    """What moves in a run; a load whose angle was not measured swings as the model with these effects says.
+
+    Args:
+        bench: model and runs.
+        effects: that are ticked.
+        name: of the run; the first one where it is None.
+
+    Raises:
+        InputError: nothing in the run says how it moves.
+    """
+    study = bench.study
+    runs = (*study.runs, *study.held_out)
+    run: Run = next((run for run in runs if run.name == name), runs[0])
+    model = study.model
+    if isinstance(model, ArmModel):
+        robot = model.arm.robot
+        if robot.fingerprint not in _links:
+            _links[robot.fingerprint] = links_of(robot)
+        links = _links[robot.fingerprint]
+        return arm_scene(run.name, "run", links, *joint_motion(run.recording, robot))
+    if run in study.runs:
+        fit = bench.fit(effects)
+        return swing_scene(run.name, "run", swing_of(run, model, fit))
+    return swing_scene(run.name, "run", swing_of(run, model))

@@ -21,9 +21,8 @@ from armdyn.errors import InputError
 from armdyn.run import read_run
 from pipeline.motion import LineState, LineTrajectory
 from pipeline.nodes.drive import DriveNode
-from pipeline.nodes.estimator import EstimatorNode
+from pipeline.nodes.learning import EstimatorNode, SacNode
 from pipeline.nodes.measurement import MeasurementNode
-from pipeline.nodes.sac import SacNode
 from pipeline.nodes.task import TaskNode, TaskSettings
 from pipeline.record import Recorder
 from pipeline.trial import TrialSettings, simulate

@@ -7,8 +7,7 @@ import pytest
 from faults.faulty import AT_REST, Hangs, InRealTime
 
 from armdyn.run import read_run
-from pipeline.nodes.scheduler import RobotClock
-from pipeline.nodes.watchdog import Watchdog
+from pipeline.nodes.scheduler import RobotClock, Watchdog
 from pipeline.trial import TrialSettings, simulate
 from pipeline.trial.experiment import Phase
 

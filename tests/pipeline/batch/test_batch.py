@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.batch.journal import NAME as JOURNAL
+from pipeline.batch.run import JOURNAL
 from pipeline.trial.folder import own_folder
 
 pq = pytest.importorskip("pyarrow.parquet")

@@ -12,8 +12,7 @@ import time
 import pytest
 from dask_cluster import dask_cluster, free_port
 
-from pipeline.batch.journal import NAME as JOURNAL
-from pipeline.batch.run import run_batch
+from pipeline.batch.run import JOURNAL, run_batch
 from pipeline.batch.spec import read_spec
 
 FEW = 6

@@ -1,7 +1,7 @@
 import threading
 from time import monotonic, sleep
 
-from pipeline.nodes.watchdog import Watchdog
+from pipeline.nodes.scheduler import Watchdog
 
 PATIENCE = 0.03
 

@@ -7,9 +7,8 @@ from pipeline.nodes.scheduler import Timing
 from pipeline.report.learning import EstimateTrace, ForceTrace
 from pipeline.report.motion import GripperTrace, JointTrace
 from pipeline.report.page import KeyFigure, Level
-from pipeline.report.swing import SwingPicture, SwingTrace
 from pipeline.report.theme import Span
-from pipeline.report.trial import TrialReportData
+from pipeline.report.trial import SwingPicture, SwingTrace, TrialReportData
 from pipeline.trial.table import TableOne, TableRow
 
 LENGTH = 0.368

@@ -9,10 +9,9 @@ import ik
 import urdf
 from armdyn.errors import InputError, TaskFailedError
 from pipeline.motion import LineTrajectory
-from pipeline.nodes.scheduler import RobotClock
-from pipeline.nodes.watchdog import Watchdog
+from pipeline.nodes.scheduler import RobotClock, Watchdog
 from pipeline.trial import ProtocolSettings, TrialSettings, simulate
-from pipeline.trial.experiment import Ending
+from pipeline.trial.ending import Ending
 from pipeline.trial.investigation import Stop, ended_before, investigate, questioned
 
 

@@ -1,0 +1,239 @@
+"""The nodes that learn: the estimator, which finds the length, and SAC, whose motions make the load cell tell it.
+
+The estimate is of everything measured since the motion began, twice a second; an update takes 5 to 30 ms, longer than a
+cycle, and is done beside the loop. Twenty times a second SAC finds the gripper motion that informs most.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite
+from time import perf_counter
+
+import numpy as np
+
+from armdyn.control.sac import SacAction, SacSettings, SacState, SequentialActionControl
+from armdyn.errors import TaskFailedError
+from armdyn.faults import without_spikes
+from armdyn.identify.estimator import Estimator
+from armdyn.identify.least_squares import Outcome
+from armdyn.pendulum.model import PendulumModel
+from armdyn.pendulum.path import fixed_path
+from armdyn.pendulum.recorded import run_path
+from armdyn.physics.simulate import Rollout
+from armdyn.run import Run
+from pipeline.motion import LineState
+from pipeline.nodes.beside import AtOnce, Beside
+from pipeline.nodes.drive import DriveNode
+from pipeline.nodes.measurement import MeasurementNode
+from pipeline.record import Recorder
+
+FIRST_UPDATE = 1.0
+"""Time of motion before the first estimate [s]: less does not determine the length."""
+
+
+@dataclass(frozen=True)
+class LengthEstimate:
+    """One entry of the estimate's history.
+
+    Attributes:
+        time: of the update [s].
+        value: length [m].
+        std: its standard deviation [m].
+        outcome: how the fit ended.
+        seconds: that the update took.
+    """
+
+    time: float
+    value: float
+    std: float
+    outcome: Outcome
+    seconds: float
+
+
+@dataclass(frozen=True)
+class _Update:
+    """What an update found; `std` with what white noise does not explain."""
+
+    values: Mapping[str, float]
+    std: float
+    outcome: Outcome
+    seconds: float
+
+
+class EstimatorNode:
+    """Runs the estimator at 2 Hz on the data since `begin`; an update that is not done in time is waited for.
+
+    Attributes:
+        start: time at which the load hung at rest and the data begin [s]; None while it does not estimate.
+        history: every update so far.
+        left_out: a sentence on the samples that the last update left out, because they do not belong to their
+            neighbours; empty where there were none.
+    """
+
+    name = "estimator"
+    period = 0.5
+
+    def __init__(
+        self,
+        measurement: MeasurementNode,
+        estimator: Estimator[PendulumModel],
+        recorder: Recorder,
+        beside: Beside | None = None,
+    ) -> None:
+        self._measurement, self._estimator, self._recorder = measurement, estimator, recorder
+        self._beside = beside or AtOnce()
+        self._beside.provide(self.name, self._update)
+        self.start: float | None = None
+        self.history: list[LengthEstimate] = []
+        self.left_out: tuple[str, ...] = ()
+        self._running = False
+        self._model = estimator.model
+
+    @property
+    def model(self) -> PendulumModel:
+        """The model with the latest estimate that is a number."""
+        return self._model
+
+    def begin(self, now: float) -> None:
+        """The load hangs at rest now, and what follows is used."""
+        self._measurement.begin()
+        self.start, self._running = now, True
+
+    def end(self) -> None:
+        """Estimate no more; `model` and `start` stay."""
+        self._running = False
+
+    def step(self, now: float) -> None:
+        """Have the estimate updated once there are enough data.
+
+        Raises:
+            TaskFailedError: the estimate is not a number; `model` stays as it was.
+        """
+        if not self._running or self.start is None or now - self.start < FIRST_UPDATE - 1e-9:
+            return
+        if self._beside.busy(self.name):
+            return
+        self._measurement.update_path()
+        run = without_spikes(self._measurement.run(), ("load_force",))
+        self.left_out = run.warnings
+        self._beside.ask(self.name, run, lambda found: self._take(now, found))
+
+    def _update(self, run: Run) -> _Update:
+        """The estimate from all data so far."""
+        begun = perf_counter()
+        estimate = self._estimator.update(run)
+        seconds = perf_counter() - begun
+        std = estimate.std("length") * self._estimator.widening(run)
+        values = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
+        return _Update(values, std, estimate.outcome, seconds)
+
+    def _take(self, now: float, found: _Update) -> None:
+        """Use what an update found that was begun at `now` [s]."""
+        if not self._running:
+            return
+        length = found.values["length"]
+        if not (isfinite(length) and isfinite(found.std)):
+            raise TaskFailedError(f"the estimate of the length at {now:.2f} s is not a number: check the model")
+        self._model = self._model.with_values(found.values)
+        self.history.append(LengthEstimate(now, length, found.std, found.outcome, found.seconds))
+        self._recorder.record("estimate.length", now, length)
+        self._recorder.record("estimate.length_std", now, found.std)
+
+
+KICK_ACCELERATION, KICK_TIME = 0.8, 0.2
+"""Acceleration [m/s^2] and duration [s] of each half of the doublet that starts the motion: at rest SAC never moves."""
+LOOK_AHEAD = 30
+"""Cycles of reference given to the smoother."""
+
+
+class SacNode:
+    """Starts with a doublet, then acts on the latest estimate; silent until `begin`.
+
+    Attributes:
+        actions: every action so far.
+        seconds: that each took, the state's prediction included.
+    """
+
+    name = "sac"
+    period = 0.05
+
+    def __init__(
+        self,
+        measurement: MeasurementNode,
+        estimator: EstimatorNode,
+        drive: DriveNode,
+        settings: SacSettings | None = None,
+    ) -> None:
+        self._measurement, self._estimator, self._drive = measurement, estimator, drive
+        self.settings = settings or SacSettings(sample_time=self.period)
+        self._control = SequentialActionControl(estimator.model, self.settings)
+        self._begun: float | None = None
+        self._plan_start = 0.0
+        self._plan: list[LineState] = []
+        self.actions: list[SacAction] = []
+        self.seconds: list[float] = []
+
+    def warm_up(self) -> None:
+        """Compute once what `step` computes, on a gripper that stands: the first time takes longer than a cycle."""
+        model = self._estimator.model
+        rollout = model.rollout(fixed_path(0.0, 1.0, self.settings.dt), model.theta(), channels=("load_force",))
+        self._control.act(SacState(1.0, 0.0, 0.0, rollout.states[-1], self._length_column(rollout)), model)
+
+    def _length_column(self, rollout: Rollout) -> np.ndarray:
+        """(2,) derivative of the last state with respect to the length."""
+        column: np.ndarray = rollout.state_sensitivities[:, self._estimator.model.physics_names.index("length")]
+        return column
+
+    def begin(self, now: float) -> None:
+        """Kick, then inform."""
+        self._begun = now
+        kick = round(KICK_TIME / self.settings.dt)
+        self._lay_out(now, np.repeat([KICK_ACCELERATION, -KICK_ACCELERATION], kick))
+        self._drive.follow(self._reference)
+
+    def end(self) -> None:
+        """Act no more and let the drive come to rest."""
+        self._begun = None
+        self._drive.stop()
+
+    def step(self, now: float) -> None:
+        """Choose the next action.
+
+        Raises:
+            TaskFailedError: the action is not a number.
+        """
+        start = self._estimator.start
+        if self._begun is None or start is None or now - self._begun < 2 * KICK_TIME - 1e-9:
+            return
+        begun = perf_counter()
+        model = self._estimator.model
+        self._measurement.update_path()
+        rollout = model.rollout(run_path(self._measurement.run()), model.theta(), channels=("load_force",))
+        here = self._drive.state
+        action = self._control.act(
+            SacState(
+                time=now - start,
+                x=here.s,
+                v=here.v,
+                pendulum=rollout.states[-1],
+                sensitivity=self._length_column(rollout),
+            ),
+            model,
+        )
+        if not np.isfinite(action.schedule).all():
+            raise TaskFailedError(f"the action chosen at {now:.2f} s is not a number: check the model")
+        self.actions.append(action)
+        self.seconds.append(perf_counter() - begun)
+        self._lay_out(now, action.schedule)
+
+    def _lay_out(self, now: float, schedule: np.ndarray) -> None:
+        """Plan the states at the end of each coming cycle, with one acceleration per cycle."""
+        dt, here = self.settings.dt, self._drive.state
+        v = here.v + dt * np.cumsum(schedule)
+        x = here.s + dt * np.cumsum(v - dt * schedule / 2)
+        self._plan_start = now
+        self._plan = [LineState(float(s), float(w), float(a)) for s, w, a in zip(x, v, schedule, strict=True)]
+
+    def _reference(self, now: float) -> Sequence[LineState]:
+        first = round((now - self._plan_start) / self.settings.dt)
+        return self._plan[first : first + LOOK_AHEAD] or [LineState(self._drive.state.s)]
