@@ -37,7 +37,7 @@ from armdyn.identify.diagnose import diagnose
 from armdyn.identify.least_squares import LeastSquares, levenberg_marquardt
 from armdyn.identify.study import Study
 from armdyn.run import Channel, Run
-from pipeline.excitation_answer import factor, sentence
+from pipeline.answers_motion import factor, sentence
 from pipeline.motion.excitation import Excitation, Expectation, excitation
 
 hidden_arm = generator("arm")

@@ -11,7 +11,7 @@ from typing import Any
 from armdyn.errors import TaskFailedError
 from ik.cluster import dask_client
 from pipeline.batch.work import Job, Outcome, lost, work
-from pipeline.workers import worker_pool
+from pipeline.processes import worker_pool
 
 LOOK = 0.2
 """Time between two looks whether the user wants to stop, s."""

@@ -10,8 +10,7 @@ from typer.exceptions import TyperException
 
 from armdyn import __version__
 from armdyn.errors import ArmdynError, TaskFailedError
-from pipeline.commands.streams import tolerant_streams
-from pipeline.commands.unforeseen import report_unforeseen
+from pipeline.commands.streams import report_unforeseen, tolerant_streams
 from pipeline.interrupts import Interrupt, Interrupts
 
 app = typer.Typer(

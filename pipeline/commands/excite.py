@@ -87,7 +87,7 @@ def excite(
 
         excitation_page(found, command_line()).write(report)
     if json_file is not None:
-        from pipeline.excitation_answer import excitation_answer
+        from pipeline.answers_motion import excitation_answer
 
         write_json(excitation_answer(found, output), json_file)
     if json_file != Path("-"):
@@ -167,8 +167,8 @@ SHOWN = 20
 def _print(found: "Excitation", output: Path, report: Path | None, robot: str | None) -> None:
     from rich.table import Table
 
+    from pipeline.answers_motion import expectation_rows, peak_rows, sentence
     from pipeline.commands.output import to_screen
-    from pipeline.excitation_answer import expectation_rows, peak_rows, sentence
 
     console = to_screen()
     typer.echo(sentence(found))

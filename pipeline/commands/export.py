@@ -118,10 +118,10 @@ def _text(file: "ModelFile", output: Path, about: str) -> tuple[str, list[str]]:
     functions, notes = functions_of(model)
     about = "\n".join([f"{about}, by armdyn {__version__}.", *(f"Not in it: {note}." for note in notes)])
     if output.suffix.lower() == ".c":
-        from pipeline.exports.c_file import c_text
+        from pipeline.exports.functions import c_text
 
         return c_text(functions, about), notes
-    from pipeline.exports.python_file import python_text
+    from pipeline.exports.functions import python_text
 
     return python_text(functions, about), notes
 

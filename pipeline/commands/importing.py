@@ -39,8 +39,8 @@ def import_(
     """Make runs of recordings in other formats."""
     from armdyn.errors import InputError
     from pipeline.imports.conversion import imported
+    from pipeline.imports.foreign import read_foreign
     from pipeline.imports.mapping import known_columns, read_map
-    from pipeline.imports.reading import read_foreign
 
     if mapping is not None and guess:
         raise InputError("--map gives a mapping and --guess proposes one: choose one of them")

@@ -50,7 +50,7 @@ def next_experiment(
 ) -> None:
     """Plan the next experiment: how well each kind tells rival effects apart, and the best motion of the gripper."""
     from armdyn.experiments.plan import plan
-    from pipeline.answers_next import next_answer
+    from pipeline.answers_motion import next_answer
     from pipeline.motion.offered import arranged, write_motion
 
     inputs = Inputs(model, runs, held_out, None, effects)

@@ -4,16 +4,24 @@ A JointState gives positions, velocities and efforts by joint; of every other me
 topic and field. Stamps are the header's, else the time at which the message was recorded.
 """
 
+import io
+import json
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from armdyn.bytes_in import read_bytes
 from armdyn.errors import InputError
+from armdyn.mcap_run import SIDECAR_RECORD
+from armdyn.mcap_sizes import check_chunk_sizes
 from pipeline.imports.foreign import MIN_SAMPLES, Column, Foreign
-from pipeline.imports.mcap_file import messages
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
+
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 FIELDS = (("position", "q"), ("velocity", "v"), ("effort", "tau"))
@@ -143,3 +151,49 @@ def _columns(samples: dict[str, _Samples]) -> tuple[dict[str, Column], list[str]
             shown = ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
             notes.append(f"{why}: {shown}: left out")
     return columns, notes
+
+
+LARGEST = 2 * 2**30
+"""Bytes of a file."""
+KNOWN = {"cdr": "ros2msg", "ros1": "ros1msg"}
+"""How definitions are written, by how messages are."""
+
+
+def messages(path: Path, store: "Typestore", notes: list[str]) -> Iterator[tuple[str, str, int, Any]]:
+    """Topic, type, time in ns and content of every message that can be read; what cannot is told in `notes`.
+
+    Args:
+        path: of the file.
+        store: gets the definitions of the file.
+        notes: a sentence is added for each kind of message that is left out.
+
+    Raises:
+        InputError: it is a recording of armdyn, which needs no import.
+    """
+    from mcap.reader import make_reader
+    from rosbags.typesys import get_types_from_msg
+
+    data = read_bytes(path, LARGEST)
+    check_chunk_sizes(data)
+    unread: set[str] = set()
+    defined: dict[int, str] = {}
+    reader = make_reader(io.BytesIO(data))
+    if any(record.name == SIDECAR_RECORD for record in reader.iter_metadata()):
+        raise InputError(f"{path}: is a recording of armdyn, which is a run already: give it to armdyn compare")
+    for schema, channel, message in reader.iter_messages():
+        if channel.message_encoding == "json":
+            yield channel.topic, "json", message.log_time, json.loads(message.data)
+            continue
+        if schema is None or KNOWN.get(channel.message_encoding) != schema.encoding:
+            unread.add(f"{channel.topic} ({channel.message_encoding})")
+            continue
+        if schema.id not in defined:
+            package, _, kind = schema.name.rpartition("/")
+            defined[schema.id] = name = f"{package.removesuffix('/msg')}/msg/{kind}"
+            found = get_types_from_msg(schema.data.decode(), name)
+            store.register({key: value for key, value in found.items() if key not in store.types})
+        name = defined[schema.id]
+        read = store.deserialize_cdr if channel.message_encoding == "cdr" else store.deserialize_ros1
+        yield channel.topic, name, message.log_time, read(message.data, name)
+    if unread:
+        notes.append(f"messages of another encoding left out: {', '.join(sorted(unread))}")

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from pipeline.loadcell.calibration import Calibration
 from pipeline.loadcell.faults import Fault, FaultDetector, FaultEvent, FaultLimits, LoadCellStatus, implausible_repeats
 from pipeline.loadcell.protocol import BAUD, MAXIMUM_COUNTS, MINIMUM_COUNTS, Decoder, SerialLine, open_port
-from pipeline.priority import PromptThread
+from pipeline.processes import PromptThread
 from pipeline.robot.protocol import ForceSample
 
 SMALLEST_STEP = 1e-6

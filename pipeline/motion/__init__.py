@@ -5,8 +5,7 @@ the line, and reaches the joints through the table of `ik`.
 """
 
 from pipeline.motion.finish import finish_over_box
-from pipeline.motion.gate import Gate
-from pipeline.motion.limits import LineLimits
+from pipeline.motion.limits import Gate, LineLimits
 from pipeline.motion.smoother import LineSmoother
 from pipeline.motion.trajectory import LineState, LineTrajectory
 

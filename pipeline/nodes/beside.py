@@ -6,7 +6,6 @@ SAC would share CasADi's buffers.
 
 import multiprocessing
 import pickle
-import signal
 import traceback
 from collections.abc import Callable
 from contextlib import suppress
@@ -14,7 +13,7 @@ from multiprocessing.connection import Connection
 from typing import Any, Protocol
 
 from armdyn.errors import ArmdynError, InputError, TaskFailedError
-from pipeline.priority import be_ordinary
+from pipeline.processes import be_ordinary, leave_signals_to_parent
 
 Work = Callable[[Any], Any]
 Then = Callable[[Any], None]
@@ -175,10 +174,7 @@ def _serve(ours: Connection, connection: Connection, work: dict[str, Work]) -> N
     """The process: work until the other end is closed."""
     be_ordinary()
     ours.close()  # else this process would keep its own pipe open, and outlive the other
-    for name in ("SIGINT", "SIGHUP"):  # a terminal sends them to all of a group; the loop decides what they mean
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    leave_signals_to_parent()
     with suppress(EOFError, OSError):
         while True:
             name, argument = pickle.loads(connection.recv_bytes())

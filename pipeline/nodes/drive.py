@@ -6,7 +6,7 @@ from contextlib import suppress
 from armdyn.errors import InputError
 from ik import LineTable
 from pipeline.motion import Gate, LineSmoother, LineState, LineTrajectory
-from pipeline.motion.gate import Refusal
+from pipeline.motion.limits import Refusal
 from pipeline.nodes.measurement import MeasurementNode
 from pipeline.record import Recorder
 from pipeline.robot.protocol import RobotInterface

@@ -11,7 +11,7 @@ from types import TracebackType
 from typing import Protocol, Self
 
 from armdyn.errors import InputError, TaskFailedError
-from pipeline.priority import PromptThread
+from pipeline.processes import PromptThread
 from pipeline.robot.protocol import RobotInterface
 
 UNSTEADY = 1e-3

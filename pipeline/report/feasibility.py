@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 import plotly.graph_objects as go
 
-from pipeline.excitation_answer import expectation_rows, factor, peak_rows, sentence
+from pipeline.answers_motion import expectation_rows, factor, peak_rows, sentence
 from pipeline.motion.feasibility.verdict import Bounded, FeasibilityReport, Margin
 from pipeline.report.motion import JointTrace, PositionSection, VelocitySection
 from pipeline.report.page import Chart, KeyFigure, Level, Report, Section, Table

@@ -13,7 +13,7 @@ import urdf
 from armdyn.errors import ArmdynError, InputError, TaskFailedError
 from pipeline.loadcell.cell import LoadCell
 from pipeline.loadcell.faults import Fault
-from pipeline.priority import PromptThread
+from pipeline.processes import PromptThread
 from pipeline.robot.protocol import ForceSample, JointState, Vector
 from pipeline.ros.baxter import Power
 from pipeline.ros.bridge import Bridge

@@ -8,12 +8,11 @@ import numpy as np
 
 import urdf
 from armdyn.errors import InputError, TaskFailedError
+from pipeline.robot.devices import JointReadings, Reference, Servo, SimulatedCell
 from pipeline.robot.forces import JointEffects, LoadForces, LoadString
 from pipeline.robot.hidden import resolve_hidden
 from pipeline.robot.protocol import ForceSample, JointState, Vector
 from pipeline.robot.scene import TIME_STEP, LineFrame, build_scene
-from pipeline.robot.sensors import JointReadings, SimulatedCell
-from pipeline.robot.servo import Reference, Servo
 from pipeline.robot.settings import PlantSettings, checked_start, checked_vector
 from pipeline.robot.start import place_at_rest
 from pipeline.robot.truth import (

@@ -14,7 +14,7 @@ from contextlib import suppress
 from typing import Any, Self
 
 from armdyn.errors import ArmdynError, InputError
-from pipeline.priority import PromptThread
+from pipeline.processes import PromptThread
 
 Message = Mapping[str, Any]
 Take = Callable[[Message, float], None]

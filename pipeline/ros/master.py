@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from armdyn.errors import InputError
-from pipeline.priority import PromptThread
+from pipeline.processes import PromptThread
 from pipeline.ros.bridge import Bridge, BridgeError, Message
 
 SERVICE = "/rosapi/get_time"

@@ -20,7 +20,7 @@ import numpy as np
 import urdf
 from pipeline.loadcell.calibration import Calibration
 from pipeline.loadcell.emulator import EmulatedPort
-from pipeline.priority import ask_for_real_time
+from pipeline.processes import ask_for_real_time
 from pipeline.robot.protocol import Vector
 from pipeline.robot.settings import PlantSettings
 from pipeline.robot.simulated import SimulatedRobot

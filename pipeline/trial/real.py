@@ -19,7 +19,7 @@ from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS
 from pipeline.motion.feasibility import CheckSettings, box_and_table, check_joints, check_line
 from pipeline.nodes.measurement import GRAVITY
 from pipeline.nodes.scheduler import RealClock
-from pipeline.priority import ask_for_real_time
+from pipeline.processes import ask_for_real_time
 from pipeline.robot.ros import RosRobot
 from pipeline.ros.master import Figures
 from pipeline.ros.telemetry import PublishingRecorder, Telemetry

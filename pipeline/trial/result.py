@@ -14,7 +14,7 @@ from armdyn.model_file import ModelFile, write_model_file
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.recorded import run_path
 from armdyn.units import Known
-from pipeline.answers_next import investigation_answer
+from pipeline.answers_motion import investigation_answer
 from pipeline.nodes.learning import LengthEstimate
 from pipeline.nodes.scheduler import Timing
 from pipeline.record import Recorder

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from armdyn.errors import InputError
+from pipeline.processes import worker_pool
 from pipeline.trial.settings import TrialSettings
 from pipeline.trial.simulated import run_trial
-from pipeline.workers import worker_pool
 
 GUESSES = (0.308, 0.328, 0.348, 0.368, 0.388, 0.408, 0.428, 0.448, 0.468)
 """First guesses of the paper [m], whose string is 0.368 m long."""

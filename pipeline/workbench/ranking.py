@@ -129,7 +129,7 @@ def rank(inputs: Inputs, effects: Sequence[str], say: Callable[[str], None]) -> 
 
 def _search(inputs: Inputs, effects: tuple[str, ...], answers: Connection, parent: int) -> None:
     """In the process: what it finds goes through the pipe."""
-    from pipeline.workers import begin_worker
+    from pipeline.processes import begin_worker
 
     begin_worker(parent)
     os.nice(5)  # the page comes first

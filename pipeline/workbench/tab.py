@@ -140,7 +140,7 @@ class Tab:
         except ArmdynError as error:
             self._say(str(error).replace(f"{self._folder.name}/", ""))
         except Exception as error:
-            from pipeline.commands.unforeseen import report_unforeseen
+            from pipeline.commands.streams import report_unforeseen
 
             self._say(report_unforeseen(error))
 

@@ -133,9 +133,9 @@ def _recording(path: Path, joints: Sequence[str]) -> Dropped:
     except InputError as error:
         own = error
     from pipeline.imports.conversion import imported
+    from pipeline.imports.foreign import read_foreign
     from pipeline.imports.guess import guessed
     from pipeline.imports.mapping import known_columns
-    from pipeline.imports.reading import read_foreign
 
     try:
         foreign = read_foreign(path)[0]

@@ -15,7 +15,7 @@ import typer
 from pipeline import interrupts
 from pipeline.cli import main
 from pipeline.commands import app as commands
-from pipeline.workers import worker_pool
+from pipeline.processes import worker_pool
 
 ARMDYN = "from pipeline.cli import main; main()"
 
@@ -76,7 +76,7 @@ def test_a_report_that_cannot_be_written_still_leaves_a_line(armdyn, monkeypatch
     def full(*_arguments, **_named):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("pipeline.commands.unforeseen.tempfile.NamedTemporaryFile", full)
+    monkeypatch.setattr("pipeline.commands.streams.tempfile.NamedTemporaryFile", full)
     status, _, err = armdyn(raises(ZeroDivisionError()))
     assert status == 3
     assert re.search(r"it came from .*test_command_line.py, line \d+$", err.strip())
@@ -161,7 +161,7 @@ def test_a_pool_that_is_interrupted_ends_its_workers_at_once():
 
 def test_workers_of_a_killed_parent_end():
     code = (
-        "import os, signal, sys; from pipeline.workers import worker_pool\n"
+        "import os, signal, sys; from pipeline.processes import worker_pool\n"
         "from faults.test_command_line import slow\n"
         "with worker_pool(1) as pool:\n"
         "    print(pool.submit(slow, 0).result(), flush=True)\n"

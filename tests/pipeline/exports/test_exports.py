@@ -22,11 +22,10 @@ from armdyn.errors import InputError
 from armdyn.model_file import ModelFile, read_model_file, write_model_file
 from armdyn.parameter import quantity
 from armdyn.pendulum.model import pendulum_model
-from pipeline.exports.functions import functions_of
+from pipeline.exports.functions import functions_of, python_text
 from pipeline.exports.json_file import parameters_answer
 from pipeline.exports.mujoco_file import mujoco_text
 from pipeline.exports.parts import HELD, SENSOR
-from pipeline.exports.python_file import python_text
 from pipeline.exports.urdf_file import urdf_text
 
 from .conftest import by_formulas, states, with_effects

@@ -13,8 +13,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from armdyn.errors import InputError
 from pipeline.imports.bag import read_bag
 from pipeline.imports.conversion import imported
+from pipeline.imports.foreign import read_foreign
 from pipeline.imports.mapping import ColumnMap, Entry, known_columns
-from pipeline.imports.reading import read_foreign
 from pipeline.record import Recorder
 
 from .conftest import JOINTS, TIME, motion

@@ -9,8 +9,8 @@ import pytest
 
 from armdyn.run import read_run, write_run_csv
 from pipeline.imports.conversion import imported
+from pipeline.imports.foreign import read_foreign
 from pipeline.imports.mapping import known_columns
-from pipeline.imports.reading import read_foreign
 
 pytest.importorskip("rosbags", reason="bags need rosbags: pip install 'armdyn[ros]'")
 BAG = Path(os.environ.get("ARMDYN_ROS_KIT", "")) / "example.bag"

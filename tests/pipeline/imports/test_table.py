@@ -9,9 +9,9 @@ from pyarrow import parquet
 
 from armdyn.errors import InputError
 from pipeline.imports.conversion import imported
+from pipeline.imports.foreign import read_foreign
 from pipeline.imports.guess import guessed
 from pipeline.imports.mapping import known_columns, map_text, read_map
-from pipeline.imports.reading import read_foreign
 
 from .conftest import TIME
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from pipeline.loadcell.faults import Fault, FaultDetector, FaultEvent, FaultLimits, implausible_repeats
+from pipeline.robot.devices import SimulatedCell
 from pipeline.robot.hidden import HIDDEN_EFFECTS
 from pipeline.robot.protocol import ForceSample
-from pipeline.robot.sensors import SimulatedCell
 from pipeline.robot.settings import CellFault, CellSettings, FaultAt
 
 

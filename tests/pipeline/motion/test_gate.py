@@ -7,7 +7,7 @@ import pytest
 import ik
 import urdf
 from pipeline.motion import LineLimits, LineSmoother, LineState, finish_over_box
-from pipeline.motion.gate import Gate, Refusal
+from pipeline.motion.limits import Gate, Refusal
 
 DT = 0.01
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from pipeline.robot.devices import SimulatedCell
 from pipeline.robot.hidden import resolve_hidden
-from pipeline.robot.sensors import SimulatedCell
 from pipeline.robot.settings import CellFault, CellSettings, FaultAt, PlantSettings
 from pipeline.robot.simulated import SimulatedRobot
 

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
+from pipeline.robot.devices import Reference
 from pipeline.robot.protocol import RobotInterface
-from pipeline.robot.servo import Reference
 from pipeline.robot.settings import PlantSettings
 from pipeline.robot.simulated import SimulatedRobot
 

@@ -7,7 +7,7 @@ import pytest
 
 CODE = """
 import os, threading
-from pipeline.priority import PromptThread, ask_for_real_time
+from pipeline.processes import PromptThread, ask_for_real_time
 
 ready, rank = threading.Event(), {}
 
