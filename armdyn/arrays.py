@@ -13,9 +13,9 @@ from armdyn.channels import (
     channel_unit,
     channel_units,
     first_implausible,
+    name_and_unit,
 )
 from armdyn.errors import InputError
-from armdyn.labels import name_and_unit
 from armdyn.units import si_factor
 
 

@@ -1,5 +1,6 @@
 """The channels of a recording: their names, their units and what a sane value is."""
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -180,3 +181,12 @@ def check_joint_units(channels: Iterable[tuple[str, str]]) -> None:
         other, other_unit, other_slides = first.setdefault(joint, (name, unit, slides))
         if slides != other_slides:
             raise InputError(f"joint '{joint}' turns and slides: '{other}' is in {other_unit}, '{name}' in {unit}")
+
+
+_LABEL = re.compile(r"(?P<name>[^\[\]]*?)\s*\[(?P<unit>[^\[\]]*)\]")
+
+
+def name_and_unit(label: str) -> tuple[str, str]:
+    """``"q.elbow [deg]"`` as ``("q.elbow", "deg")``; the unit is empty where none is written."""
+    match = _LABEL.fullmatch(label.strip())
+    return (match["name"].strip(), match["unit"].strip()) if match else (label.strip(), "")

@@ -14,10 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from armdyn.bytes_in import read_bytes
+from armdyn.bytes_in import check_chunk_sizes, read_bytes
 from armdyn.channels import LARGEST, Channel, channel_unit, first_implausible, in_contract
 from armdyn.errors import InputError
-from armdyn.mcap_sizes import check_chunk_sizes
 from armdyn.sidecar import Sidecar, parse_sidecar
 
 SIDECAR_RECORD = "armdyn.sidecar"

@@ -10,7 +10,7 @@ from armdyn.control.sac import SacSettings, SacState, SequentialActionControl
 from armdyn.identify.estimator import Estimator, Method
 from armdyn.identify.least_squares import Estimate
 from armdyn.pendulum.model import PendulumModel
-from armdyn.pendulum.recorded import run_path
+from armdyn.pendulum.path import run_path
 from armdyn.run import Channel, Run
 
 DT = 0.01

@@ -23,7 +23,7 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError
 from armdyn.identify.information import fisher_information
 from armdyn.pendulum.model import PendulumModel, pendulum_model
-from armdyn.pendulum.recorded import run_path
+from armdyn.pendulum.path import run_path
 
 LENGTH, MASS, NOISE, DURATION = 0.368, 0.08, 0.005, 6.0
 TIME = DT * np.arange(round(DURATION / DT) + 1)

@@ -29,9 +29,8 @@ from scipy.interpolate import make_interp_spline
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.experiments.design import designed, within_swing
 from armdyn.experiments.hypothesis import Experiment, Held, Hypothesis
-from armdyn.experiments.inseparable import inseparable
 from armdyn.experiments.motion import Harmonics, Limits, Motion
-from armdyn.experiments.plan import Proposal, designed_motion
+from armdyn.experiments.plan import Proposal, designed_motion, inseparable
 from armdyn.experiments.rivals import Rivals, named
 from armdyn.experiments.separation import outlook
 from armdyn.identify.diagnose import Diagnosis, diagnose

@@ -12,8 +12,7 @@ from armdyn.errors import InputError
 from ik.errors import StaleTableError
 from ik.path import LinePath, Path
 from ik.pathfile import path_of
-from ik.table_checks import check_arrays, check_path, check_robot
-from ik.tablefile import REBUILD, read_arrays, reading, write_arrays
+from ik.tablefile import REBUILD, check_arrays, check_path, check_robot, read_arrays, reading, write_arrays
 from ik.torque import PathTorque
 from urdf import Line, Robot
 from urdf.robot import Array, read_only

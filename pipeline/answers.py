@@ -10,7 +10,7 @@ from armdyn.identify.diagnose import Diagnosis
 from armdyn.identify.localise import Place
 from armdyn.identify.problem import Problem
 from armdyn.identify.repair import Repair
-from armdyn.identify.repair_step import RepairStep
+from armdyn.identify.search import RepairStep
 from armdyn.identify.study import Study
 from armdyn.identify.suspects import Suspect
 from armdyn.identify.unknown import Unknown

@@ -13,10 +13,10 @@ import pinocchio as pin
 from urdf import infer, validate
 from urdf.find import distribution_file
 from urdf.mend import add_frames, bound_continuous_joints, leave_out_shapes, mend_inertias
-from urdf.plain import check_plain
 from urdf.quiet import Said, quiet, reason
 from urdf.robot import Array, Limits, Robot, UrdfError
 from urdf.settings import Settings, read_settings
+from urdf.validate import check_plain
 
 SETTINGS = Path(__file__).parent / "robots"
 

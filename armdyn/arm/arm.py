@@ -10,8 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 import urdf
-from armdyn.arm.inertia import shape
-from armdyn.arm.rigid import described_parameters
+from armdyn.arm.rigid import described_parameters, shape
 from armdyn.effects.effect import Reach
 from armdyn.errors import InputError
 from armdyn.parameter import Parameter, Quantity

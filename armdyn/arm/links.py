@@ -6,8 +6,8 @@ from functools import cache
 import casadi as ca
 import numpy as np
 
-from armdyn.arm.inertia import SIZE, is_physical
 from armdyn.arm.model import ArmModel
+from armdyn.arm.rigid import SIZE, is_physical
 
 DETERMINED = 0.25
 """Largest standard deviation, without any prior, of a value that the runs determine: as a share of the link's mass, of

@@ -10,12 +10,11 @@ from typing import Any, Self
 
 import numpy as np
 
-from armdyn.arm import recorded
 from armdyn.arm.arm import Arm, find_arm
 from armdyn.arm.bodies import OF_BASE, Bodies, Stretch
 from armdyn.arm.composition import BaseFunction, JointFunctions, compose_joint
 from armdyn.arm.motion import measured_motion
-from armdyn.arm.prediction import ChannelPredictor
+from armdyn.arm.prediction import ChannelPredictor, predictor_of, prepared_once
 from armdyn.arm.prepared import PreparedRun
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
@@ -161,7 +160,7 @@ class ArmModel(Model):
         """See `Model.prepared`; a run that is prepared already is returned as it is."""
         if isinstance(run, PreparedRun):
             return run
-        return recorded.prepared(run, self.arm, self.predicted_channels(run))
+        return prepared_once(run, self.arm, self.predicted_channels(run))
 
     def predict(self, run: Run, theta: np.ndarray) -> Prediction:
         """See `Model.predict`."""
@@ -170,7 +169,7 @@ class ArmModel(Model):
         bodies = self._bodies(theta)
         parts = []
         for name in channels:
-            predictor = recorded.predictor(self.arm, run, run.channels[name], name)
+            predictor = predictor_of(self.arm, run, run.channels[name], name)
             values, derivatives = predictor.predict(self._functions, per_joint, bodies)
             sensitivities = np.zeros((len(values), len(theta)))
             for joint, columns in derivatives.items():

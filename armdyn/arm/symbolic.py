@@ -11,9 +11,9 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from armdyn.arm.inertia import inertia_matrix
 from armdyn.arm.model import ArmModel
 from armdyn.arm.physics import Expression, Joint, Link, Neighbour
+from armdyn.arm.rigid import inertia_matrix
 from armdyn.effects.effect import applied
 from armdyn.errors import InputError
 

@@ -11,7 +11,7 @@ from armdyn.channels import Channel
 from armdyn.experiments.motion import Harmonics, Motion
 from armdyn.pendulum.model import PendulumModel
 from armdyn.physics.adjoint import Adjoint
-from armdyn.physics.motion import halfway, slope
+from armdyn.physics.recorded import halfway, slope
 from armdyn.physics.simulate import Rollout, System
 from armdyn.readout import Interpolated, lagged
 from armdyn.run import Run

@@ -17,7 +17,7 @@ from armdyn.identify.noise import correlation_time
 from armdyn.identify.repair_path import merged
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import PendulumModel
-from armdyn.pendulum.recorded import run_path
+from armdyn.pendulum.path import run_path
 from armdyn.run import Run
 
 LIKELY = 2.0

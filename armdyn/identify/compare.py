@@ -7,14 +7,14 @@ import numpy as np
 
 from armdyn.identify.explained import Scale
 from armdyn.identify.fit import Fit, channel_rmse
-from armdyn.identify.held_out import chi2_of
 from armdyn.identify.localise import Place, localise
 from armdyn.identify.noise import ljung_box
 from armdyn.identify.problem import Problem
-from armdyn.identify.residual_tests import ResidualTests, residual_tests
+from armdyn.identify.score import ResidualTests, residual_tests
 from armdyn.identify.study import Study
 from armdyn.identify.uncertainty import uncertainty
 from armdyn.identify.unknown import behaves_like, process_error_share
+from armdyn.identify.unseen import chi2_of
 from armdyn.shown import Shown
 
 if TYPE_CHECKING:

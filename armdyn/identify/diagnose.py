@@ -11,15 +11,13 @@ from armdyn.identify.candidate import Candidate
 from armdyn.identify.compare import Comparison, comparison
 from armdyn.identify.explained import Scale, share_gone
 from armdyn.identify.fit import channel_rmse
-from armdyn.identify.repair_step import repair_step
-from armdyn.identify.residual_tests import LARGEST_Z
-from armdyn.identify.search import Progress, Search, Step, search
-from armdyn.identify.sentence import Left, repair_sentences
+from armdyn.identify.score import LARGEST_Z
+from armdyn.identify.search import Progress, Search, Step, repair_step, search
+from armdyn.identify.sentence import Left, Verdict, repair_sentences
 from armdyn.identify.study import Study
 from armdyn.identify.suspects import Suspect
 from armdyn.identify.uncertainty import FAR_ABOVE_STATED
 from armdyn.identify.unknown import Unknown, characterise
-from armdyn.identify.verdict import Verdict
 from armdyn.shown import Shown
 
 if TYPE_CHECKING:

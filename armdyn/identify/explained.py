@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
-from armdyn.identify.exam import Judge
+from armdyn.identify.unseen import Judge
 
 
 class Errors(Protocol):

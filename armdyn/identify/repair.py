@@ -4,22 +4,21 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
 from armdyn.faults import outlier_sentence
-from armdyn.identify.bodies import links_of
 from armdyn.identify.compare import Comparison, comparison
 from armdyn.identify.diagnose import IDEALISED, explained_share, judge
 from armdyn.identify.explained import explained
 from armdyn.identify.fit import Fit
-from armdyn.identify.repair_step import RepairStep, repair_step
-from armdyn.identify.residual_tests import residual_tests
-from armdyn.identify.search import Progress, Search, Step, search
-from armdyn.identify.sentence import Left, repair_sentences
+from armdyn.identify.score import residual_tests
+from armdyn.identify.search import Progress, RepairStep, Search, Step, repair_step, search
+from armdyn.identify.sentence import Left, Verdict, repair_sentences
 from armdyn.identify.study import Study
-from armdyn.identify.uncertainty import FAR_ABOVE_STATED
+from armdyn.identify.uncertainty import FAR_ABOVE_STATED, uncertainty
 from armdyn.identify.unknown import Unknown, characterise
-from armdyn.identify.verdict import Verdict
 from armdyn.model import Model
 from armdyn.shown import Shown
 
@@ -156,3 +155,23 @@ def _verdict(study: Study, found: Search, unknown: Unknown | None) -> Verdict:
     near = found.last.fit.chi2_per_sample < FAR_ABOVE_STATED
     little = len(found.steps) > 1 and explained_share(study, found.steps[0], found.last) > IDEALISED
     return Verdict.EXPLAINED if shapeless and little and near else Verdict.UNKNOWN_EFFECT
+
+
+def links_of(study: Study, fit: Fit) -> tuple["LinkChange", ...]:
+    """Links that the fit changed; empty for a model without links."""
+    if study.model.base != "arm":
+        return ()
+    from armdyn.arm.links import link_changes
+    from armdyn.arm.model import ArmModel
+
+    problem = fit.problem
+    assert isinstance(problem.model, ArmModel)
+    places = problem.places(0)  # links are the same in every run
+    certain = uncertainty(study, fit)
+    return link_changes(
+        problem.model,
+        problem.theta(0, fit.values),
+        certain.covariance[np.ix_(places, places)],
+        certain.of_runs_alone[np.ix_(places, places)],
+        fit.free[places],
+    )

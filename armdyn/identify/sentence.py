@@ -1,12 +1,31 @@
-"""What a repair found, in at most two sentences: what is missing and how the error falls; what is left."""
+"""What a diagnosis and a repair found: the verdict, and at most two sentences.
+
+The sentences say what is missing and how the error falls, and what is left.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from typing import Protocol
 
-from armdyn.identify.exam import Judge
 from armdyn.identify.explained import Errors, Scale, explained, in_percent, judged
+from armdyn.identify.unseen import Judge
+
+
+class Verdict(Enum):
+    """The value is what a person should read; the name in lower case is what a program reads."""
+
+    EXPLAINED = "The model explains these runs: what is left is noise."
+    EFFECT_MISSING = "An effect is missing, and these runs name it."
+    CANNOT_TELL_APART = "Something is missing, and these runs cannot tell which of several effects it is."
+    UNKNOWN_EFFECT = "Something is missing, and nothing in the catalogue explains it."
+
+    @property
+    def key(self) -> str:
+        """Name in files."""
+        return self.name.lower()
+
 
 WHOSE = {
     Judge.EXAM: "on the exam, which took part in nothing,",

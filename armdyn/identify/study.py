@@ -7,16 +7,15 @@ import numpy as np
 from armdyn.effects.effect import Effect
 from armdyn.identify.appraisal import Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate
-from armdyn.identify.exam import Judge, judges, prepared_exam
 from armdyn.identify.first_fit import first_fit
 from armdyn.identify.fit import GROWTHS, SETTLED_WINDOW, Fit, determined, first_part, fit
-from armdyn.identify.held_out import held_out_blocks
 from armdyn.identify.least_squares import Outcome
 from armdyn.identify.prepare import noise_of_runs, prepared, stated_noise
 from armdyn.identify.problem import Block, Problem
 from armdyn.identify.score import Score, scores
 from armdyn.identify.summed import Summed
 from armdyn.identify.sums import sums
+from armdyn.identify.unseen import Judge, held_out_blocks, judges, prepared_exam
 from armdyn.model import Model
 from armdyn.run import Run
 

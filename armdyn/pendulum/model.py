@@ -7,17 +7,17 @@ from pathlib import Path as File
 from types import MappingProxyType
 from typing import Any
 
+import casadi as ca
 import numpy as np
 from scipy.optimize import brentq
 
-from armdyn.effects.effect import Effect
-from armdyn.effects.tension import printed_tension
+from armdyn.effects.effect import Effect, effect
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.parameter import Parameter
 from armdyn.pendulum.composition import STAGES, compose, natural_order
 from armdyn.pendulum.dynamics import Dynamics, derive_dynamics
-from armdyn.pendulum.path import GripperPath, TrailingPath, trailing
-from armdyn.pendulum.recorded import run_path
+from armdyn.pendulum.path import GripperPath, TrailingPath, run_path, trailing
+from armdyn.pendulum.physics import STANDARD_GRAVITY, Tension
 from armdyn.pendulum.start import PendulumStart
 from armdyn.pendulum.variational import VariationalStep, derive_variational
 from armdyn.physics.simulated import SimulatedModel
@@ -30,6 +30,21 @@ INITIAL = ("initial_angle", "initial_rate")
 GRIPPER = ("gripper_x", "gripper_v", "gripper_a", "gripper_z")
 STEEPEST = 1.5
 """rad; no load hangs at rest beyond."""
+
+
+# Not in the catalogue: nobody looks for a formula that was published and is wrong. A model file asks for it with
+# ``tension = "printed"``, and a comparison then shows where it fails.
+@effect(
+    wrong=True,
+    summary="The tension as printed in the paper: two wrong signs, and one mass is missing.",
+    source="Wilson, Schultz, Ansari & Murphey, IEEE T-ASE 2016; the right one is in armdyn.pendulum.dynamics",
+)
+def printed_tension(tension: Tension) -> Tension:
+    """T = m g cos(phi) - m l phi'^2 - u sin(phi); the equations of motion stay right."""
+    m, phi = tension.mass, tension.angle
+    return tension.with_value(
+        m * STANDARD_GRAVITY * ca.cos(phi) - m * tension.length * tension.rate**2 - tension.acceleration * ca.sin(phi)
+    )
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from armdyn.channels import MIN_SAMPLES, Channel
+from armdyn.pendulum.path import run_path
 from armdyn.pendulum.physics import STANDARD_GRAVITY
-from armdyn.pendulum.recorded import run_path
 from armdyn.physics.simulated import measured_start
 from armdyn.run import Run
 from armdyn.start import Start

@@ -15,8 +15,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from armdyn.codegen import Buffered, compiled
-from armdyn.physics.motion import slope
-from armdyn.physics.recorded import Path
+from armdyn.physics.recorded import Path, slope
 from armdyn.physics.simulate import BLOCK, System
 
 

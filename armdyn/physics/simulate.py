@@ -9,8 +9,7 @@ import numpy as np
 
 from armdyn.codegen import Buffered, compiled
 from armdyn.physics.definition import Expression
-from armdyn.physics.motion import slope
-from armdyn.physics.recorded import Path
+from armdyn.physics.recorded import Path, slope
 from armdyn.physics.vibration import Vibration
 from armdyn.readout import Sensor
 

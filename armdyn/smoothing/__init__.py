@@ -1,7 +1,6 @@
 """Smoothing and differentiation of noisy samples at any stamps, by splines whose noise level is estimated."""
 
-from armdyn.smoothing.choice import HIGHEST, ORDERS, Choice, best_smoothing, derivative_noise
-from armdyn.smoothing.fused import Rates, smoothed
+from armdyn.smoothing.choice import HIGHEST, ORDERS, Choice, Rates, best_smoothing, derivative_noise, smoothed
 from armdyn.smoothing.spline import (
     FEWEST,
     UNDISTORTED,

@@ -11,10 +11,10 @@ if TYPE_CHECKING:
     from armdyn.arm.links import LinkChange, LinkQuantity
     from armdyn.identify.compare import Comparison, FittedParameter
     from armdyn.identify.diagnose import Diagnosis
-    from armdyn.identify.exam import Judge
     from armdyn.identify.localise import Place
     from armdyn.identify.repair import Repair
-    from armdyn.identify.repair_step import RepairStep
+    from armdyn.identify.search import RepairStep
+    from armdyn.identify.unseen import Judge
 
 MOST_JOINTS = 3
 """Joints that are named in a line; of more only the number, as the JSON has them all."""

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from armdyn.arm.inertia import about_centre
 from armdyn.arm.model import ArmModel
+from armdyn.arm.rigid import about_centre
 from armdyn.model_file import ModelFile
 from pipeline.answers import number
 from pipeline.exports.parts import parts_of

@@ -9,8 +9,8 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pinocchio as pin
 
-from armdyn.arm.inertia import about_centre, is_physical
 from armdyn.arm.model import ArmModel
+from armdyn.arm.rigid import about_centre, is_physical
 from armdyn.arm.symbolic import joint_axes
 from pipeline.exports.parts import HELD, ArmParts, left_over, parts_of
 

@@ -7,8 +7,8 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pinocchio as pin
 
-from armdyn.arm.inertia import about_centre, about_origin, is_physical
 from armdyn.arm.model import ArmModel
+from armdyn.arm.rigid import about_centre, about_origin, is_physical
 from armdyn.errors import InputError
 from pipeline.exports.parts import HELD, JointParts, left_over, parts_of
 

@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from armdyn.bytes_in import read_bytes
+from armdyn.bytes_in import check_chunk_sizes, read_bytes
 from armdyn.errors import InputError
 from armdyn.mcap_run import SIDECAR_RECORD
-from armdyn.mcap_sizes import check_chunk_sizes
 from pipeline.imports.foreign import MIN_SAMPLES, Column, Foreign
 
 if TYPE_CHECKING:

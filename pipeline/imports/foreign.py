@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from armdyn.channels import FloatArray
+from armdyn.channels import FloatArray, name_and_unit
 from armdyn.errors import InputError
-from armdyn.labels import name_and_unit
 
 MIN_SAMPLES = 10
 

@@ -17,8 +17,7 @@ from armdyn.faults import without_spikes
 from armdyn.identify.estimator import Estimator
 from armdyn.identify.least_squares import Outcome
 from armdyn.pendulum.model import PendulumModel
-from armdyn.pendulum.path import fixed_path
-from armdyn.pendulum.recorded import run_path
+from armdyn.pendulum.path import fixed_path, run_path
 from armdyn.physics.simulate import Rollout
 from armdyn.run import Run
 from pipeline.motion import LineState

@@ -10,8 +10,7 @@ import pinocchio as pin
 
 import urdf
 from armdyn.errors import InputError
-from armdyn.pendulum.path import GripperPath, GrowingPath
-from armdyn.pendulum.recorded import GrowingRun
+from armdyn.pendulum.path import GripperPath, GrowingPath, GrowingRun
 from armdyn.run import Channel
 from pipeline.loadcell.faults import FaultDetector
 from pipeline.nodes.door import ForceDoor, JointDoor, Refused

@@ -10,11 +10,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from armdyn.channels import Channel, FloatArray
-from armdyn.identify.exam import Judge
 from armdyn.identify.fit import Fit
 from armdyn.identify.localise import Place
 from armdyn.identify.problem import Block
 from armdyn.identify.study import Study
+from armdyn.identify.unseen import Judge
 from armdyn.preparation import of_all_runs, sentence
 from armdyn.run import Run
 from pipeline.report.page import Section, Widget

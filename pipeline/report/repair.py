@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from armdyn.identify.diagnose import Diagnosis
-from armdyn.identify.exam import Judge
 from armdyn.identify.explained import Scale, in_percent
 from armdyn.identify.repair import Repair
-from armdyn.identify.repair_step import RepairStep, repair_step
-from armdyn.identify.sentence import MOST_JOINTS, WHOSE, totals
+from armdyn.identify.search import RepairStep, repair_step
+from armdyn.identify.sentence import MOST_JOINTS, WHOSE, Verdict, totals
 from armdyn.identify.study import Study
 from armdyn.identify.suspects import Suspect
-from armdyn.identify.verdict import Verdict
+from armdyn.identify.unseen import Judge
 from pipeline.report.fit import fit_sections, key_figures, runs_of
 from pipeline.report.overlay import OverlaySection
 from pipeline.report.page import KeyFigure, Level, NextStep, Report, Section, Table

@@ -19,8 +19,7 @@ from armdyn.errors import ArmdynError
 from armdyn.identify.estimator import Estimator
 from armdyn.identify.least_squares import Outcome
 from armdyn.pendulum.model import PendulumModel
-from armdyn.pendulum.path import GripperPath
-from armdyn.pendulum.recorded import run_path
+from armdyn.pendulum.path import GripperPath, run_path
 from armdyn.run import Channel
 from ik import LineTable
 from pipeline.interrupts import noted_signals

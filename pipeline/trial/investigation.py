@@ -21,8 +21,8 @@ from armdyn.experiments.rivals import Rivals, contested, of_diagnosis, refitted
 from armdyn.experiments.separation import MARGIN, beliefs
 from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.repair import fitted_model
+from armdyn.identify.sentence import Verdict
 from armdyn.identify.study import Study
-from armdyn.identify.verdict import Verdict
 from armdyn.pendulum.model import PendulumModel
 from armdyn.run import Run
 from ik import LineTable

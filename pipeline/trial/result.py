@@ -12,7 +12,7 @@ import numpy as np
 from armdyn.errors import ArmdynError, InputError
 from armdyn.model_file import ModelFile, write_model_file
 from armdyn.pendulum.model import PendulumModel
-from armdyn.pendulum.recorded import run_path
+from armdyn.pendulum.path import run_path
 from armdyn.units import Known
 from pipeline.answers_motion import investigation_answer
 from pipeline.nodes.learning import LengthEstimate

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import zstandard
 
+from armdyn.bytes_in import check_chunk_sizes
 from armdyn.errors import InputError
 from armdyn.mcap_run import read_mcap
-from armdyn.mcap_sizes import check_chunk_sizes
 from armdyn.run import read_run
 from armdyn.units import parse_quantity, si_factor
 from pipeline.cli import main

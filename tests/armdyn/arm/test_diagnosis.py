@@ -8,8 +8,8 @@ from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.diagnose import diagnose
 from armdyn.identify.repair import repair
+from armdyn.identify.sentence import Verdict
 from armdyn.identify.study import Study
-from armdyn.identify.verdict import Verdict
 
 JOINT = tuple(effect for effect in CATALOGUE.values() if effect.acts_on == "joint")
 

@@ -7,8 +7,8 @@ import pytest
 from derivatives import assert_jacobian
 from hidden_effects.arm import REALISTIC, generate, true_parameters
 
-from armdyn.arm.inertia import is_physical
 from armdyn.arm.model import arm_model
+from armdyn.arm.rigid import is_physical
 from armdyn.effects.catalogue import find
 from armdyn.errors import InputError
 from armdyn.run import Channel, Run

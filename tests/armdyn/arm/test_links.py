@@ -7,7 +7,7 @@ from hidden_effects.arm import generate
 from armdyn.arm.links import QUANTITIES, link_changes
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import find
-from armdyn.identify.bodies import links_of
+from armdyn.identify.repair import links_of
 from armdyn.identify.study import Study
 
 from . import urdfs

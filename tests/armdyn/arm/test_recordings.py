@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from armdyn.arm.inertia import is_physical
 from armdyn.arm.model import arm_model
+from armdyn.arm.rigid import is_physical
 from armdyn.effects.catalogue import find
 from armdyn.run import read_run
 

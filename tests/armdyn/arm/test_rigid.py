@@ -4,12 +4,15 @@ import pytest
 from hidden_effects.arm import CENTRE, JOINTS, rigid_torque
 
 import urdf
-from armdyn.arm.inertia import inertial_parameters, is_physical, pseudo_inertia, shape
 from armdyn.arm.motion import Motion
 from armdyn.arm.rigid import (
     described_parameters,
     gravity_regressor,
+    inertial_parameters,
     inverse_dynamics,
+    is_physical,
+    pseudo_inertia,
+    shape,
     torque_regressor,
 )
 from armdyn.effects.catalogue import find

@@ -8,8 +8,8 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError
 from armdyn.experiments.design import designed, within_swing
 from armdyn.experiments.hypothesis import Experiment, Held, Hypothesis
-from armdyn.experiments.inseparable import inseparable
 from armdyn.experiments.motion import Harmonics, Limits, Motion
+from armdyn.experiments.plan import inseparable
 from armdyn.experiments.separation import MARGIN, Rival, beliefs, linear_separation, outlook, separation
 from armdyn.pendulum.model import pendulum_model
 

@@ -21,9 +21,9 @@ from armdyn.identify.noise import (
 )
 from armdyn.identify.refitted import Refitted
 from armdyn.identify.repair import repair
+from armdyn.identify.sentence import Verdict
 from armdyn.identify.study import Study
 from armdyn.identify.unknown import periodogram
-from armdyn.identify.verdict import Verdict
 from armdyn.pendulum.model import pendulum_model
 from armdyn.units import Known
 

@@ -11,7 +11,7 @@ from hidden_effects.pendulum import REALISTIC, Setup, record
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.front import compare, diagnose, repair
-from armdyn.identify.verdict import Verdict
+from armdyn.identify.sentence import Verdict
 from armdyn.model_file import base_pendulum
 from armdyn.run import Channel
 

@@ -2,10 +2,10 @@
 
 import pytest
 
-from armdyn.identify.exam import Judge
 from armdyn.identify.explained import Scale, explained
-from armdyn.identify.repair_step import RepairStep
+from armdyn.identify.search import RepairStep
 from armdyn.identify.sentence import Left, repair_sentences, totals
+from armdyn.identify.unseen import Judge
 
 ARM = Scale({"tau.a": "N m", "tau.b": "N m"}, {"tau.a": 0.3, "tau.b": 0.4})
 CELL = Scale({"load_force": "N"}, {"load_force": 0.003})

@@ -5,9 +5,9 @@ from derivatives import assert_jacobian
 from scipy.integrate import solve_ivp
 
 from armdyn.effects.catalogue import CATALOGUE
-from armdyn.effects.tension import printed_tension
 from armdyn.pendulum.composition import compose
 from armdyn.pendulum.dynamics import derive_dynamics
+from armdyn.pendulum.model import printed_tension
 from armdyn.pendulum.path import GripperPath
 from armdyn.physics.simulate import Simulator
 

@@ -4,7 +4,7 @@ from scipy.interpolate import CubicSpline
 
 from armdyn.errors import InputError
 from armdyn.pendulum.path import GripperPath, GrowingPath, smoothed_path
-from armdyn.physics.motion import differentiated
+from armdyn.physics.recorded import differentiated
 
 DT = 0.01
 TIME = np.arange(0.0, 10.0, DT)

@@ -6,10 +6,10 @@ from types import SimpleNamespace
 import pytest
 
 from armdyn.arm.links import LinkChange, LinkQuantity
-from armdyn.identify.exam import Judge
 from armdyn.identify.explained import Scale
-from armdyn.identify.repair_step import RepairStep
-from armdyn.identify.verdict import Verdict
+from armdyn.identify.search import RepairStep
+from armdyn.identify.sentence import Verdict
+from armdyn.identify.unseen import Judge
 from pipeline.answers import link_answer
 from pipeline.commands.identify_text import say_links
 from pipeline.report.page import Level

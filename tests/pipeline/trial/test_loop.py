@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 from armdyn.effects.catalogue import CATALOGUE
-from armdyn.effects.tension import printed_tension
 from armdyn.identify.compare import compare
 from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
 from armdyn.model_file import read_model
-from armdyn.pendulum.model import pendulum_model
+from armdyn.pendulum.model import pendulum_model, printed_tension
 from armdyn.run import read_run
 from pipeline.trial import TrialSettings, run_trial, simulate
 

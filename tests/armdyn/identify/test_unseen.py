@@ -9,9 +9,9 @@ from hidden_effects.pendulum import Setup, record, weighed
 from armdyn.effects.catalogue import CATALOGUE, find
 from armdyn.errors import InputError
 from armdyn.identify.compare import compare
-from armdyn.identify.exam import Judge
 from armdyn.identify.repair import add
 from armdyn.identify.study import Study
+from armdyn.identify.unseen import Judge
 from armdyn.pendulum.model import pendulum_model
 from armdyn.units import Known
 
