@@ -1,12 +1,11 @@
 """`armdyn arm`: the dynamics of an arm in closed form."""
 
 from collections.abc import Iterable
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pipeline.commands.output import JsonOption, write_json
+from pipeline.commands.output import JsonOption, answered
 from pipeline.commands.which_robot import (
     JointsOption,
     MeshesOption,
@@ -58,9 +57,7 @@ def show(
         None if at is None else numbers(at, "--at"),
         None if velocity is None else numbers(velocity, "--velocity"),
     )
-    if json_file is not None:
-        write_json(_as_json(arm, posture), json_file)
-    if json_file != Path("-"):
+    if answered(json_file, lambda: _as_json(arm, posture)):
         typer.echo(_summary(arm, posture))
 
 

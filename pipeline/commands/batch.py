@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pipeline.commands.output import JsonOption, check_outputs, command_line, spinner, write_json
+from pipeline.commands.output import JsonOption, answered, check_outputs, command_line, spinner
 
 if TYPE_CHECKING:
     from pipeline.batch.history import History
@@ -62,9 +62,7 @@ def batch(
             f"{len(done.rows)} of {len(asked.items)} recordings are done and kept; continue with: {again}", err=True
         )
         raise Interrupt(signals[0])
-    if json_file is not None:
-        write_json(_answer(asked, done, found), json_file)
-    if json_file != Path("-"):
+    if answered(json_file, lambda: _answer(asked, done, found)):
         _say(asked, done, found, output)
 
 

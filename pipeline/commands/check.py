@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipeline.commands.output import JsonOption, check_outputs, command_line, spinner, write_json
+from pipeline.commands.output import JsonOption, answered, check_outputs, command_line, spinner
+from pipeline.commands.which_robot import say_missing_meshes
 
 if TYPE_CHECKING:
     import urdf
@@ -89,12 +90,9 @@ def check(
         raise InputError(str(error)) from error
     if report is not None:
         _write_report(result, trajectory, report)
-    if json_file is not None:
-        write_json(result.to_json(), json_file)
-    if json_file != Path("-"):
+    if answered(json_file, result.to_json):
         _print(result, report)
-        if missing := [defect for defect in arm.defects if defect.startswith("mesh ")]:
-            typer.echo(f"{missing[0]}" + (f"; and {len(missing) - 1} more" if missing[1:] else ""))
+        say_missing_meshes(arm)
     return 0 if result.feasible else 1
 
 

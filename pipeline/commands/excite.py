@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipeline.commands.output import JsonOption, check_outputs, command_line, spinner, write_json
-from pipeline.commands.which_robot import JointsOption, ToolOption
+from pipeline.commands.output import JsonOption, answered, check_outputs, command_line, spinner
+from pipeline.commands.which_robot import JointsOption, ToolOption, names_in, say_missing_meshes
 
 if TYPE_CHECKING:
     from armdyn.arm.model import ArmModel
@@ -73,11 +73,11 @@ def excite(
     check_outputs(output, report, json_file, inputs=[file for file in (urdf_file, effects_file) if file is not None])
     with spinner() as say:
         from armdyn.arm.model import arm_model
+        from pipeline.answers_motion import excitation_answer
         from pipeline.motion.excitation import excitation
 
         say("reading the robot")
-        names = None if joints is None else [name.strip() for name in joints.split(",") if name.strip()]
-        model = arm_model(urdf_file, robot, names, tool=tool)
+        model = arm_model(urdf_file, robot, names_in(joints), tool=tool)
         say("looking for what a motion can tell")
         goal = _goal(model, wanted, rivals, effects_file, rate)
         found = excitation(goal, seconds, random=random, compare=compare, seed=seed, say=say)
@@ -86,11 +86,7 @@ def excite(
         from pipeline.report.feasibility import excitation_page
 
         excitation_page(found, command_line()).write(report)
-    if json_file is not None:
-        from pipeline.answers_motion import excitation_answer
-
-        write_json(excitation_answer(found, output), json_file)
-    if json_file != Path("-"):
+    if answered(json_file, lambda: excitation_answer(found, output)):
         # `check` takes an arm as its description has it.
         _print(found, output, report, _robot_options(robot, urdf_file) if joints is None and tool is None else None)
     return 0
@@ -185,9 +181,7 @@ def _print(found: "Excitation", output: Path, report: Path | None, robot: str | 
         typer.echo(f"taken as known: {name}, {why}")
     for what in found.goal.inseparable:
         typer.echo(f"no motion can tell: {what}")
-    if missing := [defect for defect in found.goal.columns.arm.robot.defects if defect.startswith("mesh ")]:
-        more = f"; and {len(missing) - 1} more" if missing[1:] else ""
-        typer.echo(f"{missing[0]}{more}")
+    say_missing_meshes(found.goal.columns.arm.robot)
     typer.echo(f"motion: {output}" + (f"\nreport: {report}" if report is not None else ""))
     if robot is not None:
         typer.echo(f"check it again: armdyn check {shlex.quote(str(output))} {robot}")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipeline.commands.identify import EffectsOption, ModelArgument
-from pipeline.commands.output import JsonOption, check_outputs, free_to_write, spinner, write_json
+from pipeline.commands.output import JsonOption, answered, check_outputs, free_to_write, spinner
 
 if TYPE_CHECKING:
     from armdyn.arm.model import ArmModel
@@ -52,9 +52,8 @@ def export(
             notes = write_export(file, output, model.name)
         except InputError as error:
             raise InputError(f"{model}: {error}") from error
-    if json_file is not None:
-        write_json({"schema": "armdyn.export/1", "file": str(output), "kind": kind, "not_held": notes}, json_file)
-    if json_file != Path("-"):
+    answer = {"schema": "armdyn.export/1", "file": str(output), "kind": kind, "not_held": notes}
+    if answered(json_file, lambda: answer):
         typer.echo(f"{kind} written to {output}")
         for note in notes:
             typer.echo(f"  not in it: {note}")

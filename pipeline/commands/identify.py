@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from pipeline.commands.output import JsonOption, check_outputs, command_line, spinner, write_json
+from pipeline.commands.output import JsonOption, answered, check_outputs, command_line, spinner
 
 if TYPE_CHECKING:
     from armdyn.effects.effect import Effect
@@ -126,6 +126,7 @@ def compare(
 ) -> None:
     """Fit what is free, and say how well the model does and where it fails."""
     from armdyn.identify.compare import compare as hold_against
+    from pipeline.answers import comparison_answer
     from pipeline.commands.identify_text import say_comparison
 
     inputs = Inputs(model, runs, held_out, exam, effects)
@@ -138,11 +139,7 @@ def compare(
             from pipeline.report.fit import comparison_report
 
             comparison_report(given.study, found, command_line()).write(report)
-    if json_file is not None:
-        from pipeline.answers import comparison_answer
-
-        write_json(comparison_answer(given.study, found), json_file)
-    if json_file != Path("-"):
+    if answered(json_file, lambda: comparison_answer(given.study, found)):
         say_comparison(found)
         say_report(report)
         if not found.explained:
@@ -160,6 +157,7 @@ def diagnose(
 ) -> None:
     """Find out which physical effect is missing, with an honest verdict."""
     from armdyn.identify.diagnose import diagnose as find_missing
+    from pipeline.answers import diagnosis_answer
     from pipeline.commands.identify_text import say_diagnosis
 
     inputs = Inputs(model, runs, held_out, exam, effects)
@@ -171,11 +169,7 @@ def diagnose(
             from pipeline.report.repair import diagnosis_report
 
             diagnosis_report(given.study, found, command_line()).write(report)
-    if json_file is not None:
-        from pipeline.answers import diagnosis_answer
-
-        write_json(diagnosis_answer(given.study, found), json_file)
-    if json_file != Path("-"):
+    if answered(json_file, lambda: diagnosis_answer(given.study, found)):
         say_diagnosis(found)
         say_report(report)
         if found.remedies and given.study.model.base == "pendulum":
@@ -246,9 +240,7 @@ def _conclude(given: Given, found: "Repair", output: Path, report: Path | None, 
     history = (*given.file.history, *history_entries(given.study, found))
     over = " (over the earlier one)" if output.exists() else ""
     write_model_file(output, ModelFile(found.model, given.file.description, history))
-    if json_file is not None:
-        write_json(repair_answer(found), json_file)
-    if json_file != Path("-"):
+    if answered(json_file, lambda: repair_answer(found)):
         say_repair(found, given.study.judges)
         typer.echo(f"written to {output}{over}")
         say_report(report)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from pipeline.commands.output import to_screen
+from pipeline.commands.output import plain_table, to_screen
 
 if TYPE_CHECKING:
     from armdyn.arm.links import LinkChange, LinkQuantity
@@ -34,13 +34,12 @@ def say_comparison(found: "Comparison") -> None:
 
 def say_diagnosis(found: "Diagnosis") -> None:
     """Print the answer of diagnose."""
-    from rich.table import Table
     from rich.text import Text
 
     console = to_screen()
     console.print(Text.assemble((found.verdict.key, "bold"), f": {found.sentence}"))
     if found.suspects:
-        table = Table("effect", "ΔBIC", "p", "tied with", box=None, header_style="dim")
+        table = plain_table("effect", "ΔBIC", "p", "tied with")
         for s in found.suspects:
             name = f"{s.effect}:{','.join(s.joints)}" if s.joints else s.effect
             table.add_row(name, f"{s.delta_bic:.1f}", f"{s.p_value:.1e}", ", ".join(s.tied_with))
@@ -61,15 +60,13 @@ def say_repair(found: "Repair", judges: "Sequence[Judge]") -> None:
 
 def _say_fit(found: "Comparison") -> None:
     """Print parameters and channels."""
-    from rich.table import Table
-
     from armdyn.preparation import of_all_runs, sentence
 
     console = to_screen()
     _say_parameters(found.parameters)
     examined = any(c.exam_rmse is not None for c in found.channels.values())
     heads = ("channel", "noise", "rmse", "held out", *(("exam",) if examined else ()), "χ²/sample")
-    channels = Table(*heads, box=None, header_style="dim")
+    channels = plain_table(*heads)
     for name, c in found.channels.items():
         others = (c.held_out_rmse, c.exam_rmse) if examined else (c.held_out_rmse,)
         unseen = ["–" if error is None else f"{error:.4g} {c.unit}" for error in others]
@@ -92,9 +89,7 @@ def _say_fit(found: "Comparison") -> None:
 
 def _say_parameters(parameters: "Mapping[str, FittedParameter]") -> None:
     """Print values with their standard deviations."""
-    from rich.table import Table
-
-    table = Table("parameter", "value", "std", "unit", box=None, header_style="dim")
+    table = plain_table("parameter", "value", "std", "unit")
     for name, p in parameters.items():
         table.add_row(name, f"{p.value:.6g}", "fixed" if p.std is None else f"{p.std:.2g}", p.unit)
     if parameters:
@@ -114,7 +109,7 @@ def _say_places(places: "Sequence[Place]", most: int = 6) -> None:
 
 def _say_path(path: "tuple[RepairStep, ...]", units: "Mapping[str, str]", judges: "Sequence[Judge]") -> None:
     """Print the error falling; three channels or more, such as an arm's joints, as the root of their summed squares."""
-    from rich.table import Column, Table
+    from rich.table import Column
 
     from armdyn.identify.sentence import totals
 
@@ -123,7 +118,7 @@ def _say_path(path: "tuple[RepairStep, ...]", units: "Mapping[str, str]", judges
     unseen = ["held out", "exam"] if path[0].exam_rmse else ["held out"]
     heads = ["total rmse", *unseen] if together else [h for c in channels for h in (f"{c} rmse", *unseen)]
     columns = [Column(head, overflow="fold") for head in ("step", *heads, "χ²/sample", "BIC")]
-    table = Table(*columns, box=None, header_style="dim")
+    table = plain_table(*columns)
     for step in path:
         name = "+ " + " + ".join(step.added) if step.added else "as given"
         if step.joints:
@@ -155,12 +150,10 @@ ROWS = (
 
 def say_links(links: "Sequence[LinkChange]") -> None:
     """Print mass, centre and inertia of every changed link beside the URDF's, then what must not be overlooked."""
-    from rich.table import Table
-
     if not links:
         return
     console = to_screen()
-    table = Table("link of", "", "URDF", "repaired", "unit", box=None, header_style="dim")
+    table = plain_table("link of", "", "URDF", "repaired", "unit")
     for link in links:
         by_name = {q.name: q for q in link.quantities}
         for i, (label, unit, names) in enumerate(ROWS):

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipeline.commands.ik_text import as_settings, found_json, summary, table_json
-from pipeline.commands.output import JsonOption, write_json
+from pipeline.commands.output import JsonOption, answered
 from pipeline.commands.which_robot import (
     JointsOption,
     MeshesOption,
@@ -90,9 +90,7 @@ def volume(
         "reached": done.table.reached(),
         "neighbours_apart": done.table.apart(),
     }
-    if json_file is not None:
-        write_json(answer, json_file)
-    if json_file != Path("-"):
+    if answered(json_file, lambda: answer):
         typer.echo(
             f"{grid.targets} targets, {done.solved} solved now in {done.seconds:.1f} s "
             f"({answer['targets_per_second']:.0f} per second), {done.resumed} were there\n"
@@ -163,10 +161,8 @@ def build(
         target = target or default_path(arm)
     if target is not None:
         table.save(target)
-    if json_file is not None:
-        extra = {} if target is None else {"file": str(target)}
-        write_json({**table_json(table), **extra, **({} if found is None else {"found": found_json(found)})}, json_file)
-    if json_file != Path("-"):
+    extra = ({} if target is None else {"file": str(target)}) | ({} if found is None else {"found": found_json(found)})
+    if answered(json_file, lambda: table_json(table) | extra):
         typer.echo(summary(table))
         if found is not None:
             typer.echo(as_settings(found))
@@ -196,9 +192,7 @@ def show(
         from pipeline.report.ik import ik_report
 
         ik_report(table, arm, command=f"armdyn ik show {file} --report {report}").write(report)
-    if json_file is not None:
-        write_json(table_json(table), json_file)
-    if json_file != Path("-"):
+    if answered(json_file, lambda: table_json(table)):
         typer.echo(summary(table))
 
 

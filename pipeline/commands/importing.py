@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipeline.commands.output import JsonOption, check_outputs, free_to_write, spinner, to_screen, write_json
+from pipeline.commands.output import JsonOption, answered, check_outputs, free_to_write, plain_table, spinner, to_screen
 
 if TYPE_CHECKING:
     from armdyn.run import Run
@@ -63,9 +63,7 @@ def import_(
         if problems:
             raise InputError("; ".join(problems))
         written = _write(runs, output, [*files, *([mapping] if mapping else [])], force)
-    if json_file is not None:
-        write_json(_answer(runs, written), json_file)
-    if json_file != Path("-"):
+    if answered(json_file, lambda: _answer(runs, written)):
         _say(runs, written)
 
 
@@ -110,9 +108,7 @@ def _propose(
     making_directory(output)
     comment = f"Proposed by armdyn from {files[0].name}: read it, mend what is wrong, above all lines with CHECK."
     atomic.write_text(target, map_text(found, comment))
-    if json_file is not None:
-        write_json(_guess_answer(found, target), json_file)
-    if json_file != Path("-"):
+    if answered(json_file, lambda: _guess_answer(found, target)):
         _say_guess(found, recordings[0], target)
         again = shlex.join(["armdyn", "import", *map(str, files), "--output", str(output), "--map", str(target)])
         typer.echo(f"read it, mend what is wrong, then: {again}")
@@ -128,9 +124,7 @@ def _joints(urdf: Path | None, robot: str | None) -> tuple[str, ...]:
 
 
 def _say_guess(found: "ColumnMap", foreign: "Foreign", target: Path) -> None:
-    from rich.table import Table
-
-    table = Table("column", "channel", "unit", "why", box=None, header_style="dim")
+    table = plain_table("column", "channel", "unit", "why")
     if found.time:
         table.add_row(found.time, "time", found.time_unit, found.why)
     for column, entry in found.entries.items():

@@ -8,7 +8,8 @@ import typer
 import typer.core
 
 from pipeline.commands.identify import EffectsOption
-from pipeline.commands.output import JsonOption, check_outputs, to_screen, write_json
+from pipeline.commands.output import JsonOption, answered, check_outputs, to_screen
+from pipeline.commands.which_robot import names_in
 
 
 class _Bases(typer.core.TyperGroup):
@@ -84,8 +85,7 @@ def arm(
 
     if (urdf is None) == (robot is None):
         raise InputError("an arm needs either --urdf FILE or --robot baxter")
-    names = [name.strip() for name in joints.split(",") if name.strip()] if joints is not None else None
-    made = arm_model(urdf, robot, names, tool=tool)
+    made = arm_model(urdf, robot, names_in(joints), tool=tool)
     description: dict[str, Any] = {} if robot is None else {"robot": robot}
     description["joints"] = list(made.joints)
     if tool is not None:
@@ -123,20 +123,15 @@ def _write(path: Path, file: Any, json_file: Path | None, force: bool) -> None:
 
 def _say(path: Path, file: Any, json_file: Path | None) -> None:
     model = file.model
-    if json_file is not None:
-        answer = {
-            "schema": "armdyn.model/1",
-            "file": str(path),
-            "effects": [],
-            "parameters": {
-                n: {"value": p.value, "unit": p.unit} for n, p in model.parameters.items() if p.scope == "shared"
-            },
-            **model.described(path.parent),
-            **file.description,
-        }
-        write_json(answer, json_file)
-    if json_file != Path("-"):
-        what = ", ".join(f"{n} {p.value:g} {p.unit}" for n, p in model.parameters.items() if p.scope == "shared")
+    shared = {name: p for name, p in model.parameters.items() if p.scope == "shared"}
+
+    def answer() -> dict[str, Any]:
+        parameters = {name: {"value": p.value, "unit": p.unit} for name, p in shared.items()}
+        about = {"schema": "armdyn.model/1", "file": str(path), "effects": [], "parameters": parameters}
+        return {**about, **model.described(path.parent), **file.description}
+
+    if answered(json_file, answer):
+        what = ", ".join(f"{name} {p.value:g} {p.unit}" for name, p in shared.items())
         typer.echo(f"{path}: {model.base}" + (f", {what}" if what else "") + _joints(file.description))
         typer.echo(f"next: armdyn compare {shlex.quote(str(path))} RUN... --report compare.html")
 
@@ -189,9 +184,7 @@ def effects(effects_file: EffectsOption = None, json_file: JsonOption = None) ->
             "parameters": parameters,
         }  # fmt: skip
 
-    if json_file is not None:
-        write_json({"schema": "armdyn.effects/1", "effects": [answer(effect) for effect in known]}, json_file)
-    if json_file == Path("-"):
+    if not answered(json_file, lambda: {"schema": "armdyn.effects/1", "effects": [answer(e) for e in known]}):
         return
     from rich.text import Text
 

@@ -15,7 +15,7 @@ from pipeline.commands.identify import (
     RunsArgument,
     say_report,
 )
-from pipeline.commands.output import JsonOption, check_outputs, command_line, spinner, to_screen, write_json
+from pipeline.commands.output import JsonOption, answered, check_outputs, command_line, plain_table, spinner, to_screen
 
 if TYPE_CHECKING:
     from armdyn.experiments.plan import Plan
@@ -73,9 +73,7 @@ def next_experiment(
         from pipeline.report.next_experiment import next_report
 
         next_report(made, sentence, command_line(), written).write(report)
-    if json_file is not None:
-        write_json(next_answer(made, verdict, sentence, written), json_file)
-    if json_file != Path("-"):
+    if answered(json_file, lambda: next_answer(made, verdict, sentence, written)):
         _say(made, sentence)
         if written is not None:
             typer.echo(f"motion {written}")
@@ -110,13 +108,11 @@ def _rivals(study: "Study", names: str | None, say: Callable[[str], None]) -> "t
 
 
 def _say(made: "Plan | None", sentence: str) -> None:
-    from rich.table import Table
-
     console = to_screen()
     console.print(sentence, markup=False)
     if made is None:
         return
-    table = Table("experiment", "separation", "right verdict", "what to do", box=None, header_style="dim")
+    table = plain_table("experiment", "separation", "right verdict", "what to do")
     for p in made.proposals:
         table.add_row(
             p.experiment.kind, f"{p.outlook.separation:.1f} σ", f"{p.outlook.probability:.0%}", p.experiment.what

@@ -16,6 +16,7 @@ import typer
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.table import Column, Table
 
 
 JsonOption = Annotated[Path | None, typer.Option("--json", help="The answer as JSON; '-' is standard output.")]
@@ -30,6 +31,13 @@ def to_screen() -> "Console":
 
     any_encoding()
     return Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else PIPED_WIDTH)
+
+
+def plain_table(*heads: "str | Column") -> "Table":
+    """A table for the screen, without lines around it."""
+    from rich.table import Table
+
+    return Table(*heads, box=None, header_style="dim")
 
 
 def any_encoding() -> None:
@@ -63,6 +71,17 @@ def write_json(answer: dict[str, Any], file: Path) -> None:
             raise InputError(f"cannot write to standard output: {why}; give --json a file") from error
     else:
         atomic.write_text(file, text + "\n")
+
+
+def answered(json_file: Path | None, answer: Callable[[], dict[str, Any]]) -> bool:
+    """Write the answer where JSON is asked for; whether standard output is left for a person.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    if json_file is not None:
+        write_json(answer(), json_file)
+    return json_file != Path("-")
 
 
 @contextmanager

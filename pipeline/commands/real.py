@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from armdyn.errors import InputError
-from pipeline.commands.output import command_line, phase_progress, to_screen, write_json
+from pipeline.commands.output import answered, phase_progress, to_screen, write_json
+from pipeline.commands.trial import end_with, say_result, write_report
 
 if TYPE_CHECKING:
     from pipeline.ros.master import Figures
@@ -41,10 +42,7 @@ def real_trial(
         _show_rehearsal(figures, farthest, json_file)
         return
     _show(done, out, json_file, note)
-    if done.result.signal is not None:
-        raise typer.Exit(128 + done.result.signal)
-    if not done.result.success:
-        raise typer.Exit(1)
+    end_with(done.result)
 
 
 def _link(ros: str, arm: str, port: str | None, calibration: Path | None) -> "Link":
@@ -87,38 +85,15 @@ def _show(done: "RealTrial", out: Path, json_file: Path | None, note: str) -> No
     if json_file is not None:
         write_json(answer, json_file)
     report = out / "report.html"
-    try:
-        done.report(command_line()).write(report)
-        told = None
-    except Exception as error:
-        if not result.stopped:
-            raise
-        told = f"no report: {type(error).__name__}: {' '.join(str(error).split())}"
-    if json_file == Path("-"):
-        return
-    say = to_screen().print
-    if result.estimates:
-        say(
-            f"length {result.length_estimate:.4f} m +/- {1e3 * result.length_std:.2f} mm "
-            f"(guess {result.length_guess:g} m)"
-        )
-    if result.investigation is not None:
-        for number, stage in enumerate(result.investigation.stages, start=1):
-            say(f"experiment {number}: {stage.diagnosis.sentence}", markup=False)
-        say(result.investigation.sentence, markup=False)
-    say(result.message, style=f"bold {'green' if result.success else 'red'}", markup=False)
-    for line in filter(None, (note, *result.notes, *_timing(done.figures), told)):
-        say(line, soft_wrap=True, markup=False)
-    say(f"{'' if told else f'report {report}, '}recording {result.recording}", soft_wrap=True)
-    if result.repair_command is not None:
-        say(f"what the model lacks: {result.repair_command}", soft_wrap=True)
+    told = write_report(done, report)
+    if json_file != Path("-"):
+        lines = filter(None, (note, *result.notes, *_timing(done.figures), told))
+        say_result(result, lines, None if told else report)
 
 
 def _show_rehearsal(figures: "Figures", farthest: float, json_file: Path | None) -> None:
     answer = {"schema": "armdyn.rehearsal/1", "tracking_error": farthest, "robot": figures.as_json()}
-    if json_file is not None:
-        write_json(answer, json_file)
-    if json_file != Path("-"):
+    if answered(json_file, lambda: answer):
         say = to_screen().print
         say(f"the arm followed the whole line; a joint was at most {farthest:.3f} rad from its command")
         for note in _timing(figures):

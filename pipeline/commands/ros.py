@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from pipeline.commands.output import JsonOption, check_outputs, to_screen, write_json
+from pipeline.commands.output import JsonOption, answered, check_outputs, to_screen, write_json
 from pipeline.commands.trial import parse_hidden
 
 RosOption = Annotated[str, typer.Option("--ros", help="Address of the rosbridge, ws://HOST:9090.")]
@@ -115,9 +115,7 @@ def record(
         "channels": {name: len(channel) for name, channel in run.channels.items()},
         "notes": list(said),
     }
-    if json_file is not None:
-        write_json(answer, json_file)
-    if json_file != Path("-"):
+    if answered(json_file, lambda: answer):
         say = to_screen().print
         say(f"{output}: {len(run.channels)} channels, {max(map(len, run.channels.values()))} samples", soft_wrap=True)
         for note in said:

@@ -1,6 +1,6 @@
 """`armdyn trial` and `armdyn table`: one whole experiment, and the paper's Table I."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from math import isfinite
 from pathlib import Path
@@ -10,12 +10,21 @@ import typer
 
 from armdyn.errors import InputError
 from pipeline.commands.identify import EffectsOption
-from pipeline.commands.output import JsonOption, check_outputs, command_line, phase_progress, to_screen, write_json
+from pipeline.commands.output import (
+    JsonOption,
+    answered,
+    check_outputs,
+    command_line,
+    phase_progress,
+    to_screen,
+    write_json,
+)
 
 if TYPE_CHECKING:
     from armdyn.pendulum.model import PendulumModel
     from pipeline.motion.trajectory import LineTrajectory
-    from pipeline.trial import SimulatedTrial, TrialSettings
+    from pipeline.trial import SimulatedTrial, TrialResult, TrialSettings
+    from pipeline.trial.real import RealTrial
 
 
 def parse_hidden(given: list[str]) -> dict[str, float | None]:
@@ -160,36 +169,63 @@ def _run(settings: "TrialSettings", out: Path, json_file: Path | None, note: str
         pictures: Sequence[Path] = ()
         if result.signal is None:
             progress("writing the report", 0.97)
-            told = _report(done, report)
+            told = write_report(done, report)
             pictures = _render(done, out, progress) if picture else ()
     if json_file != Path("-"):
-        say = to_screen().print
-        if result.estimates:
-            say(
-                f"length {result.length_estimate:.4f} m +/- {1e3 * result.length_std:.2f} mm "
-                f"(true {settings.length:g} m, guess {settings.length_guess:g} m)"
-            )
-        if note:
-            say(note, markup=False)
-        if result.investigation is not None:
-            for number, stage in enumerate(result.investigation.stages, start=1):
-                say(f"experiment {number}: {stage.diagnosis.sentence}", markup=False)
-            say(result.investigation.sentence, markup=False)
-        say(result.message, style=f"bold {'green' if result.success else 'red'}", markup=False)
-        for note in (*result.notes, *([told] if told else [])):
-            say(note, soft_wrap=True, markup=False)
-        say(f"{'' if told else f'report {report}, '}recording {result.recording}", soft_wrap=True)
-        for drawn in pictures:
-            say(f"picture {drawn}", soft_wrap=True)
-        if result.repair_command is not None:
-            say(f"what the model lacks: {result.repair_command}", soft_wrap=True)
+        lines = (*result.notes, *([told] if told else []))
+        say_result(result, lines, None if told else report, f"true {settings.length:g} m, ", note, pictures)
+    end_with(result)
+
+
+def say_result(
+    result: "TrialResult",
+    lines: Iterable[str],
+    report: Path | None,
+    known: str = "",
+    note: str = "",
+    pictures: Sequence[Path] = (),
+) -> None:
+    """Print what came of a trial.
+
+    Args:
+        result: its numbers.
+        lines: that stand below its message.
+        report: its file; None where it could not be made.
+        known: what stands before the guess of the length.
+        note: stands below the length.
+        pictures: that were drawn.
+    """
+    say = to_screen().print
+    if result.estimates:
+        say(
+            f"length {result.length_estimate:.4f} m +/- {1e3 * result.length_std:.2f} mm "
+            f"({known}guess {result.length_guess:g} m)"
+        )
+    if note:
+        say(note, markup=False)
+    if result.investigation is not None:
+        for number, stage in enumerate(result.investigation.stages, start=1):
+            say(f"experiment {number}: {stage.diagnosis.sentence}", markup=False)
+        say(result.investigation.sentence, markup=False)
+    say(result.message, style=f"bold {'green' if result.success else 'red'}", markup=False)
+    for line in lines:
+        say(line, soft_wrap=True, markup=False)
+    say(f"{'' if report is None else f'report {report}, '}recording {result.recording}", soft_wrap=True)
+    for drawn in pictures:
+        say(f"picture {drawn}", soft_wrap=True)
+    if result.repair_command is not None:
+        say(f"what the model lacks: {result.repair_command}", soft_wrap=True)
+
+
+def end_with(result: "TrialResult") -> None:
+    """Exit status 128 and the signal that ended a trial, 1 where it did not land."""
     if result.signal is not None:
         raise typer.Exit(128 + result.signal)
     if not result.success:
         raise typer.Exit(1)
 
 
-def _report(done: "SimulatedTrial", report: Path) -> str | None:
+def write_report(done: "SimulatedTrial | RealTrial", report: Path) -> str | None:
     """Write the report; a sentence where what stopped the trial also keeps the report from being made."""
     try:
         done.report(command_line()).write(report)
@@ -270,9 +306,7 @@ def table(
     report = out / "report.html"
     out.mkdir(parents=True, exist_ok=True)
     table_report(result, f"{seeds} seeds per guess", command_line()).write(report)
-    if json_file is not None:
-        write_json(answer, json_file)
-    if json_file != Path("-"):
+    if answered(json_file, lambda: answer):
         grid = Grid("guess [m]", "without", "with", "estimates [m]")
         for row in result.rows:
             mean = sum(row.length_estimates) / len(row.length_estimates)

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from pipeline.commands.identify import EffectsOption
-from pipeline.commands.output import JsonOption, check_outputs, command_line, free_to_write, spinner, write_json
+from pipeline.commands.output import JsonOption, answered, check_outputs, command_line, free_to_write, spinner
 
 
 def register(app: typer.Typer) -> None:
@@ -62,14 +62,12 @@ def view(
         except urdf.UrdfError as error:
             raise InputError(str(error)) from error
         write_view(scene, page, command_line())
-    if json_file is not None:
-        answer = {
-            "schema": "armdyn.view/1", "file": str(page), "kind": scene.kind,
-            "seconds": float(scene.time[-1] - scene.time[0]), "bodies": [body.name for body in scene.bodies],
-            "note": scene.note,
-        }  # fmt: skip
-        write_json(answer, json_file)
-    if json_file != Path("-"):
+    answer = {
+        "schema": "armdyn.view/1", "file": str(page), "kind": scene.kind,
+        "seconds": float(scene.time[-1] - scene.time[0]), "bodies": [body.name for body in scene.bodies],
+        "note": scene.note,
+    }  # fmt: skip
+    if answered(json_file, lambda: answer):
         typer.echo(f"view written to {page}" + (f"; {scene.note}" if scene.note else ""))
     if output is None and not no_browser and sys.stdout.isatty():
         import webbrowser

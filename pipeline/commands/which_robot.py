@@ -34,11 +34,21 @@ def which_robot(robot: str, urdf_file: Path | None, joints: str | None, tool: st
     from armdyn.errors import InputError
     from urdf import UrdfError, load
 
-    names = None if joints is None else [name.strip() for name in joints.split(",") if name.strip()]
     try:
-        return load(robot if urdf_file is None else urdf_file, joints=names, tool=tool, meshes=meshes)
+        return load(robot if urdf_file is None else urdf_file, joints=names_in(joints), tool=tool, meshes=meshes)
     except UrdfError as error:
         raise InputError(str(error).replace("load the robot without its missing meshes", "add --no-meshes")) from error
+
+
+def names_in(text: str | None) -> list[str] | None:
+    """Names separated by commas; None where there is no text."""
+    return None if text is None else [name.strip() for name in text.split(",") if name.strip()]
+
+
+def say_missing_meshes(robot: "Robot") -> None:
+    """Print which shapes an arm was loaded without; nothing where it has all of them."""
+    if missing := [defect for defect in robot.defects if defect.startswith("mesh ")]:
+        typer.echo(missing[0] + (f"; and {len(missing) - 1} more" if missing[1:] else ""))
 
 
 def numbers(text: str, option: str) -> list[float]:
