@@ -3,10 +3,8 @@
 import shlex
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import ClassVar
 
 import plotly.graph_objects as go
 
@@ -15,7 +13,7 @@ from pipeline.batch.history import History
 from pipeline.batch.run import Done, Row
 from pipeline.batch.spec import Spec
 from pipeline.batch.times import TimeFrom
-from pipeline.report.changes import MOST_ROWS, ChangeSection, TimeSection, hover, time_axes
+from pipeline.report.changes import MOST_ROWS, change_section, hover, time_axes, time_section
 from pipeline.report.page import Chart, KeyFigure, Level, NextStep, Report, Section, Table
 from pipeline.report.theme import RAW, VERMILLION
 
@@ -37,11 +35,11 @@ def batch_report(spec: Spec, done: Done, found: History, command: str = "") -> R
         level=Level.CAUTION if found.events or bad or done.left else Level.GOOD,
         verdict=summary(done, found),
         sections=[
-            ChangeSection(found),
-            *([TimeSection(found)] if found.series else []),
-            ErrorSection(tuple(done.rows)),
-            RobotSection(tuple(done.rows), found),
-            *([BadSection(spec, tuple(bad))] if bad else []),
+            change_section(found),
+            *([time_section(found)] if found.series else []),
+            error_section(done.rows),
+            robot_section(done.rows),
+            *([bad_section(spec, bad)] if bad else []),
         ],
         subtitle=f"{len({row.item.robot for row in done.rows})} robots, rows in batch.parquet",
         key_figures=(
@@ -118,92 +116,61 @@ def _next_steps(spec: Spec, rows: Sequence[Row]) -> tuple[NextStep, ...]:
     return (NextStep(f"What the model of {robot} lacks", shlex.join(command)),)
 
 
-@dataclass(frozen=True)
-class ErrorSection(Section):
-    """What the models leave, over time."""
-
-    title: ClassVar[str] = "Errors over time"
-
-    rows: Sequence[Row]
-
-    def sentence(self) -> str:
-        """What to look for."""
-        return (
-            "Root mean square error of every recording's own fit; of several channels the root of their summed "
-            "squares. A jump that no parameter shows is something that the model lacks."
-        )
-
-    def charts(self) -> Sequence[Chart]:
-        """A point per recording, a figure per unit."""
-        errors: dict[str, list[tuple[datetime, float, Row]]] = {}
-        for row in self.rows:
-            channels = row.outcome.channels or {}
-            if row.item.when.time is None or any(channel["rmse"] is None for channel in channels.values()):
-                continue
-            rmse = {name: float(channel["rmse"]) for name, channel in channels.items()}
-            for unit, error in totals(rmse, {name: channel["unit"] for name, channel in channels.items()}).items():
-                errors.setdefault(unit, []).append((row.item.when.time, error, row))
-        return [self._chart(unit, points) for unit, points in errors.items()]
-
-    @staticmethod
-    def _chart(unit: str, points: Sequence[tuple[datetime, float, Row]]) -> Chart:
-        figure = go.Figure(layout={"height": 320, "hovermode": "closest"})
-        for name, colour, wanted in (("explained", RAW, True), ("something is left", VERMILLION, False)):
-            mine = [point for point in points if (point[2].outcome.verdict == "explained") is wanted]
-            if mine:
-                figure.add_scatter(
-                    x=[time for time, _, _ in mine], y=[value for _, value, _ in mine], mode="markers", name=name,
-                    marker={"color": colour, "size": 5}, text=[hover(row) for _, _, row in mine],
-                )  # fmt: skip
-        figure.update_layout(**time_axes(f"error [{unit}]"))
-        figure.update_yaxes(rangemode="tozero")
-        return Chart(figure)
+def error_section(rows: Sequence[Row]) -> Section:
+    """What the models leave, over time: a point per recording, a figure per unit."""
+    errors: dict[str, list[tuple[datetime, float, Row]]] = {}
+    for row in rows:
+        channels = row.outcome.channels or {}
+        if row.item.when.time is None or any(channel["rmse"] is None for channel in channels.values()):
+            continue
+        rmse = {name: float(channel["rmse"]) for name, channel in channels.items()}
+        for unit, error in totals(rmse, {name: channel["unit"] for name, channel in channels.items()}).items():
+            errors.setdefault(unit, []).append((row.item.when.time, error, row))
+    return Section(
+        "Errors over time",
+        "Root mean square error of every recording's own fit; of several channels the root of their summed "
+        "squares. A jump that no parameter shows is something that the model lacks.",
+        [_error_chart(unit, points) for unit, points in errors.items()],
+    )
 
 
-@dataclass(frozen=True)
-class RobotSection(Section):
-    """A row per robot."""
-
-    title: ClassVar[str] = "Robots"
-
-    rows: Sequence[Row]
-    found: History
-
-    def tables(self) -> Sequence[Table]:
-        """Counts."""
-        robots = list(dict.fromkeys(row.item.robot for row in self.rows))
-        table = []
-        for robot in robots[:MOST_ROWS]:
-            mine = [row for row in self.rows if row.item.robot == robot]
-            good = [row for row in mine if row.outcome.verdict]
-            times = sorted(row.item.when.time for row in mine if row.item.when.time is not None)
-            effects = Counter(effect for row in good for effect in row.outcome.effects)
-            table.append([
-                robot, str(len(mine)), str(sum(row.outcome.verdict == "explained" for row in good)),
-                str(len(mine) - len(good)), f"{times[0]:%Y-%m-%d} to {times[-1]:%Y-%m-%d}" if times else "no time",
-                ", ".join(name if n == len(good) else f"{name} ({n})" for name, n in effects.most_common(8)),
-            ])  # fmt: skip
-        header = ["robot", "recordings", "explained", "not usable", "time", "effects of the model"]
-        return [Table(header, table, "In brackets: recordings in which an effect was added, where it is not all.")]
+def _error_chart(unit: str, points: Sequence[tuple[datetime, float, Row]]) -> Chart:
+    figure = go.Figure(layout={"height": 320, "hovermode": "closest"})
+    for name, colour, wanted in (("explained", RAW, True), ("something is left", VERMILLION, False)):
+        mine = [point for point in points if (point[2].outcome.verdict == "explained") is wanted]
+        if mine:
+            figure.add_scatter(
+                x=[time for time, _, _ in mine], y=[value for _, value, _ in mine], mode="markers", name=name,
+                marker={"color": colour, "size": 5}, text=[hover(row) for _, _, row in mine],
+            )  # fmt: skip
+    figure.update_layout(**time_axes(f"error [{unit}]"))
+    figure.update_yaxes(rangemode="tozero")
+    return Chart(figure)
 
 
-@dataclass(frozen=True)
-class BadSection(Section):
-    """Recordings that could not be used."""
+def robot_section(rows: Sequence[Row]) -> Section:
+    """A row per robot, with counts."""
+    table = []
+    for robot in list(dict.fromkeys(row.item.robot for row in rows))[:MOST_ROWS]:
+        mine = [row for row in rows if row.item.robot == robot]
+        good = [row for row in mine if row.outcome.verdict]
+        times = sorted(row.item.when.time for row in mine if row.item.when.time is not None)
+        effects = Counter(effect for row in good for effect in row.outcome.effects)
+        table.append([
+            robot, str(len(mine)), str(sum(row.outcome.verdict == "explained" for row in good)),
+            str(len(mine) - len(good)), f"{times[0]:%Y-%m-%d} to {times[-1]:%Y-%m-%d}" if times else "no time",
+            ", ".join(name if n == len(good) else f"{name} ({n})" for name, n in effects.most_common(8)),
+        ])  # fmt: skip
+    header = ["robot", "recordings", "explained", "not usable", "time", "effects of the model"]
+    caption = "In brackets: recordings in which an effect was added, where it is not all."
+    return Section("Robots", tables=[Table(header, table, caption)])
 
-    title: ClassVar[str] = "Not usable"
 
-    spec: Spec
-    bad: Sequence[Row]
-
-    def sentence(self) -> str:
-        """How many."""
-        return f"{len(self.bad)} recordings could not be used; none of them stopped the batch."
-
-    def tables(self) -> Sequence[Table]:
-        """Each with what to do."""
-        rows = [[row.item.robot, self.spec.name(row.item.run), row.outcome.problem] for row in self.bad[:MOST_ROWS]]
-        return [Table(["robot", "recording", "what is wrong"], rows)]
+def bad_section(spec: Spec, bad: Sequence[Row]) -> Section:
+    """Recordings that could not be used, each with what to do."""
+    rows = [[row.item.robot, spec.name(row.item.run), row.outcome.problem] for row in bad[:MOST_ROWS]]
+    sentence = f"{len(bad)} recordings could not be used; none of them stopped the batch."
+    return Section("Not usable", sentence, tables=[Table(["robot", "recording", "what is wrong"], rows)])
 
 
 def _typed(path: Path) -> str:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import plotly.graph_objects as go
 
 from pipeline.answers_motion import expectation_rows, factor, peak_rows, sentence
 from pipeline.motion.feasibility.verdict import Bounded, FeasibilityReport, Margin
-from pipeline.report.motion import JointTrace, PositionSection, VelocitySection
+from pipeline.report.motion import JointTrace, position_section, velocity_section
 from pipeline.report.page import Chart, KeyFigure, Level, Report, Section, Table
 from pipeline.report.theme import BLUE, GREY, LIMIT, LINKED_TIME, ORANGE, TIME_AXIS, number, percent
 
@@ -21,38 +21,26 @@ if TYPE_CHECKING:
     from pipeline.motion.excitation import Excitation
 
 
-@dataclass(frozen=True)
-class MarginSection(Section):
-    """All limits, the tightest first."""
-
-    title: ClassVar[str] = "Limits"
-
-    margins: Sequence[Margin]
-
-    def sentence(self) -> str:
-        """Whether every limit was kept."""
-        broken = [margin for margin in self.margins if margin.used > 1.0]
-        if broken:
-            worst = max(broken, key=lambda margin: margin.used)
-            return (
-                f"Limits broken: {len(broken)} of {len(self.margins)}; worst the {worst.limit} of {worst.joint}, "
-                f"{number(worst.value, worst.unit)} against {number(worst.bound, worst.unit)} at {worst.time:.2f} s."
-            )
-        tightest = max(self.margins, key=lambda margin: margin.used)
-        return (
-            f"All {len(self.margins)} limits were kept; the tightest is the {tightest.limit} of {tightest.joint}, "
-            f"of which {percent(tightest.used)} was used."
+def margin_section(margins: Sequence[Margin]) -> Section:
+    """All limits, the tightest first, and whether every one was kept."""
+    ordered = sorted(margins, key=lambda margin: -margin.used)
+    tightest, broken = ordered[0], sum(margin.used > 1.0 for margin in margins)
+    sentence = (
+        f"All {len(margins)} limits were kept; the tightest is the {tightest.limit} of {tightest.joint}, "
+        f"of which {percent(tightest.used)} was used."
+    )
+    if broken:
+        sentence = (
+            f"Limits broken: {broken} of {len(margins)}; worst the {tightest.limit} of {tightest.joint}, "
+            f"{number(tightest.value, tightest.unit)} against {number(tightest.bound, tightest.unit)} "
+            f"at {tightest.time:.2f} s."
         )
-
-    def tables(self) -> Sequence[Table]:
-        """A row per limit."""
-        ordered = sorted(self.margins, key=lambda margin: -margin.used)
-        rows = [
-            [m.limit, m.joint, f"{m.value:.3g}", f"{m.bound:.3g}", m.unit, f"{m.time:.2f}", percent(m.used)]
-            for m in ordered
-        ]
-        header = ["limit", "of", "closest", "bound", "unit", "at [s]", "used"]
-        return [Table(header, rows, shares=[margin.used for margin in ordered])]
+    rows = [
+        [m.limit, m.joint, f"{m.value:.3g}", f"{m.bound:.3g}", m.unit, f"{m.time:.2f}", percent(m.used)]
+        for m in ordered
+    ]
+    header = ["limit", "of", "closest", "bound", "unit", "at [s]", "used"]
+    return Section("Limits", sentence, tables=[Table(header, rows, shares=[margin.used for margin in ordered])])
 
 
 MOST_ROWS = 50
@@ -62,65 +50,44 @@ MOST_POINTS = 1500
 """Samples per line of a figure."""
 
 
-@dataclass(frozen=True)
-class ViolationSection(Section):
-    """Every limit that is broken."""
-
-    title: ClassVar[str] = "Violations"
-
-    report: FeasibilityReport
-
-    def sentence(self) -> str:
-        """How many, or that there are none."""
-        if self.report.feasible:
-            return "No limit is broken."
-        more = f" The first {MOST_ROWS} are listed." if len(self.report.violations) > MOST_ROWS else ""
-        return f"{len(self.report.violations)} stretches of the motion break a limit.{more}"
-
-    def tables(self) -> Sequence[Table]:
-        """A row per stretch, with its worst instant."""
-        rows = [
-            [_words(v.limit), v.joint, f"{v.time:.3f}", f"{v.value:.4g}", f"{v.bound:.4g}", v.unit]
-            for v in self.report.violations[:MOST_ROWS]
-        ]
-        header = ["limit", "of", "at [s]", "value", "bound", "unit"]
-        return [Table(header, rows)] if rows else []
+def violation_section(report: FeasibilityReport) -> Section:
+    """Every limit that is broken: a row per stretch, with its worst instant."""
+    if report.feasible:
+        return Section("Violations", "No limit is broken.")
+    more = f" The first {MOST_ROWS} are listed." if len(report.violations) > MOST_ROWS else ""
+    rows = [
+        [_words(v.limit), v.joint, f"{v.time:.3f}", f"{v.value:.4g}", f"{v.bound:.4g}", v.unit]
+        for v in report.violations[:MOST_ROWS]
+    ]
+    return Section(
+        "Violations",
+        f"{len(report.violations)} stretches of the motion break a limit.{more}",
+        tables=[Table(["limit", "of", "at [s]", "value", "bound", "unit"], rows)],
+    )
 
 
-@dataclass(frozen=True)
-class UsedSection(Section):
-    """How much of each limit is used, over time."""
-
-    title: ClassVar[str] = "Limits over time"
-
-    report: FeasibilityReport
-
-    def sentence(self) -> str:
-        """How to read the figure."""
-        return "At 100 % a limit is reached; each line is the joint that uses most of it."
-
-    def charts(self) -> Sequence[Chart]:
-        """One line per limit that has two sides and varies."""
-        figure = go.Figure()
-        shown = [b for b in self.report.series if b.limit != "line" and b.time.size > 1]
-        ends = [min(b.time[0] for b in shown), max(b.time[-1] for b in shown)] if shown else []
-        for bounded in shown:
-            if bounded.is_two_sided:
-                time, used, who = _most_used(bounded)
-                figure.add_scatter(
-                    x=time,
-                    y=100 * used,
-                    name=_words(bounded.limit),
-                    text=who,
-                    mode="lines",
-                    hovertemplate="%{y:.0f} % %{text}",
-                )
-        if ends:
-            figure.add_scatter(x=ends, y=[100, 100], name="limit", hoverinfo="skip", **LIMIT)
-        figure.update_layout(
-            height=380, meta=LINKED_TIME, xaxis={"title": {"text": TIME_AXIS}}, yaxis={"title": {"text": "used [%]"}}
-        )
-        return [Chart(figure, "Position counts from the middle of a joint's range, everything else from 0.")]
+def used_section(report: FeasibilityReport) -> Section:
+    """How much of each limit is used, over time: one line per limit that has two sides and varies."""
+    figure = go.Figure()
+    shown = [b for b in report.series if b.limit != "line" and b.time.size > 1]
+    for bounded in shown:
+        if bounded.is_two_sided:
+            time, used, who = _most_used(bounded)
+            figure.add_scatter(
+                x=time, y=100 * used, name=_words(bounded.limit), text=who, mode="lines",
+                hovertemplate="%{y:.0f} % %{text}",
+            )  # fmt: skip
+    if shown:
+        ends = [min(b.time[0] for b in shown), max(b.time[-1] for b in shown)]
+        figure.add_scatter(x=ends, y=[100, 100], name="limit", hoverinfo="skip", **LIMIT)
+    figure.update_layout(
+        height=380, meta=LINKED_TIME, xaxis={"title": {"text": TIME_AXIS}}, yaxis={"title": {"text": "used [%]"}}
+    )
+    return Section(
+        "Limits over time",
+        "At 100 % a limit is reached; each line is the joint that uses most of it.",
+        [Chart(figure, "Position counts from the middle of a joint's range, everything else from 0.")],
+    )
 
 
 def feasibility_page(report: FeasibilityReport, title: str, command: str = "") -> Report:
@@ -149,7 +116,7 @@ def feasibility_page(report: FeasibilityReport, title: str, command: str = "") -
         title=title,
         level=Level.GOOD if report.feasible else Level.BAD,
         verdict=report.sentence,
-        sections=[ViolationSection(report), UsedSection(report), MarginSection(margins)],
+        sections=[violation_section(report), used_section(report), margin_section(margins)],
         key_figures=figures,
         command=command,
     )
@@ -175,71 +142,48 @@ MOST_SAMPLES = 2000
 """Samples per line of a figure."""
 
 
-@dataclass(frozen=True)
-class ExpectedSection(Section):
-    """What a recording of the motion is expected to tell."""
-
-    title: ClassVar[str] = "What it tells"
-    found: Excitation
-
-    def sentence(self) -> str:
-        """How to read it."""
-        noise = self.found.goal.columns.noise
-        low, high = float(noise.min()), float(noise.max())
-        return (
-            f"Expected of a recording at {self.found.goal.columns.rate:g} Hz whose torques have a noise of "
-            f"{number(low)} to {number(high)} N m, 0.2 % of each joint's limit; less noise makes all figures better "
-            "alike."
-        )
-
-    def charts(self) -> Sequence[Chart]:
-        """A bar per unknown or hidden effect and motion."""
-        goal = self.found.goal
-        contenders = [("this motion", self.found.expected, BLUE), ("best random", self.found.random, GREY)]
-        contenders.append(("least condition number", self.found.conditioned, ORANGE))
-        figure = go.Figure(layout={"yaxis": {"type": "log"}, "xaxis": {"tickangle": -45}, "barmode": "group"})
-        for name, expected, colour in contenders:
-            if expected is None:
-                continue
-            if goal.rivals:
-                labels = [f"{case.effect} {case.joint}".strip() for case in goal.hidden]
-                values = np.sqrt(expected.separations)
-            else:
-                chosen = [k for k, i in enumerate(goal.wanted) if i not in goal.hopeless]
-                unknowns = [goal.columns.unknowns[goal.wanted[k]] for k in chosen]
-                labels = [p.name for p in unknowns]
-                values = expected.std[chosen] / np.array([p.typical for p in unknowns])
-            figure.add_bar(x=labels, y=values, name=name, marker={"color": colour})
-        title = "separation [standard deviations]" if goal.rivals else "standard deviation / typical size"
-        figure.update_layout(height=460, yaxis_title=title)
-        return [Chart(figure, "Higher is better." if goal.rivals else "Lower is better.")]
-
-    def tables(self) -> Sequence[Table]:
-        """The same in numbers."""
-        header, rows = expectation_rows(self.found, MOST_UNKNOWNS)
-        return [Table(header, rows)]
+def expected_section(found: Excitation) -> Section:
+    """What a recording of the motion is expected to tell: a bar per unknown or hidden effect and motion."""
+    goal = found.goal
+    noise = goal.columns.noise
+    sentence = (
+        f"Expected of a recording at {goal.columns.rate:g} Hz whose torques have a noise of "
+        f"{number(float(noise.min()))} to {number(float(noise.max()))} N m, 0.2 % of each joint's limit; less noise "
+        "makes all figures better alike."
+    )
+    contenders = [("this motion", found.expected, BLUE), ("best random", found.random, GREY)]
+    contenders.append(("least condition number", found.conditioned, ORANGE))
+    figure = go.Figure(layout={"yaxis": {"type": "log"}, "xaxis": {"tickangle": -45}, "barmode": "group"})
+    for name, expected, colour in contenders:
+        if expected is None:
+            continue
+        if goal.rivals:
+            labels = [f"{case.effect} {case.joint}".strip() for case in goal.hidden]
+            values = np.sqrt(expected.separations)
+        else:
+            chosen = [k for k, i in enumerate(goal.wanted) if i not in goal.hopeless]
+            unknowns = [goal.columns.unknowns[goal.wanted[k]] for k in chosen]
+            labels = [p.name for p in unknowns]
+            values = expected.std[chosen] / np.array([p.typical for p in unknowns])
+        figure.add_bar(x=labels, y=values, name=name, marker={"color": colour})
+    title = "separation [standard deviations]" if goal.rivals else "standard deviation / typical size"
+    figure.update_layout(height=460, yaxis_title=title)
+    chart = Chart(figure, "Higher is better." if goal.rivals else "Lower is better.")
+    return Section("What it tells", sentence, [chart], [Table(*expectation_rows(found, MOST_UNKNOWNS))])
 
 
-@dataclass(frozen=True)
-class MotionSection(Section):
+def motion_section(found: Excitation) -> Section:
     """How far, how fast and how strongly every joint moves."""
-
-    title: ClassVar[str] = "The motion"
-    found: Excitation
-
-    def sentence(self) -> str:
-        """Its form."""
-        series = self.found.series
-        again = f", run through {series.repeats} times" if series.repeats > 1 else ""
-        return (
-            f"A Fourier series of {series.harmonics} harmonics over {series.period:.4g} s{again}; it starts and ends "
-            "at rest, with a continuous acceleration."
-        )
-
-    def tables(self) -> Sequence[Table]:
-        """Peaks."""
-        header, rows = peak_rows(self.found)
-        return [Table(header, rows, "In rad, s and N m, or m and N for joints that slide; in brackets: of the limit.")]
+    series = found.series
+    again = f", run through {series.repeats} times" if series.repeats > 1 else ""
+    return Section(
+        "The motion",
+        f"A Fourier series of {series.harmonics} harmonics over {series.period:.4g} s{again}; it starts and ends "
+        "at rest, with a continuous acceleration.",
+        tables=[
+            Table(*peak_rows(found), "In rad, s and N m, or m and N for joints that slide; in brackets: of the limit.")
+        ],
+    )
 
 
 def excitation_page(found: Excitation, command: str = "") -> Report:
@@ -263,8 +207,8 @@ def excitation_page(found: Excitation, command: str = "") -> Report:
         level=Level.GOOD,
         verdict=sentence(found),
         sections=[
-            ExpectedSection(found), MotionSection(found), PositionSection(trace), VelocitySection(trace),
-            UsedSection(found.check), MarginSection(margins),
+            expected_section(found), motion_section(found), position_section(trace), velocity_section(trace),
+            used_section(found.check), margin_section(margins),
         ],
         key_figures=_key_figures(found),
         notes=notes,

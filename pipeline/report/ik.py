@@ -1,8 +1,6 @@
 """Report of an IK table: is the path usable, how fast, and what limits it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 import plotly.graph_objects as go
@@ -33,7 +31,7 @@ def ik_report(table: PathTable, robot: Robot | None, command: str = "") -> Repor
     core = float(table.speed_limit_at(np.linspace(low, high, 1001)).min())
     overloaded, helped = table.torque_share.max(axis=0)
     tight = table.joint_margin < TIGHT or overloaded > 1.0
-    sections: list[Section] = [Speed(table), Joints(table), Margins(table), Torque(table), Dexterity(table)]
+    kinds = (speed_section, joint_section, margin_section, torque_section, dexterity_section)
     return Report(
         title=f"IK table of {table.robot_name}",
         level=Level.CAUTION if tight else Level.GOOD,
@@ -47,7 +45,7 @@ def ik_report(table: PathTable, robot: Robot | None, command: str = "") -> Repor
             KeyFigure("acceleration", f"{table.acceleration_limit.min():.1f} m/s²", "joints, at full speed, least"),
             KeyFigure("torque at rest", f"{100 * overloaded:.0f} %", f"{100 * helped:.0f} % with springs"),
         ],
-        sections=sections,
+        sections=[section(table) for section in kinds],
         notes=() if robot is None else robot.defects,
         command=command,
     )
@@ -58,142 +56,89 @@ def _shares(joints: np.ndarray, names: Sequence[str]) -> str:
     return ", ".join(f"{name} on {100 * share:.0f} %" for share, name in counted if share)
 
 
-@dataclass(frozen=True)
-class Speed(Section):
-    """How fast the tool may move."""
-
-    title: ClassVar[str] = "Speed and acceleration"
-    table: PathTable
-
-    def sentence(self) -> str:
-        """Which joint limits the speed where."""
-        slowest = np.abs(self.table.dq_ds / self.table.velocity_limits).argmax(axis=1)
-        return f"Of the path, the speed is limited by {_shares(slowest, self.table.joint_names)}."
-
-    def charts(self) -> Sequence[Chart]:
-        """Limits along the path."""
-        table = self.table
-        speed = go.Figure(layout={"xaxis_title": PATH_AXIS, "yaxis_title": "speed limit [m/s]"})
-        speed.add_scatter(x=table.s, y=table.speed_limit, name="speed", **MODEL)
-        acceleration = go.Figure(layout={"xaxis_title": PATH_AXIS, "yaxis_title": "acceleration [m/s²]"})
-        for name, values in (("at rest", table.acceleration_limit_at(table.s, 0.0 * table.s)), ("at full speed", None)):
-            limit = table.acceleration_limit if values is None else values
-            acceleration.add_scatter(x=table.s, y=limit, name=f"joints, {name}", mode="lines")
-        for springs in (False, True) if table.torque.springs.any() else (False,):
-            name = "torque, at rest, with springs" if springs else "torque, at rest"
-            low, high = table.torque_acceleration_range(table.s, 0.0, springs)
-            acceleration.add_scatter(
-                x=table.s, y=np.minimum(-low, high), name=name, **(REFERENCE if springs else LIMIT)
-            )
-        return [
-            Chart(speed),
-            Chart(
-                acceleration,
-                "What the joints' acceleration limits allow, and what their torques allow in the weaker direction; "
-                "negative where the torque does not even hold the arm.",
-            ),
-        ]
+def speed_section(table: PathTable) -> Section:
+    """How fast the tool may move, and which joint limits the speed where."""
+    slowest = np.abs(table.dq_ds / table.velocity_limits).argmax(axis=1)
+    speed = _along_path("speed limit [m/s]")
+    speed.add_scatter(x=table.s, y=table.speed_limit, name="speed", **MODEL)
+    acceleration = _along_path("acceleration [m/s²]")
+    for name, values in (("at rest", table.acceleration_limit_at(table.s, 0.0 * table.s)), ("at full speed", None)):
+        limit = table.acceleration_limit if values is None else values
+        acceleration.add_scatter(x=table.s, y=limit, name=f"joints, {name}", mode="lines")
+    for springs in (False, True) if table.torque.springs.any() else (False,):
+        name = "torque, at rest, with springs" if springs else "torque, at rest"
+        low, high = table.torque_acceleration_range(table.s, 0.0, springs)
+        acceleration.add_scatter(x=table.s, y=np.minimum(-low, high), name=name, **(REFERENCE if springs else LIMIT))
+    caption = (
+        "What the joints' acceleration limits allow, and what their torques allow in the weaker direction; "
+        "negative where the torque does not even hold the arm."
+    )
+    return Section(
+        "Speed and acceleration",
+        f"Of the path, the speed is limited by {_shares(slowest, table.joint_names)}.",
+        [Chart(speed), Chart(acceleration, caption)],
+    )
 
 
-@dataclass(frozen=True)
-class Joints(Section):
-    """Where the joints are."""
-
-    title: ClassVar[str] = "Joint positions"
-    table: PathTable
-
-    def charts(self) -> Sequence[Chart]:
-        """Positions, as they are and as shares of their range."""
-        table = self.table
-        plain = go.Figure(layout={"xaxis_title": PATH_AXIS, "yaxis_title": "joint position [rad]"})
-        figure = go.Figure(layout={"xaxis_title": PATH_AXIS, "yaxis_title": "share of the range [-1, 1]"})
-        middle, half = (table.lower + table.upper) / 2, (table.upper - table.lower) / 2
-        for joint, name in enumerate(table.joint_names):
-            plain.add_scatter(x=table.s, y=table.q[:, joint], name=name, mode="lines")
-            share = (table.q[:, joint] - middle[joint]) / half[joint]
-            figure.add_scatter(x=table.s, y=share, name=name, mode="lines")
-        for bound in (-1.0, 1.0):
-            figure.add_scatter(x=table.s[[0, -1]], y=[bound, bound], showlegend=False, **LIMIT)
-        return [Chart(plain), Chart(figure, "One smooth branch; the dashed lines are the position limits.")]
-
-    def tables(self) -> Sequence[Table]:
-        """Extremes per joint."""
-        table = self.table
-        margin = table.margin.min(axis=0)
-        rows = [
-            [
-                name,
-                f"{table.q[:, joint].min():.3f}",
-                f"{table.q[:, joint].max():.3f}",
-                f"{margin[joint]:.3f}",
-                f"{np.abs(table.dq_ds[:, joint]).max():.2f}",
-            ]
-            for joint, name in enumerate(table.joint_names)
-        ]
-        return [Table(["joint", "lowest [rad]", "highest [rad]", "margin [rad]", "largest |dq/ds| [rad/m]"], rows)]
+def joint_section(table: PathTable) -> Section:
+    """Where the joints are, as they are and as shares of their range, and their extremes."""
+    plain, figure = _along_path("joint position [rad]"), _along_path("share of the range [-1, 1]")
+    middle, half = (table.lower + table.upper) / 2, (table.upper - table.lower) / 2
+    margin, rows = table.margin.min(axis=0), []
+    for joint, name in enumerate(table.joint_names):
+        q = table.q[:, joint]
+        plain.add_scatter(x=table.s, y=q, name=name, mode="lines")
+        figure.add_scatter(x=table.s, y=(q - middle[joint]) / half[joint], name=name, mode="lines")
+        fastest = np.abs(table.dq_ds[:, joint]).max()
+        rows.append([name, f"{q.min():.3f}", f"{q.max():.3f}", f"{margin[joint]:.3f}", f"{fastest:.2f}"])
+    _add_bounds(figure, table, -1.0, 1.0)
+    return Section(
+        "Joint positions",
+        charts=[Chart(plain), Chart(figure, "One smooth branch; the dashed lines are the position limits.")],
+        tables=[Table(["joint", "lowest [rad]", "highest [rad]", "margin [rad]", "largest |dq/ds| [rad/m]"], rows)],
+    )
 
 
-@dataclass(frozen=True)
-class Margins(Section):
-    """How far the joints are from their limits."""
-
-    title: ClassVar[str] = "Joint margins"
-    table: PathTable
-
-    def sentence(self) -> str:
-        """Which joint is closest where."""
-        return f"Closest to its limit is {_shares(self.table.margin.argmin(axis=1), self.table.joint_names)}."
-
-    def charts(self) -> Sequence[Chart]:
-        """Distance to the nearer limit."""
-        figure = go.Figure(layout={"xaxis_title": PATH_AXIS, "yaxis_title": "distance to the limit [rad]"})
-        for joint, name in enumerate(self.table.joint_names):
-            figure.add_scatter(x=self.table.s, y=self.table.margin[:, joint], name=name, mode="lines")
-        figure.add_scatter(x=self.table.s[[0, -1]], y=[0.0, 0.0], showlegend=False, **LIMIT)
-        return [Chart(figure)]
+def margin_section(table: PathTable) -> Section:
+    """How far the joints are from the nearer of their limits, and which joint is closest where."""
+    figure = _along_path("distance to the limit [rad]")
+    for joint, name in enumerate(table.joint_names):
+        figure.add_scatter(x=table.s, y=table.margin[:, joint], name=name, mode="lines")
+    _add_bounds(figure, table, 0.0)
+    closest = _shares(table.margin.argmin(axis=1), table.joint_names)
+    return Section("Joint margins", f"Closest to its limit is {closest}.", [Chart(figure)])
 
 
-@dataclass(frozen=True)
-class Torque(Section):
-    """What it takes to hold the arm."""
-
-    title: ClassVar[str] = "Torque at rest"
-    table: PathTable
-
-    def sentence(self) -> str:
-        """What the springs change."""
-        helped = np.flatnonzero(self.table.torque.springs.any(axis=0))
-        if not len(helped):
-            return "Gravity alone, as a share of each joint's limit."
-        joints = ", ".join(self.table.joint_names[joint] for joint in helped)
-        return f"Gravity as a share of each joint's limit; the real robot has springs on {joints}, shown dashed."
-
-    def charts(self) -> Sequence[Chart]:
-        """Static torque along the path."""
-        table = self.table
-        figure = go.Figure(layout={"xaxis_title": PATH_AXIS, "yaxis_title": "share of the torque limit"})
-        for joint, name in enumerate(table.joint_names):
-            share = table.torque.gravity[:, joint] / table.effort_limits[joint]
-            figure.add_scatter(x=table.s, y=share, name=name, mode="lines")
-        for helped in np.flatnonzero(table.torque.springs.any(axis=0)):
-            joint = int(helped)
-            share = (table.torque.gravity + table.torque.springs)[:, joint] / table.effort_limits[joint]
-            figure.add_scatter(x=table.s, y=share, name=f"{table.joint_names[joint]} with its springs", **REFERENCE)
-        for bound in (-1.0, 1.0):
-            figure.add_scatter(x=table.s[[0, -1]], y=[bound, bound], showlegend=False, **LIMIT)
-        return [Chart(figure)]
+def torque_section(table: PathTable) -> Section:
+    """What it takes to hold the arm along the path, and what the springs change."""
+    figure = _along_path("share of the torque limit")
+    for joint, name in enumerate(table.joint_names):
+        share = table.torque.gravity[:, joint] / table.effort_limits[joint]
+        figure.add_scatter(x=table.s, y=share, name=name, mode="lines")
+    helped = [int(joint) for joint in np.flatnonzero(table.torque.springs.any(axis=0))]
+    for joint in helped:
+        share = (table.torque.gravity + table.torque.springs)[:, joint] / table.effort_limits[joint]
+        figure.add_scatter(x=table.s, y=share, name=f"{table.joint_names[joint]} with its springs", **REFERENCE)
+    _add_bounds(figure, table, -1.0, 1.0)
+    sentence = "Gravity alone, as a share of each joint's limit."
+    if helped:
+        joints = ", ".join(table.joint_names[joint] for joint in helped)
+        sentence = f"Gravity as a share of each joint's limit; the real robot has springs on {joints}, shown dashed."
+    return Section("Torque at rest", sentence, [Chart(figure)])
 
 
-@dataclass(frozen=True)
-class Dexterity(Section):
-    """How far the arm is from a singularity."""
+def dexterity_section(table: PathTable) -> Section:
+    """How far the arm is from a singularity: Yoshikawa's measure for shifting and for turning the tool."""
+    figure = _along_path("sqrt det(J Jᵀ)")
+    for column, name, style in ((0, "linear [m³/rad³]", MODEL), (1, "angular [1]", REFERENCE)):
+        figure.add_scatter(x=table.s, y=table.manipulability[:, column], name=name, **style)
+    return Section("Manipulability", charts=[Chart(figure, "Yoshikawa 1985; zero at a singularity.")])
 
-    title: ClassVar[str] = "Manipulability"
-    table: PathTable
 
-    def charts(self) -> Sequence[Chart]:
-        """Yoshikawa's measure, separately for shifting and turning the tool, as their units differ."""
-        figure = go.Figure(layout={"xaxis_title": PATH_AXIS, "yaxis_title": "sqrt det(J Jᵀ)"})
-        for column, name, style in ((0, "linear [m³/rad³]", MODEL), (1, "angular [1]", REFERENCE)):
-            figure.add_scatter(x=self.table.s, y=self.table.manipulability[:, column], name=name, **style)
-        return [Chart(figure, "Yoshikawa 1985; zero at a singularity.")]
+def _along_path(title: str) -> go.Figure:
+    return go.Figure(layout={"xaxis_title": PATH_AXIS, "yaxis_title": title})
+
+
+def _add_bounds(figure: go.Figure, table: PathTable, *bounds: float) -> None:
+    for bound in bounds:
+        figure.add_scatter(x=table.s[[0, -1]], y=[bound, bound], showlegend=False, **LIMIT)

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 import plotly.graph_objects as go
@@ -54,41 +53,34 @@ class ForceTrace:
     residual_is_white: bool | None = None
 
 
-@dataclass(frozen=True)
-class EstimateSection(Section):
+def estimate_section(
+    estimates: Sequence[EstimateTrace], phases: Sequence[Span] = (), residual_is_white: bool | None = None
+) -> Section:
     """Each estimated parameter over time, with its interval and the truth.
 
-    Attributes:
-        estimates: at least one.
+    Args:
+        estimates: at least one; the sentence tells the first.
         phases: of the trial.
         residual_is_white: False where the intervals do not hold.
     """
+    charts = [Chart(_figure(trace, phases), _caption(trace)) for trace in estimates if trace.value.size]
+    return Section("Estimate", _learnt(estimates[0], residual_is_white), charts)
 
-    title: ClassVar[str] = "Estimate"
 
-    estimates: Sequence[EstimateTrace]
-    phases: Sequence[Span] = ()
-    residual_is_white: bool | None = None
-
-    def sentence(self) -> str:
-        """The last estimate, its error in standard deviations, and whether the interval can be trusted."""
-        trace = self.estimates[0]
-        if not trace.value.size:
-            return f"No estimate of the {trace.name} was made; the guess was {number(trace.guess, trace.unit)}."
-        learnt = f"{trace.value[-1]:.4f} {trace.unit} ± {number(trace.std[-1], trace.unit, 2)}"
-        text = (
-            f"The {trace.name} was learnt as {learnt} "
-            f"after {trace.value.size} updates from a guess of {number(trace.guess, trace.unit)}"
-        )
-        if trace.truth is not None:
-            text += f"; it is {trace.truth:.4f} {trace.unit}"
-        if self.residual_is_white is False:
-            text += ". The residual of the force is not white: the interval is too narrow and does not hold"
-        return text + "."
-
-    def charts(self) -> Sequence[Chart]:
-        """One figure per parameter."""
-        return [Chart(_figure(trace, self.phases), _caption(trace)) for trace in self.estimates if trace.value.size]
+def _learnt(trace: EstimateTrace, residual_is_white: bool | None) -> str:
+    """The last estimate, its error in standard deviations, and whether the interval can be trusted."""
+    if not trace.value.size:
+        return f"No estimate of the {trace.name} was made; the guess was {number(trace.guess, trace.unit)}."
+    learnt = f"{trace.value[-1]:.4f} {trace.unit} ± {number(trace.std[-1], trace.unit, 2)}"
+    text = (
+        f"The {trace.name} was learnt as {learnt} "
+        f"after {trace.value.size} updates from a guess of {number(trace.guess, trace.unit)}"
+    )
+    if trace.truth is not None:
+        text += f"; it is {trace.truth:.4f} {trace.unit}"
+    if residual_is_white is False:
+        text += ". The residual of the force is not white: the interval is too narrow and does not hold"
+    return text + "."
 
 
 def _caption(trace: EstimateTrace) -> str:
@@ -124,41 +116,30 @@ def _figure(trace: EstimateTrace, phases: Sequence[Span]) -> go.Figure:
     return figure
 
 
-@dataclass(frozen=True)
-class ForceSection(Section):
-    """Force measured and predicted, and what is left between them."""
+WHITENESS = {
+    None: "",
+    True: "; what is left is white",
+    False: "; what is left is not white: something is missing",
+}
 
-    title: ClassVar[str] = "Load cell"
 
-    force: ForceTrace
-    phases: Sequence[Span] = ()
-
-    def sentence(self) -> str:
-        """The residual against the noise, and whether it is white."""
-        residual = self.force.measured - self.force.predicted
-        if not np.isfinite(residual).any():
-            return "The model was not run against the load cell."
+def force_section(force: ForceTrace, phases: Sequence[Span] = ()) -> Section:
+    """Force measured and predicted, and what is left between them, against the noise."""
+    residual = force.measured - force.predicted
+    sentence = "The model was not run against the load cell."
+    if np.isfinite(residual).any():
         rms = float(np.sqrt(np.nanmean(residual**2)))
-        text = f"With the final estimate the model misses the measured tension by {number(rms, 'N')} rms"
-        if self.force.noise is not None:
-            text += f", {rms / self.force.noise:.2f} times the sensor's noise of {number(self.force.noise, 'N')}"
-        whiteness = {
-            None: "",
-            True: "; what is left is white",
-            False: "; what is left is not white: something is missing",
-        }
-        return text + whiteness[self.force.residual_is_white] + "."
-
-    def charts(self) -> Sequence[Chart]:
-        """Force over residual."""
-        force, residual = self.force, 1e3 * (self.force.measured - self.force.predicted)
-        figure = stacked(["tension [N]", "residual [mN]"], [0.62, 0.38], self.phases, 440)
-        figure.add_scatter(x=force.time, y=force.measured, name="measured", **MEASURED)
-        figure.add_scatter(x=force.time, y=force.predicted, name="predicted", **MODEL)
-        caption = "Residual: measured minus predicted."
+        sentence = f"With the final estimate the model misses the measured tension by {number(rms, 'N')} rms"
         if force.noise is not None:
-            band = np.full(force.time.shape, 2e3 * force.noise)
-            add_band(figure, force.time, 0 * band, band, "± 2 std of the noise", axis="y2")
-            caption += " A right model leaves 95 % of the points in the band."
-        figure.add_scatter(x=force.time, y=residual, yaxis="y2", name="residual", showlegend=False, **MEASURED)
-        return [Chart(figure, caption)]
+            sentence += f", {rms / force.noise:.2f} times the sensor's noise of {number(force.noise, 'N')}"
+        sentence += WHITENESS[force.residual_is_white] + "."
+    figure = stacked(["tension [N]", "residual [mN]"], [0.62, 0.38], phases, 440)
+    figure.add_scatter(x=force.time, y=force.measured, name="measured", **MEASURED)
+    figure.add_scatter(x=force.time, y=force.predicted, name="predicted", **MODEL)
+    caption = "Residual: measured minus predicted."
+    if force.noise is not None:
+        band = np.full(force.time.shape, 2e3 * force.noise)
+        add_band(figure, force.time, 0 * band, band, "± 2 std of the noise", axis="y2")
+        caption += " A right model leaves 95 % of the points in the band."
+    figure.add_scatter(x=force.time, y=1e3 * residual, yaxis="y2", name="residual", showlegend=False, **MEASURED)
+    return Section("Load cell", sentence, [Chart(figure, caption)])

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
-from typing import ClassVar
 
 import numpy as np
 import plotly.graph_objects as go
@@ -51,36 +50,22 @@ class JointTrace:
     speed: FloatArray
 
 
-@dataclass(frozen=True)
-class GripperSection(Section):
-    """Reference and actual position of the gripper, and the error."""
-
-    title: ClassVar[str] = "Gripper"
-
-    gripper: GripperTrace
-    phases: Sequence[Span] = ()
-
-    def sentence(self) -> str:
-        """Mean and largest error along the line."""
-        error = self.gripper.actual - self.gripper.reference
-        if not np.isfinite(error).any():
-            return "The gripper did not move."
+def gripper_section(gripper: GripperTrace, phases: Sequence[Span] = ()) -> Section:
+    """Reference and actual position of the gripper, and the error: its mean and its largest value."""
+    error = gripper.actual - gripper.reference
+    sentence = "The gripper did not move."
+    if np.isfinite(error).any():
         worst = int(np.nanargmax(np.abs(error)))
         rms = float(np.sqrt(np.nanmean(error**2)))
-        return (
+        sentence = (
             f"The gripper follows its reference to {number(rms, 'm', 2)} rms; the largest error is "
-            f"{number(abs(error[worst]), 'm', 2)} at {self.gripper.time[worst]:.2f} s."
+            f"{number(abs(error[worst]), 'm', 2)} at {gripper.time[worst]:.2f} s."
         )
-
-    def charts(self) -> Sequence[Chart]:
-        """Position over error."""
-        gripper = self.gripper
-        figure = stacked(["along the line [m]", "error [mm]"], [0.62, 0.38], self.phases, 420)
-        figure.add_scatter(x=gripper.time, y=gripper.actual, name="actual", **ACTUAL)
-        figure.add_scatter(x=gripper.time, y=gripper.reference, name="reference", **REFERENCE)
-        error = 1e3 * (gripper.actual - gripper.reference)
-        figure.add_scatter(x=gripper.time, y=error, yaxis="y2", name="error", showlegend=False, **ACTUAL)
-        return [Chart(figure, "Error: actual minus reference, the lag of the arm included.")]
+    figure = stacked(["along the line [m]", "error [mm]"], [0.62, 0.38], phases, 420)
+    figure.add_scatter(x=gripper.time, y=gripper.actual, name="actual", **ACTUAL)
+    figure.add_scatter(x=gripper.time, y=gripper.reference, name="reference", **REFERENCE)
+    figure.add_scatter(x=gripper.time, y=1e3 * error, yaxis="y2", name="error", showlegend=False, **ACTUAL)
+    return Section("Gripper", sentence, [Chart(figure, "Error: actual minus reference, the lag of the arm included.")])
 
 
 _COLUMNS = 2
@@ -88,45 +73,21 @@ _ROW_HEIGHT = 118  # px
 _GAP = 0.42  # between two rows, in panels
 
 
-@dataclass(frozen=True)
-class PositionSection(Section):
-    """Position of every joint in its range."""
-
-    title: ClassVar[str] = "Joint positions"
-
-    joints: JointTrace
-
-    def sentence(self) -> str:
-        """The joint that came closest to the end of its range."""
-        middle, half = (self.joints.upper + self.joints.lower) / 2, (self.joints.upper - self.joints.lower) / 2
-        used = np.abs(self.joints.position - middle).max(axis=0) / half
-        return _closest(self.joints.names, used, "of the way from the middle of its range to its end")
-
-    def charts(self) -> Sequence[Chart]:
-        """Small multiples."""
-        joints = self.joints
-        figure = _small_multiples(joints, joints.position, joints.lower, joints.upper, "rad")
-        return [Chart(figure, "Dashed: limits.")]
+def position_section(joints: JointTrace) -> Section:
+    """Position of every joint in its range, and the joint that came closest to its end."""
+    middle, half = (joints.upper + joints.lower) / 2, (joints.upper - joints.lower) / 2
+    used = np.abs(joints.position - middle).max(axis=0) / half
+    sentence = _closest(joints.names, used, "of the way from the middle of its range to its end")
+    figure = _small_multiples(joints, joints.position, joints.lower, joints.upper, "rad")
+    return Section("Joint positions", sentence, [Chart(figure, "Dashed: limits.")])
 
 
-@dataclass(frozen=True)
-class VelocitySection(Section):
-    """Velocity of every joint within its limit."""
-
-    title: ClassVar[str] = "Joint velocities"
-
-    joints: JointTrace
-
-    def sentence(self) -> str:
-        """The joint that came closest to its speed limit."""
-        used = np.abs(self.joints.velocity).max(axis=0) / self.joints.speed
-        return _closest(self.joints.names, used, "of its speed limit")
-
-    def charts(self) -> Sequence[Chart]:
-        """Small multiples."""
-        joints = self.joints
-        figure = _small_multiples(joints, joints.velocity, -joints.speed, joints.speed, "rad/s")
-        return [Chart(figure, "Dashed: limits.")]
+def velocity_section(joints: JointTrace) -> Section:
+    """Velocity of every joint within its limit, and the joint that came closest to it."""
+    used = np.abs(joints.velocity).max(axis=0) / joints.speed
+    figure = _small_multiples(joints, joints.velocity, -joints.speed, joints.speed, "rad/s")
+    sentence = _closest(joints.names, used, "of its speed limit")
+    return Section("Joint velocities", sentence, [Chart(figure, "Dashed: limits.")])
 
 
 def _closest(names: Sequence[str], used: FloatArray, what: str) -> str:
@@ -185,33 +146,22 @@ def _small_multiples(
     return figure
 
 
-@dataclass(frozen=True)
-class TimingSection(Section):
-    """Computing time of every node."""
-
-    title: ClassVar[str] = "Computing time"
-
-    nodes: Sequence[Timing]
-
-    def sentence(self) -> str:
-        """Whether a step took longer than its period."""
-        late = [node for node in self.nodes if node.overruns]
-        if not late:
-            return "Every node finished its steps in time."
-        names = ", ".join(f"{node.name} {node.overruns} of {node.steps} times" for node in late)
-        return f"Some steps took longer than their period: {names}."
-
-    def tables(self) -> Sequence[Table]:
-        """A row per node."""
-        rows = [
-            [
-                node.name,
-                "once" if node.period is None else f"{1 / node.period:.4g} Hz",
-                str(node.steps),
-                number(node.mean, "s", 2),
-                number(node.longest, "s", 2),
-                str(node.overruns),
-            ]
-            for node in self.nodes
+def timing_section(nodes: Sequence[Timing]) -> Section:
+    """Computing time of every node, and whether a step took longer than its period."""
+    late = ", ".join(f"{node.name} {node.overruns} of {node.steps} times" for node in nodes if node.overruns)
+    rows = [
+        [
+            node.name,
+            "once" if node.period is None else f"{1 / node.period:.4g} Hz",
+            str(node.steps),
+            number(node.mean, "s", 2),
+            number(node.longest, "s", 2),
+            str(node.overruns),
         ]
-        return [Table(["node", "rate", "steps", "mean", "longest", "overruns"], rows)]
+        for node in nodes
+    ]
+    return Section(
+        "Computing time",
+        f"Some steps took longer than their period: {late}." if late else "Every node finished its steps in time.",
+        tables=[Table(["node", "rate", "steps", "mean", "longest", "overruns"], rows)],
+    )

@@ -1,15 +1,14 @@
 """The report of a plan, what each experiment promises; and of an investigation, what was expected and what came."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 import plotly.graph_objects as go
 
 from armdyn.experiments.hypothesis import Held
-from armdyn.experiments.plan import HOPELESS, Plan
+from armdyn.experiments.motion import Motion
+from armdyn.experiments.plan import HOPELESS, Plan, Proposal
 from armdyn.experiments.separation import Rival
 from pipeline.report.page import Chart, KeyFigure, Level, NextStep, Report, Section, Table
 from pipeline.report.theme import ACTUAL, GREY, ORANGE, TIME_AXIS, stacked
@@ -18,87 +17,58 @@ if TYPE_CHECKING:
     from pipeline.trial.investigation import Investigation, Stage
 
 
-@dataclass(frozen=True)
-class PlanSection(Section):
-    """Every experiment, best first."""
-
-    title: ClassVar[str] = "Which experiment"
-
-    plan: Plan
-
-    def sentence(self) -> str:
-        """What is to be told apart, and by what."""
-        return self.plan.sentence
-
-    def tables(self) -> Sequence[Table]:
-        """Promises, beliefs, and pairs that no motion separates."""
-        plan = self.plan
-        rows = [
-            [p.experiment.kind, p.experiment.what, f"{p.outlook.separation:.1f}", f"{p.outlook.probability:.0%}"]
-            for p in plan.proposals
-        ]
-        tables = [
-            Table(
-                ["kind", "what to do", "separation [std]", "right verdict"], rows,
-                "Separation: root of the rise of chi² when the rival is refitted to what the other predicts, of the "
-                "two that are hardest to tell apart. Right verdict: probability that the diagnosis of all runs then "
-                "names one effect, and the right one.",
-                bars={3: [p.outlook.probability for p in plan.proposals]},
-            ),
-            Table(
-                ["may be true", "belief so far"],
-                [[h.name, f"{b:.0%}"] for h, b in zip(plan.rivals.hypotheses, plan.belief, strict=True)],
-                "From how well each fits the runs so far.",
-                bars={1: plan.belief},
-            ),
-        ]  # fmt: skip
-        if plan.inseparable:
-            pairs = [[" / ".join(p.effects), p.why] for p in plan.inseparable]
-            tables.append(Table(["no motion separates", "why"], pairs))
-        return tables
+def plan_section(plan: Plan) -> Section:
+    """Every experiment, best first: promises, beliefs, and pairs that no motion separates."""
+    rows = [
+        [p.experiment.kind, p.experiment.what, f"{p.outlook.separation:.1f}", f"{p.outlook.probability:.0%}"]
+        for p in plan.proposals
+    ]
+    tables = [
+        Table(
+            ["kind", "what to do", "separation [std]", "right verdict"], rows,
+            "Separation: root of the rise of chi² when the rival is refitted to what the other predicts, of the "
+            "two that are hardest to tell apart. Right verdict: probability that the diagnosis of all runs then "
+            "names one effect, and the right one.",
+            bars={3: [p.outlook.probability for p in plan.proposals]},
+        ),
+        Table(
+            ["may be true", "belief so far"],
+            [[h.name, f"{b:.0%}"] for h, b in zip(plan.rivals.hypotheses, plan.belief, strict=True)],
+            "From how well each fits the runs so far.",
+            bars={1: plan.belief},
+        ),
+    ]  # fmt: skip
+    if plan.inseparable:
+        tables.append(Table(["no motion separates", "why"], [[" / ".join(p.effects), p.why] for p in plan.inseparable]))
+    return Section("Which experiment", plan.sentence, tables=tables)
 
 
-@dataclass(frozen=True)
-class DesignedMotionSection(Section):
-    """The designed motion, and where the rivals differ along it."""
-
-    title: ClassVar[str] = "The designed motion"
-
-    plan: Plan
-
-    def sentence(self) -> str:
-        """How it compares with random motions."""
-        proposal = self.plan.motion
-        if proposal is None or proposal.designed is None:
-            return ""
+def designed_motion_section(plan: Plan, proposal: Proposal, motion: Motion) -> Section:
+    """The designed motion: gripper, angle, and the differences that a refit of the rivals leaves along it."""
+    sentence = ""
+    if proposal.designed is not None:
         rise, random = proposal.outlook.separation**2, proposal.designed.start
-        return (
+        sentence = (
             f"Chi² rises by at least {rise:.0f} when the wrong effect is refitted to what the right one predicts; "
             f"along the median of the random motions with the same limits that the design began with, by {random:.2g}."
         )
-
-    def charts(self) -> Sequence[Chart]:
-        """Gripper, angle, and the differences that a refit leaves."""
-        proposal = self.plan.motion
-        if proposal is None or proposal.experiment.motion is None:
-            return ()
-        motion, hypotheses = proposal.experiment.motion, self.plan.rivals.hypotheses
-        figure = stacked(["gripper [m]", "swing [rad]", "left by a refit [σ]"], [0.3, 0.3, 0.4], (), 560)
-        figure.add_scatter(x=motion.time, y=motion.along[0], name="gripper", **ACTUAL)
-        helds = [Held(h, proposal.experiment) for h in hypotheses]
-        figure.add_scatter(
-            x=motion.time, y=helds[0].swing(helds[0].start), name="swing", yaxis="y2", showlegend=False,
-            mode="lines", line={"color": GREY},
-        )  # fmt: skip
-        truth = helds[0]
-        readings = truth.predict(truth.start)[0][: len(motion.time)]
-        for rival, colour in zip(helds[1:3], (ORANGE, GREY), strict=False):
-            _add_left(figure, truth, rival, readings, colour)
-        caption = (
-            f"Below: what {hypotheses[0].name} predicts less what a rival predicts that was refitted to it, in "
-            "standard deviations of one sample of the load cell."
-        )
-        return [Chart(figure, caption)]
+    hypotheses = plan.rivals.hypotheses
+    figure = stacked(["gripper [m]", "swing [rad]", "left by a refit [σ]"], [0.3, 0.3, 0.4], (), 560)
+    figure.add_scatter(x=motion.time, y=motion.along[0], name="gripper", **ACTUAL)
+    helds = [Held(h, proposal.experiment) for h in hypotheses]
+    figure.add_scatter(
+        x=motion.time, y=helds[0].swing(helds[0].start), name="swing", yaxis="y2", showlegend=False,
+        mode="lines", line={"color": GREY},
+    )  # fmt: skip
+    truth = helds[0]
+    readings = truth.predict(truth.start)[0][: len(motion.time)]
+    for rival, colour in zip(helds[1:3], (ORANGE, GREY), strict=False):
+        _add_left(figure, truth, rival, readings, colour)
+    caption = (
+        f"Below: what {hypotheses[0].name} predicts less what a rival predicts that was refitted to it, in "
+        "standard deviations of one sample of the load cell."
+    )
+    return Section("The designed motion", sentence, [Chart(figure, caption)])
 
 
 def _add_left(figure: go.Figure, truth: Held, rival: Held, readings: np.ndarray, colour: str) -> None:
@@ -123,15 +93,15 @@ def next_report(plan: Plan | None, sentence: str, command: str, output: Path | N
     sections: list[Section] = []
     hopeful = plan is None or any(p.outlook.probability > HOPELESS for p in plan.proposals)
     if plan is not None:
-        sections.append(PlanSection(plan))
+        sections.append(plan_section(plan))
         if plan.proposals:
             best = plan.proposals[0]
             figures.append(KeyFigure("Best experiment", best.experiment.kind, best.experiment.what))
             figures.append(KeyFigure("Right verdict", f"{best.outlook.probability:.0%}", "expected after it"))
         moving = plan.motion
         if moving is not None and moving.experiment.motion is not None:
-            sections.append(DesignedMotionSection(plan))
             motion = moving.experiment.motion
+            sections.append(designed_motion_section(plan, moving, motion))
             x, v, a = motion.peaks
             figures.append(KeyFigure("Motion", f"{motion.seconds:g} s", f"peaks {x:.2f} m, {v:.2f} m/s, {a:.1f} m/s²"))
             figures.append(KeyFigure("Effort", f"{motion.effort:.1f} m²/s³", "integral of the squared acceleration"))
@@ -152,53 +122,34 @@ def next_report(plan: Plan | None, sentence: str, command: str, output: Path | N
     )
 
 
-@dataclass(frozen=True)
-class InvestigationSection(Section):
-    """The experiments before the swing."""
-
-    title: ClassVar[str] = "What the model lacked"
-
-    found: "Investigation"
-
-    def sentence(self) -> str:
-        """How it ended."""
-        said = self.found.sentence
-        return f"{said[:1].upper()}{said[1:]}."
-
-    def charts(self) -> Sequence[Chart]:
-        """Belief over the effects, and the gripper in every experiment."""
-        stages = self.found.stages
-        charts = []
-        names = list(dict.fromkeys(name for stage in stages for name in stage.belief))
-        if names:
-            belief = go.Figure(layout={"height": 300, "barmode": "group", "yaxis": {"title": {"text": "belief"}}})
-            labels = [f"experiment {i}" for i in range(1, len(stages) + 1)]
-            for name in names:
-                belief.add_bar(x=labels, y=[stage.belief.get(name, 0.0) for stage in stages], name=name)
-            charts.append(Chart(belief, "Belief in each effect that was in question, after each experiment."))
-        moved = go.Figure(
-            layout={
-                "height": 260, "xaxis": {"title": {"text": TIME_AXIS}}, "yaxis": {"title": {"text": "gripper [m]"}},
-            }
+def investigation_section(found: "Investigation") -> Section:
+    """The experiments before the swing: belief over the effects, the gripper, what was expected and what it brought."""
+    stages, charts = found.stages, []
+    names = list(dict.fromkeys(name for stage in stages for name in stage.belief))
+    if names:
+        belief = go.Figure(layout={"height": 300, "barmode": "group", "yaxis": {"title": {"text": "belief"}}})
+        labels = [f"experiment {i}" for i in range(1, len(stages) + 1)]
+        for name in names:
+            belief.add_bar(x=labels, y=[stage.belief.get(name, 0.0) for stage in stages], name=name)
+        charts.append(Chart(belief, "Belief in each effect that was in question, after each experiment."))
+    moved = go.Figure(
+        layout={"height": 260, "xaxis": {"title": {"text": TIME_AXIS}}, "yaxis": {"title": {"text": "gripper [m]"}}}
+    )
+    for i, stage in enumerate(stages, start=1):
+        x = stage.run.channels["gripper_x"]
+        moved.add_scatter(
+            x=x.time - x.time[0], y=x.value, name=f"experiment {i}", mode="lines",
+            line={"dash": "dot" if i == 1 else "solid"},
         )  # fmt: skip
-        for i, stage in enumerate(stages, start=1):
-            x = stage.run.channels["gripper_x"]
-            moved.add_scatter(
-                x=x.time - x.time[0], y=x.value, name=f"experiment {i}", mode="lines",
-                line={"dash": "dot" if i == 1 else "solid"},
-            )  # fmt: skip
-        charts.append(Chart(moved, "Dotted: as SAC chose, to learn the length. The others were designed for rivals."))
-        return charts
-
-    def tables(self) -> Sequence[Table]:
-        """What was expected of each experiment, and what it brought."""
-        rows = [_row(i, stage) for i, stage in enumerate(self.found.stages, start=1)]
-        header = ["experiment", "expected", "what came", "left over the noise", "may be missing now"]
-        caption = (
-            "Expected: standard deviations between the rivals that are hardest to tell apart, and probability of a "
-            "right verdict. What came: by how much χ² of the second best effect is larger than that of the best."
-        )
-        return [Table(header, rows, caption)]
+    charts.append(Chart(moved, "Dotted: as SAC chose, to learn the length. The others were designed for rivals."))
+    header = ["experiment", "expected", "what came", "left over the noise", "may be missing now"]
+    caption = (
+        "Expected: standard deviations between the rivals that are hardest to tell apart, and probability of a "
+        "right verdict. What came: by how much χ² of the second best effect is larger than that of the best."
+    )
+    table = Table(header, [_row(i, stage) for i, stage in enumerate(stages, start=1)], caption)
+    sentence = f"{found.sentence[:1].upper()}{found.sentence[1:]}."
+    return Section("What the model lacked", sentence, charts, [table])
 
 
 def _row(number: int, stage: "Stage") -> list[str]:

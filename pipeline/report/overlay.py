@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -153,8 +153,8 @@ def _overlay(run: Run, kind: str, first: Block, steps: Sequence[Block], places: 
 
 
 @dataclass(frozen=True)
-class OverlaySection(Section):
-    """Tabs for the channels, a switch for the steps, a choice of runs, and the curves that belong to them.
+class Overlays:
+    """All curves of a page: tabs for the channels, a switch for the steps, a choice of runs, and their curves.
 
     Attributes:
         curves: every run and channel.
@@ -162,27 +162,24 @@ class OverlaySection(Section):
         preparation: what was done to the signals, for a person.
     """
 
-    title: ClassVar[str] = "Measured and predicted"
-
     curves: Sequence[Overlay]
     steps: Sequence[str] = ("as given",)
     preparation: str = ""
 
     @classmethod
-    def of_study(
-        cls, study: Study, fits: Sequence[Fit], steps: Sequence[str], places: Sequence[Place]
-    ) -> "OverlaySection":
+    def of_study(cls, study: Study, fits: Sequence[Fit], steps: Sequence[str], places: Sequence[Place]) -> "Overlays":
         """All runs of a study."""
         problem = fits[-1].problem
         done = sentence(of_all_runs(run.preparations for run in problem.runs))
         return cls(overlays(study, fits, places), steps, done)
 
-    def sentence(self) -> str:
-        """What to click, and what was done to the signals."""
+    def section(self) -> Section:
+        """With what to click, and what was done to the signals."""
         text = "Choose a step, and see what it changes." if len(self.steps) > 1 else ""
         if any(curve.failing for curve in self.curves):
             text += " Shaded: where the residual is far above the noise."
-        return f"{text} {self.preparation}".strip()
+        sentence = f"{text} {self.preparation}".strip()
+        return Section("Measured and predicted", sentence, tabs=self.tabs(), widget=self.widget())
 
     @cached_property
     def points(self) -> int:

@@ -10,7 +10,7 @@ from functools import cache
 from html import escape
 from pathlib import Path
 from string import Template
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -91,39 +91,30 @@ class Table:
         return f"<details><summary>{escape(self.folded)}</summary>{shown}</details>" if self.folded else shown
 
 
+@dataclass(frozen=True)
 class Section:
-    """Base of all sections; a section overrides what it has.
+    """One part of the page.
 
     Attributes:
         title: heading, and the entry in the navigation.
+        sentence: what a person should take from it.
+        charts: its figures.
+        tables: below them.
+        tabs: labels by name of a tab; all sections show the tab that was chosen in one of them.
+        widget: a figure to click through.
     """
 
-    title: ClassVar[str]
+    title: str
+    sentence: str = ""
+    charts: Sequence[Chart] = ()
+    tables: Sequence[Table] = ()
+    tabs: Mapping[str, str] = field(default_factory=dict)
+    widget: Widget | None = None
 
     @property
     def anchor(self) -> str:
         """Name of the section in the page's address."""
         return "".join(c if c.isalnum() else "-" for c in self.title.lower())
-
-    def sentence(self) -> str:
-        """What a person should take from this section."""
-        return ""
-
-    def tabs(self) -> Mapping[str, str]:
-        """Labels by name of a tab; all sections show the tab that was chosen in one of them."""
-        return {}
-
-    def widget(self) -> Widget | None:
-        """A figure to click through."""
-        return None
-
-    def charts(self) -> Sequence[Chart]:
-        """Its figures."""
-        return ()
-
-    def tables(self) -> Sequence[Table]:
-        """Its tables."""
-        return ()
 
 
 def _is_number(text: str) -> bool:
@@ -249,18 +240,18 @@ class Report:
 def _section(section: Section, figures: list[dict[str, Any]], widgets: list[Mapping[str, Any]]) -> str:
     """HTML of a section; what the script shall draw is appended to `figures` and `widgets`."""
     heading = f"<h2>{escape(section.title)}</h2>"
-    if section.sentence():
-        heading += f"<p class='sentence'>{escape(section.sentence())}</p>"
-    heading += tabs_html(section.tabs(), section.anchor)
-    widget = section.widget()
+    if section.sentence:
+        heading += f"<p class='sentence'>{escape(section.sentence)}</p>"
+    heading += tabs_html(section.tabs, section.anchor)
+    widget = section.widget
     if widget is not None:
         place = f"<div class='chart' style='height: {widget.height}px'></div><p class='caption'></p>"
         heading += f"<form class='widget' id='widget-{len(widgets)}'>{widget.html}{place}</form>"
         widgets.append(widget.data)
-    charts = [_chart(chart, figures) for chart in section.charts()]
+    charts = [_chart(chart, figures) for chart in section.charts]
     # On paper the heading stays with the first figure.
     together = f"<div class='together'>{heading}{''.join(charts[:1])}</div>"
-    tables = "".join(table.html() for table in section.tables())
+    tables = "".join(table.html() for table in section.tables)
     return f"<section id='{section.anchor}'>{together}{''.join(charts[1:])}{tables}</section>"
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,67 +15,65 @@ from armdyn.identify.study import Study
 from armdyn.identify.suspects import Suspect
 from armdyn.identify.unseen import Judge
 from pipeline.report.fit import fit_sections, key_figures, runs_of
-from pipeline.report.overlay import OverlaySection
+from pipeline.report.overlay import Overlays
 from pipeline.report.page import KeyFigure, Level, NextStep, Report, Section, Table
 
 if TYPE_CHECKING:
     from armdyn.arm.links import LinkChange
 
 
-@dataclass(frozen=True)
-class EvidenceSection(Section):
-    """What every effect would leave of the error, if it alone were added."""
+def evidence_section(
+    suspects: Sequence[Suspect],
+    remedies: Sequence[str],
+    given: Mapping[str, float],
+    scale: Scale,
+    summaries: Mapping[str, str],
+) -> Section:
+    """What every effect would leave of the error, if it alone were added; the evidence behind a line.
 
-    title: ClassVar[str] = "Which effect is missing"
-
-    suspects: Sequence[Suspect]
-    remedies: Sequence[str] = ()
-    given: Mapping[str, float] = field(default_factory=dict)
-    scale: Scale = field(default_factory=lambda: Scale({}, {}))
-    summaries: Mapping[str, str] = field(default_factory=dict)
-
-    def sentence(self) -> str:
-        """Ties, and what would settle them."""
-        if not self.suspects:
-            return "Nothing in the catalogue makes a difference."
-        best = self.suspects[0]
-        if not best.tied_with:
-            return f"{best.effect} explains most, and nothing ties with it."
+    Args:
+        suspects: best first.
+        remedies: what would settle a tie.
+        given: by channel, the error of the model as given.
+        scale: units of the channels.
+        summaries: what every effect is.
+    """
+    title = "Which effect is missing"
+    if not suspects:
+        return Section(title, "Nothing in the catalogue makes a difference.")
+    best = suspects[0]
+    text = f"{best.effect} explains most, and nothing ties with it."
+    if best.tied_with:
         text = f"These runs cannot tell {best.effect} from {', '.join(best.tied_with)}."
-        return text + (f" What would: {'; '.join(self.remedies)}." if self.remedies else "")
+        text += f" What would: {'; '.join(remedies)}." if remedies else ""
+    held_out = any(s.held_out_rmse for s in suspects)
+    rows, shares = [["as given", "", _sizes(given, scale), *(["–"] if held_out else []), ""]], [1.0]
+    for s in suspects:
+        values = ", ".join(f"{n.partition('.')[2]} {p.value:.4g} {p.unit}" for n, p in s.parameters.items())
+        if len(s.joints) > MOST_JOINTS:
+            values = f"{len(s.parameters)} values"
+        unseen = [_sizes(s.held_out_rmse, scale)] if held_out else []
+        rows.append([_label(s), summaries.get(s.effect, ""), _sizes(s.rmse, scale), *unseen, values])
+        shares.append(relative(s.rmse, given, scale))
+    header = ["with this effect alone", "what it is", "error", *(["held out"] if held_out else []), "its values"]
+    caption = "Error: root mean square over the fitted runs" + (
+        "; of several joints the root of their summed squares." if len(given) > 1 else "."
+    )
+    evidence = [[_label(s), f"{s.delta_bic:.1f}", f"{s.p_value:.1e}", ", ".join(s.tied_with)] for s in suspects]
+    tables = [
+        Table(header, rows, caption, bars={2: shares}),
+        Table(
+            ["effect", "ΔBIC", "p of chance", "cannot be told from"],
+            evidence,
+            "ΔBIC: evidence for the effect; 10 is strong, and counts only where what is left is noise.",
+            folded="Statistics: evidence",
+        ),
+    ]
+    return Section(title, text, tables=tables)
 
-    def tables(self) -> Sequence[Table]:
-        """Errors with each alone, its parameters; the evidence behind a line."""
-        if not self.suspects:
-            return ()
-        held_out = any(s.held_out_rmse for s in self.suspects)
-        rows, shares = [["as given", "", self._sizes(self.given), *(["–"] if held_out else []), ""]], [1.0]
-        for s in self.suspects:
-            values = ", ".join(f"{n.partition('.')[2]} {p.value:.4g} {p.unit}" for n, p in s.parameters.items())
-            if len(s.joints) > MOST_JOINTS:
-                values = f"{len(s.parameters)} values"
-            unseen = [self._sizes(s.held_out_rmse)] if held_out else []
-            rows.append([_label(s), self.summaries.get(s.effect, ""), self._sizes(s.rmse), *unseen, values])
-            shares.append(relative(s.rmse, self.given, self.scale))
-        header = ["with this effect alone", "what it is", "error", *(["held out"] if held_out else []), "its values"]
-        caption = "Error: root mean square over the fitted runs" + (
-            "; of several joints the root of their summed squares." if len(self.given) > 1 else "."
-        )
-        evidence = [
-            [_label(s), f"{s.delta_bic:.1f}", f"{s.p_value:.1e}", ", ".join(s.tied_with)] for s in self.suspects
-        ]
-        return [
-            Table(header, rows, caption, bars={2: shares}),
-            Table(
-                ["effect", "ΔBIC", "p of chance", "cannot be told from"],
-                evidence,
-                "ΔBIC: evidence for the effect; 10 is strong, and counts only where what is left is noise.",
-                folded="Statistics: evidence",
-            ),
-        ]
 
-    def _sizes(self, rmse: Mapping[str, float]) -> str:
-        return ", ".join(f"{v:.4g} {unit}" for unit, v in totals(rmse, self.scale.units).items()) or "–"
+def _sizes(rmse: Mapping[str, float], scale: Scale) -> str:
+    return ", ".join(f"{v:.4g} {unit}" for unit, v in totals(rmse, scale.units).items()) or "–"
 
 
 def relative(rmse: Mapping[str, float], given: Mapping[str, float], scale: Scale) -> float:
@@ -94,17 +92,19 @@ def _places(joints: Sequence[str]) -> str:
 
 
 @dataclass(frozen=True)
-class RepairPathSection(Section):
+class RepairPath:
     """The errors of every step, on training, held-out and exam runs."""
-
-    title: ClassVar[str] = "The error falling"
 
     path: Sequence[RepairStep]
     scale: Scale
     judges: Sequence[Judge] = ()
     summaries: Mapping[str, str] = field(default_factory=dict)
 
-    def sentence(self) -> str:
+    def section(self) -> Section:
+        """What a page shows of it."""
+        return Section("The error falling", self._sentence(), tables=self._tables())
+
+    def _sentence(self) -> str:
         """From where to where, on the most independent runs."""
         steps = len(self.path) - 1
         if not steps:
@@ -122,7 +122,7 @@ class RepairPathSection(Section):
     def _of(self, step: RepairStep, kind: str) -> Mapping[str, float]:
         return {"fitted": step.rmse, "held out": step.held_out_rmse, "exam": step.exam_rmse}[kind]
 
-    def tables(self) -> Sequence[Table]:
+    def _tables(self) -> Sequence[Table]:
         """A row per step, the errors as bars; the statistics behind a line."""
         kinds, tied = self._kinds, any(step.tied_with for step in self.path)
         rows = [
@@ -176,48 +176,34 @@ def step_name(step: RepairStep) -> str:
 NAMES = {"mass": "mass", "centre": "centre of mass", "inertia": "inertia", "moment": "mass times centre"}
 
 
-@dataclass(frozen=True)
-class LinkSection(Section):
-    """What the repair did to the links, and which of it the runs determine."""
-
-    title: ClassVar[str] = "Links"
-
-    links: Sequence["LinkChange"]
-
-    def sentence(self) -> str:
-        """How much is determined, and what must not be overlooked."""
-        every = [q for link in self.links for q in link.quantities]
-        determined = sum(q.determined for q in every)
-        text = f"These runs determine {determined} of {len(every)} values. "
-        if determined < len(every):
-            text += (
-                "Torques tell sums over several links; a value of a single link that is not determined may be wrong "
-                "although the torques are right. "
-            )
-        return text + " ".join(f"Look out: {link.warning}." for link in self.links if link.warning)
-
-    def tables(self) -> Sequence[Table]:
-        """A table per link."""
-        return [self._table(link) for link in self.links]
-
-    @staticmethod
-    def _table(link: "LinkChange") -> Table:
-        rows = []
-        for q in link.quantities:
-            kind, _, axis = q.name.partition("_")
-            name = f"{NAMES[kind]} {axis}".strip()
-            # Rounding leaves a tiny number where the exact value is zero.
-            value = q.value if abs(q.value) > 1e-6 * max(q.std, abs(q.described)) else 0.0
-            certain = "yes" if q.determined else "not by these runs"
-            rows.append([name, f"{q.described:.4g}", f"{value:.4g}", f"{q.std:.2g}", q.unit, certain])
-        caption = (
-            f"The link that {link.joint} moves, with all that is fixed to it, in the frame of that joint; inertia "
+def link_section(links: Sequence["LinkChange"]) -> Section:
+    """What the repair did to the links, how much of it the runs determine, and what must not be overlooked."""
+    every = [q for link in links for q in link.quantities]
+    determined = sum(q.determined for q in every)
+    text = f"These runs determine {determined} of {len(every)} values. "
+    if determined < len(every):
+        text += (
+            "Torques tell sums over several links; a value of a single link that is not determined may be wrong "
+            "although the torques are right. "
         )
-        return Table(
-            [link.joint, "URDF", "repaired", "std", "unit", "determined"],
-            rows,
-            caption + "is about the centre of mass.",
-        )
+    text += " ".join(f"Look out: {link.warning}." for link in links if link.warning)
+    return Section("Links", text, tables=[_link_table(link) for link in links])
+
+
+def _link_table(link: "LinkChange") -> Table:
+    rows = []
+    for q in link.quantities:
+        kind, _, axis = q.name.partition("_")
+        name = f"{NAMES[kind]} {axis}".strip()
+        # Rounding leaves a tiny number where the exact value is zero.
+        value = q.value if abs(q.value) > 1e-6 * max(q.std, abs(q.described)) else 0.0
+        certain = "yes" if q.determined else "not by these runs"
+        rows.append([name, f"{q.described:.4g}", f"{value:.4g}", f"{q.std:.2g}", q.unit, certain])
+    caption = (
+        f"The link that {link.joint} moves, with all that is fixed to it, in the frame of that joint; inertia is about "
+        "the centre of mass."
+    )
+    return Table([link.joint, "URDF", "repaired", "std", "unit", "determined"], rows, caption)
 
 
 def misfit_figure(study: Study, found: Repair) -> list[KeyFigure]:
@@ -240,14 +226,14 @@ def diagnosis_report(study: Study, found: Diagnosis, command: str = "") -> Repor
     """What every effect would change, and the curves with the best ones."""
     steps = found.search.steps
     names = [step_name(repair_step(study, step)) for step in steps]
-    shown = OverlaySection.of_study(study, [step.fit for step in steps], names, found.comparison.places)
+    shown = Overlays.of_study(study, [step.fit for step in steps], names, found.comparison.places)
     given = {name: channel.rmse for name, channel in found.comparison.channels.items()}
-    evidence = EvidenceSection(found.suspects, found.remedies, given, found.comparison.scale, summaries(study))
+    evidence = evidence_section(found.suspects, found.remedies, given, found.comparison.scale, summaries(study))
     return Report(
         title="Diagnose: which effect is missing",
         level=LEVELS[found.verdict],
         verdict=found.sentence,
-        sections=[evidence, shown, *fit_sections(found.comparison, shown, "the model as given")],
+        sections=[evidence, shown.section(), *fit_sections(found.comparison, shown, "the model as given")],
         subtitle=runs_of(study),
         key_figures=key_figures(shown),
         command=command,
@@ -274,15 +260,15 @@ def repair_level(found: Repair) -> Level:
 
 def repair_report(study: Study, found: Repair, command: str = "", next_steps: Sequence[NextStep] = ()) -> Report:
     """Before and after, the error falling, what became of an arm's links, then the repaired fit."""
-    links = [LinkSection(found.links)] if found.links else []
+    links = [link_section(found.links)] if found.links else []
     names = [step_name(step) for step in found.path]
-    shown = OverlaySection.of_study(study, [step.fit for step in found.steps], names, found.after.places)
-    path = RepairPathSection(found.path, found.after.scale, study.judges, summaries(study))
+    shown = Overlays.of_study(study, [step.fit for step in found.steps], names, found.after.places)
+    path = RepairPath(found.path, found.after.scale, study.judges, summaries(study)).section()
     return Report(
         title="Repair: add what is missing, watch the error fall",
         level=repair_level(found),
         verdict=found.sentence,
-        sections=[shown, path, *links, *fit_sections(found.after, shown, "the last step")],
+        sections=[shown.section(), path, *links, *fit_sections(found.after, shown, "the last step")],
         subtitle=runs_of(study),
         key_figures=[*misfit_figure(study, found), *key_figures(shown)],
         command=command,

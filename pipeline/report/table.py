@@ -1,16 +1,14 @@
 """The report of the paper's Table I: which first guesses of the length succeed, with and without estimation."""
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import ClassVar
+from collections.abc import Iterable
 
 import numpy as np
 import plotly.graph_objects as go
 
 from pipeline.report.page import Chart, KeyFigure, Level, Report, Section, Table
 from pipeline.report.theme import BLUE, GREY, ORANGE, TRUTH, number, percent
-from pipeline.trial.table import TableOne
+from pipeline.trial.table import TableOne, TableRow
 
 BOX_NOTE = (
     "The paper gives no box. This one was chosen so that the simulation reproduces the paper's table: the rows without "
@@ -36,7 +34,7 @@ def table_report(table: TableOne, subtitle: str = "", command: str = "") -> Repo
         title="Table I: does learning the length help?",
         level=level,
         verdict=_verdict(table, sum(as_paper), sum(learnt)),
-        sections=[SuccessSection(table), EstimatesSection(table)],
+        sections=[success_section(table), estimates_section(table)],
         subtitle=subtitle,
         key_figures=(
             KeyFigure(
@@ -54,108 +52,83 @@ def table_report(table: TableOne, subtitle: str = "", command: str = "") -> Repo
     )
 
 
-@dataclass(frozen=True)
-class SuccessSection(Section):
-    """Success per guess, with and without estimation."""
+def success_section(table: TableOne) -> Section:
+    """Success per guess, with and without estimation, as bars and as numbers beside the paper's."""
+    figure = go.Figure(layout={"height": 380, "barmode": "group"})
+    guesses = [f"{row.length_guess:.3f}" for row in table.rows]
+    for name, colour, shares in (
+        ("without estimation", ORANGE, [row.without for row in table.rows]),
+        ("with estimation", BLUE, [row.with_estimation for row in table.rows]),
+    ):
+        low, high = zip(*[success_interval(share, table.seeds) for share in shares], strict=True)
+        error = {
+            "type": "data",
+            "symmetric": False,
+            "array": 100 * (np.array(high) - shares),
+            "arrayminus": 100 * (np.array(shares) - low),
+            "color": GREY,
+            "thickness": 1.2,
+            "width": 4,
+        }
+        figure.add_bar(x=guesses, y=100 * np.array(shares), name=name, marker={"color": colour}, error_y=error)
+    figure.update_layout(
+        xaxis={"title": {"text": "first guess of the length [m]"}, "type": "category"},
+        yaxis={"title": {"text": "success [%]"}, "range": [0, 104]},
+    )
+    header = ["guess [m]", "without", "with", "paper, without", "paper, with", "mean estimate [m]", "std [mm]"]
+    return Section(
+        "Success",
+        f"Share of {table.seeds} seeds that put the load into the box, per first guess of the length "
+        f"(the true one is {table.length:.3f} m).",
+        [Chart(figure, "Whiskers: 95 % interval of the share for this number of seeds (Wilson 1927).")],
+        [Table(header, [_numbers(row) for row in table.rows])],
+    )
 
-    title: ClassVar[str] = "Success"
 
-    table: TableOne
+def _numbers(row: TableRow) -> list[str]:
+    estimates = np.array(row.length_estimates)
+    return [
+        f"{row.length_guess:.3f}",
+        percent(row.without),
+        percent(row.with_estimation),
+        "succeeds" if row.in_paper else "fails",
+        "succeeds",
+        f"{estimates.mean():.4f}" if estimates.size else "–",
+        f"{1e3 * estimates.std():.2f}" if estimates.size else "–",
+    ]
 
-    def sentence(self) -> str:
-        """How to read the bars."""
-        return (
-            f"Share of {self.table.seeds} seeds that put the load into the box, per first guess of the length "
-            f"(the true one is {self.table.length:.3f} m)."
+
+def estimates_section(table: TableOne) -> Section:
+    """Every length that was learnt, a point per trial, and mean and spread over all guesses."""
+    estimates = table.estimates
+    error = float(estimates.mean() - table.length)
+    sentence = (
+        f"Over {estimates.size} trials from all guesses the mean error of the length is {number(error, 'm', 2)}, "
+        f"with a standard deviation of {number(float(estimates.std()), 'm', 2)}."
+    )
+    figure = go.Figure(layout={"height": 340, "hovermode": "closest", "showlegend": False, "margin": {"t": 30}})
+    rng = np.random.default_rng(0)  # spreads points that would cover each other
+    for i, row in enumerate(table.rows):
+        errors = 1e3 * (np.array(row.length_estimates) - table.length)
+        figure.add_scatter(
+            x=i + rng.uniform(-0.18, 0.18, errors.size),
+            y=errors,
+            name=f"guess {row.length_guess:.3f} m",
+            mode="markers",
+            marker={"color": BLUE, "size": 6, "opacity": 0.65},
         )
-
-    def charts(self) -> Sequence[Chart]:
-        """Bars per guess."""
-        figure = go.Figure(layout={"height": 380, "barmode": "group"})
-        guesses = [f"{row.length_guess:.3f}" for row in self.table.rows]
-        for name, colour, shares in (
-            ("without estimation", ORANGE, [row.without for row in self.table.rows]),
-            ("with estimation", BLUE, [row.with_estimation for row in self.table.rows]),
-        ):
-            low, high = zip(*[success_interval(share, self.table.seeds) for share in shares], strict=True)
-            error = {
-                "type": "data",
-                "symmetric": False,
-                "array": 100 * (np.array(high) - shares),
-                "arrayminus": 100 * (np.array(shares) - low),
-                "color": GREY,
-                "thickness": 1.2,
-                "width": 4,
-            }
-            figure.add_bar(x=guesses, y=100 * np.array(shares), name=name, marker={"color": colour}, error_y=error)
-        figure.update_layout(
-            xaxis={"title": {"text": "first guess of the length [m]"}, "type": "category"},
-            yaxis={"title": {"text": "success [%]"}, "range": [0, 104]},
-        )
-        return [Chart(figure, "Whiskers: 95 % interval of the share for this number of seeds (Wilson 1927).")]
-
-    def tables(self) -> Sequence[Table]:
-        """The same as numbers, beside the paper's."""
-        rows = []
-        for row in self.table.rows:
-            estimates = np.array(row.length_estimates)
-            rows.append(
-                [
-                    f"{row.length_guess:.3f}",
-                    percent(row.without),
-                    percent(row.with_estimation),
-                    "succeeds" if row.in_paper else "fails",
-                    "succeeds",
-                    f"{estimates.mean():.4f}" if estimates.size else "–",
-                    f"{1e3 * estimates.std():.2f}" if estimates.size else "–",
-                ]
-            )
-        header = ["guess [m]", "without", "with", "paper, without", "paper, with", "mean estimate [m]", "std [mm]"]
-        return [Table(header, rows)]
-
-
-@dataclass(frozen=True)
-class EstimatesSection(Section):
-    """Every length that was learnt."""
-
-    title: ClassVar[str] = "Estimates"
-
-    table: TableOne
-
-    def sentence(self) -> str:
-        """Mean and spread over all guesses."""
-        estimates = self.table.estimates
-        error = float(estimates.mean() - self.table.length)
-        return (
-            f"Over {estimates.size} trials from all guesses the mean error of the length is {number(error, 'm', 2)}, "
-            f"with a standard deviation of {number(float(estimates.std()), 'm', 2)}."
-        )
-
-    def charts(self) -> Sequence[Chart]:
-        """A point per trial."""
-        figure = go.Figure(layout={"height": 340, "hovermode": "closest", "showlegend": False, "margin": {"t": 30}})
-        rng = np.random.default_rng(0)  # spreads points that would cover each other
-        for i, row in enumerate(self.table.rows):
-            error = 1e3 * (np.array(row.length_estimates) - self.table.length)
-            figure.add_scatter(
-                x=i + rng.uniform(-0.18, 0.18, error.size),
-                y=error,
-                name=f"guess {row.length_guess:.3f} m",
-                mode="markers",
-                marker={"color": BLUE, "size": 6, "opacity": 0.65},
-            )
-        figure.add_scatter(x=[-0.5, len(self.table.rows) - 0.5], y=[0, 0], name="truth", **TRUTH)
-        figure.update_layout(
-            xaxis={
-                "title": {"text": "first guess of the length [m]"},
-                "tickvals": list(range(len(self.table.rows))),
-                "ticktext": [f"{row.length_guess:.3f}" for row in self.table.rows],
-                "showgrid": False,
-                "zeroline": False,
-            },
-            yaxis={"title": {"text": "estimate − truth [mm]"}},
-        )
-        return [Chart(figure, "A point per trial; dotted: the truth.")]
+    figure.add_scatter(x=[-0.5, len(table.rows) - 0.5], y=[0, 0], name="truth", **TRUTH)
+    figure.update_layout(
+        xaxis={
+            "title": {"text": "first guess of the length [m]"},
+            "tickvals": list(range(len(table.rows))),
+            "ticktext": [f"{row.length_guess:.3f}" for row in table.rows],
+            "showgrid": False,
+            "zeroline": False,
+        },
+        yaxis={"title": {"text": "estimate − truth [mm]"}},
+    )
+    return Section("Estimates", sentence, [Chart(figure, "A point per trial; dotted: the truth.")])
 
 
 def success_interval(share: float, trials: int, z: float = 1.96) -> tuple[float, float]:

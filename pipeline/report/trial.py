@@ -1,8 +1,7 @@
 """The report of one trial: what was learnt, how well the arm followed, how the load swung, and the verdict."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
@@ -11,17 +10,16 @@ from armdyn.channels import FloatArray
 from pipeline.box import Box
 from pipeline.motion.feasibility import Margin
 from pipeline.nodes.scheduler import Timing
-from pipeline.report.feasibility import MarginSection
-from pipeline.report.learning import EstimateSection, EstimateTrace, ForceSection, ForceTrace
+from pipeline.report.feasibility import margin_section
+from pipeline.report.learning import EstimateTrace, ForceTrace, estimate_section, force_section
 from pipeline.report.motion import (
-    GripperSection,
     GripperTrace,
     JointTrace,
-    PositionSection,
-    TimingSection,
-    VelocitySection,
+    gripper_section,
+    position_section,
+    timing_section,
+    velocity_section,
 )
-from pipeline.report.next_experiment import InvestigationSection
 from pipeline.report.page import Chart, KeyFigure, Level, NextStep, Report, Section
 from pipeline.report.theme import ACTUAL, BLUE, FAINT, GREY, INK, REFERENCE, Span, number, percent
 
@@ -62,49 +60,41 @@ class SwingPicture:
     snapshots: int = 9
 
 
-@dataclass(frozen=True)
-class SwingSection(Section):
-    """Paths of gripper and load, with snapshots of the string."""
+def swing_section(swing: SwingPicture) -> Section:
+    """Paths of gripper and load, with snapshots of the string, to scale."""
+    shown = swing.executed or swing.planned
+    figure = go.Figure(layout={"height": 520, "hovermode": "closest"})
+    _add_strings(figure, shown, swing.snapshots, swing.load_radius)
+    if swing.box is not None:
+        _add_box(figure, swing.box)
+    figure.add_scatter(
+        x=shown.gripper_x, y=0 * shown.gripper_x, name="gripper", mode="lines", line={"color": INK, "width": 3}
+    )
+    if swing.executed is not None:
+        figure.add_scatter(x=swing.executed.load_x, y=swing.executed.load_z, name="load, executed", **ACTUAL)
+    figure.add_scatter(x=swing.planned.load_x, y=swing.planned.load_z, name="load, planned", **REFERENCE)
+    figure.update_layout(
+        xaxis={"title": {"text": "along the line [m]"}},
+        yaxis={"title": {"text": "height over the line [m]"}, "scaleanchor": "x"},
+    )
+    kind = "executed" if swing.executed is not None else "planned"
+    caption = f"To scale. Thin lines: the string at {swing.snapshots} equally spaced times, {kind}."
+    return Section("Swing", _missed(swing.planned, swing.executed), [Chart(figure, caption)])
 
-    title: ClassVar[str] = "Swing"
 
-    swing: SwingPicture
-
-    def sentence(self) -> str:
-        """How far the executed load was from the planned one where the plan ends."""
-        executed, planned = self.swing.executed, self.swing.planned
-        if executed is None:
-            return "The swing was planned and not executed."
-        end = float(planned.time[-1])
-        if executed.time[-1] < end:
-            return f"The swing was stopped after {executed.time[-1] - executed.time[0]:.2f} s, before the plan's end."
-        across = np.interp(end, executed.time, executed.load_x) - planned.load_x[-1]
-        up = np.interp(end, executed.time, executed.load_z) - planned.load_z[-1]
-        return (
-            f"Where the plan ends the load was {number(float(np.hypot(across, up)), 'm', 2)} from its planned place "
-            f"({number(float(across), 'm', 2)} along the line, {number(float(up), 'm', 2)} up)."
-        )
-
-    def charts(self) -> Sequence[Chart]:
-        """The picture, to scale."""
-        swing = self.swing
-        shown = swing.executed or swing.planned
-        figure = go.Figure(layout={"height": 520, "hovermode": "closest"})
-        _add_strings(figure, shown, swing.snapshots, swing.load_radius)
-        if swing.box is not None:
-            _add_box(figure, swing.box)
-        figure.add_scatter(
-            x=shown.gripper_x, y=0 * shown.gripper_x, name="gripper", mode="lines", line={"color": INK, "width": 3}
-        )
-        if swing.executed is not None:
-            figure.add_scatter(x=swing.executed.load_x, y=swing.executed.load_z, name="load, executed", **ACTUAL)
-        figure.add_scatter(x=swing.planned.load_x, y=swing.planned.load_z, name="load, planned", **REFERENCE)
-        figure.update_layout(
-            xaxis={"title": {"text": "along the line [m]"}},
-            yaxis={"title": {"text": "height over the line [m]"}, "scaleanchor": "x"},
-        )
-        kind = "executed" if swing.executed is not None else "planned"
-        return [Chart(figure, f"To scale. Thin lines: the string at {swing.snapshots} equally spaced times, {kind}.")]
+def _missed(planned: SwingTrace, executed: SwingTrace | None) -> str:
+    """How far the executed load was from the planned one where the plan ends."""
+    if executed is None:
+        return "The swing was planned and not executed."
+    end = float(planned.time[-1])
+    if executed.time[-1] < end:
+        return f"The swing was stopped after {executed.time[-1] - executed.time[0]:.2f} s, before the plan's end."
+    across = np.interp(end, executed.time, executed.load_x) - planned.load_x[-1]
+    up = np.interp(end, executed.time, executed.load_z) - planned.load_z[-1]
+    return (
+        f"Where the plan ends the load was {number(float(np.hypot(across, up)), 'm', 2)} from its planned place "
+        f"({number(float(across), 'm', 2)} along the line, {number(float(up), 'm', 2)} up)."
+    )
 
 
 def _add_strings(figure: go.Figure, trace: SwingTrace, count: int, radius: float) -> None:
@@ -175,7 +165,7 @@ class TrialReportData:
     margins: tuple[Margin, ...] = ()
     nodes: tuple[Timing, ...] = ()
     next_steps: tuple[NextStep, ...] = ()
-    investigation: InvestigationSection | None = None
+    investigation: Section | None = None
 
 
 def trial_report(data: TrialReportData) -> Report:
@@ -196,22 +186,22 @@ def trial_report(data: TrialReportData) -> Report:
 def _sections(data: TrialReportData) -> list[Section]:
     sections: list[Section] = []
     if data.swing is not None:
-        sections.append(SwingSection(data.swing))
+        sections.append(swing_section(data.swing))
     if data.investigation is not None:
         sections.append(data.investigation)
     if data.estimates:
         white = data.force.residual_is_white if data.force is not None else None
-        sections.append(EstimateSection(data.estimates, data.phases, white))
+        sections.append(estimate_section(data.estimates, data.phases, white))
     if data.force is not None:
-        sections.append(ForceSection(data.force, data.phases))
+        sections.append(force_section(data.force, data.phases))
     if data.gripper is not None:
-        sections.append(GripperSection(data.gripper, data.phases))
+        sections.append(gripper_section(data.gripper, data.phases))
     if data.joints is not None:
-        sections += [PositionSection(data.joints), VelocitySection(data.joints)]
+        sections += [position_section(data.joints), velocity_section(data.joints)]
     if data.margins:
-        sections.append(MarginSection(data.margins))
+        sections.append(margin_section(data.margins))
     if data.nodes:
-        sections.append(TimingSection(data.nodes))
+        sections.append(timing_section(data.nodes))
     return sections
 
 

@@ -4,8 +4,8 @@ import numpy as np
 
 from pipeline.report.learning import EstimateTrace, ForceTrace
 from pipeline.report.motion import GripperTrace, JointTrace
-from pipeline.report.next_experiment import InvestigationSection
-from pipeline.report.page import Level, NextStep, Report
+from pipeline.report.next_experiment import investigation_section
+from pipeline.report.page import Level, NextStep, Report, Section
 from pipeline.report.theme import Span
 from pipeline.report.trial import SwingPicture, SwingTrace, TrialReportData, trial_report
 from pipeline.trial.experiment import Experiment
@@ -55,9 +55,9 @@ def _next_steps(result: TrialResult) -> tuple[NextStep, ...]:
     )
 
 
-def _investigation(result: TrialResult) -> InvestigationSection | None:
+def _investigation(result: TrialResult) -> Section | None:
     found = result.investigation
-    return InvestigationSection(found) if found is not None and found.stages else None
+    return investigation_section(found) if found is not None and found.stages else None
 
 
 def _notes(experiment: Experiment, result: TrialResult) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from armdyn.arm.model import ArmModel
 from armdyn.errors import ArmdynError, InputError
 from armdyn.run import Run
 from pipeline.commands.identify import Given, Inputs
-from pipeline.report.overlay import OverlaySection, changed
+from pipeline.report.overlay import Overlays, changed
 from pipeline.report.page import LOOK, tabs_html
 from pipeline.view.motion import arm_scene, joint_motion, swing_of, swing_scene
 from pipeline.view.scene import Scene
@@ -85,11 +85,11 @@ class Tab:
             self._bench = bench
             self._subtitle(f"{self._model.name} with {', '.join(run.name for run in bench.study.runs)}")
             state = bench.opening
-            section = OverlaySection(state.curves, (AS_GIVEN, NOW))
-            self._points = section.points
-            widget = section.widget()
+            overlays = Overlays(state.curves, (AS_GIVEN, NOW))
+            self._points = overlays.points
+            widget = overlays.widget()
             chart = f"<div class='chart' style='height: {widget.height}px'></div><p class='caption'></p>"
-            html = f"{tabs_html(section.tabs(), 'bench')}<form class='widget'>{widget.html}{chart}</form>"
+            html = f"{tabs_html(overlays.tabs(), 'bench')}<form class='widget'>{widget.html}{chart}</form>"
             self._run(f"armdynBench.open({js({'html': html, 'data': widget.data, 'look': LOOK})})")
             self._panel("errors", panels.errors_panel(state))
             self._panel("knobs", panels.knobs_panel(state))
@@ -101,8 +101,8 @@ class Tab:
             self._busy("")
 
     def _show(self, state: State, *, knobs: bool = True) -> None:
-        section = OverlaySection(state.curves, (AS_GIVEN, NOW))
-        new = {"changed": [changed(curve, self._points) for curve in state.curves], "totals": section.totals()}
+        overlays = Overlays(state.curves, (AS_GIVEN, NOW))
+        new = {"changed": [changed(curve, self._points) for curve in state.curves], "totals": overlays.totals()}
         self._run(f"armdynBench.update({js(new)})")
         self._panel("errors", panels.errors_panel(state))
         self._run(f"armdynBench.show('refit', {js(state.how == 'by hand')})")

@@ -15,7 +15,7 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.diagnose import diagnose
 from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
-from pipeline.report.overlay import EXAM, FITTED, HELD_OUT, Overlay, OverlaySection, quality, quantised
+from pipeline.report.overlay import EXAM, FITTED, HELD_OUT, Overlay, quality, quantised
 from pipeline.report.repair import diagnosis_report, repair_report
 
 EFFECTS = ["joint_viscous_friction", "torque_offset"]
@@ -99,12 +99,11 @@ def test_the_pages_first_numbers_are_explained_torque_and_error_in_newton_metres
 def test_a_diagnosis_shows_what_its_effects_would_change_and_folds_the_evidence(study):
     report = diagnosis_report(study, diagnose(study))
     evidence, overlay = report.sections[:2]
-    errors, statistics = evidence.tables()
+    errors, statistics = evidence.tables
     assert errors.rows[1][0].startswith("joint_viscous_friction")
     assert errors.bars[2][0] == 1.0 > errors.bars[2][1]
     assert statistics.folded
-    assert isinstance(overlay, OverlaySection)
-    assert len(overlay.steps) > 1
+    assert len(overlay.widget.data["steps"]) > 1
 
 
 def seen(page, choice):

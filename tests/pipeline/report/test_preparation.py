@@ -8,7 +8,7 @@ from armdyn.arm.model import arm_model
 from armdyn.identify.study import Study
 from armdyn.preparation import Preparation, of_all_runs, sentence
 from pipeline.answers import preparation_answer
-from pipeline.report.overlay import MOST_POINTS, OverlaySection, of_fits, thinned
+from pipeline.report.overlay import MOST_POINTS, Overlays, of_fits, thinned
 
 
 @pytest.fixture(scope="module")
@@ -30,9 +30,9 @@ def test_the_recording_is_shown_at_its_full_rate_behind_what_is_compared(fit):
 
 def test_band_and_rate_are_said(fit):
     done = sentence(of_all_runs(run.preparations for run in fit.problem.runs))
-    section = OverlaySection(of_fits([fit]), preparation=done)
-    assert "compared below 10 Hz" in section.sentence()
-    assert "17.9 samples per second of 250" in section.sentence()
+    section = Overlays(of_fits([fit]), preparation=done).section()
+    assert "compared below 10 Hz" in section.sentence
+    assert "17.9 samples per second of 250" in section.sentence
 
 
 def test_the_answer_holds_what_was_done_to_every_channel(fit):

@@ -13,7 +13,7 @@ from armdyn.identify.unseen import Judge
 from pipeline.answers import link_answer
 from pipeline.commands.identify_text import say_links
 from pipeline.report.page import Level
-from pipeline.report.repair import LinkSection, RepairPathSection, repair_level
+from pipeline.report.repair import RepairPath, link_section, repair_level
 
 ZERO = ("centre_x", "centre_y", "centre_z", "inertia_xx", "inertia_xy", "inertia_yy", "inertia_xz", "inertia_yz")
 
@@ -50,29 +50,29 @@ def test_a_link_of_241_kg_does_not_pass_without_a_word(capsys):
     assert "241 (not determined by these runs)" in shown
     assert "0.25 ± 0.01, 0.25 ± 0.01, 0.25 ± 0.01 kg m" in shown
     assert f"Look out: {expected}" in shown
-    assert expected in LinkSection([heavy]).sentence()
+    assert expected in link_section([heavy]).sentence
     answer = link_answer(heavy)
     assert answer["warning"] == expected
     assert answer["mass"] == {"unit": "kg", "urdf": 7.8, "value": 241.0, "std": 3.0, "determined": False}
 
 
 def test_what_rounding_left_of_zero_is_zero_and_each_value_says_whether_it_is_determined():
-    (table,) = LinkSection([link(8.0, determined=True)]).tables()
+    (table,) = link_section([link(8.0, determined=True)]).tables
     assert table.rows[0] == ["mass", "7.8", "8", "3", "kg", "yes"]
     assert table.rows[1] == ["centre of mass x", "0", "0", "0.1", "m", "not by these runs"]
-    assert "4 of 13" in LinkSection([link(8.0, determined=True)]).sentence()
+    assert "4 of 13" in link_section([link(8.0, determined=True)]).sentence
 
 
 def test_the_repair_path_tells_total_errors_and_the_exams():
     given = RepairStep((), (), (), {"tau.a": 3.0, "tau.b": 4.0}, {"tau.a": 6.0, "tau.b": 8.0}, 9.0, 1.0, {"tau.a": 7.0})
     better = replace(given, added=("payload",), rmse={"tau.a": 0.3, "tau.b": 0.4}, held_out_rmse={}, exam_rmse={})
-    section = RepairPathSection(
+    section = RepairPath(
         [given, better],
         Scale({"tau.a": "N m", "tau.b": "N m"}, {}),
         (Judge.EXAM, Judge.HELD_OUT),
         {"payload": "A mass at the tool."},
-    )
-    table, statistics = section.tables()
+    ).section()
+    table, statistics = section.tables
     assert list(table.header) == ["step", "fitted [N m]", "held out [N m]", "exam [N m]", "what it is"]
     assert table.rows[0][1:4] == ["5", "10", "7"]
     assert table.rows[1] == ["+ payload", "0.5", "–", "–", "A mass at the tool."]

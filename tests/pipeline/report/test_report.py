@@ -4,9 +4,8 @@ import json
 import re
 import shutil
 import subprocess
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from html.parser import HTMLParser
-from typing import ClassVar
 
 import numpy as np
 import plotly.graph_objects as go
@@ -72,24 +71,16 @@ def drawn(html):
 
 
 def figures(report):
-    return [chart.figure for section in report.sections for chart in section.charts()]
+    return [chart.figure for section in report.sections for chart in section.charts]
 
 
-@dataclass(frozen=True)
-class NastySection(Section):
-    title: ClassVar[str] = f"Title {NASTY}"
-
-    def sentence(self):
-        return NASTY
-
-    def charts(self):
-        return [Chart(go.Figure(go.Scatter(x=[0], y=[1], name=NASTY)), NASTY)]
-
-    def tables(self):
-        return [Table([NASTY, "share"], [[NASTY, NASTY]], NASTY, shares=[0.5], folded=NASTY)]
-
-    def tabs(self):
-        return {NASTY: NASTY, "other": "other"}
+NASTY_SECTION = Section(
+    f"Title {NASTY}",
+    NASTY,
+    [Chart(go.Figure(go.Scatter(x=[0], y=[1], name=NASTY)), NASTY)],
+    [Table([NASTY, "share"], [[NASTY, NASTY]], NASTY, shares=[0.5], folded=NASTY)],
+    {NASTY: NASTY, "other": "other"},
+)
 
 
 @pytest.fixture(params=["trial", "table"])
@@ -123,7 +114,7 @@ def test_every_axis_has_a_name_and_a_unit(report):
 
 
 def test_text_of_users_cannot_become_markup():
-    report = Report(NASTY, Level.BAD, NASTY, [NastySection()], NASTY, [KeyFigure(NASTY, NASTY, NASTY)], [NASTY], NASTY,
+    report = Report(NASTY, Level.BAD, NASTY, [NASTY_SECTION], NASTY, [KeyFigure(NASTY, NASTY, NASTY)], [NASTY], NASTY,
                     [NextStep(NASTY, NASTY)])  # fmt: skip
     own = own_part(report.html())
     page = Page(own)
@@ -188,11 +179,11 @@ def test_parts_that_a_stopped_trial_lacks_are_left_out(trial_data):
 def test_a_swing_that_was_stopped_is_called_so(trial_data):
     cut = {name: getattr(trial_data.swing.executed, name)[:100] for name in ("time", "gripper_x", "load_x", "load_z")}
     swing = replace(trial_data.swing, executed=replace(trial_data.swing.executed, **cut))
-    assert "stopped after 0.99 s" in trial_report(replace(trial_data, swing=swing)).sections[0].sentence()
+    assert "stopped after 0.99 s" in trial_report(replace(trial_data, swing=swing)).sections[0].sentence
 
 
 def test_swing_is_drawn_to_scale_with_the_string_at_its_length(trial_data):
-    (figure,) = (chart.figure for chart in trial_report(trial_data).sections[0].charts())
+    (figure,) = (chart.figure for chart in trial_report(trial_data).sections[0].charts)
     assert figure.layout.yaxis.scaleanchor == "x"
     (string,) = (trace for trace in figure.data if trace.name == "string")
     ends = np.column_stack([string.x, string.y]).reshape(-1, 3, 2)
@@ -207,7 +198,7 @@ def test_joint_panels_show_curve_and_both_limits(trial_data):
         chart.figure
         for section in trial_report(trial_data).sections
         if section.title == "Joint positions"
-        for chart in section.charts()
+        for chart in section.charts
     )
     assert len(figure.data) == 3 * len(joints.names)
     for i in range(len(joints.names)):
