@@ -93,12 +93,7 @@ def ask_for_real_time() -> bool:
 
 
 class PromptThread(threading.Thread):
-    """A daemon thread that receives or guards: in a program with real-time priority it goes before those that compute.
-
-    Args:
-        target: what it runs.
-        name: of the thread.
-    """
+    """A daemon thread that receives or guards: with real-time priority it goes before those that compute."""
 
     def __init__(self, target: Callable[[], None], name: str) -> None:
         super().__init__(target=target, name=name, daemon=True)

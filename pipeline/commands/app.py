@@ -46,9 +46,6 @@ def _common(
 def run(interrupts: Interrupts) -> int:
     """Run the command of this process's arguments.
 
-    Args:
-        interrupts: that handle its signals.
-
     Returns:
         The exit status: 0 done, 1 the answer is no, 2 bad input, 3 a mistake of ours, 128 + n ended by signal n.
     """

@@ -77,11 +77,6 @@ def kind_of(output: Path) -> str:
 def write_export(file: "ModelFile", output: Path, name: str) -> list[str]:
     """Write a model for other tools; what the format cannot hold.
 
-    Args:
-        file: the model.
-        output: file to write.
-        name: of the model's file.
-
     Raises:
         InputError: the format is not for such a model, or the file cannot be written.
     """

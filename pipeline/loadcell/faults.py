@@ -200,11 +200,7 @@ class _Drift:
 
 
 class FaultDetector:
-    """Finds a load cell that cannot be relied on in its stream of samples. It has no clock and no thread.
-
-    Args:
-        limits: what is still in order.
-    """
+    """Finds a load cell that cannot be relied on in its stream of samples. It has no clock and no thread."""
 
     def __init__(self, limits: FaultLimits | None = None) -> None:
         self._limits = limits or FaultLimits()

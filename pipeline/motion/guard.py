@@ -18,22 +18,13 @@ TOLERANCE = 1e-10
 
 
 class Guard:
-    """Holds motions against limits, quickly where the limits are far.
-
-    Args:
-        limits: along the line.
-        planner: for the line's jerk.
-    """
+    """Holds motions against limits, quickly where the limits are far."""
 
     def __init__(self, limits: LineLimits, planner: LinePlanner) -> None:
         self.limits, self._planner = limits, planner
 
     def allows(self, motion: JerkProfile) -> bool:
-        """Whether a motion respects the limits.
-
-        Args:
-            motion: any.
-        """
+        """Whether a motion respects the limits."""
         extremes = motion.extremes()
         # Most motions that break a limit do so at an extreme already.
         if not all(self._allows_state(state) for state in extremes):
@@ -105,9 +96,6 @@ class RideCurve:
     The limit is the lowest of the joints' limits and has a kink wherever another joint takes over; its acceleration
     ``a = W W'`` would jump there. Taking the minimum over a window and then a mean over the same window gives a limit
     that is smooth and still never above the true one.
-
-    Args:
-        limits: along the line.
 
     Attributes:
         limits: with the smooth speed limit, at `nodes`.

@@ -75,9 +75,6 @@ class LineSmoother:
     def reset(self, state: LineState) -> None:
         """Start from another state, moving or not.
 
-        Args:
-            state: where the tool is and how it moves.
-
         Raises:
             InputError: if it cannot be brought to rest within the limits from there.
         """

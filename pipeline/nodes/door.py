@@ -86,11 +86,7 @@ class Door:
 
 
 class JointDoor(Door):
-    """Judges the readings of the joints.
-
-    Args:
-        limits: of the joints.
-    """
+    """Judges the readings of the joints."""
 
     def __init__(self, limits: urdf.Limits) -> None:
         super().__init__("joints")

@@ -19,14 +19,7 @@ from pipeline.report.theme import RAW, VERMILLION
 
 
 def batch_report(spec: Spec, done: Done, found: History, command: str = "") -> Report:
-    """The report.
-
-    Args:
-        spec: what was asked for.
-        done: what came out.
-        found: what it says of time.
-        command: how to make it again.
-    """
+    """The report."""
     bad = [row for row in done.rows if row.outcome.problem]
     explained = verdicts(done.rows).get("explained", 0)
     notes = [times_sentence(done.rows)]

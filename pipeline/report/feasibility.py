@@ -91,13 +91,7 @@ def used_section(report: FeasibilityReport) -> Section:
 
 
 def feasibility_page(report: FeasibilityReport, title: str, command: str = "") -> Report:
-    """The whole page about one check.
-
-    Args:
-        report: of the check.
-        title: heading.
-        command: how to make the page again.
-    """
+    """The whole page about one check."""
     tightest = report.tightest
     figures = [KeyFigure("limits looked at", str(len(report.margins)))]
     figures.append(
@@ -187,12 +181,7 @@ def motion_section(found: Excitation) -> Section:
 
 
 def excitation_page(found: Excitation, command: str = "") -> Report:
-    """The whole page.
-
-    Args:
-        found: the motion.
-        command: how to make the page again.
-    """
+    """The whole page."""
     motion, limits = found.trajectory, found.goal.columns.arm.robot.limits
     thin = slice(None, None, -(-len(motion) // MOST_SAMPLES))
     trace = JointTrace(

@@ -317,12 +317,7 @@ def widget_scripts() -> tuple[str, ...]:
 
 
 def page_head(title: str, style: str = "") -> str:
-    """Everything before the body of an offline page: nothing may be loaded from elsewhere.
-
-    Args:
-        title: of the page.
-        style: rules beside those of every page.
-    """
+    """Everything before the body of an offline page: nothing may be loaded from elsewhere."""
     return _template("head.html").substitute(title=escape(title), style=f"{report_style()}{style}")
 
 

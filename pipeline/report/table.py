@@ -19,13 +19,7 @@ PAPER_STD = 0.0042
 
 
 def table_report(table: TableOne, subtitle: str = "", command: str = "") -> Report:
-    """The report of the table.
-
-    Args:
-        table: what came out.
-        subtitle: what was run.
-        command: how to run it again.
-    """
+    """The report of the table."""
     estimates = table.estimates
     as_paper = [_succeeds(row.without) == row.in_paper for row in table.rows]
     learnt = [_succeeds(row.with_estimation) for row in table.rows]

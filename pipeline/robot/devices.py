@@ -210,13 +210,7 @@ class SimulatedCell:
 
 
 class JointReadings:
-    """Turns true joint positions, velocities and torques into what the robot reports.
-
-    Args:
-        settings: noise and resolution.
-        hidden: value of every effect.
-        rng: source of the noise.
-    """
+    """Turns true joint positions, velocities and torques into what the robot reports."""
 
     def __init__(self, settings: ReadingSettings, hidden: Mapping[str, float], rng: np.random.Generator) -> None:
         self._settings, self._hidden, self._rng = settings, hidden, rng

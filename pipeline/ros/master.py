@@ -29,9 +29,6 @@ GONE = "communicate with master"
 class MasterWatch:
     """A thread that asks until it is closed.
 
-    Args:
-        bridge: a connection to rosbridge.
-
     Attributes:
         trouble: a sentence once the master is gone, else None.
     """

@@ -23,12 +23,7 @@ LAYOUT = {"dim": [{"label": "length [m], std [m]", "size": 2, "stride": 2}], "da
 
 
 class Telemetry:
-    """Publishes; what cannot be published is left out, because whoever moves the arm notices a lost bridge himself.
-
-    Args:
-        bridge: connected.
-        names: of the joints.
-    """
+    """Publishes; what cannot be published is left out, because whoever moves the arm notices a lost bridge himself."""
 
     def __init__(self, bridge: Bridge, names: Sequence[str]) -> None:
         self._bridge, self._names = bridge, list(names)

@@ -84,9 +84,6 @@ class State:
 class Bench:
     """A model, runs and a catalogue, opened.
 
-    Args:
-        study: of the model as given.
-
     Attributes:
         study: the same.
         first: fit of the model as given.

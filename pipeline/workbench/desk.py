@@ -15,11 +15,7 @@ Work = SimpleQueue[tuple[Future[Any], Callable[[], Any]] | None]
 
 
 class Desk:
-    """A model and runs that are read in the background.
-
-    Args:
-        inputs: their files.
-    """
+    """A model and runs that are read in the background."""
 
     def __init__(self, inputs: Inputs) -> None:
         self.inputs = inputs

@@ -164,10 +164,6 @@ class Foretelling:
 
     Exact for an arm's effects that are linear, and its links and payloads; for a pendulum near the fit of the model as
     given, so that a refit follows.
-
-    Args:
-        study: model, runs and catalogue.
-        first: the fit of the model as given.
     """
 
     def __init__(self, study: Study, first: Fit) -> None:

@@ -20,10 +20,6 @@ class Surroundings:
     """Distances between the arm, what stands around it, and the string with its load.
 
     Meshes are replaced by their convex hulls, which contain them: the distances err on the safe side.
-
-    Args:
-        robot: the arm.
-        obstacles: blocks that stand still.
     """
 
     def __init__(self, robot: urdf.Robot, obstacles: tuple[Obstacle, ...] = ()) -> None:
@@ -129,13 +125,7 @@ HAND = 0.15
 
 
 def collision_series(robot: urdf.Robot, motion: SampledMotion, settings: CheckSettings) -> list[Bounded]:
-    """Distance of the arm from itself and the rest of the robot, and from what stands around it.
-
-    Args:
-        robot: the arm.
-        motion: to be checked.
-        settings: of the check.
-    """
+    """Distance of the arm from itself and the rest of the robot, and from what stands around it."""
     itself, around = urdf.CollisionModel(robot), Surroundings(robot, settings.obstacles)
 
     def to_itself(k: int) -> tuple[float, str]:
@@ -156,15 +146,7 @@ def collision_series(robot: urdf.Robot, motion: SampledMotion, settings: CheckSe
 def swing_series(
     robot: urdf.Robot, line: urdf.Line, motion: SampledMotion, swing: Swing, settings: CheckSettings
 ) -> list[Bounded]:
-    """Tension of the string, and distance of string and load from the arm.
-
-    Args:
-        robot: the arm.
-        line: of the tool point.
-        motion: to be checked.
-        swing: of the load, during the motion.
-        settings: of the check.
-    """
+    """Tension of the string, and distance of string and load from the arm."""
     tension = Bounded.between("tension", "N", ("string",), swing.time, swing.tension, swing.least_tension)
     if not settings.collision:
         return [tension]

@@ -58,11 +58,6 @@ def joint_series(robot: urdf.Robot, motion: SampledMotion, settings: CheckSettin
 
     Speeds and accelerations are also taken from differences of the samples, so that columns which do not belong to each
     other, or a jump of the position, are seen.
-
-    Args:
-        robot: the arm.
-        motion: to be checked.
-        settings: of the check.
     """
     names, limits, fine = robot.joint_names, robot.limits, motion.fine_time
     unit = [_unit(robot, name) for name in names]
@@ -109,14 +104,7 @@ def singular_values(robot: urdf.Robot, q: Array) -> Array:
 def off_line_series(
     robot: urdf.Robot, line: urdf.Line, motion: SampledMotion, settings: CheckSettings
 ) -> list[Bounded]:
-    """How far the tool point is from the line, and how far the tool is turned.
-
-    Args:
-        robot: the arm.
-        line: the line.
-        motion: to be checked.
-        settings: of the check.
-    """
+    """How far the tool point is from the line, and how far the tool is turned."""
     data, offset = robot.model.createData(), np.asarray(robot.tool_offset)
     distance, tilt = [], []
     for row in motion.fine_q:

@@ -192,11 +192,7 @@ class FeasibilityReport:
 
     @classmethod
     def of(cls, series: Iterable[Bounded]) -> FeasibilityReport:
-        """Judge values against their bounds.
-
-        Args:
-            series: what was looked at.
-        """
+        """Judge values against their bounds."""
         series = tuple(series)
         violations = [Violation(*b.at(i, k)) for b in series for i, k in b.violations()]
         margins = [Margin(*b.at(i, k), float(b.margin[i, k]), b.used(i, k)) for b in series for i, k in b.closest()]
