@@ -1,6 +1,6 @@
 """How results look in a notebook: a card of HTML, a plotly figure, data frames."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
 from typing import TYPE_CHECKING, Any
@@ -51,7 +51,7 @@ class Story:
 def comparison_story(found: "Comparison") -> Story:
     """Of a model held against runs."""
     tables = {
-        "parameters": lambda: _parameters(found),
+        "parameters": lambda: _parameters(found.parameters),
         "channels": lambda: _channels(found),
         "samples": lambda: _samples(found.fit),
     }
@@ -66,8 +66,7 @@ def diagnosis_story(found: "Diagnosis") -> Story:
         return {
             "effect": [s.effect for s in found.suspects],
             "joints": [", ".join(s.joints) for s in found.suspects],
-            "delta_bic": [s.delta_bic for s in found.suspects],
-            "p_value": [s.p_value for s in found.suspects],
+            **_fields(found.suspects, "delta_bic", "p_value"),
             "tied_with": [", ".join(s.tied_with) for s in found.suspects],
         }
 
@@ -91,10 +90,7 @@ def repair_story(found: "Repair") -> Story:
                 values = [getattr(step, errors).get(channel) for step in found.path]
                 if any(value is not None for value in values):
                     columns[f"{kind} {channel} [{found.after.channels[channel].unit}]"] = values
-        return columns | {
-            "chi2_per_sample": [s.chi2_per_sample for s in found.path],
-            "bic": [s.bic for s in found.path],
-        }
+        return columns | _fields(found.path, "chi2_per_sample", "bic")
 
     fits = {"as given": found.before.fit} | ({"repaired": found.after.fit} if len(found.path) > 1 else {})
     good = found.verdict.key == "explained"
@@ -105,18 +101,10 @@ def repair_story(found: "Repair") -> Story:
 def model_story(model: "Model") -> Story:
     """Of a model by itself."""
     shared = {name: p for name, p in model.parameters.items() if p.scope == "shared"}
-
-    def parameters() -> Columns:
-        return {
-            "parameter": list(shared),
-            "value": [p.value for p in shared.values()],
-            "std": [p.std for p in shared.values()],
-            "unit": [p.unit for p in shared.values()],
-            "fitted": [p.fitted for p in shared.values()],
-        }
-
     effects = ", ".join(effect.label for effect in model.effects) or "no effects"
-    return Story(f"Model: {model.base}", f"{effects}.", {"parameters": parameters}, in_card=("parameters",))
+    return Story(
+        f"Model: {model.base}", f"{effects}.", {"parameters": lambda: _parameters(shared)}, in_card=("parameters",)
+    )
 
 
 def frame(story: Story, what: str) -> Any:
@@ -211,27 +199,20 @@ def _text(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def _parameters(found: "Comparison") -> Columns:
-    values = found.parameters.values()
-    return {
-        "parameter": list(found.parameters),
-        "value": [p.value for p in values],
-        "std": [p.std for p in values],
-        "unit": [p.unit for p in values],
-        "fitted": [p.fitted for p in values],
-    }
+def _fields(items: Collection[Any], *names: str) -> dict[str, list[Any]]:
+    """A column per attribute of the items."""
+    return {name: [getattr(item, name) for item in items] for name in names}
+
+
+def _parameters(found: Mapping[str, Any]) -> Columns:
+    return {"parameter": list(found), **_fields(found.values(), "value", "std", "unit", "fitted")}
 
 
 def _channels(found: "Comparison") -> Columns:
     values = found.channels.values()
-    return {
-        "channel": list(found.channels),
-        "unit": [c.unit for c in values],
-        "noise": [c.noise_std for c in values],
-        "rmse": [c.rmse for c in values],
-        "held_out_rmse": [c.held_out_rmse for c in values],
-        "chi2_per_sample": [c.chi2_per_sample for c in values],
-    }
+    noise = {"noise": [c.noise_std for c in values]}
+    shown = _fields(values, "rmse", "held_out_rmse", "chi2_per_sample")
+    return {"channel": list(found.channels), **_fields(values, "unit"), **noise, **shown}
 
 
 def _samples(fit: "Fit") -> Columns:

@@ -32,7 +32,8 @@ import numpy as np
 
 from armdyn.arm.model import ArmModel, arm_model
 from armdyn.effects.catalogue import CATALOGUE
-from armdyn.identify.repair import Repair, RepairStep, add, repair
+from armdyn.identify.explained import RepairStep
+from armdyn.identify.repair import Repair, add, repair
 from armdyn.identify.study import Study
 from armdyn.run import Run
 

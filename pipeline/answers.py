@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 from armdyn.faults import outliers_of
 from armdyn.identify.compare import Comparison, Correction, FittedParameter
 from armdyn.identify.diagnose import Diagnosis
+from armdyn.identify.explained import RepairStep
 from armdyn.identify.localise import Place
 from armdyn.identify.problem import Problem
 from armdyn.identify.repair import Repair
-from armdyn.identify.search import RepairStep
 from armdyn.identify.study import Study
 from armdyn.identify.suspects import Suspect
 from armdyn.identify.unknown import Unknown

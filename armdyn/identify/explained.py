@@ -11,26 +11,34 @@ have one unit, such as the torques of an arm, else 1/s_c^2.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, field
 
 from armdyn.identify.unseen import Judge
 
 
-class Errors(Protocol):
-    """Rms errors by channel at one step of a repair; a `RepairStep` is one."""
+@dataclass(frozen=True)
+class RepairStep:
+    """One step of a repair.
 
-    @property
-    def rmse(self) -> Mapping[str, float]:
-        """On the training runs."""
+    Attributes:
+        added: names of the effects that came in; empty for the model as given.
+        joints: where, for an arm.
+        tied_with: effects that these runs cannot tell from the one added.
+        rmse: by channel, on the training runs.
+        held_out_rmse: by channel, on held-out runs, which take part in choosing; empty where there is a single run.
+        chi2_per_sample: 1 when only noise is left.
+        bic: with the noise as assumed.
+        exam_rmse: by channel, on exam runs, which take part in nothing; empty where none is given.
+    """
 
-    @property
-    def held_out_rmse(self) -> Mapping[str, float]:
-        """On runs that took no part in the fit; may be empty."""
-
-    @property
-    def exam_rmse(self) -> Mapping[str, float]:
-        """On runs that took part in nothing; may be empty."""
+    added: tuple[str, ...]
+    joints: tuple[str, ...]
+    tied_with: tuple[str, ...]
+    rmse: dict[str, float]
+    held_out_rmse: dict[str, float]
+    chi2_per_sample: float
+    bic: float
+    exam_rmse: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -46,7 +54,7 @@ class Scale:
     noise: Mapping[str, float]
 
 
-def judged(errors: Errors, judge: Judge, scale: Scale) -> Mapping[str, float]:
+def judged(errors: RepairStep, judge: Judge, scale: Scale) -> Mapping[str, float]:
     """The errors that a judge found, by channel; those of channels that no training run has are left out."""
     if judge is Judge.EXAM:
         found = errors.exam_rmse
@@ -55,7 +63,7 @@ def judged(errors: Errors, judge: Judge, scale: Scale) -> Mapping[str, float]:
     return {channel: error for channel, error in found.items() if channel in scale.units}
 
 
-def explained(before: Errors, after: Errors, judge: Judge, scale: Scale) -> float:
+def explained(before: RepairStep, after: RepairStep, judge: Judge, scale: Scale) -> float:
     """The share, at most 1; negative where the error grew. 1 where there was nothing to explain.
 
     Args:

@@ -11,10 +11,10 @@ from armdyn.errors import InputError
 from armdyn.faults import outlier_sentence
 from armdyn.identify.compare import Comparison, comparison
 from armdyn.identify.diagnose import IDEALISED, explained_share, judge
-from armdyn.identify.explained import explained
+from armdyn.identify.explained import RepairStep, explained
 from armdyn.identify.fit import Fit
 from armdyn.identify.score import residual_tests
-from armdyn.identify.search import Progress, RepairStep, Search, Step, repair_step, search
+from armdyn.identify.search import Progress, Search, Step, repair_step, search
 from armdyn.identify.sentence import Left, Verdict, repair_sentences
 from armdyn.identify.study import Study
 from armdyn.identify.uncertainty import FAR_ABOVE_STATED, uncertainty

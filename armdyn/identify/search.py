@@ -1,13 +1,14 @@
 """Find the effects that are missing, and add them one after the other, what explains most first."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from armdyn.identify.appraisal import Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.choose import chosen, foremost
+from armdyn.identify.explained import RepairStep
 from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.refitted import Refitted
 from armdyn.identify.repair_path import merged, rises
@@ -168,31 +169,6 @@ def _climbed(
             fit = study.to_the_end(fit)
         steps.append(Step((rise.added,), rise.tied, effects, fit, residual_tests(fit, study.scores(fit, effects))))
     return steps
-
-
-@dataclass(frozen=True)
-class RepairStep:
-    """One step of a repair.
-
-    Attributes:
-        added: names of the effects that came in; empty for the model as given.
-        joints: where, for an arm.
-        tied_with: effects that these runs cannot tell from the one added.
-        rmse: by channel, on the training runs.
-        held_out_rmse: by channel, on held-out runs, which take part in choosing; empty where there is a single run.
-        chi2_per_sample: 1 when only noise is left.
-        bic: with the noise as assumed.
-        exam_rmse: by channel, on exam runs, which take part in nothing; empty where none is given.
-    """
-
-    added: tuple[str, ...]
-    joints: tuple[str, ...]
-    tied_with: tuple[str, ...]
-    rmse: dict[str, float]
-    held_out_rmse: dict[str, float]
-    chi2_per_sample: float
-    bic: float
-    exam_rmse: dict[str, float] = field(default_factory=dict)
 
 
 def repair_step(study: Study, step: Step) -> RepairStep:

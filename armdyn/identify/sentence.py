@@ -7,9 +7,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import Protocol
 
-from armdyn.identify.explained import Errors, Scale, explained, in_percent, judged
+from armdyn.identify.explained import RepairStep, Scale, explained, in_percent, judged
 from armdyn.identify.unseen import Judge
 
 
@@ -42,22 +41,6 @@ AT_THE_NOISE = 1.1
 """Ratio of error to noise up to which an error is called noise."""
 
 
-class Change(Errors, Protocol):
-    """One step of a repair; a `RepairStep` is one."""
-
-    @property
-    def added(self) -> tuple[str, ...]:
-        """Effects that came in."""
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """Where, for an arm."""
-
-    @property
-    def tied_with(self) -> tuple[str, ...]:
-        """What these runs cannot tell from the one added."""
-
-
 @dataclass(frozen=True)
 class Left:
     """What a repair leaves.
@@ -75,7 +58,7 @@ class Left:
     warnings: Sequence[str] = ()
 
 
-def repair_sentences(steps: Sequence[Change], judge: Judge, scale: Scale, left: Left) -> str:
+def repair_sentences(steps: Sequence[RepairStep], judge: Judge, scale: Scale, left: Left) -> str:
     """What a repair found.
 
     Args:
@@ -101,7 +84,7 @@ def totals(errors: Mapping[str, float], units: Mapping[str, str]) -> dict[str, f
     }
 
 
-def added_effects(steps: Sequence[Change]) -> list[str]:
+def added_effects(steps: Sequence[RepairStep]) -> list[str]:
     """Effects that are in the last model and not in the first, with their joints, in the order in which they came."""
     found: dict[str, list[str]] = {}
     for step in steps[1:]:
@@ -113,7 +96,7 @@ def added_effects(steps: Sequence[Change]) -> list[str]:
 
 
 def _found(
-    steps: Sequence[Change],
+    steps: Sequence[RepairStep],
     judge: Judge,
     scale: Scale,
     before: Mapping[str, float],
@@ -144,7 +127,7 @@ def _found(
     return f"{text}; the error {WHOSE[judge]} {_change(before, after)}."
 
 
-def _left(last: Change, scale: Scale, after: Mapping[str, float], left: Left) -> str:
+def _left(last: RepairStep, scale: Scale, after: Mapping[str, float], left: Left) -> str:
     warned = "".join(f"; but {warning}" for warning in left.warnings)
     noise = totals({channel: scale.noise[channel] for channel in last.rmse}, scale.units)
     ratio = max((after[unit] / noise[unit] for unit in after if noise.get(unit)), default=0.0)

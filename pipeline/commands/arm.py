@@ -107,6 +107,10 @@ def _matrix(values: Iterable[Iterable[float]]) -> list[str]:
     return ["  " + " ".join(f"{value:9.4f}" for value in row) for row in values]
 
 
+LISTED = ("q", "v", "margin", "gravity", "springs", "inertia", "coriolis", "damping")
+"""Of a posture, what stands in the JSON under its own name."""
+
+
 def _as_json(robot: "Robot", posture: "ArmPosture") -> dict[str, Any]:
     from armdyn.arm.posture import PER_LINK
 
@@ -125,14 +129,7 @@ def _as_json(robot: "Robot", posture: "ArmPosture") -> dict[str, Any]:
         "tool_offset": robot.tool_offset.tolist(),
         "tool_position": posture.tool_position.tolist(),
         "tool_rotation": posture.tool_rotation.tolist(),
-        "q": posture.q.tolist(),
-        "v": posture.v.tolist(),
-        "margin": posture.margin.tolist(),
-        "gravity": posture.gravity.tolist(),
-        "springs": posture.springs.tolist(),
-        "inertia": posture.inertia.tolist(),
-        "coriolis": posture.coriolis.tolist(),
-        "damping": posture.damping.tolist(),
+        **{name: getattr(posture, name).tolist() for name in LISTED},
         "kinetic_energy": posture.kinetic_energy,
         "potential_energy": posture.potential_energy,
         "regressor": posture.regressor.tolist(),

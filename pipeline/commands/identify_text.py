@@ -11,9 +11,9 @@ if TYPE_CHECKING:
     from armdyn.arm.links import LinkChange, LinkQuantity
     from armdyn.identify.compare import Comparison, FittedParameter
     from armdyn.identify.diagnose import Diagnosis
+    from armdyn.identify.explained import RepairStep
     from armdyn.identify.localise import Place
     from armdyn.identify.repair import Repair
-    from armdyn.identify.search import RepairStep
     from armdyn.identify.unseen import Judge
 
 MOST_JOINTS = 3

@@ -10,7 +10,7 @@ import traceback
 from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection
-from typing import Any, Protocol
+from typing import Any
 
 from armdyn.errors import ArmdynError, InputError, TaskFailedError
 from pipeline.processes import be_ordinary, leave_signals_to_parent
@@ -19,45 +19,13 @@ Work = Callable[[Any], Any]
 Then = Callable[[Any], None]
 
 
-class Beside(Protocol):
-    """Where long work is done."""
+class Beside:
+    """Where long work is done: here at once, in the loop, which is right where no time passes meanwhile.
 
-    at_once: bool
-    """Whether `ask` returns only when the work is done, and no time passes meanwhile."""
-    thinking: bool
-    """Whether the work is being done in this process now."""
-
-    def provide(self, name: str, work: Work) -> None:
-        """Make known what can be asked for; before `start`."""
-        ...
-
-    def start(self) -> None:
-        """Get ready; from now on changes of what the work belongs to may no longer reach it."""
-        ...
-
-    def ask(self, name: str, argument: Any, then: Then) -> None:
-        """Have `work(argument)` done, and `then` called with its result in the loop, by `collect` at the latest."""
-        ...
-
-    def busy(self, name: str) -> bool:
-        """Whether work of this name was asked for and is not done."""
-        ...
-
-    def collect(self) -> None:
-        """Take what is done; called in every round of the loop.
-
-        Raises:
-            Exception: what the work has raised.
-        """
-        ...
-
-    def end(self) -> None:
-        """Do no more; results that are not taken are lost."""
-        ...
-
-
-class AtOnce:
-    """Does the work in the loop: right where no time passes meanwhile."""
+    Attributes:
+        at_once: whether `ask` returns only when the work is done, and no time passes meanwhile.
+        thinking: whether the work is being done in this process now.
+    """
 
     at_once = True
 
@@ -66,14 +34,14 @@ class AtOnce:
         self._work: dict[str, Work] = {}
 
     def provide(self, name: str, work: Work) -> None:
-        """See `Beside`."""
+        """Make known what can be asked for; before `start`."""
         self._work[name] = work
 
     def start(self) -> None:
-        """Nothing to prepare."""
+        """Get ready; from now on changes of what the work belongs to may no longer reach it."""
 
     def ask(self, name: str, argument: Any, then: Then) -> None:
-        """See `Beside`."""
+        """Have `work(argument)` done, and `then` called with its result in the loop, by `collect` at the latest."""
         self.thinking = True
         try:
             result = self._work[name](argument)
@@ -82,18 +50,22 @@ class AtOnce:
         then(result)
 
     def busy(self, name: str) -> bool:
-        """Never."""
+        """Whether work of this name was asked for and is not done."""
         del name
         return False
 
     def collect(self) -> None:
-        """Nothing is left to take."""
+        """Take what is done; called in every round of the loop.
+
+        Raises:
+            Exception: what the work has raised.
+        """
 
     def end(self) -> None:
-        """Nothing to end."""
+        """Do no more; results that are not taken are lost."""
 
 
-class InAProcess:
+class InAProcess(Beside):
     """Does the work in a process that begins as a copy of this one, so that the loop goes on meanwhile.
 
     Arguments and results are copied, and must be such that they can be pickled; what the work changes in its objects
@@ -103,12 +75,12 @@ class InAProcess:
         InputError: this system cannot copy a process.
     """
 
-    at_once = thinking = False
+    at_once = False
 
     def __init__(self) -> None:
         if "fork" not in multiprocessing.get_all_start_methods():
             raise InputError("a robot that moves by itself needs Linux or macOS: this system cannot copy a process")
-        self._work: dict[str, Work] = {}
+        super().__init__()
         self._then: dict[str, list[Then]] = {}
         self._connection: Connection | None = None
         self._process: multiprocessing.process.BaseProcess | None = None

@@ -21,7 +21,7 @@ from armdyn.pendulum.path import fixed_path, run_path
 from armdyn.physics.simulate import Rollout
 from armdyn.run import Run
 from pipeline.motion import LineState
-from pipeline.nodes.beside import AtOnce, Beside
+from pipeline.nodes.beside import Beside
 from pipeline.nodes.drive import DriveNode
 from pipeline.nodes.measurement import MeasurementNode
 from pipeline.record import Recorder
@@ -80,7 +80,7 @@ class EstimatorNode:
         beside: Beside | None = None,
     ) -> None:
         self._measurement, self._estimator, self._recorder = measurement, estimator, recorder
-        self._beside = beside or AtOnce()
+        self._beside = beside or Beside()
         self._beside.provide(self.name, self._update)
         self.start: float | None = None
         self.history: list[LengthEstimate] = []

@@ -64,12 +64,6 @@ class SimulatedClock:
             self._robot.advance(remaining)
 
 
-class RobotClock(SimulatedClock):
-    """The time of a robot that goes on by itself; its `advance` waits."""
-
-    real = True
-
-
 class RealClock:
     """Monotonic time of this computer from the clock's creation on."""
 

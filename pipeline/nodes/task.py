@@ -17,7 +17,7 @@ from pipeline.box import Box
 from pipeline.motion import LineLimits, LineState, LineTrajectory, finish_over_box
 from pipeline.motion.feasibility import FeasibilityReport
 from pipeline.motion.reference import smooth_reference
-from pipeline.nodes.beside import AtOnce, Beside
+from pipeline.nodes.beside import Beside
 from pipeline.nodes.drive import DriveNode
 from pipeline.robot.protocol import Vector
 
@@ -168,7 +168,7 @@ class TaskNode:
         beside: Beside | None = None,
     ) -> None:
         self._drive, self._limits, self._check, self.settings = drive, limits, check, settings
-        self._model, self._measured, self._beside = model, measured, beside or AtOnce()
+        self._model, self._measured, self._beside = model, measured, beside or Beside()
         self._planners = {
             seconds: TaskPlanner(model, round(seconds / DT), DT) for seconds in (settings.duration, settings.settling)
         }

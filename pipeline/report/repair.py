@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from armdyn.identify.diagnose import Diagnosis
-from armdyn.identify.explained import Scale, in_percent
+from armdyn.identify.explained import RepairStep, Scale, in_percent
 from armdyn.identify.repair import Repair
-from armdyn.identify.search import RepairStep, repair_step
+from armdyn.identify.search import repair_step
 from armdyn.identify.sentence import MOST_JOINTS, WHOSE, Verdict, totals
 from armdyn.identify.study import Study
 from armdyn.identify.suspects import Suspect

@@ -18,7 +18,6 @@ FAINT, HOVER, SHADE = "rgba(31, 41, 51, 0.05)", "rgba(255, 255, 255, 0.95)", "rg
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
 
 # A line style has the same meaning in every figure of every report.
-RECORDED = {"mode": "lines", "line": {"color": RAW, "width": 1}, "hoverinfo": "skip"}
 MEASURED = {"mode": "markers", "marker": {"color": GREY, "size": 3}}
 MODEL = {"mode": "lines", "line": {"color": BLUE, "width": 2}}
 ACTUAL = {"mode": "lines", "line": {"color": BLUE, "width": 2}}

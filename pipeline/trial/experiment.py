@@ -26,7 +26,7 @@ from pipeline.interrupts import noted_signals
 from pipeline.loadcell.faults import FaultDetector, FaultLimits
 from pipeline.motion import Gate, LineLimits, LineSmoother, LineState, LineTrajectory
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, Swing, check_line
-from pipeline.nodes.beside import AtOnce, Beside, InAProcess
+from pipeline.nodes.beside import Beside, InAProcess
 from pipeline.nodes.drive import LATEST, DriveNode
 from pipeline.nodes.learning import EstimatorNode, SacNode
 from pipeline.nodes.measurement import MeasurementNode, channel_units
@@ -147,7 +147,7 @@ class Experiment:
             check_line(table, description, settings.motion, check).require_feasible("the motion")
         noise = {"load_force": settings.force_noise}
         self.measurement = MeasurementNode(robot, description, recorder, FaultDetector(cell), noise, settings.mass)
-        self._beside: Beside = InAProcess() if clock.real else AtOnce()
+        self._beside = InAProcess() if clock.real else Beside()
         self.estimator = EstimatorNode(self.measurement, Estimator(model, noise), recorder, self._beside)
         gate = Gate(limits, table, description.limits, DT)
         smoother = LineSmoother(limits, DT, LineState(begin))

@@ -7,9 +7,15 @@ import pytest
 from faults.faulty import AT_REST, Hangs, InRealTime
 
 from armdyn.run import read_run
-from pipeline.nodes.scheduler import RobotClock, Watchdog
+from pipeline.nodes.scheduler import SimulatedClock, Watchdog
 from pipeline.trial import TrialSettings, simulate
 from pipeline.trial.experiment import Phase
+
+
+class RobotClock(SimulatedClock):
+    """The time of a robot that goes on by itself."""
+
+    real = True
 
 
 def stands(robot, patience=5.0):

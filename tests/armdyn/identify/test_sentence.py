@@ -2,8 +2,7 @@
 
 import pytest
 
-from armdyn.identify.explained import Scale, explained
-from armdyn.identify.search import RepairStep
+from armdyn.identify.explained import RepairStep, Scale, explained
 from armdyn.identify.sentence import Left, repair_sentences, totals
 from armdyn.identify.unseen import Judge
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from armdyn.errors import InputError, TaskFailedError
-from pipeline.nodes.beside import AtOnce, InAProcess
+from pipeline.nodes.beside import Beside, InAProcess
 
 
 class Counter:
@@ -36,7 +36,7 @@ def process():
 
 
 def test_at_once_is_done_before_it_returns():
-    beside, counter, found = AtOnce(), Counter(), []
+    beside, counter, found = Beside(), Counter(), []
     beside.provide("double", counter.work)
     beside.ask("double", [1.0], found.append)
     assert found[0][:2] == (1, os.getpid())

@@ -6,8 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from armdyn.arm.links import LinkChange, LinkQuantity
-from armdyn.identify.explained import Scale
-from armdyn.identify.search import RepairStep
+from armdyn.identify.explained import RepairStep, Scale
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.unseen import Judge
 from pipeline.answers import link_answer

@@ -9,10 +9,16 @@ import ik
 import urdf
 from armdyn.errors import InputError, TaskFailedError
 from pipeline.motion import LineTrajectory
-from pipeline.nodes.scheduler import RobotClock, Watchdog
+from pipeline.nodes.scheduler import SimulatedClock, Watchdog
 from pipeline.trial import ProtocolSettings, TrialSettings, simulate
 from pipeline.trial.ending import Ending
 from pipeline.trial.investigation import Stop, ended_before, investigate, questioned
+
+
+class RobotClock(SimulatedClock):
+    """The time of a robot that goes on by itself."""
+
+    real = True
 
 
 @pytest.mark.slow  # two experiments, their diagnoses and a design: half a minute
