@@ -7,11 +7,7 @@ LONGEST_SPAN = 1.5
 
 
 def normalised_differences(
-    time: np.ndarray,
-    value: np.ndarray,
-    order: int,
-    longest_span: float = LONGEST_SPAN,
-    interval: float | None = None,
+    time: np.ndarray, value: np.ndarray, order: int, longest_span: float = LONGEST_SPAN, interval: float | None = None
 ) -> np.ndarray:
     """(n - k, ...) divided differences of order k over the root of the sum of their squared weights; nan across a gap.
 

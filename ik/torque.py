@@ -37,12 +37,7 @@ class JointTorque:
         InputError: if the mass is negative or not a number.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        load_mass: float = 0.0,
-        springs: bool | None = None,
-    ) -> None:
+    def __init__(self, robot: Robot, load_mass: float = 0.0, springs: bool | None = None) -> None:
         if not (np.isfinite(load_mass) and load_mass >= 0.0):
             raise InputError(f"load mass: {load_mass} kg is no mass; give a number of kg, 0 or more")
         self._robot, self._model = robot, pin.Model(robot.model)

@@ -246,10 +246,7 @@ def _driving(harmonics: Harmonics, lag: float) -> tuple[np.ndarray, np.ndarray]:
         basis = np.stack([lagged(rows, lag, harmonics.step)[0] for rows in basis])
     between = np.asarray(halfway(basis, harmonics.step)).reshape(3, count - 1, size)
     jerk = slope(basis[2], harmonics.step)
-    return (
-        np.concatenate([*basis, jerk]),
-        np.concatenate([*between, (jerk[1:] + jerk[:-1]) / 2]),
-    )
+    return (np.concatenate([*basis, jerk]), np.concatenate([*between, (jerk[1:] + jerk[:-1]) / 2]))
 
 
 def _root_of_inverse(information: np.ndarray) -> np.ndarray:

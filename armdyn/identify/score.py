@@ -26,13 +26,11 @@ class Score:
     Attributes:
         candidate: which.
         drop: predicted fall of chi2, respecting the bounds.
-        independence: share of its derivatives that the fitted parameters leave, 0 to 1.
-        same_as: the fitted parameters that imitate it, where the independence is below `IDENTIFIABLE`.
+        same_as: the fitted parameters that imitate it, where they leave less than `IDENTIFIABLE` of its derivatives.
     """
 
     candidate: Candidate
     drop: float
-    independence: float
     same_as: tuple[str, ...]
 
 
@@ -69,7 +67,7 @@ def _score(
     norms = np.linalg.norm(directions, axis=0)
     seen = directions[:, norms > 0]
     if seen.shape[1] == 0:
-        return Score(candidate, 0.0, 0.0, ())
+        return Score(candidate, 0.0, ())
     shares = Q.T @ seen
     left = seen - Q @ shares
     independence = float(np.max(np.linalg.norm(left, axis=0) / norms[norms > 0]))
@@ -77,16 +75,16 @@ def _score(
         weights = np.abs(np.linalg.solve(R, shares[:, 0]) * np.linalg.norm(R, axis=0))
         names = [c.name for c, f in zip(problem.columns, fit.free, strict=True) if f]
         imitators = tuple(n for n, w in zip(names, weights, strict=True) if w > 0.3 * weights.max())
-        return Score(candidate, 0.0, independence, imitators)
+        return Score(candidate, 0.0, imitators)
     step = np.zeros(len(norms))
     step[norms > 0] = np.linalg.lstsq(left, residual, rcond=1e-6)[0]
     values = fit.values[columns]
     allowed = np.where(step < 0, values > problem.lower[columns], values < problem.upper[columns])
     inside = left[:, allowed[norms > 0]]
     if inside.shape[1] == 0:
-        return Score(candidate, 0.0, independence, ())
+        return Score(candidate, 0.0, ())
     change = inside @ np.linalg.lstsq(inside, residual, rcond=1e-6)[0]
-    return Score(candidate, float(change @ change), independence, ())
+    return Score(candidate, float(change @ change), ())
 
 
 LARGEST_Z = 5.0

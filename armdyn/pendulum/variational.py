@@ -91,9 +91,7 @@ def derive_variational(composition: Composition) -> VariationalStep:
 
     def at(expression: Expression, next_angle: Expression) -> Expression:
         return ca.substitute(
-            expression,
-            ca.vertcat(before, here, after, stretch),
-            ca.vertcat(phi - dt * rate, phi, next_angle, 0),
+            expression, ca.vertcat(before, here, after, stretch), ca.vertcat(phi - dt * rate, phi, next_angle, 0)
         )
 
     residual = at(balance(here), following)

@@ -94,9 +94,7 @@ def _back(system: System, rows: list[int]) -> ca.Function:
     following = s + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
     total = ca.dot(co, following) + ca.dot(c, system.output(s, here, theta)[rows])
     step = ca.Function(
-        "step",
-        [co, s, w, dt, c, theta],
-        [ca.densify(ca.gradient(total, s)), ca.densify(ca.gradient(total, w))],
+        "step", [co, s, w, dt, c, theta], [ca.densify(ca.gradient(total, s)), ca.densify(ca.gradient(total, w))]
     )
     over = step.mapaccum("over", BLOCK)
     co0, P = ca.MX.sym("co", n), ca.MX.sym("theta", len(system.names))

@@ -99,11 +99,7 @@ class Simulator:
         self._impulse = dynamics.impulse_adds_to in self.channels
         rows = [dynamics.outputs.index(name) for name in self.channels] + [len(dynamics.outputs)] * self._impulse
         built = compiled(
-            f"simulate_{name}",
-            {
-                "steps": _steps(dynamics, self._active, rows),
-                "start": _start(dynamics, self._active),
-            },
+            f"simulate_{name}", {"steps": _steps(dynamics, self._active, rows), "start": _start(dynamics, self._active)}
         )
         self._steps, self._start = Buffered(built["steps"]), Buffered(built["start"])
 

@@ -121,14 +121,12 @@ class VolumeReport:
         solved: targets solved this time.
         resumed: targets that were there already.
         seconds: this time took [s], the skeleton included.
-        skeleton_seconds: of that, the skeleton [s].
     """
 
     table: VolumeTable
     solved: int
     resumed: int
     seconds: float
-    skeleton_seconds: float
 
 
 def build_volume(
@@ -174,7 +172,6 @@ def build_volume(
     else:
         skeleton = build_skeleton(robot, grid.coarse(), lambda q: touching.touching(q) is None)
         table = VolumeTable.create(target, robot, grid, skeleton, extra)
-    skeleton_seconds = clock() - started
     solver = BlockSolver(Chain.of(robot), robot.limits.lower, robot.limits.upper, grid, table.skeleton)
     if collisions:
         solver = CheckedSolver(**vars(solver), robot=robot)
@@ -189,7 +186,7 @@ def build_volume(
         done += solved.status.size
         if progress is not None:
             progress(done, grid.targets)
-    return VolumeReport(table, left, resumed, clock() - started, skeleton_seconds)
+    return VolumeReport(table, left, resumed, clock() - started)
 
 
 @dataclass(frozen=True)

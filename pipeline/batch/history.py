@@ -43,7 +43,6 @@ class History:
         units: by parameter.
         found: what changed.
         events: by time.
-        without_time: recordings whose time is not known.
     """
 
     series: dict[Name, Series]
@@ -51,7 +50,6 @@ class History:
     units: dict[str, str]
     found: Found
     events: tuple[Event, ...]
-    without_time: int
 
 
 def history(spec: Spec, rows: Sequence[Row]) -> History:
@@ -59,11 +57,9 @@ def history(spec: Spec, rows: Sequence[Row]) -> History:
     several = {item.robot for item in spec.items if len({i.model for i in spec.items if i.robot == item.robot}) > 1}
     points: dict[Name, list[tuple[float, float, float, Row]]] = {}
     units: dict[str, str] = {}
-    without_time = 0
     for row in rows:
         item, time = row.item, row.item.when.time
         if time is None:
-            without_time += 1
             continue
         robot = f"{item.robot} ({spec.name(item.model)})" if item.robot in several else item.robot
         for name, parameter in (row.outcome.parameters or {}).items():
@@ -77,7 +73,7 @@ def history(spec: Spec, rows: Sequence[Row]) -> History:
         times, value, std = (np.array([point[i] for point in found], dtype=float) for i in range(3))
         series[key], of[key] = Series(times, value, std), [point[3] for point in found]
     changes = find_changes(series, spec.false_alarms)
-    return History(series, of, units, changes, _events(changes.steps), without_time)
+    return History(series, of, units, changes, _events(changes.steps))
 
 
 def _events(steps: Sequence[Step]) -> tuple[Event, ...]:

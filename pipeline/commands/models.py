@@ -24,8 +24,7 @@ commands = typer.Typer(
     help="Make a base model; --base FILE.py M.toml for a base of your own.", no_args_is_help=True, cls=_Bases
 )
 SetOption = Annotated[
-    list[str] | None,
-    typer.Option("--set", help='What is known: mass="80 g +/- 0.4 g"; without +/- a first guess.'),
+    list[str] | None, typer.Option("--set", help='What is known: mass="80 g +/- 0.4 g"; without +/- a first guess.')
 ]
 
 

@@ -119,12 +119,6 @@ def _timing(figures: "Figures") -> list[str]:
 def _nodes(done: "RealTrial") -> dict[str, Any]:
     """Computing time per node, and the cycles that it missed."""
     return {
-        name: {
-            "steps": t.steps,
-            "mean": t.mean,
-            "longest": t.longest,
-            "late": t.overruns,
-            "skipped": t.skipped,
-        }
+        name: {"steps": t.steps, "mean": t.mean, "longest": t.longest, "late": t.overruns, "skipped": t.skipped}
         for name, t in done.result.timing.items()
     }

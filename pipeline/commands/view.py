@@ -17,8 +17,7 @@ def register(app: typer.Typer) -> None:
 
 def view(
     file: Annotated[
-        Path,
-        typer.Argument(help="A run or trajectory (CSV, MCAP), a table of 'ik build' (npz), a trial's folder."),
+        Path, typer.Argument(help="A run or trajectory (CSV, MCAP), a table of 'ik build' (npz), a trial's folder.")
     ],
     model: Annotated[
         Path | None, typer.Option("--model", help="Model of the load or the arm; a trial's own where it has one.")

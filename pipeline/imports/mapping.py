@@ -143,10 +143,7 @@ def map_text(mapping: ColumnMap, comment: str = "") -> str:
     lines = [f"# {line}" for line in comment.splitlines()]
     if mapping.time:
         why = f"  # {mapping.why}" if mapping.why else ""
-        lines += [
-            f"time = {{ column = {json.dumps(mapping.time)}, unit = {json.dumps(mapping.time_unit)} }}{why}",
-            "",
-        ]
+        lines += [f"time = {{ column = {json.dumps(mapping.time)}, unit = {json.dumps(mapping.time_unit)} }}{why}", ""]
     lines.append("[columns]")
     for column, entry in mapping.entries.items():
         parts = [f"channel = {json.dumps(entry.channel)}"]

@@ -122,11 +122,7 @@ class CountReader:
     """
 
     def __init__(
-        self,
-        line: SerialLine,
-        limits: FaultLimits,
-        clock: Callable[[], float] = time.monotonic,
-        queue: int = QUEUE,
+        self, line: SerialLine, limits: FaultLimits, clock: Callable[[], float] = time.monotonic, queue: int = QUEUE
     ) -> None:
         self._line, self._clock = line, clock
         self._lock = threading.Lock()

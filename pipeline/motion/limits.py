@@ -183,10 +183,7 @@ class Gate:
     tolerance: float = 1e-3
 
     def check(
-        self,
-        reference: LineState,
-        previous: LineState | None = None,
-        measured: Array | None = None,
+        self, reference: LineState, previous: LineState | None = None, measured: Array | None = None
     ) -> Refusal | None:
         """Judge the next reference.
 

@@ -180,12 +180,7 @@ class LinePlanner:
             parameters.max_jerk = [jerk]
 
     def to_state(
-        self,
-        start: LineState,
-        target: LineState,
-        speed: float,
-        acceleration: float,
-        duration: float | None = None,
+        self, start: LineState, target: LineState, speed: float, acceleration: float, duration: float | None = None
     ) -> JerkProfile | None:
         """Fastest motion between two moving states, or one that takes a given time.
 

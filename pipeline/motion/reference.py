@@ -129,13 +129,7 @@ class _Program:
     """The quadratic program in (s, v, a, j); only the limits that depend on the place change between rounds."""
 
     def __init__(
-        self,
-        s_ref: Array,
-        v_ref: Array,
-        dt: float,
-        limits: LineLimits,
-        start: LineState,
-        end: LineState | None,
+        self, s_ref: Array, v_ref: Array, dt: float, limits: LineLimits, start: LineState, end: LineState | None
     ) -> None:
         n = self._n = s_ref.size
         self._limits, self._dt = limits, dt

@@ -16,7 +16,7 @@ from pipeline.workbench.bench import Atom
 from pipeline.workbench.desk import Desk
 from pipeline.workbench.keeping import keep
 from pipeline.workbench.ranking import Ranking, Search
-from pipeline.workbench.tab import OpenDesk, Tab, js
+from pipeline.workbench.tab import OpenDesk, Tab, js, scene_of_run
 from urdf.load import known_robots
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -140,8 +140,6 @@ class Page(Tab):
         self._panel("ranking", "<p class='caption'>The search was stopped.</p>")
 
     async def _scene(self, args: dict[str, Any]) -> None:
-        from pipeline.workbench.tab import scene_of_run
-
         bench, name, ticked = self._opened(), args.get("run"), self._ticked
         scene = await self._working("drawing in 3-D", lambda: scene_of_run(bench, ticked, name).data())
         self._run(f"armdynBench.scene({js(scene)})")
