@@ -16,8 +16,8 @@ from ik.errors import UnreachableError
 from ik.path import LinePath, Path
 from ik.pathfile import UNASKED
 from ik.plan import plan_free
-from ik.reach import survey
 from ik.selfmotion import Goal
+from ik.solver import survey
 from ik.table import LineTable, PathTable
 from ik.tablefile import FORMAT
 from ik.torque import PathTorque

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from armdyn.errors import InputError, TaskFailedError
 
 if TYPE_CHECKING:
-    from ik.reach import Miss
+    from ik.solver import Miss
 
 
 class StaleTableError(InputError):

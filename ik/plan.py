@@ -4,11 +4,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ik.branch import Branch
+from ik.branch import Branch, refine
 from ik.chain import Chain
 from ik.errors import UnreachableError
 from ik.path import Path
-from ik.refine import refine
 from ik.selfmotion import Goal, best_sequence, null_space, project, trace
 from ik.solver import Solver
 from urdf import CollisionModel, Robot

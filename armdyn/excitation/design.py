@@ -17,8 +17,7 @@ from scipy.optimize import minimize
 
 from armdyn.excitation.columns import Columns
 from armdyn.excitation.criteria import Criterion
-from armdyn.excitation.room import Postures, Room
-from armdyn.excitation.series import Motions, Series
+from armdyn.excitation.series import Motions, Postures, Room, Series
 
 GRID = 8.0
 """Instants per second at which information and torques are worked out: eight times the highest frequency."""

@@ -14,8 +14,8 @@ from armdyn.identify.candidate import Candidate
 from armdyn.identify.diagnose import Diagnosis
 from armdyn.identify.fit import Fit
 from armdyn.identify.noise import correlation_time
-from armdyn.identify.repair_path import merged
 from armdyn.identify.study import Study
+from armdyn.identify.suspects import merged
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import run_path
 from armdyn.run import Run

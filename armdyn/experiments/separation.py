@@ -23,7 +23,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from armdyn.experiments.hypothesis import Experiment, Held, Hypothesis
 from armdyn.identify.least_squares import Expansion, descend
-from armdyn.identify.repair_path import TIE
+from armdyn.identify.suspects import TIE
 
 MARGIN = 2.0 * TIE
 """Difference of chi2 up to which the diagnosis calls two effects a tie where only noise is left."""

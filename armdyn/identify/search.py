@@ -11,10 +11,9 @@ from armdyn.identify.choose import chosen, foremost
 from armdyn.identify.explained import RepairStep
 from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.refitted import Refitted
-from armdyn.identify.repair_path import merged, rises
 from armdyn.identify.score import ResidualTests, residual_tests
 from armdyn.identify.study import Study
-from armdyn.identify.suspects import Suspect, suspects
+from armdyn.identify.suspects import Suspect, merged, rises, suspects
 
 FAR = 3.0
 """Typical sizes beyond which sums around null say little of a base that is turned: 0.3 rad."""

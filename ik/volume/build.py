@@ -14,8 +14,7 @@ import numpy as np
 from armdyn.errors import InputError, TaskFailedError
 from ik.chain import Chain
 from ik.cluster import dask_client
-from ik.volume.block import BlockSolver, Solved
-from ik.volume.grid import Block, Grid, Status
+from ik.volume.grid import Block, BlockSolver, Grid, Solved, Status
 from ik.volume.skeleton import build_skeleton
 from ik.volume.store import VolumeTable
 from urdf import CollisionModel, Robot

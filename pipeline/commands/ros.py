@@ -1,12 +1,19 @@
-"""`armdyn twin` and `armdyn record`: a simulated Baxter behind ROS topics, and recordings of any ROS robot."""
+"""`armdyn twin`, `armdyn record`, `armdyn trial --robot ros`: a simulated Baxter, recordings and trials behind ROS."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pipeline.commands.output import JsonOption, answered, check_outputs, to_screen, write_json
-from pipeline.commands.trial import parse_hidden
+from armdyn.errors import InputError
+from pipeline.commands.output import JsonOption, answered, check_outputs, phase_progress, to_screen, write_json
+from pipeline.commands.trial import end_with, parse_hidden, say_result, write_report
+
+if TYPE_CHECKING:
+    from pipeline.ros.master import Figures
+    from pipeline.trial import ProtocolSettings
+    from pipeline.trial.real import Asking, Link, RealTrial
+
 
 RosOption = Annotated[str, typer.Option("--ros", help="Address of the rosbridge, ws://HOST:9090.")]
 ArmOption = Annotated[
@@ -120,3 +127,112 @@ def record(
         say(f"{output}: {len(run.channels)} channels, {max(map(len, run.channels.values()))} samples", soft_wrap=True)
         for note in said:
             say(note, soft_wrap=True, markup=False)
+
+
+def real_trial(
+    settings: "ProtocolSettings",
+    ros: str,
+    arm: str,
+    port: str | None,
+    calibration: Path | None,
+    out: Path,
+    rehearsed: bool,
+    yes: bool,
+    landed: str | None,
+    json_file: Path | None,
+    note: str,
+) -> None:
+    """Run or rehearse a trial on a robot, and tell what came of it and `note`; exit status 1 where it did not land."""
+    from pipeline.trial.real import rehearse, run_real
+
+    link = _link(ros, arm, None if rehearsed else port, calibration)
+    with phase_progress() as progress:
+        asking = _asking(yes, landed, json_file)
+        if rehearsed:
+            figures, farthest = rehearse(settings, link, asking, progress)
+        else:
+            done = run_real(settings, link, asking, out, progress)
+    if rehearsed:
+        _show_rehearsal(figures, farthest, json_file)
+        return
+    _show(done, out, json_file, note)
+    end_with(done.result)
+
+
+def _link(ros: str, arm: str, port: str | None, calibration: Path | None) -> "Link":
+    import urdf
+    from pipeline.loadcell.calibration import Calibration, default_path
+    from pipeline.ros.topics import read_topics, settings_file
+    from pipeline.trial.real import Link
+
+    topics = read_topics(settings_file(arm))
+    used = None if port is None else Calibration.load(calibration or default_path())
+    return Link(ros, urdf.load(arm), topics, port, used)
+
+
+def _asking(yes: bool, landed: str | None, json_file: Path | None) -> "Asking":
+    from pipeline.trial.real import Asking
+
+    if landed not in (None, "yes", "no"):
+        raise InputError(f"--landed {landed}: say 'yes' or 'no', or leave it out to be asked")
+
+    def tell(sentence: str) -> None:
+        typer.echo(sentence, err=json_file == Path("-"))
+
+    def may_move(question: str) -> bool:
+        if yes:
+            tell(question.partition(" Is its space")[0])
+            return True
+        return typer.confirm(question, err=True)
+
+    def has_landed() -> bool:
+        if landed is not None:
+            return landed == "yes"
+        return typer.confirm("Did the load come to rest in the box?", err=True)
+
+    return Asking(tell, may_move, has_landed)
+
+
+def _show(done: "RealTrial", out: Path, json_file: Path | None, note: str) -> None:
+    result = done.result
+    answer: dict[str, Any] = {**result.as_json(), "robot": done.figures.as_json(), "nodes": _nodes(done)}
+    if json_file is not None:
+        write_json(answer, json_file)
+    report = out / "report.html"
+    told = write_report(done, report)
+    if json_file != Path("-"):
+        lines = filter(None, (note, *result.notes, *_timing(done.figures), told))
+        say_result(result, lines, None if told else report)
+
+
+def _show_rehearsal(figures: "Figures", farthest: float, json_file: Path | None) -> None:
+    answer = {"schema": "armdyn.rehearsal/1", "tracking_error": farthest, "robot": figures.as_json()}
+    if answered(json_file, lambda: answer):
+        say = to_screen().print
+        say(f"the arm followed the whole line; a joint was at most {farthest:.3f} rad from its command")
+        for note in _timing(figures):
+            say(note, soft_wrap=True, markup=False)
+
+
+def _timing(figures: "Figures") -> list[str]:
+    """What the commands and the states were like, in words."""
+    from pipeline.ros.master import Spread
+
+    told = []
+    for what, values in (
+        ("time between commands", figures.intervals),
+        ("age of the joint states", figures.ages),
+        ("command and back", figures.echoes),
+    ):
+        spread = Spread.of(tuple(values))
+        if spread is not None:
+            told.append(f"{what}: median {spread.milliseconds}")
+    return told
+
+
+def _nodes(done: "RealTrial") -> dict[str, Any]:
+    """Computing time per node, and the cycles that it missed."""
+    return {
+        name: {"steps": t.steps, "mean": t.mean, "longest": t.longest, "late": t.overruns, "skipped": t.skipped}
+        for name, t in done.result.timing.items()
+    }

@@ -127,7 +127,7 @@ def trial(
         raise InputError("--investigate and --motion: need an estimate; leave out --no-estimation")
     along = _motion(motion) if motion is not None else None
     if robot == "ros":
-        from pipeline.commands.real import real_trial
+        from pipeline.commands.ros import real_trial
 
         for option, unused in (("--hidden", hidden), ("--picture", picture)):
             if unused:

@@ -41,8 +41,8 @@ def view(
     from armdyn.effects.user import load_effects
     from armdyn.errors import InputError
     from armdyn.model_file import read_model
-    from pipeline.view.page import write_view
     from pipeline.view.reading import scene_of
+    from pipeline.view.scene import write_view
 
     if robot is not None and urdf_file is not None:
         raise InputError("a robot is known by its name or by its URDF: give one of --robot and --urdf")

@@ -11,10 +11,13 @@ from pipeline.box import Box
 from pipeline.motion.feasibility import Margin
 from pipeline.nodes.scheduler import Timing
 from pipeline.report.feasibility import margin_section
-from pipeline.report.learning import EstimateTrace, ForceTrace, estimate_section, force_section
 from pipeline.report.motion import (
+    EstimateTrace,
+    ForceTrace,
     GripperTrace,
     JointTrace,
+    estimate_section,
+    force_section,
     gripper_section,
     position_section,
     timing_section,

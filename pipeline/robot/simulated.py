@@ -10,7 +10,6 @@ import urdf
 from armdyn.errors import InputError, TaskFailedError
 from pipeline.robot.devices import JointReadings, Reference, Servo, SimulatedCell
 from pipeline.robot.forces import JointEffects, LoadForces, LoadString
-from pipeline.robot.hidden import resolve_hidden
 from pipeline.robot.protocol import ForceSample, JointState, Vector
 from pipeline.robot.scene import TIME_STEP, LineFrame, build_scene
 from pipeline.robot.settings import PlantSettings, checked_start, checked_vector
@@ -24,6 +23,7 @@ from pipeline.robot.truth import (
     draw,
     gripper_truth,
     load_truth,
+    resolve_hidden,
     swing_angle,
 )
 

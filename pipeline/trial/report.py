@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from pipeline.report.learning import EstimateTrace, ForceTrace
-from pipeline.report.motion import GripperTrace, JointTrace
+from pipeline.report.motion import EstimateTrace, ForceTrace, GripperTrace, JointTrace
 from pipeline.report.next_experiment import investigation_section
 from pipeline.report.page import Level, NextStep, Report, Section
 from pipeline.report.theme import Span

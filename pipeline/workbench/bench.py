@@ -14,8 +14,8 @@ from armdyn.identify.compare import FittedParameter, fitted_parameters
 from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.localise import Place, localise
 from armdyn.identify.problem import Block, Problem
-from armdyn.identify.repair_path import merged
 from armdyn.identify.study import Study
+from armdyn.identify.suspects import merged
 from armdyn.parameter import Parameter
 from pipeline.report.overlay import FITTED, HELD_OUT, Overlay, overlays
 from pipeline.workbench.ranking import Foretelling, Residuals

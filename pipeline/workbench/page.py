@@ -11,10 +11,9 @@ from nicegui import Client, events, ui
 
 from armdyn.errors import InputError
 from pipeline.commands.identify import Inputs
-from pipeline.workbench import panels, uploads
+from pipeline.workbench import files, panels
 from pipeline.workbench.bench import Atom
 from pipeline.workbench.desk import Desk
-from pipeline.workbench.keeping import keep
 from pipeline.workbench.ranking import Ranking, Search
 from pipeline.workbench.tab import OpenDesk, Tab, js, scene_of_run
 from urdf.load import known_robots
@@ -38,7 +37,7 @@ class Page(Tab):
         ui.html(skeleton.substitute(robots=robots, kinds=panels.kinds_of_export()), sanitize=False)
         label = "Drop recordings, a model or a URDF here, or choose files with +"
         upload = ui.upload(
-            label=label, multiple=True, auto_upload=True, max_file_size=uploads.LARGEST,
+            label=label, multiple=True, auto_upload=True, max_file_size=files.LARGEST,
             on_multi_upload=self._guarded_event(self._dropped),
             on_rejected=lambda: self._say("A file is too large: record for a shorter time."),
         ).props("flat")  # fmt: skip
@@ -152,12 +151,12 @@ class Page(Tab):
         await self._reopen()
 
     async def _pendulum(self, args: dict[str, Any]) -> None:
-        self._model = uploads.pendulum(Path(self._folder.name), str(args["mass"]), str(args["length"]))
+        self._model = files.pendulum(Path(self._folder.name), str(args["mass"]), str(args["length"]))
         await self._reopen()
 
     async def _arm(self, args: dict[str, Any]) -> None:
         folder, robot = Path(self._folder.name), str(args["robot"])
-        self._model = await asyncio.to_thread(uploads.known_arm, folder, robot)
+        self._model = await asyncio.to_thread(files.known_arm, folder, robot)
         await self._reopen()
 
     async def _dropped(self, event: events.MultiUploadEventArguments) -> None:
@@ -166,9 +165,9 @@ class Page(Tab):
         # A model first: its joints name the columns of recordings.
         for file in sorted(event.files, key=lambda file: not file.name.lower().endswith((".urdf", ".xml", ".toml"))):
             try:
-                path = uploads.place_for(Path(self._folder.name), file.name)
+                path = files.place_for(Path(self._folder.name), file.name)
                 await file.save(path)
-                found = await asyncio.to_thread(uploads.taken_in, path, joints)
+                found = await asyncio.to_thread(files.taken_in, path, joints)
             except InputError as error:
                 problems.append(str(error).replace(f"{self._folder.name}/", ""))
                 continue
@@ -193,7 +192,8 @@ class Page(Tab):
         exported = model.with_suffix(ending) if ending else None
         opened, ticked, force = self._desk_open().inputs, self._ticked, bool(args["force"])
         kept = await self._working(
-            "fitting and writing", lambda: keep(opened, given, bench, ticked, model, report, exported, force=force)
+            "fitting and writing",
+            lambda: files.keep(opened, given, bench, ticked, model, report, exported, force=force),
         )
         self._kept = model
         lines = [f"<p class='sentence'>{escape(kept.sentence)}</p>"]

@@ -15,7 +15,7 @@ from armdyn.errors import InputError
 from pipeline.commands.identify import Inputs
 from pipeline.interrupts import noted_signals
 from pipeline.report.page import report_style, widget_scripts
-from pipeline.view.page import scene_script, scene_style, three_js
+from pipeline.view.scene import scene_script, scene_style, three_js
 from pipeline.workbench.desk import Desk, key_of
 from pipeline.workbench.page import TEMPLATES, Page
 

@@ -16,7 +16,7 @@ from pipeline.report.page import LOOK, tabs_html
 from pipeline.view.motion import arm_scene, joint_motion, swing_of, swing_scene
 from pipeline.view.scene import Scene
 from pipeline.view.shapes import Links, links_of
-from pipeline.workbench import panels, uploads
+from pipeline.workbench import files, panels
 from pipeline.workbench.bench import AS_GIVEN, NOW, Atom, Bench, State
 from pipeline.workbench.desk import Desk
 from pipeline.workbench.ranking import Search
@@ -35,7 +35,7 @@ class Tab:
 
     def __init__(self, client: Client, inputs: Inputs | None, open_desk: OpenDesk) -> None:
         self._client, self._open_desk = client, open_desk
-        self._folder = uploads.new_folder()
+        self._folder = files.new_folder()
         self._model = inputs.model if inputs else None
         self._own_effects = inputs.effects if inputs else None
         self._runs = [(path, False) for path in inputs.runs] if inputs else []

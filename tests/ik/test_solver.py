@@ -10,8 +10,7 @@ import ik
 import urdf
 from armdyn.errors import InputError
 from ik.path import LinePath
-from ik.reach import Reason, explain, survey
-from ik.solver import Solver
+from ik.solver import Reason, Solver, explain, survey
 
 
 @pytest.fixture(scope="module")

@@ -4,8 +4,7 @@ import pytest
 from pipeline.box import Box
 from pipeline.motion.feasibility import Margin
 from pipeline.nodes.scheduler import Timing
-from pipeline.report.learning import EstimateTrace, ForceTrace
-from pipeline.report.motion import GripperTrace, JointTrace
+from pipeline.report.motion import EstimateTrace, ForceTrace, GripperTrace, JointTrace
 from pipeline.report.page import KeyFigure, Level
 from pipeline.report.theme import Span
 from pipeline.report.trial import SwingPicture, SwingTrace, TrialReportData

@@ -15,9 +15,8 @@ import urdf
 from armdyn.errors import InputError
 from armdyn.model_file import base_pendulum
 from armdyn.run import Channel, Run, write_run_csv
-from pipeline.view.page import view_page
 from pipeline.view.reading import scene_of
-from pipeline.view.scene import Mesh, block
+from pipeline.view.scene import Mesh, block, view_page
 from pipeline.view.shapes import MOST_TRIANGLES, _clustered, links_of
 
 TIME = np.arange(0.0, 4.0, 0.01)

@@ -15,7 +15,7 @@ from pipeline.commands.identify import Inputs
 from pipeline.report.overlay import FITTED, HELD_OUT, quality
 from pipeline.workbench import panels
 from pipeline.workbench.bench import Atom, Bench
-from pipeline.workbench.keeping import keep
+from pipeline.workbench.files import keep
 
 from .conftest import HIDDEN, RIVALS
 

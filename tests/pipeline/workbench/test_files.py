@@ -9,7 +9,7 @@ import urdf
 from armdyn.errors import InputError
 from armdyn.model_file import read_model
 from armdyn.run import read_run
-from pipeline.workbench.uploads import is_passing, new_folder, pendulum, place_for, taken_in
+from pipeline.workbench.files import is_passing, new_folder, pendulum, place_for, taken_in
 
 
 @pytest.fixture
