@@ -213,7 +213,7 @@ class ArmModel(Model):
         return found
 
     def link_parameters(self) -> Mapping[str, np.ndarray]:
-        """By joint: (10,) inertial parameters of the link that it moves, effects included; see `inertia`."""
+        """By joint: (10,) inertial parameters of the link that it moves, effects included; see `rigid`."""
         changes, described = self._bodies(self.theta()).links, self.arm.described
         return {
             joint: described[i] + changes.get(i, np.zeros(len(described[i]))) for i, joint in enumerate(self.joints)

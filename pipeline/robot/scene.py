@@ -222,7 +222,7 @@ def _add_motors(spec: mujoco.MjSpec, robot: urdf.Robot, settings: PlantSettings,
     """A motor per joint with the force ``ctrl - stiffness q - damping v``.
 
     In this form MuJoCo integrates the stiff part implicitly and clamps the sum at the URDF's effort limit;
-    `servo` computes ``ctrl``. The encoders lead the gripper by `gripper_lag` [s] and the servo regulates what they
+    `devices` computes ``ctrl``. The encoders lead the gripper by `gripper_lag` [s] and the servo regulates what they
     report, q + gripper_lag v.
     """
     servo = settings.servo

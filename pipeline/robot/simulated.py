@@ -53,7 +53,7 @@ class SimulatedRobot:
         robot: the arm; its line says where the box stands and which way is along.
         q_start: joint positions at time 0 (n,) [rad].
         settings: load, string, servo, sensors, box.
-        hidden: hidden effects by name (`hidden.HIDDEN_EFFECTS`); None stands for the typical value.
+        hidden: hidden effects by name (`truth.HIDDEN_EFFECTS`); None stands for the typical value.
         seed: of everything that is drawn.
 
     Raises:
