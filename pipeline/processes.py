@@ -1,4 +1,4 @@
-"""Threads that run before other programs, where the system grants it; processes that end with their parent."""
+"""Threads that run before other programs, processes that end with their parent, and what a with block closes."""
 
 import ctypes
 import os
@@ -10,6 +10,22 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import get_context
+from typing import Self
+
+
+class Closing:
+    """What goes on until it is closed; a ``with`` block closes it, whatever happens in it."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self.close()
+
+    def close(self) -> object:
+        """End it; a second call does nothing."""
+        raise NotImplementedError
+
 
 LOOK = 0.5
 """Time between two looks of a worker whether its parent is still there [s]."""

@@ -9,7 +9,6 @@ import math
 from array import array
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Self
 
 import numpy as np
 from mcap.writer import Writer
@@ -21,13 +20,14 @@ from armdyn.mcap_run import SIDECAR_RECORD, TIME_FIELD, topic_and_field
 from armdyn.run import Run, write_run_csv
 from armdyn.sidecar import Sidecar, sidecar_text
 from armdyn.units import Known
+from pipeline.processes import Closing
 
 FLUSH_INTERVAL = 0.5
 """Seconds of recording that a crash may cost."""
 DROPPED_RECORD = "armdyn.dropped"
 
 
-class Recorder:
+class Recorder(Closing):
     """Writes one recording; use it in a ``with`` block, which closes it whatever happens.
 
     Channels of the contract (see `armdyn.channels`) make up the run; any others, such as ``estimate.length``, are kept
@@ -191,12 +191,6 @@ class Recorder:
             f"the recording {self.path.name} could not be written any further: {error.strerror or error}; make room, "
             "or choose another place"
         )
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self.close()
 
     def _register_topics(self) -> dict[str, int]:
         """One topic per group of channels, with a JSON schema that names each field's channel and unit."""

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from pipeline.loadcell.calibration import Calibration
 from pipeline.loadcell.faults import Fault, FaultDetector, FaultEvent, FaultLimits, LoadCellStatus, implausible_repeats
 from pipeline.loadcell.protocol import BAUD, MAXIMUM_COUNTS, MINIMUM_COUNTS, Decoder, SerialLine, open_port
-from pipeline.processes import PromptThread
+from pipeline.processes import Closing, PromptThread
 from pipeline.robot.protocol import ForceSample
 
 SMALLEST_STEP = 1e-6
@@ -109,7 +109,7 @@ class CountSample(NamedTuple):
     counts: int
 
 
-class CountReader:
+class CountReader(Closing):
     """Reads conversions from an open line until it is closed or the line is gone.
 
     Every method may be called from any thread. Use it as a context manager, or call `close`.
@@ -137,12 +137,6 @@ class CountReader:
         self._stop = threading.Event()
         self._thread = PromptThread(self._run, "load cell")
         self._thread.start()
-
-    def __enter__(self) -> "CountReader":
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self.close()
 
     def close(self) -> None:
         """End the thread, then release the port; samples that were received can still be read."""
@@ -229,7 +223,7 @@ class CountReader:
                 self._counts[event.fault] += event.count
 
 
-class LoadCell:
+class LoadCell(Closing):
     """An HX711 on a microcontroller that speaks the line protocol of `pipeline.loadcell.protocol`.
 
     It reads in a thread of its own from creation to `close`; use it as a context manager. After a disconnection nothing
@@ -260,12 +254,6 @@ class LoadCell:
         self._calibration = calibration
         limits = calibrated_limits(calibration, silent_after)
         self._reader = CountReader(open_port(port, baud), limits, clock, queue)
-
-    def __enter__(self) -> "LoadCell":
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self.close()
 
     def read(self) -> list[ForceSample]:
         """Samples received since the last call, oldest first; those of a faulty cell are among them, see `status`."""

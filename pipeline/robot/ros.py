@@ -5,7 +5,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +13,7 @@ import urdf
 from armdyn.errors import ArmdynError, InputError, TaskFailedError
 from pipeline.loadcell.cell import LoadCell
 from pipeline.loadcell.faults import Fault
-from pipeline.processes import PromptThread
+from pipeline.processes import Closing, PromptThread
 from pipeline.robot.protocol import ForceSample, JointState, Vector
 from pipeline.ros.baxter import Power
 from pipeline.ros.bridge import Bridge
@@ -42,7 +42,7 @@ SDK_SPEED_RATIO = 0.3
 """Baxter's own speed ratio, restored at the end."""
 
 
-class RosRobot:
+class RosRobot(Closing):
     """An arm behind rosbridge with a load cell on a serial line; use it in a ``with`` block.
 
     Every command passes one gate (`CommandGate`); what it withholds ends the run: `fault` says why, `command` raises
@@ -94,12 +94,6 @@ class RosRobot:
             raise
         self._braker = PromptThread(self._brake_when_told, "braking")
         self._braker.start()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self.close()
 
     @property
     def joint_names(self) -> tuple[str, ...]:

@@ -11,10 +11,10 @@ import time
 from collections import defaultdict, deque
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from typing import Any, Self
+from typing import Any
 
 from armdyn.errors import ArmdynError, InputError
-from pipeline.processes import PromptThread
+from pipeline.processes import Closing, PromptThread
 
 Message = Mapping[str, Any]
 Take = Callable[[Message, float], None]
@@ -36,7 +36,7 @@ class BridgeError(ArmdynError):
     """The connection to the bridge is lost; it does not come back by itself."""
 
 
-class Bridge:
+class Bridge(Closing):
     """One connection to rosbridge. Any thread may publish; what arrives is handed out in a thread of its own.
 
     Nothing is queued: a message is handed to the operating system at once, or the connection ends. A connection that
@@ -67,12 +67,6 @@ class Bridge:
         self._connect()
         self._thread = PromptThread(self._receive, "rosbridge")
         self._thread.start()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self.close()
 
     @property
     def time(self) -> float:

@@ -13,14 +13,14 @@ from dataclasses import replace
 from datetime import datetime
 from math import isfinite
 from threading import Lock
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
 import urdf
 from pipeline.loadcell.calibration import Calibration
 from pipeline.loadcell.emulator import EmulatedPort
-from pipeline.processes import ask_for_real_time
+from pipeline.processes import Closing, ask_for_real_time
 from pipeline.robot.protocol import Vector
 from pipeline.robot.settings import PlantSettings
 from pipeline.robot.simulated import SimulatedRobot
@@ -58,7 +58,7 @@ OTHERS = (
 POSITION, RAW_POSITION = 1, 4
 
 
-class Twin:
+class Twin(Closing):
     """A simulated Baxter on ROS; `run` keeps it alive.
 
     Args:
@@ -107,12 +107,6 @@ class Twin:
         self._epoch = self.start = 0.0
         self._order = sorted((*OTHERS, *self._names))
         self._connect()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self.close()
 
     @property
     def calibration(self) -> Calibration:
