@@ -15,7 +15,7 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.diagnose import diagnose
 from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
-from pipeline.report.overlay import EXAM, FITTED, HELD_OUT, Overlay, quality, quantised
+from pipeline.report.overlay import EXAM, FITTED, HELD_OUT, Overlay, Overlays, quality, quantised
 from pipeline.report.repair import diagnosis_report, repair_report
 
 EFFECTS = ["joint_viscous_friction", "torque_offset"]
@@ -35,7 +35,7 @@ def found(study):
 
 @pytest.fixture(scope="module")
 def shown(study, found):
-    return repair_report(study, found).sections[0]
+    return Overlays.of_study(study, [step.fit for step in found.steps], ["a step"] * len(found.steps), ())
 
 
 @pytest.fixture(scope="module")
@@ -45,8 +45,9 @@ def page(study, found, tmp_path_factory):
     return path
 
 
-def test_every_run_joint_and_step_has_the_error_of_the_path(found, shown):
+def test_every_run_joint_and_step_has_the_error_of_the_path(study, found, shown):
     totals = shown.data()["totals"]
+    assert repair_report(study, found).sections[0].widget.data["totals"] == totals
     for i, step in enumerate(found.path):
         for kind, errors in ((FITTED, step.rmse), (HELD_OUT, step.held_out_rmse), (EXAM, step.exam_rmse)):
             shares = {channel: by_step[i][0] for channel, by_step in totals[kind].items()}
