@@ -20,6 +20,8 @@ from armdyn.pendulum.physics import Expression, Gripper, Load, Sensor, String, T
 STAGES = ("gripper", "string", "load", "tension", "sensor")
 """What effects may act on, in the order in which nature applies them."""
 BASE_PARAMETERS = ("length", "mass")
+RIGID = 1e-12
+"""m/N; added to a compliance by which is divided."""
 
 
 @dataclass(frozen=True)
@@ -119,6 +121,7 @@ def compose(effects: Sequence[Effect]) -> Composition:
     potential = STANDARD_GRAVITY * (load.mass * ca.dot(up, q) + string.mass * ca.dot(up, q + g) / 2)
     mechanics = [t, q, qd, g, gd, phi, rate, theta]
     compliance = ca.vertcat(string.compliance, gripper.compliance)
+    bounce = ca.vertcat(string.compliance * load.mass, string.damped / (string.compliance + RIGID))
     brought = [m for stage in (string, load, pull, sensor) for m in stage.memory]
     memory, rates, starts = (ca.vertcat(*(m[i] for m in brought)) if brought else ca.SX(0, 1) for i in range(3))
     timing = [sensor.lag, sensor.delay, gripper.lag]
@@ -141,7 +144,9 @@ def compose(effects: Sequence[Effect]) -> Composition:
         compliance=ca.Function("compliance", [theta], [ca.densify(compliance)]),
         bounce=None
         if string.compliance.is_zero()
-        else ca.Function("bounce", [theta], [ca.vertcat(string.compliance * load.mass, string.damping)]),
+        else ca.Function(
+            "bounce", [theta], [ca.vertcat(string.compliance * load.mass, string.damped / (string.compliance + RIGID))]
+        ),
         string_weight=ca.Function("string_weight", [theta], [-STANDARD_GRAVITY * string.mass * up]),
         string_mass=ca.Function("string_mass", [theta], [string.mass]),
         transverse=ca.Function("transverse", [theta], [ca.densify(load.transverse)]),

@@ -83,7 +83,7 @@ class String(Stage):
         torque: sum of the torques about the pivot that act along the angle, N m.
         mass: of the string, uniform along its length, kg.
         compliance: by how much it stretches, m/N.
-        damping: of the load's bounce on the string that stretches, over the critical one.
+        damped: compliance times the damping of the load's bounce on it over the critical damping, m/N.
     """
 
     time: Expression
@@ -94,7 +94,7 @@ class String(Stage):
     torque: Expression = NONE
     mass: Expression = NONE
     compliance: Expression = NONE
-    damping: Expression = NONE
+    damped: Expression = NONE
 
     def with_length(self, length: Expression) -> "String":
         """Another length, m; it may depend on time and angle."""
@@ -110,7 +110,7 @@ class String(Stage):
 
     def with_compliance(self, compliance: Expression, damping: Expression = NONE) -> "String":
         """Let the string stretch in proportion to its tension, m/N, and damp the bounce, over the critical damping."""
-        return replace(self, compliance=self.compliance + compliance, damping=self.damping + damping)
+        return replace(self, compliance=self.compliance + compliance, damped=self.damped + compliance * damping)
 
 
 @dataclass(frozen=True)
