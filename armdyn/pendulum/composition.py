@@ -142,11 +142,7 @@ def compose(effects: Sequence[Effect]) -> Composition:
         memory_start=ca.Function("memory_start", [theta], [starts]),
         timing=ca.Function("timing", [theta], timing),
         compliance=ca.Function("compliance", [theta], [ca.densify(compliance)]),
-        bounce=None
-        if string.compliance.is_zero()
-        else ca.Function(
-            "bounce", [theta], [ca.vertcat(string.compliance * load.mass, string.damped / (string.compliance + RIGID))]
-        ),
+        bounce=None if string.compliance.is_zero() else ca.Function("bounce", [theta], [bounce]),
         string_weight=ca.Function("string_weight", [theta], [-STANDARD_GRAVITY * string.mass * up]),
         string_mass=ca.Function("string_mass", [theta], [string.mass]),
         transverse=ca.Function("transverse", [theta], [ca.densify(load.transverse)]),
