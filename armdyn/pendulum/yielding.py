@@ -16,7 +16,8 @@ second order in it (Kevorkian & Cole, Multiple Scale and Singular Perturbation M
 What jerks the gripper makes the load bounce on an elastic string, which the load cell feels and the swing hardly does.
 With the damping d of the string m sigma'' + d sigma' + sigma/c_s = T0 is a vibration that c_s T0 passes; so the impulse
 -m sigma', of which the tension has the derivative, is that of the slow manifold after the same vibration
-(`armdyn.physics.vibration`).
+(`armdyn.physics.vibration`). Below it the stretch is late by d c_s, which takes energy from the swing:
+sigma = c_s (T0 - d c_s T0').
 """
 
 from typing import NamedTuple
@@ -25,6 +26,9 @@ import casadi as ca
 
 from armdyn.pendulum.composition import Composition
 from armdyn.pendulum.physics import STANDARD_GRAVITY, Expression
+
+QUICKEST = 1e-4
+"""s; added in quadrature to the period of the bounce over 2 pi, so that derivatives exist where the string is rigid."""
 
 
 class Yielding(NamedTuple):
@@ -58,8 +62,12 @@ def slow_manifold(
     tension_rate = mass * (3 * rate * (a * cos - STANDARD_GRAVITY * sin) + jerk * sin)
     stretching = string * tension_rate
     giving = -gripper * (tension_rate * sin + tension * cos * rate)
+    late = ca.SX(0)
+    if composition.bounce is not None:
+        square, damping = ca.vertsplit(composition.bounce(theta))
+        late = 2 * damping * ca.sqrt(square + QUICKEST**2)
     return Yielding(
-        stretch=string * tension,
+        stretch=string * (tension - late * tension_rate),
         stretching=stretching,
         give=-gripper * tension * sin,
         giving=giving,

@@ -22,7 +22,7 @@ PENDULUM = [name for name, effect in CATALOGUE.items() if effect.acts_on != "joi
 AGREEMENT = dict.fromkeys(hidden_pendulum.REALISTIC, 2e-5) | {
     "gripper_lag": 1e-3,  # the lag starts from rest there, from a steady motion here
     "gripper_compliance": 1e-3,  # slow manifold against a light carriage that rings at first
-    "string_elasticity": 1e-3,
+    "string_elasticity": 4e-4,
     "out_of_plane_swing": 1e-3,
     "sensor_lag": 1e-3,
 }
@@ -48,6 +48,10 @@ def test_an_effect_at_null_changes_nothing_to_the_last_digit(name):
     assert np.array_equal(model.predict(RUN, model.theta()).values, BASE.predict(RUN, BASE.theta()).values)
 
 
+ROUNDING = 1e-14
+"""Relative error of a prediction that some hundred steps leave."""
+
+
 @pytest.mark.parametrize("name", PENDULUM)
 def test_sensitivities_match_finite_differences(name):
     effect = CATALOGUE[name]
@@ -58,8 +62,9 @@ def test_sensitivities_match_finite_differences(name):
     for i, parameter in enumerate(model.parameters.values()):
         step = np.zeros(len(theta))
         step[i] = 1e-5 * parameter.typical
-        finite = (model.predict(RUN, theta + step).values - model.predict(RUN, theta - step).values) / (2 * step[i])
-        assert np.max(np.abs(exact[:, i] - finite)) < 1e-6 * max(np.max(np.abs(finite)), 1e-9), parameter.name
+        above, below = model.predict(RUN, theta + step).values, model.predict(RUN, theta - step).values
+        finite, rounding = (above - below) / (2 * step[i]), ROUNDING * np.max(np.abs(above)) / step[i]
+        assert np.max(np.abs(exact[:, i] - finite)) < 1e-6 * np.max(np.abs(finite)) + rounding, parameter.name
 
 
 @pytest.mark.parametrize("name", hidden_pendulum.REALISTIC)
