@@ -68,7 +68,8 @@ def batch(
 
 def _say(spec: "Spec", done: "Done", found: "History", output: Path) -> None:
     from pipeline.batch.run import ROWS
-    from pipeline.report.batch import event_sentence, summary
+    from pipeline.report.batch import summary
+    from pipeline.report.changes import event_sentence
 
     typer.echo(summary(done, found))
     for event in found.events:
