@@ -79,10 +79,19 @@ class Recorder(Closing):
         self._closed = False
         self._file = GrowingFile(self.path)
         self._writer = Writer(self._file.stream)
+        try:
+            self._begin()
+        except OSError as error:
+            raise InputError(f"cannot write {self.path}: {error.strerror or error}; choose another place") from error
+
+    def _begin(self) -> None:
+        """Write what comes before the samples."""
         self._writer.start(profile="armdyn", library="armdyn")
         self._topic_id = self._register_topics()
         sidecar = Sidecar(
-            description, {n: Known(std, None, self._units[n]) for n, std in self._noise.items()}, self._known
+            self._description,
+            {n: Known(std, None, self._units[n]) for n, std in self._noise.items()},
+            self._known,
         )
         self._writer.add_metadata(SIDECAR_RECORD, {"toml": sidecar_text(sidecar)})
         self._writer.flush()

@@ -166,11 +166,11 @@ def build_volume(
     touching = CollisionModel(robot)
     if target.exists():
         table = VolumeTable.open(target, robot, extra)
-        if table.grid.describe() != grid.describe():
-            raise InputError(f"{target}: holds a volume of other targets; choose another directory, or remove it")
     else:
         skeleton = build_skeleton(robot, grid.coarse(), lambda q: touching.touching(q) is None)
         table = VolumeTable.create(target, robot, grid, skeleton, extra)
+    if table.grid.describe() != grid.describe():
+        raise InputError(f"{target}: holds a volume of other targets; choose another directory, or remove it")
     solver = BlockSolver(Chain.of(robot), robot.limits.lower, robot.limits.upper, grid, table.skeleton)
     if collisions:
         solver = CheckedSolver(**vars(solver), robot=robot)

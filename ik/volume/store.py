@@ -57,18 +57,19 @@ class VolumeTable:
         """Make an empty volume.
 
         Args:
-            path: the zarr directory; must not exist.
+            path: the zarr directory; where another process has made it meanwhile, its volume is opened.
             robot: the arm.
             grid: the targets.
             skeleton: postures on the coarse grid, (m, x, y, z, n).
             extra: settings that a volume which is continued must share.
 
         Raises:
-            InputError: zarr is missing, or the directory exists or cannot be written.
+            InputError: zarr is missing, or the directory cannot be written.
+            StaleTableError: what is there is no such volume.
         """
         zarr = _zarr()
-        if path.exists():
-            raise InputError(f"{path}: exists already; choose another directory, or remove it")
+        if path.exists():  # made by another process since the caller looked
+            return cls.open(path, robot, extra)
         shape = (len(grid.rotations), *grid.counts)
         edges = tuple(min(BLOCK, count) for count in grid.counts)
         blocks = tuple(-(-count // BLOCK) for count in grid.counts)
@@ -98,7 +99,7 @@ class VolumeTable:
             unfinished.rename(path)
         except (OSError, ValueError) as error:  # a name with a null character is a ValueError
             shutil.rmtree(unfinished, ignore_errors=True)
-            if path.exists():  # another process was faster
+            if path.exists():
                 return cls.open(path, robot, extra)
             why = getattr(error, "strerror", None) or error
             raise InputError(f"{path}: cannot be written ({why}); choose another directory") from error

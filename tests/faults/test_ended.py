@@ -16,6 +16,7 @@ import pytest
 from faults.samples import csv
 
 import urdf
+from armdyn.run import read_run
 from ik.volume import VolumeTable
 
 REPAIR = ("repair", "m.toml", "a.csv", "--output", "out.toml", "--report", "r.html", "--json", "j.json")
@@ -126,7 +127,7 @@ def test_a_killed_table_leaves_whole_files(folder):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("arguments", [REPAIR, BUILD, VOLUME, ("trial", "--no-estimation", "--out", "t")], ids=" ".join)
+@pytest.mark.parametrize("arguments", [REPAIR, BUILD, VOLUME], ids=" ".join)
 def test_a_full_disk_is_one_line_and_leaves_what_was_there(folder, arguments):
     for name in ("out.toml", "r.html", "j.json", "t.npz"):
         (folder / name).write_text("old")
@@ -140,6 +141,17 @@ def test_a_full_disk_is_one_line_and_leaves_what_was_there(folder, arguments):
         assert not [path for path in folder.rglob(".armdyn-*") if path.is_file()]
     kept = {path: path.read_text() for path in before}
     assert {path for path in kept if kept[path] != before[path]} <= {folder / "out.toml"}
+
+
+@pytest.mark.slow
+def test_a_trial_whose_disk_is_full_does_not_begin_or_ends_with_what_was_recorded(folder):
+    trial = ("trial", "--no-estimation", "--out", "t")
+    status, _, err = ended(started(folder, trial, 100))  # not even the head of the recording
+    assert (status, len(err.strip().splitlines())) == (2, 1)
+    status, out, _ = ended(started(folder, trial, 20_000))
+    assert status == 1
+    assert "could not be written any further" in out
+    assert len(read_run(folder / "t" / "trial.mcap", recover=True).channels["gripper_x"]) > 5
 
 
 def test_two_programs_with_one_output_both_end_and_leave_one_whole_file(folder):
