@@ -25,7 +25,7 @@ class RobotClock(SimulatedClock):
 @pytest.mark.parametrize(
     ("hidden", "seed"), [("pivot_viscous_friction", 2), ("quadratic_drag", 1), ("sensor_lag", 1), ("linear_drag", 1)]
 )
-def test_effects_that_tie_at_first_are_told_apart_and_the_load_lands(hidden, seed, tmp_path):
+def test_effects_that_tie_at_first_are_told_apart(hidden, seed, tmp_path):
     settings = TrialSettings(hidden={hidden: None}, seed=seed, investigate=4, out=tmp_path)
     trial = simulate(settings)
     found = trial.result.investigation
@@ -33,10 +33,10 @@ def test_effects_that_tie_at_first_are_told_apart_and_the_load_lands(hidden, see
     assert len(found.stages[0].candidates) > 1  # a tie
     assert found.stop is Stop.NAMED
     assert found.stages[-1].candidates == (hidden,)
-    assert len(found.stages) <= 3
-    assert trial.result.success
+    # How many experiments it takes, and how often the load lands then: benchmarks/investigations.py.
     answer = trial.result.as_json()["investigation"]
-    assert [entry["verdict"] for entry in answer] == ["cannot_tell_apart"] * (len(answer) - 1) + ["effect_missing"]
+    # In between one may be named that is not surely better than its rivals: the robot goes on.
+    assert (answer[0]["verdict"], answer[-1]["verdict"]) == ("cannot_tell_apart", "effect_missing")
     assert answer[0]["experiment"] is None
     assert answer[1]["experiment"]["probability"] > 0.2
     assert answer[-1]["belief"][hidden] > 0.99
