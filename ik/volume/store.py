@@ -68,8 +68,6 @@ class VolumeTable:
             StaleTableError: what is there is no such volume.
         """
         zarr = _zarr()
-        if path.exists():  # made by another process since the caller looked
-            return cls.open(path, robot, extra)
         shape = (len(grid.rotations), *grid.counts)
         edges = tuple(min(BLOCK, count) for count in grid.counts)
         blocks = tuple(-(-count // BLOCK) for count in grid.counts)
@@ -99,7 +97,7 @@ class VolumeTable:
             unfinished.rename(path)
         except (OSError, ValueError) as error:  # a name with a null character is a ValueError
             shutil.rmtree(unfinished, ignore_errors=True)
-            if path.exists():
+            if path.exists():  # made by another process since the caller looked
                 return cls.open(path, robot, extra)
             why = getattr(error, "strerror", None) or error
             raise InputError(f"{path}: cannot be written ({why}); choose another directory") from error

@@ -22,7 +22,7 @@ from pipeline.ros.master import Figures, MasterWatch, round_trip
 from pipeline.ros.states import EvenTimes, JointStates
 from pipeline.ros.telemetry import Telemetry
 from pipeline.ros.topics import RosTopics, command_message, point_message, positions_in
-from pipeline.ros.ways import Blend, Braking
+from pipeline.ros.transitions import Blend, Braking
 
 LAG = 0.01
 """How far behind now the joints are read [s]: by then the reading of that time has usually arrived."""

@@ -70,11 +70,9 @@ def test_a_load_bounces_on_an_elastic_string_as_a_spring_pendulum_does():
     mass, length, compliance, damping, g = 0.08, 0.368, 5e-3, 0.05, 9.81
     time = 0.005 * np.arange(1200)
 
-    def gripper(t):
-        """From rest with a jerk every half second: position, velocity, acceleration."""
-        w = 2.0 * np.pi / 0.5
-        a = 1.5 * np.sin(w * t) ** 3 * (t < 4.0)
-        return a
+    def jerked(t):
+        """Acceleration of the gripper, m/s^2: from rest, with a jerk every quarter of a second until 4 s."""
+        return 1.5 * np.sin(4.0 * np.pi * t) ** 3 * (t < 4.0)
 
     def right(t, s):
         x, v, qx, qz, vx, vz = s
@@ -82,7 +80,7 @@ def test_a_load_bounces_on_an_elastic_string_as_a_spring_pendulum_does():
         r = np.hypot(*d)
         n = d / r
         pull = (r - length) / compliance + 2.0 * damping * np.sqrt(mass / compliance) * (np.array([vx - v, vz]) @ n)
-        return [v, gripper(t), vx, vz, -pull * n[0] / mass, -pull * n[1] / mass - g]
+        return [v, jerked(t), vx, vz, -pull * n[0] / mass, -pull * n[1] / mass - g]
 
     rest = [0.0, 0.0, 0.0, -length - compliance * mass * g, 0.0, 0.0]
     found = solve_ivp(right, (0.0, time[-1]), rest, "DOP853", t_eval=time, rtol=1e-10, atol=1e-12, max_step=0.005).y

@@ -11,7 +11,7 @@ from pipeline.record import Recorder
 from pipeline.robot.protocol import ForceSample
 from pipeline.ros.gate import PERIOD
 from pipeline.ros.telemetry import PublishingRecorder, Telemetry
-from pipeline.ros.ways import DURATION, FARTHEST, Blend
+from pipeline.ros.transitions import DURATION, FARTHEST, Blend
 from pipeline.trial.moves import JOINT_SPEED, LINE_SPEED, along, approach, play, rehearsal
 
 

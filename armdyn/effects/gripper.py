@@ -1,0 +1,68 @@
+"""Effects that act on the string's upper end."""
+
+import casadi as ca
+
+from armdyn.effects.effect import effect
+from armdyn.parameter import quantity
+from armdyn.pendulum.physics import Expression, Gripper
+
+
+@effect(
+    summary="The gripper moves farther than measured, by a constant share.",
+    source="scale error of a position sensor: JCGM 200 (VIM), §4.31",
+)
+def gripper_scale(
+    gripper: Gripper,
+    error: Expression = quantity("1", typical=0.03, lower=-0.9, upper=5.0, summary="share that the measurement misses"),
+) -> Gripper:
+    """x_true = (1 + s) x."""
+    along, across, up = ca.vertsplit(gripper.position)
+    return gripper.with_position(ca.vertcat((1 + error) * along, across, up))
+
+
+@effect(
+    summary="The gripper trails its measured position as a first-order lag.",
+    source="first-order lag: Franklin, Powell & Emami-Naeini, Feedback Control of Dynamic Systems, §3.3",
+)
+def gripper_lag(
+    gripper: Gripper,
+    time: Expression = quantity("s", typical=0.02, lower=0.0, upper=1.0, summary="time constant"),
+) -> Gripper:
+    """Tau dx_true/dt + x_true = x."""
+    return gripper.with_lag(time)
+
+
+@effect(
+    summary="The gripper gives way along the line, in proportion to the string's pull.",
+    source="joint and link compliance seen at the tool: Siciliano et al., Robotics, 2009, §9.1",
+)
+def gripper_compliance(
+    gripper: Gripper,
+    compliance: Expression = quantity("m/N", typical=5e-3, lower=0.0, upper=0.2, summary="displacement per force"),
+) -> Gripper:
+    """x_true = x - c T sin(phi)."""
+    return gripper.with_compliance(compliance)
+
+
+@effect(
+    summary="The gripper rises and falls along its way: the line is an arc.",
+    source="second-order term of a path that is not straight: do Carmo, Differential Geometry, §1-5",
+)
+def gripper_bob(
+    gripper: Gripper,
+    curvature: Expression = quantity("1/m", typical=0.5, lower=-20.0, upper=20.0, summary="height = curvature x^2"),
+) -> Gripper:
+    """Height z = k x^2."""
+    return gripper.with_position(gripper.position + ca.vertcat(0, 0, curvature * gripper.position[0] ** 2))
+
+
+@effect(
+    summary="The line is not level: gravity has a component along it.",
+    source="rotation of the frame; Goldstein, Classical Mechanics, 3rd ed., §4.4",
+)
+def path_tilt(
+    gripper: Gripper,
+    angle: Expression = quantity("rad", typical=0.01, lower=-0.7, upper=0.7, summary="gravity leans towards +"),
+) -> Gripper:
+    """Up = (-sin a, 0, cos a) in the frame of the line, in which the swing angle is measured."""
+    return gripper.with_tilt(angle)
