@@ -11,9 +11,10 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from armdyn.arm.memory import OverTime, Remembered
+from armdyn.arm.memory import Remembered
 from armdyn.arm.physics import Base, Expression, Joint, Link, Neighbour
 from armdyn.arm.rigid import inertial_parameters
+from armdyn.arm.vectorised import OverTime
 from armdyn.codegen import Buffered
 from armdyn.effects.effect import Effect, applied
 from armdyn.errors import InputError

@@ -17,7 +17,8 @@ from scipy.optimize import minimize
 
 from armdyn.excitation.columns import Columns
 from armdyn.excitation.criteria import Criterion
-from armdyn.excitation.series import Motions, Postures, Room, Series
+from armdyn.excitation.room import Postures, Room
+from armdyn.excitation.series import Motions, Series
 
 GRID = 8.0
 """Instants per second at which information and torques are worked out: eight times the highest frequency."""

@@ -5,18 +5,15 @@ A finite Fourier series per joint (Swevers, Ganseman, Tükel, De Schutter & Van 
     q(t) = c + \sum_{h=1}^{H} a_h \sin(h w t) + b_h \cos(h w t),   w = 2 \pi / P,
 
 of which \sum h a_h = 0 and \sum h^2 b_h = 0 make velocity and acceleration vanish where a period begins and ends: the
-motion joins a rest with a continuous acceleration. Its room is how far, how fast and how strongly the joints may move.
+motion joins a rest with a continuous acceleration.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from math import ceil
-from typing import Protocol
 
 import numpy as np
 from scipy.linalg import null_space
-
-import urdf
 
 BAND = 1.0
 """Hz, the highest frequency of a position: arms follow it, and it is far below the 10 Hz at which their links bend."""
@@ -108,76 +105,3 @@ class Series:
             basis, _ = np.linalg.qr(inside)
             kept[rows, rows] = basis @ basis.T
         return kept
-
-
-TURN = 2.0 * np.pi
-"""rad; a joint that turns further from its zero comes to the same postures again."""
-KINEMATIC, STRENGTH = 0.97, 0.93
-"""Shares of the limits of position, speed and acceleration, and of torque, that a motion uses: an arm does not follow
-exactly, and its torques are not those of its description."""
-
-
-class Postures(Protocol):
-    """Which postures are free, of collisions for one."""
-
-    def free(self, q: np.ndarray) -> bool:
-        """Whether the posture (nj,) is allowed, without any distance asked for; quick."""
-        ...
-
-    def margins(self, q: np.ndarray) -> np.ndarray:
-        """(k,) how far the posture (nj,) is from what is forbidden beyond what is asked for, about 1 for far."""
-        ...
-
-
-@dataclass(frozen=True, eq=False)
-class Room:
-    """Limits of a motion; all (nj,).
-
-    Attributes:
-        lower: rad or m.
-        upper: rad or m.
-        velocity: per s.
-        acceleration: per s^2.
-        effort: N m or N.
-    """
-
-    lower: np.ndarray
-    upper: np.ndarray
-    velocity: np.ndarray
-    acceleration: np.ndarray
-    effort: np.ndarray
-
-    @classmethod
-    def of(cls, robot: urdf.Robot) -> "Room":
-        """The shares of a robot's limits that a motion uses."""
-        limits = robot.limits
-        lower, upper = np.maximum(limits.lower, -TURN), np.minimum(limits.upper, TURN)
-        middle, half = (lower + upper) / 2.0, (upper - lower) / 2.0
-        return cls(
-            middle - KINEMATIC * half,
-            middle + KINEMATIC * half,
-            KINEMATIC * np.asarray(limits.velocity),
-            KINEMATIC * np.asarray(limits.acceleration),
-            STRENGTH * np.asarray(limits.effort),
-        )
-
-    @property
-    def middle(self) -> np.ndarray:
-        """Of the positions, rad or m."""
-        return np.asarray((self.lower + self.upper) / 2.0)
-
-    @property
-    def half(self) -> np.ndarray:
-        """Half the range of the positions, rad or m."""
-        return np.asarray((self.upper - self.lower) / 2.0)
-
-    def narrower(self, limit: str, joint: int, factor: float) -> "Room":
-        """Less room for one joint in one respect, counted from the middle."""
-        if limit == "position":
-            half = self.half.copy()
-            half[joint] *= factor
-            return replace(self, lower=self.middle - half, upper=self.middle + half)
-        name = {"velocity": "velocity", "acceleration": "acceleration", "torque": "effort"}[limit]
-        values = np.array(getattr(self, name))
-        values[joint] *= factor
-        return replace(self, **{name: values})

@@ -14,7 +14,8 @@ from armdyn.excitation.criteria import Criterion, covariance
 from armdyn.excitation.design import STEPS, Design
 from armdyn.excitation.goal import Goal
 from armdyn.excitation.random_motions import random_motion, scaled
-from armdyn.excitation.series import Motions, Room, Series
+from armdyn.excitation.room import Room
+from armdyn.excitation.series import Motions, Series
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, check_joints
 from pipeline.motion.trajectory import JointTrajectory
 from urdf.robot import Array

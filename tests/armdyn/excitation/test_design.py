@@ -6,7 +6,8 @@ from armdyn.excitation.criteria import covariance
 from armdyn.excitation.design import Design, _Multipliers, _Objective
 from armdyn.excitation.goal import determining
 from armdyn.excitation.random_motions import random_motion
-from armdyn.excitation.series import Room, Series
+from armdyn.excitation.room import Room
+from armdyn.excitation.series import Series
 
 
 class OnOneSide:
