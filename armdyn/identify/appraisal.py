@@ -35,7 +35,7 @@ from armdyn.identify.sums import Sums
 
 SURE = log(100.0)
 """Nats beyond chance at which an effect is believed: one false name in a hundred clean recordings."""
-DIMINISHED = 0.008
+DIMINISHED = 0.012
 """Of the squared error that the values so far explain on average, what each further one must explain where the model's
 own error is what is left. It stands between robots of which one effect makes most of the error and every link is off by
 some per cent, where 0.006 would name links (`tests/hidden_effects/imperfect_arm.py`), and the offset of a real slide,

@@ -83,6 +83,9 @@ def _added(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate], refu
     if not now.effects:
         options += _whole(appraiser, left)
     options = _better(appraiser, now, options, refused)
+    if not options and not appraiser.few:
+        # What is foretold is what training runs gain: the ten values of a link outbid a friction that carries over.
+        options = _better(appraiser, now, [appraiser.of((*now.effects, c)) for c in left], refused)
     return foremost(appraiser, now, options) if options else None
 
 
