@@ -89,6 +89,7 @@ class Appraisal:
     values: float
     predicted: np.ndarray
     misfit: float
+    overall: float
     totals: np.ndarray
 
     def carries_over(self, before: "Appraisal") -> bool:
@@ -217,6 +218,14 @@ class Appraiser(ABC):
         held_out = np.flatnonzero(~self.sums.training)
         return held_out if len(held_out) else self._training
 
+    @cached_property
+    def _overall(self) -> np.ndarray:
+        """(U,) weights of squared errors in a set's `overall` misfit."""
+        weight = self._importance.copy()
+        for mine in (self.sums.training, ~self.sums.training):
+            weight[mine] /= max(len(np.unique(self.sums.run[mine])), 1)
+        return weight
+
     @property
     def floor(self) -> float:
         """The `misfit` of noise alone."""
@@ -244,12 +253,10 @@ class Appraiser(ABC):
         transfer = -0.5 * float(self.independent[units] @ _misfit(predicted / s.noise[units] ** 2))
         # Where only noise is left, likelihood says all that predicted runs could say.
         transfer = self.limited * transfer + (1.0 - self.limited) * fit
-        if len(units):
-            others = np.isin(units, self._judged)
-            judged, errors_there = units[others], predicted[others]
-        else:
-            judged, errors_there = self._training, left
-        floored = np.maximum(errors_there, s.noise[judged] ** 2)
+        error = np.zeros(len(s.count))
+        error[self._training] = left
+        error[units] = predicted
+        floored = np.maximum(error, s.noise**2)
         return Appraisal(
             effects=effects,
             worth=fit + transfer - price if self._inside(solver, one, change, effective) else -np.inf,
@@ -264,7 +271,8 @@ class Appraiser(ABC):
             likelihood=likelihood,
             values=values,
             predicted=predicted,
-            misfit=float(self._importance[judged] @ floored),
+            misfit=float(self._importance[self._judged] @ floored[self._judged]),
+            overall=float(self._overall @ floored),
             totals=np.array([self._totals(e, fold.units) for e, fold in zip(errors, self._folds, strict=True)]),
         )
 

@@ -118,12 +118,14 @@ def foremost(appraiser: Appraiser, now: Appraisal, options: Sequence[Appraisal])
     """What is worth most; where the model's own error is left, what explains most or nearly, with fewest values."""
     if appraiser.few or appraiser.limited == 0.0:
         return max(options, key=lambda o: o.worth)
-    gains = {o: float(np.log(now.misfit / o.misfit)) for o in options}
+    gains = {o: float(np.log(now.overall / o.overall)) for o in options}
     best = max(options, key=lambda o: gains[o])
     near = [
         o
         for o in options
-        if o is best or gains[o] >= max(NEARLY, 1.0 - SAVED * float(np.sum(best.free) - np.sum(o.free))) * gains[best]
+        if o is best
+        or len(o.effects) <= len(best.effects)
+        and gains[o] >= max(NEARLY, 1.0 - SAVED * float(np.sum(best.free) - np.sum(o.free))) * gains[best]
     ]
     return min(near, key=lambda o: (np.sum(o.free), -o.worth))
 

@@ -12,7 +12,7 @@ from armdyn.model import Bend
 
 REFINEMENTS = 6
 """Rounds in which unknowns that leave their bounds are put on them."""
-BENT_STEPS = 6
+BENT_STEPS = 25
 """Gauss-Newton steps on the sums for unknowns that predictions are not linear in."""
 SETTLED = 0.5
 """Nats that do not matter."""
