@@ -69,7 +69,7 @@ def _displaces(appraiser: Appraiser, after: Appraisal, before: Appraisal) -> boo
     """Whether something came that makes superfluous what explains most and would have been chosen before it."""
     common = [c for c in before.effects if c in after.effects]
     rest = appraiser.of(common)
-    leads = rest.misfit - before.misfit > LEADS * appraiser.of(()).misfit
+    leads = rest.overall - before.overall > LEADS * appraiser.of(()).overall
     return leads and foremost(appraiser, rest, [before, after]) is before
 
 
@@ -115,7 +115,10 @@ def _added_or_paired(
 
 
 def foremost(appraiser: Appraiser, now: Appraisal, options: Sequence[Appraisal]) -> Appraisal:
-    """What is worth most; where the model's own error is left, what explains most or nearly, with fewest values."""
+    """What is worth most; where the model's own error is left, what explains most or nearly, with fewest values.
+
+    Several effects do not stand for one: gains of four joints are no simpler than the one link that they imitate.
+    """
     if appraiser.few or appraiser.limited == 0.0:
         return max(options, key=lambda o: o.worth)
     gains = {o: float(np.log(now.overall / o.overall)) for o in options}
@@ -137,15 +140,15 @@ def _simplified(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate])
             continue
         rest = [c for c in now.effects if c != effect]
         without = appraiser.of(rest)
-        enough = NEARLY * np.log(without.misfit / now.misfit)
+        enough = NEARLY * np.log(without.overall / now.overall)
         simpler = [
             appraiser.of((*rest, c))
             for c in appraiser.candidates
             if c not in now.effects and appraiser.holds(effect, c)
         ]
-        near = [o for o in simpler if np.isfinite(o.worth) and np.log(without.misfit / o.misfit) >= enough]
+        near = [o for o in simpler if np.isfinite(o.worth) and np.log(without.overall / o.overall) >= enough]
         if near:
-            now = min(near, key=lambda o: o.misfit)
+            now = min(near, key=lambda o: o.overall)
     return now
 
 
