@@ -127,8 +127,10 @@ def foremost(appraiser: Appraiser, now: Appraisal, options: Sequence[Appraisal])
         o
         for o in options
         if o is best
-        or len(o.effects) <= len(best.effects)
-        and gains[o] >= max(NEARLY, 1.0 - SAVED * float(np.sum(best.free) - np.sum(o.free))) * gains[best]
+        or (
+            len(o.effects) <= len(best.effects)
+            and gains[o] >= max(NEARLY, 1.0 - SAVED * float(np.sum(best.free) - np.sum(o.free))) * gains[best]
+        )
     ]
     return min(near, key=lambda o: (np.sum(o.free), -o.worth))
 
