@@ -13,8 +13,10 @@ from armdyn.arm.motion import Motion
 from armdyn.arm.physics import Expression
 
 SIZE = 10
-SMALLEST_EXTENT = 0.01
-"""m; a described link that is smaller than this in some direction is taken as so large when it is deformed."""
+NO_EXTENT = 0.001
+"""m; a described link that is smaller than this in some direction is a point there: no deformation makes it larger."""
+MENDED_EXTENT = 0.01
+"""m; what such a link is taken to have when it is deformed."""
 SMALLEST_MASS = 1e-3
 """Of the heaviest link; a described link that is lighter is taken as so heavy when it is deformed."""
 
@@ -76,7 +78,8 @@ def shape(parameters: np.ndarray, heaviest: float) -> np.ndarray:
     centre = J[:3, 3] / J[3, 3] if J[3, 3] > 0 else np.zeros(3)
     spread = J[:3, :3] - J[3, 3] * np.outer(centre, centre)
     values, vectors = np.linalg.eigh((spread + spread.T) / 2)
-    spread = (vectors * np.maximum(values, mass * SMALLEST_EXTENT**2)) @ vectors.T
+    mended = np.where(values < mass * NO_EXTENT**2, mass * MENDED_EXTENT**2, values)
+    spread = (vectors * mended) @ vectors.T
     U = np.zeros((4, 4))
     U[:3, :3] = np.linalg.cholesky(spread[::-1, ::-1])[::-1, ::-1]
     U[:3, 3] = np.sqrt(mass) * centre
