@@ -108,7 +108,8 @@ def _found(
         return f"Nothing was added: the error {WHOSE[judge]} is {_sizes(before)}."
     named = added if len(added) <= MOST_EFFECTS else [*added[: MOST_EFFECTS - 1], f"{len(added) - 3} more effects"]
     several = len(added) > 1
-    ties = list(dict.fromkeys(tied for step in steps for tied in step.tied_with))
+    names = {name for step in steps for name in step.added}
+    ties = list(dict.fromkeys(tied for step in steps for tied in step.tied_with if tied not in names))
     share = explained(steps[0], steps[-1], judge, scale)
     helps = share > 0.0
     is_missing = "missing" if searched and helps else "added"
