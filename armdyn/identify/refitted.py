@@ -74,12 +74,15 @@ class Refitted(Appraiser):
         """Whether each further effect explains `LEAST_SHARE` of what is left above the noise.
 
         As in the score, likelihood says how much that is where only noise is left, and predicted runs where more is.
+        Effects that were asked about are spared: an experiment that was made to see them, on a robot whose own errors
+        stay, shows them by what they are worth.
         """
+        further = sum(c not in fewer.effects and c.effect not in self._study.asked for c in more.effects)
         before, after = self.fit(fewer), self.fit(more)
         by_cost = _share(before.cost, after.cost, before.samples + np.sqrt(2.0 * before.samples))
         by_runs = _share(fewer.misfit, more.misfit, self.floor)
         share = self.limited * by_runs + (1.0 - self.limited) * by_cost
-        return share >= LEAST_SHARE * (len(more.effects) - len(fewer.effects))
+        return share >= LEAST_SHARE * further
 
     def advance(self, now: Appraisal) -> None:
         """See `Appraiser.advance`: expand there, and measure by what the richest model leaves there."""

@@ -1,6 +1,6 @@
 """A model, runs and a catalogue: every fit that a diagnosis or a repair asks for, each done once."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -45,6 +45,7 @@ class Study:
         held_out: whole runs that take no part in any fit, and take part in choosing.
         catalogue: effects that may be missing.
         exam: whole runs that take part in nothing; only `exam_blocks` uses them.
+        asked: names of effects for which the last of the runs was designed: they need not stand out of all errors.
 
     Raises:
         InputError: see `prepare.prepared`.
@@ -57,8 +58,10 @@ class Study:
         held_out: Sequence[Run],
         catalogue: Sequence[Effect],
         exam: Sequence[Run] = (),
+        asked: Collection[str] = (),
     ) -> None:
         self.model = model
+        self.asked = frozenset(asked)
         self.runs, self.held_out = prepared(model, runs, held_out)
         names = [run.name for run in (*self.runs, *self.held_out)]
         self.exam = prepared_exam(model, runs, held_out, exam, names)
