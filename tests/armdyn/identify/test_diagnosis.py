@@ -173,3 +173,14 @@ def test_white_noise_is_not_whitened_and_coloured_noise_is():
     for k in range(1, len(e)):
         e[k] += 0.8 * e[k - 1]
     assert likeliest_autoregression([e]) == pytest.approx([0.8], abs=0.05)
+
+
+@pytest.mark.parametrize("asked", [(), ("sensor_drift",), ("wind",)])
+def test_an_effect_that_was_asked_about_need_not_stand_out_of_an_error_that_stays(asked):
+    runs = recordings(hidden={"one_sided_rub": 2e-3, "sensor_drift": 1e-3})
+    study = Study(pendulum_model(0.35, 0.1), runs, [], EFFECTS, asked=asked)
+    appraiser = Refitted(study)
+    drift = next(c for c in study.candidates if c.effect == "sensor_drift")
+    nothing, small = appraiser.of(()), appraiser.of([drift])
+    assert small.worth > nothing.worth + 10.0
+    assert appraiser.useful(small, nothing) is ("sensor_drift" in asked)
