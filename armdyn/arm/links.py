@@ -108,7 +108,7 @@ def link_changes(
         inertial = described + change
         value, jacobian = _described_by(inertial)
         by_theta = jacobian @ (derivatives * free)
-        std, alone = (np.sqrt(np.einsum("ij,jk,ik->i", by_theta, c, by_theta)) for c in (covariance, of_runs_alone))
+        std, alone = (_deviations(by_theta, c) for c in (covariance, of_runs_alone))
         sizes = _sizes(value)
         moves = np.any(by_theta != 0.0, axis=1)
         quantities = tuple(
@@ -119,6 +119,13 @@ def link_changes(
         )
         found.append(LinkChange(model.joints[i], quantities, is_physical(inertial)))
     return tuple(found)
+
+
+def _deviations(jacobian: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """(k,) standard deviations by the delta method, none below what rounding leaves of the sum."""
+    variance = np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian)
+    terms = np.einsum("ij,jk,ik->i", np.abs(jacobian), np.abs(covariance), np.abs(jacobian))
+    return np.sqrt(np.maximum(variance, len(covariance) * np.finfo(float).eps * terms))
 
 
 def _sizes(value: np.ndarray) -> np.ndarray:

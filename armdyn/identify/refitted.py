@@ -82,7 +82,7 @@ class Refitted(Appraiser):
         by_cost = _share(before.cost, after.cost, before.samples + np.sqrt(2.0 * before.samples))
         by_runs = _share(fewer.misfit, more.misfit, self.floor)
         share = self.limited * by_runs + (1.0 - self.limited) * by_cost
-        return share >= LEAST_SHARE * further
+        return bool(share >= LEAST_SHARE * further)
 
     def advance(self, now: Appraisal) -> None:
         """See `Appraiser.advance`: expand there, and measure by what the richest model leaves there."""
