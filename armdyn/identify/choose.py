@@ -21,7 +21,10 @@ SAVED = 0.05
 spring with two values and 0.76 of what a link with ten explains comes first, a gain with one and 0.88 of the spring
 does not."""
 NEARLY = 0.75
-"""Share of that gain that it must bring, however many it saves, and that stands for a richer effect that holds it."""
+"""Share of that gain that it must bring, however many it saves."""
+CORE = 0.5
+"""Share of a richer effect's gain from which a simpler one that it holds stands for it; what is lacking may come as an
+effect of its own, as an offset beside Coulomb friction in place of asymmetric friction."""
 LEADS = 0.5
 """Share of the misfit as given from which an effect is what a reader is told first."""
 MOST_PAIRED = 2
@@ -62,7 +65,11 @@ def chosen(appraiser: Appraiser, firm: Sequence[Candidate] = (), say: Say | None
                 appraiser.advance(now)  # at its minimum it is not what its first steps promised
                 continue
             now = appraiser.of(fewer.effects)
-    return _simplified(appraiser, now, firm)
+    simple = _simplified(appraiser, now, firm)
+    while simple is not now:
+        now = simple
+        simple = _added(appraiser, now, firm, ()) or now
+    return now
 
 
 def _displaces(appraiser: Appraiser, after: Appraisal, before: Appraisal) -> bool:
@@ -142,7 +149,7 @@ def _simplified(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate])
             continue
         rest = [c for c in now.effects if c != effect]
         without = appraiser.of(rest)
-        enough = NEARLY * np.log(without.overall / now.overall)
+        enough = CORE * np.log(without.overall / now.overall)
         simpler = [
             appraiser.of((*rest, c))
             for c in appraiser.candidates

@@ -117,10 +117,12 @@ def test_friction_is_never_negative(baxter):
     assert set(estimate.at_bound) == set(model.names)
 
 
-def test_links_stay_bodies_whatever_the_parameters(baxter):
-    model = baxter.with_effect(find("link_inertia"))
+@pytest.mark.parametrize(("robot", "sizes"), [("baxter", (0.3, 3.0, 30.0)), ("panda", (0.3, 1.0))])
+def test_links_stay_bodies_whatever_the_parameters(robot, sizes):
+    """A Panda's second link is 1 mm thin as its URDF has it, and stays a body all the same."""
+    model = arm_model(robot=robot).with_effect(find("link_inertia"))
     rng = np.random.default_rng(0)
-    for size in (0.3, 3.0, 30.0):
+    for size in sizes:
         theta = np.clip(size * rng.standard_normal(len(model.names)), -6.9, 6.9)
         changed = model.with_values(dict(zip(model.names, theta, strict=True)))
         assert all(is_physical(p) for p in changed.link_parameters().values())

@@ -1,0 +1,41 @@
+"""What a search puts first, where the model's own error is left."""
+
+from types import SimpleNamespace as Plain
+
+import numpy as np
+import pytest
+
+from armdyn.identify.choose import foremost
+
+
+class Set(Plain):
+    """An appraisal, as far as it is looked at."""
+
+    __hash__ = object.__hash__
+
+
+LIMITED = Plain(few=False, limited=0.9)
+NOTHING = Plain(overall=1.0)
+
+
+def option(name, overall, values, *, effects=1, worth=0.0):
+    return Set(name=name, overall=overall, free=np.ones(values), effects=(name,) * effects, worth=worth)
+
+
+@pytest.mark.parametrize(
+    ("simple", "first"),
+    [
+        (option("spring", 0.10, 2), "spring"),  # 0.77 of what the link explains, with 2 values in place of 10
+        (option("spring", 0.20, 2), "link"),
+        (option("gains of four joints", 0.10, 4, effects=4), "link"),
+        (option("payload", 0.06, 10, worth=1.0), "link"),  # as many values: what explains more comes first
+    ],
+)
+def test_few_values_that_explain_nearly_as_much_come_first_but_not_many_effects(simple, first):
+    assert foremost(LIMITED, NOTHING, [option("link", 0.05, 10), simple]).name == first
+
+
+def test_at_the_noise_the_worth_decides():
+    noise = Plain(few=False, limited=0.0)
+    options = [option("link", 0.05, 10, worth=3.0), option("spring", 0.5, 2, worth=4.0)]
+    assert foremost(noise, NOTHING, options).name == "spring"
