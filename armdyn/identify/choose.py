@@ -11,7 +11,7 @@ from itertools import combinations
 
 import numpy as np
 
-from armdyn.identify.appraisal import Appraisal, Appraiser
+from armdyn.identify.appraisal import SURE, Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate
 
 PROMISING = 12
@@ -66,10 +66,10 @@ def chosen(appraiser: Appraiser, firm: Sequence[Candidate] = (), say: Say | None
                 continue
             now = appraiser.of(fewer.effects)
     simple = _simplified(appraiser, now, firm)
-    while simple is not now:
+    while simple is not now and not appraiser.few:
         now = simple
         simple = _added(appraiser, now, firm, ()) or now
-    return now
+    return simple
 
 
 def _displaces(appraiser: Appraiser, after: Appraisal, before: Appraisal) -> bool:
@@ -143,19 +143,31 @@ def foremost(appraiser: Appraiser, now: Appraisal, options: Sequence[Appraisal])
 
 
 def _simplified(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate]) -> Appraisal:
-    """With simpler effects in place of richer ones that hold them, if the model's own error is left."""
+    """With simpler effects in place of richer ones that hold them.
+
+    At the noise a richer effect must be surely better than the simpler one; where the model's own error is left, small
+    errors make it better in any case, and the simpler one must be the core of it.
+    """
+    share = NEARLY if appraiser.few else CORE
     for effect in now.effects:
-        if effect in firm or appraiser.limited == 0.0:
+        if effect in firm or (appraiser.few and appraiser.limited == 0.0):
             continue
         rest = [c for c in now.effects if c != effect]
         without = appraiser.of(rest)
-        enough = CORE * np.log(without.overall / now.overall)
+        enough = share * np.log(without.overall / now.overall)
+        # Likelihood counts twice at the noise. A pendulum's effects have their own pairs and exchanges.
+        surely = np.inf if appraiser.few else now.worth - (2.0 - appraiser.limited) * SURE
         simpler = [
             appraiser.of((*rest, c))
             for c in appraiser.candidates
             if c not in now.effects and appraiser.holds(effect, c)
         ]
-        near = [o for o in simpler if np.isfinite(o.worth) and np.log(without.overall / o.overall) >= enough]
+        near = [
+            o
+            for o in simpler
+            if np.isfinite(o.worth)
+            and (o.worth > surely or (appraiser.limited and np.log(without.overall / o.overall) >= enough))
+        ]
         if near:
             now = min(near, key=lambda o: o.overall)
     return now
