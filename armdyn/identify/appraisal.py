@@ -73,6 +73,8 @@ class Appraisal:
         misfit: squared error of held-out runs where such are given, else of runs predicted in turn, else of the
             training run, at least the noise's; summed over channels, in the unit's square where they share one, else
             over the noise.
+        overall: likewise, of a training run, predicted from the others where there are others, plus that of a held-out
+            run where such are given, means over runs. What explains one kind of motion alone is not what is missing.
         totals: (r, k) error of every predicted run over its channels of each unit, root of the sum of squares.
     """
 
@@ -200,8 +202,8 @@ class Appraiser(ABC):
             return True
         had = int(np.sum(fewer.free) - np.sum(self._always))
         further = int(np.sum(more.free) - np.sum(fewer.free))
-        next_one = (self.of(()).misfit - fewer.misfit) / max(had, 1) ** RETURNS
-        return fewer.misfit - more.misfit >= DIMINISHED * self.limited * further * max(next_one, 0.0)
+        expected = (self.of(()).misfit - fewer.misfit) / max(had, 1) ** RETURNS
+        return fewer.misfit - more.misfit >= DIMINISHED * self.limited * further * max(expected, 0.0)
 
     def price(self, effects: Sequence[Candidate]) -> float:
         """What a set must gain over no effect at all, nats.

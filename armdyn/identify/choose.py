@@ -21,10 +21,11 @@ SAVED = 0.05
 spring with two values and 0.76 of what a link with ten explains comes first, a gain with one and 0.88 of the spring
 does not."""
 NEARLY = 0.75
-"""Share of that gain that it must bring, however many it saves."""
+"""Share of that gain that it must bring, however many it saves; on a pendulum also, of the gain of a richer effect that
+holds it."""
 CORE = 0.5
-"""Share of a richer effect's gain from which a simpler one that it holds stands for it; what is lacking may come as an
-effect of its own, as an offset beside Coulomb friction in place of asymmetric friction."""
+"""The same on an arm, where what the simpler effect lacks may come as an effect of its own: an offset beside Coulomb
+friction in place of asymmetric friction."""
 LEADS = 0.5
 """Share of the misfit as given from which an effect is what a reader is told first."""
 MOST_PAIRED = 2

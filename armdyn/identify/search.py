@@ -128,14 +128,12 @@ def _by_sums(study: Study, first: Fit, say: Progress) -> _Choice:
     for appraiser, (_, firm) in zip(appraisers, starts, strict=True):
         atoms = appraiser.within(firm)
         if not atoms or appraiser.of(atoms).worth > -np.inf:
-            one = chosen(appraiser, atoms, say)
-            found[one] = appraiser
-            # What a turned base does to a slide, an offset does as well, with fewer values.
-            rest = [c for c in one.effects if c not in atoms]
-            others = [c for c in appraisers[0].candidates if atoms and c not in one.effects]
-            found |= {
-                one: appraisers[0] for one in (appraisers[0].of((*rest, c)) for c in others) if one.worth > -np.inf
-            }
+            whole = chosen(appraiser, atoms, say)
+            found[whole] = appraiser
+            if atoms:  # what a turned base does to a slide, an offset does as well, with fewer values
+                rest = [c for c in whole.effects if c not in atoms]
+                others = [appraisers[0].of((*rest, c)) for c in appraisers[0].candidates if c not in whole.effects]
+                found |= {other: appraisers[0] for other in others if other.worth > -np.inf}
     nothing = appraisers[0].of(())
     better = [one for one in found if one.misfit < nothing.misfit]
     whole = foremost(appraisers[0], nothing, better) if better else nothing

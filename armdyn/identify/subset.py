@@ -13,7 +13,7 @@ from armdyn.model import Bend
 REFINEMENTS = 6
 """Rounds in which unknowns that leave their bounds are put on them."""
 BENT_STEPS = 25
-"""Gauss-Newton steps on the sums for unknowns that predictions are not linear in."""
+"""Gauss-Newton steps on the sums, at most, for unknowns that predictions are not linear in: most links need 12."""
 SETTLED = 0.5
 """Nats that do not matter."""
 

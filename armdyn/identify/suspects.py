@@ -51,13 +51,13 @@ def rises(appraiser: Appraiser, whole: Appraisal, firm: Sequence[Candidate] = ()
     while left:
         options = {appraiser.of((*now.effects, c)): c for c in left}
         beside = foremost(appraiser, now, list(options))
-        first, gain = options[beside], now.misfit - beside.misfit
+        first, gain = options[beside], now.overall - beside.overall
         joined = [first] + [
             c
             for c in left
             if c is not first
             and c.effect == first.effect
-            and beside.misfit - appraiser.of((*beside.effects, c)).misfit >= ALIKE * gain
+            and beside.overall - appraiser.of((*beside.effects, c)).overall >= ALIKE * gain
         ]
         after = appraiser.of((*now.effects, *joined))
         found.append(Rise(merged(joined)[0], after, after.worth - now.worth, tied(appraiser, whole, joined)))

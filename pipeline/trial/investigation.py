@@ -209,7 +209,7 @@ def investigate(
             return Investigation(tuple(stages), Stop.INTERRUPTED, None, ending, place, experiment.course.interrupted)
         run = experiment.recording(f"experiment {number}")
         tell(f"thinking over {number} experiment{'s' if number > 1 else ''}")
-        asked = {name for names in questions for name in names} if proposal is not None else ()
+        asked = {name for names in questions for name in names}
         study = Study(model, [*(stage.run for stage in stages), run], [], catalogue, asked=asked)
         found = diagnose(study)
         rivals = of_diagnosis(study, found)
