@@ -247,7 +247,7 @@ class Appraiser(ABC):
         change, effective = solver.minimum(one, self._training)
         left = solver.sums.errors(columns, effective, self._training)
         likelihood = self._log_likelihood(left) - self._against_priors(solver, columns, change)
-        occam, values = self._freedom(solver, columns[free], change[free])
+        occam, values = self._freedom(solver, columns[free], change[free], self._training)
         whole = solver.cost(one, change, effective, self._training)
         errors = [self._predicted(solver, one, change, whole, fold) for fold in self._folds]
         predicted = np.concatenate([np.zeros(0), *errors])
@@ -309,15 +309,17 @@ class Appraiser(ABC):
         samples = np.array([self.independent[units].sum() for units in channels])
         return -0.5 * float(samples @ _misfit(mean))
 
-    def _freedom(self, solver: Solver, columns: np.ndarray, change: np.ndarray) -> tuple[float, float]:
-        """Nats that the freedom of a set's own unknowns costs, and how many of them the runs determine."""
+    def _freedom(
+        self, solver: Solver, columns: np.ndarray, change: np.ndarray, units: np.ndarray
+    ) -> tuple[float, float]:
+        """Nats that the freedom of a set's own unknowns costs in units (u,), and how many of them these determine."""
         p, own = self.sums.problem, ~self._always[columns]
         C = columns[own]
         d = (solver.sums.values[columns] + change)[own] - np.where(p.prior_weight > 0, p.prior_mean, p.null)[C]
         if len(C) == 0:
             return 0.0, 0.0
         T = self._typical[C]
-        A = T[:, None] * solver.normal(self._training)[0][C[:, None], C] * T
+        A = T[:, None] * solver.normal(units)[0][C[:, None], C] * T
         A.flat[:: len(C) + 1] += 1.0
         factor, failed = dpotrf(A, lower=1, clean=1)
         if failed:  # where errors grow from swing to swing, rounding leaves less than the one that was added
@@ -338,16 +340,20 @@ class Appraiser(ABC):
     def _predicted(self, solver: Solver, one: Subset, change: np.ndarray, whole: float, fold: "_Fold") -> np.ndarray:
         """(u,) mean squared error of a run, predicted by a fit to the other training runs; its own unknowns fit it.
 
-        Where only noise is left, the part of it that is no more than what the others leave uncertain does not count:
-        what a run adds to the cost of the others is r' (1 + J S J')^-1 r, with r the prediction's error and S the
-        covariance of what the others say.
+        An effect that has values of its own in that run is no better for being fitted to it: the error counts as larger
+        by their Occam factor. Where only noise is left, the part of it that is no more than what the others leave
+        uncertain does not count: what a run adds to the cost of the others is r' (1 + J S J')^-1 r, with r the
+        prediction's error and S the covariance of what the others say.
         """
         near, effective = solver.minimum(one, fold.others, change)
         before = solver.cost(one, near, effective, fold.others)
         own = one.free & (self._owner[one.columns] == fold.run)
+        freedom = 0.0
         if own.any():
             effective = solver.linear(one.columns, own, fold.units, effective)
+            freedom, _ = self._freedom(solver, one.columns[own], effective[own], fold.units)
         error = solver.sums.errors(one.columns, effective, fold.units)
+        error *= np.exp(self.limited * 2.0 * freedom / np.sum(self.independent[fold.units]))
         total = float(solver.weight[fold.units] * self.sums.count[fold.units] @ error)
         if not self.sums.training[fold.units].any() or total == 0.0:
             return error
