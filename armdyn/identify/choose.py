@@ -123,12 +123,17 @@ def _added_or_paired(
 
 
 def foremost(appraiser: Appraiser, now: Appraisal, options: Sequence[Appraisal]) -> Appraisal:
-    """What is worth most; where the model's own error is left, what explains most or nearly, with fewest values.
+    """What is worth most; where the model's own error is left, what leads."""
+    if appraiser.few or appraiser.limited == 0.0:
+        return max(options, key=lambda o: o.worth)
+    return leading(now, options)
+
+
+def leading(now: Appraisal, options: Sequence[Appraisal]) -> Appraisal:
+    """What explains most, or nearly, with fewest values.
 
     Several effects do not stand for one: gains of four joints are no simpler than the one link that they imitate.
     """
-    if appraiser.few or appraiser.limited == 0.0:
-        return max(options, key=lambda o: o.worth)
     gains = {o: float(np.log(now.overall / o.overall)) for o in options}
     best = max(options, key=lambda o: gains[o])
     near = [

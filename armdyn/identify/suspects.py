@@ -9,7 +9,7 @@ from scipy.stats import chi2 as chi2_distribution
 
 from armdyn.identify.appraisal import Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate
-from armdyn.identify.choose import backward_elimination, foremost
+from armdyn.identify.choose import backward_elimination, foremost, leading
 from armdyn.identify.compare import FittedParameter
 
 ALIKE = 0.1
@@ -45,12 +45,15 @@ def merged(candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
 
 
 def rises(appraiser: Appraiser, whole: Appraisal, firm: Sequence[Candidate] = ()) -> list[Rise]:
-    """The way from the effects `firm` to the set `whole`, what explains most first."""
+    """The way from the effects `firm` to the set `whole`, what explains most first.
+
+    A reader of joint torques counts N m, also where what a joint with little noise shows is surer.
+    """
     now, left = appraiser.of(firm), [c for c in whole.effects if c not in firm]
     found = []
     while left:
         options = {appraiser.of((*now.effects, c)): c for c in left}
-        beside = foremost(appraiser, now, list(options))
+        beside = foremost(appraiser, now, list(options)) if appraiser.few else leading(now, list(options))
         first, gain = options[beside], now.overall - beside.overall
         joined = [first] + [
             c
