@@ -27,7 +27,8 @@ CORE = 0.5
 """The same on an arm, where what the simpler effect lacks may come as an effect of its own: an offset beside Coulomb
 friction in place of asymmetric friction."""
 LEADS = 0.5
-"""Share of the misfit as given from which an effect is what a reader is told first."""
+"""Share of the misfit as given from which an effect is what a reader is told is missing: many small errors have no
+name."""
 MOST_PAIRED = 2
 """Effects of a set to which two more are added at once."""
 MOST_ROUNDS = 60

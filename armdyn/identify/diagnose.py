@@ -8,6 +8,7 @@ import numpy as np
 
 from armdyn.faults import outlier_sentence
 from armdyn.identify.candidate import Candidate
+from armdyn.identify.choose import LEADS
 from armdyn.identify.compare import Comparison, comparison
 from armdyn.identify.explained import Scale, share_gone
 from armdyn.identify.fit import channel_rmse
@@ -29,8 +30,6 @@ idealised, and may be off by a sixth of their size; more is something else, whic
 MOST = 0.8
 """The same where the model's own error is far above the noise, as with every real robot: effects outside the catalogue
 leave half of the misfit and more, real robots at most a tenth."""
-STANDS_OUT = 0.5
-"""Share that the first effect must explain of a misfit that is not all explained: many small errors have no name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +117,7 @@ def judge(study: Study, found: Search, unknown: Unknown | None) -> Verdict:
     if beyond:
         limited = 1.0 - FAR_ABOVE_STATED / max(FAR_ABOVE_STATED, last.fit.chi2_per_sample)
         asked = IDEALISED + limited * (MOST - IDEALISED)
-        if explained_share(study, start, last) < asked or explained_share(study, start, found.steps[1]) < STANDS_OUT:
+        if explained_share(study, start, last) < asked or explained_share(study, start, found.steps[1]) < LEADS:
             return Verdict.UNKNOWN_EFFECT
     return Verdict.CANNOT_TELL_APART if _ties(study, found) else Verdict.EFFECT_MISSING
 
