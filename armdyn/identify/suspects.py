@@ -12,9 +12,8 @@ from armdyn.identify.candidate import Candidate
 from armdyn.identify.choose import backward_elimination, foremost, leading
 from armdyn.identify.compare import FittedParameter
 
-ALIKE = 0.25
-"""Share of what an effect on one joint explains that the same effect on another joint must bring to be told with it: an
-error half as large."""
+ALIKE = 0.15
+"""Share of what an effect on one joint explains that the same effect on another joint must bring to be told with it."""
 TIE = 3.0
 """Nats below which two sets count as tied: above it the first was right in 320 of 320."""
 
