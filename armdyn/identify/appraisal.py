@@ -41,6 +41,9 @@ DIMINISHED = 0.08
 """Of the squared error that n values explain, over n to the power of `RETURNS`, what each further one must explain
 where the model's own error is what is left: little where an error is spread, much beside one strong effect. A UR10e's
 held-out error is 3.85 N m with 0.08 and 22 values, 3.79 with 0.05 and 32, 4.44 with 0.12 and 14."""
+MARKED = 0.5
+"""Logarithm of the squared error by which each further value always explains enough, however much one strong effect
+explained before: a spring that explains most of what a friction leaves."""
 NOISY = 1.2
 """Power of what the richest model leaves, over the noise's, up to which it counts as noise: clean simulations reach 1.1
 by chance."""
@@ -197,13 +200,18 @@ class Appraiser(ABC):
         return self._known[key]
 
     def useful(self, more: Appraisal, fewer: Appraisal) -> bool:
-        """Whether the further values of a set explain enough beside what `fewer` explain: returns diminish."""
+        """Whether the further values of a set explain enough beside what `fewer` explain, or most of what these leave.
+
+        Returns diminish.
+        """
         if self.limited == 0.0:
             return True
         had = int(np.sum(fewer.free) - np.sum(self._always))
         further = int(np.sum(more.free) - np.sum(fewer.free))
         expected = (self.of(()).misfit - fewer.misfit) / max(had, 1) ** RETURNS
-        return fewer.misfit - more.misfit >= DIMINISHED * self.limited * further * max(expected, 0.0)
+        if fewer.misfit - more.misfit >= DIMINISHED * self.limited * further * max(expected, 0.0):
+            return True
+        return log(fewer.misfit / more.misfit) >= MARKED * further
 
     def price(self, effects: Sequence[Candidate]) -> float:
         """What a set must gain over no effect at all, nats.
