@@ -5,6 +5,7 @@ from types import SimpleNamespace as Plain
 import numpy as np
 import pytest
 
+from armdyn.identify.appraisal import Appraiser
 from armdyn.identify.choose import foremost
 
 
@@ -39,3 +40,12 @@ def test_at_the_noise_the_worth_decides():
     noise = Plain(few=False, limited=0.0)
     options = [option("link", 0.05, 10, worth=3.0), option("spring", 0.5, 2, worth=4.0)]
     assert foremost(noise, NOTHING, options).name == "spring"
+
+
+@pytest.mark.parametrize(
+    ("left", "values", "wanted"), [(2.9, 2, True), (5.0, 2, False), (5.0, 1, True), (8.0, 1, False)]
+)
+def test_beside_one_strong_effect_a_second_is_wanted_that_explains_most_of_what_is_left(left, values, wanted):
+    given, strong = Plain(misfit=100.0), Plain(misfit=10.0, free=np.ones(1))
+    appraiser = Plain(limited=0.9, _always=np.zeros(1), of={(): given}.get)
+    assert Appraiser.useful(appraiser, Plain(misfit=left, free=np.ones(1 + values)), strong) is wanted
