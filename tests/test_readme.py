@@ -100,7 +100,7 @@ def test_a_strangers_recording_becomes_runs_a_model_and_a_mujoco_file(page, caps
 @pytest.mark.slow
 def test_the_page_for_your_robot_runs_as_it_stands(page, capsys):
     found = "".join(page(words) for words in COMMANDS)
-    assert "falls from 22.8 to 0.202 N m" in found
+    assert "falls from 22.8 to 0.201 N m" in found
     assert in_mujoco("repaired.xml", "runs/pick_and_place.csv", capsys) == pytest.approx(0.487, abs=0.005)
 
 
