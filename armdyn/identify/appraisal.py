@@ -29,7 +29,7 @@ import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri
 
 from armdyn.identify.candidate import Candidate
-from armdyn.identify.noise import correlation_time
+from armdyn.identify.leftover import independent_samples, level_of
 from armdyn.identify.subset import Solver, Subset
 from armdyn.identify.sums import Sums
 
@@ -257,16 +257,18 @@ class Appraiser(ABC):
         likelihood = self._log_likelihood(left) - self._against_priors(solver, columns, change)
         occam, values = self._freedom(solver, columns[free], change[free], self._training)
         whole = solver.cost(one, change, effective, self._training)
-        errors = [self._predicted(solver, one, change, whole, fold) for fold in self._folds]
-        predicted = np.concatenate([np.zeros(0), *errors])
+        foretold = [self._predicted(solver, one, change, whole, fold) for fold in self._folds]
+        predicted = np.concatenate([np.zeros(0), *(error for error, _ in foretold)])
+        errors = [counts * error for error, counts in foretold]
+        counted = np.concatenate([np.zeros(0), *errors])
         units = np.concatenate([np.zeros(0, dtype=int), *(fold.units for fold in self._folds)])
         price, fit = self.price(effects), likelihood - occam
-        transfer = -0.5 * float(self.independent[units] @ _misfit(predicted / s.noise[units] ** 2))
+        transfer = -0.5 * float(self.independent[units] @ _misfit(counted / s.noise[units] ** 2))
         # Where only noise is left, likelihood says all that predicted runs could say.
         transfer = self.limited * transfer + (1.0 - self.limited) * fit
         error = np.zeros(len(s.count))
         error[self._training] = left
-        error[units] = predicted
+        error[units] = counted
         floored = np.maximum(error, s.noise**2)
         return Appraisal(
             effects=effects,
@@ -345,13 +347,15 @@ class Appraiser(ABC):
         off = (p.prior_weight[columns] * (value - p.prior_mean[columns]))[self._always[columns]]
         return 0.5 * float(off @ off)
 
-    def _predicted(self, solver: Solver, one: Subset, change: np.ndarray, whole: float, fold: "_Fold") -> np.ndarray:
+    def _predicted(
+        self, solver: Solver, one: Subset, change: np.ndarray, whole: float, fold: "_Fold"
+    ) -> tuple[np.ndarray, float]:
         """(u,) mean squared error of a run, predicted by a fit to the other training runs; its own unknowns fit it.
 
-        An effect that has values of its own in that run is no better for being fitted to it: the error counts as larger
-        by their Occam factor. Where only noise is left, the part of it that is no more than what the others leave
-        uncertain does not count: what a run adds to the cost of the others is r' (1 + J S J')^-1 r, with r the
-        prediction's error and S the covariance of what the others say.
+        Beside it, how many times it counts. An effect that has values of its own in that run is no better for being
+        fitted to it: the error counts as larger by their Occam factor. Where only noise is left, the part of it that is
+        no more than what the others leave uncertain does not count: what a run adds to the cost of the others is
+        r' (1 + J S J')^-1 r, with r the prediction's error and S the covariance of what the others say.
         """
         near, effective = solver.minimum(one, fold.others, change)
         before = solver.cost(one, near, effective, fold.others)
@@ -361,35 +365,12 @@ class Appraiser(ABC):
             effective = solver.linear(one.columns, own, fold.units, effective)
             freedom, _ = self._freedom(solver, one.columns[own], effective[own], fold.units)
         error = solver.sums.errors(one.columns, effective, fold.units)
-        error *= np.exp(self.limited * 2.0 * freedom / np.sum(self.independent[fold.units]))
+        occam = float(np.exp(self.limited * 2.0 * freedom / np.sum(self.independent[fold.units])))
         total = float(solver.weight[fold.units] * self.sums.count[fold.units] @ error)
         if not self.sums.training[fold.units].any() or total == 0.0:
-            return error
+            return error, occam
         certain = float(np.clip((whole - before) / total, 0.0, 1.0))
-        return error * (self.limited + (1.0 - self.limited) * certain)
-
-
-def level_of(sums: Sums, error: np.ndarray) -> np.ndarray:
-    """(U,) variance of each channel, at least its noise's, from (U,) mean squared errors of the training units."""
-    level = sums.noise**2
-    for channel in range(len(sums.channels)):
-        units = sums.channel == channel
-        known = units & sums.training
-        if known.any():
-            level = np.where(units, np.maximum(level, np.average(error[known], weights=sums.count[known])), level)
-    return level
-
-
-def independent_samples(sums: Sums, left: Mapping[int, np.ndarray]) -> np.ndarray:
-    """(U,) number of samples over their correlation time, from the residual of each training unit."""
-    independent = sums.count.copy()
-    for channel in range(len(sums.channels)):
-        units = np.flatnonzero(sums.channel == channel)
-        known = [unit for unit in units.tolist() if unit in left]
-        if known:
-            times = [correlation_time([left[unit]]) for unit in known]
-            independent[units] /= np.average(times, weights=sums.count[known])
-    return independent
+        return error, occam * (self.limited + (1.0 - self.limited) * certain)
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,8 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from armdyn.identify.appraisal import Appraisal, Appraiser, Change, level_of
+from armdyn.identify.appraisal import Appraisal, Appraiser, Change
 from armdyn.identify.candidate import Candidate
+from armdyn.identify.leftover import level_of
 from armdyn.identify.subset import Solver, Subset
 from armdyn.identify.sums import Sums
 

@@ -7,7 +7,6 @@ from hidden_effects.arm import JOINTS, OUTSIDE, generate, motion
 from scipy.ndimage import gaussian_filter1d
 
 from armdyn.arm.model import arm_model
-from armdyn.arm.motion import measured_motion
 from armdyn.effects.catalogue import find
 from armdyn.effects.effect import effect
 from armdyn.errors import InputError, UnknownNameError
@@ -394,13 +393,3 @@ def test_covariates_are_the_joints_motion(baxter):
     found = baxter.covariates(baxter.prepared(generate(None, 1.0, 0, duration=3.0)), baxter.theta())
     assert {f"{kind}.{joint}" for kind in "qva" for joint in JOINTS} == set(found)
     assert found["v.right_s0"].unit == "rad/s"
-
-
-def test_a_joint_at_rest_has_no_friction_whose_sign_is_noise():
-    run = generate(None, 1.0, 0)
-    q, steps = run.channels["q.right_e0"], np.random.default_rng(0).standard_normal(len(run.channels["q.right_e0"]))
-    dithering = gaussian_filter1d(1e-5 * np.cumsum(steps) / np.sqrt(len(q)), 5.0)  # rad, smooth: no noise is seen in it
-    at_rest = replace(run, channels={**run.channels, "q.right_e0": replace(q, value=0.3 + dithering)})
-    rests, moves = (measured_motion(one, JOINTS).direction(JOINTS.index("right_e0"), q.time) for one in (at_rest, run))
-    assert np.abs(rests).max() < 0.1
-    assert np.mean(np.abs(moves) > 0.99) > 0.95

@@ -1,0 +1,29 @@
+"""In which direction a joint moves, as far as a recording tells."""
+
+from dataclasses import replace
+
+import numpy as np
+from hidden_effects.arm import JOINTS, generate
+from scipy.ndimage import gaussian_filter1d
+
+from armdyn.arm.motion import measured_motion
+from armdyn.arm.prepared import settled
+
+
+def test_a_turning_joint_leaves_out_the_samples_of_which_nobody_knows_the_sign():
+    run = generate(None, 1.0, 0)
+    motion, time = measured_motion(run, JOINTS), run.channels["tau.right_e0"].time
+    left_out = ~settled(motion, JOINTS.index("right_e0"), time, 10.0)
+    speed = np.abs(motion.joints[JOINTS.index("right_e0")].curve(time, 1)[:, 0])
+    assert 0 < left_out.mean() < 0.02
+    assert speed[left_out].max() < 0.01  # rad/s
+
+
+def test_a_joint_at_rest_has_no_friction_whose_sign_is_noise():
+    run = generate(None, 1.0, 0)
+    q, steps = run.channels["q.right_e0"], np.random.default_rng(0).standard_normal(len(run.channels["q.right_e0"]))
+    dithering = gaussian_filter1d(1e-5 * np.cumsum(steps) / np.sqrt(len(q)), 5.0)  # rad, smooth: no noise is seen in it
+    at_rest = replace(run, channels={**run.channels, "q.right_e0": replace(q, value=0.3 + dithering)})
+    rests, moves = (measured_motion(one, JOINTS).direction(JOINTS.index("right_e0"), q.time) for one in (at_rest, run))
+    assert np.abs(rests).max() < 0.1
+    assert np.mean(np.abs(moves) > 0.99) > 0.95
