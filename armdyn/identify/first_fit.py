@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armdyn.identify.fit import GROSS, GROWTHS, Fit, determined, duration, first_part, fit, followed, told
+from armdyn.identify.fit import GROSS, GROWTHS, NEAR_NOISE, Fit, determined, duration, first_part, fit, followed, stretched, told
 from armdyn.identify.problem import Problem
 
 DESCENDED = 8
@@ -25,8 +25,6 @@ two that a short stretch hardly tells apart becomes many times worse as it grows
 lacks shows least on the first."""
 GROWTH = 2.0
 """From one stretch to the next."""
-NEAR_NOISE = 1.5
-"""Chi2 per sample at which a fit is in no wrong minimum: there a swing in the wrong phase leaves the signal itself."""
 BETTER = 0.9
 """Ratio of the costs below which another minimum is preferred to the one next to the values that the model has."""
 
@@ -101,19 +99,21 @@ def start_of(single: Problem, values: np.ndarray, free: np.ndarray) -> np.ndarra
         return values
     moved = free & single.of(list(guesses[0]))
     window, end = model.start.stretch(theta), duration(run)
-    cut, these = _cut(single, free, window)
-    own = _descended(cut, these, values)
-    if own.chi2_per_sample < NEAR_NOISE and np.array_equal(determined(cut, moved, own.values), moved):
-        return own.values
+    cut = _cut(single, window)
+    own = _descended(cut, free, window, values)
+    near_noise = 2.0 * np.exp(_log_cost(cut, own)) < NEAR_NOISE * cut.samples
+    if near_noise and np.array_equal(determined(cut, moved, own), moved):
+        return own
     rows = [values, *(_with(single, values, guess, moved) for guess in guesses)]
-    promised = [_promised_cost(cut, these & ~moved, row) for row in rows]
+    shared = told(single, free, window) & ~moved
+    promised = [_promised_cost(cut, shared, row) for row in rows]
     order = sorted(range(len(rows)), key=lambda i: float(f"{promised[i]:.5g}"))  # mirror images keep their order
-    found = [_descended(cut, these, rows[i]) for i in order[:DESCENDED]]
-    rivals = _best(single, [_Rival(fit.values, fit.values, _log_cost(cut, fit.values)) for fit in found])
+    found = [_descended(cut, free, window, rows[i]) for i in order[:DESCENDED]]
+    rivals = _best(single, [_Rival(values, values, _log_cost(cut, values)) for values in found])
     while len(rivals) > 1 and window < end:
         window *= GROWTH
-        cut, these = _cut(single, free, window)
-        now = [_descended(cut, these, rival.now).values for rival in rivals]
+        cut = _cut(single, window)
+        now = [_descended(cut, free, window, rival.now) for rival in rivals]
         rivals = [
             _Rival(rival.begun, values, rival.cost + _log_cost(cut, values))
             for rival, values in zip(rivals, now, strict=True)
@@ -137,14 +137,13 @@ class _Rival:
     cost: float
 
 
-def _cut(single: Problem, free: np.ndarray, window: float) -> tuple[Problem, np.ndarray]:
-    """The first part of a run, and (P,) bool what may change in it."""
-    cut = Problem(single.model, [first_part(run, window) for run in single.runs], single.noise)
-    return cut, told(single, free, window)
+def _cut(problem: Problem, window: float) -> Problem:
+    """The first part of every run."""
+    return Problem(problem.model, [first_part(run, window) for run in problem.runs], problem.noise)
 
 
-def _descended(cut: Problem, free: np.ndarray, values: np.ndarray) -> Fit:
-    return fit(cut.held_near(values), free, values, most_steps=8)
+def _descended(cut: Problem, free: np.ndarray, window: float, values: np.ndarray) -> np.ndarray:
+    return stretched(cut.held_near(values), free, window, values).values
 
 
 def _with(single: Problem, values: np.ndarray, guess: Mapping[str, float], moved: np.ndarray) -> np.ndarray:
@@ -198,6 +197,6 @@ def _most_determined(problem: Problem, *points: np.ndarray) -> np.ndarray:
     found = max((determined(problem, problem.fitted, p) for p in points), key=lambda free: int(free.sum()))
     stretch = problem.model.start.stretch(problem.theta(0, points[-1]))
     if np.isfinite(stretch) and not np.array_equal(found & problem.per_run, problem.fitted & problem.per_run):
-        cut, _ = _cut(problem, found, stretch)
+        cut = _cut(problem, stretch)
         found = found | (problem.per_run & determined(cut, problem.fitted, points[-1]))
     return found

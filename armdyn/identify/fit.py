@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from armdyn.identify.estimator import until
-from armdyn.identify.least_squares import Outcome
+from armdyn.identify.least_squares import Descent, Outcome
 from armdyn.identify.problem import Block, Problem
 from armdyn.run import Run
 
@@ -17,6 +17,8 @@ DEPENDENT = 1e-5
 """A sensitivity of which the others leave less than this share cannot be told from them."""
 SETTLED_WINDOW = 3.0
 """s; shorter windows tell friction and creep too little to be fitted in them."""
+NEAR_NOISE = 1.5
+"""Chi2 per sample at which a fit is in no wrong minimum: there a swing in the wrong phase leaves the signal itself."""
 GROWTHS = (1.5, 2.0, 1.25)
 """Factors from one stretch to the next, tried until the misfit is not gross: where much is missing from the model the
 minimum moves as the stretch grows, and no factor follows it in every recording."""
@@ -132,8 +134,19 @@ def followed(problem: Problem, free: np.ndarray, start: np.ndarray, growth: floa
         cut = Problem(problem.model, [first_part(run, window) for run in problem.runs], problem.noise).held_near(values)
         # All are held weakly, so that none need be left out: what seems dependent beside the growth of an error near
         # the upright is known well.
-        values = cut.fit(told(problem, free, window), values, most_steps=8, tolerance=0.3).values
+        values = stretched(cut, free, window, values, tolerance=0.3).values
     return values
+
+
+def stretched(cut: Problem, free: np.ndarray, window: float, values: np.ndarray, *, tolerance: float = 0.02) -> Descent:
+    """A few steps on a stretch of `window` s; effects are fitted where it is long, or not explained without them."""
+    first = told(cut, free, window)
+    found = cut.fit(first, values, most_steps=8, tolerance=tolerance)
+    if np.array_equal(first, free) or 2.0 * found.at.cost < NEAR_NOISE * cut.samples:
+        return found
+    # Friction that takes half of the first swing's energy is told by it; without it the swing's start is bent instead.
+    other = cut.fit(free, values, most_steps=8, tolerance=tolerance)
+    return other if other.at.cost < found.at.cost else found
 
 
 def determined(problem: Problem, free: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -130,6 +130,11 @@ class Problem:
         """(P,) values of the model and first guesses."""
         return np.array([c.parameter.value for c in self.columns])
 
+    @property
+    def samples(self) -> int:
+        """Number of measured samples."""
+        return sum(len(run.channels[name].value) for run in self.runs for name in self.model.predicted_channels(run))
+
     def held_near(self, values: np.ndarray) -> "Problem":
         """The problem with (P,) values known, weakly, where nothing better is: for runs that hardly tell anything."""
         held = copy(self)

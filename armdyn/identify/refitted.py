@@ -188,7 +188,8 @@ class Refitted(Appraiser):
 
         @cache
         def begins(effects: tuple[Candidate, ...]) -> float:
-            return study.begins((*study.present, *effects), near)
+            cost = study.begun_with((*study.present, *effects), near).cost
+            return cost if np.isfinite(cost) else np.inf
 
         if near.samples > LONG:
             sets = sorted(sets, key=begins)[:REFITTED]

@@ -1,6 +1,7 @@
 """A model, runs and a catalogue: every fit that a diagnosis or a repair asks for, each done once."""
 
 from collections.abc import Collection, Sequence
+from functools import cached_property
 
 import numpy as np
 
@@ -112,13 +113,35 @@ class Study:
         free, start = self._released(effects, near)
         return fit(self.problem, free, start if values is None else values, most_steps=FIRST_STEPS)
 
-    def begins(self, effects: Sequence[Candidate], near: Fit) -> float:
-        """Cost of the beginning of the runs with these effects: where errors grow, it says more than the whole."""
+    def begun_with(self, effects: Sequence[Candidate], near: Fit) -> Fit:
+        """The beginning of the runs fitted with these effects: where errors grow, it says more than the whole.
+
+        First a single period: without the effect, what it does there has bent the start that was found, and over more
+        periods an error of the start has grown beyond what a descent finds back from.
+        """
         free, _ = self._released(effects, near)
-        model = self.problem.model
-        window = max(SETTLED_WINDOW, PERIODS * model.start.stretch(self.problem.theta(0, near.values)))
-        cut = Problem(model, [first_part(run, window) for run in self.runs], self.noise)
-        return fit(cut, free, self._cold(effects, near), most_steps=QUICK_STEPS).cost
+        values = self._cold(effects, near)
+        if self._opening is not None:
+            values = fit(self._opening.held_near(values), free, values, most_steps=QUICK_STEPS).values
+        return fit(self._few_swings, free, values, most_steps=QUICK_STEPS)
+
+    @cached_property
+    def _opening(self) -> Problem | None:
+        """The first swing of every run; None where any start will do."""
+        return self._cut(self._period) if np.isfinite(self._period) else None
+
+    @cached_property
+    def _few_swings(self) -> Problem:
+        """As long a beginning of every run as tells one effect from another."""
+        return self._cut(max(SETTLED_WINDOW, PERIODS * self._period))
+
+    @cached_property
+    def _period(self) -> float:
+        """Of small swings, s."""
+        return self.problem.model.start.stretch(self.problem.theta(0, self.first().values))
+
+    def _cut(self, window: float) -> Problem:
+        return Problem(self.problem.model, [first_part(run, window) for run in self.runs], self.noise)
 
     def to_the_end(self, found: Fit) -> Fit:
         """A fit after as many more steps as lower the cost by what matters in a comparison."""
@@ -136,15 +159,22 @@ class Study:
         best = near
         free, start = self._released(effects, near)
         lean = self.lean(best) if best.samples > LONG else best
-        for begin, windows in ((self._pushed(effects, start, near), False), (self._cold(effects, near), True)):
+        afresh = self.begun_with(effects, near).values
+        for begin, windows in ((self._pushed(effects, start, near), False), (afresh, True)):
             other = fit(
                 lean.problem, lean.free, transferred(begin, self.problem, lean.problem), windows=windows,
                 growths=GROWTHS[:1], most_steps=2 * QUICK_STEPS,
             )  # fmt: skip
-            if other.cost < 0.999 * best.cost:
-                values = transferred(other.values, lean.problem, self.problem)
-                best = Fit(self.problem, free, values, tuple(self.problem.blocks(values, free)), other.outcome)
+            best = self._better(best, other)
         return best
+
+    def _better(self, best: Fit, other: Fit) -> Fit:
+        """The other one, of the same effects in a formulation of its own, where it is clearly better."""
+        if other.cost >= 0.999 * best.cost:
+            return best
+        values = transferred(other.values, other.problem, self.problem)
+        blocks = tuple(self.problem.blocks(values, best.free))
+        return Fit(self.problem, best.free, values, blocks, other.outcome)
 
     def lean(self, found: Fit) -> Fit:
         """The same fit in a formulation with only those effects that it fitted: faster, where much is computed."""
@@ -219,7 +249,11 @@ class Study:
         values[every & ~wanted] = self.problem.null[every & ~wanted]
         known_slopes = near.values if near.problem is self.problem else values
         # A fit that has gone astray may not see what the first one, which looked at several starts, found determined.
-        return determined(self.problem, free, known_slopes) | (free & self.first().free), values
+        found = determined(self.problem, free, known_slopes) | (free & self.first().free)
+        if not np.array_equal(found, free) and self._opening is not None:
+            # Beside an error that grows from swing to swing everything looks dependent; the first swing tells.
+            found |= determined(self._opening, free, known_slopes)
+        return found, values
 
     def _pushed(self, effects: Sequence[Candidate], start: np.ndarray, near: Fit) -> np.ndarray:
         """Effects that are at null start at a typical size, those that were fitted without the others at half."""

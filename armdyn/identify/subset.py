@@ -36,6 +36,15 @@ class _Bent:
     bend: Bend
 
 
+def inverse_of_at_least_one(A: np.ndarray) -> np.ndarray:
+    """(n, n) inverse of a symmetric matrix to which one was added: of eigenvalues below one, rounding took the rest.
+
+    Where errors grow from swing to swing, the largest eigenvalue is beyond 1e16 times the smallest.
+    """
+    values, vectors = np.linalg.eigh(A)
+    return (vectors / np.maximum(values, 1.0)) @ vectors.T
+
+
 class Solver:
     """Fits of sets of effects to units, by weighted sums.
 
@@ -182,7 +191,8 @@ class Solver:
         G, slope = self.normal(units)
         width, lower, upper = self.width[columns], self._lower[columns], self._upper[columns]
         moving = free.copy()
-        change = np.where(free, 0.0, self._to_null[columns] if others is None else others)
+        still = np.where(free, 0.0, self._to_null[columns] if others is None else others)
+        change = still.copy()
         for _ in range(REFINEMENTS):
             i = np.flatnonzero(moving)
             if len(i) == 0:
@@ -200,4 +210,8 @@ class Solver:
                 break
             change[outside] = np.clip(change, lower, upper)[outside]
             moving &= ~outside
-        return np.where(free, np.clip(change, lower, upper), change)
+        change = np.where(free, np.clip(change, lower, upper), change)
+        # Where errors grow from swing to swing, rounding and bounds may leave an answer that is worse than none.
+        G, weight = G[columns[:, None], columns], np.where(free, width**-2.0, 0.0)
+        costs = [self._cost(G, slope[columns], d, weight, d - self.centre[columns]) for d in (change, still)]
+        return change if costs[0] <= costs[1] else still

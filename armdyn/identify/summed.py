@@ -7,7 +7,7 @@ import numpy as np
 from armdyn.identify.appraisal import Appraisal, Appraiser, Change
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.leftover import level_of
-from armdyn.identify.subset import Solver, Subset
+from armdyn.identify.subset import Solver, Subset, inverse_of_at_least_one
 from armdyn.identify.sums import Sums
 
 HELD = 1e-6
@@ -95,7 +95,7 @@ class Summed(Appraiser):
         slope = slope - G[:, gone] @ now.effective[~now.free] + self._solver.centre * width**-2.0
         # In units of their widths, so that the matrices are no worse than one, whatever the runs tell.
         G, slope = width[:, None] * G * width, width * slope
-        inner = np.linalg.solve(G[np.ix_(C, C)] + np.eye(len(C)), np.column_stack([G[C], slope[C]]))
+        inner = inverse_of_at_least_one(G[np.ix_(C, C)] + np.eye(len(C))) @ np.column_stack([G[C], slope[C]])
         left, rest = G - G[:, C] @ inner[:, :-1], slope - G[:, C] @ inner[:, -1]
         there, most = set(C.tolist()), self.remaining(now)
         gains = np.zeros(len(options))
@@ -134,7 +134,8 @@ class Summed(Appraiser):
 def deviations(solver: Solver, one: Appraisal, units: np.ndarray) -> np.ndarray:
     """(P,) standard deviations of a set's unknowns fitted to units (u,); 0 of the others."""
     C = one.columns[one.free]
-    G = solver.normal(units)[0][np.ix_(C, C)] + np.diag(solver.width[C] ** -2.0)
+    width = solver.width[C]
+    G = width[:, None] * solver.normal(units)[0][np.ix_(C, C)] * width
     result = np.zeros(len(solver.sums.values))
-    result[C] = np.sqrt(np.diag(np.linalg.inv(G)))
+    result[C] = width * np.sqrt(np.diag(inverse_of_at_least_one(G + np.eye(len(C)))))
     return result
