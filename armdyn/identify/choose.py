@@ -25,7 +25,7 @@ NEARLY = 0.75
 holds it."""
 CORE = 0.5
 """The same on an arm, where what the simpler effect lacks may come as an effect of its own: an offset beside Coulomb
-friction in place of asymmetric friction."""
+friction in place of asymmetric friction. Also where what saves values is worth more."""
 LEADS = 0.5
 """Share of the misfit as given from which an effect is what a reader is told is missing: many small errors have no
 name."""
@@ -131,22 +131,30 @@ def foremost(appraiser: Appraiser, now: Appraisal, options: Sequence[Appraisal])
 
 
 def leading(now: Appraisal, options: Sequence[Appraisal]) -> Appraisal:
-    """What explains most, or nearly, with fewest values.
+    """What explains most, or what stands in for it: it explains nearly as much with fewer values.
 
-    Several effects do not stand for one: gains of four joints are no simpler than the one link that they imitate.
+    What stands in is compared in its turn: two links, a link that does nearly as much, the payload that it imitates.
     """
     gains = {o: float(np.log(now.overall / o.overall)) for o in options}
     best = max(options, key=lambda o: gains[o])
-    near = [
-        o
-        for o in options
-        if o is best
-        or (
-            len(o.effects) <= len(best.effects)
-            and gains[o] >= max(NEARLY, 1.0 - SAVED * float(np.sum(best.free) - np.sum(o.free))) * gains[best]
-        )
-    ]
-    return min(near, key=lambda o: (np.sum(o.free), -o.worth))
+    while True:
+        near = [o for o in options if o is best or _stands_in(o, best, gains[o] / gains[best])]
+        simplest = min(near, key=lambda o: (np.sum(o.free), -o.worth))
+        if np.sum(simplest.free) >= np.sum(best.free):
+            return simplest
+        best = simplest
+
+
+def _stands_in(one: Appraisal, best: Appraisal, share: float) -> bool:
+    """Whether a set that explains a `share` of what the best one does is what a reader should be told first.
+
+    Several effects do not stand for one: gains of four joints are no simpler than the one link that they imitate. A link
+    does better than the payload behind it where it bends to small errors of other joints: the payload is worth more.
+    """
+    saved = float(np.sum(best.free) - np.sum(one.free))
+    surer = saved > 0.0 and one.worth > best.worth
+    enough = CORE if surer else max(NEARLY, 1.0 - SAVED * saved)
+    return len(one.effects) <= len(best.effects) and share >= enough
 
 
 def _simplified(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate]) -> Appraisal:

@@ -30,10 +30,17 @@ def option(name, overall, values, *, effects=1, worth=0.0):
         (option("spring", 0.20, 2), "link"),
         (option("gains of four joints", 0.10, 4, effects=4), "link"),
         (option("payload", 0.06, 10, worth=1.0), "link"),  # as many values: what explains more comes first
+        (option("payload", 0.20, 4, worth=1.0), "payload"),  # half of it, but surer, as where wrists tell
+        (option("payload", 0.30, 4, worth=1.0), "link"),
     ],
 )
 def test_few_values_that_explain_nearly_as_much_come_first_but_not_many_effects(simple, first):
     assert foremost(LIMITED, NOTHING, [option("link", 0.05, 10), simple]).name == first
+
+
+def test_what_stands_in_is_compared_in_its_turn():
+    links, link, payload = option("links", 0.018, 20, effects=2), option("link", 0.045, 10), option("payload", 0.064, 4)
+    assert foremost(LIMITED, NOTHING, [links, link, payload]).name == "payload"
 
 
 def test_at_the_noise_the_worth_decides():
@@ -43,9 +50,9 @@ def test_at_the_noise_the_worth_decides():
 
 
 @pytest.mark.parametrize(
-    ("left", "values", "wanted"), [(2.9, 2, True), (5.0, 2, False), (5.0, 1, True), (8.0, 1, False)]
+    ("left", "values", "wanted"), [(2.0, 2, True), (4.0, 2, False), (3.0, 1, True), (5.0, 1, False)]
 )
 def test_beside_one_strong_effect_a_second_is_wanted_that_explains_most_of_what_is_left(left, values, wanted):
-    given, strong = Plain(misfit=100.0), Plain(misfit=10.0, free=np.ones(1))
+    given, strong = Plain(overall=100.0), Plain(overall=10.0, free=np.ones(1))
     appraiser = Plain(limited=0.9, _always=np.zeros(1), of={(): given}.get)
-    assert Appraiser.useful(appraiser, Plain(misfit=left, free=np.ones(1 + values)), strong) is wanted
+    assert Appraiser.useful(appraiser, Plain(overall=left, free=np.ones(1 + values)), strong) is wanted
