@@ -33,6 +33,9 @@ HOPELESS = 0.5
 BEHIND = 30.0
 """Chi2 by which a set that lacks an effect of the best one may be foretold to stay behind it: foretelling is off by
 less."""
+LOOSE = 10.0
+"""Times the prior widths that an effect may have where its gain is foretold: a refit has no such width, and a load cell
+for 5 kg has an offset of a hundred typical ones."""
 PAIRED = 5
 """Effects whose pairs are sketched where an expansion says little."""
 SAME = 1e-4
@@ -95,7 +98,8 @@ class Refitted(Appraiser):
 
     def _expand(self, fit: Fit, key: frozenset[Candidate]) -> None:
         self._at = key
-        self._around = Summed(sums_at(fit, fit.problem.blocks(fit.values)), self._base, self.candidates)
+        around = sums_at(fit, fit.problem.blocks(fit.values))
+        self._around = Summed(around, self._base, self.candidates, loose=LOOSE)
         self.measure(self._around.left)
 
     def _learn(self, fit: Fit) -> None:

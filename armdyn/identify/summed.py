@@ -17,14 +17,23 @@ LEVELS = 4
 
 
 class Summed(Appraiser):
-    """Appraises sets by one expansion; see `Appraiser` for the arguments.
+    """Appraises sets by one expansion.
+
+    Args:
+        sums: see `Appraiser`, as the next two.
+        always: unknowns that are free in every set.
+        candidates: effects.
+        loose: times their prior widths that effects may have where a gain is foretold of them.
 
     Attributes:
         left: residual of every training unit in the model with all effects.
     """
 
-    def __init__(self, sums: Sums, always: np.ndarray, candidates: Sequence[Candidate]) -> None:
+    def __init__(
+        self, sums: Sums, always: np.ndarray, candidates: Sequence[Candidate], *, loose: float = 1.0
+    ) -> None:
         super().__init__(sums, always, candidates)
+        self._loose = loose
         self._solver = Solver(sums, always, candidates)
         self.left = self._richest()
         self.measure(self.left)
@@ -102,7 +111,7 @@ class Summed(Appraiser):
         for i, option in enumerate(options):
             own = np.array([j for c in option for j in self._solver.columns[c] if j not in there], dtype=int)
             if len(own):
-                S = left[own[:, None], own] + np.eye(len(own))
+                S = left[own[:, None], own] + np.eye(len(own)) / self._loose**2
                 gains[i] = rest[own] @ np.linalg.lstsq(S, rest[own], rcond=1e-12)[0]
         return np.clip(gains, 0.0, most)
 

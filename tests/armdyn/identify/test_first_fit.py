@@ -10,6 +10,7 @@ import pytest
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.compare import compare
+from armdyn.identify.diagnose import diagnose
 from armdyn.identify.problem import Problem
 from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
@@ -56,6 +57,25 @@ def test_a_swing_in_the_angle_is_the_swing_in_space(hidden):
 def test_the_start_of_the_swing_is_found(name):
     runs = recorded(name, quadratic_drag=0.01).runs
     assert Study(model_for(name, "quadratic_drag"), runs, [], []).first().chi2_per_sample < 1.2
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_friction_that_brakes_the_first_swing_does_not_hide_a_start_near_the_upright(seed):
+    runs = recorded("near_upright", seed, pivot_viscous_friction=1.2e-3).runs
+    assert Study(model_for("near_upright", "pivot_viscous_friction"), runs, [], []).first().chi2_per_sample < 1.2
+
+
+@pytest.mark.parametrize(
+    ("name", "hidden", "seed"),
+    [
+        ("near_upright", {"pivot_viscous_friction": 1.2e-3}, 7),
+        ("near_upright", {"angle_offset": 0.02}, 1),
+        ("heavy", {"sensor_bias": 1.25}, 3),  # N, of a cell that carries 5 kg: a hundred typical offsets
+    ],
+)
+def test_what_is_far_from_small_is_named(name, hidden, seed):
+    found = diagnose(Study(model_for(name), recorded(name, seed, **hidden).runs, [], EFFECTS))
+    assert {effect.effect for effect in found.search.last.effects} == set(hidden)
 
 
 def test_a_load_that_was_pulled_and_released_tells_its_start_and_length():
