@@ -243,9 +243,12 @@ class Appraiser(ABC):
 
     @property
     def limited(self) -> float:
-        """Share of what the richest model leaves that is more than noise: 0 noise-limited, 1 model-limited."""
-        noise, level = (float(np.sum(self._importance * x)) for x in (self.sums.noise**2, self.level))
-        return max(0.0, 1.0 - NOISY * noise / level)
+        """Share of what the richest model leaves that is more than noise: 0 noise-limited, 1 model-limited.
+
+        Of the channel where it is largest: a shoulder whose torque is noisy hides nothing of what an elbow's shows.
+        """
+        sums = [(units, np.sum(self.sums.noise[units] ** 2)) for units in self._by_channel if len(units)]
+        return max(0.0, *(1.0 - NOISY * float(noise / np.sum(self.level[units])) for units, noise in sums))
 
     def _appraised(self, effects: tuple[Candidate, ...]) -> Appraisal:
         s = self.sums

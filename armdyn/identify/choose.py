@@ -21,8 +21,8 @@ SAVED = 0.05
 spring with two values and 0.76 of what a link with ten explains comes first, a gain with one and 0.88 of the spring
 does not."""
 NEARLY = 0.75
-"""Share of that gain that it must bring, however many it saves; on a pendulum also, of the gain of a richer effect that
-holds it."""
+"""Share of that gain that it must bring, however many it saves, and of what the best effect is worth; on a pendulum
+also, of the gain of a richer effect that holds it."""
 CORE = 0.5
 """The same on an arm, where what the simpler effect lacks may come as an effect of its own: an offset beside Coulomb
 friction in place of asymmetric friction. Also where what saves values is worth more."""
@@ -135,26 +135,29 @@ def leading(now: Appraisal, options: Sequence[Appraisal]) -> Appraisal:
 
     What stands in is compared in its turn: two links, a link that does nearly as much, the payload that it imitates.
     """
-    gains = {o: float(np.log(now.overall / o.overall)) for o in options}
-    best = max(options, key=lambda o: gains[o])
+    best = min(options, key=lambda o: o.overall)
     while True:
-        near = [o for o in options if o is best or _stands_in(o, best, gains[o] / gains[best])]
+        near = [o for o in options if o is best or _stands_in(o, best, now)]
         simplest = min(near, key=lambda o: (np.sum(o.free), -o.worth))
         if np.sum(simplest.free) >= np.sum(best.free):
             return simplest
         best = simplest
 
 
-def _stands_in(one: Appraisal, best: Appraisal, share: float) -> bool:
-    """Whether a set that explains a `share` of what the best one does is what a reader should be told first.
+def _stands_in(one: Appraisal, best: Appraisal, now: Appraisal) -> bool:
+    """Whether a set is what a reader should be told in place of the one that explains most: it saves values.
 
-    Several effects do not stand for one: gains of four joints are no simpler than the one link that they imitate. A link
-    does better than the payload behind it where it bends to small errors of other joints: the payload is worth more.
+    It must explain nearly as much and be worth nearly as much: an offset of the shoulder explains in N m what a wrong
+    forearm does to it, and says nothing of the other joints. Half is enough for what is worth more: a link does better
+    than the payload behind it where it bends to small errors of other joints. Several effects do not stand for one:
+    gains of four joints are no simpler than the one link that they imitate.
     """
     saved = float(np.sum(best.free) - np.sum(one.free))
+    explained = np.log(now.overall / one.overall) / np.log(now.overall / best.overall)
     surer = saved > 0.0 and one.worth > best.worth
     enough = CORE if surer else max(NEARLY, 1.0 - SAVED * saved)
-    return len(one.effects) <= len(best.effects) and share >= enough
+    as_sure = one.worth - now.worth >= NEARLY * (best.worth - now.worth)
+    return len(one.effects) <= len(best.effects) and bool(explained >= enough and as_sure)
 
 
 def _simplified(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate]) -> Appraisal:
