@@ -208,7 +208,7 @@ class Appraiser(ABC):
         had = int(np.sum(fewer.free) - np.sum(self._always))
         further = int(np.sum(more.free) - np.sum(fewer.free))
         expected = (self.of(()).overall - fewer.overall) / max(had, 1) ** 2
-        if fewer.overall - more.overall >= DIMINISHED * self.limited * further * max(expected, 0.0):
+        if fewer.overall - more.overall >= DIMINISHED * further * max(expected, 0.0):
             return True
         return log(fewer.overall / more.overall) >= MARKED * sqrt(max(further, 0))
 
@@ -245,10 +245,11 @@ class Appraiser(ABC):
     def limited(self) -> float:
         """Share of what the richest model leaves that is more than noise: 0 noise-limited, 1 model-limited.
 
-        Of the channel where it is largest: a shoulder whose torque is noisy hides nothing of what an elbow's shows.
+        The mean over channels: a shoulder whose torque is noisy hides nothing of what an elbow's shows.
         """
-        sums = [(units, np.sum(self.sums.noise[units] ** 2)) for units in self._by_channel if len(units)]
-        return max(0.0, *(1.0 - NOISY * float(noise / np.sum(self.level[units])) for units, noise in sums))
+        channels = [units for units in self._by_channel if len(units)]
+        noise = [np.sum(self.sums.noise[units] ** 2) / np.sum(self.level[units]) for units in channels]
+        return max(0.0, 1.0 - NOISY * float(np.mean(noise)))
 
     def _appraised(self, effects: tuple[Candidate, ...]) -> Appraisal:
         s = self.sums
