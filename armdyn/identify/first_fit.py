@@ -12,7 +12,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armdyn.identify.fit import GROSS, GROWTHS, NEAR_NOISE, Fit, determined, duration, first_part, fit, followed, stretched, told
+from armdyn.identify.fit import (
+    GROSS,
+    GROWTHS,
+    NEAR_NOISE,
+    Fit,
+    determined,
+    duration,
+    first_part,
+    fit,
+    followed,
+    stretched,
+    told,
+)
 from armdyn.identify.problem import Problem
 
 DESCENDED = 8

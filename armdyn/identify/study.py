@@ -157,7 +157,7 @@ class Study:
     def fit_thoroughly(self, effects: Sequence[Candidate], near: Fit) -> Fit:
         """The better of `near` and fits from other starts: effects at a typical size, near it and afresh."""
         best = near
-        free, start = self._released(effects, near)
+        _, start = self._released(effects, near)
         lean = self.lean(best) if best.samples > LONG else best
         afresh = self.begun_with(effects, near).values
         for begin, windows in ((self._pushed(effects, start, near), False), (afresh, True)):

@@ -29,9 +29,7 @@ class Summed(Appraiser):
         left: residual of every training unit in the model with all effects.
     """
 
-    def __init__(
-        self, sums: Sums, always: np.ndarray, candidates: Sequence[Candidate], *, loose: float = 1.0
-    ) -> None:
+    def __init__(self, sums: Sums, always: np.ndarray, candidates: Sequence[Candidate], *, loose: float = 1.0) -> None:
         super().__init__(sums, always, candidates)
         self._loose = loose
         self._solver = Solver(sums, always, candidates)
