@@ -197,6 +197,10 @@ class Appraiser(ABC):
             self._known[key] = self._appraised(tuple(c for c in self.candidates if c in key))
         return self._known[key]
 
+    def without(self, now: Appraisal, gone: Candidate) -> Appraisal:
+        """The appraisal of a set without one of its effects."""
+        return self.of([c for c in now.effects if c != gone])
+
     def useful(self, more: Appraisal, fewer: Appraisal) -> bool:
         """Whether the further values of a set explain enough beside what `fewer` explain, or most of what these leave.
 

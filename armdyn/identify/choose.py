@@ -205,7 +205,7 @@ def _whole(appraiser: Appraiser, left: Sequence[Candidate]) -> list[Appraisal]:
 def backward_elimination(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate] = ()) -> Appraisal:
     """Backward elimination: without what the others make superfluous, one after the other; `firm` effects stay."""
     while len(now.effects) > len(firm):
-        fewer = [appraiser.of([c for c in now.effects if c != gone]) for gone in now.effects if gone not in firm]
+        fewer = [appraiser.without(now, gone) for gone in now.effects if gone not in firm]
         best = max(fewer, key=lambda o: o.worth)
         if best.worth < now.worth and all(appraiser.useful(now, o) for o in fewer):
             break

@@ -87,6 +87,17 @@ class Refitted(Appraiser):
         share = self.limited * by_runs + (1.0 - self.limited) * by_cost
         return bool(share >= LEAST_SHARE * further)
 
+    def without(self, now: Appraisal, gone: Candidate) -> Appraisal:
+        """See `Appraiser.without`: also fitted from where the set stands, which may have led out of a wrong minimum."""
+        effects = [c for c in now.effects if c != gone]
+        key, here = frozenset(effects), frozenset(now.effects)
+        if key in self._fits and (key, here) not in self._tried and self._fits[key].cost > self._fits[here].cost:
+            other = self._study.sketch((*self._study.present, *effects), self._fits[here])
+            if other.cost < self._fits[key].cost:
+                self._keep(key, self._study.fit_with((*self._study.present, *effects), other))
+        self._tried.add((key, here))
+        return self.of(effects)
+
     def advance(self, now: Appraisal) -> None:
         """See `Appraiser.advance`: expand there, and measure by what the richest model leaves there."""
         key = frozenset(now.effects)
