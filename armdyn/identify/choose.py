@@ -25,8 +25,7 @@ NEARLY = 0.75
 holds it."""
 CORE = 0.5
 """The same on an arm, where what the simpler effect lacks may come as an effect of its own: an offset beside Coulomb
-friction in place of asymmetric friction. Also what is enough where what saves values is worth more, and the share of
-the best effect's worth that it must bring."""
+friction in place of asymmetric friction. Also what is enough where what saves values is worth more."""
 LEADS = 0.5
 """Share of the misfit as given from which an effect is what a reader is told is missing: many small errors have no
 name."""
@@ -148,17 +147,15 @@ def leading(now: Appraisal, options: Sequence[Appraisal]) -> Appraisal:
 def _stands_in(one: Appraisal, best: Appraisal, now: Appraisal) -> bool:
     """Whether a set is what a reader should be told in place of the one that explains most: it saves values.
 
-    It must explain nearly as much and be worth half as much: an offset of the shoulder explains in N m what a wrong
-    forearm does to it, and says nothing of the other joints. What is worth more need explain but half: a link does
-    better than the payload behind it where it bends to small errors of other joints. Several effects do not stand for
-    one: gains of four joints are no simpler than the one link that they imitate.
+    It must explain nearly as much; half is enough for what is worth more: a link does better than the payload behind it
+    where it bends to small errors of other joints. Several effects do not stand for one: gains of four joints are no
+    simpler than the one link that they imitate.
     """
     saved = float(np.sum(best.free) - np.sum(one.free))
     explained = np.log(now.overall / one.overall) / np.log(now.overall / best.overall)
     surer = saved > 0.0 and one.worth > best.worth
     enough = CORE if surer else max(NEARLY, 1.0 - SAVED * saved)
-    as_sure = one.worth - now.worth >= CORE * (best.worth - now.worth)
-    return len(one.effects) <= len(best.effects) and bool(explained >= enough and as_sure)
+    return len(one.effects) <= len(best.effects) and bool(explained >= enough)
 
 
 def _simplified(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate]) -> Appraisal:

@@ -16,7 +16,7 @@ class Set(Plain):
 
 
 LIMITED = Plain(few=False, limited=0.9)
-NOTHING = Plain(overall=1.0, worth=-100.0)
+NOTHING = Plain(overall=1.0)
 
 
 def option(name, overall, values, *, effects=1, worth=0.0):
@@ -32,7 +32,6 @@ def option(name, overall, values, *, effects=1, worth=0.0):
         (option("payload", 0.06, 10, worth=1.0), "link"),  # as many values: what explains more comes first
         (option("payload", 0.20, 4, worth=1.0), "payload"),  # half of it, but surer, as where wrists tell
         (option("payload", 0.30, 4, worth=1.0), "link"),
-        (option("offset", 0.06, 1, worth=-60.0), "link"),  # nearly as much in N m, but less than half as sure
     ],
 )
 def test_few_values_that_explain_nearly_as_much_come_first_but_not_many_effects(simple, first):
