@@ -152,10 +152,10 @@ def _stands_in(one: Appraisal, best: Appraisal, now: Appraisal) -> bool:
     simpler than the one link that they imitate.
     """
     saved = float(np.sum(best.free) - np.sum(one.free))
-    explained = np.log(now.overall / one.overall) / np.log(now.overall / best.overall)
+    gain, most = (float(np.log(now.overall / o.overall)) for o in (one, best))
     surer = saved > 0.0 and one.worth > best.worth
     enough = CORE if surer else max(NEARLY, 1.0 - SAVED * saved)
-    return len(one.effects) <= len(best.effects) and bool(explained >= enough)
+    return len(one.effects) <= len(best.effects) and gain >= enough * most
 
 
 def _simplified(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate]) -> Appraisal:

@@ -43,6 +43,11 @@ def test_what_stands_in_is_compared_in_its_turn():
     assert foremost(LIMITED, NOTHING, [links, link, payload]).name == "payload"
 
 
+def test_where_nothing_explains_anything_what_does_most_harm_is_not_simpler():
+    worse = [option("offset", 1.05, 1), option("link", 1.01, 10)]
+    assert foremost(LIMITED, NOTHING, worse).name == "link"
+
+
 def test_at_the_noise_the_worth_decides():
     noise = Plain(few=False, limited=0.0)
     options = [option("link", 0.05, 10, worth=3.0), option("spring", 0.5, 2, worth=4.0)]
