@@ -116,10 +116,12 @@ class Appraiser(ABC):
     Attributes:
         level: (U,) variance that the richest model leaves, at least the noise.
         independent: (U,) independent samples in it.
+        limited: share of it that is more than noise: 0 noise-limited, 1 model-limited.
     """
 
     level: np.ndarray
     independent: np.ndarray
+    limited: float
     few: ClassVar[bool] = False
     """Whether there are few candidates with a value or two each, as a pendulum's: then two at once are tried as well,
     which a third may imitate, and worth alone says which set is best."""
@@ -148,6 +150,7 @@ class Appraiser(ABC):
     def measure(self, left: Mapping[int, np.ndarray]) -> None:
         """Take levels and independent samples from the residual of every training unit in the best model there is."""
         self.level, self.independent = self._levels(left), independent_samples(self.sums, left)
+        self.limited = self._beyond_noise()
         self._known.clear()
 
     def _levels(self, left: Mapping[int, np.ndarray]) -> np.ndarray:
@@ -245,11 +248,10 @@ class Appraiser(ABC):
         """The `misfit` of noise alone."""
         return float(self._importance[self._judged] @ self.sums.noise[self._judged] ** 2)
 
-    @property
-    def limited(self) -> float:
-        """Share of what the richest model leaves that is more than noise: 0 noise-limited, 1 model-limited.
+    def _beyond_noise(self) -> float:
+        """Share of what the richest model leaves that is more than noise, the mean over channels.
 
-        The mean over channels: a shoulder whose torque is noisy hides nothing of what an elbow's shows.
+        A shoulder whose torque is noisy hides nothing of what an elbow's shows.
         """
         channels = [units for units in self._by_channel if len(units)]
         noise = [np.sum(self.sums.noise[units] ** 2) / np.sum(self.level[units]) for units in channels]

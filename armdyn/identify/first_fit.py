@@ -113,7 +113,7 @@ def start_of(single: Problem, values: np.ndarray, free: np.ndarray) -> np.ndarra
     window, end = model.start.stretch(theta), duration(run)
     cut = _cut(single, window)
     own = _descended(cut, free, window, values)
-    near_noise = 2.0 * np.exp(_log_cost(cut, own)) < NEAR_NOISE * cut.samples
+    near_noise = 2.0 * _cost(cut, own) < NEAR_NOISE * cut.samples
     if near_noise and np.array_equal(determined(cut, moved, own), moved):
         return own
     rows = [values, *(_with(single, values, guess, moved) for guess in guesses)]
@@ -172,8 +172,12 @@ def _promised_cost(cut: Problem, free: np.ndarray, values: np.ndarray) -> float:
     return at.cost - 0.5 * float(at.gradient @ np.linalg.lstsq(at.hessian, at.gradient, rcond=1e-12)[0])
 
 
+def _cost(cut: Problem, values: np.ndarray) -> float:
+    return cut.expansion(values, np.zeros(len(values), dtype=bool)).cost
+
+
 def _log_cost(cut: Problem, values: np.ndarray) -> float:
-    return float(np.log(cut.expansion(values, np.zeros(len(values), dtype=bool)).cost))
+    return float(np.log(_cost(cut, values)))
 
 
 def _best(single: Problem, rivals: Sequence[_Rival]) -> list[_Rival]:
