@@ -30,6 +30,7 @@ from scipy.linalg.lapack import dpotrf, dtrtri
 
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.leftover import independent_samples, level_of
+from armdyn.identify.problem import Problem
 from armdyn.identify.subset import Solver, Subset
 from armdyn.identify.sums import Sums
 
@@ -105,68 +106,67 @@ class Appraisal:
         return bool(np.any(self.totals > (1.0 + HARM) * before.totals))
 
 
+@dataclass(frozen=True, eq=False)
+class Described:
+    """A set in numbers for a person.
+
+    Attributes:
+        rmse: by channel, of the training runs.
+        held_out_rmse: by channel, of runs predicted from others; empty where there are none.
+        values: (k,) of the unknowns that were asked for.
+        deviations: (k,) their standard deviations.
+    """
+
+    rmse: dict[str, float]
+    held_out_rmse: dict[str, float]
+    values: np.ndarray
+    deviations: np.ndarray
+
+
 class Appraiser(ABC):
     """Appraises sets of effects.
 
     Args:
-        sums: of training runs and of runs that are only predicted.
-        always: (P,) bool, unknowns that are free in every set.
+        problem: whose unknowns effects have.
         candidates: all effects that a set may hold, each on one joint.
 
     Attributes:
-        level: (U,) variance that the richest model leaves, at least the noise.
-        independent: (U,) independent samples in it.
-        limited: share of it that is more than noise: 0 noise-limited, 1 model-limited.
+        limited: share of what the richest model leaves that is more than noise: 0 noise-limited, 1 model-limited.
     """
 
-    level: np.ndarray
-    independent: np.ndarray
     limited: float
     few: ClassVar[bool] = False
     """Whether there are few candidates with a value or two each, as a pendulum's: then two at once are tried as well,
     which a third may imitate, and worth alone says which set is best."""
 
-    def __init__(self, sums: Sums, always: np.ndarray, candidates: Sequence[Candidate]) -> None:
-        self.sums = sums
+    def __init__(self, problem: Problem, candidates: Sequence[Candidate]) -> None:
+        self.problem = problem
         self.candidates = tuple(candidates)
         self._reach = Counter(c.effect for c in candidates)
-        self._always = always
-        self._typical = np.minimum(sums.problem.typical, sums.width)
-        self._by_channel = [np.flatnonzero(sums.training & (sums.channel == i)) for i in range(len(sums.channels))]
-        self._training = np.flatnonzero(sums.training)
-        self._owner = np.array([-1 if c.run is None else c.run for c in sums.problem.columns])
-        training = tuple(np.flatnonzero(np.isin(np.arange(len(sums.runs)), sums.run[sums.training])))
-        # With a single training run there are no others to predict it from.
-        self.predicted_runs = tuple(r for r in range(len(sums.runs)) if r not in training or len(training) > 1)
-        self._folds = [
-            _Fold(run, np.flatnonzero(sums.run == run), np.flatnonzero(sums.training & (sums.run != run)))
-            for run in self.predicted_runs
-        ]
-        measured = [next(r.channels[c].unit for r in sums.problem.runs if c in r.channels) for c in sums.channels]
-        self._importance = np.ones(len(sums.count)) if len(set(measured)) == 1 else sums.noise**-2.0
-        self._kinds = np.array([sorted(set(measured)).index(unit) for unit in measured])
         self._known: dict[frozenset[Candidate], Appraisal] = {}
 
-    def measure(self, left: Mapping[int, np.ndarray]) -> None:
-        """Take levels and independent samples from the residual of every training unit in the best model there is."""
-        self.level, self.independent = self._levels(left), independent_samples(self.sums, left)
-        self.limited = self._beyond_noise()
-        self._known.clear()
-
-    def _levels(self, left: Mapping[int, np.ndarray]) -> np.ndarray:
-        """(U,) variance of each channel from the residual of every training unit, at least its noise's."""
-        error = np.zeros(len(self.sums.count))
-        for unit, residual in left.items():
-            error[unit] = np.mean(residual**2)
-        return level_of(self.sums, error)
-
     @abstractmethod
-    def _solved(self, effects: tuple[Candidate, ...]) -> tuple[Solver, Subset]:
-        """Where a set is fitted, by sums that hold there, and its columns."""
+    def _appraised(self, effects: tuple[Candidate, ...]) -> Appraisal:
+        """The appraisal of a set, in the order of the candidates."""
 
     @abstractmethod
     def values(self, one: Appraisal) -> np.ndarray:
         """(P,) values of all unknowns at a set's minimum."""
+
+    @abstractmethod
+    def useful(self, more: Appraisal, fewer: Appraisal) -> bool:
+        """Whether the further values of a set explain enough beside what `fewer` explain."""
+
+    @abstractmethod
+    def standing(self, one: Appraisal) -> float:
+        """Nats by which two sets are held against each other, without the prior on sizes (Schwarz 1978).
+
+        Runs alone decide whether they can tell two sets apart.
+        """
+
+    @abstractmethod
+    def described(self, one: Appraisal, own: np.ndarray) -> Described:
+        """A set in numbers for a person; `own` (k,) are the unknowns whose values are asked for."""
 
     @abstractmethod
     def promising(self, now: Appraisal, changes: Sequence[Change], most: int) -> list[Appraisal]:
@@ -179,10 +179,6 @@ class Appraiser(ABC):
     @abstractmethod
     def holds(self, richer: Candidate, simpler: Candidate) -> bool:
         """Whether an effect on the same joint can do all that a simpler one does, as asymmetric friction can."""
-
-    @abstractmethod
-    def deviations(self, one: Appraisal) -> np.ndarray:
-        """(P,) standard deviations of a set's unknowns, the model's own error counted in; 0 of the others."""
 
     def advance(self, now: Appraisal) -> None:
         """Told what the best set is so far: what is foretold of others may start there."""
@@ -204,6 +200,72 @@ class Appraiser(ABC):
         """The appraisal of a set without one of its effects."""
         return self.of([c for c in now.effects if c != gone])
 
+    def price(self, effects: Sequence[Candidate]) -> float:
+        """What a set must gain over no effect at all, nats.
+
+        Each effect could have been another one of the catalogue, each of its joints another joint, and is to be sure
+        beyond that.
+        """
+        joints = Counter(c.effect for c in effects)
+        return sum(log(len(self._reach)) + n * (log(self._reach[name]) + SURE) for name, n in joints.items())
+
+
+class SampleAppraiser(Appraiser):
+    """Appraises sets by sums over samples, each as if it were independent of the others.
+
+    Args:
+        sums: of training runs and of runs that are only predicted.
+        always: (P,) bool, unknowns that are free in every set.
+        candidates: all effects that a set may hold, each on one joint.
+
+    Attributes:
+        level: (U,) variance that the richest model leaves, at least the noise.
+        independent: (U,) independent samples in it.
+    """
+
+    level: np.ndarray
+    independent: np.ndarray
+
+    def __init__(self, sums: Sums, always: np.ndarray, candidates: Sequence[Candidate]) -> None:
+        super().__init__(sums.problem, candidates)
+        self.sums = sums
+        self._always = always
+        self._typical = np.minimum(sums.problem.typical, sums.width)
+        self._by_channel = [np.flatnonzero(sums.training & (sums.channel == i)) for i in range(len(sums.channels))]
+        self._training = np.flatnonzero(sums.training)
+        self._owner = np.array([-1 if c.run is None else c.run for c in sums.problem.columns])
+        training = tuple(np.flatnonzero(np.isin(np.arange(len(sums.runs)), sums.run[sums.training])))
+        # With a single training run there are no others to predict it from.
+        self.predicted_runs = tuple(r for r in range(len(sums.runs)) if r not in training or len(training) > 1)
+        self._folds = [
+            _Fold(run, np.flatnonzero(sums.run == run), np.flatnonzero(sums.training & (sums.run != run)))
+            for run in self.predicted_runs
+        ]
+        measured = [next(r.channels[c].unit for r in sums.problem.runs if c in r.channels) for c in sums.channels]
+        self._importance = np.ones(len(sums.count)) if len(set(measured)) == 1 else sums.noise**-2.0
+        self._kinds = np.array([sorted(set(measured)).index(unit) for unit in measured])
+
+    def measure(self, left: Mapping[int, np.ndarray]) -> None:
+        """Take levels and independent samples from the residual of every training unit in the best model there is."""
+        self.level, self.independent = self._levels(left), independent_samples(self.sums, left)
+        self.limited = self._beyond_noise()
+        self._known.clear()
+
+    def _levels(self, left: Mapping[int, np.ndarray]) -> np.ndarray:
+        """(U,) variance of each channel from the residual of every training unit, at least its noise's."""
+        error = np.zeros(len(self.sums.count))
+        for unit, residual in left.items():
+            error[unit] = np.mean(residual**2)
+        return level_of(self.sums, error)
+
+    @abstractmethod
+    def _solved(self, effects: tuple[Candidate, ...]) -> tuple[Solver, Subset]:
+        """Where a set is fitted, by sums that hold there, and its columns."""
+
+    @abstractmethod
+    def deviations(self, one: Appraisal) -> np.ndarray:
+        """(P,) standard deviations of a set's unknowns, the model's own error counted in; 0 of the others."""
+
     def useful(self, more: Appraisal, fewer: Appraisal) -> bool:
         """Whether the further values of a set explain enough beside what `fewer` explain, or most of what these leave.
 
@@ -218,15 +280,6 @@ class Appraiser(ABC):
         if fewer.overall - more.overall >= DIMINISHED * further * max(expected, 0.0):
             return True
         return log(fewer.overall / more.overall) >= MARKED * sqrt(max(further, 0))
-
-    def price(self, effects: Sequence[Candidate]) -> float:
-        """What a set must gain over no effect at all, nats.
-
-        Each effect could have been another one of the catalogue, each of its joints another joint, and is to be sure
-        beyond that.
-        """
-        joints = Counter(c.effect for c in effects)
-        return sum(log(len(self._reach)) + n * (log(self._reach[name]) + SURE) for name, n in joints.items())
 
     @cached_property
     def _judged(self) -> np.ndarray:
@@ -256,6 +309,36 @@ class Appraiser(ABC):
         channels = [units for units in self._by_channel if len(units)]
         noise = [np.sum(self.sums.noise[units] ** 2) / np.sum(self.level[units]) for units in channels]
         return max(0.0, 1.0 - NOISY * float(np.mean(noise)))
+
+    def standing(self, one: Appraisal) -> float:
+        """See `Appraiser.standing`; where only noise is left, likelihood counts twice in the evidence."""
+        samples = float(np.sum(self.independent[self.sums.training]))
+        occam = one.likelihood - one.fit
+        found = one.likelihood + one.transfer + (1.0 - self.limited) * occam - 0.5 * one.values * log(max(samples, 2.0))
+        return found / (2.0 - self.limited)
+
+    def described(self, one: Appraisal, own: np.ndarray) -> Described:
+        """See `Appraiser.described`."""
+        s = self.sums
+        values, deviations = self.values(one), self.deviations(one)
+        none = np.zeros(0, dtype=int)
+        predicted = np.concatenate([none, *(np.flatnonzero(s.run == r) for r in self.predicted_runs)])
+        return Described(
+            rmse=self._rmse(np.flatnonzero(s.training), one.errors),
+            held_out_rmse=self._rmse(predicted, one.predicted) if len(one.predicted) else {},
+            values=values[own],
+            deviations=deviations[own],
+        )
+
+    def _rmse(self, units: np.ndarray, errors: np.ndarray) -> dict[str, float]:
+        """Rms error of every channel over units with (u,) mean squared errors."""
+        s = self.sums
+        result = {}
+        for channel, name in enumerate(s.channels):
+            mine = s.channel[units] == channel
+            if mine.any():
+                result[name] = float(np.sqrt(np.average(errors[mine], weights=s.count[units][mine])))
+        return result
 
     def _appraised(self, effects: tuple[Candidate, ...]) -> Appraisal:
         s = self.sums

@@ -154,11 +154,18 @@ def determined(problem: Problem, free: np.ndarray, values: np.ndarray) -> np.nda
 
     Unknowns of the base come first, so that of two which cannot be told apart the base's is kept.
     """
-    index = np.flatnonzero(free)
-    typical = problem.typical[index]
-    gram = problem.expansion(values, free).hessian * np.outer(typical, typical)
+    typical = problem.typical[free]
+    whole = np.zeros((len(free), len(free)))
+    whole[np.ix_(free, free)] = problem.expansion(values, free).hessian * np.outer(typical, typical)
+    return independent(whole, free)
+
+
+def independent(gram: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """(P,) bool: those of `wanted` whose sensitivities no earlier ones imitate; (P, P) `gram` holds their products."""
+    index = np.flatnonzero(wanted)
+    gram = gram[np.ix_(index, index)]
     norms = np.sqrt(np.diag(gram))
-    kept = np.zeros(len(free), dtype=bool)
+    kept = np.zeros(len(wanted), dtype=bool)
     factor = np.empty((0, len(index)))  # rows of the Cholesky factor of what has been kept
     for j in np.flatnonzero(norms > 1e-9 * np.max(norms, initial=0.0)):
         rest = gram[j] - factor[:, j] @ factor

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import chi2
 
+from armdyn.channels import Channel
 from armdyn.differences import normalised_differences
 from armdyn.identify.problem import Block
 
@@ -17,6 +18,10 @@ CLEARLY_LESS = 0.9
 0.9 from sample to sample the ratio is 0.96; for a swing of 0.8 Hz at 20 Hz, a hundred times the noise, it is 0.3."""
 ORDER = 4
 """Highest order of the autoregression that whitens coloured noise."""
+NORMAL_MEDIAN = 0.6745
+"""Median of |x| over the standard deviation, for normal x."""
+FAINTEST = 0.1
+"""Share of its stated noise that a channel has at least: an encoder at rest shows none."""
 MOST_LAGS = 50
 """Lags that count for the variance of a mean."""
 
@@ -50,6 +55,21 @@ def _difference_std(time: np.ndarray, value: np.ndarray, order: int) -> float | 
     differences = normalised_differences(time, value, order)
     whole = differences[np.isfinite(differences)]
     return float(np.sqrt(np.mean(whole**2))) if len(whole) >= 5 else None
+
+
+def quiet_noise(channel: Channel, noise: float) -> float:
+    """The least that white noise of a channel can be: of its third differences, whose median few glitches change.
+
+    Args:
+        channel: its samples.
+        noise: as stated or estimated otherwise; the result is at most that.
+    """
+    differences = normalised_differences(channel.time, channel.value, ORDERS[0])
+    whole = differences[np.isfinite(differences)]
+    if len(whole) < 8:
+        return noise
+    seen = float(np.median(np.abs(whole)) / NORMAL_MEDIAN)
+    return max(min(noise, seen), FAINTEST * noise)
 
 
 def autocorrelation(residual: np.ndarray, lags: int) -> np.ndarray:

@@ -11,7 +11,7 @@ from itertools import combinations
 
 import numpy as np
 
-from armdyn.identify.appraisal import NOISY, Appraisal, Appraiser, Change
+from armdyn.identify.appraisal import NOISY, Appraisal, Change, SampleAppraiser
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.fit import GROSS, Fit
 from armdyn.identify.problem import Block
@@ -45,7 +45,7 @@ LEAST_SHARE = 0.25
 missing leave a residual that small gains only happen to look like."""
 
 
-class Refitted(Appraiser):
+class Refitted(SampleAppraiser):
     """Appraises sets of effects by fitting them.
 
     Args:

@@ -9,6 +9,7 @@ from armdyn.identify.appraisal import Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.choose import chosen, foremost
 from armdyn.identify.explained import RepairStep
+from armdyn.identify.filtered import Filtered
 from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.refitted import Refitted
 from armdyn.identify.score import ResidualTests, residual_tests
@@ -75,7 +76,7 @@ def search(study: Study, progress: Progress | None = None) -> Search:
     say = progress or (lambda _: None)
     say("fitting the model as it is")
     first = study.first()
-    choice = _by_sums(study, first, say) if study.model.linear else _by_refits(study, first, say)
+    choice = _by_sums(study, first, say) if study.model.linear else _by_evidence(study, first, say)
     steps = [Step((), (), study.present, first, residual_tests(first, study.scores(first, study.present)))]
     steps += _climbed(study, choice.appraiser, choice.whole, steps[0], choice.ahead, say)
     if study.model.linear and len(steps) > 1 and steps[-1].tests.fails:
@@ -106,10 +107,13 @@ class _Choice:
     given: Appraiser
 
 
-def _by_refits(study: Study, first: Fit, say: Progress) -> _Choice:
-    """The set chosen by refits."""
-    appraiser = Refitted(study, say)
-    return _Choice(appraiser, chosen(appraiser, (), say), first, appraiser)
+def _by_evidence(study: Study, first: Fit, say: Progress) -> _Choice:
+    """The set chosen around the measured motion; by refits where only a force was measured."""
+    if study.motion is None:
+        refits = Refitted(study, say)
+        return _Choice(refits, chosen(refits, (), say), first, refits)
+    appraiser = Filtered(study)
+    return _Choice(appraiser, chosen(appraiser, (), say), first, Filtered(study))
 
 
 def _by_sums(study: Study, first: Fit, say: Progress) -> _Choice:

@@ -11,6 +11,7 @@ from armdyn.identify.candidate import Candidate
 from armdyn.identify.first_fit import first_fit
 from armdyn.identify.fit import GROWTHS, SETTLED_WINDOW, Fit, determined, first_part, fit
 from armdyn.identify.least_squares import Outcome
+from armdyn.identify.output_error import AroundMotion, descended, shows_motion
 from armdyn.identify.prepare import noise_of_runs, prepared, stated_noise
 from armdyn.identify.problem import Block, Problem
 from armdyn.identify.score import Score, scores
@@ -84,14 +85,29 @@ class Study:
         self._held_out: dict[int, tuple[Fit, list[Block] | None]] = {}
         self._exam: dict[int, tuple[Fit, list[Block]]] = {}
         self._first: Fit | None = None
+        self._around_motion: dict[frozenset[str], Fit] = {}
+        self._present_names = [name for c in self.present for name in c.names]
         self._begun = self.problem.start()
 
     def unit(self, channel: str) -> str:
         """In which a channel is measured."""
         return next(run.channels[channel].unit for run in self.runs if channel in run.channels)
 
+    @cached_property
+    def motion(self) -> AroundMotion | None:
+        """All runs around their measured motion; None where they do not show it."""
+        if not shows_motion(self.problem):
+            return None
+        runs = [*self.runs, *self.held_out]
+        everything = Problem(self.problem.model, runs, self.noise)
+        if not shows_motion(everything):
+            return None
+        return AroundMotion(everything, len(self.runs), everything.of([n for c in self.present for n in c.names]))
+
     def first(self) -> Fit:
         """The fit of the model as given."""
+        if self._first is None and self.motion is not None:
+            self._first = self.fit_with(self.present, None)
         if self._first is None:
             alone = Problem(self.model, self.runs, self.noise)
             found, begin = first_fit(alone)
@@ -103,10 +119,28 @@ class Study:
             self._first = Fit(self.problem, mask, values, tuple(self.problem.blocks(values, mask)), found.outcome)
         return self._first
 
-    def fit_with(self, effects: Sequence[Candidate], near: Fit, values: np.ndarray | None = None) -> Fit:
-        """The model's base with exactly these effects, started from the fit `near`, or from (P,) `values`."""
+    def fit_with(self, effects: Sequence[Candidate], near: Fit | None, values: np.ndarray | None = None) -> Fit:
+        """The model's base with exactly these effects, started from the fit `near`, or from (P,) `values`.
+
+        Where the runs show the motion, it starts there.
+        """
+        if self.motion is not None:
+            key = frozenset(name for c in effects for name in c.names)
+            if key not in self._around_motion:
+                self._around_motion[key] = self._fit_around(self.motion, sorted(key))
+            return self._around_motion[key]
+        assert near is not None
         free, start = self._released(effects, near)
         return fit(self.problem, free, start if values is None else values, most_steps=QUICK_STEPS)
+
+    def _fit_around(self, motion: AroundMotion, names: Sequence[str]) -> Fit:
+        """The fit with the effects' unknowns `names`, from the measured motion."""
+        fitted = motion.problem.of(names) & ~(motion.problem.of(self._present_names) & ~motion.problem.fitted)
+        free = motion.base & ~motion.problem.of(self._present_names) | fitted
+        point = motion.point if np.array_equal(free, motion.base) else motion.settled(free, motion.point)
+        begun = [self.own(values, motion.problem) for values in motion.begun(free, point)]
+        own = transferred((free | motion.starts).astype(float), motion.problem, self.problem, missing=0.0) > 0.0
+        return descended(self.problem, own, begun)
 
     def sketch(self, effects: Sequence[Candidate], near: Fit, values: np.ndarray | None = None) -> Fit:
         """As `fit_with`, after a few steps only."""
@@ -205,7 +239,7 @@ class Study:
 
     def own_values(self, appraiser: Appraiser, one: Appraisal) -> np.ndarray:
         """(P,) values of the study's unknowns at an appraised set."""
-        return self.own(appraiser.values(one), appraiser.sums.problem)
+        return self.own(appraiser.values(one), appraiser.problem)
 
     def own(self, values: np.ndarray, problem: Problem) -> np.ndarray:
         """(P,) values of the study's unknowns, of those of a problem with more or other runs."""

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from armdyn.identify.appraisal import Appraisal, Appraiser, Change
+from armdyn.identify.appraisal import Appraisal, Change, SampleAppraiser
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.leftover import level_of
 from armdyn.identify.subset import Solver, Subset, inverse_of_at_least_one
@@ -16,7 +16,7 @@ LEVELS = 4
 """Rounds in which the richest model's fit and the error that it leaves, which weighs it, settle."""
 
 
-class Summed(Appraiser):
+class Summed(SampleAppraiser):
     """Appraises sets by one expansion.
 
     Args:

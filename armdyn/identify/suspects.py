@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import log
 
 import numpy as np
 from scipy.stats import chi2 as chi2_distribution
@@ -74,7 +73,6 @@ def tied(appraiser: Appraiser, whole: Appraisal, part: Sequence[Candidate]) -> t
     A richer effect that does the same with its further unknowns is no rival; on a slide, where a link has but one
     unknown that matters, it is.
     """
-    close = TIE * (2.0 - appraiser.limited)  # where only noise is left, likelihood counts twice in the evidence
     rest = [c for c in whole.effects if c not in part]
     joints = {j for c in part for j in c.joints}
     found = []
@@ -84,16 +82,9 @@ def tied(appraiser: Appraiser, whole: Appraisal, part: Sequence[Candidate]) -> t
         if any(c in rest for c in others) or len(others) < len(part):
             continue
         other = appraiser.of((*rest, *others))
-        if np.isfinite(other.worth) and _evidence(appraiser, whole) - _evidence(appraiser, other) < close:
+        if np.isfinite(other.worth) and appraiser.standing(whole) - appraiser.standing(other) < TIE:
             found.append(merged(others)[0])
     return tuple(found)
-
-
-def _evidence(appraiser: Appraiser, one: Appraisal) -> float:
-    """Without the prior on sizes: runs alone decide whether they can tell two sets apart (Schwarz 1978)."""
-    samples = float(np.sum(appraiser.independent[appraiser.sums.training]))
-    occam = one.likelihood - one.fit
-    return one.likelihood + one.transfer + (1.0 - appraiser.limited) * occam - 0.5 * one.values * log(max(samples, 2.0))
 
 
 MOST_NAMED = 8
@@ -160,35 +151,20 @@ def _alone(appraiser: Appraiser, joints: Sequence[Candidate], nothing: Appraisal
 def _described(
     appraiser: Appraiser, one: Appraisal, named: Candidate, nothing: Appraisal, tied: tuple[str, ...]
 ) -> Suspect:
-    s, p = appraiser.sums, appraiser.sums.problem
-    values, deviations = appraiser.values(one), appraiser.deviations(one)
+    p = appraiser.problem
     own = np.flatnonzero(p.of(named.names))
+    shown = appraiser.described(one, own)
     drop = 2.0 * (one.likelihood - nothing.likelihood)
-    predicted = np.concatenate(
-        [np.zeros(0, dtype=int), *(np.flatnonzero(s.run == r) for r in appraiser.predicted_runs)]
-    )
     return Suspect(
         effect=named.effect,
         joints=named.joints,
         delta_bic=2.0 * (one.worth - nothing.worth),
         p_value=min(1.0, len(appraiser.candidates) * float(chi2_distribution.sf(max(drop, 0.0), max(len(own), 1)))),
-        rmse=_by_channel(appraiser, np.flatnonzero(s.training), one.errors),
-        held_out_rmse=_by_channel(appraiser, predicted, one.predicted) if len(one.predicted) else {},
+        rmse=shown.rmse,
+        held_out_rmse=shown.held_out_rmse,
         parameters={
-            c.name: FittedParameter(float(values[i]), float(deviations[i]), c.parameter.unit, True)
-            for i in own
-            for c in [p.columns[i]]
+            p.columns[i].name: FittedParameter(float(value), float(std), p.columns[i].parameter.unit, True)
+            for i, value, std in zip(own, shown.values, shown.deviations, strict=True)
         },
         tied_with=tied,
     )
-
-
-def _by_channel(appraiser: Appraiser, units: np.ndarray, errors: np.ndarray) -> dict[str, float]:
-    """Rms error of every channel over units with (u,) mean squared errors."""
-    s = appraiser.sums
-    result = {}
-    for channel, name in enumerate(s.channels):
-        mine = s.channel[units] == channel
-        if mine.any():
-            result[name] = float(np.sqrt(np.average(errors[mine], weights=s.count[units][mine])))
-    return result

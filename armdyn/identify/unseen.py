@@ -13,6 +13,7 @@ import numpy as np
 
 from armdyn.identify.first_fit import start_of
 from armdyn.identify.fit import Fit, determined, fit
+from armdyn.identify.output_error import held_out_start, shows_motion
 from armdyn.identify.prepare import check_distinct, check_distinct_data, ready
 from armdyn.identify.problem import Block, Problem
 from armdyn.model import Model
@@ -61,6 +62,8 @@ def _predicted(found: Fit, values: np.ndarray, run: Run, whole: Fit | None = Non
         return tuple(alone.blocks(start, free))
     if whole is not None:
         start = np.where(own, _transferred(whole, whole.values, alone)[1], start)
+    elif shows_motion(alone):
+        start = held_out_start(alone, start, free)
     else:
         start = start_of(alone, start, free)
     return fit(alone, free, start).blocks

@@ -20,7 +20,7 @@ from armdyn.pendulum.path import GripperPath, TrailingPath, run_path, trailing
 from armdyn.pendulum.physics import STANDARD_GRAVITY, Tension
 from armdyn.pendulum.start import PendulumStart
 from armdyn.pendulum.variational import VariationalStep, derive_variational
-from armdyn.physics.simulated import SimulatedModel
+from armdyn.physics.simulated import REACH, SimulatedModel, local_motion, main_period
 from armdyn.run import Channel, Run
 from armdyn.start import Start
 
@@ -28,6 +28,8 @@ KEYS = ("tension",)
 """Keys of a model file that belong to this base."""
 INITIAL = ("initial_angle", "initial_rate")
 GRIPPER = ("gripper_x", "gripper_v", "gripper_a", "gripper_z")
+RESTING = 0.02
+"""Of the largest swing, what counts as rest."""
 STEEPEST = 1.5
 """rad; no load hangs at rest beyond."""
 
@@ -55,6 +57,44 @@ class PendulumModel(SimulatedModel):
     stages = STAGES
     inputs = GRIPPER
     start_names = INITIAL
+
+    kicked = [1]  # noqa: RUF012 - a property of the base class
+
+    def measured_motion(self, run: Run, times: np.ndarray, theta: np.ndarray, swing: float) -> np.ndarray | None:
+        """See `SimulatedModel`: from the angle; else from the rate, whose derivative shows the angle."""
+        length = float(theta[self.names.index("length")])
+        if "swing_angle" in run.channels:
+            motion = local_motion(run.channels["swing_angle"], times, REACH * swing)
+        elif "swing_rate" in run.channels:
+            rate = local_motion(run.channels["swing_rate"], times, REACH * swing)
+            mean = float(np.mean(run.channels["swing_rate"].value))
+            pace = 2.0 * np.pi / swing
+            motion = np.column_stack([np.arcsin(np.clip(-rate[:, 1] / pace**2, -1.0, 1.0)), rate[:, 0] - mean])
+        else:
+            return None
+        path = run_path(run)
+        speed = np.interp(times, path.start + path.dt * np.arange(len(path.v)), path.v)
+        return np.column_stack([motion[:, 0], motion[:, 1] - speed / length * np.cos(motion[:, 0])])
+
+    def comes_to_rest(self, run: Run) -> float:
+        """See `SimulatedModel`: below a fixed pivot, when the swing has become a fiftieth of the largest."""
+        channel = run.channels.get("swing_angle") or run.channels.get("swing_rate")
+        if channel is None or "gripper_x" in run.channels:
+            return np.inf
+        rest = float(np.median(channel.value[-max(8, len(channel) // 20) :]))
+        moving = np.flatnonzero(np.abs(channel.value - rest) > RESTING * np.ptp(channel.value))
+        return float(channel.time[min(moving[-1] + 1, len(channel) - 1)])
+
+    def shown_by(self, run: Run, theta: np.ndarray) -> dict[str, float]:
+        """See `SimulatedModel`: a free swing's period shows the length, nearly, where the swing is not small."""
+        if "gripper_x" in run.channels or not {"swing_angle", "swing_rate"} & set(run.channels):
+            return {}
+        return {"length": STANDARD_GRAVITY * (self.swing(run, theta) / (2.0 * np.pi)) ** 2}
+
+    def swing(self, run: Run, theta: np.ndarray) -> float:
+        """See `SimulatedModel`; where only a force was measured, that of small swings."""
+        seen = run.channels.get("swing_angle") or run.channels.get("swing_rate")
+        return self.start.stretch(theta) if seen is None else main_period(seen)
 
     @property
     def start(self) -> Start:

@@ -18,7 +18,7 @@ from armdyn.parameter import Parameter
 from armdyn.physics.definition import Physics
 from armdyn.physics.formulation import Formulation, formulated, ordered
 from armdyn.physics.recorded import RecordedInputs, recorded_inputs
-from armdyn.physics.simulated import SimulatedModel, measured_start
+from armdyn.physics.simulated import REACH, SimulatedModel, local_motion, measured_start
 from armdyn.run import Channel, Run
 from armdyn.start import Start
 
@@ -144,6 +144,31 @@ class PhysicsModel(SimulatedModel):
                 raise InputError(f"{run.source or run.name}: {driven}: record them together")
             run = replace(run, channels={**run.channels, **cut})
         return super().prepared(run)
+
+    @property
+    def kicked(self) -> list[int]:
+        """See `SimulatedModel`: states whose rate is no state."""
+        names = list(self.physics.states)
+        return [k for k, name in enumerate(names) if name not in _bare(self.physics).rates] or list(range(len(names)))
+
+    def swing(self, run: Run, theta: np.ndarray) -> float:
+        """See `SimulatedModel`: as its physics says."""
+        del run, theta
+        return self.physics.period
+
+    def measured_motion(self, run: Run, times: np.ndarray, theta: np.ndarray, swing: float) -> np.ndarray | None:
+        """See `SimulatedModel`: where every state, or what it is the rate of, has a channel of its own."""
+        del theta
+        bare, found = _bare(self.physics), {}
+        for name, channel in bare.measured.items():
+            if channel in run.channels:
+                value, rate = local_motion(run.channels[channel], times, REACH * swing).T
+                found[name] = value
+                if name in bare.rates:
+                    found.setdefault(bare.rates[name], rate)
+        if not all(name in found for name in self.physics.states):
+            return None
+        return np.column_stack([found[name] for name in self.physics.states])
 
     def path(self, run: Run) -> RecordedInputs:
         """See `SimulatedModel`."""

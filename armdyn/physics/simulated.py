@@ -19,6 +19,11 @@ from armdyn.run import Run
 FIRST_STRETCH, FIRST_SAMPLES = 0.1, 5
 """s, and at least as many samples, through which a parabola gives a value and its rate at the start."""
 
+REACH = 0.125
+"""Of a swing, to either side, through which a parabola shows what was measured and its rate."""
+PADDED = 8
+"""Times its length that a signal is continued by zeros: its spectrum is looked at so much more finely."""
+
 
 @dataclass(frozen=True)
 class SimulatedModel(Model):
@@ -33,6 +38,39 @@ class SimulatedModel(Model):
     @abstractmethod
     def start_names(self) -> tuple[str, ...]:
         """Parameters that say how the motion begins, in the order of the simulator."""
+
+    @property
+    def kicked(self) -> list[int]:
+        """Those of `start_names` that a force changes: the speeds."""
+        return list(range(len(self.start_names)))
+
+    def measured_motion(
+        self, run: Run, times: np.ndarray, theta: np.ndarray, swing: float
+    ) -> np.ndarray | None:
+        """(J, starts) values that would begin the motion at (J,) times, from what was measured; None where it was not.
+
+        Args:
+            run: prepared.
+            times: (J,) s.
+            theta: (p,) in the order of `names`.
+            swing: period, s.
+        """
+        del run, times, theta, swing
+        return None
+
+    def comes_to_rest(self, run: Run) -> float:
+        """When what nothing drives has come to rest, s: there friction holds it, and no force shows."""
+        del run
+        return np.inf
+
+    def shown_by(self, run: Run, theta: np.ndarray) -> dict[str, float]:
+        """Values of parameters that a run shows without a fit, as a swing's period shows a length."""
+        del run, theta
+        return {}
+
+    @abstractmethod
+    def swing(self, run: Run, theta: np.ndarray) -> float:
+        """Period of what a run shows of the motion, s; `theta` (p,) in the order of `names`."""
 
     @property
     @abstractmethod
@@ -103,6 +141,11 @@ class SimulatedModel(Model):
             parts.append((name, time, read[:, 0], read[:, 1:][:, columns]))
         return joined(parts)
 
+    @property
+    def places(self) -> tuple[list[int], list[int]]:
+        """Where the columns of a rollout are among `names`, and where the parameters of `physics_names` are."""
+        return self._order
+
     @cached_property
     def _order(self) -> tuple[list[int], list[int]]:
         """Where the columns of a rollout are among `names`, and where the physics' parameters are."""
@@ -113,6 +156,36 @@ class SimulatedModel(Model):
 @lru_cache(maxsize=128)
 def _simulator(system: System, name: str, channels: tuple[str, ...]) -> Simulator:
     return Simulator(system, name, channels)
+
+
+def local_motion(channel: Channel, times: np.ndarray, reach: float) -> np.ndarray:
+    """(J, 2) value and rate of a channel at (J,) times, by parabolas of third degree through what is near.
+
+    Args:
+        channel: its samples.
+        times: (J,) s.
+        reach: to either side, s; more where there are fewer than eight samples.
+    """
+    found = np.empty((len(times), 2))
+    for j, at in enumerate(times):
+        middle = int(np.searchsorted(channel.time, at))
+        first, last = (int(np.searchsorted(channel.time, at + side * reach)) for side in (-1.0, 1.0))
+        first, last = max(0, min(first, middle - 4)), min(len(channel.time), max(last, middle + 4))
+        since = channel.time[first:last] - at
+        curve = np.polyfit(since, channel.value[first:last], min(3, last - first - 2))
+        found[j] = curve[-1], curve[-2]
+    return found
+
+
+def main_period(channel: Channel) -> float:
+    """Period of the strongest oscillation of a channel about its mean, s."""
+    time = np.linspace(channel.time[0], channel.time[-1], max(len(channel), 16))
+    value = np.interp(time, channel.time, channel.value)
+    value = (value - value.mean()) * np.hanning(len(value))
+    power = np.abs(np.fft.rfft(value, PADDED * len(value))) ** 2
+    lowest = PADDED  # one period in the whole recording
+    best = lowest + int(np.argmax(power[lowest:]))
+    return float(PADDED * len(value) * (time[1] - time[0]) / best)
 
 
 def measured_start(channel: Channel) -> tuple[float, float]:

@@ -1,0 +1,550 @@
+"""Runs linear around their measured motion, and the noise at which a set of effects is most plausible.
+
+The model's own error, as kicks of the speeds once in every half swing, and the sensors' coloured error are unknown; what
+a set of effects is worth is its evidence at the noise that suits it best (type-II maximum likelihood: Bishop, Pattern
+Recognition and Machine Learning, 2006, §3.5).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from armdyn.identify.estimator import until
+from armdyn.identify.fit import independent
+from armdyn.identify.innovations import Chain, Colour, Gram, Innovations, Rows, chained, combined, filtered, smoothed
+from armdyn.identify.noise import quiet_noise
+from armdyn.identify.problem import Problem
+from armdyn.physics.pieces import Linearised, Pieces
+from armdyn.physics.simulated import SimulatedModel
+
+HALF = 0.5
+"""Of a swing, between two kicks: within it the motion is the model's own, so that friction keeps its sign and a sensor's
+error at twice the swing's frequency cannot be taken for a force. With white noise in place of kicks real recordings say
+10 to 1000 times less."""
+KICKS = np.arange(-7.0, 10.1, 1.0)
+"""Natural logarithms of the kicks that are tried, over what one piece tells of a speed."""
+RATIOS = (0.0, 1.0, 4.0, 16.0, 64.0, 256.0, 1024.0, 8192.0)
+"""Variances of the coloured error that are tried, over that of the white noise of one row."""
+TIMES = (0.02, 0.06, 0.15, 1.0 / 3.0)
+"""Correlation times that are tried, in swings: beyond a third it would be an offset."""
+LOOSE = 100.0
+"""Typical sizes: prior width of what is fitted to linear sums; it only keeps what is not told from running away."""
+ROUNDING = 1e-13
+ROUNDS = 3
+"""In which the noises of several runs, and levels beside values, settle."""
+SETTLED = 0.5
+"""Nats that do not matter."""
+SHRINK, TIED = 0.25, 1e-6
+"""By which the kicks shrink from round to round, and the share of them that counts as nothing."""
+UNBELIEVED = 4.0
+"""Standard deviations of an innovation beyond which a sample is no noise: one in 16,000 by chance."""
+
+
+MOST_UNBELIEVED = 0.1
+"""Share of the samples that can be glitches; more are how the sensor is."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Of one run.
+
+    Attributes:
+        kick: standard deviation of the kicks, in typical sizes of the speeds.
+        level: by channel, of the white noise over the quiet noise.
+        colour: by channel.
+    """
+
+    kick: float
+    level: tuple[float, ...]
+    colour: tuple[Colour, ...]
+
+
+class GreyRun:
+    """One run around its motion.
+
+    Args:
+        problem: whose unknowns count.
+        index: of the run.
+        swing: period, s.
+        share: of a swing between two kicks.
+    """
+
+    def __init__(self, problem: Problem, index: int, swing: float, share: float = HALF) -> None:
+        model = problem.model
+        assert isinstance(model, SimulatedModel)
+        self.problem, self.index, self.swing = problem, index, swing
+        self.run = until(problem.runs[index], model.comes_to_rest(problem.runs[index]))
+        self.pieces = Pieces(model, self.run, share * swing)
+        self.places = problem.places(index)
+        self.channels = self.pieces.channels
+        self.quiet = [quiet_noise(self.run.channels[c], problem.noise[self.run.name, c]) for c in self.channels]
+        self.weight = {c: np.ones(len(self.run.channels[c].time)) for c in self.channels}
+        self._starts = [model.names.index(name) for name in model.start_names]
+
+    def begun(self, theta: np.ndarray) -> np.ndarray:
+        """(J, n) states from what was measured of the motion; else those of a simulation."""
+        model = self.pieces.model
+        begin = model.measured_motion(self.run, self.pieces.starts, theta, self.swing)
+        if begin is None:
+            return self.pieces.rolled(theta)
+        return self.pieces.states(theta, begin)
+
+    def around(self, values: np.ndarray, states: np.ndarray) -> "Around":
+        """The run linearised at (P,) values of the unknowns and (J, n) states."""
+        theta = values[self.places]
+        found = self.pieces.linearised(theta, states)
+        P = len(values)
+        by_unknown, gap = chained(found, states, self.places, P)
+        _, by_start, by_theta = self.pieces.beginning(theta)
+        model = self.pieces.model
+        typical = np.array([model.parameters[name].typical for name in model.start_names])
+        kicked = by_start[:, model.kicked] * typical[model.kicked]
+        free = np.abs(by_start).sum(axis=1) > 0.0
+        start = np.zeros((states.shape[1], P + 1))
+        begin, _, _ = self.pieces.beginning(theta)
+        start[~free, -1] = (begin - states[0])[~free]
+        held = np.zeros_like(by_theta)
+        held[~free] = by_theta[~free]
+        start[:, self.places] += held
+        wide = by_start * (LOOSE * typical)
+        chain = Chain(found.transition, by_unknown, gap, start, wide @ wide.T, kicked @ kicked.T)
+        rows = [
+            Rows(found.samples[c], len(states), self.places, P, quiet, self.weight[c])
+            for c, quiet in zip(self.channels, self.quiet, strict=True)
+        ]
+        return Around(self, states, found, chain, rows)
+
+
+class Around:
+    """A run linearised around a motion; whitened sums are kept by colour."""
+
+    def __init__(
+        self, run: GreyRun, states: np.ndarray, found: Linearised, chain: Chain, rows: Sequence[Rows]
+    ) -> None:
+        self.run, self.states, self.found, self.chain, self.rows = run, states, found, chain, rows
+        self._grams: dict[tuple[int, Colour], Gram] = {}
+        direction = np.sqrt(np.diag(chain.kicked))
+        n = states.shape[1]
+        told = [
+            np.einsum("i,jik,k->j", direction, self.gram(c, Colour()).sums[:, :n, :n], direction)
+            for c in range(len(rows))
+        ]
+        self.sharpest = int(np.argmax([np.median(t) for t in told]))
+        self.kick_unit = float(1.0 / np.sqrt(max(np.median(told[self.sharpest]), 1e-300)))
+
+    def gram(self, channel: int, colour: Colour) -> Gram:
+        """Whitened sums of one channel."""
+        key = channel, colour
+        if key not in self._grams:
+            self._grams[key] = self.rows[channel].whitened(colour)
+        return self._grams[key]
+
+    def innovations(self, noise: Noise, kicks: np.ndarray) -> Innovations:
+        """At one noise, with (K,) other sizes of the kicks."""
+        grams = [self.gram(c, colour) for c, colour in enumerate(noise.colour)]
+        return filtered(*combined(grams, noise.level), self.chain, kicks)
+
+    def smoothed(self, noise: Noise, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(J, n) states and (J, n) kicks after a (P,) change of the unknowns."""
+        grams = [self.gram(c, colour) for c, colour in enumerate(noise.colour)]
+        moved, kicks = smoothed(combined(grams, noise.level)[0], self.chain, noise.kick, change)
+        return self.states + moved, kicks
+
+    def weigh_down(self, noise: Noise, change: np.ndarray) -> None:
+        """Believe samples less that no noise explains; `Samples` of the next linearisation know it."""
+        states, _ = self.smoothed(noise, change)
+        moved = states - self.states
+        for c, channel in enumerate(self.run.channels):
+            z = self.rows[c].deviates(noise.colour[c], noise.level[c], moved, change)
+            bad = z > UNBELIEVED
+            few = bad.sum() < MOST_UNBELIEVED * len(bad)
+            self.run.weight[channel][:] = np.where(bad & few, z**2, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Innovations of one run at S noises.
+
+    Attributes:
+        noises: (S,).
+        gram: (S, P, P).
+        slope: (S, P).
+        square: (S,).
+        log_std: (S,).
+        rows: of the run.
+        kicks: number of kicks that follow one another in `noises`.
+    """
+
+    noises: tuple[Noise, ...]
+    gram: np.ndarray
+    slope: np.ndarray
+    square: np.ndarray
+    log_std: np.ndarray
+    rows: float
+    kicks: int
+
+
+def tabled(around: Around, noises: Sequence[Noise], kicks: np.ndarray) -> Table:
+    """Innovations at every one of `noises` with every size (K,) of the kicks."""
+    found = [around.innovations(noise, kicks) for noise in noises]
+    every = tuple(replace(noise, kick=float(kick)) for noise in noises for kick in kicks)
+    return Table(
+        every,
+        np.concatenate([f.gram for f in found]),
+        np.concatenate([f.slope for f in found]),
+        np.concatenate([f.square for f in found]),
+        np.concatenate([f.log_std for f in found]),
+        found[0].rows,
+        len(kicks),
+    )
+
+
+def everywhere(around: Around, noise: Noise) -> Table:
+    """Innovations over the whole range of kicks and of one channel's colours, the other channels' as in `noise`.
+
+    The channel that says most about the motion is looked at; what the others are like shows beside it.
+    """
+    noise = scaled(noise, 1.0 / min(noise.level))
+    swing, kicks = around.run.swing, around.kick_unit * np.exp(KICKS)
+    colours = [Colour()] + [Colour(r, t * swing) for r, t in product(RATIOS[1:], TIMES)]
+    k = around.sharpest
+    noises = [replace(noise, colour=(*noise.colour[:k], colour, *noise.colour[k + 1 :])) for colour in colours]
+    return tabled(around, noises, kicks)
+
+
+def nearby(around: Around, noise: Noise) -> Table:
+    """Innovations around one noise."""
+    noise = scaled(noise, 1.0 / min(noise.level))
+    kicks = np.clip(noise.kick / around.kick_unit, np.exp(KICKS[0]), np.exp(KICKS[-1])) * around.kick_unit
+    kicks = kicks * np.exp(np.array([-5.0, -3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0]))
+    found = [noise]
+    for c, colour in enumerate(noise.colour):
+        for other in _neighbours(colour, around.run.swing):
+            found.append(replace(noise, colour=(*noise.colour[:c], other, *noise.colour[c + 1 :])))
+    return tabled(around, found, kicks)
+
+
+def _neighbours(colour: Colour, swing: float) -> list[Colour]:
+    """Colours next to one in the grid."""
+    if colour.ratio == 0.0:
+        return [Colour(RATIOS[1], t * swing) for t in TIMES[1::2]]
+    r = RATIOS.index(min(RATIOS, key=lambda x: abs(x - colour.ratio)))
+    t = int(np.argmin([abs(x * swing - colour.time) for x in TIMES]))
+    found = [Colour()] if r == 1 else []
+    for dr, dt in ((-1, 0), (1, 0), (0, -1), (0, 1), (2, 0), (-2, 0)):
+        if 0 < r + dr < len(RATIOS) and 0 <= t + dt < len(TIMES):
+            found.append(Colour(RATIOS[r + dr], TIMES[t + dt] * swing))
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What a set is worth at the noise that suits it best.
+
+    Attributes:
+        value: log evidence of the training runs, nats.
+        predicted: log likelihood of the others, as predicted.
+        occam: nats of `value` that the unknowns' freedom costs.
+        change: (P,) of the unknowns.
+        picks: by run, which of the table's noises; the level is not the table's.
+        levels: by run, factor on the level.
+        information: (P, P) of the training runs, levels counted in.
+    """
+
+    value: float
+    predicted: float
+    occam: float
+    change: np.ndarray
+    picks: tuple[int, ...]
+    levels: tuple[float, ...]
+    information: np.ndarray
+
+
+def _without(table: Table, c: np.ndarray, gone: np.ndarray, away: np.ndarray) -> Table:
+    """The table for unknowns c, after those that are `gone` have moved by `away`."""
+    slope, square = table.slope[:, c], table.square
+    if len(gone):
+        X = table.gram[:, gone]
+        slope = slope - X[:, :, c].transpose(0, 2, 1) @ away
+        square = square - 2.0 * table.slope[:, gone] @ away + (X[:, :, gone] @ away) @ away
+    return replace(table, gram=table.gram[:, c[:, None], c], slope=slope, square=square)
+
+
+class Tables:
+    """Tables of several runs at one point, from which the evidence of every set follows.
+
+    Args:
+        tables: by run, those that are fitted first.
+        values: (P,) the point.
+        problem: whose unknowns these are.
+        training: number of runs that are fitted; the others are predicted.
+    """
+
+    def __init__(self, tables: Sequence[Table], values: np.ndarray, problem: Problem, training: int) -> None:
+        self.tables, self.values, self.problem, self.training = tuple(tables), values, problem, training
+        self.is_effect = np.array([bool(c.parameter.effect) for c in problem.columns])
+        self._owner = np.array([-1 if c.run is None else c.run for c in problem.columns])
+        self.rows = sum(table.rows for table in tables[:training])
+        typical = LOOSE * problem.typical
+        with np.errstate(divide="ignore"):
+            self._width = np.minimum(typical, 1.0 / problem.prior_weight)
+        self._centre = np.where(problem.prior_weight > 0, problem.prior_mean - values, 0.0)
+
+    def evidence(self, free: np.ndarray) -> Evidence:
+        """The best evidence of a set.
+
+        Args:
+            free: (P,) bool, unknowns that are fitted; effects among the others return to null.
+        """
+        p = self.problem
+        c = np.flatnonzero(free & ((self._owner < 0) | (self._owner < self.training)))
+        gone = np.flatnonzero(~free & self.is_effect & (self.values != p.null))
+        away = (p.null - self.values)[gone]
+        parts = [_without(t, c, gone, away) for t in self.tables]
+        R = self.training
+        picks, levels, value = [len(t.square) // 2 for t in self.tables], [1.0] * len(parts), -np.inf
+        H, g = np.zeros((len(c), len(c))), np.zeros(len(c))
+        for _ in range(1 if R == 1 else ROUNDS):
+            for r in range(R):
+                others = [i for i in range(R) if i != r]
+                H = sum((parts[i].gram[picks[i]] / levels[i] ** 2 for i in others), np.zeros((len(c), len(c))))
+                g = sum((parts[i].slope[picks[i]] / levels[i] ** 2 for i in others), np.zeros(len(c)))
+                over, level = self._over(parts[r], H, g, c, levels[r])
+                over = over + sum(self._alone(parts[i], picks[i], levels[i]) for i in others)
+                picks[r] = int(np.argmax(over))
+                levels[r] = float(level[picks[r]])
+                value = float(over[picks[r]]) + _peak(over, picks[r], self.tables[r].kicks)
+        H = np.asarray(sum(parts[i].gram[picks[i]] / levels[i] ** 2 for i in range(R)))
+        g = np.asarray(sum(parts[i].slope[picks[i]] / levels[i] ** 2 for i in range(R)))
+        d, cost = self._bounded(H, g, c)
+        value -= 0.5 * (cost - float(self._solved(H[None], g[None], c)[1][0]))
+        change = np.zeros(len(self.values))
+        change[c], change[gone] = d, away
+        own = c[self.is_effect[c]]
+        sizes = (self.values + change - p.null)[own] / p.typical[own]
+        T = np.minimum(p.typical[c], self._width[c])
+        occam = 0.5 * float(np.linalg.slogdet(np.eye(len(c)) + T[:, None] * H * T)[1]) + float(np.sum(np.log1p(sizes**2)))
+        predicted = 0.0
+        for r in range(R, len(parts)):
+            said, picks[r], levels[r] = self._predicted(r, change, np.flatnonzero(free & (self._owner == r)))
+            predicted += said
+        information = np.zeros((len(change), len(change)))
+        information[np.ix_(c, c)] = H
+        return Evidence(value - float(np.sum(np.log1p(sizes**2))), predicted, occam, change, tuple(picks), tuple(levels), information)
+
+    @staticmethod
+    def _alone(part: "Table", pick: int, level: float) -> float:
+        """What a run adds to the evidence beside the unknowns' share."""
+        return float(-0.5 * part.square[pick] / level**2 - part.log_std[pick] - part.rows * np.log(level))
+
+    def _predicted(self, r: int, change: np.ndarray, own: np.ndarray) -> tuple[float, int, float]:
+        """Log likelihood of a run at a (P,) change, what is its `own` fitted to it, at the noise that suits it best."""
+        t = self.tables[r]
+        moved = np.flatnonzero(change)
+        G = t.gram[:, moved[:, None], moved]
+        d = change[moved]
+        square = t.square - 2.0 * t.slope[:, moved] @ d + (G @ d) @ d
+        loss = np.zeros(len(square))
+        if len(own):
+            H = t.gram[:, own[:, None], own]
+            g = t.slope[:, own] - t.gram[:, own[:, None], moved] @ d
+            _, added = self._solved(H, g, own)
+            square = square + added
+            T = self.problem.typical[own]
+            loss = 0.5 * np.linalg.slogdet(np.eye(len(own)) + T[:, None] * H * T)[1]
+        level = np.sqrt(np.maximum(square / t.rows, 1.0))
+        over = -0.5 * square / level**2 - t.log_std - t.rows * np.log(level) - loss
+        pick = int(np.argmax(over))
+        return float(over[pick]) + _peak(over, pick, t.kicks), pick, float(level[pick])
+
+    def _solved(self, H: np.ndarray, g: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(S, c) change that is best, and (S,) what is added to the squared error: negative where it falls."""
+        t = self._width[c]
+        A = t[:, None] * H * t
+        A[:, np.arange(len(c)), np.arange(len(c))] += 1.0
+        right = t * g + self._centre[c] / t
+        # In units of the diagonal, and a little off the singular, where rounding leaves less than the one that was added.
+        scale = np.sqrt(np.einsum("sii->si", A))
+        A = A / (scale[:, :, None] * scale[:, None, :])
+        A[:, np.arange(len(c)), np.arange(len(c))] += ROUNDING
+        d = t / scale * np.linalg.solve(A, (right / scale)[:, :, None])[:, :, 0]
+        off = (d - self._centre[c]) / t
+        return d, np.sum(d * (H @ d[:, :, None])[:, :, 0], axis=1) - 2.0 * np.sum(g * d, axis=1) + np.sum(off**2, axis=1)
+
+    def _over(
+        self, part: "Table", H0: np.ndarray, g0: np.ndarray, c: np.ndarray, level: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(S,) evidence at every noise of one run's table beside the sums of the others, and (S,) its level."""
+        levels = np.full(len(part.square), level)
+        T = np.minimum(self.problem.typical[c], self._width[c])
+        for k in range(ROUNDS + 1):
+            H = part.gram / levels[:, None, None] ** 2 + H0
+            d, added = self._solved(H, part.slope / levels[:, None] ** 2 + g0, c)
+            if k < ROUNDS:
+                own = part.square - 2.0 * np.sum(part.slope * d, axis=1)
+                own += np.sum(d * (part.gram @ d[:, :, None])[:, :, 0], axis=1)
+                levels = np.sqrt(np.maximum(own / part.rows, 1.0))
+        A = T[:, None] * H * T
+        A[:, np.arange(len(c)), np.arange(len(c))] += 1.0
+        alone = -0.5 * part.square / levels**2 - part.log_std - part.rows * np.log(levels)
+        return alone - 0.5 * added - 0.5 * np.linalg.slogdet(A)[1], levels
+
+    def _bounded(self, H: np.ndarray, g: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, float]:
+        """(c,) the best change within the bounds, and what is added to the squared error."""
+        p, t = self.problem, self._width[c]
+        lower, upper = (p.lower - self.values)[c], (p.upper - self.values)[c]
+        A, right = H + np.diag(t**-2.0), g + self._centre[c] / t**2
+        d, held = np.zeros(len(c)), np.zeros(len(c), dtype=bool)
+        for _ in range(len(c) + 1):
+            f = np.flatnonzero(~held)
+            s = t[f]
+            d[f] = s * np.linalg.solve(s[:, None] * A[np.ix_(f, f)] * s, s * (right[f] - A[np.ix_(f, np.flatnonzero(held))] @ d[held]))
+            out = ~held & ((d < lower - 1e-12) | (d > upper + 1e-12))
+            if not out.any():
+                break
+            worst = np.flatnonzero(out)[np.argmax((np.maximum(lower - d, d - upper) / t)[out])]
+            held[worst] = True
+            d[worst] = np.clip(d[worst], lower[worst], upper[worst])
+        off = (d - self._centre[c]) / t
+        return d, float(d @ H @ d - 2.0 * g @ d + off @ off)
+
+
+def _peak(value: np.ndarray, best: int, kicks: int) -> float:
+    """By how much a parabola through the best of (S,) values and its neighbours along the kicks is higher."""
+    k = best % kicks
+    if not 0 < k < kicks - 1:
+        return 0.0
+    a, b, c = value[best - 1 : best + 2]
+    bend = 2.0 * b - a - c
+    return float((c - a) ** 2 / (8.0 * bend)) if bend > 0.0 else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """Where runs are linear: values, motions, noise.
+
+    Attributes:
+        values: (P,).
+        states: by run, (J, n).
+        noises: by run.
+        evidence: of the set that was settled there.
+    """
+
+    values: np.ndarray
+    states: tuple[np.ndarray, ...]
+    noises: tuple[Noise, ...]
+    evidence: float = -np.inf
+
+
+class GreyBox:
+    """All runs of a problem around their motions.
+
+    Args:
+        problem: model, training runs, noise.
+        swing: by run, period, s.
+    """
+
+    def __init__(self, problem: Problem, swings: Sequence[float], share: float = HALF) -> None:
+        self.problem = problem
+        self.runs = [GreyRun(problem, i, swing, share) for i, swing in enumerate(swings)]
+
+    def begin(self, values: np.ndarray) -> Point:
+        """The measured motions, or those of a simulation at (P,) values."""
+        states = tuple(run.begun(values[run.places]) for run in self.runs)
+        quiet = tuple(Noise(1.0, (1.0,) * len(r.channels), (Colour(),) * len(r.channels)) for r in self.runs)
+        return Point(values, states, quiet)
+
+    def around(self, point: Point) -> list[Around]:
+        """The runs linearised at a point."""
+        return [run.around(point.values, states) for run, states in zip(self.runs, point.states, strict=True)]
+
+    def settled(
+        self, free: np.ndarray, point: Point, *, rounds: int = 6, wide: int = 1, training: int | None = None
+    ) -> Point:
+        """Linearise, find the noise, step, smooth, until the evidence stays; the first rounds look at every noise.
+
+        Args:
+            free: (P,) bool, unknowns that are fitted.
+            point: where to begin.
+            rounds: at most.
+            wide: rounds that look at every noise.
+            training: number of runs, the first ones, that are fitted; the others are only followed. All when None.
+        """
+        p = self.problem
+        many = len(self.runs) if training is None else training
+        for k in range(rounds):
+            arounds = self.around(point)
+            tables = [
+                everywhere(a, n) if k < wide else nearby(a, n) for a, n in zip(arounds, point.noises, strict=True)
+            ]
+            found = Tables(tables, point.values, p, many).evidence(free)
+            noises = tuple(
+                scaled(t.noises[k], level) for t, k, level in zip(tables, found.picks, found.levels, strict=True)
+            )
+            values = np.clip(point.values + found.change, p.lower, p.upper)
+            if k < rounds - 1:
+                for a, noise in zip(arounds, noises, strict=True):
+                    a.weigh_down(noise, values - point.values)
+            states = tuple(a.smoothed(n, values - point.values)[0] for a, n in zip(arounds, noises, strict=True))
+            last, point = point.evidence, Point(values, states, noises, found.value)
+            if abs(found.value - last) < SETTLED:
+                break
+        return point
+
+    def told(self, point: Point, wanted: np.ndarray) -> np.ndarray:
+        """(P,) bool: those of `wanted` that the runs around their motion, with the priors, tell from those before them.
+
+        Looked at with kicks as large as they may be: what shows only in a motion that nothing kicks is not lost then.
+        """
+        p = self.problem
+        gram = np.diag((p.prior_weight * p.typical) ** 2)
+        for run in self.around(point):
+            noise = Noise(run.kick_unit, (1.0,) * len(run.rows), (Colour(),) * len(run.rows))
+            gram += run.innovations(noise, np.array([run.kick_unit])).gram[0] * np.outer(p.typical, p.typical)
+        return independent(gram, wanted)
+
+    def tied_down(self, free: np.ndarray, point: Point, training: int | None = None) -> Point:
+        """The point at which kicks have shrunk to nothing, and the motions are the model's own (output error).
+
+        The kicks shrink from round to round, so that the motions go over from what was measured to what the model says
+        without ever losing the measured swing.
+        """
+        p = self.problem
+        share = 1.0
+        white = tuple(replace(n, colour=(Colour(),) * len(n.colour)) for n in point.noises)
+        best = point
+        while share > TIED:
+            arounds = self.around(point)
+            noises = [
+                replace(n, kick=share * max(min(n.kick, a.kick_unit * np.exp(KICKS[-1])), a.kick_unit * np.exp(KICKS[0])))
+                for n, a in zip(white, arounds, strict=True)
+            ]
+            tables = [tabled(a, [n], np.array([n.kick])) for n, a in zip(noises, arounds, strict=True)]
+            found = Tables(tables, point.values, p, training or len(self.runs)).evidence(free)
+            values = np.clip(point.values + found.change, p.lower, p.upper)
+            states = tuple(a.smoothed(n, values - point.values)[0] for a, n in zip(arounds, noises, strict=True))
+            if not (np.all(np.isfinite(values)) and all(np.all(np.isfinite(s)) for s in states)):
+                break
+            best = point = replace(point, values=values, states=states)
+            share *= SHRINK
+        return replace(best, values=self.begun(best))
+
+    def begun(self, point: Point) -> np.ndarray:
+        """(P,) values at a point, those that say how a run begins as its first state does."""
+        values = point.values.copy()
+        for run, states in zip(self.runs, point.states, strict=True):
+            model, theta = run.pieces.model, values[run.places].copy()
+            starts = [model.names.index(name) for name in model.start_names]
+            for _ in range(3):
+                state, by_start, _ = run.pieces.beginning(theta)
+                theta[starts] += np.linalg.pinv(by_start) @ (states[0] - state)
+            columns = run.places[starts]
+            values[columns] = np.clip(theta[starts], self.problem.lower[columns], self.problem.upper[columns])
+        return values
+
+
+def scaled(noise: Noise, factor: float) -> Noise:
+    """The noise with everything larger by a factor."""
+    return Noise(noise.kick * factor, tuple(level * factor for level in noise.level), noise.colour)

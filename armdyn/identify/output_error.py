@@ -1,0 +1,116 @@
+"""Output error from the measured motion: a fit that is never lost.
+
+Started at one state and simulated to the end of a long recording, a pendulum that is slightly wrong is soon in another
+phase, and a descent ends in one of many minima. Here the fit begins linear around the measured motion, with kicks that
+hold what the model lacks; the kicks shrink to nothing, and the motion goes over into the model's own.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from armdyn.identify.fit import GROSS, Fit, fit
+from armdyn.identify.grey_box import GreyBox, Point
+from armdyn.identify.problem import Problem
+from armdyn.physics.simulated import SimulatedModel
+
+UNLIKE = 0.1
+"""Relative difference from which a value that a recording shows directly is tried beside the one that a model has."""
+MOST_STEPS = 30
+
+
+def shows_motion(problem: Problem) -> bool:
+    """Whether every run shows the motion itself, and not only a force that depends on it."""
+    model = problem.model
+    if not (isinstance(model, SimulatedModel) and model.start_names):
+        return False
+    values = problem.start()
+    return all(
+        model.measured_motion(run, np.array([run.channels[model.predicted_channels(run)[0]].time[0]]), theta, 1.0)
+        is not None
+        for i, run in enumerate(problem.runs)
+        for theta in [problem.theta(i, values)]
+    )
+
+
+class AroundMotion:
+    """Runs around their measured motion, and the fits that begin there.
+
+    Args:
+        problem: model with every effect that may be fitted, training runs first.
+        training: number of runs that are fitted; the others are followed.
+        present: (P,) bool, unknowns of effects that the model has already.
+
+    Attributes:
+        box: the runs.
+        base: (P,) bool, what is fitted in every set: what the runs tell of it where no effect is added. An angle does
+            not see a mass, and a drag would take it with it.
+        point: where the base is settled.
+    """
+
+    def __init__(self, problem: Problem, training: int, present: np.ndarray) -> None:
+        model = problem.model
+        assert isinstance(model, SimulatedModel)
+        values = problem.start()
+        self.problem, self.training = problem, training
+        swings = [model.swing(run, problem.theta(i, values)) for i, run in enumerate(problem.runs)]
+        self.box = GreyBox(problem, swings)
+        effects = np.array([bool(c.parameter.effect) for c in problem.columns])
+        self.starts = np.array([c.parameter.name in model.start_names for c in problem.columns])
+        wanted = problem.fitted & ~self.starts & (~effects | present)
+        self.base, self.point = wanted, self._begun(wanted, values)
+
+    def _begun(self, wanted: np.ndarray, values: np.ndarray) -> Point:
+        """The runs settled from (P,) values, or from what the recordings show directly; the base becomes what is told.
+
+        A value of the file may be far off, and the period of a large swing shows a length that is too large.
+        """
+        problem, options = self.problem, [values]
+        shown: dict[str, list[float]] = {}
+        for i, run in enumerate(problem.runs[: self.training]):
+            for name, value in problem.model.shown_by(run, problem.theta(i, values)).items():
+                shown.setdefault(name, []).append(value)
+        other = values.copy()
+        for j in np.flatnonzero(wanted & (problem.prior_weight == 0.0)):
+            name = problem.columns[j].parameter.name
+            if name in shown:
+                other[j] = np.clip(np.median(shown[name]), problem.lower[j], problem.upper[j])
+        if np.any(np.abs(other - values) > UNLIKE * np.abs(values)):
+            options.append(other)
+        found = []
+        for option in options:
+            begin = self.box.begin(option)
+            self.base = self.box.told(begin, wanted)
+            found.append(self.box.settled(self.base, begin, training=self.training))
+        return max(found, key=lambda point: point.evidence)
+
+    def settled(self, free: np.ndarray, near: Point) -> Point:
+        """The runs settled with (P,) `free` unknowns, other effects at null."""
+        effects = np.array([bool(c.parameter.effect) for c in self.problem.columns])
+        values = np.where(effects & ~free, self.problem.null, near.values)
+        return self.box.settled(free, replace(near, values=values, evidence=-np.inf), training=self.training)
+
+    def begun(self, free: np.ndarray, near: Point) -> list[np.ndarray]:
+        """(P,) values from which a fit of the whole runs may begin, the likeliest first."""
+        tied = self.box.tied_down(free, near, training=self.training)
+        return [tied.values, self.box.begun(near)]
+
+
+def descended(problem: Problem, free: np.ndarray, begun: Sequence[np.ndarray]) -> Fit:
+    """The best of the minima next to (P,) values, the first where it is about as good."""
+    found = [fit(problem, free, np.clip(begun[0], problem.lower, problem.upper), most_steps=MOST_STEPS)]
+    if found[0].chi2_per_sample > GROSS:
+        found += [fit(problem, free, np.clip(v, problem.lower, problem.upper), most_steps=MOST_STEPS) for v in begun[1:]]
+    return min(found, key=lambda one: one.cost if np.isfinite(one.cost) else np.inf)
+
+
+def held_out_start(single: Problem, values: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """(P,) values of a problem with one run: its start, and what else is `free`, from its measured motion."""
+    model = single.model
+    assert isinstance(model, SimulatedModel)
+    box = GreyBox(single, [model.swing(single.runs[0], single.theta(0, values))])
+    starts = np.array([c.parameter.name in model.start_names for c in single.columns])
+    own = free & ~starts
+    point = box.settled(own, box.begin(values))
+    return box.tied_down(own, point).values

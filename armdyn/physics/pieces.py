@@ -1,0 +1,246 @@
+r"""A motion in pieces: each simulated from a state of its own, with exact derivatives by that state.
+
+A simulation over a whole recording carries every error of the model on to the end. In pieces that begin at the measured
+motion nothing is carried on: predictions are nearly linear in all unknowns, as an arm's are. What the end of one piece
+lacks to the beginning of the next is what the model lacks (multiple shooting: Bock, Proc. IFAC 1981).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from armdyn.physics.recorded import Path
+from armdyn.physics.simulate import Simulator, System
+from armdyn.physics.simulated import SimulatedModel
+from armdyn.readout import Interpolated
+from armdyn.run import Run
+
+FEWEST_NODES = 4
+"""Steps of the shortest piece, so that samples between its nodes can be interpolated."""
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """A run around a motion in J pieces; n states, q parameters of the model.
+
+    Attributes:
+        transition: (J, n, n) derivative of the state at the end of a piece by that at its beginning.
+        by_theta: (J, n, q) derivative of the state at the end of a piece by the parameters.
+        ends: (J, n) states at the ends of the pieces.
+        samples: by channel, what is compared; see `Samples`.
+    """
+
+    transition: np.ndarray
+    by_theta: np.ndarray
+    ends: np.ndarray
+    samples: dict[str, "Samples"]
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """The samples of one channel, with what the pieces say of them.
+
+    Attributes:
+        piece: (N,) index of the piece.
+        time: (N,) s.
+        measured: (N,).
+        predicted: (N,).
+        by_state: (N, n) derivative by the state at the beginning of the piece.
+        by_theta: (N, q).
+    """
+
+    piece: np.ndarray
+    time: np.ndarray
+    measured: np.ndarray
+    predicted: np.ndarray
+    by_state: np.ndarray
+    by_theta: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """A stretch of recorded inputs; see `recorded.Path`."""
+
+    start: float
+    dt: float
+    nodes: np.ndarray
+    middle: np.ndarray
+
+    def rows(self, *, with_jerk: bool) -> tuple[np.ndarray, np.ndarray]:
+        """As they were cut."""
+        del with_jerk
+        return self.nodes, self.middle
+
+
+class Pieces:
+    """A run cut into pieces of about equal length.
+
+    Args:
+        model: with all its effects.
+        run: prepared.
+        length: of a piece, s.
+
+    Attributes:
+        starts: (J,) times at which the pieces begin, s.
+    """
+
+    def __init__(self, model: SimulatedModel, run: Run, length: float) -> None:
+        self.model, self.run = model, run
+        self.channels = model.predicted_channels(run)
+        self._path = model.path(run)
+        begin = min(float(run.channels[c].time[0]) for c in self.channels)
+        end = max(float(run.channels[c].time[-1]) for c in self.channels)
+        path = self._path
+        rows, _ = path.rows(with_jerk=False)
+        first = int(np.clip(np.floor((begin - path.start) / path.dt + 1e-6), 0, rows.shape[1] - 2))
+        last = int(np.clip(np.ceil((end - path.start) / path.dt - 1e-6), first + 1, rows.shape[1] - 1))
+        count = max(1, round((last - first) * path.dt / length))
+        count = min(count, max(1, (last - first) // FEWEST_NODES))
+        self.edges = np.unique(np.round(np.linspace(first, last, count + 1)).astype(int))
+        self.starts = path.start + path.dt * self.edges[:-1]
+        self._of = {c: self._placed(run.channels[c].time) for c in self.channels}
+        self._matrices: dict[tuple[str, int], np.ndarray] = {}
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+    def _placed(self, time: np.ndarray) -> list[slice]:
+        """Which samples belong to each piece; what was measured outside the inputs belongs to the first and last."""
+        inner = self._path.start + self._path.dt * (self.edges[1:-1] - 1e-6)
+        cuts = [0, *np.searchsorted(time, inner).tolist(), len(time)]
+        return [slice(a, b) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
+
+    def states(self, theta: np.ndarray, begin: np.ndarray) -> np.ndarray:
+        """(J, n) states at the beginning of the pieces.
+
+        Args:
+            theta: (q,) in the order of the model's names.
+            begin: (J, starts) values that say how a motion begins, at the beginning of every piece.
+        """
+        system, physics, path = self._given(theta)
+        nodes, _ = path.rows(with_jerk=system.impulse_adds_to is not None)
+        rows = nodes[: system.inputs]
+        found = [
+            np.asarray(system.initial(*map(float, b), rows[:, e], physics)).ravel()
+            for b, e in zip(begin, self.edges, strict=False)
+        ]
+        return np.array(found)
+
+    def rolled(self, theta: np.ndarray) -> np.ndarray:
+        """(J, n) states at the beginning of the pieces in a simulation of the whole run."""
+        return self.model.rollout(self._path, theta, self.channels).states[self.edges[:-1]]
+
+    def beginning(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The state at the start of the run as the model has it.
+
+        Returns:
+            (n,) the state; (n, starts) its derivatives by the values that say how the motion begins; (n, q) by theta.
+        """
+        system, physics, path = self._given(theta)
+        nodes, _ = path.rows(with_jerk=system.impulse_adds_to is not None)
+        start = [float(theta[self.model.names.index(name)]) for name in self.model.start_names]
+        state, by_start, by_physics = _beginning(system)(
+            *start, nodes[: system.inputs, self.edges[0]], physics
+        )
+        by_theta = np.zeros((system.states, len(theta)))
+        by_theta[:, self.model.places[1]] = np.asarray(by_physics)
+        return np.asarray(state).ravel(), np.asarray(by_start), by_theta
+
+    def _given(self, theta: np.ndarray) -> tuple[System, np.ndarray, Path]:
+        physics = theta[self.model.places[1]]
+        return self.model.system, physics, self.model.driven_by(self._path, physics)
+
+    def linearised(self, theta: np.ndarray, states: np.ndarray) -> Linearised:
+        """The run around (J, n) states at the beginning of the pieces, and (q,) parameters."""
+        system, physics, path = self._given(theta)
+        simulator = _from_states(system, self.model.formulation, self.channels)
+        nodes, middle = path.rows(with_jerk=system.impulse_adds_to is not None)
+        n, q = system.states, len(physics)
+        J = len(self)
+        transition, by_theta, ends = np.empty((J, n, n)), np.zeros((J, n, len(theta))), np.empty((J, n))
+        place = self.model.places[1]
+        columns: dict[str, list[np.ndarray]] = {c: [] for c in self.channels}
+        before: tuple[np.ndarray, np.ndarray] | None = None
+        late = any(system.sensors[c].lags or system.sensors[c].delays for c in self.channels)
+        for j, (a, b) in enumerate(zip(self.edges[:-1], self.edges[1:], strict=True)):
+            part = _Part(path.start + path.dt * a, path.dt, nodes[:, a : b + 1], middle[:, a:b])
+            rolled = simulator.rollout(part, physics, *states[j])
+            slopes = rolled.state_sensitivities
+            transition[j], ends[j] = slopes[:, q:], rolled.states[-1]
+            by_theta[j][:, place] = slopes[:, :q]
+            signal = np.concatenate([rolled.outputs[:, :, None], rolled.sensitivities], axis=2)
+            at = part.start + path.dt * np.arange(len(signal))
+            if late and before is not None:
+                signal, at = np.concatenate([before[0], signal]), np.concatenate([before[1], at])
+            for k, channel in enumerate(self.channels):
+                columns[channel].append(self._read(channel, j, signal[:, k], at, physics))
+            if late and j + 1 < J:
+                own = signal[-(b - a + 1) :]
+                before = _seen_from(own[:-1], states[j + 1] - ends[j], transition[j], slopes[:, :q]), at[-(b - a + 1) : -1]
+        return Linearised(transition, by_theta, ends, {c: self._samples(c, rows, len(theta)) for c, rows in columns.items()})
+
+    def _read(self, channel: str, j: int, signal: np.ndarray, at: np.ndarray, physics: np.ndarray) -> np.ndarray:
+        """(n_j, 1 + q + n) samples of a piece."""
+        sensor, time = self.model.system.sensors[channel], self.run.channels[channel].time[self._of[channel][j]]
+        if not len(time):
+            return np.zeros((0, signal.shape[1]))
+        if sensor.lags or sensor.delays:
+            return sensor.read(signal, Interpolated(at, time), physics)
+        key = channel, j
+        if key not in self._matrices:
+            own = self._path.start + self._path.dt * np.arange(self.edges[j], self.edges[j + 1] + 1)
+            self._matrices[key] = Interpolated(own, time).matrix(0.0).toarray()
+        return self._matrices[key] @ signal[-self._matrices[key].shape[1] :]
+
+    def _samples(self, channel: str, rows: Sequence[np.ndarray], size: int) -> Samples:
+        found = np.concatenate(rows)
+        given = self.run.channels[channel]
+        place = self.model.places[1]
+        q = len(place)
+        by_theta = np.zeros((len(found), size))
+        by_theta[:, place] = found[:, 1 : 1 + q]
+        piece = np.repeat(np.arange(len(rows)), [len(r) for r in rows])
+        return Samples(piece, given.time, given.value, found[:, 0], found[:, 1 + q :], by_theta)
+
+
+def _seen_from(signal: np.ndarray, gap: np.ndarray, transition: np.ndarray, by_theta: np.ndarray) -> np.ndarray:
+    """What a sensor with a memory remembers of the piece before, as a function of the next piece's beginning.
+
+    The end of a piece is s' = f(s, theta), so that a change of s' by ds' and of theta by dtheta is one of the piece's
+    own beginning by A^-1 (ds' - B dtheta).
+
+    Args:
+        signal: (K, c, 1 + q + n) values and derivatives by theta and the piece's own beginning.
+        gap: (n,) from its end to the next piece's beginning.
+        transition: (n, n) A.
+        by_theta: (n, q) B.
+    """
+    q = by_theta.shape[1]
+    back = signal[:, :, 1 + q :] @ np.linalg.pinv(transition)
+    found = signal.copy()
+    found[:, :, 0] += back @ gap
+    found[:, :, 1 : 1 + q] -= back @ by_theta
+    found[:, :, 1 + q :] = back
+    return found
+
+
+@lru_cache(maxsize=64)
+def _from_states(system: System, name: str, channels: tuple[str, ...]) -> Simulator:
+    """A simulator that begins anywhere, with derivatives by the whole state."""
+    states = [ca.SX.sym(f"s{i}") for i in range(system.states)]
+    given, theta = ca.SX.sym("w", system.inputs), ca.SX.sym("theta", len(system.names))
+    itself = ca.Function("initial", [*states, given, theta], [ca.vertcat(*states)])
+    return Simulator(replace(system, starts=system.states, initial=itself), f"{name}_pieces", channels)
+
+
+@lru_cache(maxsize=64)
+def _beginning(system: System) -> ca.Function:
+    """``(start, ..., w, theta) -> state, its derivatives by the starts, by theta``."""
+    start = [ca.SX.sym(f"start{i}") for i in range(system.starts)]
+    given, theta = ca.SX.sym("w", system.inputs), ca.SX.sym("theta", len(system.names))
+    state = system.initial(*start, given, theta)
+    by_start = ca.densify(ca.jacobian(state, ca.vertcat(*start)))
+    return ca.Function("beginning", [*start, given, theta], [ca.densify(state), by_start, ca.densify(ca.jacobian(state, theta))])
