@@ -258,18 +258,18 @@ def _settled(dynamics: System, dry: DryFriction, active: list[int]) -> Callable[
     """`DryFriction.settled` for states with S beside them."""
     n, inputs = dynamics.states, dynamics.inputs
     width = inputs * (1 if dynamics.input_lag is None else 2)
-    states = [ca.SX.sym(name, n) for name in ("before", "after", "held")]
+    before, after, held = states = [ca.SX.sym(name, n) for name in ("before", "after", "held")]
     here, there = ca.SX.sym("here", width), ca.SX.sym("there", width)
     theta, dt = ca.SX.sym("theta", len(dynamics.names)), ca.SX.sym("dt")
-    value = dry.settled(*states, here[:inputs], there[:inputs], theta, dt)
+    value = dry.settled(before, after, held, here[:inputs], there[:inputs], theta, dt)
     by_theta = ca.horzcat(_by_theta(value, theta, dynamics, here, there), ca.SX(n, dynamics.starts))[:, active]
     by_states = [ca.jacobian(value, state) for state in states]
     slopes = ca.Function("settled", [*states, here, there, theta, dt], [value, by_theta, *by_states])
 
-    def of(before: Expression, after: Expression, held: Expression, *given: Expression) -> Expression:
-        both = (before, after, held)
-        found, total, *slope = slopes(*(z[:, 0] for z in both), *given)
-        for by_state, z in zip(slope, both, strict=True):
+    def of(*moment: Expression) -> Expression:
+        followed, given = moment[: len(states)], moment[len(states) :]
+        found, total, *slope = slopes(*(z[:, 0] for z in followed), *given)
+        for by_state, z in zip(slope, followed, strict=True):
             total += by_state @ z[:, 1:]
         return ca.horzcat(found, total)
 
