@@ -160,9 +160,12 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
     friction = None
     if composition.rubs and not planar:
         P_dot = by_forces + on_string(torque)
-        linear = not ca.depends_on(filled_in(b), momentum)
         friction = DryFriction(
-            function("sliding", momentum - b), function("inertia", M), function("size", on_string(dry)), linear
+            sliding=function("sliding", momentum - b),
+            inertia=function("inertia", M),
+            size=function("size", on_string(dry)),
+            linear=not ca.depends_on(filled_in(b), momentum),
+            followed=composition.remembers > 0,
         )
     lag, delay, _ = composition.timing(theta)
     p = ca.SX.sym("p")

@@ -38,12 +38,15 @@ class DryFriction:
         inertia: ``(s, w, theta) -> ()`` that part per rate of the first state.
         size: ``(s, w, theta) -> ()`` of the friction, >= 0.
         linear: whether `sliding` is the momentum less something that does not depend on it.
+        followed: whether further states change as it slides, and must not where it is held; else their rates may be
+            those of a load that gets away in a step by the friction's impulse, D dt, before it is held.
     """
 
     sliding: ca.Function
     inertia: ca.Function
     size: ca.Function
     linear: bool
+    followed: bool
 
     def direction(self, s: Expression, w: Expression, theta: Expression, dt: Expression) -> Expression:
         """Sign of the sliding at the start of a step, 0 at rest."""
@@ -77,7 +80,7 @@ class DryFriction:
         Args:
             before: (n,) at its start.
             after: (n,) at its end, with the friction in the direction at its start.
-            held: (n,) at its end if nothing slides.
+            held: (n,) at its end if nothing slides; looked at where that is `followed` only.
             here: inputs at its start.
             there: inputs at its end.
             theta: parameters.
@@ -90,12 +93,13 @@ class DryFriction:
         size = self.size(after, there, theta)
         impulse = ca.if_else(rests, 1, 2) * left * size
         stops = ca.fabs(p1) < impulse
+        sticks = ca.logic_and(rests, stops)
         p = ca.if_else(stops, 0, p1 - ca.sign(p1) * impulse)
-        moved = ca.SX(after)
-        moved[COORDINATE] += (p - p1) * left / (2 * self.inertia(after, there, theta))
-        moved = ca.if_else(ca.logic_and(rests, stops), held, moved)
-        moved[MOMENTUM] = after[MOMENTUM]
-        return self._with_sliding(p, moved, there, theta)
+        settled = ca.if_else(sticks, held, after) if self.followed else ca.SX(after)
+        moved = after[COORDINATE] + (p - p1) * left / (2 * self.inertia(after, there, theta))
+        settled[COORDINATE] = ca.if_else(sticks, before[COORDINATE], moved)
+        settled[MOMENTUM] = after[MOMENTUM]
+        return self._with_sliding(p, settled, there, theta)
 
     def _rests(self, p: Expression, s: Expression, w: Expression, theta: Expression, dt: Expression) -> Expression:
         return ca.fabs(p) <= AT_REST * dt * self.size(s, w, theta)

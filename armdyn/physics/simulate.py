@@ -188,8 +188,8 @@ def _steps(dynamics: System, active: list[int], rows: list[int]) -> ca.Function:
     sliding = 0 if dry is None else dry.direction(s, here[: dynamics.inputs], theta, dt)
     following = runge_kutta(followed(rates(dynamics, point, recorded, theta, direction)), start, inputs, dt)
     if dry is not None:
-        held = start
-        if n > MOMENTUM + 1:
+        held = following
+        if dry.followed:
             held = runge_kutta(followed(rates_at_rest(dynamics, dry, point, recorded, theta)), start, inputs, dt)
         following = _settled(dynamics, dry, active)(start, following, held, here, there, theta, dt)
 
@@ -248,8 +248,8 @@ def advanced(
     following = runge_kutta(lambda z, w: rates(system, z, w, theta, direction), s, inputs, dt)
     if dry is None:
         return following
-    held = s
-    if system.states > MOMENTUM + 1:
+    held = following
+    if dry.followed:
         held = runge_kutta(lambda z, w: rates_at_rest(system, dry, z, w, theta), s, inputs, dt)
     return dry.settled(s, following, held, here, there, theta, dt)
 
