@@ -56,15 +56,16 @@ def sensor_gain(
 
 
 @effect(
-    summary="The load cell reads a constant too much.",
+    summary="The load cell, or the rate gyro, reads a constant too much.",
     source="offset error: JCGM 200 (VIM), §4.20",
 )
 def sensor_bias(
     sensor: Sensor,
-    force: Expression = quantity("N", typical=0.01, summary="reading at no load"),
+    force: Expression = quantity("N", typical=0.01, summary="of a load cell: reading at no load"),
+    rate: Expression = quantity("rad/s", typical=0.05, summary="of a rate gyro: reading at rest"),
 ) -> Sensor:
-    """F = T + b."""
-    return sensor.with_force(sensor.force + force)
+    """F = T + b of a load cell, and reading = phi' + b' of a rate gyro; a sensor that was not recorded has none."""
+    return sensor.with_force(sensor.force + force).with_rate(sensor.rate + rate)
 
 
 @effect(
@@ -101,6 +102,42 @@ def sensor_delay(
 ) -> Sensor:
     """F(t) = T(t - tau)."""
     return sensor.with_delay(time)
+
+
+@effect(
+    summary="The angle sensor reads a constant share too much.",
+    source="scale error: JCGM 200 (VIM), §4.31",
+)
+def angle_gain(
+    sensor: Sensor,
+    error: Expression = quantity("1", typical=0.03, lower=-0.9, upper=5.0, summary="share that is read too much"),
+) -> Sensor:
+    """Reading = (1 + g) phi; a rate gyro is another instrument."""
+    return sensor.with_angle(sensor.angle + error * sensor.true_angle)
+
+
+@effect(
+    summary="The angle sensor reads more on one side than on the other, as a camera does beside the pivot's axis.",
+    source="perspective of a plane seen obliquely, second order: Hartley & Zisserman, Multiple View Geometry, §2.3",
+)
+def angle_skew(
+    sensor: Sensor,
+    curvature: Expression = quantity("1/rad", typical=0.05, lower=-1.0, upper=1.0, summary="reading per angle^2"),
+) -> Sensor:
+    """Reading = phi + c phi^2; a rate gyro is another instrument."""
+    return sensor.with_angle(sensor.angle + curvature * sensor.true_angle**2)
+
+
+@effect(
+    summary="The angle sensor's reading curves alike on both sides, as behind a lens or on a worn potentiometer.",
+    source="radial distortion, first term: Brown, Photogrammetric Engineering 37(8), 1971",
+)
+def angle_distortion(
+    sensor: Sensor,
+    cubic: Expression = quantity("1/rad^2", typical=0.05, lower=-1.0, upper=1.0, summary="reading per angle^3"),
+) -> Sensor:
+    """Reading = phi + c phi^3; a rate gyro is another instrument."""
+    return sensor.with_angle(sensor.angle + cubic * sensor.true_angle**3)
 
 
 @effect(

@@ -1,11 +1,10 @@
 """Effects that act on the string and on its upper end."""
 
+import casadi as ca
+
 from armdyn.effects.effect import effect
 from armdyn.parameter import quantity
-from armdyn.pendulum.physics import Expression, String, smooth_sign
-
-STANDSTILL = 0.02
-"""rad/s; dry friction changes its sign over about this swing rate."""
+from armdyn.pendulum.physics import Expression, String
 
 
 @effect(
@@ -21,15 +20,27 @@ def pivot_viscous_friction(
 
 
 @effect(
-    summary="A torque of constant size at the upper end, against the swing.",
+    summary="Dry friction of constant size at the upper end: it acts against the swing and holds a load at rest.",
     source="Coulomb 1785; Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica 30(7), 1994, §2",
 )
 def pivot_coulomb_friction(
     string: String,
     torque: Expression = quantity("N m", typical=1e-3, lower=0.0, summary="size of the torque"),
 ) -> String:
-    """M = -c tanh(phi'/w)."""
-    return string.with_torque(-torque * smooth_sign(string.rate, STANDSTILL))
+    """M = -c sign(phi'), and at rest whatever holds the load, up to c."""
+    return string.with_dry_torque(torque)
+
+
+@effect(
+    summary="The pivot is stiff: a torque at the upper end back to the vertical, in proportion to the angle.",
+    source="Hooke 1678; torsional spring: Goldstein, Classical Mechanics, 3rd ed., §6.1",
+)
+def pivot_stiffness(
+    string: String,
+    stiffness: Expression = quantity("N m/rad", typical=0.01, lower=0.0, summary="torque per angle"),
+) -> String:
+    """M = -k phi: every swing is quicker, and its period depends less on its size, than a shorter string makes it."""
+    return string.with_torque(-stiffness * string.angle)
 
 
 @effect(
@@ -69,3 +80,18 @@ def string_creep(
 ) -> String:
     """Length l = l0 + r t, t from the start of the run."""
     return string.with_length(string.length + rate * string.time)
+
+
+# The last of its stage, so that it feels the pull of the string with its mass.
+@effect(
+    summary="Dry friction at the upper end that grows with the string's pull; it holds a load at rest.",
+    source="Coulomb 1785, with the friction torque of a journal bearing: Beer & Johnston, Statics, 12th ed., §8.3",
+)
+def pivot_load_friction(
+    string: String,
+    radius: Expression = quantity(
+        "m", typical=1e-3, lower=0.0, upper=1.0, summary="of the bearing, times its friction coefficient"
+    ),
+) -> String:
+    """M = -r |T| sign(phi') with T = m (g cos phi + l phi'^2): the pull without what a moving gripper adds to it."""
+    return string.with_dry_torque(radius * ca.fabs(string.pull))

@@ -33,7 +33,8 @@ class Composition:
         attachment: ``(t, x, v, z, phi, theta) -> (3,)`` upper end of the string, m.
         length: ``(t, phi, theta) -> ()`` m.
         energies: ``(t, position, velocity, gripper, gripper_velocity, phi, rate, theta) -> kinetic, potential`` J.
-        forces: same arguments and memory ``-> force (3,) N, torque () N m`` that no potential accounts for.
+        forces: same arguments and memory ``-> force (3,) N, torque () N m`` that no potential accounts for, and the
+            size ``() N m`` of the dry friction against the swing.
         tension: ``(tension, phi, rate, acceleration, length, theta) -> tension`` N, of the string.
         readings: ``(t, tension, phi, rate, theta, memory) -> force N, angle rad, rate rad/s``.
         memory_rates: ``(t, ..., theta, memory, tension) -> (n,)`` rates of the states that effects bring, with the
@@ -46,6 +47,7 @@ class Composition:
         string_mass: ``theta -> ()`` kg.
         transverse: ``theta -> (3,)`` swing across the line at the start, see `physics.Load`.
         heavy: whether the string has mass.
+        rubs: whether there is dry friction.
         yields: whether string or gripper give way to the tension.
         crosses: whether the load swings across the line as well.
         gripper_lag: ``theta -> ()`` s; None where the gripper does not trail its measured position.
@@ -67,6 +69,7 @@ class Composition:
     string_mass: ca.Function
     transverse: ca.Function
     heavy: bool
+    rubs: bool
     yields: bool
     crosses: bool
     gripper_lag: ca.Function | None
@@ -133,7 +136,7 @@ def compose(effects: Sequence[Effect]) -> Composition:
         attachment=ca.Function("attachment", [t, x, v, z, phi, theta], [gripper.position]),
         length=ca.Function("length", [t, phi, theta], [string.length]),
         energies=ca.Function("energies", mechanics, [kinetic, potential]),
-        forces=ca.Function("forces", [*mechanics, memory], [load.force, string.torque]),
+        forces=ca.Function("forces", [*mechanics, memory], [load.force, string.torque, string.dry]),
         tension=ca.Function("tension", [tension, phi, rate, acceleration, length, theta], [pull.value]),
         readings=ca.Function(
             "readings", [t, tension, phi, rate, theta, memory], [sensor.force, sensor.angle, sensor.rate]
@@ -147,6 +150,7 @@ def compose(effects: Sequence[Effect]) -> Composition:
         string_mass=ca.Function("string_mass", [theta], [string.mass]),
         transverse=ca.Function("transverse", [theta], [ca.densify(load.transverse)]),
         heavy=not string.mass.is_zero(),
+        rubs=not string.dry.is_zero(),
         yields=not compliance.is_zero(),
         crosses=not load.transverse.is_zero(),
         gripper_lag=None if gripper.lag.is_zero() else ca.Function("gripper_lag", [theta], [gripper.lag]),

@@ -20,8 +20,9 @@ import numpy as np
 
 from armdyn.pendulum import transverse
 from armdyn.pendulum.composition import Composition, direction, quasi_static
-from armdyn.pendulum.physics import Expression
+from armdyn.pendulum.physics import Expression, smoothly_resisted
 from armdyn.pendulum.yielding import slow_manifold
+from armdyn.physics.dry import DryFriction
 from armdyn.physics.simulate import System
 from armdyn.physics.vibration import Vibration
 from armdyn.readout import Sensor
@@ -61,8 +62,8 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
 
     Args:
         composition: the pendulum with its effects.
-        planar: for control: two states, seven inputs; lag and compliance to first order, no swing across the line, and
-            what effects remember stays as it is at the start of a run.
+        planar: for control: two states, seven inputs; lag and compliance to first order, no swing across the line, dry
+            friction with a smooth sign, and what effects remember stays as it is at the start of a run.
     """
     yields, crosses = composition.yields and not planar, composition.crosses and not planar
     attachment, string = composition.attachment, composition.length
@@ -101,7 +102,7 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
     mechanics = (t, q, qd, g, gd, phi, rate, theta)
     kinetic, potential = composition.energies(*mechanics)
     lagrangian = kinetic - potential
-    force, torque = composition.forces(*mechanics, memory)
+    force, torque, dry = composition.forces(*mechanics, memory)
 
     def on_string(expression: Expression) -> Expression:
         """With no stretch where the string is rigid; else the stretch is substituted later."""
@@ -112,7 +113,8 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
     P = on_string(ca.gradient(lagrangian, rate))
     M = _without_needless(ca.jacobian(P, rate), phi)
     b = ca.substitute(P, rate, ca.SX(0))
-    P_dot = on_string(ca.gradient(lagrangian, phi) + ca.dot(ca.jacobian(q, phi), force)) + on_string(torque)
+    by_forces = on_string(ca.gradient(lagrangian, phi) + ca.dot(ca.jacobian(q, phi), force))
+    P_dot = by_forces + on_string(smoothly_resisted(torque, dry, rate))
     rate_of_rate = (P_dot - along_motion(M) * rate - along_motion(b)) / M
     radial = _without_needless(on_string(ca.gradient(lagrangian, stretching)), rate)
     in_plane = on_string(ca.gradient(lagrangian, stretch) + ca.dot(ca.jacobian(q, stretch), force)) - along_motion(
@@ -155,6 +157,16 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
     def function(name: str, expression: Expression) -> ca.Function:
         return ca.Function(name, [state, given, theta], [filled_in(expression)])
 
+    friction = None
+    if composition.rubs and not planar:
+        P_dot = by_forces + on_string(torque)
+        friction = DryFriction(
+            sliding=function("sliding", momentum - b),
+            inertia=function("inertia", M),
+            size=function("size", on_string(dry)),
+            linear=not ca.depends_on(filled_in(b), momentum),
+            followed=composition.remembers > 0,
+        )
     lag, delay, _ = composition.timing(theta)
     p = ca.SX.sym("p")
     start = [phi, filled_in(M) * p]
@@ -175,6 +187,7 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
         derivative=function("derivative", ca.vertcat(rate, P_dot, extra)),
         output=function("output", reading),
         tension=function("tension", tension),
+        dry=friction,
         initial=_initial(phi, p, momentum, given, theta, start),
         rate=function("rate", rate),
         energy=function("energy", on_string(kinetic + potential)),

@@ -12,12 +12,15 @@ import casadi as ca
 from armdyn.physics.definition import NONE, Expression, Stage, Timed
 
 __all__ = [
-    "STANDARD_GRAVITY", "Expression", "Gripper", "Load", "Sensor", "Stage", "String", "Tension", "smooth_sign", "speed",
+    "STANDARD_GRAVITY", "Expression", "Gripper", "Load", "Sensor", "Stage", "String", "Tension", "smooth_sign",
+    "smoothly_resisted", "speed",
 ]  # fmt: skip
 
 NO_VECTOR: Expression = ca.SX.zeros(3)
 STANDARD_GRAVITY = 9.81
 """m/s^2."""
+STANDSTILL = 0.02
+"""rad/s; where forces must be smooth, dry friction changes its sign over about this swing rate."""
 SPEED_FLOOR = 1e-9
 """m/s added in quadrature to the speed, so that its derivative exists at rest."""
 
@@ -25,6 +28,11 @@ SPEED_FLOOR = 1e-9
 def smooth_sign(rate: Expression, width: float) -> Expression:
     """tanh(rate / width): the sign with a transition that has derivatives."""
     return ca.tanh(rate / width)
+
+
+def smoothly_resisted(torque: Expression, dry: Expression, rate: Expression) -> Expression:
+    """A torque less dry friction of size `dry`, N m, where derivatives are needed and a slow creep does no harm."""
+    return torque - dry * smooth_sign(rate, STANDSTILL)
 
 
 @dataclass(frozen=True)
@@ -81,6 +89,7 @@ class String(Stage):
         load_mass: kg.
         length: pivot to the load's centre, m.
         torque: sum of the torques about the pivot that act along the angle, N m.
+        dry: sum of the sizes of the dry frictions at the pivot, N m.
         mass: of the string, uniform along its length, kg.
         compliance: by how much it stretches, m/N.
         damped: compliance times the damping of the load's bounce on it over the critical damping, m/N.
@@ -92,9 +101,16 @@ class String(Stage):
     load_mass: Expression
     length: Expression
     torque: Expression = NONE
+    dry: Expression = NONE
     mass: Expression = NONE
     compliance: Expression = NONE
     damped: Expression = NONE
+
+    @property
+    def pull(self) -> Expression:
+        """What the pivot carries, N, as if it stood still and the string were rigid: m (g cos phi + l phi'^2)."""
+        weight = (self.load_mass + self.mass) * STANDARD_GRAVITY * ca.cos(self.angle)
+        return weight + (self.load_mass + self.mass / 2) * self.length * self.rate**2
 
     def with_length(self, length: Expression) -> "String":
         """Another length, m; it may depend on time and angle."""
@@ -103,6 +119,10 @@ class String(Stage):
     def with_torque(self, torque: Expression) -> "String":
         """Add a torque about the pivot, N m."""
         return replace(self, torque=self.torque + torque)
+
+    def with_dry_torque(self, size: Expression) -> "String":
+        """Add dry friction at the pivot: a torque of this size, >= 0 N m, against the swing, which holds it at rest."""
+        return replace(self, dry=self.dry + size)
 
     def with_mass(self, mass: Expression) -> "String":
         """Add mass spread evenly along the string, kg."""
@@ -212,6 +232,10 @@ class Sensor(Timed):
     def with_angle(self, angle: Expression) -> "Sensor":
         """Let the angle sensor read `angle`, rad."""
         return replace(self, angle=angle)
+
+    def with_rate(self, rate: Expression) -> "Sensor":
+        """Let the rate sensor read `rate`, rad/s."""
+        return replace(self, rate=rate)
 
 
 def speed(velocity: Expression) -> Expression:

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from armdyn.pendulum.composition import Composition, direction, quasi_static
-from armdyn.pendulum.physics import Expression
+from armdyn.pendulum.physics import Expression, smoothly_resisted
 
 STATE_SIZE = 4
 NEWTON_STEPS = 4
@@ -51,7 +51,8 @@ class VariationalStep:
 def derive_variational(composition: Composition) -> VariationalStep:
     """The integrator and its exact first and second derivatives.
 
-    Compliance enters to first order (`quasi_static`); a swing across the line and states of effects are left out.
+    Compliance enters to first order (`quasi_static`) and dry friction with a smooth sign; a swing across the line and
+    states of effects are left out.
     """
     theta = ca.SX.sym("theta", len(composition.names))
     s, u, t, dt = ca.SX.sym("s", STATE_SIZE), ca.SX.sym("u"), ca.SX.sym("t"), ca.SX.sym("dt")
@@ -70,14 +71,13 @@ def derive_variational(composition: Composition) -> VariationalStep:
         """Discrete Lagrangian, and midpoint position and angle with the force and torque that act there."""
         (g0, l0, phi0), (g1, l1, phi1) = first, second
         q0, q1 = g0 + l0 * direction(phi0), g1 + l1 * direction(phi1)
-        middle, angle = (q0 + q1) / 2, (phi0 + phi1) / 2
-        mechanics = (
-            time, middle, (q1 - q0) / dt, (g0 + g1) / 2, (g1 - g0) / dt, angle, (phi1 - phi0) / dt, theta,
-        )  # fmt: skip
+        middle, angle, rate = (q0 + q1) / 2, (phi0 + phi1) / 2, (phi1 - phi0) / dt
+        mechanics = (time, middle, (q1 - q0) / dt, (g0 + g1) / 2, (g1 - g0) / dt, angle, rate, theta)
         kinetic, potential = composition.energies(*mechanics)
-        force, torque = composition.forces(*mechanics, composition.memory_start(theta))
+        force, torque, dry = composition.forces(*mechanics, composition.memory_start(theta))
         displaced = ca.vertcat(middle, angle)
-        return dt * (kinetic - potential), displaced, dt * ca.vertcat(force, torque)
+        impulse = dt * ca.vertcat(force, smoothly_resisted(torque, dry, rate))
+        return dt * (kinetic - potential), displaced, impulse
 
     g_h, l_h, _ = node(t, x, v, here)
     past = interval(node(t - dt, x - dt * v, v, before), (g_h, l_h + stretch, here), t - dt / 2)

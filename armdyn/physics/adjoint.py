@@ -16,7 +16,7 @@ from scipy.sparse import csr_matrix
 
 from armdyn.codegen import Buffered, compiled
 from armdyn.physics.recorded import Path, slope
-from armdyn.physics.simulate import BLOCK, System
+from armdyn.physics.simulate import BLOCK, System, advanced
 
 
 class Adjoint:
@@ -87,11 +87,7 @@ def _back(system: System, rows: list[int]) -> ca.Function:
     s, co, theta, dt = ca.SX.sym("s", n), ca.SX.sym("co", n), ca.SX.sym("theta", len(system.names)), ca.SX.sym("dt")
     w, c = ca.SX.sym("w", 3 * width), ca.SX.sym("c", len(rows))
     here, middle, there = ca.vertsplit(w, width)
-    k1 = system.derivative(s, here, theta)
-    k2 = system.derivative(s + dt / 2 * k1, middle, theta)
-    k3 = system.derivative(s + dt / 2 * k2, middle, theta)
-    k4 = system.derivative(s + dt * k3, there, theta)
-    following = s + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    following = advanced(system, s, (here, middle, there), theta, dt)
     total = ca.dot(co, following) + ca.dot(c, system.output(s, here, theta)[rows])
     step = ca.Function(
         "step", [co, s, w, dt, c, theta], [ca.densify(ca.gradient(total, s)), ca.densify(ca.gradient(total, w))]

@@ -1,6 +1,6 @@
 """Rollouts of a physics with exact sensitivities, in blocks of compiled Runge-Kutta steps."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from armdyn.codegen import Buffered, compiled
 from armdyn.physics.definition import Expression
+from armdyn.physics.dry import MOMENTUM, DryFriction
 from armdyn.physics.recorded import Path, slope
 from armdyn.physics.vibration import Vibration
 from armdyn.readout import Sensor
@@ -27,13 +28,14 @@ class System:
         starts: number of values that say how the motion begins.
         inputs: size of w.
         outputs: names of the rows of `output`.
-        derivative: ``(s, w, theta) -> (states,)``.
+        derivative: ``(s, w, theta) -> (states,)``, without dry friction.
         output: ``(s, w, theta) -> (outputs,)``, and the impulse where there is one.
         initial: ``(start, ..., w, theta) -> s``, one argument for each of `starts`.
         sensors: by output, what reads it.
         impulse_adds_to: the output to which the time derivative of one row more is added; None where there is none.
         impulse_rings: what vibration that row passes first; None where it does not.
         input_lag: ``theta -> ()`` time by which the inputs trail what was recorded, s; None where they do not.
+        dry: friction that also holds what stands still; None where there is none.
     """
 
     names: tuple[str, ...]
@@ -48,6 +50,7 @@ class System:
     impulse_adds_to: str | None = None
     impulse_rings: Vibration | None = None
     input_lag: ca.Function | None = None
+    dry: DryFriction | None = None
 
 
 class Rollout(NamedTuple):
@@ -166,25 +169,35 @@ def _steps(dynamics: System, active: list[int], rows: list[int]) -> ca.Function:
     w = ca.SX.sym("w", 3 * width)
     here, middle, there = ca.vertsplit(w, width)
     point, given = ca.SX.sym("point", n), ca.SX.sym("given", width)
-    rate = dynamics.derivative(point, given[: dynamics.inputs], theta)
-    by_state = ca.jacobian(rate, point)
-    by_theta = ca.horzcat(_by_theta(rate, given, theta, dynamics), ca.SX(n, dynamics.starts))
-    slope = ca.Function("slope", [point, given, theta], [rate, by_state, by_theta[:, active]])
+    direction = ca.SX.sym("direction")
 
-    total, total_S = 0, 0
-    stage_s, stage_S = s, S
-    for inputs, reach, weight in ((here, 1 / 2, 1), (middle, 1 / 2, 2), (middle, 1, 2), (there, 0, 1)):
-        k, A, B = slope(stage_s, inputs, theta)
-        K = A @ stage_S + B
-        total, total_S = total + weight * k, total_S + weight * K
-        stage_s, stage_S = s + reach * dt * k, S + reach * dt * K
-    following, following_S = s + dt / 6 * total, S + dt / 6 * total_S
+    def followed(rate: Expression) -> Callable[[Expression, Expression], Expression]:
+        """How a state with S beside it changes where the state changes by `rate`, an expression of `point`."""
+        by_state = ca.jacobian(rate, point)
+        by_theta = ca.horzcat(_by_theta(rate, theta, dynamics, given), ca.SX(n, dynamics.starts))
+        slope = ca.Function("slope", [point, given, theta, direction], [rate, by_state, by_theta[:, active]])
+
+        def of(z: Expression, inputs: Expression) -> Expression:
+            k, A, B = slope(z[:, 0], inputs, theta, sliding)
+            return ca.horzcat(k, A @ z[:, 1:] + B)
+
+        return of
+
+    start, inputs = ca.horzcat(s, S), (here, middle, there)
+    recorded, dry = given[: dynamics.inputs], dynamics.dry
+    sliding = 0 if dry is None else dry.direction(s, here[: dynamics.inputs], theta, dt)
+    following = runge_kutta(followed(rates(dynamics, point, recorded, theta, direction)), start, inputs, dt)
+    if dry is not None:
+        held = following
+        if dry.followed:
+            held = runge_kutta(followed(rates_at_rest(dynamics, dry, point, recorded, theta)), start, inputs, dt)
+        following = _settled(dynamics, dry, active)(start, following, held, here, there, theta, dt)
 
     y = dynamics.output(s, here[: dynamics.inputs], theta)[rows]
-    dy = ca.horzcat(_by_theta(y, here, theta, dynamics), ca.SX(y.numel(), dynamics.starts))
+    dy = ca.horzcat(_by_theta(y, theta, dynamics, here), ca.SX(y.numel(), dynamics.starts))
     dy[:, active] += ca.jacobian(y, s) @ S
     stage = ca.Function(
-        "stage", [s, S, w, dt, theta], [following, ca.densify(following_S), s, ca.densify(y), ca.densify(dy)]
+        "stage", [s, S, w, dt, theta], [following[:, 0], ca.densify(following[:, 1:]), s, ca.densify(y), ca.densify(dy)]
     )
     over = stage.mapaccum("over", BLOCK, 2)
     s0, S0, P = ca.MX.sym("s", n), ca.MX.sym("S", n, len(active)), ca.MX.sym("theta", parameters)
@@ -193,14 +206,86 @@ def _steps(dynamics: System, active: list[int], rows: list[int]) -> ca.Function:
     return ca.Function("steps", [s0, S0, W, DT, P], [before, Y, dY, after[:, -1], sensitivity[:, -len(active) :]])
 
 
-def _by_theta(expression: Expression, given: Expression, theta: Expression, dynamics: System) -> Expression:
+def runge_kutta(
+    rate: Callable[[Expression, Expression], Expression], z: Expression, inputs: tuple[Expression, ...], dt: Expression
+) -> Expression:
+    """One step of the classical Runge-Kutta method.
+
+    Args:
+        rate: of z, with the inputs of the moment.
+        z: at the start of the step.
+        inputs: at its start, halfway and at its end.
+        dt: its length, s.
+    """
+    here, middle, there = inputs
+    total, stage = 0, z
+    for given, reach, weight in ((here, 1 / 2, 1), (middle, 1 / 2, 2), (middle, 1, 2), (there, 0, 1)):
+        k = rate(stage, given)
+        total, stage = total + weight * k, z + reach * dt * k
+    return z + dt / 6 * total
+
+
+def rates(system: System, s: Expression, w: Expression, theta: Expression, direction: Expression) -> Expression:
+    """Rates of the states where dry friction acts against a sliding in `direction`."""
+    rate = system.derivative(s, w, theta)
+    return rate if system.dry is None else system.dry.slowed(rate, direction, s, w, theta)
+
+
+def rates_at_rest(system: System, dry: DryFriction, s: Expression, w: Expression, theta: Expression) -> Expression:
+    """Rates of the states that go on where dry friction holds what slides; 0 for the others."""
+    rate = system.derivative(dry.at_rest(s, w, theta), w, theta)
+    rate[: MOMENTUM + 1] = 0
+    return rate
+
+
+def advanced(
+    system: System, s: Expression, inputs: tuple[Expression, ...], theta: Expression, dt: Expression
+) -> Expression:
+    """The state after one step of the simulation, whose inputs are given at its start, halfway and at its end."""
+    here, _, there = inputs
+    dry = system.dry
+    direction = 0 if dry is None else dry.direction(s, here, theta, dt)
+    following = runge_kutta(lambda z, w: rates(system, z, w, theta, direction), s, inputs, dt)
+    if dry is None:
+        return following
+    held = following
+    if dry.followed:
+        held = runge_kutta(lambda z, w: rates_at_rest(system, dry, z, w, theta), s, inputs, dt)
+    return dry.settled(s, following, held, here, there, theta, dt)
+
+
+def _settled(dynamics: System, dry: DryFriction, active: list[int]) -> Callable[..., Expression]:
+    """`DryFriction.settled` for states with S beside them."""
+    n, inputs = dynamics.states, dynamics.inputs
+    width = inputs * (1 if dynamics.input_lag is None else 2)
+    before, after, held = states = [ca.SX.sym(name, n) for name in ("before", "after", "held")]
+    here, there = ca.SX.sym("here", width), ca.SX.sym("there", width)
+    theta, dt = ca.SX.sym("theta", len(dynamics.names)), ca.SX.sym("dt")
+    value = dry.settled(before, after, held, here[:inputs], there[:inputs], theta, dt)
+    by_theta = ca.horzcat(_by_theta(value, theta, dynamics, here, there), ca.SX(n, dynamics.starts))[:, active]
+    by_states = [ca.jacobian(value, state) for state in states]
+    slopes = ca.Function("settled", [*states, here, there, theta, dt], [value, by_theta, *by_states])
+
+    def of(*moment: Expression) -> Expression:
+        followed, given = moment[: len(states)], moment[len(states) :]
+        found, total, *slope = slopes(*(z[:, 0] for z in followed), *given)
+        for by_state, z in zip(slope, followed, strict=True):
+            total += by_state @ z[:, 1:]
+        return ca.horzcat(found, total)
+
+    return of
+
+
+def _by_theta(expression: Expression, theta: Expression, dynamics: System, *given: Expression) -> Expression:
     """Derivative with respect to theta, through trailing inputs as well."""
-    direct = ca.jacobian(expression, theta)
+    by_theta = ca.jacobian(expression, theta)
     if dynamics.input_lag is None:
-        return direct
-    inputs, by_lag = given[: dynamics.inputs], given[dynamics.inputs :]
-    lag = dynamics.input_lag(theta)
-    return direct + ca.jtimes(expression, inputs, by_lag) @ ca.jacobian(lag, theta)
+        return by_theta
+    by_parameters = ca.jacobian(dynamics.input_lag(theta), theta)
+    for moment in given:
+        inputs, by_lag = moment[: dynamics.inputs], moment[dynamics.inputs :]
+        by_theta += ca.jtimes(expression, inputs, by_lag) @ by_parameters
+    return by_theta
 
 
 def _active(dynamics: System) -> list[int]:
@@ -211,6 +296,8 @@ def _active(dynamics: System) -> list[int]:
     moving = ca.vertcat(dynamics.derivative(s, w, theta), dynamics.initial(*start, w, theta))
     if dynamics.input_lag is not None:
         moving = ca.vertcat(moving, dynamics.input_lag(theta))
+    if dynamics.dry is not None:
+        moving = ca.vertcat(moving, dynamics.dry.size(s, w, theta))
     depends = ca.which_depends(moving, theta, 1, False)
     return [*(i for i, moves in enumerate(depends) if moves), *range(len(depends), len(depends) + dynamics.starts)]
 
@@ -221,6 +308,6 @@ def _start(dynamics: System, active: list[int]) -> ca.Function:
     given = ca.SX.sym("w", dynamics.inputs * (1 if dynamics.input_lag is None else 2))
     theta = ca.SX.sym("theta", len(dynamics.names))
     state = dynamics.initial(*start, given[: dynamics.inputs], theta)
-    by_theta = _by_theta(state, given, theta, dynamics)
+    by_theta = _by_theta(state, theta, dynamics, given)
     sensitivity = ca.horzcat(by_theta, ca.jacobian(state, ca.vertcat(ca.SX(0, 1), *start)))[:, active]
     return ca.Function("start", [*start, given, theta], [ca.densify(state), ca.densify(sensitivity)])

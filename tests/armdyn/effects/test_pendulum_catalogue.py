@@ -98,3 +98,40 @@ def test_the_upper_end_of_a_heavy_string_carries_load_and_string():
     t = np.arange(0.0, 1.0, 0.01)
     run = Run("rest.csv", {"load_force": Channel(t, 0 * t, "N")})
     assert np.allclose(model.predict(run, model.theta()).values, 0.12 * 9.81, atol=1e-12)
+
+
+def test_a_stiff_pivot_is_a_spring_beside_the_weight():
+    model = pendulum_model(0.4, 0.1, [CATALOGUE["pivot_stiffness"]])
+    model = model.with_values({"pivot_stiffness.stiffness": 0.05, "initial_angle": 0.01})
+    t = np.arange(0.0, 10.0, 0.01)
+    run = Run("still.csv", {"swing_angle": Channel(t, 0 * t, "rad")})
+    rate = np.sqrt(9.81 / 0.4 + 0.05 / (0.1 * 0.4**2))
+    assert np.allclose(model.predict(run, model.theta()).values, 0.01 * np.cos(rate * t), atol=5e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "read"),
+    [
+        ("angle_gain", lambda phi: 1.1 * phi),
+        ("angle_skew", lambda phi: phi + 0.1 * phi**2),
+        ("angle_distortion", lambda phi: phi + 0.1 * phi**3),
+    ],
+)
+def test_an_angle_sensor_reads_a_polynomial_of_the_true_angle_and_a_gyro_does_not(name, read):
+    effect = CATALOGUE[name]
+    model = BASE.with_effect(CATALOGUE["angle_offset"]).with_effect(effect)
+    model = model.with_values({"angle_offset.angle": 0.3, effect.parameters()[0].name: 0.1})
+    wrong, right = (m.predict(RUN, m.theta()) for m in (model, BASE))
+    angle = right.values[right.slices["swing_angle"]]
+    assert np.allclose(wrong.values[wrong.slices["swing_angle"]], read(angle) + 0.3, atol=1e-14)
+    for other in ("load_force", "swing_rate"):
+        assert np.array_equal(wrong.values[wrong.slices[other]], right.values[right.slices[other]])
+
+
+def test_the_bias_of_a_gyro_is_not_that_of_a_load_cell():
+    model = BASE.with_effect(CATALOGUE["sensor_bias"]).with_values({"sensor_bias.rate": 2.4})
+    wrong, right = (m.predict(RUN, m.theta()) for m in (model, BASE))
+    change = wrong.values - right.values
+    assert np.allclose(change[wrong.slices["swing_rate"]], 2.4)
+    assert not change[wrong.slices["load_force"]].any()
+    assert not change[wrong.slices["swing_angle"]].any()

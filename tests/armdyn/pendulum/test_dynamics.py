@@ -14,7 +14,7 @@ from armdyn.physics.simulate import Simulator
 LENGTH, MASS, G = 0.368, 0.1, 9.81
 THETA = np.array([LENGTH, MASS])
 AMPLITUDE, OMEGA = 0.04, 2 * np.pi * 0.8
-DRAG = [CATALOGUE[name] for name in ("linear_drag", "sensor_bias")]
+DRAG = [CATALOGUE[name] for name in ("linear_drag", "sensor_gain")]
 
 
 def moving(t):
@@ -141,7 +141,7 @@ def test_rollout_agrees_with_an_eighth_order_integrator():
 
 @pytest.mark.parametrize("column", range(6))
 def test_sensitivities_match_finite_differences(column):
-    simulator = Simulator(derive_dynamics(compose(DRAG)), "test_bias")
+    simulator = Simulator(derive_dynamics(compose(DRAG)), "test_drag_gain")
     point = np.array([LENGTH, MASS, 0.02, 0.01, 0.2, 0.3])
     run = simulator.rollout(path(4.0), point[:4], point[4], point[5])
 

@@ -1,0 +1,111 @@
+r"""Dry friction that holds what stands still, in steps of Runge-Kutta.
+
+The friction -D sign(p) jumps where the momentum p of the sliding changes its sign, and at rest it is whatever holds the
+load, up to D. Within a step the sign is that of p at the step's start, so that the equations are smooth there; then the
+step is mended where the sliding came to an end h before the step's own end:
+
+    h = dt p1/(p1 - p0),      p = soft(p1, 2 D h),      q = q1 + (p - p1) h/(2 M),
+
+with soft(p, d) = sign(p) max(|p| - d, 0): past the turn the friction acted with the wrong sign, by 2 D h. What rests at
+the start of a step feels no friction in it, and p = soft(p1, D dt) at its end; where that is 0 nothing has moved. All
+this is exact to second order in dt, continuous in the state and the parameters, and has exact derivatives.
+
+(Moreau, Unilateral Contact and Dry Friction in Finite Freedom Dynamics, 1988, for the soft threshold of impulses;
+Acary & Brogliato, Numerical Methods for Nonsmooth Dynamical Systems, 2008, §10 for time-stepping, §8 for events.)
+"""
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+from armdyn.physics.definition import Expression
+
+COORDINATE, MOMENTUM = 0, 1
+"""Rows of the state: what slides, and its momentum."""
+AT_REST = 1e-6
+"""Share of the impulse of friction in one step below which a momentum is none: far above rounding, and a friction that
+ends it does so within a millionth of a step."""
+SETTLINGS = 3
+"""Steps of a fixed-point iteration that gains more than two digits each."""
+
+
+@dataclass(frozen=True, eq=False)
+class DryFriction:
+    """Dry friction on the first state, whose momentum is the second; functions of states s, inputs w and theta.
+
+    Attributes:
+        sliding: ``(s, w, theta) -> ()`` the part of the momentum that is 0 at rest.
+        inertia: ``(s, w, theta) -> ()`` that part per rate of the first state.
+        size: ``(s, w, theta) -> ()`` of the friction, >= 0.
+        linear: whether `sliding` is the momentum less something that does not depend on it.
+        followed: whether further states change as it slides, and must not where it is held; else their rates may be
+            those of a load that gets away in a step by the friction's impulse, D dt, before it is held.
+    """
+
+    sliding: ca.Function
+    inertia: ca.Function
+    size: ca.Function
+    linear: bool
+    followed: bool
+
+    def direction(self, s: Expression, w: Expression, theta: Expression, dt: Expression) -> Expression:
+        """Sign of the sliding at the start of a step, 0 at rest."""
+        p = self.sliding(s, w, theta)
+        return ca.if_else(self._rests(p, s, w, theta, dt), 0, ca.sign(p))
+
+    def slowed(
+        self, rate: Expression, direction: Expression, s: Expression, w: Expression, theta: Expression
+    ) -> Expression:
+        """Rates of the states, with the friction against a sliding in `direction`."""
+        slowed = ca.SX(rate)
+        slowed[MOMENTUM] -= direction * self.size(s, w, theta)
+        return slowed
+
+    def at_rest(self, s: Expression, w: Expression, theta: Expression) -> Expression:
+        """The state with the momentum of a load that does not slide."""
+        return self._with_sliding(0, s, w, theta)
+
+    def settled(
+        self,
+        before: Expression,
+        after: Expression,
+        held: Expression,
+        here: Expression,
+        there: Expression,
+        theta: Expression,
+        dt: Expression,
+    ) -> Expression:
+        """The state after a step; see the head of this file.
+
+        Args:
+            before: (n,) at its start.
+            after: (n,) at its end, with the friction in the direction at its start.
+            held: (n,) at its end if nothing slides; looked at where that is `followed` only.
+            here: inputs at its start.
+            there: inputs at its end.
+            theta: parameters.
+            dt: its length, s.
+        """
+        p0, p1 = self.sliding(before, here, theta), self.sliding(after, there, theta)
+        rests = self._rests(p0, before, here, theta, dt)
+        turns = ca.logic_and(ca.logic_not(rests), p0 * p1 < 0)
+        left = ca.if_else(rests, dt, ca.if_else(turns, dt * p1 / ca.if_else(turns, p1 - p0, 1), 0))
+        size = self.size(after, there, theta)
+        impulse = ca.if_else(rests, 1, 2) * left * size
+        stops = ca.fabs(p1) < impulse
+        sticks = ca.logic_and(rests, stops)
+        p = ca.if_else(stops, 0, p1 - ca.sign(p1) * impulse)
+        settled = ca.if_else(sticks, held, after) if self.followed else ca.SX(after)
+        moved = after[COORDINATE] + (p - p1) * left / (2 * self.inertia(after, there, theta))
+        settled[COORDINATE] = ca.if_else(sticks, before[COORDINATE], moved)
+        settled[MOMENTUM] = after[MOMENTUM]
+        return self._with_sliding(p, settled, there, theta)
+
+    def _rests(self, p: Expression, s: Expression, w: Expression, theta: Expression, dt: Expression) -> Expression:
+        return ca.fabs(p) <= AT_REST * dt * self.size(s, w, theta)
+
+    def _with_sliding(self, p: Expression, s: Expression, w: Expression, theta: Expression) -> Expression:
+        state = ca.SX(s)
+        for _ in range(1 if self.linear else SETTLINGS):
+            state[MOMENTUM] += p - self.sliding(state, w, theta)
+        return state
