@@ -16,7 +16,7 @@ from armdyn.identify.fit import independent
 from armdyn.identify.innovations import Chain, Colour, Gram, Innovations, Rows, chained, combined, filtered, smoothed
 from armdyn.identify.noise import quiet_noise
 from armdyn.identify.problem import Problem
-from armdyn.physics.pieces import Linearised, Pieces
+from armdyn.physics.pieces import Linearised, Pieces, Samples
 from armdyn.physics.simulated import SimulatedModel
 
 HALF = 0.5
@@ -97,6 +97,12 @@ class GreyRun:
         found = self.pieces.linearised(theta, states)
         P = len(values)
         by_unknown, gap = chained(found, states, self.places, P)
+        # States are momenta; what stays while a parameter changes, and what is kicked, are their rates.
+        edges = self.pieces.edges
+        here, there = (
+            self.pieces.by_definition(theta, s, at) for s, at in ((states, edges[:-1]), (found.ends, edges[1:]))
+        )
+        by_unknown[:, :, self.places] += found.transition @ here - there
         _, by_start, by_theta = self.pieces.beginning(theta)
         model = self.pieces.model
         typical = np.array([model.parameters[name].typical for name in model.start_names])
@@ -111,19 +117,32 @@ class GreyRun:
         wide = by_start * (LOOSE * typical)
         chain = Chain(found.transition, by_unknown, gap, start, wide @ wide.T, kicked @ kicked.T)
         rows = [
-            Rows(found.samples[c], len(states), self.places, P, quiet, self.weight[c])
+            Rows(_at_rates(found.samples[c], here), len(states), self.places, P, quiet, self.weight[c])
             for c, quiet in zip(self.channels, self.quiet, strict=True)
         ]
-        return Around(self, states, found, chain, rows)
+        return Around(self, states, found, chain, rows, here)
+
+
+def _at_rates(samples: Samples, here: np.ndarray) -> Samples:
+    """Samples whose derivatives by parameters are those at constant rates; `here` (J, n, q) see `by_definition`."""
+    more = np.einsum("Nn,Nnq->Nq", samples.by_state, here[samples.piece])
+    return replace(samples, by_theta=samples.by_theta + more)
 
 
 class Around:
     """A run linearised around a motion; whitened sums are kept by colour."""
 
     def __init__(
-        self, run: GreyRun, states: np.ndarray, found: Linearised, chain: Chain, rows: Sequence[Rows]
+        self,
+        run: GreyRun,
+        states: np.ndarray,
+        found: Linearised,
+        chain: Chain,
+        rows: Sequence[Rows],
+        definition: np.ndarray,
     ) -> None:
         self.run, self.states, self.found, self.chain, self.rows = run, states, found, chain, rows
+        self._definition = definition
         self._grams: dict[tuple[int, Colour], Gram] = {}
         direction = np.sqrt(np.diag(chain.kicked))
         n = states.shape[1]
@@ -132,6 +151,9 @@ class Around:
             for c in range(len(rows))
         ]
         self.sharpest = int(np.argmax([np.median(t) for t in told]))
+        made = [chain.gap, chain.transition, chain.by_unknown]
+        made += [x for s in found.samples.values() for x in (s.predicted, s.by_state, s.by_theta)]
+        self.finite = all(bool(np.isfinite(x).all()) for x in made)
         self.kick_unit = float(1.0 / np.sqrt(max(np.median(told[self.sharpest]), 1e-300)))
 
     def gram(self, channel: int, colour: Colour) -> Gram:
@@ -150,12 +172,12 @@ class Around:
         """(J, n) states and (J, n) kicks after a (P,) change of the unknowns."""
         grams = [self.gram(c, colour) for c, colour in enumerate(noise.colour)]
         moved, kicks = smoothed(combined(grams, noise.level)[0], self.chain, noise.kick, change)
-        return self.states + moved, kicks
+        return self.states + moved + self._definition @ change[self.run.places], kicks
 
     def weigh_down(self, noise: Noise, change: np.ndarray) -> None:
         """Believe samples less that no noise explains; `Samples` of the next linearisation know it."""
-        states, _ = self.smoothed(noise, change)
-        moved = states - self.states
+        grams = [self.gram(c, colour) for c, colour in enumerate(noise.colour)]
+        moved, _ = smoothed(combined(grams, noise.level)[0], self.chain, noise.kick, change)
         for c, channel in enumerate(self.run.channels):
             z = self.rows[c].deviates(noise.colour[c], noise.level[c], moved, change)
             bad = z > UNBELIEVED
@@ -399,8 +421,9 @@ class Tables:
         d, held = np.zeros(len(c)), np.zeros(len(c), dtype=bool)
         for _ in range(len(c) + 1):
             f = np.flatnonzero(~held)
-            s = t[f]
-            d[f] = s * np.linalg.solve(s[:, None] * A[np.ix_(f, f)] * s, s * (right[f] - A[np.ix_(f, np.flatnonzero(held))] @ d[held]))
+            scale = 1.0 / np.sqrt(np.diag(A)[f])
+            scaled_A = scale[:, None] * A[np.ix_(f, f)] * scale + ROUNDING * np.eye(len(f))
+            d[f] = scale * np.linalg.solve(scaled_A, scale * (right[f] - A[np.ix_(f, np.flatnonzero(held))] @ d[held]))
             out = ~held & ((d < lower - 1e-12) | (d > upper + 1e-12))
             if not out.any():
                 break
@@ -458,6 +481,10 @@ class GreyBox:
 
     def around(self, point: Point) -> list[Around]:
         """The runs linearised at a point."""
+        with np.errstate(all="ignore"):  # a simulation that diverges shows: `Around.finite`
+            return self._around(point)
+
+    def _around(self, point: Point) -> list[Around]:
         return [run.around(point.values, states) for run, states in zip(self.runs, point.states, strict=True)]
 
     def settled(
@@ -474,24 +501,43 @@ class GreyBox:
         """
         p = self.problem
         many = len(self.runs) if training is None else training
+        arounds = self.around(point)
+        best = point
         for k in range(rounds):
-            arounds = self.around(point)
             tables = [
                 everywhere(a, n) if k < wide else nearby(a, n) for a, n in zip(arounds, point.noises, strict=True)
             ]
             found = Tables(tables, point.values, p, many).evidence(free)
-            noises = tuple(
-                scaled(t.noises[k], level) for t, k, level in zip(tables, found.picks, found.levels, strict=True)
-            )
-            values = np.clip(point.values + found.change, p.lower, p.upper)
-            if k < rounds - 1:
-                for a, noise in zip(arounds, noises, strict=True):
-                    a.weigh_down(noise, values - point.values)
-            states = tuple(a.smoothed(n, values - point.values)[0] for a, n in zip(arounds, noises, strict=True))
-            last, point = point.evidence, Point(values, states, noises, found.value)
-            if abs(found.value - last) < SETTLED:
+            if not np.isfinite(found.value):
                 break
-        return point
+            noises = tuple(
+                scaled(t.noises[i], level) for t, i, level in zip(tables, found.picks, found.levels, strict=True)
+            )
+            best = replace(point, noises=noises, evidence=found.value)
+            if k == rounds - 1 or abs(found.value - point.evidence) < SETTLED:
+                break
+            for a, noise in zip(arounds, noises, strict=True):
+                a.weigh_down(noise, found.change)
+            point, arounds = self._moved(best, arounds, found.change)
+            if point is best:
+                break
+        return best
+
+    def _moved(
+        self, point: Point, arounds: Sequence["Around"], change: np.ndarray
+    ) -> tuple[Point, Sequence["Around"]]:
+        """The point after a (P,) change, or a part of it with which the runs can be simulated; linearised there."""
+        for share in (1.0, 0.5, 0.2, 0.05):
+            values = np.clip(point.values + share * change, self.problem.lower, self.problem.upper)
+            states = tuple(
+                a.smoothed(n, values - point.values)[0] for a, n in zip(arounds, point.noises, strict=True)
+            )
+            there = replace(point, values=values, states=states)
+            if all(np.isfinite(s).all() for s in states):
+                found = self.around(there)
+                if all(a.finite for a in found):
+                    return there, found
+        return point, arounds
 
     def told(self, point: Point, wanted: np.ndarray) -> np.ndarray:
         """(P,) bool: those of `wanted` that the runs around their motion, with the priors, tell from those before them.
@@ -514,22 +560,22 @@ class GreyBox:
         p = self.problem
         share = 1.0
         white = tuple(replace(n, colour=(Colour(),) * len(n.colour)) for n in point.noises)
-        best = point
+        arounds: Sequence[Around] = self.around(point)
         while share > TIED:
-            arounds = self.around(point)
-            noises = [
-                replace(n, kick=share * max(min(n.kick, a.kick_unit * np.exp(KICKS[-1])), a.kick_unit * np.exp(KICKS[0])))
+            noises = tuple(
+                replace(n, kick=share * float(np.clip(n.kick, *(a.kick_unit * np.exp(KICKS[[0, -1]])))))
                 for n, a in zip(white, arounds, strict=True)
-            ]
+            )
             tables = [tabled(a, [n], np.array([n.kick])) for n, a in zip(noises, arounds, strict=True)]
             found = Tables(tables, point.values, p, training or len(self.runs)).evidence(free)
-            values = np.clip(point.values + found.change, p.lower, p.upper)
-            states = tuple(a.smoothed(n, values - point.values)[0] for a, n in zip(arounds, noises, strict=True))
-            if not (np.all(np.isfinite(values)) and all(np.all(np.isfinite(s)) for s in states)):
+            if not np.isfinite(found.value):
                 break
-            best = point = replace(point, values=values, states=states)
+            before = replace(point, noises=noises)
+            point, arounds = self._moved(before, arounds, found.change)
+            if point is before:
+                break
             share *= SHRINK
-        return replace(best, values=self.begun(best))
+        return replace(point, values=self.begun(point))
 
     def begun(self, point: Point) -> np.ndarray:
         """(P,) values at a point, those that say how a run begins as its first state does."""

@@ -18,6 +18,8 @@ from armdyn.physics.simulated import SimulatedModel
 from armdyn.readout import Interpolated
 from armdyn.run import Run
 
+INVERSIONS = 3
+"""Newton steps from a state to the values that begin a motion with it; a momentum is linear in its rate."""
 FEWEST_NODES = 4
 """Steps of the shortest piece, so that samples between its nodes can be interpolated."""
 
@@ -148,6 +150,31 @@ class Pieces:
         by_theta = np.zeros((system.states, len(theta)))
         by_theta[:, self.model.places[1]] = np.asarray(by_physics)
         return np.asarray(state).ravel(), np.asarray(by_start), by_theta
+
+    def by_definition(self, theta: np.ndarray, states: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+        """(K, n, q) how states change with the parameters where the motion stays: a momentum is a mass times a rate.
+
+        Args:
+            theta: (q,).
+            states: (K, n).
+            nodes: (K,) of the inputs, at which they are.
+        """
+        system, physics, path = self._given(theta)
+        rows, _ = path.rows(with_jerk=system.impulse_adds_to is not None)
+        inputs = rows[: system.inputs, nodes]
+        at = _beginning(system).map(len(states))
+        many = np.repeat(physics[:, None], len(states), axis=1)
+        starts = np.zeros((system.starts, len(states)))
+        for _ in range(INVERSIONS):
+            found, by_start, by_physics = at(*starts[:, None], inputs, many)
+            slopes = np.asarray(by_start).reshape(system.states, len(states), system.starts).transpose(1, 0, 2)
+            gap = states - np.asarray(found).T
+            starts = starts + (np.linalg.pinv(slopes) @ gap[:, :, None])[:, :, 0].T
+        result = np.zeros((len(states), system.states, len(theta)))
+        by_physics = np.asarray(by_physics).reshape(system.states, len(states), len(physics)).transpose(1, 0, 2)
+        free = np.abs(slopes).sum(axis=2) > 0.0
+        result[:, :, self.model.places[1]] = by_physics * free[:, :, None]
+        return result
 
     def _given(self, theta: np.ndarray) -> tuple[System, np.ndarray, Path]:
         physics = theta[self.model.places[1]]
