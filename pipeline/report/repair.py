@@ -15,6 +15,7 @@ from armdyn.identify.study import Study
 from armdyn.identify.suspects import Suspect
 from armdyn.identify.unseen import Judge
 from pipeline.report.fit import fit_sections, key_figures, runs_of
+from pipeline.report.missing_force import missing_force_sections
 from pipeline.report.overlay import Overlays
 from pipeline.report.page import KeyFigure, Level, NextStep, Report, Section, Table
 
@@ -233,11 +234,21 @@ def diagnosis_report(study: Study, found: Diagnosis, command: str = "") -> Repor
         title="Diagnose: which effect is missing",
         level=LEVELS[found.verdict],
         verdict=found.sentence,
-        sections=[evidence, shown.section(), *fit_sections(found.comparison, shown, "the model as given")],
+        sections=[
+            *missing_force_sections(found.missing_force, _added(names)),
+            evidence,
+            shown.section(),
+            *fit_sections(found.comparison, shown, "the model as given"),
+        ],
         subtitle=runs_of(study),
         key_figures=key_figures(shown),
         command=command,
     )
+
+
+def _added(steps: Sequence[str]) -> str:
+    """What came in after the model as given, for a legend."""
+    return " ".join(steps[1:]) if len(steps) <= MOST_JOINTS + 1 else f"with {len(steps) - 1} additions"
 
 
 def summaries(study: Study) -> dict[str, str]:
@@ -268,7 +279,13 @@ def repair_report(study: Study, found: Repair, command: str = "", next_steps: Se
         title="Repair: add what is missing, watch the error fall",
         level=repair_level(found),
         verdict=found.sentence,
-        sections=[shown.section(), path, *links, *fit_sections(found.after, shown, "the last step")],
+        sections=[
+            *missing_force_sections(found.missing_force, _added(names)),
+            shown.section(),
+            path,
+            *links,
+            *fit_sections(found.after, shown, "the last step"),
+        ],
         subtitle=runs_of(study),
         key_figures=[*misfit_figure(study, found), *key_figures(shown)],
         command=command,
