@@ -6,7 +6,7 @@ where the motion turns round is dry friction, a straight line over the speed vis
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.signal import correlate
@@ -58,6 +58,7 @@ class ForceCurve:
         as_given: (b,) the mean force that the model as given lacks.
         std: (b,) standard error of `as_given`; it counts that neighbouring samples are correlated.
         repaired: (b,) what the repaired model lacks; None where nothing was repaired.
+        repaired_std: (b,) standard error of `repaired`.
     """
 
     run: str
@@ -68,7 +69,8 @@ class ForceCurve:
     x: FloatArray
     as_given: FloatArray
     std: FloatArray
-    repaired: FloatArray | None
+    repaired: FloatArray | None = None
+    repaired_std: FloatArray | None = None
 
 
 def unexplained(fit: Fit) -> list[Unexplained]:
@@ -120,7 +122,7 @@ def curves(given: Sequence[Unexplained], repaired: Sequence[Unexplained] | None 
         left = None if other is None else np.interp(u.time, other.time, other.value)
         for name, (x, x_unit) in {**u.against, "time": (u.time, "s")}.items():
             if len(x) >= BINS[-1] and np.ptp(x) > 0.0:
-                found.append(ForceCurve(u.run, u.joint, u.unit, name, x_unit, *_binned(x, u.value, left)))
+                found.append(_curve(u, name, x, x_unit, left))
     return tuple(found)
 
 
@@ -129,10 +131,21 @@ def between(given: Fit, repaired: Fit | None = None) -> tuple[ForceCurve, ...]:
     return curves(unexplained(given), None if repaired is None else unexplained(repaired))
 
 
-def _binned(
-    x: FloatArray, value: FloatArray, left: FloatArray | None
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]:
-    """(b,) means of x and value over bins of x, standard errors of the latter, and means of what is left.
+def _curve(u: Unexplained, against: str, x: FloatArray, x_unit: str, left: FloatArray | None) -> ForceCurve:
+    """The missing force, and what is left of it after a repair, over bins of (n,) x."""
+    rank = np.argsort(np.argsort(x, kind="stable"), kind="stable")
+    for bins in BINS:
+        place = rank * bins // len(x)
+        mean, std, independent = _means(place, u.value)
+        if independent >= INDEPENDENT:
+            break
+    after, after_std = (None, None) if left is None else _means(place, left)[:2]
+    at = np.bincount(place, x) / np.bincount(place)
+    return ForceCurve(u.run, u.joint, u.unit, against, x_unit, at, mean, std, after, after_std)
+
+
+def _means(place: np.ndarray, value: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """(b,) means of (n,) values in time order over bins, their standard errors, fewest independent samples.
 
     The mean of n samples of variance s^2 whose autocorrelation at lag k is r_k has the variance
 
@@ -140,27 +153,25 @@ def _binned(
 
     n_k the number of pairs at lag k that are in the bin together: a speed that is passed again and again is told
     better than one at which the joint stayed once (after Bayley & Hammersley, J. R. Stat. Soc. Suppl. 8, 1946).
+
+    Args:
+        place: (n,) the bin of every sample.
+        value: (n,).
     """
-    rank = np.argsort(np.argsort(x, kind="stable"), kind="stable")
-    for bins in BINS:
-        place = rank * bins // len(x)
-        count = np.bincount(place)
-        mean = np.bincount(place, value) / count
-        rest = value - mean[place]
-        together = count.astype(np.float64)
-        products = correlate(rest, rest, method="fft")[len(x) :]
-        for lag, r in enumerate(products / max(float(rest @ rest), np.finfo(float).tiny), start=1):
-            if r <= 0.0:
-                break
-            same = place[lag:][place[lag:] == place[:-lag]]
-            together += 2.0 * r * np.bincount(same, minlength=bins)
-        independent = np.maximum(count**2 / together, 2.0)
-        if independent.min() >= INDEPENDENT:
+    count = np.bincount(place)
+    mean = np.bincount(place, value) / count
+    rest = value - mean[place]
+    together = count.astype(np.float64)
+    products = correlate(rest, rest, method="fft")[len(rest) :]
+    for lag, r in enumerate(products / max(float(rest @ rest), np.finfo(float).tiny), start=1):
+        if r <= 0.0:
             break
+        same = place[lag:][place[lag:] == place[:-lag]]
+        together += 2.0 * r * np.bincount(same, minlength=len(count))
+    independent = np.maximum(count**2 / together, 2.0)
     scatter = np.bincount(place, rest**2) / count
     # Eight samples may lie together by chance: a bin's scatter is at least the usual one.
-    std = np.sqrt(np.maximum(scatter, np.median(scatter)) / (independent - 1.0))
-    return np.bincount(place, x) / count, mean, std, None if left is None else np.bincount(place, left) / count
+    return mean, np.sqrt(np.maximum(scatter, np.median(scatter)) / (independent - 1.0)), float(independent.min())
 
 
 def pooled(found: Iterable[ForceCurve]) -> tuple[ForceCurve, ...]:
@@ -175,17 +186,26 @@ def pooled(found: Iterable[ForceCurve]) -> tuple[ForceCurve, ...]:
 
 
 def _together(mine: Sequence[ForceCurve]) -> ForceCurve:
-    first = mine[0]
-    x, y, std = (np.concatenate([getattr(c, part) for c in mine]) for part in ("x", "as_given", "std"))
-    weight = 1.0 / np.maximum(std, smallest(std)) ** 2
+    first, points = mine[0], max(len(curve.x) for curve in mine)
+    x, given, std = (np.concatenate([getattr(c, part) for c in mine]) for part in ("x", "as_given", "std"))
     order = np.argsort(x, kind="stable")
     place = np.empty(len(x), dtype=np.int64)
-    place[order] = np.arange(len(x)) * min(BINS[0], len(x)) // len(x)
+    place[order] = np.arange(len(x)) * points // len(x)
+    weight = 1.0 / np.maximum(std, smallest(std)) ** 2
+    at = np.bincount(place, weight * x) / np.bincount(place, weight)
+    curve = ForceCurve("", first.joint, first.unit, first.against, first.x_unit, at, *_weighted(place, given, std))
+    if any(c.repaired is None for c in mine):
+        return curve
+    left, left_std = (np.concatenate([getattr(c, part) for c in mine]) for part in ("repaired", "repaired_std"))
+    after, after_std = _weighted(place, left, left_std)
+    return replace(curve, repaired=after, repaired_std=after_std)
+
+
+def _weighted(place: np.ndarray, value: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Means over bins of values with different certainty, and their standard errors."""
+    weight = 1.0 / np.maximum(std, smallest(std)) ** 2
     total = np.bincount(place, weight)
-    each = [c.repaired for c in mine if c.repaired is not None]
-    left = np.bincount(place, weight * np.concatenate(each)) / total if len(each) == len(mine) else None
-    at, mean = (np.bincount(place, weight * part) / total for part in (x, y))
-    return ForceCurve("", first.joint, first.unit, first.against, first.x_unit, at, mean, 1.0 / np.sqrt(total), left)
+    return np.bincount(place, weight * value) / total, 1.0 / np.sqrt(total)
 
 
 def smallest(std: FloatArray) -> float:

@@ -3,20 +3,25 @@
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+import numpy as np
 import plotly.graph_objects as go
 
 from armdyn.channels import FloatArray
 from armdyn.identify.force_law import QUANTITIES, law
 from armdyn.identify.missing_force import ForceCurve, pooled
 from pipeline.report.page import Chart, Section
-from pipeline.report.theme import BAND, BLUE, GREY, ORANGE, SHADE, SHADE_GIVEN
+from pipeline.report.theme import BAND, BLUE, GREY, ORANGE, SHADE, SHADE_GIVEN, short_name
 
 TITLE = "The missing force"
 WIDTH = 2.0
 """Standard errors on either side that a band shows."""
 GAP = 0.025
 """Between two panels, as a share of the figure's width."""
-HEIGHT = 300
+HEIGHT = 330
+HINT = (
+    "What the model cannot explain, averaged. Over the speed, a step at zero is dry friction, a straight line viscous "
+    "friction; a flat line at zero means that nothing is missing there."
+)
 SPOKEN = {"load": "predicted load", "pivot_acceleration": "pivot acceleration"}
 
 
@@ -29,16 +34,19 @@ def missing_force_sections(curves: Sequence[ForceCurve], added: str = "") -> lis
     """
     if not curves:
         return []
-    figures = missing_force_figures(curves, added)
+    charts = [
+        Chart(figure, _caption([c for c in curves if c.joint == joint]), tab_of(joint))
+        for joint, figure in missing_force_figures(curves, added).items()
+    ]
+    tabs = {chart.tab: short_name(chart.tab) for chart in charts if chart.tab}
+    return [Section(TITLE, HINT, charts, tabs=tabs)]
+
+
+def _caption(curves: Sequence[ForceCurve]) -> str:
+    """The law of one joint, where it is clear."""
     found = law(curves)
-    text = f"{found.sentence[:1].upper()}{found.sentence[1:]}." if found is not None else ""
-    caption = (
-        f"What the model lacks, as means over equally many samples; shaded: ± {WIDTH:g} standard errors. A step at zero "
-        "speed is dry friction, a straight line over the speed viscous friction; a line at zero, nothing."
-    )
-    charts = [Chart(figure, caption, tab_of(joint)) for joint, figure in figures.items()]
-    tabs = {tab_of(joint): joint for joint in figures if joint is not None}
-    return [Section(TITLE, text, charts, tabs=tabs)]
+    text = f"Here {found.sentence}." if found is not None else "None of the simple laws is clear here."
+    return f"{text} Shaded: ± {WIDTH:g} standard errors of the mean."
 
 
 def tab_of(joint: str | None) -> str:
@@ -60,6 +68,7 @@ def _row(curves: Sequence[ForceCurve], added: str) -> go.Figure:
     width = (1.0 - GAP * (count - 1)) / count
     title = {"text": f"missing {QUANTITIES[unit]} [{unit}]"}
     layout: dict[str, Any] = {"height": HEIGHT, "yaxis": {"title": title}, "hovermode": "closest"}
+    layout["margin"] = {"t": 40}
     figure = go.Figure(layout=layout)
     for i, curve in enumerate(curves):
         axis = f"x{i + 1 if i else ''}"
@@ -72,20 +81,19 @@ def _row(curves: Sequence[ForceCurve], added: str) -> go.Figure:
         ends = [curve.x[0], curve.x[-1]]
         zero = {"mode": "lines", "line": {"color": GREY, "width": 1}, "hoverinfo": "skip", "showlegend": False}
         figure.add_scatter(x=ends, y=[0.0, 0.0], xaxis=axis, **zero)
-        _line(figure, curve, curve.as_given, "as given", ORANGE, SHADE_GIVEN, axis)
-        if curve.repaired is not None:
-            _line(figure, curve, curve.repaired, added or "repaired", BLUE, SHADE, axis)
+        _line(figure, curve.x, curve.as_given, curve.std, "as given", (ORANGE, SHADE_GIVEN), axis)
+        if curve.repaired is not None and curve.repaired_std is not None:
+            _line(figure, curve.x, curve.repaired, curve.repaired_std, added or "repaired", (BLUE, SHADE), axis)
     return figure
 
 
 def _line(
-    figure: go.Figure, curve: ForceCurve, value: FloatArray, name: str, colour: str, shade: str, axis: str
+    figure: go.Figure, x: FloatArray, mean: FloatArray, std: FloatArray, name: str, colours: tuple[str, str], axis: str
 ) -> None:
     """Means and their band; one entry of the legend for all panels."""
-    half = WIDTH * curve.std
-    outline = {"x": [*curve.x, *curve.x[::-1]], "y": [*(value + half), *(value - half)[::-1]]}
-    figure.add_scatter(
-        **outline, fill="toself", xaxis=axis, showlegend=False, legendgroup=name, **{**BAND, "fillcolor": shade}
-    )
+    colour, shade = colours
+    outline = np.concatenate([mean + WIDTH * std, (mean - WIDTH * std)[::-1]])
+    band = {**BAND, "fillcolor": shade, "fill": "toself", "legendgroup": name, "showlegend": False, "xaxis": axis}
+    figure.add_scatter(x=np.concatenate([x, x[::-1]]), y=outline, **band)
     look = {"mode": "lines+markers", "line": {"color": colour, "width": 2}, "marker": {"color": colour, "size": 5}}
-    figure.add_scatter(x=curve.x, y=value, name=name, legendgroup=name, showlegend=axis == "x", xaxis=axis, **look)
+    figure.add_scatter(x=x, y=mean, name=name, legendgroup=name, showlegend=axis == "x", xaxis=axis, **look)

@@ -10,7 +10,7 @@ from armdyn.identify.diagnose import Diagnosis
 from armdyn.identify.explained import RepairStep, Scale, in_percent
 from armdyn.identify.repair import Repair
 from armdyn.identify.search import repair_step
-from armdyn.identify.sentence import MOST_JOINTS, WHOSE, Verdict, totals
+from armdyn.identify.sentence import MOST_EFFECTS, MOST_JOINTS, WHOSE, Verdict, added_effects, totals
 from armdyn.identify.study import Study
 from armdyn.identify.suspects import Suspect
 from armdyn.identify.unseen import Judge
@@ -226,7 +226,8 @@ LEVELS = {
 def diagnosis_report(study: Study, found: Diagnosis, command: str = "") -> Report:
     """What every effect would change, and the curves with the best ones."""
     steps = found.search.steps
-    names = [step_name(repair_step(study, step)) for step in steps]
+    path = [repair_step(study, step) for step in steps]
+    names = [step_name(step) for step in path]
     shown = Overlays.of_study(study, [step.fit for step in steps], names, found.comparison.places)
     given = {name: channel.rmse for name, channel in found.comparison.channels.items()}
     evidence = evidence_section(found.suspects, found.remedies, given, found.comparison.scale, summaries(study))
@@ -235,7 +236,7 @@ def diagnosis_report(study: Study, found: Diagnosis, command: str = "") -> Repor
         level=LEVELS[found.verdict],
         verdict=found.sentence,
         sections=[
-            *missing_force_sections(found.missing_force, _added(names)),
+            *missing_force_sections(found.missing_force, _added(path)),
             evidence,
             shown.section(),
             *fit_sections(found.comparison, shown, "the model as given"),
@@ -246,9 +247,10 @@ def diagnosis_report(study: Study, found: Diagnosis, command: str = "") -> Repor
     )
 
 
-def _added(steps: Sequence[str]) -> str:
+def _added(path: Sequence[RepairStep]) -> str:
     """What came in after the model as given, for a legend."""
-    return " ".join(steps[1:]) if len(steps) <= MOST_JOINTS + 1 else f"with {len(steps) - 1} additions"
+    effects = added_effects(path)
+    return " + ".join(effects) if len(effects) <= MOST_EFFECTS else f"with {len(effects)} effects"
 
 
 def summaries(study: Study) -> dict[str, str]:
@@ -280,7 +282,7 @@ def repair_report(study: Study, found: Repair, command: str = "", next_steps: Se
         level=repair_level(found),
         verdict=found.sentence,
         sections=[
-            *missing_force_sections(found.missing_force, _added(names)),
+            *missing_force_sections(found.missing_force, _added(found.path)),
             shown.section(),
             path,
             *links,
