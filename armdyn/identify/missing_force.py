@@ -9,7 +9,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import correlate
 
 from armdyn.channels import FloatArray
 from armdyn.identify.fit import Fit
@@ -162,8 +161,9 @@ def _means(place: np.ndarray, value: FloatArray) -> tuple[FloatArray, FloatArray
     mean = np.bincount(place, value) / count
     rest = value - mean[place]
     together = count.astype(np.float64)
-    products = correlate(rest, rest, method="fft")[len(rest) :]
-    for lag, r in enumerate(products / max(float(rest @ rest), np.finfo(float).tiny), start=1):
+    power = float(rest @ rest)
+    for lag in range(1, len(rest)):
+        r = float(rest[lag:] @ rest[:-lag]) / power if power else 0.0
         if r <= 0.0:
             break
         same = place[lag:][place[lag:] == place[:-lag]]

@@ -79,6 +79,10 @@ LINKED_TIME = {"time_axis": True}
 """Layout meta of a figure whose horizontal axes are time: zooming one zooms all in the page."""
 
 
+WIDE = {"wide": True}
+"""Layout meta of a figure of many panels, which is scrolled rather than squeezed on a narrow screen."""
+
+
 @dataclass(frozen=True)
 class Span:
     """A stretch of time, shaded in every figure over time.
