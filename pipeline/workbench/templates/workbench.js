@@ -92,8 +92,9 @@ const armdynBench = (() => {
   document.addEventListener("armdyn-time", ({ detail }) => cursor(detail));
   document.addEventListener("armdyn-shown", ({ detail }) => {
     const other = state.shown && state.shown.run !== detail.run;
+    const elsewhere = state.shown?.channel !== detail.channel;
     state.shown = detail;
-    drawMissing();
+    if (elsewhere) drawMissing();
     state.view?.marks(failing(detail));
     if (other && state.view) emitEvent("scene", { run: detail.run });
   });
