@@ -102,9 +102,9 @@ class Page(Tab):
             values = dict(self._values)
             state = await self._desk_open().do(lambda: bench.by_hand(self._ticked, values))
             self._show(state, knobs=False)
-            await self._show_missing_force(state)
         finally:
             self._run("armdynBench.turned()")
+        await self._show_missing_force(state)
 
     async def _refit(self, _: dict[str, Any]) -> None:
         await self._tick(list(self._ticked))

@@ -24,6 +24,8 @@ from pipeline.workbench.desk import Desk
 from pipeline.workbench.ranking import Search
 
 AS_TICKED = "as ticked"
+FIRST = 0.05
+"""s in which the curves that answer a click leave before anything else is computed."""
 OpenDesk = Callable[[Inputs], Desk]
 
 
@@ -116,6 +118,9 @@ class Tab:
     async def _show_missing_force(self, state: State) -> None:
         """After the curves, which need not wait for it; nothing where another answer is wanted meanwhile."""
         bench, asked = self._opened(), self._asked
+        await asyncio.sleep(FIRST)
+        if asked != self._asked:
+            return
         made = asyncio.to_thread(lambda: missing_force_pictures(bench.missing_force(state), AS_TICKED))
         shown = {picture.tab: {"figure": picture.figure, "caption": picture.caption} for picture in await made}
         if asked == self._asked:
