@@ -134,6 +134,8 @@ def _curve(u: Unexplained, against: str, x: FloatArray, x_unit: str, left: Float
     """The missing force, and what is left of it after a repair, over bins of (n,) x."""
     rank = np.argsort(np.argsort(x, kind="stable"), kind="stable")
     for bins in BINS:
+        if bins > max(BINS[-1], len(x) / INDEPENDENT):
+            continue
         place = rank * bins // len(x)
         mean, std, independent = _means(place, u.value)
         if independent >= INDEPENDENT:
