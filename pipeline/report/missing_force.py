@@ -64,8 +64,8 @@ def missing_force_pictures(curves: Iterable[ForceCurve], added: str = "") -> lis
 
 
 def _caption(curves: Sequence[ForceCurve]) -> str:
-    found = law(curves)
-    text = f"Here {found.sentence}." if found is not None else "None of the simple laws is clear here."
+    found, whose = law(curves), f" for {curves[0].joint}" if curves[0].joint else ""
+    text = f"Here {found.sentence}." if found is not None else f"None of the simple laws is clear{whose}."
     return f"{text} Shaded: ± {WIDTH:g} standard errors of the mean."
 
 
@@ -74,8 +74,7 @@ def _row(curves: Sequence[ForceCurve], added: str) -> dict[str, Any]:
     unit, count = curves[0].unit, len(curves)
     width = (1.0 - GAP * (count - 1)) / count
     layout: dict[str, Any] = {"height": HEIGHT, "margin": {"t": 40}, "hovermode": "closest", "meta": WIDE}
-    whose = f" of {curves[0].joint}" if curves[0].joint else ""
-    layout["yaxis"] = {"title": {"text": f"missing {QUANTITIES[unit]}{whose} [{unit}]"}}
+    layout["yaxis"] = {"title": {"text": f"missing {QUANTITIES[unit]} [{unit}]"}}
     traces: list[dict[str, Any]] = []
     for i, curve in enumerate(curves):
         number = str(i + 1) if i else ""
