@@ -91,17 +91,19 @@ class Law:
         """Such as ``"the missing torque of elbow steps by 1.2 N m where the joint turns round: dry friction"``."""
         whose = f" of {self.joint}" if self.joint else ""
         what = "joint" if self.joint else "swing" if any(t.unit.startswith("rad") for t in self.terms) else "motion"
-        said = " and ".join(_said(term, what) for term in self.terms)
+        # A drive must make up for what friction takes; a swing is slowed by it.
+        friction = [t for t in self.terms if t.shape.cause]
+        loss = 1.0 if self.joint else -1.0
+        drives = bool(friction) and loss * friction[0].size < 0.0
+        along = -loss if drives else loss
+        said = " and ".join(_said(t, what, t.size * (along if t.shape.cause else 1.0) > 0.0) for t in self.terms)
         text = f"the missing {self.quantity}{whose} {said}"
         text += f" (likewise {_listed(self.alike)})" if self.alike else ""
-        causes = [term.shape.cause for term in self.terms if term.shape.cause]
-        if not causes:
-            return text
-        # A drive must make up for what friction takes; a swing is slowed by it.
-        loss = 1.0 if self.joint else -1.0
-        if any(loss * term.size < 0.0 for term in self.terms if term.shape.cause):
+        if drives:
             return f"{text}, which drives the motion and is no friction"
-        return f"{text}: {' and '.join(causes)}"
+        # What surrounds a joint is oil as well.
+        causes = ["drag" if self.joint and t.shape is SQUARE else t.shape.cause for t in friction if loss * t.size > 0]
+        return f"{text}: {' and '.join(causes)}" if causes else text
 
 
 def law(curves: Iterable[ForceCurve]) -> Law | None:
@@ -113,9 +115,13 @@ def law(curves: Iterable[ForceCurve]) -> Law | None:
     if not found:
         return None
     first = found[0]
-    shapes = [term.shape for term in first.terms]
-    alike = (one.joint for one in found[1:] if one.joint and [term.shape for term in one.terms] == shapes)
+    alike = (one.joint for one in found[1:] if one.joint and _kinds(one) == _kinds(first))
     return Law(first.joint, first.quantity, first.terms, tuple(alike))
+
+
+def _kinds(one: Law) -> list[tuple[Shape, str, bool]]:
+    """What tells a law from others, whatever its size."""
+    return [(term.shape, term.against, term.size > 0.0) for term in one.terms]
 
 
 def opening(curves: Iterable[ForceCurve]) -> str:
@@ -162,12 +168,11 @@ def _term(shape: Shape, value: float, scale: float, curve: ForceCurve) -> Term:
     return Term(shape, against, shape.factor * float(value) / scale**shape.power, f"{curve.unit}{per}")
 
 
-def _said(term: Term, what: str) -> str:
+def _said(term: Term, what: str, grows: bool) -> str:
     size = term.size if term.shape is CONSTANT else abs(term.size)
     number = f"{float(f'{size:.2g}'):g} {term.unit}".replace("^2", "²")
     against = term.against.replace("_", " ").replace("load", "predicted load")
-    sense = "grows" if term.size > 0.0 else "falls"
-    return term.shape.says.format(size=number, sense=sense, what=what, against=against)
+    return term.shape.says.format(size=number, sense="grows" if grows else "falls", what=what, against=against)
 
 
 def _listed(names: Sequence[str]) -> str:
