@@ -293,6 +293,14 @@ class Model(Shown):
         del run, theta
         return {}
 
+    def force_channels(self, run: Run) -> Mapping[str, str]:
+        """Channels of a run whose residual is a missing force, by name with its joint; empty for a model with states.
+
+        What a model with states lacks is an acceleration, which its residual shows only through the motion.
+        """
+        del run
+        return {}
+
     def _parameter(self, name: str) -> Parameter:
         if name not in self.parameters:
             raise UnknownNameError("parameter", name, self.names)

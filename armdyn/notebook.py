@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from armdyn.identify.compare import Comparison
     from armdyn.identify.diagnose import Diagnosis
     from armdyn.identify.fit import Fit
+    from armdyn.identify.missing_force import ForceCurve
     from armdyn.identify.repair import Repair
     from armdyn.model import Model
 
@@ -54,6 +55,7 @@ def comparison_story(found: "Comparison") -> Story:
         "parameters": lambda: _parameters(found.parameters),
         "channels": lambda: _channels(found),
         "samples": lambda: _samples(found.fit),
+        "missing_force": lambda: _missing_force(found.missing_force),
     }
     return Story("Comparison", found.sentence, tables, found.explained, {"predicted": found.fit})
 
@@ -73,6 +75,7 @@ def diagnosis_story(found: "Diagnosis") -> Story:
     steps = found.search.steps
     fits = {"as given": given.fit} | ({"with what is missing": steps[-1].fit} if len(steps) > 1 else {})
     tables = {"candidates": candidates, **comparison_story(given).tables}
+    tables["missing_force"] = lambda: _missing_force(found.missing_force)
     good = found.verdict.key == "explained"
     return Story("Diagnosis", found.sentence, tables, good, fits, ("candidates", "parameters"))
 
@@ -95,6 +98,7 @@ def repair_story(found: "Repair") -> Story:
     fits = {"as given": found.before.fit} | ({"repaired": found.after.fit} if len(found.path) > 1 else {})
     good = found.verdict.key == "explained"
     tables = {"steps": steps, **comparison_story(found.after).tables}
+    tables["missing_force"] = lambda: _missing_force(found.missing_force)
     return Story("Repair", found.sentence, tables, good, fits, ("steps", "parameters"))
 
 
@@ -226,4 +230,16 @@ def _samples(fit: "Fit") -> Columns:
         columns["time"] += block.time.tolist()
         columns["measured"] += measured.tolist()
         columns["predicted"] += (measured - block.misfit).tolist()
+    return columns
+
+
+def _missing_force(curves: "Sequence[ForceCurve]") -> Columns:
+    """A row per point of every curve."""
+    columns: dict[str, list[Any]] = {key: [] for key in ("run", "joint", "unit", "against", "x_unit")}
+    for key, values in columns.items():
+        for curve in curves:
+            values += [getattr(curve, key)] * len(curve.x)
+    for key in ("x", "as_given", "std", "repaired"):
+        rows = [getattr(curve, key) for curve in curves]
+        columns[key] = [v for c, row in zip(curves, rows, strict=True) for v in (c.x * np.nan if row is None else row)]
     return columns

@@ -34,8 +34,8 @@ class Shown(ABC):
         """A table of this result as a pandas data frame.
 
         Args:
-            what: ``"parameters"``, ``"channels"`` or ``"samples"``; of a diagnosis also ``"candidates"``, of a repair
-                also ``"steps"``. The first of what there is when it is not given.
+            what: ``"parameters"``, ``"channels"``, ``"samples"`` or ``"missing_force"``; of a diagnosis also
+                ``"candidates"``, of a repair also ``"steps"``. The first of what there is when it is not given.
 
         Raises:
             InputError: pandas is missing.

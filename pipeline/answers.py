@@ -4,11 +4,13 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
+from armdyn.channels import FloatArray
 from armdyn.faults import outliers_of
 from armdyn.identify.compare import Comparison, Correction, FittedParameter
 from armdyn.identify.diagnose import Diagnosis
 from armdyn.identify.explained import RepairStep
 from armdyn.identify.localise import Place
+from armdyn.identify.missing_force import ForceCurve
 from armdyn.identify.problem import Problem
 from armdyn.identify.repair import Repair
 from armdyn.identify.study import Study
@@ -29,6 +31,7 @@ def comparison_answer(study: Study, found: Comparison) -> dict[str, Any]:
         "sentence": found.sentence,
         **fit_answer(found),
         "correction": _correction(found.correction),
+        "missing_force": missing_force_answer(found.missing_force),
     }
 
 
@@ -44,6 +47,7 @@ def diagnosis_answer(study: Study, found: Diagnosis) -> dict[str, Any]:
         "remedies": list(found.remedies),
         "cannot_be_seen": {name: list(imitators) for name, imitators in found.unseen.items()},
         "unknown": unknown_answer(found.unknown),
+        "missing_force": missing_force_answer(found.missing_force),
     }
 
 
@@ -59,6 +63,7 @@ def repair_answer(found: Repair) -> dict[str, Any]:
         "steps": [step_answer(step) for step in found.path],
         "links": [link_answer(link) for link in found.links],
         "unknown": unknown_answer(found.unknown),
+        "missing_force": missing_force_answer(found.missing_force),
     }
 
 
@@ -128,6 +133,28 @@ def fit_answer(found: Comparison) -> dict[str, Any]:
         "behaves_like_dynamics": number(found.process_error),
         "where": [_place(place) for place in found.places],
     }
+
+
+def missing_force_answer(curves: Iterable[ForceCurve]) -> list[dict[str, Any]]:
+    """What a model cannot explain, a curve for each run, joint and quantity that it may depend on."""
+    return [
+        {
+            "run": curve.run,
+            "joint": curve.joint,
+            "unit": curve.unit,
+            "against": curve.against,
+            "x": _row(curve.x),
+            "as_given": _row(curve.as_given),
+            "std": _row(curve.std),
+            "repaired": None if curve.repaired is None else _row(curve.repaired),
+        }
+        for curve in curves
+    ]
+
+
+def _row(values: FloatArray) -> list[float | None]:
+    """Six digits: more than any band is narrow."""
+    return [number(float(f"{value:.6g}")) for value in values]
 
 
 def preparation_answer(problem: Problem) -> dict[str, Any]:

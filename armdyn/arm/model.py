@@ -133,6 +133,10 @@ class ArmModel(Model):
                 found[f"{kind}.{joint}"] = Channel(time, values[:, i], f"{unit}{per}")
         return found
 
+    def force_channels(self, run: Run) -> Mapping[str, str]:
+        """See `Model.force_channels`: the measured torques."""
+        return {channel: channel.removeprefix("tau.") for channel in self.predicted_channels(run)}
+
     def predicted_channels(self, run: Run) -> tuple[str, ...]:
         """See `Model.predicted_channels`: the measured torques of the arm's joints."""
         channels = tuple(f"tau.{joint}" for joint in self.joints if f"tau.{joint}" in run.channels)

@@ -1,13 +1,16 @@
 """Hold a model against runs: fit what is free, and say how well it does, how noisy the channels are, where it fails."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from armdyn.identify.explained import Scale
 from armdyn.identify.fit import Fit, channel_rmse
+from armdyn.identify.force_law import opening
 from armdyn.identify.localise import Place, localise
+from armdyn.identify.missing_force import ForceCurve, between
 from armdyn.identify.noise import ljung_box
 from armdyn.identify.problem import Problem
 from armdyn.identify.score import ResidualTests, residual_tests
@@ -128,6 +131,11 @@ class Comparison(Shown):
 
         return comparison_story(self)
 
+    @cached_property
+    def missing_force(self) -> tuple[ForceCurve, ...]:
+        """What the model cannot explain, against what it may depend on."""
+        return between(self.fit)
+
     @property
     def explained(self) -> bool:
         """Whether nothing is left to explain."""
@@ -160,7 +168,7 @@ class Comparison(Shown):
         chi2 = self.fit.chi2_per_sample
         if self.explained:
             return f"The model explains these runs: χ² per sample {chi2:.2f}, what is left is noise."
-        text = f"Something is left to explain: χ² per sample {chi2:.3g}"
+        text = f"{opening(self.missing_force)}Something is left to explain: χ² per sample {chi2:.3g}"
         if self.places:
             worst = self.places[0]
             text += f"; worst against {worst.against} from {worst.start:.3g} to {worst.end:.3g} {worst.unit}"

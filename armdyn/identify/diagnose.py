@@ -12,6 +12,8 @@ from armdyn.identify.choose import LEADS
 from armdyn.identify.compare import Comparison, comparison
 from armdyn.identify.explained import Scale, share_gone
 from armdyn.identify.fit import channel_rmse
+from armdyn.identify.force_law import opening
+from armdyn.identify.missing_force import ForceCurve, between
 from armdyn.identify.score import LARGEST_Z
 from armdyn.identify.search import Progress, Search, Step, repair_step, search
 from armdyn.identify.sentence import Left, Verdict, repair_sentences
@@ -45,6 +47,7 @@ class Diagnosis(Shown):
         remedies: how to find what tells tied effects apart.
         unknown: what is known of an effect outside the catalogue; None where there is none.
         search: the steps that led here.
+        missing_force: what the model as given cannot explain, and what is left of it with the effects of `search`.
     """
 
     verdict: Verdict
@@ -55,6 +58,7 @@ class Diagnosis(Shown):
     remedies: tuple[str, ...]
     unknown: Unknown | None
     search: Search
+    missing_force: tuple[ForceCurve, ...] = ()
 
     def _story(self) -> "Story":
         from armdyn.notebook import diagnosis_story
@@ -77,15 +81,18 @@ def diagnose(study: Study, progress: Progress | None = None) -> Diagnosis:
         if verdict is Verdict.EFFECT_MISSING
         else _sentence(verdict, found, unknown, advice, explained_share(study, start, last), _ties(study, found))
     )
+    forces = between(start.fit, last.fit if len(found.steps) > 1 else None)
+    law = opening(forces) if verdict is not Verdict.EXPLAINED else ""
     return Diagnosis(
         verdict=verdict,
-        sentence=said + outlier_sentence(study.runs),
+        sentence=law + said + outlier_sentence(study.runs),
         comparison=comparison(study, start.fit, start.tests),
         suspects=found.suspects,
         unseen=unseen,
         remedies=advice,
         unknown=unknown,
         search=found,
+        missing_force=forces,
     )
 
 

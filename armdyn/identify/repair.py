@@ -13,6 +13,8 @@ from armdyn.identify.compare import Comparison, comparison
 from armdyn.identify.diagnose import IDEALISED, explained_share, judge
 from armdyn.identify.explained import RepairStep, explained
 from armdyn.identify.fit import Fit
+from armdyn.identify.force_law import opening
+from armdyn.identify.missing_force import ForceCurve, between
 from armdyn.identify.score import residual_tests
 from armdyn.identify.search import Progress, Search, Step, repair_step, search
 from armdyn.identify.sentence import Left, Verdict, repair_sentences
@@ -42,6 +44,7 @@ class Repair(Shown):
         links: those of an arm that effects change, in kg, m and kg m^2.
         explained: share of the misfit that is gone; see `explained`.
         steps: the same with their fits.
+        missing_force: what the model as given and the repaired one cannot explain, against what it may depend on.
     """
 
     verdict: Verdict
@@ -54,6 +57,7 @@ class Repair(Shown):
     links: tuple["LinkChange", ...] = ()
     explained: float = 0.0
     steps: tuple[Step, ...] = ()
+    missing_force: tuple[ForceCurve, ...] = ()
 
     def _story(self) -> "Story":
         from armdyn.notebook import repair_story
@@ -98,9 +102,12 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
         searched=searched,
         warnings=[link.warning for link in links if link.warning],
     )
+    repaired = len(path) > 1
+    forces = between(start.fit, last.fit if repaired else None)
+    law = opening(forces) if repaired or left.something else ""
     return Repair(
         verdict=verdict,
-        sentence=repair_sentences(path, study.judges[0], after.scale, left) + outlier_sentence(study.runs),
+        sentence=law + repair_sentences(path, study.judges[0], after.scale, left) + outlier_sentence(study.runs),
         model=fitted_model(study, last),
         path=path,
         before=comparison(study, start.fit, start.tests, process_error=False),
@@ -109,6 +116,7 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
         links=links,
         explained=explained(path[0], path[-1], study.judges[0], after.scale),
         steps=found.steps,
+        missing_force=forces,
     )
 
 

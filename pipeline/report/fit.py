@@ -10,6 +10,7 @@ from armdyn.identify.compare import Comparison
 from armdyn.identify.explained import in_percent
 from armdyn.identify.fit import Fit
 from armdyn.identify.study import Study
+from pipeline.report.missing_force import missing_force_sections
 from pipeline.report.overlay import Overlay, Overlays, of_fits, quality
 from pipeline.report.page import Chart, KeyFigure, Level, Report, Section, Table
 from pipeline.report.theme import LIMIT, MEASURED, MODEL, full_name, number, quantity_of, short_name
@@ -138,7 +139,12 @@ def comparison_report(study: Study, found: Comparison, command: str = "") -> Rep
         title="Compare: the model against recordings",
         level=Level.GOOD if found.explained else Level.CAUTION,
         verdict=found.sentence,
-        sections=[shown.section(), *fit_sections(found, shown), *formula_sections(found)],
+        sections=[
+            *missing_force_sections(found.missing_force),
+            shown.section(),
+            *fit_sections(found, shown),
+            *formula_sections(found),
+        ],
         subtitle=runs_of(study),
         key_figures=key_figures(shown),
         command=command,

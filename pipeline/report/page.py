@@ -271,6 +271,8 @@ def _chart(chart: Chart, figures: list[dict[str, Any]]) -> str:
     figure["layout"].pop("template", None)
     height = figure["layout"].get("height", 360)
     place = f"<div class='chart' id='chart-{len(figures)}' style='height: {height}px'></div>"
+    if (figure["layout"].get("meta") or {}).get("wide"):
+        place = f"<div class='wide'>{place}</div>"
     figures.append({"data": figure["data"], "layout": figure["layout"]})
     html = place + (f"<p class='caption'>{escape(chart.caption)}</p>" if chart.caption else "")
     return f"<div data-of='{escape(chart.tab)}'>{html}</div>" if chart.tab else html

@@ -10,11 +10,12 @@ from armdyn.identify.diagnose import Diagnosis
 from armdyn.identify.explained import RepairStep, Scale, in_percent
 from armdyn.identify.repair import Repair
 from armdyn.identify.search import repair_step
-from armdyn.identify.sentence import MOST_JOINTS, WHOSE, Verdict, totals
+from armdyn.identify.sentence import MOST_EFFECTS, MOST_JOINTS, WHOSE, Verdict, added_effects, totals
 from armdyn.identify.study import Study
 from armdyn.identify.suspects import Suspect
 from armdyn.identify.unseen import Judge
 from pipeline.report.fit import fit_sections, key_figures, runs_of
+from pipeline.report.missing_force import missing_force_sections
 from pipeline.report.overlay import Overlays
 from pipeline.report.page import KeyFigure, Level, NextStep, Report, Section, Table
 
@@ -225,7 +226,8 @@ LEVELS = {
 def diagnosis_report(study: Study, found: Diagnosis, command: str = "") -> Report:
     """What every effect would change, and the curves with the best ones."""
     steps = found.search.steps
-    names = [step_name(repair_step(study, step)) for step in steps]
+    path = [repair_step(study, step) for step in steps]
+    names = [step_name(step) for step in path]
     shown = Overlays.of_study(study, [step.fit for step in steps], names, found.comparison.places)
     given = {name: channel.rmse for name, channel in found.comparison.channels.items()}
     evidence = evidence_section(found.suspects, found.remedies, given, found.comparison.scale, summaries(study))
@@ -233,11 +235,22 @@ def diagnosis_report(study: Study, found: Diagnosis, command: str = "") -> Repor
         title="Diagnose: which effect is missing",
         level=LEVELS[found.verdict],
         verdict=found.sentence,
-        sections=[evidence, shown.section(), *fit_sections(found.comparison, shown, "the model as given")],
+        sections=[
+            *missing_force_sections(found.missing_force, _added(path)),
+            evidence,
+            shown.section(),
+            *fit_sections(found.comparison, shown, "the model as given"),
+        ],
         subtitle=runs_of(study),
         key_figures=key_figures(shown),
         command=command,
     )
+
+
+def _added(path: Sequence[RepairStep]) -> str:
+    """What came in after the model as given, for a legend."""
+    effects = added_effects(path)
+    return " + ".join(effects) if len(effects) <= MOST_EFFECTS else f"with {len(effects)} effects"
 
 
 def summaries(study: Study) -> dict[str, str]:
@@ -268,7 +281,13 @@ def repair_report(study: Study, found: Repair, command: str = "", next_steps: Se
         title="Repair: add what is missing, watch the error fall",
         level=repair_level(found),
         verdict=found.sentence,
-        sections=[shown.section(), path, *links, *fit_sections(found.after, shown, "the last step")],
+        sections=[
+            *missing_force_sections(found.missing_force, _added(found.path)),
+            shown.section(),
+            path,
+            *links,
+            *fit_sections(found.after, shown, "the last step"),
+        ],
         subtitle=runs_of(study),
         key_figures=[*misfit_figure(study, found), *key_figures(shown)],
         command=command,

@@ -13,6 +13,7 @@ from armdyn.channels import FloatArray
 # Okabe and Ito's palette: people with any kind of colour vision can tell its colours apart (jfly.uni-koeln.de, 2008).
 BLUE, ORANGE, GREEN, VERMILLION, PURPLE, SKY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9"
 INK, GREY, PALE, GRID, RAW = "#1F2933", "#7B8794", "#F4F6F8", "#E4E7EB", "#CBD2D9"
+SHADE_GIVEN = "rgba(230, 159, 0, 0.25)"
 FAINT, HOVER, SHADE = "rgba(31, 41, 51, 0.05)", "rgba(255, 255, 255, 0.95)", "rgba(0, 114, 178, 0.18)"
 
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
@@ -76,6 +77,10 @@ DARK = {
 TIME_AXIS = "time [s]"
 LINKED_TIME = {"time_axis": True}
 """Layout meta of a figure whose horizontal axes are time: zooming one zooms all in the page."""
+
+
+WIDE = {"wide": True}
+"""Layout meta of a figure of many panels, which is scrolled rather than squeezed on a narrow screen."""
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from armdyn.identify.candidate import Candidate
 from armdyn.identify.compare import FittedParameter, fitted_parameters
 from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.localise import Place, localise
+from armdyn.identify.missing_force import ForceCurve, Unexplained, curves, unexplained
 from armdyn.identify.problem import Block, Problem
 from armdyn.identify.study import Study
 from armdyn.identify.suspects import merged
@@ -181,6 +182,19 @@ class Bench:
             for name, knob in knobs.items()
         }
         return self._state(effects, "by hand", _residuals(blocks), turned, {})
+
+    def missing_force(self, state: State) -> tuple[ForceCurve, ...]:
+        """What the model as given cannot explain, and what the model as ticked cannot, where that is known yet."""
+        given = self._unexplained
+        if not state.effects or any(u.joint is None for u in given):
+            known = state.effects and state.how == "fitted"
+            return curves(given, unexplained(self.fit(state.effects)) if known else None)
+        now = {(curve.run, curve.channel): curve.residuals[-1] for curve in state.curves if curve.kind == FITTED}
+        return curves(given, [replace(u, value=now[u.run, f"tau.{u.joint}"]) for u in given])
+
+    @cached_property
+    def _unexplained(self) -> list[Unexplained]:
+        return unexplained(self.first)
 
     def _candidate(self, atom: Atom) -> Candidate:
         if atom not in self._candidates:

@@ -81,15 +81,18 @@ class Page(Tab):
             self._run(f"armdynBench.ticks({js([atom.label for atom in effects])})")
         self._asked += 1
         asked = self._asked
-        self._show(bench.foretold(self._ticked))
+        state = bench.foretold(self._ticked)
+        self._show(state)
+        await self._show_missing_force(state)
         if not effects:
             return
         await asyncio.sleep(STILL)
         if asked != self._asked:
             return
-        state = await self._working("refitting", lambda: bench.fitted(self._ticked) if asked == self._asked else None)
-        if state is not None and asked == self._asked:
-            self._show(state)
+        fitted = await self._working("refitting", lambda: bench.fitted(self._ticked) if asked == self._asked else None)
+        if fitted is not None and asked == self._asked:
+            self._show(fitted)
+            await self._show_missing_force(fitted)
 
     async def _knob(self, args: dict[str, Any]) -> None:
         bench = self._opened()
@@ -101,6 +104,7 @@ class Page(Tab):
             self._show(state, knobs=False)
         finally:
             self._run("armdynBench.turned()")
+        await self._show_missing_force(state)
 
     async def _refit(self, _: dict[str, Any]) -> None:
         await self._tick(list(self._ticked))

@@ -1,5 +1,6 @@
 """One browser tab: which files it has open, what it shows of them, and the motion of a run in three dimensions."""
 
+import asyncio
 import json
 from collections.abc import Awaitable, Callable, Sequence
 from html import escape
@@ -11,6 +12,7 @@ from armdyn.arm.model import ArmModel
 from armdyn.errors import ArmdynError, InputError
 from armdyn.run import Run
 from pipeline.commands.identify import Given, Inputs
+from pipeline.report.missing_force import missing_force_pictures
 from pipeline.report.overlay import Overlays, changed
 from pipeline.report.page import LOOK, tabs_html
 from pipeline.view.motion import arm_scene, joint_motion, swing_of, swing_scene
@@ -21,6 +23,9 @@ from pipeline.workbench.bench import AS_GIVEN, NOW, Atom, Bench, State
 from pipeline.workbench.desk import Desk
 from pipeline.workbench.ranking import Search
 
+AS_TICKED = "as ticked"
+FIRST = 0.05
+"""s in which the curves that answer a click leave before anything else is computed."""
 OpenDesk = Callable[[Inputs], Desk]
 
 
@@ -93,6 +98,7 @@ class Tab:
             self._run(f"armdynBench.open({js({'html': html, 'data': widget.data, 'look': LOOK})})")
             self._panel("errors", panels.errors_panel(state))
             self._panel("knobs", panels.knobs_panel(state))
+            await self._show_missing_force(state)
             self._busy("preparing the effects")
             await desk.ready()
             if desk is self._desk:
@@ -108,6 +114,17 @@ class Tab:
         self._run(f"armdynBench.show('refit', {js(state.how == 'by hand')})")
         if knobs:
             self._panel("knobs", panels.knobs_panel(state))
+
+    async def _show_missing_force(self, state: State) -> None:
+        """After the curves, which need not wait for it; nothing where another answer is wanted meanwhile."""
+        bench, asked = self._opened(), self._asked
+        await asyncio.sleep(FIRST)
+        if asked != self._asked:
+            return
+        made = asyncio.to_thread(lambda: missing_force_pictures(bench.missing_force(state), AS_TICKED))
+        shown = {picture.tab: {"figure": picture.figure, "caption": picture.caption} for picture in await made}
+        if asked == self._asked:
+            self._run(f"armdynBench.missing({js(shown)})")
 
     def _opened(self) -> Bench:
         if self._bench is None:

@@ -39,7 +39,8 @@
   });
   if (choice.size) overlays.forEach((overlay) => overlay.choose({ step: choice.get("step"), run: choice.get("run") }));
   const tabs = [...new Set([...document.querySelectorAll("[data-tab]")].map((button) => button.dataset.tab))];
-  const first = tabs.includes(choice.get("tab")) ? choice.get("tab") : widgets[0]?.start.channel ?? tabs[0];
+  const worst = document.querySelector("#the-missing-force [data-tab]")?.dataset.tab;
+  const first = tabs.includes(choice.get("tab")) ? choice.get("tab") : worst ?? widgets[0]?.start.channel ?? tabs[0];
   choose(first);
 
   document.getElementById("look").addEventListener("click", () => { root.dataset.look = dark() ? "light" : "dark"; redraw(); });

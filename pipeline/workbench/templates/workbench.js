@@ -53,6 +53,16 @@ const armdynBench = (() => {
       state.clicked = 0;
     }
   };
+  // What the model cannot explain, of the joint whose curves are shown.
+  const missing = (pictures) => { state.missing = pictures; drawMissing(); };
+  const drawMissing = () => {
+    const picture = state.missing?.[state.shown?.channel] ?? state.missing?.[""];
+    at("missing-force").hidden = !picture;
+    if (!picture || !state.figures) return;
+    at("law").textContent = picture.caption;
+    at("missing").style.height = `${picture.figure.layout.height}px`;
+    state.figures.draw(at("missing"), picture.figure);
+  };
   const ticks = (labels) => {
     const on = new Set(labels);
     document.querySelectorAll("[data-pick]:not(:disabled)").forEach((box) => { box.checked = on.has(box.dataset.pick); });
@@ -82,7 +92,9 @@ const armdynBench = (() => {
   document.addEventListener("armdyn-time", ({ detail }) => cursor(detail));
   document.addEventListener("armdyn-shown", ({ detail }) => {
     const other = state.shown && state.shown.run !== detail.run;
+    const elsewhere = state.shown?.channel !== detail.channel;
     state.shown = detail;
+    if (elsewhere) drawMissing();
     state.view?.marks(failing(detail));
     if (other && state.view) emitEvent("scene", { run: detail.run });
   });
@@ -129,5 +141,5 @@ const armdynBench = (() => {
       emitEvent(button.id, values);
     }
   });
-  return { panel, say, busy, open, update, ticks, scene, turned, latencies, show: (id, on) => { at(id).hidden = !on; } };
+  return { panel, say, busy, open, update, missing, ticks, scene, turned, latencies, show: (id, on) => { at(id).hidden = !on; } };
 })();

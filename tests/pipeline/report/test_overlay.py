@@ -12,13 +12,16 @@ from hidden_effects.arm import JOINTS, generate
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
+from armdyn.identify.compare import compare
 from armdyn.identify.diagnose import diagnose
 from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
+from pipeline.report.fit import comparison_report
 from pipeline.report.overlay import EXAM, FITTED, HELD_OUT, Overlay, Overlays, quality, quantised
 from pipeline.report.repair import diagnosis_report, repair_report
 
-EFFECTS = ["joint_viscous_friction", "torque_offset"]
+HIDDEN = "joint_viscous_friction"
+EFFECTS = [HIDDEN, "torque_offset"]
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +50,8 @@ def page(study, found, tmp_path_factory):
 
 def test_every_run_joint_and_step_has_the_error_of_the_path(study, found, shown):
     totals = shown.data()["totals"]
-    assert repair_report(study, found).sections[0].widget.data["totals"] == totals
+    widgets = [section.widget for section in repair_report(study, found).sections if section.widget is not None]
+    assert widgets[0].data["totals"] == totals
     for i, step in enumerate(found.path):
         for kind, errors in ((FITTED, step.rmse), (HELD_OUT, step.held_out_rmse), (EXAM, step.exam_rmse)):
             shares = {channel: by_step[i][0] for channel, by_step in totals[kind].items()}
@@ -99,7 +103,7 @@ def test_the_pages_first_numbers_are_explained_torque_and_error_in_newton_metres
 
 def test_a_diagnosis_shows_what_its_effects_would_change_and_folds_the_evidence(study):
     report = diagnosis_report(study, diagnose(study))
-    evidence, overlay = report.sections[:2]
+    evidence, overlay = report.sections[1:3]
     errors, statistics = evidence.tables
     assert errors.rows[1][0].startswith("joint_viscous_friction")
     assert errors.bars[2][0] == 1.0 > errors.bars[2][1]
@@ -127,3 +131,25 @@ def test_a_browser_shows_the_chosen_joint_run_and_step(page, shown):
     assert text.startswith("torque of right_e1")
     assert text.endswith(f"error {quality([curve], 0).rmse:.3g} N m")  # and no "as given": this is the model as given
     assert dom.count("plot-container") >= 2  # the curves, and what the residual of this joint depends on
+
+
+@pytest.mark.parametrize("name", ["compare", "diagnose", "repair"])
+def test_the_first_picture_is_the_missing_force(study, found, name):
+    made = {
+        "compare": lambda: comparison_report(study, compare(study)),
+        "diagnose": lambda: diagnosis_report(study, diagnose(study)),
+        "repair": lambda: repair_report(study, found),
+    }[name]()
+    first = made.sections[0]
+    assert first.title == "The missing force"
+    assert set(first.tabs) == {f"tau.{joint}" for joint in JOINTS}
+    for chart in first.charts:
+        layout = chart.figure.to_dict()["layout"]
+        titles = [layout[f"xaxis{i}"]["title"]["text"] for i in ("", 2, 3, 4, 5)]
+        assert titles[0] == "speed [rad/s]"
+        assert titles[-1] == "time [s]"
+        assert layout["yaxis"]["title"]["text"] == "missing torque [N m]"
+        assert f"of {chart.tab.removeprefix('tau.')} grows in proportion to the speed, by " in chart.caption
+        legend = [trace.name for trace in chart.figure.data if trace.showlegend and trace.name]
+        assert legend == ["as given"] if name == "compare" else legend[0] == "as given" and HIDDEN in legend[1]
+    assert made.html().index("The missing force") < made.html().index("Measured and predicted")

@@ -53,6 +53,21 @@ def test_it_says_where_the_model_fails_until_only_noise_is_left(bench):
     assert after < 0.05 * before
 
 
+def test_the_missing_force_as_ticked_is_flat_when_what_is_hidden_is_ticked(bench):
+    def sizes(state):
+        """By joint over the speed: as given, and now where that is known."""
+        mine = [c for c in bench.missing_force(state) if c.against == "speed"]
+        return {c.joint: (np.ptp(c.as_given), None if c.repaired is None else np.ptp(c.repaired)) for c in mine}
+
+    assert all(now is None for _, now in sizes(bench.opening).values())
+    for state in (bench.foretold(FRICTION), bench.fitted(FRICTION)):
+        assert set(sizes(state)) == set(JOINTS)
+        assert all(now < 0.2 * given for given, now in sizes(state).values())
+    half = {name: 0.5 * knob.parameter.value for name, knob in bench.fitted(FRICTION).knobs.items()}
+    for given, now in sizes(bench.by_hand(FRICTION, half)).values():
+        assert now == pytest.approx(0.5 * given, rel=0.2)
+
+
 def test_nothing_ticked_is_the_model_as_given(bench):
     state = bench.foretold([])
     assert all(np.array_equal(curve.residuals[0], curve.residuals[1]) for curve in state.curves)

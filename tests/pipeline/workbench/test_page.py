@@ -85,7 +85,9 @@ def test_a_hidden_effect_is_found_by_clicking(address, browser):
     assert left[HIDDEN] < 0.2 * given
 
     ticked(browser, f"[data-every='{HIDDEN}']")
+    browser.wait("document.querySelector('#missing').innerText.includes('as ticked')")
     browser.click("#curves [data-tab='tau.right_e1'] + span")
+    browser.wait("document.querySelector('#law').innerText.includes('of right_e1 grows in proportion to the speed')")
     readout = "document.querySelector('#curves .readout').innerText"
     browser.wait(f"{readout}.startsWith('torque of right_e1')")
     assert "as given" in browser.ask(readout)

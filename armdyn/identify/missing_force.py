@@ -1,0 +1,217 @@
+"""The missing force: what a model cannot explain, drawn against what it may depend on, before anyone names it.
+
+Of an arm it is the torque of each joint that the model lacks, measured minus predicted; of a model with states, such as
+a pendulum, the acceleration. Its mean over bins of speed, position, load and time is a curve that shows the law: a step
+where the motion turns round is dry friction, a straight line over the speed viscous friction, a parabola drag.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armdyn.channels import FloatArray
+from armdyn.identify.fit import Fit
+
+BINS = (32, 24, 16, 12, 8)
+"""Points of a curve: the most of these that leave `INDEPENDENT` samples in most bins, else the fewest."""
+MOTION = {"speed": "v", "position": "q", "acceleration": "a"}
+"""What a joint's torque may depend on, with the kind of its channel."""
+INDEPENDENT = 4.0
+"""Independent samples of a bin. On recordings of a UR5 with friction and a payload eight leave 8 points, which hide the
+step of dry friction in the slope of the viscous one on three of six joints; four leave 32, which show both on all six.
+Standard errors hold, because no bin's scatter counts as less than the usual one of all bins."""
+
+
+@dataclass(frozen=True, eq=False)
+class Unexplained:
+    """Samples of the missing force of one run, and of one joint where the model has joints.
+
+    Attributes:
+        run: its name.
+        joint: its name; None for a model without joints.
+        unit: of `value`: ``"rad/s^2"``, ``"m/s^2"``, ``"N m"`` or ``"N"``.
+        time: (n,) s.
+        value: (n,) what the model lacks, in `unit`.
+        against: by name the (n,) values of what it may depend on, with their unit: ``"speed"``, ``"position"`` (of a
+            pendulum ``"angle"``), ``"load"``, ``"pivot_acceleration"``. The time need not be among them.
+    """
+
+    run: str
+    joint: str | None
+    unit: str
+    time: FloatArray
+    value: FloatArray
+    against: Mapping[str, tuple[FloatArray, str]]
+
+
+@dataclass(frozen=True, eq=False)
+class ForceCurve:
+    """The missing force of one run and joint against one quantity: means over bins that hold equally many samples.
+
+    Attributes:
+        run: its name.
+        joint: its name; None for a model without joints.
+        unit: of the force.
+        against: name of the quantity.
+        x_unit: its unit.
+        x: (b,) its mean in every bin, ascending.
+        as_given: (b,) the mean force that the model as given lacks.
+        std: (b,) standard error of `as_given`; it counts that neighbouring samples are correlated.
+        repaired: (b,) what the repaired model lacks; None where nothing was repaired.
+        repaired_std: (b,) standard error of `repaired`.
+    """
+
+    run: str
+    joint: str | None
+    unit: str
+    against: str
+    x_unit: str
+    x: FloatArray
+    as_given: FloatArray
+    std: FloatArray
+    repaired: FloatArray | None = None
+    repaired_std: FloatArray | None = None
+
+
+def unexplained(fit: Fit) -> list[Unexplained]:
+    """The missing force at a fit, of every run that was fitted."""
+    joints = [fit.problem.model.force_channels(run) for run in fit.problem.runs]
+    return _torques(fit, joints) if any(joints) else accelerations(fit)
+
+
+def accelerations(fit: Fit) -> list[Unexplained]:
+    """The missing acceleration of a model with states; its `against` holds speed, angle, pivot acceleration and load.
+
+    PENDULUM PART, TO BE FILLED: the steps that the grey box's smoother does not explain. Nothing is drawn until then.
+    """
+    del fit
+    return []
+
+
+def _torques(fit: Fit, joints: Sequence[Mapping[str, str]]) -> list[Unexplained]:
+    """Of every joint the measured torque (or force) less the predicted one."""
+    found = []
+    for i, (run, of_run) in enumerate(zip(fit.problem.runs, joints, strict=True)):
+        moving = fit.problem.model.covariates(run, fit.problem.theta(i, fit.values))
+        for block in fit.blocks:
+            if block.run != run.name or block.channel not in of_run:
+                continue
+            joint, channel = of_run[block.channel], run.channels[block.channel]
+            against = {
+                name: (np.interp(block.time, c.time, c.value), c.unit)
+                for name, c in ((name, moving[f"{kind}.{joint}"]) for name, kind in MOTION.items())
+            }
+            predicted = np.interp(block.time, channel.time, channel.value) - block.misfit
+            against["load"] = predicted, channel.unit
+            found.append(Unexplained(run.name, joint, channel.unit, block.time, block.misfit, against))
+    return found
+
+
+def curves(given: Sequence[Unexplained], repaired: Sequence[Unexplained] | None = None) -> tuple[ForceCurve, ...]:
+    """The missing force against everything that it may depend on, the joint that lacks most first.
+
+    Args:
+        given: of the model as given.
+        repaired: of the repaired one, where there is one; it is averaged over the bins of the model as given.
+    """
+    after = {(u.run, u.joint): u for u in repaired or ()}
+    largest = {u.joint: max(float(np.mean(o.value**2)) for o in given if o.joint == u.joint) for u in given}
+    found = []
+    for u in sorted(given, key=lambda u: -largest[u.joint]):
+        other = after.get((u.run, u.joint))
+        left = None if other is None else np.interp(u.time, other.time, other.value)
+        for name, (x, x_unit) in {**u.against, "time": (u.time, "s")}.items():
+            if len(x) >= BINS[-1] and np.ptp(x) > 0.0:
+                found.append(_curve(u, name, x, x_unit, left))
+    return tuple(found)
+
+
+def between(given: Fit, repaired: Fit | None = None) -> tuple[ForceCurve, ...]:
+    """The missing force at a fit, and at that of the repaired model where there is one."""
+    return curves(unexplained(given), None if repaired is None else unexplained(repaired))
+
+
+def _curve(u: Unexplained, against: str, x: FloatArray, x_unit: str, left: FloatArray | None) -> ForceCurve:
+    """The missing force, and what is left of it after a repair, over bins of (n,) x."""
+    rank = np.argsort(np.argsort(x, kind="stable"), kind="stable")
+    for bins in BINS:
+        if bins > max(BINS[-1], len(x) / INDEPENDENT):
+            continue
+        place = rank * bins // len(x)
+        mean, std, independent = _means(place, u.value)
+        if independent >= INDEPENDENT:
+            break
+    after, after_std = (None, None) if left is None else _means(place, left)[:2]
+    at = np.bincount(place, x) / np.bincount(place)
+    return ForceCurve(u.run, u.joint, u.unit, against, x_unit, at, mean, std, after, after_std)
+
+
+def _means(place: np.ndarray, value: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """(b,) means of (n,) values in time order over bins, their standard errors, a typical bin's independent samples.
+
+    The mean of n samples of variance s^2 whose autocorrelation at lag k is r_k has the variance
+
+        s^2 / n_eff,    n_eff = n^2 / (n + 2 sum_k r_k n_k),
+
+    n_k the number of pairs at lag k that are in the bin together: a speed that is passed again and again is told
+    better than one at which the joint stayed once (after Bayley & Hammersley, J. R. Stat. Soc. Suppl. 8, 1946).
+
+    Args:
+        place: (n,) the bin of every sample.
+        value: (n,).
+    """
+    count = np.bincount(place)
+    mean = np.bincount(place, value) / count
+    rest = value - mean[place]
+    together = count.astype(np.float64)
+    power = float(rest @ rest)
+    for lag in range(1, len(rest)):
+        r = float(rest[lag:] @ rest[:-lag]) / power if power else 0.0
+        if r <= 0.0:
+            break
+        same = place[lag:][place[lag:] == place[:-lag]]
+        together += 2.0 * r * np.bincount(same, minlength=len(count))
+    independent = np.maximum(count**2 / together, 2.0)
+    scatter = np.bincount(place, rest**2) / count
+    # A few samples may lie together by chance: a bin's scatter is at least the usual one.
+    return mean, np.sqrt(np.maximum(scatter, np.median(scatter)) / (independent - 1.0)), float(np.median(independent))
+
+
+def pooled(found: Iterable[ForceCurve]) -> tuple[ForceCurve, ...]:
+    """The curves of all runs as one for each joint and quantity; ``run`` is empty where it is of several.
+
+    Neighbouring points are averaged, each weighted by its certainty, until there are no more than a single run's.
+    """
+    groups: dict[tuple[str | None, str], list[ForceCurve]] = {}
+    for curve in found:
+        groups.setdefault((curve.joint, curve.against), []).append(curve)
+    return tuple(mine[0] if len(mine) == 1 else _together(mine) for mine in groups.values())
+
+
+def _together(mine: Sequence[ForceCurve]) -> ForceCurve:
+    first, points = mine[0], max(len(curve.x) for curve in mine)
+    x, given, std = (np.concatenate([getattr(c, part) for c in mine]) for part in ("x", "as_given", "std"))
+    order = np.argsort(x, kind="stable")
+    place = np.empty(len(x), dtype=np.int64)
+    place[order] = np.arange(len(x)) * points // len(x)
+    weight = 1.0 / np.maximum(std, smallest(std)) ** 2
+    at = np.bincount(place, weight * x) / np.bincount(place, weight)
+    curve = ForceCurve("", first.joint, first.unit, first.against, first.x_unit, at, *_weighted(place, given, std))
+    if any(c.repaired is None for c in mine):
+        return curve
+    left, left_std = (np.concatenate([getattr(c, part) for c in mine]) for part in ("repaired", "repaired_std"))
+    after, after_std = _weighted(place, left, left_std)
+    return replace(curve, repaired=after, repaired_std=after_std)
+
+
+def _weighted(place: np.ndarray, value: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Means over bins of values with different certainty, and their standard errors."""
+    weight = 1.0 / np.maximum(std, smallest(std)) ** 2
+    total = np.bincount(place, weight)
+    return np.bincount(place, weight * value) / total, 1.0 / np.sqrt(total)
+
+
+def smallest(std: FloatArray) -> float:
+    """What no standard error is smaller than: bins without any scatter would be all that counts."""
+    return max(1e-3 * float(np.median(std)), np.finfo(float).tiny)
