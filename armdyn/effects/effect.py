@@ -1,7 +1,7 @@
 """What a physical effect is, and how one is defined in ten lines."""
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -30,6 +30,7 @@ class Effect:
         reach: joints that it can act on; for an effect on joints only.
         joints: joints that it does act on, in the order of the arm; all within its reach where empty.
         wrong: whether it is a formula known to be wrong, which a comparison holds against the right one.
+        needs: channels of which a recording must have one to show it; any will do where empty.
     """
 
     name: str
@@ -41,6 +42,11 @@ class Effect:
     reach: Reach = "every"
     joints: tuple[str, ...] = ()
     wrong: bool = False
+    needs: tuple[str, ...] = ()
+
+    def shows_in(self, channels: Collection[str]) -> bool:
+        """Whether recordings of these channels can show it: no load cell's lag in an angle, no gripper where none is."""
+        return not self.needs or any(name in channels for name in self.needs)
 
     @property
     def label(self) -> str:
@@ -107,6 +113,7 @@ def effect(
     source: str,
     reach: Reach = "every",
     wrong: bool = False,
+    needs: tuple[str, ...] = (),
 ) -> Callable[[Callable[..., Physics]], Effect]:
     """Make an `Effect` of a function whose first argument is the stage and whose others default to `quantity`.
 
@@ -134,6 +141,6 @@ def effect(
                 )
             quantities[argument.name] = argument.default
         at = stage.name if acts_on is None else acts_on
-        return Effect(called, at, MappingProxyType(quantities), summary, source, function, reach, wrong=wrong)
+        return Effect(called, at, MappingProxyType(quantities), summary, source, function, reach, wrong=wrong, needs=needs)
 
     return make

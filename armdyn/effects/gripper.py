@@ -10,6 +10,7 @@ from armdyn.pendulum.physics import Expression, Gripper
 @effect(
     summary="The gripper moves farther than measured, by a constant share.",
     source="scale error of a position sensor: JCGM 200 (VIM), §4.31",
+    needs=("gripper_x",),
 )
 def gripper_scale(
     gripper: Gripper,
@@ -23,6 +24,7 @@ def gripper_scale(
 @effect(
     summary="The gripper trails its measured position as a first-order lag.",
     source="first-order lag: Franklin, Powell & Emami-Naeini, Feedback Control of Dynamic Systems, §3.3",
+    needs=("gripper_x",),
 )
 def gripper_lag(
     gripper: Gripper,
@@ -35,6 +37,7 @@ def gripper_lag(
 @effect(
     summary="The gripper gives way along the line, in proportion to the string's pull.",
     source="joint and link compliance seen at the tool: Siciliano et al., Robotics, 2009, §9.1",
+    needs=("gripper_x",),
 )
 def gripper_compliance(
     gripper: Gripper,
@@ -47,6 +50,7 @@ def gripper_compliance(
 @effect(
     summary="The gripper rises and falls along its way: the line is an arc.",
     source="second-order term of a path that is not straight: do Carmo, Differential Geometry, §1-5",
+    needs=("gripper_x",),
 )
 def gripper_bob(
     gripper: Gripper,
@@ -59,6 +63,7 @@ def gripper_bob(
 @effect(
     summary="The line is not level: gravity has a component along it.",
     source="rotation of the frame; Goldstein, Classical Mechanics, 3rd ed., §4.4",
+    needs=("gripper_x",),
 )
 def path_tilt(
     gripper: Gripper,

@@ -58,6 +58,7 @@ def load_inertia(
 @effect(
     summary="The load also swings across the line, which the angle does not show but the tension does.",
     source="spherical pendulum: Landau & Lifshitz, Mechanics, 3rd ed., §14; see armdyn.pendulum.transverse",
+    needs=("load_force",),
 )
 def out_of_plane_swing(
     load: Load,

@@ -10,6 +10,7 @@ from armdyn.pendulum.physics import Expression, Sensor
 @effect(
     summary="The load cell measures the vertical part of the string's pull instead of all of it.",
     source="projection on the sensing axis: Doebelin, Measurement Systems, 5th ed., §5.3",
+    needs=("load_force",),
 )
 def vertical_sensing_axis(
     sensor: Sensor,
@@ -22,6 +23,7 @@ def vertical_sensing_axis(
 @effect(
     summary="The load cell also feels a share of the string's pull along the line.",
     source="cross-axis sensitivity: ISO 376; Doebelin, Measurement Systems, 5th ed., §5.3",
+    needs=("load_force",),
 )
 def cross_axis_sensitivity(
     sensor: Sensor,
@@ -34,6 +36,7 @@ def cross_axis_sensitivity(
 @effect(
     summary="The load cell's reading curves.",
     source="second-order nonlinearity: Doebelin, Measurement Systems, 5th ed., §3.2",
+    needs=("load_force",),
 )
 def sensor_nonlinearity(
     sensor: Sensor,
@@ -46,6 +49,7 @@ def sensor_nonlinearity(
 @effect(
     summary="The load cell reads a constant share too much.",
     source="scale error: JCGM 200 (VIM), §4.31",
+    needs=("load_force",),
 )
 def sensor_gain(
     sensor: Sensor,
@@ -58,6 +62,7 @@ def sensor_gain(
 @effect(
     summary="The load cell, or the rate gyro, reads a constant too much.",
     source="offset error: JCGM 200 (VIM), §4.20",
+    needs=("load_force", "swing_rate"),
 )
 def sensor_bias(
     sensor: Sensor,
@@ -71,6 +76,7 @@ def sensor_bias(
 @effect(
     summary="The load cell's zero moves at a constant rate.",
     source="zero drift: JCGM 200 (VIM), §4.21",
+    needs=("load_force",),
 )
 def sensor_drift(
     sensor: Sensor,
@@ -83,6 +89,7 @@ def sensor_drift(
 @effect(
     summary="The load cell follows the force as a first-order lag.",
     source="first-order instrument: Doebelin, Measurement Systems, 5th ed., §3.3",
+    needs=("load_force",),
 )
 def sensor_lag(
     sensor: Sensor,
@@ -95,6 +102,7 @@ def sensor_lag(
 @effect(
     summary="The load cell's samples arrive late by a constant time.",
     source="pure dead time: Åström & Murray, Feedback Systems, 2008, §9.2",
+    needs=("load_force",),
 )
 def sensor_delay(
     sensor: Sensor,
@@ -107,6 +115,7 @@ def sensor_delay(
 @effect(
     summary="The angle sensor reads a constant share too much.",
     source="scale error: JCGM 200 (VIM), §4.31",
+    needs=("swing_angle",),
 )
 def angle_gain(
     sensor: Sensor,
@@ -119,6 +128,7 @@ def angle_gain(
 @effect(
     summary="The angle sensor reads more on one side than on the other, as a camera does beside the pivot's axis.",
     source="perspective of a plane seen obliquely, second order: Hartley & Zisserman, Multiple View Geometry, §2.3",
+    needs=("swing_angle",),
 )
 def angle_skew(
     sensor: Sensor,
@@ -131,6 +141,7 @@ def angle_skew(
 @effect(
     summary="The angle sensor's reading curves alike on both sides, as behind a lens or on a worn potentiometer.",
     source="radial distortion, first term: Brown, Photogrammetric Engineering 37(8), 1971",
+    needs=("swing_angle",),
 )
 def angle_distortion(
     sensor: Sensor,
@@ -143,6 +154,7 @@ def angle_distortion(
 @effect(
     summary="The angle sensor's zero is off.",
     source="offset error: JCGM 200 (VIM), §4.20",
+    needs=("swing_angle",),
 )
 def angle_offset(
     sensor: Sensor,

@@ -100,7 +100,8 @@ class GreyRun:
         # States are momenta; what stays while a parameter changes, and what is kicked, are their rates.
         edges = self.pieces.edges
         here, there = (
-            self.pieces.by_definition(theta, s, at) for s, at in ((states, edges[:-1]), (found.ends, edges[1:]))
+            self.pieces.by_definition(theta, s, at) if np.isfinite(s).all() else np.zeros_like(found.by_theta)
+            for s, at in ((states, edges[:-1]), (found.ends, edges[1:]))
         )
         by_unknown[:, :, self.places] += found.transition @ here - there
         _, by_start, by_theta = self.pieces.beginning(theta)
