@@ -60,11 +60,13 @@ class Fitted:
         pendulum: with the sizes found.
         starts: of the records.
         rmse: of each record, in its unit.
+        samples: of each record.
     """
 
     pendulum: Pendulum
     starts: tuple[tuple[float, float], ...]
     rmse: tuple[float, ...]
+    samples: tuple[int, ...]
 
 
 def accelerating(pendulum: Pendulum, effect: str) -> float:
@@ -157,7 +159,7 @@ def _descended(
 ) -> Fitted:
     units = {effect: accelerating(pendulum, effect) for effect in free}
     places = [record.thinned for record in records]
-    valid = [np.count_nonzero(np.isfinite(record.value)) for record in records]
+    valid = [int(np.count_nonzero(np.isfinite(record.value))) for record in records]
     starts = np.array([record.start for record in records])
     count, runs = len(shared), range(len(records))
 
@@ -213,7 +215,7 @@ def _descended(
     rmse = tuple(
         record.noise * float(np.linalg.norm(r)) / np.sqrt(n) for record, r, n in zip(records, here, valid, strict=True)
     )
-    return Fitted(built(shared), tuple((float(a), float(b)) for a, b in starts), rmse)
+    return Fitted(built(shared), tuple((float(a), float(b)) for a, b in starts), rmse, tuple(valid))
 
 
 def _read(pendulum: Pendulum, start: tuple[float, float], record: Record, at: np.ndarray) -> np.ndarray:
