@@ -25,7 +25,7 @@ from .output_error import Derivatives, Record, accelerating, sizes
 VISIBLE = 2.0
 """Error without an effect, over the noise, from which on it is fair to ask for it."""
 BACKGROUND = 0.5
-"""The same, at most, of an imperfection that bears the name of an effect."""
+"""The same, at most, of all imperfections together that bear the name of an effect."""
 ALIKE = 4.0
 """Root of the rise of chi2, were the noise white, when a rival takes the place of an effect, up to which either name is
 right."""
@@ -465,12 +465,11 @@ def _background(rng: np.random.Generator, found: Derivatives, sensor: Sensor) ->
     """Small errors of an angle sensor that bear the names of effects, where these are not hidden."""
     if sensor.channel != "swing_angle":
         return {}
-    drawn = {}
-    for effect in ANGLE:
-        if effect not in found.pendulum.effects:
-            most = BACKGROUND / max(_left(found.by(effect), [found.nuisances]), 1e-9)
-            drawn[effect] = float(rng.uniform(-1.0, 1.0) * min(most, SIZES[effect][1] / 2))
-    return drawn
+    names = [effect for effect in ANGLE if effect not in found.pendulum.effects]
+    drawn = {effect: float(rng.uniform(-0.5, 0.5)) * SIZES[effect][1] for effect in names}
+    does = _left(np.sum([size * found.by(effect) for effect, size in drawn.items()], axis=0), [found.nuisances])
+    share = min(1.0, BACKGROUND / max(does, 1e-9))
+    return {effect: share * size for effect, size in drawn.items()}
 
 
 def _recorded(
@@ -485,7 +484,8 @@ def _recorded(
     """A run as the sensor stores it."""
     time = ideal.time
     if clean:
-        return replace(ideal, value=ideal.clean + sensor.white * rng.normal(size=len(time)))
+        noise = sensor.white * rng.normal(size=len(time))
+        return replace(ideal, value=ideal.clean + noise, noise=float(np.sqrt(np.mean(noise**2))))
     real = replace(pendulum, effects={**background, **pendulum.effects})
     push = ideal.push
     if rng.uniform() < 0.5:
@@ -496,7 +496,8 @@ def _recorded(
     seen = time.copy()
     if sensor.jitter:  # frames are exposed a little before or after their stamp
         seen[1:-1] += 0.1 * sensor.jitter / sensor.rate * rng.normal(size=len(time) - 2)
-    true = reading(real.effects, sensor.channel, swing(real, ideal.start, push, seen))
+    stamped = reading(real.effects, sensor.channel, swing(real, ideal.start, push, time))
+    true = reading(real.effects, sensor.channel, swing(real, ideal.start, push, seen)) if sensor.jitter else stamped
     noise = rng.normal(size=len(time))
     for i in range(1, len(noise)):
         noise[i] = sensor.correlation * noise[i - 1] + np.sqrt(1 - sensor.correlation**2) * noise[i]
@@ -513,7 +514,7 @@ def _recorded(
         count = rng.poisson(0.3 * sensor.lost * len(time))
         for begin in rng.integers(1, len(time) - 1, count):
             value[begin : min(begin + rng.geometric(0.3), len(time) - 1)] = np.nan
-    return replace(ideal, value=value, noise=float(np.sqrt(np.nanmean((value - true) ** 2))))
+    return replace(ideal, value=value, noise=float(np.sqrt(np.nanmean((value - stamped) ** 2))))
 
 
 def _shake(rng: np.random.Generator, pendulum: Pendulum, ideal: Record, sensor: Sensor) -> Motion:
