@@ -48,6 +48,8 @@ REACHED = 1.05
 """The same of a fit's error over what it can reach."""
 SPARE = 1
 """Values that a repair may add beyond the truth."""
+WRONG_SIZES = np.geomspace(1e-3, 3.0, 15)
+"""In units of `accelerating`, from which output error of a friction that is not there is started."""
 QUICK = {"names": (1, 4), "clean": (1,), "fits": (4,)}
 """Seeds of `--quick`."""
 WANTED = {
@@ -112,14 +114,18 @@ def reached(world: object) -> hidden_table.Row:
         "cpu": time.process_time() - begun, "error": error, "noise": noise, "truth": error <= REACHED * noise
     }  # fmt: skip
     if world.wrong:
-        bare = replace(world.pendulum, effects={world.wrong: output_error.accelerating(world.pendulum, world.wrong)})
-        starts = (
-            replace(bare, effects={world.wrong: share * bare.effects[world.wrong]}) for share in (0.003, 0.03, 0.3)
-        )
-        best = min(_mean(output_error.fitted(start, (world.wrong,), records)) for start in starts)
+        best = _mean(_best_with(world.pendulum, world.wrong, records))
         other = _added(world, (world.wrong,))
         row |= {"wrong_effect": world.wrong, "wrong_error": other, "wrong_best": best, "wrong": other <= REACHED * best}
     return row
+
+
+def _best_with(pendulum: object, effect: str, records: Sequence[object]) -> object:
+    """Output error of one effect alone, from the best of many sizes beside the true length and starts."""
+    unit = output_error.accelerating(pendulum, effect)
+    tried = [replace(pendulum, effects={effect: size * unit}) for size in WRONG_SIZES]
+    tried.sort(key=lambda start: _mean(output_error.predicted(start, records, steps=0)))
+    return min((output_error.fitted(start, (effect,), records, steps=40) for start in tried[:3]), key=_mean)
 
 
 KINDS: Mapping[str, Callable[[object], hidden_table.Row]] = {"names": named, "clean": quiet, "fits": reached}

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hidden_effects import dry_swing
 from hidden_effects import pendulum as in_space
 from hidden_effects.dry_swing import G, Pendulum, Push, swing
 from hidden_effects.imperfect_pendulum import KINDS, VISIBLE, world
@@ -16,7 +17,18 @@ def test_energy_stays_without_friction() -> None:
     bare = Pendulum(0.5, 0.1, {})
     motion = swing(bare, (2.5, 0.0), STILL, np.arange(0.0, 40.0, 0.01))
     energy = 0.5 * 0.5 * motion.rate**2 - G * np.cos(motion.angle)
-    assert np.ptp(energy) < 1e-5 * G
+    assert np.ptp(energy) < 1e-7 * G
+
+
+def test_a_finer_step_moves_the_angle_by_less_than_any_sensor_sees(monkeypatch: pytest.MonkeyPatch) -> None:
+    dry = Pendulum(0.3, 0.1, {"pivot_coulomb_friction": 1e-3, "quadratic_drag": 1e-2})
+    time = np.arange(0.0, 60.0, 0.01)
+    for start in (1.2, 2.95):
+        angle = swing(dry, (start, 0.0), STILL, time).angle
+        with monkeypatch.context() as finer:
+            finer.setattr(dry_swing, "STEPS", 1000)
+            finer.setattr(dry_swing, "STEEP_STEPS", 2000)
+            assert swing(dry, (start, 0.0), STILL, time).angle == pytest.approx(angle, abs=3e-6)
 
 
 def test_small_swings_have_the_period_of_their_length() -> None:

@@ -22,8 +22,10 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.signal import lfilter
 
 G = 9.81
-STEPS = 150
-"""Of the Runge-Kutta method per period of small swings: 3e-8 of the phase."""
+STEPS, STEEP_STEPS, STEEP = 200, 400, 1.3
+"""Of the Runge-Kutta method per period of small swings; more from a start beyond so many rad, where the top is nearer
+and an error of the energy is one of the period. In a minute from 2.95 rad the angle errs by less than 3 microradians;
+150 steps throughout err by up to 0.4 of the noise of a fine sensor."""
 FORCES = (
     "pivot_viscous_friction", "pivot_coulomb_friction", "pivot_load_friction", "pivot_stiffness", "linear_drag",
     "quadratic_drag", "string_creep",
@@ -80,7 +82,7 @@ class Swing:
 
 def swing(pendulum: Pendulum, start: tuple[float, float], push: Push, time: np.ndarray) -> Swing:
     """Motion from `start` (rad, rad/s) at `time[0]`."""
-    step = pendulum.period / STEPS
+    step = pendulum.period / (STEPS if abs(start[0]) < STEEP else STEEP_STEPS)
     count = max(2, int(np.ceil((time[-1] - time[0]) / step)) + 1)
     half = time[0] + 0.5 * step * np.arange(2 * count + 1)
     speed, pull = _pivot(pendulum, push, half)

@@ -403,7 +403,11 @@ def _shape(rng: np.random.Generator, pendulum: Pendulum, duration: float) -> Mot
     def window(t: np.ndarray) -> np.ndarray:
         up, down = (np.clip(s / ramp, 0.0, 1.0) for s in (t, end - t))
         (a, da, dda), (b, db, ddb) = (
-            (u**3 * (10 - 15 * u + 6 * u**2), 30 * u**2 * (1 - u) ** 2 / ramp, 60 * u * (1 - u) * (1 - 2 * u) / ramp**2)
+            (
+                u**4 * (35 - 84 * u + 70 * u**2 - 20 * u**3),
+                140 * u**3 * (1 - u) ** 3 / ramp,
+                420 * u**2 * (1 - u) ** 2 * (1 - 2 * u) / ramp**2,
+            )
             for u in (up, down)
         )
         return np.array([a * b, da * b - a * db, dda * b - 2 * da * db + a * ddb])
