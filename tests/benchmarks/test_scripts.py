@@ -53,3 +53,13 @@ def test_action_control_tells_more_than_a_generic_chirp(tmp_path: Path) -> None:
 def test_length_is_learnt_on_the_simulated_robot(tmp_path: Path) -> None:
     trials = run("length.py", tmp_path, "--quick")["trials"]
     assert all(abs(trial["error"]) < 5e-3 for trial in trials)
+
+
+@pytest.mark.slow
+def test_recorded_pendulums_are_answered(tmp_path: Path) -> None:
+    found = run("imperfect_pendulum.py", tmp_path, "--quick")
+    rows = [row for kind in ("names", "clean", "fits") for row in found[kind]]
+    assert [row["failed"] for row in rows if "failed" in row] == []
+    answered = [row for row in rows if not row.get("skipped")]
+    assert {"named", "set", "exam", "quiet", "truth", "wrong"} <= set().union(*answered)
+    assert all(row["quiet"] for row in found["clean"])

@@ -1,0 +1,112 @@
+"""The generator's own physics, and the fit that says what the truth reaches."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hidden_effects import dry_swing
+from hidden_effects import pendulum as in_space
+from hidden_effects.dry_swing import G, Pendulum, Push, swing
+from hidden_effects.imperfect_pendulum import KINDS, VISIBLE, world
+from hidden_effects.output_error import fitted, predicted
+
+STILL = Push()
+
+
+def test_energy_stays_without_friction() -> None:
+    bare = Pendulum(0.5, 0.1, {})
+    motion = swing(bare, (2.5, 0.0), STILL, np.arange(0.0, 40.0, 0.01))
+    energy = 0.5 * 0.5 * motion.rate**2 - G * np.cos(motion.angle)
+    assert np.ptp(energy) < 1e-7 * G
+
+
+def test_a_finer_step_moves_the_angle_by_less_than_any_sensor_sees(monkeypatch: pytest.MonkeyPatch) -> None:
+    dry = Pendulum(0.3, 0.1, {"pivot_coulomb_friction": 1e-3, "quadratic_drag": 1e-2})
+    time = np.arange(0.0, 60.0, 0.01)
+    for start in (1.2, 2.95):
+        angle = swing(dry, (start, 0.0), STILL, time).angle
+        with monkeypatch.context() as finer:
+            finer.setattr(dry_swing, "STEPS", 1000)
+            finer.setattr(dry_swing, "STEEP_STEPS", 2000)
+            assert swing(dry, (start, 0.0), STILL, time).angle == pytest.approx(angle, abs=3e-6)
+
+
+def test_small_swings_have_the_period_of_their_length() -> None:
+    bare, time = Pendulum(0.5, 0.1, {}), np.arange(0.0, 30.0, 0.002)
+    angle = swing(bare, (1e-3, 0.0), STILL, time).angle
+    assert angle == pytest.approx(1e-3 * np.cos(np.sqrt(G / 0.5) * time), abs=3e-8)
+
+
+def test_coulomb_friction_takes_the_same_angle_from_every_period_and_then_holds() -> None:
+    torque, mass, length = 2e-3, 0.1, 0.5
+    dry = Pendulum(length, mass, {"pivot_coulomb_friction": torque})
+    time = np.arange(0.0, 40.0, 0.001)
+    angle = swing(dry, (0.05, 0.0), STILL, time).angle
+    peaks = angle[1:-1][(angle[1:-1] > angle[:-2]) & (angle[1:-1] >= angle[2:])]
+    assert np.diff(peaks[:2]) == pytest.approx(-4 * torque / (mass * G * length), rel=2e-3)
+    assert np.ptp(angle[-10_000:]) == 0.0
+    assert abs(mass * G * length * np.sin(angle[-1])) <= torque
+
+
+def test_load_friction_is_coulomb_friction_where_the_tension_is_the_weight() -> None:
+    time, mass, length = np.arange(0.0, 10.0, 0.01), 0.2, 0.4
+    arm = 1e-3
+    by_load = swing(Pendulum(length, mass, {"pivot_load_friction": arm}), (0.03, 0.0), STILL, time)
+    constant = swing(Pendulum(length, mass, {"pivot_coulomb_friction": arm * mass * G}), (0.03, 0.0), STILL, time)
+    assert by_load.angle == pytest.approx(constant.angle, abs=2e-5)
+
+
+def test_a_load_at_rest_is_not_moved_by_a_gripper_that_pulls_less_than_friction() -> None:
+    dry = Pendulum(0.4, 0.1, {"pivot_coulomb_friction": 5e-3})
+    assert np.all(swing(dry, (0.0, 0.0), Push(_sine(0.002)), np.arange(0.0, 5.0, 0.01)).angle == 0.0)
+    assert np.ptp(swing(dry, (0.0, 0.0), Push(_sine(0.02)), np.arange(0.0, 5.0, 0.01)).angle) > 0.01
+
+
+def test_a_driven_swing_is_that_of_the_particle_in_space() -> None:
+    hidden = {"pivot_viscous_friction": 2e-3, "quadratic_drag": 1e-2}
+    motion = in_space.gripper_motion(np.random.default_rng(3), 8.0)
+    time = np.arange(0.0, 8.0, 0.01)
+    truth = in_space.simulate(in_space.Setup(hidden=hidden, duration=8.0, start=(0.2, 0.1)), motion, time)
+    found = swing(Pendulum(0.368, 0.08, hidden), (0.2, 0.1), Push(motion), time)
+    assert found.angle == pytest.approx(truth["angle"], abs=1e-6)
+    assert found.tension == pytest.approx(truth["tension"], abs=1e-5)
+
+
+def test_a_gripper_that_lags_and_stretches_is_that_of_the_particle_in_space() -> None:
+    hidden = {"gripper_lag": 0.03, "gripper_scale": 0.05}
+    motion = in_space.gripper_motion(np.random.default_rng(4), 6.0)
+    time = np.arange(0.0, 6.0, 0.01)
+    truth = in_space.simulate(in_space.Setup(hidden=hidden, duration=6.0, start=(0.2, 0.1)), motion, time)
+    found = swing(Pendulum(0.368, 0.08, hidden), (0.2, 0.1), Push(motion), time)
+    assert found.angle == pytest.approx(truth["angle"], abs=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(len(KINDS)))
+def test_worlds_are_the_same_for_one_seed_and_their_effects_visible(seed: int) -> None:
+    one, two = world(seed), world(seed)
+    assert one.name == two.name
+    for a, b in zip((*one.runs, *one.held_out, *one.exam), (*two.runs, *two.held_out, *two.exam), strict=True):
+        for name, channel in a.channels.items():
+            assert np.array_equal(channel.value, b.channels[name].value)
+    assert set(one.visible) == set(one.hidden) != set()
+    assert min(one.visible.values()) >= VISIBLE
+    assert set(one.first) <= set(one.hidden)
+
+
+def test_the_truth_reaches_the_noise_and_half_the_truth_does_not() -> None:
+    clear = world(2, "fits")
+    records, (noise,) = clear.records["run"], clear.noise.values()
+    whole = fitted(clear.pendulum, tuple(clear.hidden), records)
+    assert np.sqrt(np.mean(np.square(whole.rmse))) == pytest.approx(noise, rel=0.05)
+    assert whole.pendulum.length == pytest.approx(clear.length, rel=1e-3)
+    bare = fitted(replace(clear.pendulum, effects={}), (), records)
+    assert min(bare.rmse) > VISIBLE * noise
+    assert predicted(whole.pendulum, clear.records["exam"]).rmse[0] == pytest.approx(noise, rel=0.1)
+
+
+def _sine(size: float):
+    def motion(t: np.ndarray) -> np.ndarray:
+        w = 3.0
+        return size * np.array([np.sin(w * t), w * np.cos(w * t), -(w**2) * np.sin(w * t)])
+
+    return motion
