@@ -46,6 +46,7 @@ def pivot_stiffness(
 @effect(
     summary="The string stretches in proportion to its tension, and the load bounces on it.",
     source="Hooke 1678; followed on its slow manifold, see armdyn.pendulum.yielding",
+    needs=("load_force",),
 )
 def string_elasticity(
     string: String,

@@ -184,6 +184,10 @@ class Appraiser(ABC):
         """Told what the best set is so far: what is foretold of others may start there."""
         del now
 
+    def with_one_more(self, now: Appraisal, left: Sequence[Candidate]) -> list[Appraisal]:
+        """Sets with one effect more that may be the best of them."""
+        return [self.of((*now.effects, c)) for c in left]
+
     def within(self, effects: Iterable[Candidate]) -> tuple[Candidate, ...]:
         """The candidates, each on one joint, that make up `effects`."""
         names = {name for effect in effects for name in effect.names}

@@ -1,6 +1,7 @@
 """Appraisal around the measured motion: for models that simulate, where the model's own error is part of the model."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import combinations
 from math import log
 
 import numpy as np
@@ -8,8 +9,15 @@ import numpy as np
 from armdyn.identify.appraisal import Appraisal, Appraiser, Change, Described
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.fit import channel_rmse
-from armdyn.identify.grey_box import LOOSE, Tables, everywhere
+from armdyn.identify.grey_box import LOOSE, SETTLED, Tables
 from armdyn.identify.study import Study
+
+VERIFIED = 4
+"""Changes of a set, those that promise most, that are settled before a search ends."""
+COMPARED = 2
+"""Next steps of a way, those that promise most, that are compared at their own motions."""
+MOST_PAIRED = 3
+"""Effects of a set to which two more are added at once: what one imitates, two may be."""
 
 
 class Filtered(Appraiser):
@@ -29,15 +37,19 @@ class Filtered(Appraiser):
         super().__init__(problem, tuple(atom for c in study.candidates for atom in c.apart()))
         self._columns = {c: problem.of(c.names) for c in self.candidates}
         self._always = self._motion.base
-        self._point, self._at = self._motion.point, frozenset[Candidate]()
-        self._tabulate()
+        self._tables: dict[frozenset[Candidate], Tables] = {}
+        self.settle(())
 
-    def _tabulate(self) -> None:
-        """Sums around the present point."""
-        box = self._motion.box
-        tables = [everywhere(a, n) for a, n in zip(box.around(self._point), self._point.noises, strict=True)]
-        self._tables = Tables(tables, self._point.values, box.problem, self._motion.training)
-        self._known.clear()
+    def settle(self, effects: Iterable[Candidate]) -> Appraisal:
+        """A set at its own motion and noise; other sets are appraised from there until another one is settled."""
+        self._at = frozenset(effects)
+        if self._at not in self._tables:
+            box = self._motion.box
+            point = self._motion.settled(self._free(self._at))
+            self._tables[self._at] = box.tables(box.around(point), point, wide=True)
+        # What was appraised from elsewhere is looked at anew; what was settled stays.
+        self._known = {key: one for key, one in self._known.items() if key in self._tables and key != self._at}
+        return self.of(self._at)
 
     def _free(self, effects: Iterable[Candidate]) -> np.ndarray:
         """(P,) bool: what is fitted with a set."""
@@ -48,10 +60,10 @@ class Filtered(Appraiser):
 
     def _appraised(self, effects: tuple[Candidate, ...]) -> Appraisal:
         free = self._free(effects)
-        found = self._tables.evidence(free)
+        found = self._tables[self._at].evidence(free)
         columns = np.flatnonzero(free | (found.change != 0.0))
         price, nothing = self.price(effects), np.zeros(0)
-        worth = found.value + found.predicted - price
+        worth = found.value + found.predicted - price if found.inside else -np.inf
         return Appraisal(
             effects=effects, worth=worth, fit=found.value, transfer=found.predicted, price=price, columns=columns,
             free=free[columns], change=found.change[columns], effective=found.change[columns], errors=nothing,
@@ -59,12 +71,38 @@ class Filtered(Appraiser):
             misfit=-worth, overall=-worth, totals=nothing,
         )  # fmt: skip
 
-    def advance(self, now: Appraisal) -> None:
-        """See `Appraiser.advance`: settle the motion there, and take sums anew."""
-        key = frozenset(now.effects)
-        if key != self._at:
-            self._point, self._at = self._motion.settled(self._free(now.effects), self._point), key
-            self._tabulate()
+    def best_set(self, say: Callable[[str], None]) -> Appraisal:
+        """The set that is worth most: one or two effects more, one exchanged for one or two, or one less, in turn.
+
+        What a change promises is seen from the present set; it is taken where it holds at its own motion and noise.
+        """
+        now, refused = self.settle(()), {frozenset[Candidate]()}
+        while True:
+            say(f"{len(now.effects)} effects chosen")
+            promised = [self.of(one) for one in self._changed(now.effects) if frozenset(one) not in refused]
+            promised = sorted((o for o in promised if o.worth > now.worth + SETTLED), key=lambda o: -o.worth)
+            for option in promised[:VERIFIED]:
+                refused.add(frozenset(option.effects))
+                found = self.settle(option.effects)
+                if found.worth > now.worth + SETTLED:
+                    now = found
+                    break
+            else:
+                return self.settle(now.effects)
+
+    def _changed(self, effects: tuple[Candidate, ...]) -> Iterator[tuple[Candidate, ...]]:
+        """Sets that differ from one by little."""
+        left = [c for c in self.candidates if c not in effects]
+        coming = [(), *((c,) for c in left), *(combinations(left, 2) if len(effects) <= MOST_PAIRED else ())]
+        for gone in (None, *effects):
+            rest = tuple(c for c in effects if c != gone)
+            yield from (tuple(c for c in self.candidates if c in {*rest, *come}) for come in coming if come or gone)
+
+    def with_one_more(self, now: Appraisal, left: Sequence[Candidate]) -> list[Appraisal]:
+        """See `Appraiser.with_one_more`: at their own motions, those that promise most."""
+        self.settle(now.effects)
+        promised = sorted(super().with_one_more(now, left), key=lambda one: -one.worth)
+        return [self.settle(one.effects) for one in promised[:COMPARED]]
 
     def promising(self, now: Appraisal, changes: Sequence[Change], most: int) -> list[Appraisal]:
         """See `Appraiser.promising`; asking costs little, so all are appraised."""
@@ -88,20 +126,20 @@ class Filtered(Appraiser):
 
     def values(self, one: Appraisal) -> np.ndarray:
         """See `Appraiser.values`."""
-        values = self._point.values.copy()
+        values = self._tables[self._at].values.copy()
         values[one.columns] += one.change
         return values
 
     def standing(self, one: Appraisal) -> float:
         """See `Appraiser.standing`."""
-        return one.likelihood + one.transfer - 0.5 * one.values * log(self._tables.rows)
+        return one.likelihood + one.transfer - 0.5 * one.values * log(self._tables[self._at].rows)
 
     def described(self, one: Appraisal, own: np.ndarray) -> Described:
         """See `Appraiser.described`: in output error, what users compare."""
         study = self._study
         fit = study.fit_with((*study.present, *one.effects), study.first())
         held_out = study.held_out_blocks(fit) if study.held_out else None
-        found = self._tables.evidence(self._free(one.effects))
+        found = self._tables[self._at].evidence(self._free(one.effects))
         T = self.problem.typical
         spread = np.linalg.pinv(np.eye(len(T)) / LOOSE**2 + T[:, None] * found.information * T, hermitian=True)
         return Described(

@@ -31,12 +31,14 @@ TIMES = (0.02, 0.06, 0.15, 1.0 / 3.0)
 """Correlation times that are tried, in swings: beyond a third it would be an offset."""
 LOOSE = 100.0
 """Typical sizes: prior width of what is fitted to linear sums; it only keeps what is not told from running away."""
+PULLED = float(np.log(100.0))
+"""Nats that a value could gain beyond a bound from which on it is the bound that explains."""
 ROUNDING = 1e-13
 ROUNDS = 3
 """In which the noises of several runs, and levels beside values, settle."""
 SETTLED = 0.5
 """Nats that do not matter."""
-SHRINK, TIED = 0.25, 1e-6
+SHRINK, TIED = 0.15, 1e-6
 """By which the kicks shrink from round to round, and the share of them that counts as nothing."""
 UNBELIEVED = 4.0
 """Standard deviations of an innovation beyond which a sample is no noise: one in 16,000 by chance."""
@@ -274,6 +276,8 @@ class Evidence:
         picks: by run, which of the table's noises; the level is not the table's.
         levels: by run, factor on the level.
         information: (P, P) of the training runs, levels counted in.
+        inside: whether no effect does what it does by a value that the runs pull beyond a bound; one at which the
+            effect is absent, and one from which they pull no more than by chance, is none.
     """
 
     value: float
@@ -283,6 +287,7 @@ class Evidence:
     picks: tuple[int, ...]
     levels: tuple[float, ...]
     information: np.ndarray
+    inside: bool
 
 
 def _without(table: Table, c: np.ndarray, gone: np.ndarray, away: np.ndarray) -> Table:
@@ -303,10 +308,14 @@ class Tables:
         values: (P,) the point.
         problem: whose unknowns these are.
         training: number of runs that are fitted; the others are predicted.
+        removable: (P,) bool, unknowns that are at null where they are not fitted.
     """
 
-    def __init__(self, tables: Sequence[Table], values: np.ndarray, problem: Problem, training: int) -> None:
+    def __init__(
+        self, tables: Sequence[Table], values: np.ndarray, problem: Problem, training: int, removable: np.ndarray
+    ) -> None:
         self.tables, self.values, self.problem, self.training = tuple(tables), values, problem, training
+        self._removable = removable
         self.is_effect = np.array([bool(c.parameter.effect) for c in problem.columns])
         self._owner = np.array([-1 if c.run is None else c.run for c in problem.columns])
         self.rows = sum(table.rows for table in tables[:training])
@@ -323,7 +332,7 @@ class Tables:
         """
         p = self.problem
         c = np.flatnonzero(free & ((self._owner < 0) | (self._owner < self.training)))
-        gone = np.flatnonzero(~free & self.is_effect & (self.values != p.null))
+        gone = np.flatnonzero(~free & self._removable & (self.values != p.null))
         away = (p.null - self.values)[gone]
         parts = [_without(t, c, gone, away) for t in self.tables]
         R = self.training
@@ -341,7 +350,7 @@ class Tables:
                 value = float(over[picks[r]]) + _peak(over, picks[r], self.tables[r].kicks)
         H = np.asarray(sum(parts[i].gram[picks[i]] / levels[i] ** 2 for i in range(R)))
         g = np.asarray(sum(parts[i].slope[picks[i]] / levels[i] ** 2 for i in range(R)))
-        d, cost = self._bounded(H, g, c)
+        d, cost, pulled = self._bounded(H, g, c)
         value -= 0.5 * (cost - float(self._solved(H[None], g[None], c)[1][0]))
         change = np.zeros(len(self.values))
         change[c], change[gone] = d, away
@@ -355,7 +364,10 @@ class Tables:
             predicted += said
         information = np.zeros((len(change), len(change)))
         information[np.ix_(c, c)] = H
-        return Evidence(value - float(np.sum(np.log1p(sizes**2))), predicted, occam, change, tuple(picks), tuple(levels), information)
+        ends = (self.values + change)[c] != p.null[c]
+        inside = not np.any((pulled > PULLED) & ends & self.is_effect[c])
+        worth = value - float(np.sum(np.log1p(sizes**2)))
+        return Evidence(worth, predicted, occam, change, tuple(picks), tuple(levels), information, inside)
 
     @staticmethod
     def _alone(part: "Table", pick: int, level: float) -> float:
@@ -414,8 +426,8 @@ class Tables:
         alone = -0.5 * part.square / levels**2 - part.log_std - part.rows * np.log(levels)
         return alone - 0.5 * added - 0.5 * np.linalg.slogdet(A)[1], levels
 
-    def _bounded(self, H: np.ndarray, g: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, float]:
-        """(c,) the best change within the bounds, and what is added to the squared error."""
+    def _bounded(self, H: np.ndarray, g: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
+        """(c,) the best change within the bounds, what is added to the squared error, (c,) nats of pull beyond them."""
         p, t = self.problem, self._width[c]
         lower, upper = (p.lower - self.values)[c], (p.upper - self.values)[c]
         A, right = H + np.diag(t**-2.0), g + self._centre[c] / t**2
@@ -432,7 +444,8 @@ class Tables:
             held[worst] = True
             d[worst] = np.clip(d[worst], lower[worst], upper[worst])
         off = (d - self._centre[c]) / t
-        return d, float(d @ H @ d - 2.0 * g @ d + off @ off)
+        pulled = np.where(held, 0.5 * (right - A @ d) ** 2 / np.diag(A), 0.0)
+        return d, float(d @ H @ d - 2.0 * g @ d + off @ off), pulled
 
 
 def _peak(value: np.ndarray, best: int, kicks: int) -> float:
@@ -466,12 +479,17 @@ class GreyBox:
     """All runs of a problem around their motions.
 
     Args:
-        problem: model, training runs, noise.
-        swing: by run, period, s.
+        problem: model, runs, noise; those that are fitted come first.
+        swings: by run, period, s.
+        training: number of runs that are fitted; the others are only followed.
+        removable: (P,) bool, unknowns of effects that are absent where they are not fitted.
+        share: of a swing between two kicks.
     """
 
-    def __init__(self, problem: Problem, swings: Sequence[float], share: float = HALF) -> None:
-        self.problem = problem
+    def __init__(
+        self, problem: Problem, swings: Sequence[float], training: int, removable: np.ndarray, share: float = HALF
+    ) -> None:
+        self.problem, self.training, self.removable = problem, training, removable
         self.runs = [GreyRun(problem, i, swing, share) for i, swing in enumerate(swings)]
 
     def begin(self, values: np.ndarray) -> Point:
@@ -488,9 +506,13 @@ class GreyBox:
     def _around(self, point: Point) -> list[Around]:
         return [run.around(point.values, states) for run, states in zip(self.runs, point.states, strict=True)]
 
-    def settled(
-        self, free: np.ndarray, point: Point, *, rounds: int = 6, wide: int = 1, training: int | None = None
-    ) -> Point:
+    def tables(self, arounds: Sequence[Around], point: Point, *, wide: bool) -> "Tables":
+        """Evidence of every set around a point, at every noise or at those near its own."""
+        at = everywhere if wide else nearby
+        found = [at(a, n) for a, n in zip(arounds, point.noises, strict=True)]
+        return Tables(found, point.values, self.problem, self.training, self.removable)
+
+    def settled(self, free: np.ndarray, point: Point, *, rounds: int = 6, wide: int = 1) -> Point:
         """Linearise, find the noise, step, smooth, until the evidence stays; the first rounds look at every noise.
 
         Args:
@@ -498,21 +520,16 @@ class GreyBox:
             point: where to begin.
             rounds: at most.
             wide: rounds that look at every noise.
-            training: number of runs, the first ones, that are fitted; the others are only followed. All when None.
         """
-        p = self.problem
-        many = len(self.runs) if training is None else training
         arounds = self.around(point)
         best = point
         for k in range(rounds):
-            tables = [
-                everywhere(a, n) if k < wide else nearby(a, n) for a, n in zip(arounds, point.noises, strict=True)
-            ]
-            found = Tables(tables, point.values, p, many).evidence(free)
+            tables = self.tables(arounds, point, wide=k < wide)
+            found = tables.evidence(free)
             if not np.isfinite(found.value):
                 break
             noises = tuple(
-                scaled(t.noises[i], level) for t, i, level in zip(tables, found.picks, found.levels, strict=True)
+                scaled(t.noises[i], level) for t, i, level in zip(tables.tables, found.picks, found.levels, strict=True)
             )
             best = replace(point, noises=noises, evidence=found.value)
             if k == rounds - 1 or abs(found.value - point.evidence) < SETTLED:
@@ -552,7 +569,7 @@ class GreyBox:
             gram += run.innovations(noise, np.array([run.kick_unit])).gram[0] * np.outer(p.typical, p.typical)
         return independent(gram, wanted)
 
-    def tied_down(self, free: np.ndarray, point: Point, training: int | None = None) -> Point:
+    def tied_down(self, free: np.ndarray, point: Point) -> Point:
         """The point at which kicks have shrunk to nothing, and the motions are the model's own (output error).
 
         The kicks shrink from round to round, so that the motions go over from what was measured to what the model says
@@ -568,7 +585,7 @@ class GreyBox:
                 for n, a in zip(white, arounds, strict=True)
             )
             tables = [tabled(a, [n], np.array([n.kick])) for n, a in zip(noises, arounds, strict=True)]
-            found = Tables(tables, point.values, p, training or len(self.runs)).evidence(free)
+            found = Tables(tables, point.values, p, self.training, self.removable).evidence(free)
             if not np.isfinite(found.value):
                 break
             before = replace(point, noises=noises)

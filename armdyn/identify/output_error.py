@@ -55,11 +55,12 @@ class AroundMotion:
         values = problem.start()
         self.problem, self.training = problem, training
         swings = [model.swing(run, problem.theta(i, values)) for i, run in enumerate(problem.runs)]
-        self.box = GreyBox(problem, swings)
         effects = np.array([bool(c.parameter.effect) for c in problem.columns])
         self.starts = np.array([c.parameter.name in model.start_names for c in problem.columns])
+        self.box = GreyBox(problem, swings, training, effects & ~present)
         wanted = problem.fitted & ~self.starts & (~effects | present)
         self.base, self.point = wanted, self._begun(wanted, values)
+        self._settled = {self.base.tobytes(): (self.base, self.point)}
 
     def _begun(self, wanted: np.ndarray, values: np.ndarray) -> Point:
         """The runs settled from (P,) values, or from what the recordings show directly; the base becomes what is told.
@@ -82,18 +83,22 @@ class AroundMotion:
         for option in options:
             begin = self.box.begin(option)
             self.base = self.box.told(begin, wanted)
-            found.append(self.box.settled(self.base, begin, training=self.training))
+            found.append(self.box.settled(self.base, begin))
         return max(found, key=lambda point: point.evidence)
 
-    def settled(self, free: np.ndarray, near: Point) -> Point:
-        """The runs settled with (P,) `free` unknowns, other effects at null."""
-        effects = np.array([bool(c.parameter.effect) for c in self.problem.columns])
-        values = np.where(effects & ~free, self.problem.null, near.values)
-        return self.box.settled(free, replace(near, values=values, evidence=-np.inf), training=self.training)
+    def settled(self, free: np.ndarray) -> Point:
+        """The runs settled with (P,) `free` unknowns, other effects at null; from the most similar set that was."""
+        key = free.tobytes()
+        if key not in self._settled:
+            near = min(self._settled.values(), key=lambda one: (np.sum(one[0] != free), -one[1].evidence))[1]
+            values = np.where(self.box.removable & ~free, self.problem.null, near.values)
+            begin = replace(near, values=values, evidence=-np.inf)
+            self._settled[key] = free, self.box.settled(free, begin)
+        return self._settled[key][1]
 
     def begun(self, free: np.ndarray, near: Point) -> list[np.ndarray]:
         """(P,) values from which a fit of the whole runs may begin, the likeliest first."""
-        tied = self.box.tied_down(free, near, training=self.training)
+        tied = self.box.tied_down(free, near)
         return [tied.values, self.box.begun(near)]
 
 
@@ -109,7 +114,8 @@ def held_out_start(single: Problem, values: np.ndarray, free: np.ndarray) -> np.
     """(P,) values of a problem with one run: its start, and what else is `free`, from its measured motion."""
     model = single.model
     assert isinstance(model, SimulatedModel)
-    box = GreyBox(single, [model.swing(single.runs[0], single.theta(0, values))])
+    swing = model.swing(single.runs[0], single.theta(0, values))
+    box = GreyBox(single, [swing], 1, np.zeros(len(values), dtype=bool))
     starts = np.array([c.parameter.name in model.start_names for c in single.columns])
     own = free & ~starts
     point = box.settled(own, box.begin(values))

@@ -113,7 +113,8 @@ def _by_evidence(study: Study, first: Fit, say: Progress) -> _Choice:
         refits = Refitted(study, say)
         return _Choice(refits, chosen(refits, (), say), first, refits)
     appraiser = Filtered(study)
-    return _Choice(appraiser, chosen(appraiser, (), say), first, Filtered(study))
+    whole = appraiser.best_set(say)
+    return _Choice(appraiser, whole, first, appraiser)
 
 
 def _by_sums(study: Study, first: Fit, say: Progress) -> _Choice:

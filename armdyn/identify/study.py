@@ -139,8 +139,7 @@ class Study:
         """The fit with the effects' unknowns `names`, from the measured motion."""
         fitted = motion.problem.of(names) & ~(motion.problem.of(self._present_names) & ~motion.problem.fitted)
         free = motion.base & ~motion.problem.of(self._present_names) | fitted
-        point = motion.point if np.array_equal(free, motion.base) else motion.settled(free, motion.point)
-        begun = [self.own(values, motion.problem) for values in motion.begun(free, point)]
+        begun = [self.own(values, motion.problem) for values in motion.begun(free, motion.settled(free))]
         own = transferred((free | motion.starts).astype(float), motion.problem, self.problem, missing=0.0) > 0.0
         return descended(self.problem, own, begun)
 

@@ -51,14 +51,15 @@ def rises(appraiser: Appraiser, whole: Appraisal, firm: Sequence[Candidate] = ()
     now, left = appraiser.of(firm), [c for c in whole.effects if c not in firm]
     found = []
     while left:
-        options = {appraiser.of((*now.effects, c)): c for c in left}
-        beside = foremost(appraiser, now, list(options)) if appraiser.few else leading(now, list(options))
-        first, gain = options[beside], now.overall - beside.overall
+        options = appraiser.with_one_more(now, left)
+        beside = foremost(appraiser, now, options) if appraiser.few else leading(now, options)
+        first = next(c for c in left if c in beside.effects)
+        gain = now.overall - beside.overall
         joined = [first] + [
             c
             for c in left
             if c is not first
-            and c.effect == first.effect
+            and c.effect == first.effect  # on an arm
             and beside.overall - appraiser.of((*beside.effects, c)).overall >= ALIKE * gain
         ]
         after = appraiser.of((*now.effects, *joined))
