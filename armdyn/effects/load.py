@@ -46,6 +46,7 @@ def wind(
 @effect(
     summary="The load is no point: it turns with the string.",
     source="physical pendulum: Goldstein, Classical Mechanics, 3rd ed., §5.3",
+    needs=("load_force", "gripper_x"),
 )
 def load_inertia(
     load: Load,

@@ -62,6 +62,7 @@ def string_elasticity(
 @effect(
     summary="The string has mass, spread evenly along it.",
     source="physical pendulum: Goldstein, Classical Mechanics, 3rd ed., §5.3",
+    needs=("load_force", "gripper_x"),
 )
 def string_mass(
     string: String,

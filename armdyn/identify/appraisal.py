@@ -184,6 +184,10 @@ class Appraiser(ABC):
         """Told what the best set is so far: what is foretold of others may start there."""
         del now
 
+    def settle(self, effects: Iterable[Candidate]) -> Appraisal:
+        """The appraisal of a set where it is surest; others are appraised from there."""
+        return self.of(effects)
+
     def with_one_more(self, now: Appraisal, left: Sequence[Candidate]) -> list[Appraisal]:
         """Sets with one effect more that may be the best of them."""
         return [self.of((*now.effects, c)) for c in left]

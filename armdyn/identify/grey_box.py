@@ -569,14 +569,14 @@ class GreyBox:
             gram += run.innovations(noise, np.array([run.kick_unit])).gram[0] * np.outer(p.typical, p.typical)
         return independent(gram, wanted)
 
-    def tied_down(self, free: np.ndarray, point: Point) -> Point:
-        """The point at which kicks have shrunk to nothing, and the motions are the model's own (output error).
+    def tied_down(self, free: np.ndarray, point: Point) -> list[np.ndarray]:
+        """(P,) values while kicks shrink to nothing, and the motions become the model's own (output error).
 
         The kicks shrink from round to round, so that the motions go over from what was measured to what the model says
         without ever losing the measured swing.
         """
         p = self.problem
-        share = 1.0
+        share, found_values = 1.0, [self.begun(point)]
         white = tuple(replace(n, colour=(Colour(),) * len(n.colour)) for n in point.noises)
         arounds: Sequence[Around] = self.around(point)
         while share > TIED:
@@ -592,8 +592,9 @@ class GreyBox:
             point, arounds = self._moved(before, arounds, found.change)
             if point is before:
                 break
+            found_values.append(self.begun(point))
             share *= SHRINK
-        return replace(point, values=self.begun(point))
+        return found_values[::-1]
 
     def begun(self, point: Point) -> np.ndarray:
         """(P,) values at a point, those that say how a run begins as its first state does."""

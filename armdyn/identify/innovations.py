@@ -234,22 +234,31 @@ def _forward(
     variance = np.repeat(chain.start_variance[None], K, axis=0)
     noise = kicks[:, None, None] ** 2 * chain.kicked
     drive = np.concatenate([-chain.by_unknown, chain.gap[:, :, None]], axis=2)
-    logs = np.zeros(K)
-    one = np.eye(n)
+    logs, one = np.zeros(K), np.eye(n)
     for j in range(J):
         phi = sums[j, :n, :n]
         M[:, j], P[:, j] = mean, variance
-        A = one + variance @ phi
-        there = np.linalg.inv(A)
-        now = there @ variance
+        inverse, size = _inverse(one + variance @ phi)
+        now = inverse @ variance
         now = (now + np.swapaxes(now, 1, 2)) / 2
         e = sums[j, :n, n:] - phi @ mean
         eta[:, j], after[:, j] = e, now
-        logs += 0.5 * np.linalg.slogdet(A)[1]
+        logs += size
         T = chain.transition[j]
         mean = T @ (mean + now @ e) + drive[j]
         variance = T @ now @ T.T + noise
-    return M, P, eta, after, logs
+    return M, P, eta, after, 0.5 * logs
+
+
+def _inverse(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Inverses of (K, n, n) matrices, and the logarithms of their determinants; two states are most frequent."""
+    if A.shape[-1] != 2:
+        return np.linalg.inv(A), np.linalg.slogdet(A)[1]
+    a, b, c, d = A[:, 0, 0], A[:, 0, 1], A[:, 1, 0], A[:, 1, 1]
+    size = a * d - b * c
+    inverse = np.empty_like(A)
+    inverse[:, 0, 0], inverse[:, 0, 1], inverse[:, 1, 0], inverse[:, 1, 1] = d / size, -b / size, -c / size, a / size
+    return inverse, np.log(size)
 
 
 def smoothed(sums: np.ndarray, chain: Chain, kick: float, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

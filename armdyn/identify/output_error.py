@@ -90,28 +90,38 @@ class AroundMotion:
         """The runs settled with (P,) `free` unknowns, other effects at null; from the most similar set that was."""
         key = free.tobytes()
         if key not in self._settled:
-            near = min(self._settled.values(), key=lambda one: (np.sum(one[0] != free), -one[1].evidence))[1]
-            values = np.where(self.box.removable & ~free, self.problem.null, near.values)
-            begin = replace(near, values=values, evidence=-np.inf)
-            self._settled[key] = free, self.box.settled(free, begin)
+            self._settled[key] = free, self.box.settled(free, self._near(free))
         return self._settled[key][1]
 
-    def begun(self, free: np.ndarray, near: Point) -> list[np.ndarray]:
+    def _near(self, free: np.ndarray) -> Point:
+        """The point of the most similar set that was settled, effects that are not `free` at null."""
+        near = min(self._settled.values(), key=lambda one: (np.sum(one[0] != free), -one[1].evidence))[1]
+        return replace(near, values=np.where(self.box.removable & ~free, self.problem.null, near.values), evidence=-np.inf)
+
+    def begun(self, free: np.ndarray) -> list[np.ndarray]:
         """(P,) values from which a fit of the whole runs may begin, the likeliest first."""
-        tied = self.box.tied_down(free, near)
-        return [tied.values, self.box.begun(near)]
+        return self.box.tied_down(free, self._near(free))
 
 
 def descended(problem: Problem, free: np.ndarray, begun: Sequence[np.ndarray]) -> Fit:
-    """The best of the minima next to (P,) values, the first where it is about as good."""
+    """The best of the minima next to (P,) values, of which the first is the likeliest."""
     found = [fit(problem, free, np.clip(begun[0], problem.lower, problem.upper), most_steps=MOST_STEPS)]
     if found[0].chi2_per_sample > GROSS:
-        found += [fit(problem, free, np.clip(v, problem.lower, problem.upper), most_steps=MOST_STEPS) for v in begun[1:]]
+        # With large errors the kicks' way may have left the best minimum; another place on it is nearer then.
+        best = min(begun[1:], key=lambda values: _cost(problem, values))
+        found.append(fit(problem, free, np.clip(best, problem.lower, problem.upper), most_steps=MOST_STEPS))
     return min(found, key=lambda one: one.cost if np.isfinite(one.cost) else np.inf)
 
 
-def held_out_start(single: Problem, values: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """(P,) values of a problem with one run: its start, and what else is `free`, from its measured motion."""
+def _cost(problem: Problem, values: np.ndarray) -> float:
+    values = np.clip(values, problem.lower, problem.upper)
+    with np.errstate(all="ignore"):
+        found = problem.expansion(values, np.zeros(len(values), dtype=bool)).cost
+    return found if np.isfinite(found) else np.inf
+
+
+def followed_run(single: Problem, values: np.ndarray, free: np.ndarray) -> Fit:
+    """A run fitted by its start, and what else is `free` (P,), from its measured motion; the rest stays as in `values`."""
     model = single.model
     assert isinstance(model, SimulatedModel)
     swing = model.swing(single.runs[0], single.theta(0, values))
@@ -119,4 +129,4 @@ def held_out_start(single: Problem, values: np.ndarray, free: np.ndarray) -> np.
     starts = np.array([c.parameter.name in model.start_names for c in single.columns])
     own = free & ~starts
     point = box.settled(own, box.begin(values))
-    return box.tied_down(own, point).values
+    return descended(single, free, box.tied_down(own, point))

@@ -227,6 +227,16 @@ class Problem:
         return found._replace(values=part.whole(found.values))
 
 
+def transferred(values: np.ndarray, source: Problem, target: Problem, *, missing: float | None = None) -> np.ndarray:
+    """Values of one problem's unknowns in another: by parameter and run, the rest as the other starts, or `missing`."""
+    result = target.start() if missing is None else np.full(len(target.columns), missing)
+    place = {source.key(i): i for i in range(len(source.columns))}
+    for i in range(len(target.columns)):
+        if (key := target.key(i)) in place:
+            result[i] = values[place[key]]
+    return result
+
+
 class _Part:
     """A problem of which only some unknowns are free."""
 

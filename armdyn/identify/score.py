@@ -72,7 +72,7 @@ def _score(
     left = seen - Q @ shares
     independence = float(np.max(np.linalg.norm(left, axis=0) / norms[norms > 0]))
     if independence < IDENTIFIABLE:
-        weights = np.abs(np.linalg.solve(R, shares[:, 0]) * np.linalg.norm(R, axis=0))
+        weights = np.abs(np.linalg.lstsq(R, shares[:, 0], rcond=1e-12)[0] * np.linalg.norm(R, axis=0))
         names = [c.name for c, f in zip(problem.columns, fit.free, strict=True) if f]
         imitators = tuple(n for n, w in zip(names, weights, strict=True) if w > 0.3 * weights.max())
         return Score(candidate, 0.0, imitators)

@@ -19,6 +19,12 @@ from armdyn.identify.suspects import Suspect, merged, rises, suspects
 FAR = 3.0
 """Typical sizes beyond which sums around null say little of a base that is turned: 0.3 rad."""
 
+LITTLE = 0.1
+"""Share of the squared error above the noise that each further value of a pendulum must explain: a twentieth of the
+error, half of what two careful fits of the same recording differ by."""
+CHANCE = 0.5
+"""Standard deviations of a mean square below which an error counts as noise."""
+
 Progress = Callable[[str], None]
 
 
@@ -79,6 +85,7 @@ def search(study: Study, progress: Progress | None = None) -> Search:
     choice = _by_sums(study, first, say) if study.model.linear else _by_evidence(study, first, say)
     steps = [Step((), (), study.present, first, residual_tests(first, study.scores(first, study.present)))]
     steps += _climbed(study, choice.appraiser, choice.whole, steps[0], choice.ahead, say)
+    steps = steps if study.motion is None else _without_little(study, steps)
     if study.model.linear and len(steps) > 1 and steps[-1].tests.fails:
         # What multiplies others, such as a delay of a spring's torque, shows where they are.
         around = study.appraiser(steps[-1].fit)
@@ -174,10 +181,34 @@ def _climbed(
         effects = (*given, *merged((*(e for e in effects if e not in given), rise.added)))
         say(f"{i} of {len(way)} steps fitted, now {rise.added.spoken}")
         fit = study.fit_with(effects, ahead, study.own_values(appraiser, rise.appraisal))
-        if rise.appraisal is whole:
+        if rise is way[-1]:
             fit = study.to_the_end(fit)
         steps.append(Step((rise.added,), rise.tied, effects, fit, residual_tests(fit, study.scores(fit, effects))))
     return steps
+
+
+def _without_little(study: Study, steps: list[Step]) -> list[Step]:
+    """The way without its end, where each value that comes lowers the error by little.
+
+    Real pendulums are never whole: what is left is something, and the next effect of the catalogue a little of it.
+    """
+    left = [_squared_error(study, step) for step in steps]
+    values = [int(step.fit.free.sum()) for step in steps]
+    for k in range(len(steps) - 1):
+        later = range(k + 1, len(steps))
+        if all(left[j] > left[k] * (1.0 - LITTLE) ** max(values[j] - values[k], 1) for j in later):
+            return steps[: k + 1]
+    return steps
+
+
+def _squared_error(study: Study, step: Step) -> float:
+    """Mean squared error above the noise of training and of held-out runs, in units of the noise; at least a little."""
+    blocks = [*step.fit.blocks, *((study.held_out_blocks(step.fit) or []) if study.held_out else [])]
+    kinds = [[b for b in blocks if (b.run in {r.name for r in study.runs}) is training] for training in (True, False)]
+    means = [sum(float(b.residual @ b.residual) for b in k) / sum(len(b.residual) for b in k) for k in kinds if k]
+    samples = min(sum(len(b.residual) for b in k) for k in kinds if k)
+    # By chance the noise is by so much more or less.
+    return float(sum(max(mean - 1.0, CHANCE * np.sqrt(2.0 / samples)) for mean in means))
 
 
 def repair_step(study: Study, step: Step) -> RepairStep:

@@ -13,7 +13,7 @@ from armdyn.identify.fit import GROWTHS, SETTLED_WINDOW, Fit, determined, first_
 from armdyn.identify.least_squares import Outcome
 from armdyn.identify.output_error import AroundMotion, descended, shows_motion
 from armdyn.identify.prepare import noise_of_runs, prepared, stated_noise
-from armdyn.identify.problem import Block, Problem
+from armdyn.identify.problem import Block, Problem, transferred
 from armdyn.identify.score import Score, scores
 from armdyn.identify.summed import Summed
 from armdyn.identify.sums import sums
@@ -87,6 +87,7 @@ class Study:
         self._held_out: dict[int, tuple[Fit, list[Block] | None]] = {}
         self._exam: dict[int, tuple[Fit, list[Block]]] = {}
         self._first: Fit | None = None
+        self._followed: dict[int, tuple[Fit, Sequence[np.ndarray]]] = {}
         self._around_motion: dict[frozenset[str], Fit] = {}
         self._present_names = [name for c in self.present for name in c.names]
         self._begun = self.problem.start()
@@ -139,9 +140,11 @@ class Study:
         """The fit with the effects' unknowns `names`, from the measured motion."""
         fitted = motion.problem.of(names) & ~(motion.problem.of(self._present_names) & ~motion.problem.fitted)
         free = motion.base & ~motion.problem.of(self._present_names) | fitted
-        begun = [self.own(values, motion.problem) for values in motion.begun(free, motion.settled(free))]
+        begun = motion.begun(free)
         own = transferred((free | motion.starts).astype(float), motion.problem, self.problem, missing=0.0) > 0.0
-        return descended(self.problem, own, begun)
+        found = descended(self.problem, own, [self.own(values, motion.problem) for values in begun])
+        self._followed[id(found)] = found, begun
+        return found
 
     def sketch(self, effects: Sequence[Candidate], near: Fit, values: np.ndarray | None = None) -> Fit:
         """As `fit_with`, after a few steps only."""
@@ -255,7 +258,9 @@ class Study:
     def held_out_blocks(self, found: Fit) -> list[Block] | None:
         """Residuals of runs that took no part; see `held_out.held_out_blocks`."""
         if id(found) not in self._held_out:  # the fit is kept with its answer, so that its id stays its own
-            self._held_out[id(found)] = found, held_out_blocks(self._quick(found), self.held_out)
+            followed = self._followed.get(id(found))
+            begun = None if followed is None or self.motion is None else (self.motion.problem, followed[1])
+            self._held_out[id(found)] = found, held_out_blocks(self._quick(found), self.held_out, begun)
         return self._held_out[id(found)][1]
 
     @property
@@ -305,13 +310,3 @@ class Study:
 
     def _cold(self, effects: Sequence[Candidate], near: Fit) -> np.ndarray:
         return self._pushed(effects, self._begun, near)
-
-
-def transferred(values: np.ndarray, source: Problem, target: Problem, *, missing: float | None = None) -> np.ndarray:
-    """Values of one problem's unknowns in another: by parameter and run, the rest as the other starts, or `missing`."""
-    result = target.start() if missing is None else np.full(len(target.columns), missing)
-    place = {source.key(i): i for i in range(len(source.columns))}
-    for i in range(len(target.columns)):
-        if (key := target.key(i)) in place:
-            result[i] = values[place[key]]
-    return result

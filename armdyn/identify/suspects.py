@@ -49,7 +49,7 @@ def rises(appraiser: Appraiser, whole: Appraisal, firm: Sequence[Candidate] = ()
     A reader of joint torques counts N m, also where what a joint with little noise shows is surer.
     """
     now, left = appraiser.of(firm), [c for c in whole.effects if c not in firm]
-    found = []
+    found: list[tuple[list[Candidate], Appraisal, float]] = []
     while left:
         options = appraiser.with_one_more(now, left)
         beside = foremost(appraiser, now, options) if appraiser.few else leading(now, options)
@@ -63,9 +63,10 @@ def rises(appraiser: Appraiser, whole: Appraisal, firm: Sequence[Candidate] = ()
             and beside.overall - appraiser.of((*beside.effects, c)).overall >= ALIKE * gain
         ]
         after = appraiser.of((*now.effects, *joined))
-        found.append(Rise(merged(joined)[0], after, after.worth - now.worth, tied(appraiser, whole, joined)))
+        found.append((joined, after, after.worth - now.worth))
         now, left = after, [c for c in left if c not in joined]
-    return found
+    whole = appraiser.settle(whole.effects)
+    return [Rise(merged(new)[0], after, gain, tied(appraiser, whole, new)) for new, after, gain in found]
 
 
 def tied(appraiser: Appraiser, whole: Appraisal, part: Sequence[Candidate]) -> tuple[Candidate, ...]:

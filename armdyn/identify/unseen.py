@@ -13,24 +13,33 @@ import numpy as np
 
 from armdyn.identify.first_fit import start_of
 from armdyn.identify.fit import Fit, determined, fit
-from armdyn.identify.output_error import held_out_start, shows_motion
+from armdyn.identify.output_error import descended, followed_run, shows_motion
 from armdyn.identify.prepare import check_distinct, check_distinct_data, ready
-from armdyn.identify.problem import Block, Problem
+from armdyn.identify.problem import Block, Problem, transferred
 from armdyn.model import Model
 from armdyn.run import Run
 
 
-def held_out_blocks(found: Fit, held_out: Sequence[Run]) -> list[Block] | None:
+Begun = tuple[Problem, Sequence[np.ndarray]]
+"""A problem that holds the runs, and (P,) values with where they may begin, the likeliest first."""
+
+
+def held_out_blocks(found: Fit, held_out: Sequence[Run], begun: Begun | None = None) -> list[Block] | None:
     """Residuals of held-out runs; where none are given, of every training run predicted from the others.
 
     Only what belongs to a single run, such as how the load swung at its start, is fitted to a held-out run.
+
+    Args:
+        found: to the training runs.
+        held_out: other runs.
+        begun: where the held-out runs begin, where that is known.
 
     Returns:
         None when there is a single run and so nothing to hold out.
     """
     runs = found.problem.runs
     if held_out:
-        return [block for run in held_out for block in _predicted(found, found.values, run)]
+        return [block for run in held_out for block in _predicted(found, found.values, run, begun=begun)]
     if len(runs) < 2:
         return None
     return [block for run, rest in _without_each(found) for block in _predicted(rest, rest.values, run, found)]
@@ -52,7 +61,9 @@ def chi2_of(blocks: Sequence[Block]) -> float:
     return float(sum(block.residual @ block.residual for block in blocks))
 
 
-def _predicted(found: Fit, values: np.ndarray, run: Run, whole: Fit | None = None) -> tuple[Block, ...]:
+def _predicted(
+    found: Fit, values: np.ndarray, run: Run, whole: Fit | None = None, begun: Begun | None = None
+) -> tuple[Block, ...]:
     """Residuals of one run; where it was part of the fit `whole`, its own unknowns start from there."""
     alone = Problem(found.problem.model, [run], found.problem.noise)
     free, start = _transferred(found, values, alone)
@@ -62,8 +73,10 @@ def _predicted(found: Fit, values: np.ndarray, run: Run, whole: Fit | None = Non
         return tuple(alone.blocks(start, free))
     if whole is not None:
         start = np.where(own, _transferred(whole, whole.values, alone)[1], start)
+    elif begun is not None:
+        return descended(alone, free, [np.where(own, transferred(v, begun[0], alone), start) for v in begun[1]]).blocks
     elif shows_motion(alone):
-        start = held_out_start(alone, start, free)
+        return followed_run(alone, start, free).blocks
     else:
         start = start_of(alone, start, free)
     return fit(alone, free, start).blocks
