@@ -34,8 +34,9 @@ class Filtered(Appraiser):
         self._study, self._motion = study, study.motion
         assert self._motion is not None
         problem = self._motion.problem
-        super().__init__(problem, tuple(atom for c in study.candidates for atom in c.apart()))
-        self._columns = {c: problem.of(c.names) for c in self.candidates}
+        seen = [c for c in study.candidates if np.any(problem.of(c.names) & self._motion.seen)]
+        super().__init__(problem, tuple(atom for c in seen for atom in c.apart()))
+        self._columns = {c: problem.of(c.names) & self._motion.seen for c in self.candidates}
         self._always = self._motion.base
         self._tables: dict[frozenset[Candidate], Tables] = {}
         self.settle(())

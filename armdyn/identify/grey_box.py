@@ -29,10 +29,14 @@ RATIOS = (0.0, 1.0, 4.0, 16.0, 64.0, 256.0, 1024.0, 8192.0)
 """Variances of the coloured error that are tried, over that of the white noise of one row."""
 TIMES = (0.02, 0.06, 0.15, 1.0 / 3.0)
 """Correlation times that are tried, in swings: beyond a third it would be an offset."""
+LEVELS = (0.6, 1.6)
+"""Factors on the level of one of several channels that are tried beside the present one."""
 LOOSE = 100.0
 """Typical sizes: prior width of what is fitted to linear sums; it only keeps what is not told from running away."""
 PULLED = float(np.log(100.0))
 """Nats that a value could gain beyond a bound from which on it is the bound that explains."""
+UNSEEN = 1e-9
+"""Information on an unknown of typical size, in squared deviations, that is none but rounding."""
 ROUNDING = 1e-13
 ROUNDS = 3
 """In which the noises of several runs, and levels beside values, settle."""
@@ -248,6 +252,8 @@ def nearby(around: Around, noise: Noise) -> Table:
     for c, colour in enumerate(noise.colour):
         for other in _neighbours(colour, around.run.swing):
             found.append(replace(noise, colour=(*noise.colour[:c], other, *noise.colour[c + 1 :])))
+        for factor in LEVELS if len(noise.level) > 1 else ():
+            found.append(replace(noise, level=(*noise.level[:c], factor * noise.level[c], *noise.level[c + 1 :])))
     return tabled(around, found, kicks)
 
 
@@ -562,12 +568,21 @@ class GreyBox:
 
         Looked at with kicks as large as they may be: what shows only in a motion that nothing kicks is not lost then.
         """
-        p = self.problem
-        gram = np.diag((p.prior_weight * p.typical) ** 2)
+        known = np.diag((self.problem.prior_weight * self.problem.typical) ** 2)
+        return independent(known + self._kicked(point), wanted)
+
+    def seen(self, point: Point) -> np.ndarray:
+        """(P,) bool: unknowns that change anything in the runs."""
+        return np.diag(self._kicked(point)) > UNSEEN
+
+    def _kicked(self, point: Point) -> np.ndarray:
+        """(P, P) what the runs tell, in typical sizes, with kicks as large as they may be."""
+        typical = self.problem.typical
+        gram = np.zeros((len(typical), len(typical)))
         for run in self.around(point):
             noise = Noise(run.kick_unit, (1.0,) * len(run.rows), (Colour(),) * len(run.rows))
-            gram += run.innovations(noise, np.array([run.kick_unit])).gram[0] * np.outer(p.typical, p.typical)
-        return independent(gram, wanted)
+            gram += run.innovations(noise, np.array([run.kick_unit])).gram[0] * np.outer(typical, typical)
+        return gram
 
     def tied_down(self, free: np.ndarray, point: Point) -> list[np.ndarray]:
         """(P,) values while kicks shrink to nothing, and the motions become the model's own (output error).

@@ -47,6 +47,7 @@ class AroundMotion:
         base: (P,) bool, what is fitted in every set: what the runs tell of it where no effect is added. An angle does
             not see a mass, and a drag would take it with it.
         point: where the base is settled.
+        seen: (P,) bool, unknowns that change something in these runs, or are known otherwise.
     """
 
     def __init__(self, problem: Problem, training: int, present: np.ndarray) -> None:
@@ -60,6 +61,7 @@ class AroundMotion:
         self.box = GreyBox(problem, swings, training, effects & ~present)
         wanted = problem.fitted & ~self.starts & (~effects | present)
         self.base, self.point = wanted, self._begun(wanted, values)
+        self.seen = self.box.seen(self.point) | (problem.prior_weight > 0.0) | self.starts
         self._settled = {self.base.tobytes(): (self.base, self.point)}
 
     def _begun(self, wanted: np.ndarray, values: np.ndarray) -> Point:

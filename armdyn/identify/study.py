@@ -139,7 +139,7 @@ class Study:
     def _fit_around(self, motion: AroundMotion, names: Sequence[str]) -> Fit:
         """The fit with the effects' unknowns `names`, from the measured motion."""
         fitted = motion.problem.of(names) & ~(motion.problem.of(self._present_names) & ~motion.problem.fitted)
-        free = motion.base & ~motion.problem.of(self._present_names) | fitted
+        free = (motion.base & ~motion.problem.of(self._present_names) | fitted) & motion.seen
         begun = motion.begun(free)
         own = transferred((free | motion.starts).astype(float), motion.problem, self.problem, missing=0.0) > 0.0
         found = descended(self.problem, own, [self.own(values, motion.problem) for values in begun])
