@@ -518,7 +518,9 @@ class GreyBox:
         found = [at(a, n) for a, n in zip(arounds, point.noises, strict=True)]
         return Tables(found, point.values, self.problem, self.training, self.removable)
 
-    def settled(self, free: np.ndarray, point: Point, *, rounds: int = 6, wide: int = 1) -> Point:
+    def settled(
+        self, free: np.ndarray, point: Point, *, rounds: int = 6, wide: int = 1, coloured: bool = True
+    ) -> Point:
         """Linearise, find the noise, step, smooth, until the evidence stays; the first rounds look at every noise.
 
         Args:
@@ -526,11 +528,16 @@ class GreyBox:
             point: where to begin.
             rounds: at most.
             wide: rounds that look at every noise.
+            coloured: whether sensors may have a coloured error.
         """
         arounds = self.around(point)
         best = point
         for k in range(rounds):
-            tables = self.tables(arounds, point, wide=k < wide)
+            if coloured:
+                tables = self.tables(arounds, point, wide=k < wide)
+            else:
+                kicked = [tabled(a, [n], a.kick_unit * np.exp(KICKS)) for a, n in zip(arounds, point.noises, strict=True)]
+                tables = Tables(kicked, point.values, self.problem, self.training, self.removable)
             found = tables.evidence(free)
             if not np.isfinite(found.value):
                 break

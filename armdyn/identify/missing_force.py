@@ -12,7 +12,13 @@ import numpy as np
 
 from armdyn.channels import FloatArray
 from armdyn.identify.fit import Fit
+from armdyn.identify.grey_box import GreyBox, Point
+from armdyn.identify.output_error import AroundMotion
+from armdyn.physics.simulated import SimulatedModel
 
+SHARE = 1.0 / 16.0
+"""Of a swing, between two kicks: so finely a missing force is resolved in time."""
+ROUNDS = 3
 BINS = (32, 24, 16, 12, 8)
 """Points of a curve: the most of these that leave `INDEPENDENT` samples in most bins, else the fewest."""
 MOTION = {"speed": "v", "position": "q", "acceleration": "a"}
@@ -81,12 +87,40 @@ def unexplained(fit: Fit) -> list[Unexplained]:
 
 
 def accelerations(fit: Fit) -> list[Unexplained]:
-    """The missing acceleration of a model with states; its `against` holds speed, angle, pivot acceleration and load.
+    """The missing acceleration of a model with states: the kicks that a smoother needs in every sixteenth of a swing.
 
-    PENDULUM PART, TO BE FILLED: the steps that the grey box's smoother does not explain. Nothing is drawn until then.
+    The effects of the fit are fitted anew around the motion: a model that lacks something follows a recording by a
+    wrong length as far as it can.
     """
-    del fit
-    return []
+    problem = fit.problem
+    model = problem.model
+    if not (isinstance(model, SimulatedModel) and model.start_names):
+        return []
+    swings = [model.swing(run, problem.theta(i, fit.values)) for i, run in enumerate(problem.runs)]
+    effects = np.array([bool(column.parameter.effect) for column in problem.columns])
+    values = AroundMotion(problem, len(problem.runs), effects & fit.free, fit.values).point.values
+    nothing = np.zeros(len(values), dtype=bool)
+    box = GreyBox(problem, swings, len(problem.runs), nothing, SHARE)
+    point = box.settled(nothing, box.begin(values), rounds=ROUNDS, coloured=False)
+    return [one for i in range(len(problem.runs)) for one in _kicked(box, point, i)]
+
+
+def _kicked(box: GreyBox, point: Point, index: int) -> list[Unexplained]:
+    """The missing acceleration of one run, one for each speed of the model."""
+    run, states = box.runs[index], point.states[index]
+    model, theta = run.pieces.model, point.values[run.places]
+    _, kicks = run.around(point.values, states).smoothed(point.noises[index], np.zeros(len(point.values)))
+    motion, by_start = run.pieces.motion(theta, states)
+    lasting = np.diff(run.pieces.starts)
+    pushed = (np.linalg.pinv(by_start) @ kicks[:, :, None])[:, :, 0]
+    time, motion = run.pieces.starts[1:], motion[1:]
+    found = []
+    for k in model.kicked:
+        unit = f"{model.parameters[model.start_names[k]].unit}/s".replace("/s/s", "/s^2")
+        against = model.shown_against(run.pieces.run, time, motion, k, theta)
+        joint = None if len(model.kicked) == 1 else model.start_names[k].removeprefix("initial_")
+        found.append(Unexplained(run.run.name, joint, unit, time, pushed[1:, k] / lasting, against))
+    return found
 
 
 def _torques(fit: Fit, joints: Sequence[Mapping[str, str]]) -> list[Unexplained]:

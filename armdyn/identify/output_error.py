@@ -41,6 +41,7 @@ class AroundMotion:
         problem: model with every effect that may be fitted, training runs first.
         training: number of runs that are fitted; the others are followed.
         present: (P,) bool, unknowns of effects that the model has already.
+        values: (P,) to begin with; those of the model where None.
 
     Attributes:
         box: the runs.
@@ -50,10 +51,12 @@ class AroundMotion:
         seen: (P,) bool, unknowns that change something in these runs, or are known otherwise.
     """
 
-    def __init__(self, problem: Problem, training: int, present: np.ndarray) -> None:
+    def __init__(
+        self, problem: Problem, training: int, present: np.ndarray, values: np.ndarray | None = None
+    ) -> None:
         model = problem.model
         assert isinstance(model, SimulatedModel)
-        values = problem.start()
+        values = problem.start() if values is None else values
         self.problem, self.training = problem, training
         swings = [model.swing(run, problem.theta(i, values)) for i, run in enumerate(problem.runs)]
         effects = np.array([bool(c.parameter.effect) for c in problem.columns])

@@ -76,6 +76,20 @@ class PendulumModel(SimulatedModel):
         speed = np.interp(times, path.start + path.dt * np.arange(len(path.v)), path.v)
         return np.column_stack([motion[:, 0], motion[:, 1] - speed / length * np.cos(motion[:, 0])])
 
+    def shown_against(
+        self, run: Run, time: np.ndarray, motion: np.ndarray, speed: int, theta: np.ndarray
+    ) -> dict[str, tuple[np.ndarray, str]]:
+        """See `SimulatedModel`; the load is the string's pull on a point mass."""
+        del speed
+        length, mass = (float(theta[self.names.index(name)]) for name in ("length", "mass"))
+        path = run_path(run)
+        v, a = (np.interp(time, path.start + path.dt * np.arange(len(path.x)), x) for x in (path.v, path.a))
+        angle = motion[:, 0]
+        rate = motion[:, 1] + v / length * np.cos(angle)
+        pull = mass * (STANDARD_GRAVITY * np.cos(angle) + length * rate**2 + a * np.sin(angle))
+        found = {"speed": (rate, "rad/s"), "angle": (angle, "rad"), "load": (pull, "N")}
+        return found | ({"pivot_acceleration": (a, "m/s^2")} if "gripper_x" in run.channels else {})
+
     def comes_to_rest(self, run: Run) -> float:
         """See `SimulatedModel`: below a fixed pivot, when the swing has become a fiftieth of the largest."""
         channel = run.channels.get("swing_angle") or run.channels.get("swing_rate")

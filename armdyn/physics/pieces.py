@@ -20,6 +20,8 @@ from armdyn.run import Run
 
 INVERSIONS = 3
 """Newton steps from a state to the values that begin a motion with it; a momentum is linear in its rate."""
+SHORT = 16
+"""Steps per compiled call: pieces are short."""
 FEWEST_NODES = 4
 """Steps of the shortest piece, so that samples between its nodes can be interpolated."""
 
@@ -151,6 +153,11 @@ class Pieces:
         by_theta[:, self.model.places[1]] = np.asarray(by_physics)
         return np.asarray(state).ravel(), np.asarray(by_start), by_theta
 
+    def motion(self, theta: np.ndarray, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(J, starts) values that begin a motion with (J, n) states of the pieces, and (J, n, starts) their slopes."""
+        starts, by_start, _ = self._inverted(theta, states, self.edges[:-1])
+        return starts, by_start
+
     def by_definition(self, theta: np.ndarray, states: np.ndarray, nodes: np.ndarray) -> np.ndarray:
         """(K, n, q) how states change with the parameters where the motion stays: a momentum is a mass times a rate.
 
@@ -159,22 +166,26 @@ class Pieces:
             states: (K, n).
             nodes: (K,) of the inputs, at which they are.
         """
-        system, physics, path = self._given(theta)
-        rows, _ = path.rows(with_jerk=system.impulse_adds_to is not None)
-        inputs = rows[: system.inputs, nodes]
-        at = _beginning(system).map(len(states))
-        many = np.repeat(physics[:, None], len(states), axis=1)
-        starts = np.zeros((system.starts, len(states)))
-        for _ in range(INVERSIONS):
-            found, by_start, by_physics = at(*starts[:, None], inputs, many)
-            slopes = np.asarray(by_start).reshape(system.states, len(states), system.starts).transpose(1, 0, 2)
-            gap = states - np.asarray(found).T
-            starts = starts + (np.linalg.pinv(slopes) @ gap[:, :, None])[:, :, 0].T
-        result = np.zeros((len(states), system.states, len(theta)))
-        by_physics = np.asarray(by_physics).reshape(system.states, len(states), len(physics)).transpose(1, 0, 2)
-        free = np.abs(slopes).sum(axis=2) > 0.0
+        _, by_start, by_physics = self._inverted(theta, states, nodes)
+        result = np.zeros((*states.shape, len(theta)))
+        free = np.abs(by_start).sum(axis=2) > 0.0
         result[:, :, self.model.places[1]] = by_physics * free[:, :, None]
         return result
+
+    def _inverted(
+        self, theta: np.ndarray, states: np.ndarray, nodes: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(K, starts) values that begin a motion with (K, n) states, and derivatives of those by them and by physics."""
+        system, physics, path = self._given(theta)
+        rows, _ = path.rows(with_jerk=system.impulse_adds_to is not None)
+        K, n = states.shape
+        at, many = _beginning(system).map(K), np.repeat(physics[:, None], K, axis=1)
+        starts = np.zeros((K, system.starts))
+        for _ in range(INVERSIONS):
+            found, by_start, by_physics = at(*starts.T[:, None], rows[: system.inputs, nodes], many)
+            slopes = np.asarray(by_start).reshape(n, K, system.starts).transpose(1, 0, 2)
+            starts = starts + (np.linalg.pinv(slopes) @ (states - np.asarray(found).T)[:, :, None])[:, :, 0]
+        return starts, slopes, np.asarray(by_physics).reshape(n, K, len(physics)).transpose(1, 0, 2)
 
     def _given(self, theta: np.ndarray) -> tuple[System, np.ndarray, Path]:
         physics = theta[self.model.places[1]]
@@ -260,7 +271,7 @@ def _from_states(system: System, name: str, channels: tuple[str, ...]) -> Simula
     states = [ca.SX.sym(f"s{i}") for i in range(system.states)]
     given, theta = ca.SX.sym("w", system.inputs), ca.SX.sym("theta", len(system.names))
     itself = ca.Function("initial", [*states, given, theta], [ca.vertcat(*states)])
-    return Simulator(replace(system, starts=system.states, initial=itself), f"{name}_pieces", channels)
+    return Simulator(replace(system, starts=system.states, initial=itself), f"{name}_pieces", channels, SHORT)
 
 
 @lru_cache(maxsize=64)

@@ -92,9 +92,13 @@ class Simulator:
         dynamics: the equations.
         name: identifier of the composition, for the cache of compiled code.
         channels: the outputs that are wanted, all when not given; fewer are faster.
+        block: steps per compiled call; a run is continued to a multiple of it.
     """
 
-    def __init__(self, dynamics: System, name: str, channels: tuple[str, ...] | None = None) -> None:
+    def __init__(
+        self, dynamics: System, name: str, channels: tuple[str, ...] | None = None, block: int = BLOCK
+    ) -> None:
+        self._block = block
         self.channels = dynamics.outputs if channels is None else channels
         self.parameters = len(dynamics.names)
         self._dynamics = dynamics
@@ -102,7 +106,7 @@ class Simulator:
         self._impulse = dynamics.impulse_adds_to in self.channels
         rows = [dynamics.outputs.index(name) for name in self.channels] + [len(dynamics.outputs)] * self._impulse
         built = compiled(
-            f"simulate_{name}", {"steps": _steps(dynamics, self._active, rows), "start": _start(dynamics, self._active)}
+            f"simulate_{name}", {"steps": _steps(dynamics, self._active, rows, block), "start": _start(dynamics, self._active)}
         )
         self._steps, self._start = Buffered(built["steps"]), Buffered(built["start"])
 
@@ -117,7 +121,7 @@ class Simulator:
         nodes, middle = path.rows(with_jerk=self._dynamics.impulse_adds_to is not None)
         rows, starts = len(nodes), self._dynamics.starts
         K, m, n = nodes.shape[1], self.parameters + starts, self._dynamics.states
-        padded = -(-K // BLOCK) * BLOCK
+        padded = -(-K // self._block) * self._block
         inputs = np.zeros((3 * rows, padded))
         inputs[:rows, :K] = nodes
         inputs[rows : 2 * rows, : K - 1] = middle
@@ -129,11 +133,11 @@ class Simulator:
         outputs = np.empty((padded, columns))
         sensitivities = np.empty((padded, m, columns))
         state, sensitivity = self._start(*start, *[0.0] * (starts - len(start)), nodes[:, 0], theta)
-        for first in range(0, padded, BLOCK):
-            block = slice(first, first + BLOCK)
+        for first in range(0, padded, self._block):
+            block = slice(first, first + self._block)
             before, y, dy, state, sensitivity = self._steps(state, sensitivity, inputs[:, block], step[:, block], theta)
             states[block], outputs[block] = before.T, y.T
-            sensitivities[block] = dy.T.reshape(BLOCK, m, columns)
+            sensitivities[block] = dy.T.reshape(self._block, m, columns)
         last = np.zeros((n, m))
         last[:, self._active] = sensitivity
         outputs, by_theta = outputs[:K], sensitivities[:K].transpose(0, 2, 1)
@@ -155,7 +159,7 @@ class Simulator:
         return outputs[:, :-1], by_theta[:, :-1]
 
 
-def _steps(dynamics: System, active: list[int], rows: list[int]) -> ca.Function:
+def _steps(dynamics: System, active: list[int], rows: list[int], block: int) -> ca.Function:
     """One block of steps, with the outputs before each step and their derivatives.
 
     The derivatives S of the state obey the integrator's own chain rule, stage by stage, and only for the columns in
@@ -199,10 +203,10 @@ def _steps(dynamics: System, active: list[int], rows: list[int]) -> ca.Function:
     stage = ca.Function(
         "stage", [s, S, w, dt, theta], [following[:, 0], ca.densify(following[:, 1:]), s, ca.densify(y), ca.densify(dy)]
     )
-    over = stage.mapaccum("over", BLOCK, 2)
+    over = stage.mapaccum("over", block, 2)
     s0, S0, P = ca.MX.sym("s", n), ca.MX.sym("S", n, len(active)), ca.MX.sym("theta", parameters)
-    W, DT = ca.MX.sym("w", 3 * width, BLOCK), ca.MX.sym("dt", 1, BLOCK)
-    after, sensitivity, before, Y, dY = over(s0, S0, W, DT, ca.repmat(P, 1, BLOCK))
+    W, DT = ca.MX.sym("w", 3 * width, block), ca.MX.sym("dt", 1, block)
+    after, sensitivity, before, Y, dY = over(s0, S0, W, DT, ca.repmat(P, 1, block))
     return ca.Function("steps", [s0, S0, W, DT, P], [before, Y, dY, after[:, -1], sensitivity[:, -len(active) :]])
 
 

@@ -58,6 +58,26 @@ class SimulatedModel(Model):
         del run, times, theta, swing
         return None
 
+    def shown_against(
+        self, run: Run, time: np.ndarray, motion: np.ndarray, speed: int, theta: np.ndarray
+    ) -> dict[str, tuple[np.ndarray, str]]:
+        """What a missing acceleration may depend on, (J,) with a unit each.
+
+        Args:
+            run: prepared.
+            time: (J,) s.
+            motion: (J, starts) values that would begin the motion then.
+            speed: which of them is the one whose acceleration is missing.
+            theta: (p,) in the order of `names`.
+        """
+        del run, theta, time
+        found = {"speed": (motion[:, speed], self.parameters[self.start_names[speed]].unit)}
+        others = (k for k in range(len(self.start_names)) if k not in self.kicked)
+        return found | {
+            self.start_names[k].removeprefix("initial_"): (motion[:, k], self.parameters[self.start_names[k]].unit)
+            for k in others
+        }
+
     def comes_to_rest(self, run: Run) -> float:
         """When what nothing drives has come to rest, s: there friction holds it, and no force shows."""
         del run
