@@ -123,6 +123,7 @@ def judge(study: Study, found: Search, unknown: Unknown | None) -> Verdict:
         return Verdict.UNKNOWN_EFFECT if beyond else Verdict.EXPLAINED
     if beyond:
         limited = 1.0 - FAR_ABOVE_STATED / max(FAR_ABOVE_STATED, last.fit.chi2_per_sample)
+        limited = limited if study.motion is None else 1.0  # what is coloured was told from what is missing
         asked = IDEALISED + limited * (MOST - IDEALISED)
         if explained_share(study, start, last) < asked or explained_share(study, start, found.steps[1]) < LEADS:
             return Verdict.UNKNOWN_EFFECT

@@ -16,7 +16,7 @@ from armdyn.identify.fit import independent
 from armdyn.identify.innovations import Chain, Colour, Gram, Innovations, Rows, chained, combined, filtered, smoothed
 from armdyn.identify.noise import quiet_noise
 from armdyn.identify.problem import Problem
-from armdyn.physics.pieces import Linearised, Pieces, Samples
+from armdyn.physics.pieces import Linearised, Pieces, Samples, pseudo_inverse
 from armdyn.physics.simulated import SimulatedModel
 
 HALF = 0.5
@@ -29,6 +29,8 @@ RATIOS = (0.0, 1.0, 4.0, 16.0, 64.0, 256.0, 1024.0, 8192.0)
 """Variances of the coloured error that are tried, over that of the white noise of one row."""
 TIMES = (0.02, 0.06, 0.15, 1.0 / 3.0)
 """Correlation times that are tried, in swings: beyond a third it would be an offset."""
+UNSTABLE = 100.0
+"""Times that an error may grow within a piece."""
 LEVELS = (0.6, 1.6)
 """Factors on the level of one of several channels that are tried beside the present one."""
 LOOSE = 100.0
@@ -87,10 +89,23 @@ class GreyRun:
         self.channels = self.pieces.channels
         self.quiet = [quiet_noise(self.run.channels[c], problem.noise[self.run.name, c]) for c in self.channels]
         self.weight = {c: np.ones(len(self.run.channels[c].time)) for c in self.channels}
-        self._starts = [model.names.index(name) for name in model.start_names]
+        self._typical = np.array([model.parameters[name].typical for name in model.start_names])
 
     def begun(self, theta: np.ndarray) -> np.ndarray:
-        """(J, n) states from what was measured of the motion; else those of a simulation."""
+        """(J, n) states from what was measured of the motion; else those of a simulation.
+
+        A piece in which an error grows out of all proportion, as near the upright, is cut.
+        """
+        while True:
+            states = self._begun(theta)
+            found = self.pieces.linearised(theta, states)
+            _, by_start = self.pieces.motion(theta, states)
+            size = by_start * self._typical
+            grown = np.abs(pseudo_inverse(size) @ found.transition @ size).max(axis=(1, 2))
+            if not self.pieces.halve(~(grown < UNSTABLE)):
+                return states
+
+    def _begun(self, theta: np.ndarray) -> np.ndarray:
         model = self.pieces.model
         begin = model.measured_motion(self.run, self.pieces.starts, theta, self.swing)
         if begin is None:
@@ -112,8 +127,7 @@ class GreyRun:
         by_unknown[:, :, self.places] += found.transition @ here - there
         _, by_start, by_theta = self.pieces.beginning(theta)
         model = self.pieces.model
-        typical = np.array([model.parameters[name].typical for name in model.start_names])
-        kicked = by_start[:, model.kicked] * typical[model.kicked]
+        kicked = by_start[:, model.kicked] * self._typical[model.kicked]
         free = np.abs(by_start).sum(axis=1) > 0.0
         start = np.zeros((states.shape[1], P + 1))
         begin, _, _ = self.pieces.beginning(theta)
@@ -121,7 +135,7 @@ class GreyRun:
         held = np.zeros_like(by_theta)
         held[~free] = by_theta[~free]
         start[:, self.places] += held
-        wide = by_start * (LOOSE * typical)
+        wide = by_start * (LOOSE * self._typical)
         chain = Chain(found.transition, by_unknown, gap, start, wide @ wide.T, kicked @ kicked.T)
         rows = [
             Rows(_at_rates(found.samples[c], here), len(states), self.places, P, quiet, self.weight[c])
@@ -626,7 +640,7 @@ class GreyBox:
             starts = [model.names.index(name) for name in model.start_names]
             for _ in range(3):
                 state, by_start, _ = run.pieces.beginning(theta)
-                theta[starts] += np.linalg.pinv(by_start) @ (states[0] - state)
+                theta[starts] += pseudo_inverse(by_start) @ (states[0] - state)
             columns = run.places[starts]
             values[columns] = np.clip(theta[starts], self.problem.lower[columns], self.problem.upper[columns])
         return values

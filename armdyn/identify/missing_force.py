@@ -14,6 +14,7 @@ from armdyn.channels import FloatArray
 from armdyn.identify.fit import Fit
 from armdyn.identify.grey_box import GreyBox, Point
 from armdyn.identify.output_error import AroundMotion
+from armdyn.physics.pieces import pseudo_inverse
 from armdyn.physics.simulated import SimulatedModel
 
 SHARE = 1.0 / 16.0
@@ -102,7 +103,8 @@ def accelerations(fit: Fit) -> list[Unexplained]:
     nothing = np.zeros(len(values), dtype=bool)
     box = GreyBox(problem, swings, len(problem.runs), nothing, SHARE)
     point = box.settled(nothing, box.begin(values), rounds=ROUNDS, coloured=False)
-    return [one for i in range(len(problem.runs)) for one in _kicked(box, point, i)]
+    found = [one for i in range(len(problem.runs)) for one in _kicked(box, point, i)]
+    return [one for one in found if np.isfinite(one.value).all()]
 
 
 def _kicked(box: GreyBox, point: Point, index: int) -> list[Unexplained]:
@@ -112,7 +114,7 @@ def _kicked(box: GreyBox, point: Point, index: int) -> list[Unexplained]:
     _, kicks = run.around(point.values, states).smoothed(point.noises[index], np.zeros(len(point.values)))
     motion, by_start = run.pieces.motion(theta, states)
     lasting = np.diff(run.pieces.starts)
-    pushed = (np.linalg.pinv(by_start) @ kicks[:, :, None])[:, :, 0]
+    pushed = (pseudo_inverse(by_start) @ kicks[:, :, None])[:, :, 0]
     time, motion = run.pieces.starts[1:], motion[1:]
     found = []
     for k in model.kicked:

@@ -78,13 +78,16 @@ def tied(appraiser: Appraiser, whole: Appraisal, part: Sequence[Candidate]) -> t
     rest = [c for c in whole.effects if c not in part]
     joints = {j for c in part for j in c.joints}
     found = []
-    contenders = appraiser.contenders(appraiser.of(rest))
+    without = appraiser.of(rest)
+    contenders = appraiser.contenders(without)
     for name in dict.fromkeys(c.effect for c in contenders if c.effect != part[0].effect):
         others = [c for c in contenders if c.effect == name and set(c.joints) <= joints]
         if any(c in rest for c in others) or len(others) < len(part):
             continue
         other = appraiser.of((*rest, *others))
-        if np.isfinite(other.worth) and appraiser.standing(whole) - appraiser.standing(other) < TIE:
+        if not (np.isfinite(other.worth) and other.worth > without.worth):
+            continue  # it explains nothing, nor does much of what it would stand for
+        if appraiser.standing(whole) - appraiser.standing(other) < TIE:
             found.append(merged(others)[0])
     return tuple(found)
 

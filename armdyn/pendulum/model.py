@@ -28,6 +28,8 @@ KEYS = ("tension",)
 """Keys of a model file that belong to this base."""
 INITIAL = ("initial_angle", "initial_rate")
 GRIPPER = ("gripper_x", "gripper_v", "gripper_a", "gripper_z")
+SLOWEST = 1.5
+"""Periods of small swings that a swing lasts at most; the length is a guess."""
 RESTING = 0.02
 """Of the largest swing, what counts as rest."""
 STEEPEST = 1.5
@@ -106,9 +108,12 @@ class PendulumModel(SimulatedModel):
         return {"length": STANDARD_GRAVITY * (self.swing(run, theta) / (2.0 * np.pi)) ** 2}
 
     def swing(self, run: Run, theta: np.ndarray) -> float:
-        """See `SimulatedModel`; where only a force was measured, that of small swings."""
-        seen = run.channels.get("swing_angle") or run.channels.get("swing_rate")
-        return self.start.stretch(theta) if seen is None else main_period(seen)
+        """See `SimulatedModel`; where only a force was measured, that of small swings.
+
+        What goes round and round has no period that its angle shows.
+        """
+        seen, small = run.channels.get("swing_angle") or run.channels.get("swing_rate"), self.start.stretch(theta)
+        return small if seen is None else min(main_period(seen), SLOWEST * small)
 
     @property
     def start(self) -> Start:

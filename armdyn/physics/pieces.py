@@ -103,10 +103,21 @@ class Pieces:
         last = int(np.clip(np.ceil((end - path.start) / path.dt - 1e-6), first + 1, rows.shape[1] - 1))
         count = max(1, round((last - first) * path.dt / length))
         count = min(count, max(1, (last - first) // FEWEST_NODES))
-        self.edges = np.unique(np.round(np.linspace(first, last, count + 1)).astype(int))
-        self.starts = path.start + path.dt * self.edges[:-1]
-        self._of = {c: self._placed(run.channels[c].time) for c in self.channels}
+        self._cut(np.unique(np.round(np.linspace(first, last, count + 1)).astype(int)))
+
+    def _cut(self, edges: np.ndarray) -> None:
+        """Let pieces begin and end at these nodes of the inputs."""
+        self.edges = edges
+        self.starts = self._path.start + self._path.dt * edges[:-1]
+        self._of = {c: self._placed(self.run.channels[c].time) for c in self.channels}
         self._matrices: dict[tuple[str, int], np.ndarray] = {}
+
+    def halve(self, which: np.ndarray) -> bool:
+        """Cut those of the pieces, (J,) bool, in two that are long enough; whether there was one."""
+        long = which & (np.diff(self.edges) >= 2 * FEWEST_NODES)
+        if long.any():
+            self._cut(np.unique(np.concatenate([self.edges, (self.edges[:-1] + self.edges[1:])[long] // 2])))
+        return bool(long.any())
 
     def __len__(self) -> int:
         return len(self.starts)
@@ -184,7 +195,7 @@ class Pieces:
         for _ in range(INVERSIONS):
             found, by_start, by_physics = at(*starts.T[:, None], rows[: system.inputs, nodes], many)
             slopes = np.asarray(by_start).reshape(n, K, system.starts).transpose(1, 0, 2)
-            starts = starts + (np.linalg.pinv(slopes) @ (states - np.asarray(found).T)[:, :, None])[:, :, 0]
+            starts = starts + (pseudo_inverse(slopes) @ (states - np.asarray(found).T)[:, :, None])[:, :, 0]
         return starts, slopes, np.asarray(by_physics).reshape(n, K, len(physics)).transpose(1, 0, 2)
 
     def _given(self, theta: np.ndarray) -> tuple[System, np.ndarray, Path]:
@@ -257,12 +268,18 @@ def _seen_from(signal: np.ndarray, gap: np.ndarray, transition: np.ndarray, by_t
         by_theta: (n, q) B.
     """
     q = by_theta.shape[1]
-    back = signal[:, :, 1 + q :] @ np.linalg.pinv(transition)
+    back = signal[:, :, 1 + q :] @ pseudo_inverse(transition)
     found = signal.copy()
     found[:, :, 0] += back @ gap
     found[:, :, 1 : 1 + q] -= back @ by_theta
     found[:, :, 1 + q :] = back
     return found
+
+
+def pseudo_inverse(matrices: np.ndarray) -> np.ndarray:
+    """Of (..., n, m) matrices; zeros where a simulation has diverged, which shows elsewhere."""
+    finite = np.isfinite(matrices).all(axis=(-2, -1), keepdims=True)
+    return np.asarray(np.linalg.pinv(np.where(finite, matrices, 0.0)))
 
 
 @lru_cache(maxsize=64)
