@@ -135,6 +135,8 @@ class Appraiser(ABC):
     """
 
     limited: float
+    most_named: ClassVar[int] = 8
+    """Effects of a table of suspects."""
     few: ClassVar[bool] = False
     """Whether there are few candidates with a value or two each, as a pendulum's: then two at once are tried as well,
     which a third may imitate, and worth alone says which set is best."""

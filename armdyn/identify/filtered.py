@@ -12,6 +12,8 @@ from armdyn.identify.fit import channel_rmse
 from armdyn.identify.grey_box import LOOSE, SETTLED, Tables
 from armdyn.identify.study import Study
 
+LOOKED_AT = 16
+"""Changes of a set, those that promise most at a few noises, that are appraised at all."""
 VERIFIED = 4
 """Changes of a set, those that promise most, that are settled before a search ends."""
 COMPARED = 2
@@ -29,6 +31,7 @@ class Filtered(Appraiser):
 
     few = True
     limited = 0.0
+    most_named = 5
 
     def __init__(self, study: Study) -> None:
         self._study, self._motion = study, study.motion
@@ -80,7 +83,8 @@ class Filtered(Appraiser):
         now, refused = self.settle(()), {frozenset[Candidate]()}
         while True:
             say(f"{len(now.effects)} effects chosen")
-            promised = [self.of(one) for one in self._changed(now.effects) if frozenset(one) not in refused]
+            changed = [one for one in self._changed(now.effects) if frozenset(one) not in refused]
+            promised = [self.of(one) for one in self._looked_at(changed)]
             promised = sorted((o for o in promised if o.worth > now.worth + SETTLED), key=lambda o: -o.worth)
             for option in promised[:VERIFIED]:
                 refused.add(frozenset(option.effects))
@@ -90,6 +94,16 @@ class Filtered(Appraiser):
                     break
             else:
                 return self.settle(now.effects)
+
+    def _looked_at(self, sets: Sequence[tuple[Candidate, ...]]) -> Sequence[tuple[Candidate, ...]]:
+        """Those of many sets that are worth a closer look."""
+        coarse = self._tables[self._at].coarse()
+
+        def worth(one: tuple[Candidate, ...]) -> float:
+            found = coarse.evidence(self._free(one))
+            return found.value + found.predicted - self.price(one) if found.inside else -np.inf
+
+        return sorted(sets, key=worth, reverse=True)[:LOOKED_AT]
 
     def _changed(self, effects: tuple[Candidate, ...]) -> Iterator[tuple[Candidate, ...]]:
         """Sets that differ from one by little."""

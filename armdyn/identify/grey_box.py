@@ -40,6 +40,8 @@ PULLED = float(np.log(100.0))
 UNSEEN = 1e-9
 """Information on an unknown of typical size, in squared deviations, that is none but rounding."""
 ROUNDING = 1e-13
+COARSE = (4, 3)
+"""Every which of the colours, and of the kicks, is looked at first."""
 ROUNDS = 3
 """In which the noises of several runs, and levels beside values, settle."""
 SETTLED = 0.5
@@ -344,6 +346,22 @@ class Tables:
             self._width = np.minimum(typical, 1.0 / problem.prior_weight)
         self._centre = np.where(problem.prior_weight > 0, problem.prior_mean - values, 0.0)
 
+    def coarse(self) -> "Tables":
+        """The same at fewer noises: enough to see which sets are worth a closer look."""
+        thinned = []
+        for table in self.tables:
+            colours = len(table.noises) // table.kicks
+            at = np.array(
+                [c * table.kicks + k for c in range(0, colours, COARSE[0]) for k in range(0, table.kicks, COARSE[1])]
+            )
+            thinned.append(
+                replace(
+                    table, noises=tuple(table.noises[i] for i in at), gram=table.gram[at], slope=table.slope[at],
+                    square=table.square[at], log_std=table.log_std[at], kicks=len(range(0, table.kicks, COARSE[1])),
+                )
+            )  # fmt: skip
+        return Tables(thinned, self.values, self.problem, self.training, self._removable)
+
     def evidence(self, free: np.ndarray) -> Evidence:
         """The best evidence of a set.
 
@@ -377,7 +395,9 @@ class Tables:
         own = c[self.is_effect[c]]
         sizes = (self.values + change - p.null)[own] / p.typical[own]
         T = np.minimum(p.typical[c], self._width[c])
-        occam = 0.5 * float(np.linalg.slogdet(np.eye(len(c)) + T[:, None] * H * T)[1]) + float(np.sum(np.log1p(sizes**2)))
+        occam = 0.5 * float(np.linalg.slogdet(np.eye(len(c)) + T[:, None] * H * T)[1]) + float(
+            np.sum(np.log1p(sizes**2))
+        )
         predicted = 0.0
         for r in range(R, len(parts)):
             said, picks[r], levels[r] = self._predicted(r, change, np.flatnonzero(free & (self._owner == r)))
@@ -426,7 +446,9 @@ class Tables:
         A[:, np.arange(len(c)), np.arange(len(c))] += ROUNDING
         d = t / scale * np.linalg.solve(A, (right / scale)[:, :, None])[:, :, 0]
         off = (d - self._centre[c]) / t
-        return d, np.sum(d * (H @ d[:, :, None])[:, :, 0], axis=1) - 2.0 * np.sum(g * d, axis=1) + np.sum(off**2, axis=1)
+        return d, np.sum(d * (H @ d[:, :, None])[:, :, 0], axis=1) - 2.0 * np.sum(g * d, axis=1) + np.sum(
+            off**2, axis=1
+        )
 
     def _over(
         self, part: "Table", H0: np.ndarray, g0: np.ndarray, c: np.ndarray, level: float
@@ -550,7 +572,9 @@ class GreyBox:
             if coloured:
                 tables = self.tables(arounds, point, wide=k < wide)
             else:
-                kicked = [tabled(a, [n], a.kick_unit * np.exp(KICKS)) for a, n in zip(arounds, point.noises, strict=True)]
+                kicked = [
+                    tabled(a, [n], a.kick_unit * np.exp(KICKS)) for a, n in zip(arounds, point.noises, strict=True)
+                ]
                 tables = Tables(kicked, point.values, self.problem, self.training, self.removable)
             found = tables.evidence(free)
             if not np.isfinite(found.value):
@@ -568,15 +592,11 @@ class GreyBox:
                 break
         return best
 
-    def _moved(
-        self, point: Point, arounds: Sequence["Around"], change: np.ndarray
-    ) -> tuple[Point, Sequence["Around"]]:
+    def _moved(self, point: Point, arounds: Sequence["Around"], change: np.ndarray) -> tuple[Point, Sequence["Around"]]:
         """The point after a (P,) change, or a part of it with which the runs can be simulated; linearised there."""
         for share in (1.0, 0.5, 0.2, 0.05):
             values = np.clip(point.values + share * change, self.problem.lower, self.problem.upper)
-            states = tuple(
-                a.smoothed(n, values - point.values)[0] for a, n in zip(arounds, point.noises, strict=True)
-            )
+            states = tuple(a.smoothed(n, values - point.values)[0] for a, n in zip(arounds, point.noises, strict=True))
             there = replace(point, values=values, states=states)
             if all(np.isfinite(s).all() for s in states):
                 found = self.around(there)

@@ -87,7 +87,9 @@ class Rows:
         share = 1.0 / weight
         total = np.bincount(key, weights=share, minlength=pieces * m)
         with np.errstate(invalid="ignore", divide="ignore"):
-            self.time = (np.bincount(key, weights=share * samples.time, minlength=pieces * m) / total).reshape(pieces, m)
+            self.time = (np.bincount(key, weights=share * samples.time, minlength=pieces * m) / total).reshape(
+                pieces, m
+            )
         self.value = np.zeros((m, pieces, width))
         order = np.flatnonzero(np.diff(key, prepend=-1))
         added = np.add.reduceat(rows * share[:, None], order, axis=0) if N else rows
@@ -134,7 +136,9 @@ class Rows:
         last, logs = np.full(J, -np.inf), 0.0
         for k in range(m):
             on, now = there[k], np.where(there[k], self.time[:, k], last)
-            decay = np.exp(-np.where(np.isfinite(last), now - np.where(np.isfinite(last), last, 0.0), 0.0) / colour.time)
+            decay = np.exp(
+                -np.where(np.isfinite(last), now - np.where(np.isfinite(last), last, 0.0), 0.0) / colour.time
+            )
             error *= decay[:, None]
             variance = decay**2 * variance + (1.0 - decay**2) * colour.ratio
             S = variance + np.where(on, white[k], 1.0)

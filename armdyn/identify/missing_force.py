@@ -14,6 +14,7 @@ from armdyn.channels import FloatArray
 from armdyn.identify.fit import Fit
 from armdyn.identify.grey_box import GreyBox, Point
 from armdyn.identify.output_error import AroundMotion
+from armdyn.identify.problem import Problem, transferred
 from armdyn.physics.pieces import pseudo_inverse
 from armdyn.physics.simulated import SimulatedModel
 
@@ -93,13 +94,19 @@ def accelerations(fit: Fit) -> list[Unexplained]:
     The effects of the fit are fitted anew around the motion: a model that lacks something follows a recording by a
     wrong length as far as it can.
     """
-    problem = fit.problem
-    model = problem.model
+    model = fit.problem.model
     if not (isinstance(model, SimulatedModel) and model.start_names):
         return []
-    swings = [model.swing(run, problem.theta(i, fit.values)) for i, run in enumerate(problem.runs)]
+    acting = fit.free | (fit.values != fit.problem.null)
+    needed = {c.parameter.effect for c, acts in zip(fit.problem.columns, acting, strict=True) if acts}
+    problem = Problem(model.holding(needed), fit.problem.runs, fit.problem.noise)
+    model = problem.model
+    assert isinstance(model, SimulatedModel)
+    fit_values = transferred(fit.values, fit.problem, problem)
+    free = transferred(fit.free.astype(float), fit.problem, problem, missing=0.0) > 0.0
+    swings = [model.swing(run, problem.theta(i, fit_values)) for i, run in enumerate(problem.runs)]
     effects = np.array([bool(column.parameter.effect) for column in problem.columns])
-    values = AroundMotion(problem, len(problem.runs), effects & fit.free, fit.values).point.values
+    values = AroundMotion(problem, len(problem.runs), effects & free, fit_values).point.values
     nothing = np.zeros(len(values), dtype=bool)
     box = GreyBox(problem, swings, len(problem.runs), nothing, SHARE)
     point = box.settled(nothing, box.begin(values), rounds=ROUNDS, coloured=False)

@@ -17,6 +17,8 @@ from armdyn.physics.simulated import SimulatedModel
 
 UNLIKE = 0.1
 """Relative difference from which a value that a recording shows directly is tried beside the one that a model has."""
+OTHERS = 3
+"""Places on the way of shrinking kicks from which a fit with large errors is tried as well."""
 MOST_STEPS = 30
 
 
@@ -51,9 +53,7 @@ class AroundMotion:
         seen: (P,) bool, unknowns that change something in these runs, or are known otherwise.
     """
 
-    def __init__(
-        self, problem: Problem, training: int, present: np.ndarray, values: np.ndarray | None = None
-    ) -> None:
+    def __init__(self, problem: Problem, training: int, present: np.ndarray, values: np.ndarray | None = None) -> None:
         model = problem.model
         assert isinstance(model, SimulatedModel)
         values = problem.start() if values is None else values
@@ -101,7 +101,9 @@ class AroundMotion:
     def _near(self, free: np.ndarray) -> Point:
         """The point of the most similar set that was settled, effects that are not `free` at null."""
         near = min(self._settled.values(), key=lambda one: (np.sum(one[0] != free), -one[1].evidence))[1]
-        return replace(near, values=np.where(self.box.removable & ~free, self.problem.null, near.values), evidence=-np.inf)
+        return replace(
+            near, values=np.where(self.box.removable & ~free, self.problem.null, near.values), evidence=-np.inf
+        )
 
     def begun(self, free: np.ndarray) -> list[np.ndarray]:
         """(P,) values from which a fit of the whole runs may begin, the likeliest first."""
@@ -110,12 +112,16 @@ class AroundMotion:
 
 def descended(problem: Problem, free: np.ndarray, begun: Sequence[np.ndarray]) -> Fit:
     """The best of the minima next to (P,) values, of which the first is the likeliest."""
-    found = [fit(problem, free, np.clip(begun[0], problem.lower, problem.upper), most_steps=MOST_STEPS)]
+    found = [_bounded_fit(problem, free, begun[0], MOST_STEPS)]
     if found[0].chi2_per_sample > GROSS:
-        # With large errors the kicks' way may have left the best minimum; another place on it is nearer then.
-        best = min(begun[1:], key=lambda values: _cost(problem, values))
-        found.append(fit(problem, free, np.clip(best, problem.lower, problem.upper), most_steps=MOST_STEPS))
+        # With large errors the kicks' way may have left the best minimum; other places on it are nearer then.
+        nearer = sorted(begun[1:], key=lambda values: _cost(problem, values))[:OTHERS]
+        found += [_bounded_fit(problem, free, values, MOST_STEPS) for values in nearer]
     return min(found, key=lambda one: one.cost if np.isfinite(one.cost) else np.inf)
+
+
+def _bounded_fit(problem: Problem, free: np.ndarray, values: np.ndarray, steps: int) -> Fit:
+    return fit(problem, free, np.clip(values, problem.lower, problem.upper), most_steps=steps)
 
 
 def _cost(problem: Problem, values: np.ndarray) -> float:

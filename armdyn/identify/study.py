@@ -1,5 +1,6 @@
 """A model, runs and a catalogue: every fit that a diagnosis or a repair asks for, each done once."""
 
+import os
 from collections.abc import Collection, Sequence
 from functools import cached_property
 
@@ -8,7 +9,7 @@ import numpy as np
 from armdyn.effects.effect import Effect
 from armdyn.identify.appraisal import Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate
-from armdyn.identify.first_fit import first_fit
+from armdyn.identify.first_fit import begun, first_fit
 from armdyn.identify.fit import GROWTHS, SETTLED_WINDOW, Fit, determined, first_part, fit
 from armdyn.identify.least_squares import Outcome
 from armdyn.identify.output_error import AroundMotion, descended, shows_motion
@@ -19,6 +20,7 @@ from armdyn.identify.summed import Summed
 from armdyn.identify.sums import sums
 from armdyn.identify.unseen import Judge, held_out_blocks, judges, prepared_exam
 from armdyn.model import Model
+from armdyn.physics.simulated import SimulatedModel
 from armdyn.run import Run
 
 QUICK_STEPS = 8
@@ -32,6 +34,7 @@ FIRST_STEPS = 3
 
 PERIODS = 3.0
 """Of small swings, that tell one effect from another."""
+FROM_FORCE = os.environ.get("ARMDYN_FROM_FORCE") == "1"
 LONG = 4000
 """Samples beyond which it pays to derive a formulation of its own for a fit."""
 
@@ -98,14 +101,27 @@ class Study:
 
     @cached_property
     def motion(self) -> AroundMotion | None:
-        """All runs around their measured motion; None where they do not show it."""
-        if not shows_motion(self.problem):
+        """All runs around their motion; None for a model without states.
+
+        Where it was not measured, the motion is at first that of the fit to a growing stretch.
+        """
+        model = self.problem.model
+        if not (isinstance(model, SimulatedModel) and model.start_names):
             return None
-        runs = [*self.runs, *self.held_out]
-        everything = Problem(self.problem.model, runs, self.noise)
-        if not shows_motion(everything):
+        everything = Problem(model, [*self.runs, *self.held_out], self.noise)
+        present = everything.of(self._present_names)
+        if shows_motion(everything):
+            return AroundMotion(everything, len(self.runs), present)
+        if not FROM_FORCE:
             return None
-        return AroundMotion(everything, len(self.runs), everything.of([n for c in self.present for n in c.names]))
+        alone = Problem(self.model, self.runs, self.noise)
+        values = transferred(first_fit(alone)[0].values, alone, everything)
+        if self.held_out:
+            others = Problem(model, self.held_out, self.noise)
+            started, _ = begun(others, transferred(values, everything, others))
+            values = np.where([c.run is not None and c.run >= len(self.runs) for c in everything.columns],
+                              transferred(started, others, everything), values)
+        return AroundMotion(everything, len(self.runs), present, values)
 
     def first(self) -> Fit:
         """The fit of the model as given."""

@@ -92,9 +92,6 @@ def tied(appraiser: Appraiser, whole: Appraisal, part: Sequence[Candidate]) -> t
     return tuple(found)
 
 
-MOST_NAMED = 8
-
-
 @dataclass(frozen=True)
 class Suspect:
     """One effect that may be missing.
@@ -139,7 +136,7 @@ def suspects(appraiser: Appraiser, first: Sequence[Candidate], tied: Sequence[Ca
     rest = sorted(worth, key=lambda one: -one.worth)
     names = [c.effect for c in tied]
     described = []
-    for one in (*leading, *rest)[:MOST_NAMED]:
+    for one in (*leading, *rest)[: appraiser.most_named]:
         mine = merged(one.effects)[0]
         others = tuple(names) if one in leading else tuple(c.effect for c in first) if mine.effect in names else ()
         described.append(_described(appraiser, one, mine, nothing, tuple(dict.fromkeys(others))))

@@ -19,7 +19,6 @@ from armdyn.identify.problem import Block, Problem, transferred
 from armdyn.model import Model
 from armdyn.run import Run
 
-
 Begun = tuple[Problem, Sequence[np.ndarray]]
 """A problem that holds the runs, and (P,) values with where they may begin, the likeliest first."""
 

@@ -157,9 +157,7 @@ class Pieces:
         system, physics, path = self._given(theta)
         nodes, _ = path.rows(with_jerk=system.impulse_adds_to is not None)
         start = [float(theta[self.model.names.index(name)]) for name in self.model.start_names]
-        state, by_start, by_physics = _beginning(system)(
-            *start, nodes[: system.inputs, self.edges[0]], physics
-        )
+        state, by_start, by_physics = _beginning(system)(*start, nodes[: system.inputs, self.edges[0]], physics)
         by_theta = np.zeros((system.states, len(theta)))
         by_theta[:, self.model.places[1]] = np.asarray(by_physics)
         return np.asarray(state).ravel(), np.asarray(by_start), by_theta
@@ -228,8 +226,13 @@ class Pieces:
                 columns[channel].append(self._read(channel, j, signal[:, k], at, physics))
             if late and j + 1 < J:
                 own = signal[-(b - a + 1) :]
-                before = _seen_from(own[:-1], states[j + 1] - ends[j], transition[j], slopes[:, :q]), at[-(b - a + 1) : -1]
-        return Linearised(transition, by_theta, ends, {c: self._samples(c, rows, len(theta)) for c, rows in columns.items()})
+                before = (
+                    _seen_from(own[:-1], states[j + 1] - ends[j], transition[j], slopes[:, :q]),
+                    at[-(b - a + 1) : -1],
+                )
+        return Linearised(
+            transition, by_theta, ends, {c: self._samples(c, rows, len(theta)) for c, rows in columns.items()}
+        )
 
     def _read(self, channel: str, j: int, signal: np.ndarray, at: np.ndarray, physics: np.ndarray) -> np.ndarray:
         """(n_j, 1 + q + n) samples of a piece."""
@@ -298,4 +301,6 @@ def _beginning(system: System) -> ca.Function:
     given, theta = ca.SX.sym("w", system.inputs), ca.SX.sym("theta", len(system.names))
     state = system.initial(*start, given, theta)
     by_start = ca.densify(ca.jacobian(state, ca.vertcat(*start)))
-    return ca.Function("beginning", [*start, given, theta], [ca.densify(state), by_start, ca.densify(ca.jacobian(state, theta))])
+    return ca.Function(
+        "beginning", [*start, given, theta], [ca.densify(state), by_start, ca.densify(ca.jacobian(state, theta))]
+    )
