@@ -152,7 +152,7 @@ class Filtered(Appraiser):
     def described(self, one: Appraisal, own: np.ndarray) -> Described:
         """See `Appraiser.described`: in output error, what users compare."""
         study = self._study
-        fit = study.fit_with((*study.present, *one.effects), study.first())
+        fit = study.quick_fit((*study.present, *one.effects))
         held_out = study.held_out_blocks(fit) if study.held_out else None
         found = self._tables[self._at].evidence(self._free(one.effects))
         T = self.problem.typical

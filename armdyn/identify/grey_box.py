@@ -23,11 +23,11 @@ HALF = 0.5
 """Of a swing, between two kicks: within it the motion is the model's own, so that friction keeps its sign and a sensor's
 error at twice the swing's frequency cannot be taken for a force. With white noise in place of kicks real recordings say
 10 to 1000 times less."""
-KICKS = np.arange(-7.0, 10.1, 1.0)
+KICKS = np.arange(-7.0, 10.1, 1.2)
 """Natural logarithms of the kicks that are tried, over what one piece tells of a speed."""
-RATIOS = (0.0, 1.0, 4.0, 16.0, 64.0, 256.0, 1024.0, 8192.0)
+RATIOS = (0.0, 1.0, 6.0, 36.0, 216.0, 1296.0, 7776.0)
 """Variances of the coloured error that are tried, over that of the white noise of one row."""
-TIMES = (0.02, 0.06, 0.15, 1.0 / 3.0)
+TIMES = (0.02, 0.08, 1.0 / 3.0)
 """Correlation times that are tried, in swings: beyond a third it would be an offset."""
 UNSTABLE = 100.0
 """Times that an error may grow within a piece."""
@@ -40,7 +40,7 @@ PULLED = float(np.log(100.0))
 UNSEEN = 1e-9
 """Information on an unknown of typical size, in squared deviations, that is none but rounding."""
 ROUNDING = 1e-13
-COARSE = (4, 3)
+COARSE = (3, 3)
 """Every which of the colours, and of the kicks, is looked at first."""
 ROUNDS = 3
 """In which the noises of several runs, and levels beside values, settle."""
@@ -186,10 +186,13 @@ class Around:
             self._grams[key] = self.rows[channel].whitened(colour)
         return self._grams[key]
 
-    def innovations(self, noise: Noise, kicks: np.ndarray) -> Innovations:
-        """At one noise, with (K,) other sizes of the kicks."""
-        grams = [self.gram(c, colour) for c, colour in enumerate(noise.colour)]
-        return filtered(*combined(grams, noise.level), self.chain, kicks)
+    def innovations(self, noises: Sequence[Noise], kicks: np.ndarray) -> Innovations:
+        """At the colours and levels of C noises, with (K,) sizes of the kicks each."""
+        found = [
+            combined([self.gram(c, colour) for c, colour in enumerate(noise.colour)], noise.level) for noise in noises
+        ]
+        sums, logs, rows = (list(part) for part in zip(*found, strict=True))
+        return filtered(np.array(sums), np.array(logs), rows[0], self.chain, kicks)
 
     def smoothed(self, noise: Noise, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(J, n) states and (J, n) kicks after a (P,) change of the unknowns."""
@@ -233,17 +236,9 @@ class Table:
 
 def tabled(around: Around, noises: Sequence[Noise], kicks: np.ndarray) -> Table:
     """Innovations at every one of `noises` with every size (K,) of the kicks."""
-    found = [around.innovations(noise, kicks) for noise in noises]
+    found = around.innovations(noises, kicks)
     every = tuple(replace(noise, kick=float(kick)) for noise in noises for kick in kicks)
-    return Table(
-        every,
-        np.concatenate([f.gram for f in found]),
-        np.concatenate([f.slope for f in found]),
-        np.concatenate([f.square for f in found]),
-        np.concatenate([f.log_std for f in found]),
-        found[0].rows,
-        len(kicks),
-    )
+    return Table(every, found.gram, found.slope, found.square, found.log_std, found.rows, len(kicks))
 
 
 def everywhere(around: Around, noise: Noise) -> Table:
@@ -622,7 +617,7 @@ class GreyBox:
         gram = np.zeros((len(typical), len(typical)))
         for run in self.around(point):
             noise = Noise(run.kick_unit, (1.0,) * len(run.rows), (Colour(),) * len(run.rows))
-            gram += run.innovations(noise, np.array([run.kick_unit])).gram[0] * np.outer(typical, typical)
+            gram += run.innovations([noise], np.array([run.kick_unit])).gram[0] * np.outer(typical, typical)
         return gram
 
     def tied_down(self, free: np.ndarray, point: Point) -> list[np.ndarray]:

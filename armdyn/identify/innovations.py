@@ -192,13 +192,13 @@ def chained(found: Linearised, states: np.ndarray, columns: np.ndarray, unknowns
 
 @dataclass(frozen=True, eq=False)
 class Innovations:
-    """What a run says of the unknowns at K sizes of the kicks.
+    """What a run says of the unknowns at S = C K noises: C colours, K sizes of the kicks with each.
 
     Attributes:
-        gram: (K, P, P) X'X.
-        slope: (K, P) X'r.
-        square: (K,) r'r.
-        log_std: (K,) sum of the logarithms of the innovations' standard deviations.
+        gram: (S, P, P) X'X.
+        slope: (S, P) X'r.
+        square: (S,) r'r.
+        log_std: (S,) sum of the logarithms of the innovations' standard deviations.
         rows: number of rows.
     """
 
@@ -209,44 +209,43 @@ class Innovations:
     rows: float
 
 
-def filtered(sums: np.ndarray, log_std: float, rows: float, chain: Chain, kicks: np.ndarray) -> Innovations:
-    """Leave the states out of (J, w, w) sums, at (K,) standard deviations of the kicks."""
+def filtered(sums: np.ndarray, log_std: np.ndarray, rows: float, chain: Chain, kicks: np.ndarray) -> Innovations:
+    """Leave the states out of (C, J, w, w) sums with (C,) logarithms, at (K,) standard deviations of the kicks."""
     M, P, eta, after, logs = _forward(sums, chain, kicks)
-    n = P.shape[-1]
-    K, J = len(kicks), len(sums)
-    phi = sums[:, :n, :n]
-    cross = sums[:, :n, n:]
-    total = sums[:, n:, n:].sum(axis=0)
-    Mf = M.reshape(K, J * n, -1)
-    both = np.einsum("jna,kjnb->kab", cross, M, optimize=True)
-    own = np.swapaxes(Mf, 1, 2) @ (phi[None] @ M).reshape(K, J * n, -1)
-    gone = np.swapaxes(eta.reshape(K, J * n, -1), 1, 2) @ (after @ eta).reshape(K, J * n, -1)
-    whole = total[None] - both - np.swapaxes(both, 1, 2) + own - gone
-    return Innovations(whole[:, :-1, :-1], whole[:, :-1, -1], whole[:, -1, -1], log_std + logs, rows)
+    C, K, J, n, width = M.shape
+    phi, cross = sums[:, None, :, :n, :n], sums[:, :, :n, n:]
+    total = sums[:, :, n:, n:].sum(axis=1)[:, None]
+    flat = (C, K, J * n, width)
+    both = np.swapaxes(cross.reshape(C, 1, J * n, width), 2, 3) @ M.reshape(flat)
+    own = np.swapaxes(M.reshape(flat), 2, 3) @ (phi @ M).reshape(flat)
+    gone = np.swapaxes(eta.reshape(flat), 2, 3) @ (after @ eta).reshape(flat)
+    whole = (total - both - np.swapaxes(both, 2, 3) + own - gone).reshape(C * K, width, width)
+    every = (log_std[:, None] + logs).ravel()
+    return Innovations(whole[:, :-1, :-1], whole[:, :-1, -1], whole[:, -1, -1], every, rows)
 
 
 def _forward(
     sums: np.ndarray, chain: Chain, kicks: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The filter: (K, J, n, P+1) means and (K, J, n, n) variances before each piece, and what the piece says of them."""
+    """The filter: (C, K, J, n, P+1) means and (C, K, J, n, n) variances before the pieces, and what these say of them."""
     J, n = chain.gap.shape
-    K, width = len(kicks), sums.shape[-1] - n
-    M, P = np.empty((K, J, n, width)), np.empty((K, J, n, n))
-    eta, after = np.empty((K, J, n, width)), np.empty((K, J, n, n))
+    C, K, width = len(sums), len(kicks), sums.shape[-1] - n
+    M, P = np.empty((C, K, J, n, width)), np.empty((C, K, J, n, n))
+    eta, after = np.empty((C, K, J, n, width)), np.empty((C, K, J, n, n))
     # The columns' states fall by what the unknowns add to them: the residual is r - X dtheta.
-    mean = np.repeat((chain.start * np.append(-np.ones(width - 1), 1.0))[None], K, axis=0)
-    variance = np.repeat(chain.start_variance[None], K, axis=0)
+    mean = np.broadcast_to(chain.start * np.append(-np.ones(width - 1), 1.0), (C, K, n, width))
+    variance = np.broadcast_to(chain.start_variance, (C, K, n, n))
     noise = kicks[:, None, None] ** 2 * chain.kicked
     drive = np.concatenate([-chain.by_unknown, chain.gap[:, :, None]], axis=2)
-    logs, one = np.zeros(K), np.eye(n)
+    logs, one = np.zeros((C, K)), np.eye(n)
     for j in range(J):
-        phi = sums[j, :n, :n]
-        M[:, j], P[:, j] = mean, variance
+        phi = sums[:, None, j, :n, :n]
+        M[:, :, j], P[:, :, j] = mean, variance
         inverse, size = _inverse(one + variance @ phi)
         now = inverse @ variance
-        now = (now + np.swapaxes(now, 1, 2)) / 2
-        e = sums[j, :n, n:] - phi @ mean
-        eta[:, j], after[:, j] = e, now
+        now = (now + np.swapaxes(now, 2, 3)) / 2
+        e = sums[:, None, j, :n, n:] - phi @ mean
+        eta[:, :, j], after[:, :, j] = e, now
         logs += size
         T = chain.transition[j]
         mean = T @ (mean + now @ e) + drive[j]
@@ -255,13 +254,14 @@ def _forward(
 
 
 def _inverse(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Inverses of (K, n, n) matrices, and the logarithms of their determinants; two states are most frequent."""
+    """Inverses of (..., n, n) matrices, and the logarithms of their determinants; two states are most frequent."""
     if A.shape[-1] != 2:
         return np.linalg.inv(A), np.linalg.slogdet(A)[1]
-    a, b, c, d = A[:, 0, 0], A[:, 0, 1], A[:, 1, 0], A[:, 1, 1]
+    a, b, c, d = A[..., 0, 0], A[..., 0, 1], A[..., 1, 0], A[..., 1, 1]
     size = a * d - b * c
     inverse = np.empty_like(A)
-    inverse[:, 0, 0], inverse[:, 0, 1], inverse[:, 1, 0], inverse[:, 1, 1] = d / size, -b / size, -c / size, a / size
+    inverse[..., 0, 0], inverse[..., 0, 1] = d / size, -b / size
+    inverse[..., 1, 0], inverse[..., 1, 1] = -c / size, a / size
     return inverse, np.log(size)
 
 
@@ -277,9 +277,9 @@ def smoothed(sums: np.ndarray, chain: Chain, kick: float, change: np.ndarray) ->
         kick: standard deviation.
         change: (P,) of the unknowns.
     """
-    M, P, eta, _, _ = _forward(sums, chain, np.array([kick]))
+    M, P, eta, _, _ = _forward(sums[None], chain, np.array([kick]))
     weights = np.append(-change, 1.0)
-    mean, e, variance = M[0] @ weights, eta[0] @ weights, P[0]
+    mean, e, variance = M[0, 0] @ weights, eta[0, 0] @ weights, P[0, 0]
     J, n = mean.shape
     pull, states, kicks = np.zeros(n), np.empty((J, n)), np.zeros((J, n))
     noise = kick**2 * chain.kicked

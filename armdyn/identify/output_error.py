@@ -110,12 +110,12 @@ class AroundMotion:
         return self.box.tied_down(free, self._near(free))
 
 
-def descended(problem: Problem, free: np.ndarray, begun: Sequence[np.ndarray]) -> Fit:
-    """The best of the minima next to (P,) values, of which the first is the likeliest."""
+def descended(problem: Problem, free: np.ndarray, begun: Sequence[np.ndarray], others: int = OTHERS) -> Fit:
+    """The best of the minima next to (P,) values, of which the first is the likeliest; at most so many `others`."""
     found = [_bounded_fit(problem, free, begun[0], MOST_STEPS)]
     if found[0].chi2_per_sample > GROSS:
         # With large errors the kicks' way may have left the best minimum; other places on it are nearer then.
-        nearer = sorted(begun[1:], key=lambda values: _cost(problem, values))[:OTHERS]
+        nearer = sorted(begun[1:], key=lambda values: _cost(problem, values))[:others]
         found += [_bounded_fit(problem, free, values, MOST_STEPS) for values in nearer]
     return min(found, key=lambda one: one.cost if np.isfinite(one.cost) else np.inf)
 

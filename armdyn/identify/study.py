@@ -12,7 +12,7 @@ from armdyn.identify.candidate import Candidate
 from armdyn.identify.first_fit import begun, first_fit
 from armdyn.identify.fit import GROWTHS, SETTLED_WINDOW, Fit, determined, first_part, fit
 from armdyn.identify.least_squares import Outcome
-from armdyn.identify.output_error import AroundMotion, descended, shows_motion
+from armdyn.identify.output_error import OTHERS, AroundMotion, descended, shows_motion
 from armdyn.identify.prepare import noise_of_runs, prepared, stated_noise
 from armdyn.identify.problem import Block, Problem, transferred
 from armdyn.identify.score import Score, scores
@@ -91,7 +91,7 @@ class Study:
         self._exam: dict[int, tuple[Fit, list[Block]]] = {}
         self._first: Fit | None = None
         self._followed: dict[int, tuple[Fit, Sequence[np.ndarray]]] = {}
-        self._around_motion: dict[frozenset[str], Fit] = {}
+        self._around_motion: dict[tuple[frozenset[str], int], Fit] = {}
         self._present_names = [name for c in self.present for name in c.names]
         self._begun = self.problem.start()
 
@@ -119,8 +119,11 @@ class Study:
         if self.held_out:
             others = Problem(model, self.held_out, self.noise)
             started, _ = begun(others, transferred(values, everything, others))
-            values = np.where([c.run is not None and c.run >= len(self.runs) for c in everything.columns],
-                              transferred(started, others, everything), values)
+            values = np.where(
+                [c.run is not None and c.run >= len(self.runs) for c in everything.columns],
+                transferred(started, others, everything),
+                values,
+            )
         return AroundMotion(everything, len(self.runs), present, values)
 
     def first(self) -> Fit:
@@ -144,22 +147,30 @@ class Study:
         Where the runs show the motion, it starts there.
         """
         if self.motion is not None:
-            key = frozenset(name for c in effects for name in c.names)
-            if key not in self._around_motion:
-                self._around_motion[key] = self._fit_around(self.motion, sorted(key))
-            return self._around_motion[key]
+            return self._fit_around(effects, OTHERS)
         assert near is not None
         free, start = self._released(effects, near)
         return fit(self.problem, free, start if values is None else values, most_steps=QUICK_STEPS)
 
-    def _fit_around(self, motion: AroundMotion, names: Sequence[str]) -> Fit:
-        """The fit with the effects' unknowns `names`, from the measured motion."""
-        fitted = motion.problem.of(names) & ~(motion.problem.of(self._present_names) & ~motion.problem.fitted)
-        free = (motion.base & ~motion.problem.of(self._present_names) | fitted) & motion.seen
+    def quick_fit(self, effects: Sequence[Candidate]) -> Fit:
+        """As `fit_with`, around the measured motion, for a table: not tried from other starts where errors are large."""
+        return self._fit_around(effects, 0)
+
+    def _fit_around(self, effects: Sequence[Candidate], others: int) -> Fit:
+        """The fit with these effects from the measured motion; see `descended` for `others`."""
+        motion, names = self.motion, {name for c in effects for name in c.names}
+        assert motion is not None
+        key = frozenset(names), others
+        if key in self._around_motion:
+            return self._around_motion[key]
+        own = motion.problem.of(self._present_names)
+        fitted = motion.problem.of(list(names)) & ~(own & ~motion.problem.fitted)
+        free = (motion.base & ~own | fitted) & motion.seen
         begun = motion.begun(free)
-        own = transferred((free | motion.starts).astype(float), motion.problem, self.problem, missing=0.0) > 0.0
-        found = descended(self.problem, own, [self.own(values, motion.problem) for values in begun])
+        free = transferred((free | motion.starts).astype(float), motion.problem, self.problem, missing=0.0) > 0.0
+        found = descended(self.problem, free, [self.own(values, motion.problem) for values in begun], others)
         self._followed[id(found)] = found, begun
+        self._around_motion[key] = found
         return found
 
     def sketch(self, effects: Sequence[Candidate], near: Fit, values: np.ndarray | None = None) -> Fit:
