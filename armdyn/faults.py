@@ -270,9 +270,9 @@ HIGHEST_RATE = 125.0
 def thinned(run: Run, highest_rate: float = HIGHEST_RATE) -> Run:
     """The run with channels that were sampled faster averaged in groups, at the groups' mean times.
 
-    Averaging k samples shifts nothing in time and lowers white noise by sqrt(k).
+    Averaging k samples shifts nothing in time and lowers white noise by sqrt(k); see `Run.spread` for what bends.
     """
-    channels, noise = {}, dict(run.noise)
+    channels, noise, spread = {}, dict(run.noise), dict(run.spread)
     for name, channel in run.channels.items():
         interval = float(np.median(np.diff(channel.time))) if len(channel) > 1 else np.inf
         group = int(1.0 / (highest_rate * interval) + 1e-6) if interval > 0 else 1
@@ -282,6 +282,7 @@ def thinned(run: Run, highest_rate: float = HIGHEST_RATE) -> Run:
         n = len(channel) // group * group
         time, value = (a[:n].reshape(-1, group).mean(axis=1) for a in (channel.time, channel.value))
         channels[name] = Channel(time, value, channel.unit)
+        spread[name] = spread.get(name, 0.0) + interval**2 * (group**2 - 1) / 12.0
         if name in noise:
             noise[name] /= np.sqrt(group)
-    return replace(run, channels=channels, noise=noise)
+    return replace(run, channels=channels, noise=noise, spread=spread)

@@ -40,10 +40,11 @@ class Interpolated(Sampler):
     Args:
         nodes: (K,) s, K >= 4.
         time: (n,) s of the samples.
+        spread: s^2; variance of the times over which a sample is a mean, 0 for an instant. Of evenly spaced nodes only.
     """
 
-    def __init__(self, nodes: np.ndarray, time: np.ndarray) -> None:
-        self.nodes, self._time = nodes, time
+    def __init__(self, nodes: np.ndarray, time: np.ndarray, spread: float = 0.0) -> None:
+        self.nodes, self._time, self._spread = nodes, time, spread
 
     def coefficients(self, signals: np.ndarray) -> np.ndarray:
         """See `Sampler.coefficients`."""
@@ -51,6 +52,18 @@ class Interpolated(Sampler):
 
     def matrix(self, delay: float, derivative: int = 0) -> csr_matrix:
         """See `Sampler.matrix`."""
+        found = self._instants(delay, derivative)
+        if not self._spread or derivative:
+            return found
+        # The mean of y over times around t is y + y'' spread/2, to third order.
+        nodes = self.nodes
+        step = (nodes[-1] - nodes[0]) / (len(nodes) - 1)
+        middle = np.clip(np.rint((self._time - delay - nodes[0]) / step).astype(int), 1, len(nodes) - 2)
+        bend = 0.5 * self._spread / step**2 * np.tile([1.0, -2.0, 1.0], (len(middle), 1))
+        return found + _rows(bend, middle[:, None] + [-1, 0, 1], len(nodes))
+
+    def _instants(self, delay: float, derivative: int) -> csr_matrix:
+        """`matrix` for samples that are no means."""
         nodes, at = self.nodes, self._time - delay
         inside = np.clip(at, nodes[0], nodes[-1])
         after = np.clip(np.searchsorted(nodes, inside), 1, len(nodes) - 1)

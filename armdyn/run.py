@@ -37,6 +37,8 @@ class Run:
         warnings: a sentence per thing that was lost, such as the end of a recording that was cut off.
         began: s; when the recording began of which this is a later piece. None where it is whole.
         outliers: number of samples that were left out as faulty, by channel.
+        spread: s^2, by channel, of whose samples several were averaged into one: variance of their times. The mean of a
+            signal that bends is off it by half its second derivative times that.
         recorded: when it was made, UTC; None where nobody wrote it down.
 
     Raises:
@@ -53,13 +55,14 @@ class Run:
     warnings: tuple[str, ...] = ()
     began: float | None = field(default=None, kw_only=True)
     outliers: Mapping[str, int] = field(default_factory=dict, kw_only=True)
+    spread: Mapping[str, float] = field(default_factory=dict, kw_only=True)
     recorded: datetime | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         for name in self.channels:
             channel_kind(name)
         check_joint_units((name, channel.unit) for name, channel in self.channels.items())
-        for attribute in ("channels", "known", "noise", "outliers"):
+        for attribute in ("channels", "known", "noise", "outliers", "spread"):
             object.__setattr__(self, attribute, MappingProxyType(dict(getattr(self, attribute))))
 
     @classmethod
@@ -117,7 +120,8 @@ class Run:
     def __reduce__(self) -> tuple[Callable[..., "Run"], tuple[Any, ...]]:
         # A MappingProxyType cannot be pickled, and runs go to other processes.
         mappings = (dict(self.channels), dict(self.known), dict(self.noise))
-        rest = partial(Run, began=self.began, outliers=dict(self.outliers), recorded=self.recorded)
+        kept = {"outliers": dict(self.outliers), "spread": dict(self.spread)}
+        rest = partial(Run, began=self.began, recorded=self.recorded, **kept)
         return rest, (self.name, *mappings, self.description, self.source, self.warnings)
 
     @property

@@ -89,11 +89,20 @@ class Filtered(Appraiser):
             for option in promised[:VERIFIED]:
                 refused.add(frozenset(option.effects))
                 found = self.settle(option.effects)
-                if found.worth > now.worth + SETTLED:
+                if found.worth > now.worth + SETTLED and found.worth > self._again(now, found).worth + SETTLED:
                     now = found
                     break
             else:
                 return self.settle(now.effects)
+
+    def _again(self, now: Appraisal, better: Appraisal) -> Appraisal:
+        """The appraisal of a set, settled from where a better one stands as well: there its noise may be told better."""
+        before = self._motion.settled(self._free(now.effects))
+        if self._motion.settled(self._free(now.effects), self._free(better.effects)) is not before:
+            del self._tables[frozenset(now.effects)]
+        found = self.settle(now.effects)
+        self.settle(better.effects)
+        return found
 
     def _looked_at(self, sets: Sequence[tuple[Candidate, ...]]) -> Sequence[tuple[Candidate, ...]]:
         """Those of many sets that are worth a closer look."""

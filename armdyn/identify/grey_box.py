@@ -390,12 +390,14 @@ class Tables:
         own = c[self.is_effect[c]]
         sizes = (self.values + change - p.null)[own] / p.typical[own]
         T = np.minimum(p.typical[c], self._width[c])
-        occam = 0.5 * float(np.linalg.slogdet(np.eye(len(c)) + T[:, None] * H * T)[1]) + float(
+        occam = 0.5 * float(_log_det((np.eye(len(c)) + T[:, None] * H * T)[None])[0]) + float(
             np.sum(np.log1p(sizes**2))
         )
         predicted = 0.0
         for r in range(R, len(parts)):
-            said, picks[r], levels[r] = self._predicted(r, change, np.flatnonzero(free & (self._owner == r)))
+            said, picks[r], levels[r] = self._predicted(
+                r, change, c, H, np.flatnonzero(free & (self._owner == r))
+            )
             predicted += said
         information = np.zeros((len(change), len(change)))
         information[np.ix_(c, c)] = H
@@ -409,21 +411,36 @@ class Tables:
         """What a run adds to the evidence beside the unknowns' share."""
         return float(-0.5 * part.square[pick] / level**2 - part.log_std[pick] - part.rows * np.log(level))
 
-    def _predicted(self, r: int, change: np.ndarray, own: np.ndarray) -> tuple[float, int, float]:
-        """Log likelihood of a run at a (P,) change, what is its `own` fitted to it, at the noise that suits it best."""
+    def _predicted(
+        self, r: int, change: np.ndarray, c: np.ndarray, known: np.ndarray, own: np.ndarray
+    ) -> tuple[float, int, float]:
+        """Log density of a run as the training runs predict it, at the noise that suits it best.
+
+        What these leave uncertain of the values is integrated over, as are the unknowns that are its `own`: a length
+        that is known to a micrometre may still be a swing too long or too short after a thousand of them.
+
+        Args:
+            r: which run.
+            change: (P,) from the training runs.
+            c: (k,) unknowns that they fitted.
+            known: (k, k) what they say of these, in inverse squares.
+            own: (m,) unknowns of the run alone.
+        """
         t = self.tables[r]
         moved = np.flatnonzero(change)
         G = t.gram[:, moved[:, None], moved]
         d = change[moved]
         square = t.square - 2.0 * t.slope[:, moved] @ d + (G @ d) @ d
-        loss = np.zeros(len(square))
-        if len(own):
-            H = t.gram[:, own[:, None], own]
-            g = t.slope[:, own] - t.gram[:, own[:, None], moved] @ d
-            _, added = self._solved(H, g, own)
-            square = square + added
-            T = self.problem.typical[own]
-            loss = 0.5 * np.linalg.slogdet(np.eye(len(own)) + T[:, None] * H * T)[1]
+        loose = np.concatenate([c, own])
+        prior = np.zeros((len(loose), len(loose)))
+        prior[: len(c), : len(c)] = known + np.diag(self._width[c] ** -2.0)
+        prior[range(len(c), len(loose)), range(len(c), len(loose))] = self.problem.typical[own] ** -2.0
+        scale = 1.0 / np.sqrt(np.diag(prior))
+        H = scale[:, None] * t.gram[:, loose[:, None], loose] * scale
+        A = scale[:, None] * prior * scale + ROUNDING * np.eye(len(loose))
+        g = scale * (t.slope[:, loose] - t.gram[:, loose[:, None], moved] @ d)
+        square = square - np.sum(g * np.linalg.solve(A + H, g[:, :, None])[:, :, 0], axis=1)
+        loss = 0.5 * (_log_det(A + H) - _log_det(A[None])[0])
         level = np.sqrt(np.maximum(square / t.rows, 1.0))
         over = -0.5 * square / level**2 - t.log_std - t.rows * np.log(level) - loss
         pick = int(np.argmax(over))
@@ -461,7 +478,7 @@ class Tables:
         A = T[:, None] * H * T
         A[:, np.arange(len(c)), np.arange(len(c))] += 1.0
         alone = -0.5 * part.square / levels**2 - part.log_std - part.rows * np.log(levels)
-        return alone - 0.5 * added - 0.5 * np.linalg.slogdet(A)[1], levels
+        return alone - 0.5 * added - 0.5 * _log_det(A), levels
 
     def _bounded(self, H: np.ndarray, g: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
         """(c,) the best change within the bounds, what is added to the squared error, (c,) nats of pull beyond them."""
@@ -483,6 +500,14 @@ class Tables:
         off = (d - self._centre[c]) / t
         pulled = np.where(held, 0.5 * (right - A @ d) ** 2 / np.diag(A), 0.0)
         return d, float(d @ H @ d - 2.0 * g @ d + off @ off), pulled
+
+
+def _log_det(A: np.ndarray) -> np.ndarray:
+    """(S,) logarithms of the determinants of (S, c, c) positive definite matrices, as far as rounding leaves them so."""
+    diagonal = np.einsum("sii->si", A)
+    scale = 1.0 / np.sqrt(diagonal)
+    alike = scale[:, :, None] * A * scale[:, None, :] + ROUNDING * np.eye(A.shape[1])
+    return np.asarray(np.sum(np.log(diagonal), axis=1) + np.linalg.slogdet(alike)[1])
 
 
 def _peak(value: np.ndarray, best: int, kicks: int) -> float:

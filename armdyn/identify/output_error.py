@@ -19,6 +19,8 @@ UNLIKE = 0.1
 """Relative difference from which a value that a recording shows directly is tried beside the one that a model has."""
 OTHERS = 3
 """Places on the way of shrinking kicks from which a fit with large errors is tried as well."""
+SIZES = (0.2, 0.4, 0.7, 1.5, 3.0)
+"""Factors on the size of effects with which fits with large errors are tried as well."""
 MOST_STEPS = 30
 
 
@@ -91,9 +93,17 @@ class AroundMotion:
             found.append(self.box.settled(self.base, begin))
         return max(found, key=lambda point: point.evidence)
 
-    def settled(self, free: np.ndarray) -> Point:
-        """The runs settled with (P,) `free` unknowns, other effects at null; from the most similar set that was."""
+    def settled(self, free: np.ndarray, like: np.ndarray | None = None) -> Point:
+        """The runs settled with (P,) `free` unknowns, other effects at null; from the most similar set that was.
+
+        Where `like` is given, also from where that set stands: the better one counts.
+        """
         key = free.tobytes()
+        if like is not None and key in self._settled:
+            there = self._settled[like.tobytes()][1]
+            other = self.box.settled(free, self._without(there, free))
+            if other.evidence > self._settled[key][1].evidence:
+                self._settled[key] = free, other
         if key not in self._settled:
             self._settled[key] = free, self.box.settled(free, self._near(free))
         return self._settled[key][1]
@@ -101,13 +111,23 @@ class AroundMotion:
     def _near(self, free: np.ndarray) -> Point:
         """The point of the most similar set that was settled, effects that are not `free` at null."""
         near = min(self._settled.values(), key=lambda one: (np.sum(one[0] != free), -one[1].evidence))[1]
+        return self._without(near, free)
+
+    def _without(self, near: Point, free: np.ndarray) -> Point:
+        """A point with the effects that are not `free` at null."""
         return replace(
             near, values=np.where(self.box.removable & ~free, self.problem.null, near.values), evidence=-np.inf
         )
 
     def begun(self, free: np.ndarray) -> list[np.ndarray]:
-        """(P,) values from which a fit of the whole runs may begin, the likeliest first."""
-        return self.box.tied_down(free, self._near(free))
+        """(P,) values from which a fit of the whole runs may begin, the likeliest first.
+
+        Where an effect is not the right one, its best size over whole runs is another one than around the motion.
+        """
+        tied = self.box.tied_down(free, self._near(free))
+        sized = free & self.box.removable
+        others = [np.where(sized, size * one, one) for one in (tied[0], tied[-1]) for size in SIZES if sized.any()]
+        return [*tied, *others]
 
 
 def descended(problem: Problem, free: np.ndarray, begun: Sequence[np.ndarray], others: int = OTHERS) -> Fit:

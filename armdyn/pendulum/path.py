@@ -180,7 +180,7 @@ class GrowingRun(Run):
 
     def __reduce__(self) -> tuple[Callable[..., Run], tuple[Any, ...]]:
         _make, arguments = super().__reduce__()
-        return partial(GrowingRun, began=self.began, path=self.path), arguments
+        return partial(GrowingRun, began=self.began, path=self.path, spread=dict(self.spread)), arguments
 
 
 def run_path(run: Run) -> GripperPath:

@@ -237,14 +237,15 @@ class Pieces:
     def _read(self, channel: str, j: int, signal: np.ndarray, at: np.ndarray, physics: np.ndarray) -> np.ndarray:
         """(n_j, 1 + q + n) samples of a piece."""
         sensor, time = self.model.system.sensors[channel], self.run.channels[channel].time[self._of[channel][j]]
+        spread = self.run.spread.get(channel, 0.0)
         if not len(time):
             return np.zeros((0, signal.shape[1]))
         if sensor.lags or sensor.delays:
-            return sensor.read(signal, Interpolated(at, time), physics)
+            return sensor.read(signal, Interpolated(at, time, spread), physics)
         key = channel, j
         if key not in self._matrices:
             own = self._path.start + self._path.dt * np.arange(self.edges[j], self.edges[j + 1] + 1)
-            self._matrices[key] = Interpolated(own, time).matrix(0.0).toarray()
+            self._matrices[key] = Interpolated(own, time, spread).matrix(0.0).toarray()
         return self._matrices[key] @ signal[-self._matrices[key].shape[1] :]
 
     def _samples(self, channel: str, rows: Sequence[np.ndarray], size: int) -> Samples:

@@ -157,7 +157,7 @@ class SimulatedModel(Model):
         for row, name in enumerate(channels):
             time = run.channels[name].time
             signal = np.column_stack([rollout.outputs[:, row], rollout.sensitivities[:, row]])
-            read = self.system.sensors[name].read(signal, Interpolated(nodes, time), physics)
+            read = self.system.sensors[name].read(signal, Interpolated(nodes, time, run.spread.get(name, 0.0)), physics)
             parts.append((name, time, read[:, 0], read[:, 1:][:, columns]))
         return joined(parts)
 
