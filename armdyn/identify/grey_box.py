@@ -29,6 +29,8 @@ RATIOS = (0.0, 1.0, 6.0, 36.0, 216.0, 1296.0, 7776.0)
 """Variances of the coloured error that are tried, over that of the white noise of one row."""
 TIMES = (0.02, 0.08, 1.0 / 3.0)
 """Correlation times that are tried, in swings: beyond a third it would be an offset."""
+WORSE = 1.5
+"""Times that squared innovations may grow in a step: kicks and motion are told a little differently there."""
 UNSTABLE = 100.0
 """Times that an error may grow within a piece."""
 LEVELS = (0.6, 1.6)
@@ -612,17 +614,28 @@ class GreyBox:
                 break
         return best
 
-    def _moved(self, point: Point, arounds: Sequence["Around"], change: np.ndarray) -> tuple[Point, Sequence["Around"]]:
-        """The point after a (P,) change, or a part of it with which the runs can be simulated; linearised there."""
+    def _moved(
+        self, point: Point, arounds: Sequence["Around"], change: np.ndarray
+    ) -> tuple[Point, Sequence["Around"]]:
+        """The point after a (P,) change, or after a part of it that leaves no more; linearised there.
+
+        Where no part of it does, the point itself is returned.
+        """
+        before = self._left(point, arounds)
         for share in (1.0, 0.5, 0.2, 0.05):
             values = np.clip(point.values + share * change, self.problem.lower, self.problem.upper)
             states = tuple(a.smoothed(n, values - point.values)[0] for a, n in zip(arounds, point.noises, strict=True))
             there = replace(point, values=values, states=states)
             if all(np.isfinite(s).all() for s in states):
                 found = self.around(there)
-                if all(a.finite for a in found):
+                if all(a.finite for a in found) and self._left(there, found) < WORSE * before:
                     return there, found
         return point, arounds
+
+    def _left(self, point: Point, arounds: Sequence["Around"]) -> float:
+        """Squared innovations of the training runs at a point's values and noise."""
+        pairs = list(zip(arounds, point.noises, strict=True))[: self.training]
+        return float(sum(tabled(a, [n], np.array([n.kick])).square[0] for a, n in pairs))
 
     def told(self, point: Point, wanted: np.ndarray) -> np.ndarray:
         """(P,) bool: those of `wanted` that the runs around their motion, with the priors, tell from those before them.

@@ -17,6 +17,8 @@ from armdyn.physics.simulated import SimulatedModel
 
 UNLIKE = 0.1
 """Relative difference from which a value that a recording shows directly is tried beside the one that a model has."""
+SKETCHED = 5
+"""Steps after which the better ones of several starts are carried on."""
 OTHERS = 3
 """Places on the way of shrinking kicks from which a fit with large errors is tried as well."""
 SIZES = (0.2, 0.4, 0.7, 1.5, 3.0)
@@ -133,10 +135,11 @@ class AroundMotion:
 def descended(problem: Problem, free: np.ndarray, begun: Sequence[np.ndarray], others: int = OTHERS) -> Fit:
     """The best of the minima next to (P,) values, of which the first is the likeliest; at most so many `others`."""
     found = [_bounded_fit(problem, free, begun[0], MOST_STEPS)]
-    if found[0].chi2_per_sample > GROSS:
+    if found[0].chi2_per_sample > GROSS and others:
         # With large errors the kicks' way may have left the best minimum; other places on it are nearer then.
-        nearer = sorted(begun[1:], key=lambda values: _cost(problem, values))[:others]
-        found += [_bounded_fit(problem, free, values, MOST_STEPS) for values in nearer]
+        nearer = sorted(begun[1:], key=lambda values: _cost(problem, values))[: 3 * others]
+        sketched = sorted((_bounded_fit(problem, free, v, SKETCHED) for v in nearer), key=lambda one: one.cost)
+        found += [_bounded_fit(problem, free, one.values, MOST_STEPS) for one in sketched[:others]]
     return min(found, key=lambda one: one.cost if np.isfinite(one.cost) else np.inf)
 
 
