@@ -17,6 +17,9 @@ exams in nothing. Every run has its own start. Columns:
 `--pictures` writes what the model lacks against speed and angle, one picture for each set; it needs `chromium`.
 """
 
+import shutil
+import subprocess
+import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,6 +29,7 @@ from pathlib import Path
 import _timing as bench
 
 from armdyn.effects.catalogue import CATALOGUE
+from armdyn.errors import ArmdynError
 from armdyn.identify.compare import FittedParameter
 from armdyn.identify.repair import Repair, add, repair
 from armdyn.identify.study import Study
@@ -190,9 +194,6 @@ def accelerations(parameters: dict[str, FittedParameter]) -> dict[str, tuple[flo
 
 def picture(recorded: Recorded, found: Repair, folder: Path) -> Path:
     """What the model lacks against speed and angle, as given and repaired, as a PNG in few colours."""
-    import subprocess
-    import tempfile
-
     import plotly.graph_objects as go
     from PIL import Image
 
@@ -299,10 +300,15 @@ def main() -> int:
     if missing:
         parser.exit(2, f"{options.data / missing[0]} is missing: get the recordings (docs/real.md), then give --data\n")
     if options.pictures is not None:
+        if shutil.which("chromium") is None:
+            parser.exit(2, "--pictures needs Chromium: apt-get install chromium\n")
         options.pictures.mkdir(parents=True, exist_ok=True)
     rows = []
     for recorded in wanted:
-        row, found = answered(recorded, options.data)
+        try:
+            row, found = answered(recorded, options.data)
+        except ArmdynError as error:
+            parser.exit(2, f"{error}\n")
         rows.append(row)
         if options.pictures is not None:
             print(f"{picture(recorded, found, options.pictures)}", flush=True)
