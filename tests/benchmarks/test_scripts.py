@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from ..armdyn.arm.conftest import RECORDINGS
+
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
 
@@ -63,3 +65,18 @@ def test_recorded_pendulums_are_answered(tmp_path: Path) -> None:
     answered = [row for row in rows if not row.get("skipped")]
     assert {"named", "set", "exam", "quiet", "truth", "wrong"} <= set().union(*answered)
     assert all(row["quiet"] for row in found["clean"])
+
+
+@pytest.mark.skipif(not RECORDINGS.is_dir(), reason="the public recordings are not there")
+def test_a_gyro_on_a_wheel_has_a_bias(tmp_path: Path) -> None:
+    (row,) = run("real.py", tmp_path, "--quick", "--data", str(RECORDINGS))["rows"]
+    assert row["effects"] == ["sensor_bias"]
+    assert row["ratio"] < 1.1
+
+
+def test_missing_recordings_are_said_in_one_line(tmp_path: Path) -> None:
+    command = [sys.executable, str(BENCHMARKS / "real.py"), "--data", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 2
+    assert "is missing" in done.stderr
+    assert done.stderr.count("\n") == 1
