@@ -16,8 +16,8 @@ LOOKED_AT = 16
 """Changes of a set, those that promise most at a few noises, that are appraised at all."""
 VERIFIED = 4
 """Changes of a set, those that promise most, that are settled before a search ends."""
-COMPARED = 2
-"""Next steps of a way, those that promise most, that are compared at their own motions."""
+COMPARED = 3
+"""Next steps of a way, those that promise most, that are compared by what they leave."""
 MOST_PAIRED = 3
 """Effects of a set to which two more are added at once: what one imitates, two may be."""
 
@@ -123,10 +123,15 @@ class Filtered(Appraiser):
             yield from (tuple(c for c in self.candidates if c in {*rest, *come}) for come in coming if come or gone)
 
     def with_one_more(self, now: Appraisal, left: Sequence[Candidate]) -> list[Appraisal]:
-        """See `Appraiser.with_one_more`: at their own motions, those that promise most."""
+        """See `Appraiser.with_one_more`: the one that leaves least in output error, of those that promise most.
+
+        What a reader counts is the error: an offset of the camera may be surer than the drag that it hides behind.
+        """
         self.settle(now.effects)
         promised = sorted(super().with_one_more(now, left), key=lambda one: -one.worth)
-        return [self.settle(one.effects) for one in promised[:COMPARED]]
+        compared = promised if not now.effects else promised[:COMPARED]
+        best = min(compared, key=lambda one: self._study.left((*self._study.present, *one.effects)))
+        return [self.settle(best.effects)]
 
     def promising(self, now: Appraisal, changes: Sequence[Change], most: int) -> list[Appraisal]:
         """See `Appraiser.promising`; asking costs little, so all are appraised."""

@@ -397,9 +397,7 @@ class Tables:
         )
         predicted = 0.0
         for r in range(R, len(parts)):
-            said, picks[r], levels[r] = self._predicted(
-                r, change, c, H, np.flatnonzero(free & (self._owner == r))
-            )
+            said, picks[r], levels[r] = self._predicted(r, change, c, H, np.flatnonzero(free & (self._owner == r)))
             predicted += said
         information = np.zeros((len(change), len(change)))
         information[np.ix_(c, c)] = H
@@ -614,9 +612,7 @@ class GreyBox:
                 break
         return best
 
-    def _moved(
-        self, point: Point, arounds: Sequence["Around"], change: np.ndarray
-    ) -> tuple[Point, Sequence["Around"]]:
+    def _moved(self, point: Point, arounds: Sequence["Around"], change: np.ndarray) -> tuple[Point, Sequence["Around"]]:
         """The point after a (P,) change, or after a part of it that leaves no more; linearised there.
 
         Where no part of it does, the point itself is returned.

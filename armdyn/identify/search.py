@@ -22,8 +22,6 @@ FAR = 3.0
 LITTLE = 0.1
 """Share of the squared error above the noise that each further value of a pendulum must explain: a twentieth of the
 error, half of what two careful fits of the same recording differ by."""
-CHANCE = 0.5
-"""Standard deviations of a mean square below which an error counts as noise."""
 
 Progress = Callable[[str], None]
 
@@ -121,7 +119,16 @@ def _by_evidence(study: Study, first: Fit, say: Progress) -> _Choice:
         return _Choice(refits, chosen(refits, (), say), first, refits)
     appraiser = Filtered(study)
     whole = appraiser.best_set(say)
+    # What came first may have stood for what came later.
+    fit = study.fit_with((*study.present, *whole.effects), first)
+    useless = [c for c in whole.effects if np.all(_at_null(fit, c))]
+    whole = appraiser.settle([c for c in whole.effects if c not in useless])
     return _Choice(appraiser, whole, first, appraiser)
+
+
+def _at_null(fit: Fit, candidate: Candidate) -> np.ndarray:
+    own = fit.problem.of(candidate.names) & fit.free
+    return fit.values[own] == fit.problem.null[own]
 
 
 def _by_sums(study: Study, first: Fit, say: Progress) -> _Choice:
@@ -192,23 +199,13 @@ def _without_little(study: Study, steps: list[Step]) -> list[Step]:
 
     Real pendulums are never whole: what is left is something, and the next effect of the catalogue a little of it.
     """
-    left = [_squared_error(study, step) for step in steps]
+    left = [study.squared_error(step.fit) for step in steps]
     values = [int(step.fit.free.sum()) for step in steps]
     for k in range(len(steps) - 1):
         later = range(k + 1, len(steps))
         if all(left[j] > left[k] * (1.0 - LITTLE) ** max(values[j] - values[k], 1) for j in later):
             return steps[: k + 1]
     return steps
-
-
-def _squared_error(study: Study, step: Step) -> float:
-    """Mean squared error above the noise of training and of held-out runs, in units of the noise; at least a little."""
-    blocks = [*step.fit.blocks, *((study.held_out_blocks(step.fit) or []) if study.held_out else [])]
-    kinds = [[b for b in blocks if (b.run in {r.name for r in study.runs}) is training] for training in (True, False)]
-    means = [sum(float(b.residual @ b.residual) for b in k) / sum(len(b.residual) for b in k) for k in kinds if k]
-    samples = min(sum(len(b.residual) for b in k) for k in kinds if k)
-    # By chance the noise is by so much more or less.
-    return float(sum(max(mean - 1.0, CHANCE * np.sqrt(2.0 / samples)) for mean in means))
 
 
 def repair_step(study: Study, step: Step) -> RepairStep:

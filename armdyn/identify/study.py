@@ -35,6 +35,8 @@ FIRST_STEPS = 3
 PERIODS = 3.0
 """Of small swings, that tell one effect from another."""
 FROM_FORCE = os.environ.get("ARMDYN_FROM_FORCE") == "1"
+CHANCE = 0.5
+"""Standard deviations of a mean square below which an error counts as noise."""
 LONG = 4000
 """Samples beyond which it pays to derive a formulation of its own for a fit."""
 
@@ -151,6 +153,18 @@ class Study:
         assert near is not None
         free, start = self._released(effects, near)
         return fit(self.problem, free, start if values is None else values, most_steps=QUICK_STEPS)
+
+    def left(self, effects: Sequence[Candidate]) -> float:
+        """What a set leaves in output error, training and held-out runs together; see `squared_error`."""
+        return self.squared_error(self.quick_fit(effects))
+
+    def squared_error(self, fit: Fit) -> float:
+        """Mean squared error above the noise of training plus that of held-out runs, over the noise; at least chance's."""
+        kinds = [list(fit.blocks), list(self.held_out_blocks(fit) or []) if self.held_out else []]
+        samples = [sum(len(b.residual) for b in kind) for kind in kinds if kind]
+        means = [sum(float(b.residual @ b.residual) for b in kind) for kind in kinds if kind]
+        by_chance = CHANCE * np.sqrt(2.0 / min(samples))
+        return float(sum(max(mean / n - 1.0, by_chance) for mean, n in zip(means, samples, strict=True)))
 
     def quick_fit(self, effects: Sequence[Candidate]) -> Fit:
         """As `fit_with`, around the measured motion, for a table: not tried from other starts where errors are large."""
