@@ -120,8 +120,8 @@ class Run:
     def __reduce__(self) -> tuple[Callable[..., "Run"], tuple[Any, ...]]:
         # A MappingProxyType cannot be pickled, and runs go to other processes.
         mappings = (dict(self.channels), dict(self.known), dict(self.noise))
-        kept = {"outliers": dict(self.outliers), "spread": dict(self.spread)}
-        rest = partial(Run, began=self.began, recorded=self.recorded, **kept)
+        outliers, spread = dict(self.outliers), dict(self.spread)
+        rest = partial(Run, began=self.began, outliers=outliers, spread=spread, recorded=self.recorded)
         return rest, (self.name, *mappings, self.description, self.source, self.warnings)
 
     @property

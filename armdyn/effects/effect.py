@@ -45,7 +45,7 @@ class Effect:
     needs: tuple[str, ...] = ()
 
     def shows_in(self, channels: Collection[str]) -> bool:
-        """Whether recordings of these channels can show it: no load cell's lag in an angle, no gripper where none is."""
+        """Whether recordings of these channels can show it: an angle shows no load cell's lag."""
         return not self.needs or any(name in channels for name in self.needs)
 
     @property
@@ -141,6 +141,7 @@ def effect(
                 )
             quantities[argument.name] = argument.default
         at = stage.name if acts_on is None else acts_on
-        return Effect(called, at, MappingProxyType(quantities), summary, source, function, reach, wrong=wrong, needs=needs)
+        declared = MappingProxyType(quantities)
+        return Effect(called, at, declared, summary, source, function, reach, wrong=wrong, needs=needs)
 
     return make

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from armdyn.faults import outlier_sentence
+from armdyn.identify.appraisal import NOISY
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.choose import LEADS
 from armdyn.identify.compare import Comparison, comparison
@@ -82,7 +83,7 @@ def diagnose(study: Study, progress: Progress | None = None) -> Diagnosis:
         else _sentence(verdict, found, unknown, advice, explained_share(study, start, last), _ties(study, found))
     )
     forces = between(start.fit, last.fit if len(found.steps) > 1 else None)
-    law = opening(forces) if verdict is not Verdict.EXPLAINED else ""
+    law = opening(forces, {c.effect for c in last.effects}) if verdict is not Verdict.EXPLAINED else ""
     return Diagnosis(
         verdict=verdict,
         sentence=law + said + outlier_sentence(study.runs),
@@ -119,6 +120,8 @@ def judge(study: Study, found: Search, unknown: Unknown | None) -> Verdict:
     """The verdict on a finished search."""
     start, last = found.steps[0], found.last
     beyond = last.tests.fails and unknown is not None and (unknown.significant or _above_stated_noise(study, last))
+    if study.motion is not None:  # errors of the measured gripper's path, however surely they are seen
+        beyond = beyond and last.fit.chi2_per_sample > NOISY
     if len(found.steps) == 1:
         return Verdict.UNKNOWN_EFFECT if beyond else Verdict.EXPLAINED
     if beyond:

@@ -34,8 +34,8 @@ class Filtered(Appraiser):
     most_named = 5
 
     def __init__(self, study: Study) -> None:
+        assert study.motion is not None
         self._study, self._motion = study, study.motion
-        assert self._motion is not None
         problem = self._motion.problem
         seen = [c for c in study.candidates if np.any(problem.of(c.names) & self._motion.seen)]
         super().__init__(problem, tuple(atom for c in seen for atom in c.apart()))
@@ -96,7 +96,7 @@ class Filtered(Appraiser):
                 return self.settle(now.effects)
 
     def _again(self, now: Appraisal, better: Appraisal) -> Appraisal:
-        """The appraisal of a set, settled from where a better one stands as well: there its noise may be told better."""
+        """The appraisal of a set, settled from where a better one stands as well: its noise may be better there."""
         before = self._motion.settled(self._free(now.effects))
         if self._motion.settled(self._free(now.effects), self._free(better.effects)) is not before:
             del self._tables[frozenset(now.effects)]

@@ -9,7 +9,7 @@ Ann. Stat. 6, 1978)
 the standard errors are at least as large as they are said to be, and larger where no law describes everything.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -34,6 +34,7 @@ class Shape:
         factor: size that is told over the fitted coefficient: the step of a sign is two.
         power: of the quantity in the unit of the size.
         cause: what takes energy from the motion in this way; empty where there is more than one.
+        effects: parts of the names of effects that do.
     """
 
     of: Callable[[FloatArray], FloatArray]
@@ -41,11 +42,19 @@ class Shape:
     factor: float = 1.0
     power: int = 1
     cause: str = ""
+    effects: tuple[str, ...] = ()
 
 
-STEP = Shape(np.sign, "steps by {size} where the {what} turns round", 2.0, 0, "dry friction")
-VISCOUS = Shape(np.positive, "{sense} in proportion to the speed, by {size}", cause="viscous friction")
-SQUARE = Shape(lambda x: x * np.abs(x), "{sense} with the square of the speed, by {size}", power=2, cause="air drag")
+DRY = ("coulomb", "asymmetric", "stribeck", "load_friction")
+STEP = Shape(np.sign, "steps by {size} where the {what} turns round", 2.0, 0, "dry friction", DRY)
+VISCOUS = Shape(
+    np.positive, "{sense} in proportion to the speed, by {size}",
+    cause="viscous friction", effects=("viscous", "linear_drag"),
+)  # fmt: skip
+SQUARE = Shape(
+    lambda x: x * np.abs(x), "{sense} with the square of the speed, by {size}",
+    power=2, cause="air drag", effects=("quadratic_drag",),
+)  # fmt: skip
 LINE = Shape(np.positive, "{sense} with the {against}, by about {size}")
 DRIFT = Shape(np.positive, "{sense} with time, by about {size}")
 CONSTANT = Shape(np.ones_like, "is {size} at every speed and position", power=0)
@@ -124,9 +133,18 @@ def _kinds(one: Law) -> list[tuple[Shape, str, bool]]:
     return [(term.shape, term.against, term.size > 0.0) for term in one.terms]
 
 
-def opening(curves: Iterable[ForceCurve]) -> str:
-    """The law as the sentence with which an answer begins, and a space; empty where none is clear."""
+def opening(curves: Iterable[ForceCurve], named: Collection[str] = ()) -> str:
+    """The law as the sentence with which an answer begins, and a space; empty where none is clear.
+
+    Args:
+        curves: of the missing force.
+        named: effects that were found. Where none of them takes energy as the law does, it is left to the picture: two
+            effects together may look like a third.
+    """
     found = law(curves)
+    parts = [part for term in found.terms for part in term.shape.effects] if found is not None else []
+    if named and parts and not any(part in name for part in parts for name in named):
+        return ""
     return f"{found.sentence[:1].upper()}{found.sentence[1:]}. " if found is not None else ""
 
 

@@ -1,8 +1,8 @@
 """Runs linear around their measured motion, and the noise at which a set of effects is most plausible.
 
-The model's own error, as kicks of the speeds once in every half swing, and the sensors' coloured error are unknown; what
-a set of effects is worth is its evidence at the noise that suits it best (type-II maximum likelihood: Bishop, Pattern
-Recognition and Machine Learning, 2006, §3.5).
+The model's own error, as kicks of the speeds once in every half swing, and the sensors' coloured error are unknown;
+what a set of effects is worth is its evidence at the noise that suits it best (type-II maximum likelihood: Bishop,
+Pattern Recognition and Machine Learning, 2006, §3.5).
 """
 
 from collections.abc import Sequence
@@ -20,9 +20,9 @@ from armdyn.physics.pieces import Linearised, Pieces, Samples, pseudo_inverse
 from armdyn.physics.simulated import SimulatedModel
 
 HALF = 0.5
-"""Of a swing, between two kicks: within it the motion is the model's own, so that friction keeps its sign and a sensor's
-error at twice the swing's frequency cannot be taken for a force. With white noise in place of kicks real recordings say
-10 to 1000 times less."""
+"""Of a swing, between two kicks: within it the motion is the model's own, so that friction keeps its sign and an error
+of a sensor at twice the swing's frequency cannot be taken for a force. With white noise in place of kicks real
+recordings say 10 to 1000 times less."""
 KICKS = np.arange(-7.0, 10.1, 1.2)
 """Natural logarithms of the kicks that are tried, over what one piece tells of a speed."""
 RATIOS = (0.0, 1.0, 6.0, 36.0, 216.0, 1296.0, 7776.0)
@@ -452,7 +452,7 @@ class Tables:
         A = t[:, None] * H * t
         A[:, np.arange(len(c)), np.arange(len(c))] += 1.0
         right = t * g + self._centre[c] / t
-        # In units of the diagonal, and a little off the singular, where rounding leaves less than the one that was added.
+        # In units of the diagonal, a little off the singular: rounding may leave less than the one that was added.
         scale = np.sqrt(np.einsum("sii->si", A))
         A = A / (scale[:, :, None] * scale[:, None, :])
         A[:, np.arange(len(c)), np.arange(len(c))] += ROUNDING
@@ -503,7 +503,7 @@ class Tables:
 
 
 def _log_det(A: np.ndarray) -> np.ndarray:
-    """(S,) logarithms of the determinants of (S, c, c) positive definite matrices, as far as rounding leaves them so."""
+    """(S,) logarithms of determinants of (S, c, c) positive definite matrices, as far as rounding leaves them so."""
     diagonal = np.einsum("sii->si", A)
     scale = 1.0 / np.sqrt(diagonal)
     alike = scale[:, :, None] * A * scale[:, None, :] + ROUNDING * np.eye(A.shape[1])
@@ -586,7 +586,7 @@ class GreyBox:
             wide: rounds that look at every noise.
             coloured: whether sensors may have a coloured error.
         """
-        arounds = self.around(point)
+        arounds: Sequence[Around] = self.around(point)
         best = point
         for k in range(rounds):
             if coloured:

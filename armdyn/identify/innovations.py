@@ -41,7 +41,7 @@ class Colour:
 
 @dataclass(frozen=True, eq=False)
 class Gram:
-    """Sums of U rows of one channel by piece, whitened, in units of the white noise: columns states, unknowns, residual.
+    """Whitened sums of one channel by piece, in units of the white noise: columns states, unknowns, residual.
 
     Attributes:
         sums: (J, n + P + 1, n + P + 1).
@@ -211,7 +211,7 @@ class Innovations:
 
 def filtered(sums: np.ndarray, log_std: np.ndarray, rows: float, chain: Chain, kicks: np.ndarray) -> Innovations:
     """Leave the states out of (C, J, w, w) sums with (C,) logarithms, at (K,) standard deviations of the kicks."""
-    M, P, eta, after, logs = _forward(sums, chain, kicks)
+    M, _, eta, after, logs = _forward(sums, chain, kicks)
     C, K, J, n, width = M.shape
     phi, cross = sums[:, None, :, :n, :n], sums[:, :, :n, n:]
     total = sums[:, :, n:, n:].sum(axis=1)[:, None]
@@ -227,7 +227,7 @@ def filtered(sums: np.ndarray, log_std: np.ndarray, rows: float, chain: Chain, k
 def _forward(
     sums: np.ndarray, chain: Chain, kicks: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The filter: (C, K, J, n, P+1) means and (C, K, J, n, n) variances before the pieces, and what these say of them."""
+    """The filter: (C, K, J, n, P+1) means and (C, K, J, n, n) variances before pieces, and what these say of them."""
     J, n = chain.gap.shape
     C, K, width = len(sums), len(kicks), sums.shape[-1] - n
     M, P = np.empty((C, K, J, n, width)), np.empty((C, K, J, n, n))

@@ -77,9 +77,11 @@ class AroundMotion:
         A value of the file may be far off, and the period of a large swing shows a length that is too large.
         """
         problem, options = self.problem, [values]
+        model = problem.model
+        assert isinstance(model, SimulatedModel)
         shown: dict[str, list[float]] = {}
         for i, run in enumerate(problem.runs[: self.training]):
-            for name, value in problem.model.shown_by(run, problem.theta(i, values)).items():
+            for name, value in model.shown_by(run, problem.theta(i, values)).items():
                 shown.setdefault(name, []).append(value)
         other = values.copy()
         for j in np.flatnonzero(wanted & (problem.prior_weight == 0.0)):
@@ -155,7 +157,7 @@ def _cost(problem: Problem, values: np.ndarray) -> float:
 
 
 def followed_run(single: Problem, values: np.ndarray, free: np.ndarray) -> Fit:
-    """A run fitted by its start, and what else is `free` (P,), from its measured motion; the rest stays as in `values`."""
+    """A run fitted by its start, and what else is (P,) `free`, from its measured motion; the rest stays."""
     model = single.model
     assert isinstance(model, SimulatedModel)
     swing = model.swing(single.runs[0], single.theta(0, values))

@@ -104,7 +104,7 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
     )
     repaired = len(path) > 1
     forces = between(start.fit, last.fit if repaired else None)
-    law = opening(forces) if repaired or left.something else ""
+    law = opening(forces, {c.effect for c in last.effects}) if repaired or left.something else ""
     return Repair(
         verdict=verdict,
         sentence=law + repair_sentences(path, study.judges[0], after.scale, left) + outlier_sentence(study.runs),

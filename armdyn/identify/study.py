@@ -121,11 +121,8 @@ class Study:
         if self.held_out:
             others = Problem(model, self.held_out, self.noise)
             started, _ = begun(others, transferred(values, everything, others))
-            values = np.where(
-                [c.run is not None and c.run >= len(self.runs) for c in everything.columns],
-                transferred(started, others, everything),
-                values,
-            )
+            later = np.array([c.run is not None and c.run >= len(self.runs) for c in everything.columns])
+            values = np.where(later, transferred(started, others, everything), values)
         return AroundMotion(everything, len(self.runs), present, values)
 
     def first(self) -> Fit:
@@ -159,7 +156,7 @@ class Study:
         return self.squared_error(self.quick_fit(effects))
 
     def squared_error(self, fit: Fit) -> float:
-        """Mean squared error above the noise of training plus that of held-out runs, over the noise; at least chance's."""
+        """Mean squared error above the noise, over it, of training plus that of held-out runs; at least by chance."""
         kinds = [list(fit.blocks), list(self.held_out_blocks(fit) or []) if self.held_out else []]
         samples = [sum(len(b.residual) for b in kind) for kind in kinds if kind]
         means = [sum(float(b.residual @ b.residual) for b in kind) for kind in kinds if kind]
@@ -167,7 +164,7 @@ class Study:
         return float(sum(max(mean / n - 1.0, by_chance) for mean, n in zip(means, samples, strict=True)))
 
     def quick_fit(self, effects: Sequence[Candidate]) -> Fit:
-        """As `fit_with`, around the measured motion, for a table: not tried from other starts where errors are large."""
+        """As `fit_with`, around the measured motion, for a table: from one start also where errors are large."""
         return self._fit_around(effects, 0)
 
     def _fit_around(self, effects: Sequence[Candidate], others: int) -> Fit:

@@ -8,6 +8,7 @@ lacks to the beginning of the next is what the model lacks (multiple shooting: B
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import pairwise
 
 import casadi as ca
 import numpy as np
@@ -126,7 +127,7 @@ class Pieces:
         """Which samples belong to each piece; what was measured outside the inputs belongs to the first and last."""
         inner = self._path.start + self._path.dt * (self.edges[1:-1] - 1e-6)
         cuts = [0, *np.searchsorted(time, inner).tolist(), len(time)]
-        return [slice(a, b) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
+        return [slice(a, b) for a, b in pairwise(cuts)]
 
     def states(self, theta: np.ndarray, begin: np.ndarray) -> np.ndarray:
         """(J, n) states at the beginning of the pieces.
@@ -184,7 +185,7 @@ class Pieces:
     def _inverted(
         self, theta: np.ndarray, states: np.ndarray, nodes: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(K, starts) values that begin a motion with (K, n) states, and derivatives of those by them and by physics."""
+        """(K, starts) values that begin a motion with (K, n) states; derivatives of states by them and by physics."""
         system, physics, path = self._given(theta)
         rows, _ = path.rows(with_jerk=system.impulse_adds_to is not None)
         K, n = states.shape

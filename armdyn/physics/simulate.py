@@ -105,9 +105,8 @@ class Simulator:
         self._active = _active(dynamics)
         self._impulse = dynamics.impulse_adds_to in self.channels
         rows = [dynamics.outputs.index(name) for name in self.channels] + [len(dynamics.outputs)] * self._impulse
-        built = compiled(
-            f"simulate_{name}", {"steps": _steps(dynamics, self._active, rows, block), "start": _start(dynamics, self._active)}
-        )
+        steps, start = _steps(dynamics, self._active, rows, block), _start(dynamics, self._active)
+        built = compiled(f"simulate_{name}", {"steps": steps, "start": start})
         self._steps, self._start = Buffered(built["steps"]), Buffered(built["start"])
 
     def rollout(self, path: Path, theta: np.ndarray, *start: float) -> Rollout:
