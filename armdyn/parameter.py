@@ -1,5 +1,6 @@
 """A parameter of a model: what it is called, what it may be, what is known of it."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from math import inf, isfinite
 from typing import Any, Literal
@@ -45,6 +46,7 @@ class Parameter:
         source: where the value comes from.
         effect: name of the effect that it belongs to, ``""`` for a parameter of the base.
         joint: the joint that it belongs to, ``""`` for none.
+        needs: channels of which a recording must have one to show it; any will do where empty.
     """
 
     name: str
@@ -61,6 +63,11 @@ class Parameter:
     source: str = ""
     effect: str = ""
     joint: str = ""
+    needs: tuple[str, ...] = ()
+
+    def shows_in(self, channels: Collection[str]) -> bool:
+        """Whether recordings of these channels can show it."""
+        return not self.needs or any(name in channels for name in self.needs)
 
     def __post_init__(self) -> None:
         if not isfinite(self.value):
@@ -88,6 +95,7 @@ class Quantity:
     scope: Scope = "shared"
     summary: str = ""
     spread: float | None = None
+    needs: tuple[str, ...] = ()
 
     def parameter(self, effect: str, short: str, joint: str = "") -> Parameter:
         """The parameter `short` of an effect, on a joint or on none, at its null value."""
@@ -95,7 +103,7 @@ class Quantity:
             name=f"{effect}.{short}[{joint}]" if joint else f"{effect}.{short}", effect=effect, joint=joint,
             unit=self.unit, value=self.null, typical=self.typical, null=self.null,
             lower=self.lower, upper=self.upper, scope=self.scope, source=self.summary,
-            prior=None if self.spread is None else Prior(self.null, self.spread),
+            prior=None if self.spread is None else Prior(self.null, self.spread), needs=self.needs,
         )  # fmt: skip
 
 
@@ -109,6 +117,7 @@ def quantity(
     scope: Scope = "shared",
     summary: str = "",
     spread: float | None = None,
+    needs: tuple[str, ...] = (),
 ) -> Any:  # the default value of an effect's argument, which is an expression when the effect is applied
     """Declare a parameter of an effect as the default value of its argument.
 
@@ -122,5 +131,6 @@ def quantity(
         summary: one phrase on what the number is.
         spread: standard deviation, about the null value, of what nature has; it keeps a fit sound where a run does
             not determine the number, such as the place of a mass of zero.
+        needs: channels of which a recording must have one to show it; any will do where empty.
     """
-    return Quantity(unit, typical, null, lower, upper, scope, summary, spread)
+    return Quantity(unit, typical, null, lower, upper, scope, summary, spread, needs)

@@ -66,8 +66,12 @@ def sensor_gain(
 )
 def sensor_bias(
     sensor: Sensor,
-    force: Expression = quantity("N", typical=0.01, summary="of a load cell: reading at no load"),
-    rate: Expression = quantity("rad/s", typical=0.05, summary="of a rate gyro: reading at rest"),
+    force: Expression = quantity(
+        "N", typical=0.01, summary="of a load cell: reading at no load", needs=("load_force",)
+    ),
+    rate: Expression = quantity(
+        "rad/s", typical=0.05, summary="of a rate gyro: reading at rest", needs=("swing_rate",)
+    ),
 ) -> Sensor:
     """F = T + b of a load cell, and reading = phi' + b' of a rate gyro; a sensor that was not recorded has none."""
     return sensor.with_force(sensor.force + force).with_rate(sensor.rate + rate)

@@ -231,7 +231,10 @@ def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bo
             for c, wanted, free in zip(study.problem.columns, study.problem.fitted, fit.free, strict=True)
             if wanted and not free
         ),
-        left_out=tuple(f"{run.name}: {text}" for run in (*study.runs, *study.held_out) for text in run.warnings),
+        left_out=(
+            *(f"{run.name}: {text}" for run in (*study.runs, *study.held_out) for text in run.warnings),
+            *study.disbelieved(),
+        ),
         widened=uncertainty(study, fit).widened,
     )
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from armdyn.identify.candidate import Candidate
 from armdyn.identify.choose import chosen, foremost
 from armdyn.identify.explained import RepairStep
 from armdyn.identify.filtered import Filtered
-from armdyn.identify.fit import Fit, channel_rmse
+from armdyn.identify.fit import GROSS, Fit, channel_rmse
 from armdyn.identify.refitted import Refitted
 from armdyn.identify.score import ResidualTests, residual_tests
 from armdyn.identify.study import Study
@@ -22,6 +23,11 @@ FAR = 3.0
 LITTLE = 0.1
 """Share of the squared error above the noise that each further value of a pendulum must explain: a twentieth of the
 error, half of what two careful fits of the same recording differ by."""
+
+PAIRED = 6
+"""Effects, those that leave least alone, whose pairs are compared over whole runs."""
+CLEARLY = 2
+"""Values more that a pair is as good as without having them, to be taken in place of what evidence chose."""
 
 Progress = Callable[[str], None]
 
@@ -119,11 +125,32 @@ def _by_evidence(study: Study, first: Fit, say: Progress) -> _Choice:
         return _Choice(refits, chosen(refits, (), say), first, refits)
     appraiser = Filtered(study)
     whole = appraiser.best_set(say)
-    # What came first may have stood for what came later.
     fit = study.fit_with((*study.present, *whole.effects), first)
+    if fit.chi2_per_sample > GROSS:
+        say("comparing pairs over whole runs")
+        whole = appraiser.settle(_pair_or(study, appraiser, whole))
+        fit = study.fit_with((*study.present, *whole.effects), first)
+    # What came first may have stood for what came later.
     useless = [c for c in whole.effects if np.all(_at_null(fit, c))]
     whole = appraiser.settle([c for c in whole.effects if c not in useless])
     return _Choice(appraiser, whole, first, appraiser)
+
+
+def _pair_or(study: Study, appraiser: Filtered, whole: Appraisal) -> tuple[Candidate, ...]:
+    """A set, or one of one or two effects that leaves clearly less in output error.
+
+    Far above the noise kicks excuse what adds up over many swings: there a friction that large swings hide shows in whole
+    runs only.
+    """
+
+    def left(effects: tuple[Candidate, ...]) -> float:
+        return study.left((*study.present, *effects))
+
+    alone = sorted(appraiser.candidates, key=lambda c: left((c,)))[:PAIRED]
+    sets = [*((c,) for c in alone), *combinations(alone, 2)]
+    best = min(sets, key=lambda one: left(one) / (1.0 - LITTLE) ** len(one))
+    more = max(len(best) - len(whole.effects), 0) + CLEARLY
+    return best if left(best) < (1.0 - LITTLE) ** more * left(whole.effects) else whole.effects
 
 
 def _at_null(fit: Fit, candidate: Candidate) -> np.ndarray:

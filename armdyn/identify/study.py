@@ -35,6 +35,8 @@ FIRST_STEPS = 3
 PERIODS = 3.0
 """Of small swings, that tell one effect from another."""
 FROM_FORCE = os.environ.get("ARMDYN_FROM_FORCE") == "1"
+MOST_TOLD = 5
+"""Times of glitches that are listed."""
 CHANCE = 0.5
 """Standard deviations of a mean square below which an error counts as noise."""
 LONG = 4000
@@ -162,6 +164,20 @@ class Study:
         means = [sum(float(b.residual @ b.residual) for b in kind) for kind in kinds if kind]
         by_chance = CHANCE * np.sqrt(2.0 / min(samples))
         return float(sum(max(mean / n - 1.0, by_chance) for mean, n in zip(means, samples, strict=True)))
+
+    def disbelieved(self) -> list[str]:
+        """Samples that no noise explains and that counted little in choosing, a sentence for each run and channel."""
+        found = []
+        for run in self.motion.box.runs if self.motion is not None else ():
+            for channel, weight in run.weight.items():
+                when = run.run.channels[channel].time[weight > 1.0]
+                if len(when):
+                    times = ", ".join(f"{t:.4g}" for t in when[:MOST_TOLD]) + (", ..." if len(when) > MOST_TOLD else "")
+                    found.append(
+                        f"{run.run.name}: {channel}: {len(when)} of {len(weight)} samples are no noise (a hand, "
+                        f"a lost marker) and count little in choosing: at {times} s"
+                    )
+        return found
 
     def quick_fit(self, effects: Sequence[Candidate]) -> Fit:
         """As `fit_with`, around the measured motion, for a table: from one start also where errors are large."""

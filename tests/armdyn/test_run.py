@@ -329,7 +329,7 @@ def test_real_recordings_read_as_a_plain_csv_reader_sees_them(path):
         np.testing.assert_array_equal(channel.time, expected[:, 0])
         np.testing.assert_array_equal(channel.value, expected[:, i])
     assert set(run.noise) <= set(run.channels)
-    assert set(run.known) <= {"mass"}
+    assert set(run.known) <= {"mass", "length"}
     for name in run.measured:
         run.require_informative(name)
 
