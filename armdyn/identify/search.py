@@ -139,8 +139,8 @@ def _by_evidence(study: Study, first: Fit, say: Progress) -> _Choice:
 def _pair_or(study: Study, appraiser: Filtered, whole: Appraisal) -> tuple[Candidate, ...]:
     """A set, or one of one or two effects that leaves clearly less in output error.
 
-    Far above the noise kicks excuse what adds up over many swings: a friction that large swings hide shows in whole runs
-    only.
+    Far above the noise kicks excuse what adds up over many swings; a friction that large swings hide shows in whole
+    runs only.
     """
 
     def left(effects: tuple[Candidate, ...]) -> float:
