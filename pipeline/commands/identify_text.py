@@ -84,7 +84,9 @@ def _say_fit(found: "Comparison") -> None:
     for name in found.at_bound:
         console.print(f"{name} ended on its physical bound: it may stand in for something else.", style="yellow")
     for name in found.undetermined:
-        console.print(f"{name} was not fitted: these runs say nothing about it.", style="dim")
+        kept = next((p for n, p in found.parameters.items() if n == name), None)
+        holds = "" if kept is None else f", and values that depend on it hold for {kept.value:.4g} {kept.unit}"
+        console.print(f"{name} was not fitted: these runs say nothing about it{holds}.", style="dim")
 
 
 def _say_parameters(parameters: "Mapping[str, FittedParameter]") -> None:
