@@ -9,7 +9,9 @@ import numpy as np
 from armdyn.identify.appraisal import Appraisal, Appraiser, Change, Described
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.fit import channel_rmse
-from armdyn.identify.grey_box import LOOSE, SETTLED, Tables
+from armdyn.identify.grey_box import SETTLED
+from armdyn.identify.grey_run import LOOSE
+from armdyn.identify.noise_evidence import Tables
 from armdyn.identify.study import Study
 
 LOOKED_AT = 16

@@ -6,8 +6,9 @@ from scipy.integrate import solve_ivp
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.diagnose import diagnose
-from armdyn.identify.grey_box import Colour, GreyBox, Noise
-from armdyn.identify.innovations import combined, filtered, smoothed
+from armdyn.identify.grey_box import GreyBox
+from armdyn.identify.grey_run import Noise
+from armdyn.identify.innovations import Colour, combined, filtered, smoothed
 from armdyn.identify.problem import Problem
 from armdyn.identify.repair import add
 from armdyn.identify.study import Study

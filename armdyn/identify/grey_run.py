@@ -1,0 +1,186 @@
+"""One run, linear around its measured motion, with kicks between the pieces and glitches weighed down."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armdyn.identify.estimator import until
+from armdyn.identify.innovations import Chain, Colour, Gram, Innovations, Rows, chained, combined, filtered, smoothed
+from armdyn.identify.noise import quiet_noise
+from armdyn.identify.problem import Problem
+from armdyn.physics.pieces import Linearised, Pieces, Samples, pseudo_inverse
+from armdyn.physics.simulated import SimulatedModel
+
+HALF = 0.5
+"""Of a swing, between two kicks: within it the motion is the model's own, so that friction keeps its sign and an error
+of a sensor at twice the swing's frequency cannot be taken for a force. With white noise in place of kicks real
+recordings say 10 to 1000 times less."""
+UNSTABLE = 100.0
+"""Times that an error may grow within a piece."""
+LOOSE = 100.0
+"""Typical sizes: prior width of what is fitted to linear sums; it only keeps what is not told from running away."""
+UNBELIEVED = 4.0
+"""Standard deviations of an innovation beyond which a sample is no noise: one in 16,000 by chance."""
+MOST_UNBELIEVED = 0.1
+"""Share of the samples that can be glitches; more are how the sensor is."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Of one run.
+
+    Attributes:
+        kick: standard deviation of the kicks, in typical sizes of the speeds.
+        level: by channel, of the white noise over the quiet noise.
+        colour: by channel.
+    """
+
+    kick: float
+    level: tuple[float, ...]
+    colour: tuple[Colour, ...]
+
+
+def scaled(noise: Noise, factor: float) -> Noise:
+    """The noise with everything larger by a factor."""
+    return Noise(noise.kick * factor, tuple(level * factor for level in noise.level), noise.colour)
+
+
+class GreyRun:
+    """One run around its motion.
+
+    Args:
+        problem: whose unknowns count.
+        index: of the run.
+        swing: period, s.
+        share: of a swing between two kicks.
+    """
+
+    def __init__(self, problem: Problem, index: int, swing: float, share: float = HALF) -> None:
+        model = problem.model
+        assert isinstance(model, SimulatedModel)
+        self.problem, self.index, self.swing = problem, index, swing
+        self.run = until(problem.runs[index], model.comes_to_rest(problem.runs[index]))
+        self.pieces = Pieces(model, self.run, share * swing)
+        self.places = problem.places(index)
+        self.channels = self.pieces.channels
+        self.quiet = [quiet_noise(self.run.channels[c], problem.noise[self.run.name, c]) for c in self.channels]
+        self.weight = {c: np.ones(len(self.run.channels[c].time)) for c in self.channels}
+        self._typical = np.array([model.parameters[name].typical for name in model.start_names])
+
+    def begun(self, theta: np.ndarray) -> np.ndarray:
+        """(J, n) states from what was measured of the motion; else those of a simulation.
+
+        A piece in which an error grows out of all proportion, as near the upright, is cut.
+        """
+        while True:
+            states = self._begun(theta)
+            found = self.pieces.linearised(theta, states)
+            _, by_start = self.pieces.motion(theta, states)
+            size = by_start * self._typical
+            grown = np.abs(pseudo_inverse(size) @ found.transition @ size).max(axis=(1, 2))
+            if not self.pieces.halve(~(grown < UNSTABLE)):
+                return states
+
+    def _begun(self, theta: np.ndarray) -> np.ndarray:
+        model = self.pieces.model
+        begin = model.measured_motion(self.run, self.pieces.starts, theta, self.swing)
+        if begin is None:
+            return self.pieces.rolled(theta)
+        return self.pieces.states(theta, begin)
+
+    def around(self, values: np.ndarray, states: np.ndarray) -> "Around":
+        """The run linearised at (P,) values of the unknowns and (J, n) states."""
+        theta = values[self.places]
+        found = self.pieces.linearised(theta, states)
+        P = len(values)
+        by_unknown, gap = chained(found, states, self.places, P)
+        # States are momenta; what stays while a parameter changes, and what is kicked, are their rates.
+        edges = self.pieces.edges
+        here, there = (
+            self.pieces.by_definition(theta, s, at) if np.isfinite(s).all() else np.zeros_like(found.by_theta)
+            for s, at in ((states, edges[:-1]), (found.ends, edges[1:]))
+        )
+        by_unknown[:, :, self.places] += found.transition @ here - there
+        _, by_start, by_theta = self.pieces.beginning(theta)
+        model = self.pieces.model
+        kicked = by_start[:, model.kicked] * self._typical[model.kicked]
+        free = np.abs(by_start).sum(axis=1) > 0.0
+        start = np.zeros((states.shape[1], P + 1))
+        begin, _, _ = self.pieces.beginning(theta)
+        start[~free, -1] = (begin - states[0])[~free]
+        held = np.zeros_like(by_theta)
+        held[~free] = by_theta[~free]
+        start[:, self.places] += held
+        wide = by_start * (LOOSE * self._typical)
+        chain = Chain(found.transition, by_unknown, gap, start, wide @ wide.T, kicked @ kicked.T)
+        rows = [
+            Rows(_at_rates(found.samples[c], here), len(states), self.places, P, quiet, self.weight[c])
+            for c, quiet in zip(self.channels, self.quiet, strict=True)
+        ]
+        return Around(self, states, found, chain, rows, here)
+
+
+def _at_rates(samples: Samples, here: np.ndarray) -> Samples:
+    """Samples whose derivatives by parameters are those at constant rates; `here` (J, n, q) see `by_definition`."""
+    more = np.einsum("Nn,Nnq->Nq", samples.by_state, here[samples.piece])
+    return replace(samples, by_theta=samples.by_theta + more)
+
+
+class Around:
+    """A run linearised around a motion; whitened sums are kept by colour."""
+
+    def __init__(
+        self,
+        run: GreyRun,
+        states: np.ndarray,
+        found: Linearised,
+        chain: Chain,
+        rows: Sequence[Rows],
+        definition: np.ndarray,
+    ) -> None:
+        self.run, self.states, self.found, self.chain, self.rows = run, states, found, chain, rows
+        self._definition = definition
+        self._grams: dict[tuple[int, Colour], Gram] = {}
+        direction = np.sqrt(np.diag(chain.kicked))
+        n = states.shape[1]
+        told = [
+            np.einsum("i,jik,k->j", direction, self.gram(c, Colour()).sums[:, :n, :n], direction)
+            for c in range(len(rows))
+        ]
+        self.sharpest = int(np.argmax([np.median(t) for t in told]))
+        made = [chain.gap, chain.transition, chain.by_unknown]
+        made += [x for s in found.samples.values() for x in (s.predicted, s.by_state, s.by_theta)]
+        self.finite = all(bool(np.isfinite(x).all()) for x in made)
+        self.kick_unit = float(1.0 / np.sqrt(max(np.median(told[self.sharpest]), 1e-300)))
+
+    def gram(self, channel: int, colour: Colour) -> Gram:
+        """Whitened sums of one channel."""
+        key = channel, colour
+        if key not in self._grams:
+            self._grams[key] = self.rows[channel].whitened(colour)
+        return self._grams[key]
+
+    def innovations(self, noises: Sequence[Noise], kicks: np.ndarray) -> Innovations:
+        """At the colours and levels of C noises, with (K,) sizes of the kicks each."""
+        found = [
+            combined([self.gram(c, colour) for c, colour in enumerate(noise.colour)], noise.level) for noise in noises
+        ]
+        sums, logs, rows = (list(part) for part in zip(*found, strict=True))
+        return filtered(np.array(sums), np.array(logs), rows[0], self.chain, kicks)
+
+    def smoothed(self, noise: Noise, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(J, n) states and (J, n) kicks after a (P,) change of the unknowns."""
+        grams = [self.gram(c, colour) for c, colour in enumerate(noise.colour)]
+        moved, kicks = smoothed(combined(grams, noise.level)[0], self.chain, noise.kick, change)
+        return self.states + moved + self._definition @ change[self.run.places], kicks
+
+    def weigh_down(self, noise: Noise, change: np.ndarray) -> None:
+        """Believe samples less that no noise explains; `Samples` of the next linearisation know it."""
+        grams = [self.gram(c, colour) for c, colour in enumerate(noise.colour)]
+        moved, _ = smoothed(combined(grams, noise.level)[0], self.chain, noise.kick, change)
+        for c, channel in enumerate(self.run.channels):
+            z = self.rows[c].deviates(noise.colour[c], noise.level[c], moved, change)
+            bad = z > UNBELIEVED
+            few = bad.sum() < MOST_UNBELIEVED * len(bad)
+            self.run.weight[channel][:] = np.where(bad & few, z**2, 1.0)

@@ -1,0 +1,339 @@
+"""The evidence of every set of effects, each at the noise that suits it best.
+
+The model's own error, as kicks of the speeds once in every half swing, and the sensors' coloured error are unknown;
+what a set of effects is worth is its evidence at the noise that suits it best (type-II maximum likelihood: Bishop,
+Pattern Recognition and Machine Learning, 2006, §3.5).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from armdyn.identify.grey_run import LOOSE, Around, Noise, scaled
+from armdyn.identify.innovations import Colour
+from armdyn.identify.problem import Problem
+
+KICKS = np.arange(-7.0, 10.1, 1.2)
+"""Natural logarithms of the kicks that are tried, over what one piece tells of a speed."""
+RATIOS = (0.0, 1.0, 6.0, 36.0, 216.0, 1296.0, 7776.0)
+"""Variances of the coloured error that are tried, over that of the white noise of one row."""
+TIMES = (0.02, 0.08, 1.0 / 3.0)
+"""Correlation times that are tried, in swings: beyond a third it would be an offset."""
+LEVELS = (0.6, 1.6)
+"""Factors on the level of one of several channels that are tried beside the present one."""
+PULLED = float(np.log(100.0))
+"""Nats that a value could gain beyond a bound from which on it is the bound that explains."""
+ROUNDING = 1e-13
+COARSE = (3, 3)
+"""Every which of the colours, and of the kicks, is looked at first."""
+ROUNDS = 3
+"""In which the noises of several runs, and levels beside values, settle."""
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Innovations of one run at S noises.
+
+    Attributes:
+        noises: (S,).
+        gram: (S, P, P).
+        slope: (S, P).
+        square: (S,).
+        log_std: (S,).
+        rows: of the run.
+        kicks: number of kicks that follow one another in `noises`.
+    """
+
+    noises: tuple[Noise, ...]
+    gram: np.ndarray
+    slope: np.ndarray
+    square: np.ndarray
+    log_std: np.ndarray
+    rows: float
+    kicks: int
+
+
+def tabled(around: Around, noises: Sequence[Noise], kicks: np.ndarray) -> Table:
+    """Innovations at every one of `noises` with every size (K,) of the kicks."""
+    found = around.innovations(noises, kicks)
+    every = tuple(replace(noise, kick=float(kick)) for noise in noises for kick in kicks)
+    return Table(every, found.gram, found.slope, found.square, found.log_std, found.rows, len(kicks))
+
+
+def everywhere(around: Around, noise: Noise) -> Table:
+    """Innovations over the whole range of kicks and of one channel's colours, the other channels' as in `noise`.
+
+    The channel that says most about the motion is looked at; what the others are like shows beside it.
+    """
+    noise = scaled(noise, 1.0 / min(noise.level))
+    swing, kicks = around.run.swing, around.kick_unit * np.exp(KICKS)
+    colours = [Colour()] + [Colour(r, t * swing) for r, t in product(RATIOS[1:], TIMES)]
+    k = around.sharpest
+    noises = [replace(noise, colour=(*noise.colour[:k], colour, *noise.colour[k + 1 :])) for colour in colours]
+    return tabled(around, noises, kicks)
+
+
+def nearby(around: Around, noise: Noise) -> Table:
+    """Innovations around one noise."""
+    noise = scaled(noise, 1.0 / min(noise.level))
+    kicks = np.clip(noise.kick / around.kick_unit, np.exp(KICKS[0]), np.exp(KICKS[-1])) * around.kick_unit
+    kicks = kicks * np.exp(np.array([-5.0, -3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0]))
+    found = [noise]
+    for c, colour in enumerate(noise.colour):
+        for other in _neighbours(colour, around.run.swing):
+            found.append(replace(noise, colour=(*noise.colour[:c], other, *noise.colour[c + 1 :])))
+        for factor in LEVELS if len(noise.level) > 1 else ():
+            found.append(replace(noise, level=(*noise.level[:c], factor * noise.level[c], *noise.level[c + 1 :])))
+    return tabled(around, found, kicks)
+
+
+def _neighbours(colour: Colour, swing: float) -> list[Colour]:
+    """Colours next to one in the grid."""
+    if colour.ratio == 0.0:
+        return [Colour(RATIOS[1], t * swing) for t in TIMES[1::2]]
+    r = RATIOS.index(min(RATIOS, key=lambda x: abs(x - colour.ratio)))
+    t = int(np.argmin([abs(x * swing - colour.time) for x in TIMES]))
+    found = [Colour()] if r == 1 else []
+    for dr, dt in ((-1, 0), (1, 0), (0, -1), (0, 1), (2, 0), (-2, 0)):
+        if 0 < r + dr < len(RATIOS) and 0 <= t + dt < len(TIMES):
+            found.append(Colour(RATIOS[r + dr], TIMES[t + dt] * swing))
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What a set is worth at the noise that suits it best.
+
+    Attributes:
+        value: log evidence of the training runs, nats.
+        predicted: log likelihood of the others, as predicted.
+        occam: nats of `value` that the unknowns' freedom costs.
+        change: (P,) of the unknowns.
+        picks: by run, which of the table's noises; the level is not the table's.
+        levels: by run, factor on the level.
+        information: (P, P) of the training runs, levels counted in.
+        inside: whether no effect does what it does by a value that the runs pull beyond a bound; one at which the
+            effect is absent, and one from which they pull no more than by chance, is none.
+    """
+
+    value: float
+    predicted: float
+    occam: float
+    change: np.ndarray
+    picks: tuple[int, ...]
+    levels: tuple[float, ...]
+    information: np.ndarray
+    inside: bool
+
+
+def _without(table: Table, c: np.ndarray, gone: np.ndarray, away: np.ndarray) -> Table:
+    """The table for unknowns c, after those that are `gone` have moved by `away`."""
+    slope, square = table.slope[:, c], table.square
+    if len(gone):
+        X = table.gram[:, gone]
+        slope = slope - X[:, :, c].transpose(0, 2, 1) @ away
+        square = square - 2.0 * table.slope[:, gone] @ away + (X[:, :, gone] @ away) @ away
+    return replace(table, gram=table.gram[:, c[:, None], c], slope=slope, square=square)
+
+
+class Tables:
+    """Tables of several runs at one point, from which the evidence of every set follows.
+
+    Args:
+        tables: by run, those that are fitted first.
+        values: (P,) the point.
+        problem: whose unknowns these are.
+        training: number of runs that are fitted; the others are predicted.
+        removable: (P,) bool, unknowns that are at null where they are not fitted.
+    """
+
+    def __init__(
+        self, tables: Sequence[Table], values: np.ndarray, problem: Problem, training: int, removable: np.ndarray
+    ) -> None:
+        self.tables, self.values, self.problem, self.training = tuple(tables), values, problem, training
+        self._removable = removable
+        self.is_effect = np.array([bool(c.parameter.effect) for c in problem.columns])
+        self._owner = np.array([-1 if c.run is None else c.run for c in problem.columns])
+        self.rows = sum(table.rows for table in tables[:training])
+        typical = LOOSE * problem.typical
+        with np.errstate(divide="ignore"):
+            self._width = np.minimum(typical, 1.0 / problem.prior_weight)
+        self._centre = np.where(problem.prior_weight > 0, problem.prior_mean - values, 0.0)
+
+    def coarse(self) -> "Tables":
+        """The same at fewer noises: enough to see which sets are worth a closer look."""
+        thinned = []
+        for table in self.tables:
+            colours = len(table.noises) // table.kicks
+            at = np.array(
+                [c * table.kicks + k for c in range(0, colours, COARSE[0]) for k in range(0, table.kicks, COARSE[1])]
+            )
+            thinned.append(
+                replace(
+                    table, noises=tuple(table.noises[i] for i in at), gram=table.gram[at], slope=table.slope[at],
+                    square=table.square[at], log_std=table.log_std[at], kicks=len(range(0, table.kicks, COARSE[1])),
+                )
+            )  # fmt: skip
+        return Tables(thinned, self.values, self.problem, self.training, self._removable)
+
+    def evidence(self, free: np.ndarray) -> Evidence:
+        """The best evidence of a set.
+
+        Args:
+            free: (P,) bool, unknowns that are fitted; effects among the others return to null.
+        """
+        p = self.problem
+        c = np.flatnonzero(free & ((self._owner < 0) | (self._owner < self.training)))
+        gone = np.flatnonzero(~free & self._removable & (self.values != p.null))
+        away = (p.null - self.values)[gone]
+        parts = [_without(t, c, gone, away) for t in self.tables]
+        R = self.training
+        picks, levels, value = [len(t.square) // 2 for t in self.tables], [1.0] * len(parts), -np.inf
+        H, g = np.zeros((len(c), len(c))), np.zeros(len(c))
+        for _ in range(1 if R == 1 else ROUNDS):
+            for r in range(R):
+                others = [i for i in range(R) if i != r]
+                H = sum((parts[i].gram[picks[i]] / levels[i] ** 2 for i in others), np.zeros((len(c), len(c))))
+                g = sum((parts[i].slope[picks[i]] / levels[i] ** 2 for i in others), np.zeros(len(c)))
+                over, level = self._over(parts[r], H, g, c, levels[r])
+                over = over + sum(self._alone(parts[i], picks[i], levels[i]) for i in others)
+                picks[r] = int(np.argmax(over))
+                levels[r] = float(level[picks[r]])
+                value = float(over[picks[r]]) + _peak(over, picks[r], self.tables[r].kicks)
+        H = np.asarray(sum(parts[i].gram[picks[i]] / levels[i] ** 2 for i in range(R)))
+        g = np.asarray(sum(parts[i].slope[picks[i]] / levels[i] ** 2 for i in range(R)))
+        d, cost, pulled = self._bounded(H, g, c)
+        value -= 0.5 * (cost - float(self._solved(H[None], g[None], c)[1][0]))
+        change = np.zeros(len(self.values))
+        change[c], change[gone] = d, away
+        own = c[self.is_effect[c]]
+        sizes = (self.values + change - p.null)[own] / p.typical[own]
+        T = np.minimum(p.typical[c], self._width[c])
+        occam = 0.5 * float(_log_det((np.eye(len(c)) + T[:, None] * H * T)[None])[0]) + float(
+            np.sum(np.log1p(sizes**2))
+        )
+        predicted = 0.0
+        for r in range(R, len(parts)):
+            said, picks[r], levels[r] = self._predicted(r, change, c, H, np.flatnonzero(free & (self._owner == r)))
+            predicted += said
+        information = np.zeros((len(change), len(change)))
+        information[np.ix_(c, c)] = H
+        ends = (self.values + change)[c] != p.null[c]
+        inside = not np.any((pulled > PULLED) & ends & self.is_effect[c])
+        worth = value - float(np.sum(np.log1p(sizes**2)))
+        return Evidence(worth, predicted, occam, change, tuple(picks), tuple(levels), information, inside)
+
+    @staticmethod
+    def _alone(part: "Table", pick: int, level: float) -> float:
+        """What a run adds to the evidence beside the unknowns' share."""
+        return float(-0.5 * part.square[pick] / level**2 - part.log_std[pick] - part.rows * np.log(level))
+
+    def _predicted(
+        self, r: int, change: np.ndarray, c: np.ndarray, known: np.ndarray, own: np.ndarray
+    ) -> tuple[float, int, float]:
+        """Log density of a run as the training runs predict it, at the noise that suits it best.
+
+        What these leave uncertain of the values is integrated over, as are the unknowns that are its `own`: a length
+        that is known to a micrometre may still be a swing too long or too short after a thousand of them.
+
+        Args:
+            r: which run.
+            change: (P,) from the training runs.
+            c: (k,) unknowns that they fitted.
+            known: (k, k) what they say of these, in inverse squares.
+            own: (m,) unknowns of the run alone.
+        """
+        t = self.tables[r]
+        moved = np.flatnonzero(change)
+        G = t.gram[:, moved[:, None], moved]
+        d = change[moved]
+        square = t.square - 2.0 * t.slope[:, moved] @ d + (G @ d) @ d
+        loose = np.concatenate([c, own])
+        prior = np.zeros((len(loose), len(loose)))
+        prior[: len(c), : len(c)] = known + np.diag(self._width[c] ** -2.0)
+        prior[range(len(c), len(loose)), range(len(c), len(loose))] = self.problem.typical[own] ** -2.0
+        scale = 1.0 / np.sqrt(np.diag(prior))
+        H = scale[:, None] * t.gram[:, loose[:, None], loose] * scale
+        A = scale[:, None] * prior * scale + ROUNDING * np.eye(len(loose))
+        g = scale * (t.slope[:, loose] - t.gram[:, loose[:, None], moved] @ d)
+        square = square - np.sum(g * np.linalg.solve(A + H, g[:, :, None])[:, :, 0], axis=1)
+        loss = 0.5 * (_log_det(A + H) - _log_det(A[None])[0])
+        level = np.sqrt(np.maximum(square / t.rows, 1.0))
+        over = -0.5 * square / level**2 - t.log_std - t.rows * np.log(level) - loss
+        pick = int(np.argmax(over))
+        return float(over[pick]) + _peak(over, pick, t.kicks), pick, float(level[pick])
+
+    def _solved(self, H: np.ndarray, g: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(S, c) change that is best, and (S,) what is added to the squared error: negative where it falls."""
+        t = self._width[c]
+        A = t[:, None] * H * t
+        A[:, np.arange(len(c)), np.arange(len(c))] += 1.0
+        right = t * g + self._centre[c] / t
+        # In units of the diagonal, a little off the singular: rounding may leave less than the one that was added.
+        scale = np.sqrt(np.einsum("sii->si", A))
+        A = A / (scale[:, :, None] * scale[:, None, :])
+        A[:, np.arange(len(c)), np.arange(len(c))] += ROUNDING
+        d = t / scale * np.linalg.solve(A, (right / scale)[:, :, None])[:, :, 0]
+        off = (d - self._centre[c]) / t
+        return d, np.sum(d * (H @ d[:, :, None])[:, :, 0], axis=1) - 2.0 * np.sum(g * d, axis=1) + np.sum(
+            off**2, axis=1
+        )
+
+    def _over(
+        self, part: "Table", H0: np.ndarray, g0: np.ndarray, c: np.ndarray, level: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(S,) evidence at every noise of one run's table beside the sums of the others, and (S,) its level."""
+        levels = np.full(len(part.square), level)
+        T = np.minimum(self.problem.typical[c], self._width[c])
+        for k in range(ROUNDS + 1):
+            H = part.gram / levels[:, None, None] ** 2 + H0
+            d, added = self._solved(H, part.slope / levels[:, None] ** 2 + g0, c)
+            if k < ROUNDS:
+                own = part.square - 2.0 * np.sum(part.slope * d, axis=1)
+                own += np.sum(d * (part.gram @ d[:, :, None])[:, :, 0], axis=1)
+                levels = np.sqrt(np.maximum(own / part.rows, 1.0))
+        A = T[:, None] * H * T
+        A[:, np.arange(len(c)), np.arange(len(c))] += 1.0
+        alone = -0.5 * part.square / levels**2 - part.log_std - part.rows * np.log(levels)
+        return alone - 0.5 * added - 0.5 * _log_det(A), levels
+
+    def _bounded(self, H: np.ndarray, g: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
+        """(c,) the best change within the bounds, what is added to the squared error, (c,) nats of pull beyond them."""
+        p, t = self.problem, self._width[c]
+        lower, upper = (p.lower - self.values)[c], (p.upper - self.values)[c]
+        A, right = H + np.diag(t**-2.0), g + self._centre[c] / t**2
+        d, held = np.zeros(len(c)), np.zeros(len(c), dtype=bool)
+        for _ in range(len(c) + 1):
+            f = np.flatnonzero(~held)
+            scale = 1.0 / np.sqrt(np.diag(A)[f])
+            scaled_A = scale[:, None] * A[np.ix_(f, f)] * scale + ROUNDING * np.eye(len(f))
+            d[f] = scale * np.linalg.solve(scaled_A, scale * (right[f] - A[np.ix_(f, np.flatnonzero(held))] @ d[held]))
+            out = ~held & ((d < lower - 1e-12) | (d > upper + 1e-12))
+            if not out.any():
+                break
+            worst = np.flatnonzero(out)[np.argmax((np.maximum(lower - d, d - upper) / t)[out])]
+            held[worst] = True
+            d[worst] = np.clip(d[worst], lower[worst], upper[worst])
+        off = (d - self._centre[c]) / t
+        pulled = np.where(held, 0.5 * (right - A @ d) ** 2 / np.diag(A), 0.0)
+        return d, float(d @ H @ d - 2.0 * g @ d + off @ off), pulled
+
+
+def _log_det(A: np.ndarray) -> np.ndarray:
+    """(S,) logarithms of determinants of (S, c, c) positive definite matrices, as far as rounding leaves them so."""
+    diagonal = np.einsum("sii->si", A)
+    scale = 1.0 / np.sqrt(diagonal)
+    alike = scale[:, :, None] * A * scale[:, None, :] + ROUNDING * np.eye(A.shape[1])
+    return np.asarray(np.sum(np.log(diagonal), axis=1) + np.linalg.slogdet(alike)[1])
+
+
+def _peak(value: np.ndarray, best: int, kicks: int) -> float:
+    """By how much a parabola through the best of (S,) values and its neighbours along the kicks is higher."""
+    k = best % kicks
+    if not 0 < k < kicks - 1:
+        return 0.0
+    a, b, c = value[best - 1 : best + 2]
+    bend = 2.0 * b - a - c
+    return float((c - a) ** 2 / (8.0 * bend)) if bend > 0.0 else 0.0
