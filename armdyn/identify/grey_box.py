@@ -1,4 +1,4 @@
-"""All runs around their motions: settled at the noise that suits a set of effects, or tied to the model's own motion."""
+"""All runs around their motions: settled at the noise that suits a set of effects, or tied to the model's own."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
