@@ -88,6 +88,10 @@ class GreyBox:
             wide: rounds that look at every noise.
             coloured: whether sensors may have a coloured error.
         """
+        with np.errstate(all="ignore"):  # sums that a divergence has spoilt are no finite evidence
+            return self._settled(free, point, rounds, wide, coloured)
+
+    def _settled(self, free: np.ndarray, point: Point, rounds: int, wide: int, coloured: bool) -> Point:
         arounds: Sequence[Around] = self.around(point)
         best = point
         for k in range(rounds):

@@ -209,6 +209,7 @@ class Innovations:
     rows: float
 
 
+@np.errstate(all="ignore")  # what a divergence has spoilt is no finite evidence
 def filtered(sums: np.ndarray, log_std: np.ndarray, rows: float, chain: Chain, kicks: np.ndarray) -> Innovations:
     """Leave the states out of (C, J, w, w) sums with (C,) logarithms, at (K,) standard deviations of the kicks."""
     M, _, eta, after, logs = _forward(sums, chain, kicks)
@@ -265,6 +266,7 @@ def _inverse(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return inverse, np.log(size)
 
 
+@np.errstate(all="ignore")
 def smoothed(sums: np.ndarray, chain: Chain, kick: float, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(J, n) most likely change of the states at the beginning of the pieces, and (J, n) the kicks there.
 

@@ -110,7 +110,10 @@ def accelerations(fit: Fit) -> list[Unexplained]:
     box = GreyBox(problem, swings, len(problem.runs), np.zeros(len(free), dtype=bool), SHARE)
     point = box.settled(motion.base, box.begin(motion.point.values), rounds=ROUNDS, coloured=False)
     found = [one for i in range(len(problem.runs)) for one in _kicked(box, point, i)]
-    return [one for one in found if np.isfinite(one.value).all()]
+    # A simulation that diverges has nothing to draw.
+    return [
+        one for one in found if all(np.isfinite(x).all() for x in (one.value, *(v for v, _ in one.against.values())))
+    ]
 
 
 def _kicked(box: GreyBox, point: Point, index: int) -> list[Unexplained]:

@@ -178,6 +178,7 @@ class Tables:
             )  # fmt: skip
         return Tables(thinned, self.values, self.problem, self.training, self._removable)
 
+    @np.errstate(all="ignore")
     def evidence(self, free: np.ndarray) -> Evidence:
         """The best evidence of a set.
 

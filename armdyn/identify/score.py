@@ -44,7 +44,10 @@ def scores(fit: Fit, candidates: Sequence[Candidate]) -> list[Score]:
     """Every candidate's promise at a fit, the largest drop first."""
     problem = fit.problem
     residual, jacobian = stacked(problem, problem.blocks(fit.values), fit.values)
-    scaled = jacobian * problem.typical
+    with np.errstate(all="ignore"):
+        scaled = jacobian * problem.typical
+    if not (np.isfinite(scaled).all() and np.isfinite(residual).all()):  # a simulation that diverges promises nothing
+        return [Score(candidate, 0.0, ()) for candidate in candidates]
     Q, R = np.linalg.qr(scaled[:, fit.free])
     residual = residual - Q @ (Q.T @ residual)
     found = []
