@@ -102,12 +102,11 @@ class GreyRun:
             for s, at in ((states, edges[:-1]), (found.ends, edges[1:]))
         )
         by_unknown[:, :, self.places] += found.transition @ here - there
-        _, by_start, by_theta = self.pieces.beginning(theta)
+        begin, by_start, by_theta = self.pieces.beginning(theta)
         model = self.pieces.model
         kicked = by_start[:, model.kicked] * self._typical[model.kicked]
         free = np.abs(by_start).sum(axis=1) > 0.0
         start = np.zeros((states.shape[1], P + 1))
-        begin, _, _ = self.pieces.beginning(theta)
         start[~free, -1] = (begin - states[0])[~free]
         held = np.zeros_like(by_theta)
         held[~free] = by_theta[~free]

@@ -79,7 +79,7 @@ def nearby(around: Around, noise: Noise) -> Table:
     """Innovations around one noise."""
     noise = scaled(noise, 1.0 / min(noise.level))
     kicks = np.clip(noise.kick / around.kick_unit, np.exp(KICKS[0]), np.exp(KICKS[-1])) * around.kick_unit
-    kicks = kicks * np.exp(np.array([-5.0, -3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0]))
+    kicks = kicks * np.exp(np.arange(-4.0, 4.0))
     found = [noise]
     for c, colour in enumerate(noise.colour):
         for other in _neighbours(colour, around.run.swing):

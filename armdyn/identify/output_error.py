@@ -61,18 +61,18 @@ class AroundMotion:
         model = problem.model
         assert isinstance(model, SimulatedModel)
         values = problem.start() if values is None else values
-        self.problem, self.training = problem, training
+        self.problem = problem
         swings = [model.swing(run, problem.theta(i, values)) for i, run in enumerate(problem.runs)]
         effects = np.array([bool(c.parameter.effect) for c in problem.columns])
-        self.starts = np.array([c.parameter.name in model.start_names for c in problem.columns])
+        self.starts = problem.of(model.start_names)
         self.box = GreyBox(problem, swings, training, effects & ~present)
         wanted = problem.fitted & ~self.starts & (~effects | present)
-        self.base, self.point = wanted, self._begun(wanted, values)
+        self.base, self.point = self._begun(wanted, values)
         self.seen = self.box.seen(self.point) | (problem.prior_weight > 0.0) | self.starts
         self._settled = {self.base.tobytes(): (self.base, self.point)}
 
-    def _begun(self, wanted: np.ndarray, values: np.ndarray) -> Point:
-        """The runs settled from (P,) values, or from what the recordings show directly; the base becomes what is told.
+    def _begun(self, wanted: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, Point]:
+        """The base that is told, and the runs settled with it from (P,) values or from what recordings show directly.
 
         A value of the file may be far off, and the period of a large swing shows a length that is too large.
         """
@@ -80,7 +80,7 @@ class AroundMotion:
         model = problem.model
         assert isinstance(model, SimulatedModel)
         shown: dict[str, list[float]] = {}
-        for i, run in enumerate(problem.runs[: self.training]):
+        for i, run in enumerate(problem.runs[: self.box.training]):
             for name, value in model.shown_by(run, problem.theta(i, values)).items():
                 shown.setdefault(name, []).append(value)
         other = values.copy()
@@ -90,12 +90,15 @@ class AroundMotion:
                 other[j] = np.clip(np.median(shown[name]), problem.lower[j], problem.upper[j])
         if np.any(np.abs(other - values) > UNLIKE * np.abs(values)):
             options.append(other)
+        # Each option may cut pieces of the runs, which all of them share: only then do states fit the pieces.
+        for option in options:
+            self.box.begin(option)
         found = []
         for option in options:
             begin = self.box.begin(option)
-            self.base = self.box.told(begin, wanted)
-            found.append(self.box.settled(self.base, begin))
-        return max(found, key=lambda point: point.evidence)
+            base = self.box.told(begin, wanted)
+            found.append((base, self.box.settled(base, begin)))
+        return max(found, key=lambda one: one[1].evidence)
 
     def settled(self, free: np.ndarray, like: np.ndarray | None = None) -> Point:
         """The runs settled with (P,) `free` unknowns, other effects at null; from the most similar set that was.
@@ -162,7 +165,6 @@ def followed_run(single: Problem, values: np.ndarray, free: np.ndarray) -> Fit:
     assert isinstance(model, SimulatedModel)
     swing = model.swing(single.runs[0], single.theta(0, values))
     box = GreyBox(single, [swing], 1, np.zeros(len(values), dtype=bool))
-    starts = np.array([c.parameter.name in model.start_names for c in single.columns])
-    own = free & ~starts
+    own = free & ~single.of(model.start_names)
     point = box.settled(own, box.begin(values))
     return descended(single, free, box.tied_down(own, point))

@@ -60,7 +60,10 @@ class PendulumModel(SimulatedModel):
     inputs = GRIPPER
     start_names = INITIAL
 
-    kicked = [1]  # noqa: RUF012 - a property of the base class
+    @property
+    def kicked(self) -> list[int]:
+        """See `SimulatedModel`: the rate."""
+        return [INITIAL.index("initial_rate")]
 
     def measured_motion(self, run: Run, times: np.ndarray, theta: np.ndarray, swing: float) -> np.ndarray | None:
         """See `SimulatedModel`: from the angle; else from the rate, whose derivative shows the angle."""

@@ -179,7 +179,7 @@ class PhysicsModel(SimulatedModel):
         path, formulation = self.path(run), self.system
         rollout = self.rollout(path, theta, self.predicted_channels(run))
         many = formulation.against.map(len(path.time))
-        values = np.asarray(many(rollout.states.T, path.nodes, theta[self._order[1]]))
+        values = np.asarray(many(rollout.states.T, path.nodes, theta[self.places[1]]))
         units = formulation.against_units
         return {
             name: Channel(path.time, row, unit)

@@ -44,9 +44,7 @@ class SimulatedModel(Model):
         """Those of `start_names` that a force changes: the speeds."""
         return list(range(len(self.start_names)))
 
-    def measured_motion(
-        self, run: Run, times: np.ndarray, theta: np.ndarray, swing: float
-    ) -> np.ndarray | None:
+    def measured_motion(self, run: Run, times: np.ndarray, theta: np.ndarray, swing: float) -> np.ndarray | None:
         """(J, starts) values that would begin the motion at (J,) times, from what was measured; None where it was not.
 
         Args:
@@ -119,7 +117,7 @@ class SimulatedModel(Model):
 
     def rollout(self, path: Any, theta: np.ndarray, channels: tuple[str, ...] | None = None) -> Rollout:
         """Simulate `channels`, all when not given, along recorded inputs; `theta` (p,) in the order of `names`."""
-        system, physics = self.system, theta[self._order[1]]
+        system, physics = self.system, theta[self.places[1]]
         channels = system.outputs if channels is None else channels
         if not system.states:
             return evaluated(system, self.driven_by(path, physics), physics, channels)
@@ -151,7 +149,7 @@ class SimulatedModel(Model):
         self, run: Run, path: Path, rollout: Rollout, theta: np.ndarray, channels: tuple[str, ...]
     ) -> Prediction:
         """What the sensors make of a rollout of `channels` along a path, at the stamps of a run."""
-        columns, places = self._order
+        columns, places = self.places
         nodes = path.start + path.dt * np.arange(len(rollout.outputs))
         physics, parts = theta[places], []
         for row, name in enumerate(channels):
@@ -161,13 +159,8 @@ class SimulatedModel(Model):
             parts.append((name, time, read[:, 0], read[:, 1:][:, columns]))
         return joined(parts)
 
-    @property
-    def places(self) -> tuple[list[int], list[int]]:
-        """Where the columns of a rollout are among `names`, and where the parameters of `physics_names` are."""
-        return self._order
-
     @cached_property
-    def _order(self) -> tuple[list[int], list[int]]:
+    def places(self) -> tuple[list[int], list[int]]:
         """Where the columns of a rollout are among `names`, and where the physics' parameters are."""
         place = {name: i for i, name in enumerate((*self.physics_names, *self.start_names))}
         return [place[name] for name in self.names], [self.names.index(name) for name in self.physics_names]
