@@ -233,7 +233,7 @@ def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bo
         ),
         left_out=(
             *(f"{run.name}: {text}" for run in (*study.runs, *study.held_out) for text in run.warnings),
-            *study.disbelieved(),
+            *study.disbelieved(fit),
         ),
         widened=uncertainty(study, fit).widened,
     )

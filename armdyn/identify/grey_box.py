@@ -30,12 +30,14 @@ class Point:
         values: (P,).
         states: by run, (J, n).
         noises: by run.
+        weights: by run and channel, (N,) variance of each sample over the others'; larger where it is not believed.
         evidence: of the set that was settled there.
     """
 
     values: np.ndarray
     states: tuple[np.ndarray, ...]
     noises: tuple[Noise, ...]
+    weights: tuple[tuple[np.ndarray, ...], ...]
     evidence: float = -np.inf
 
 
@@ -60,7 +62,8 @@ class GreyBox:
         """The measured motions, or those of a simulation at (P,) values."""
         states = tuple(run.begun(values[run.places]) for run in self.runs)
         quiet = tuple(Noise(1.0, (1.0,) * len(r.channels), (Colour(),) * len(r.channels)) for r in self.runs)
-        return Point(values, states, quiet)
+        even = tuple(tuple(np.ones(len(r.run.channels[c].time)) for c in r.channels) for r in self.runs)
+        return Point(values, states, quiet, even)
 
     def around(self, point: Point) -> list[Around]:
         """The runs linearised at a point."""
@@ -68,7 +71,8 @@ class GreyBox:
             return self._around(point)
 
     def _around(self, point: Point) -> list[Around]:
-        return [run.around(point.values, states) for run, states in zip(self.runs, point.states, strict=True)]
+        each = zip(self.runs, point.states, point.weights, strict=True)
+        return [run.around(point.values, states, weights) for run, states, weights in each]
 
     def tables(self, arounds: Sequence[Around], point: Point, *, wide: bool) -> "Tables":
         """Evidence of every set around a point, at every noise or at those near its own."""
@@ -111,10 +115,10 @@ class GreyBox:
             best = replace(point, noises=noises, evidence=found.value)
             if k == rounds - 1 or abs(found.value - point.evidence) < SETTLED:
                 break
-            for a, noise in zip(arounds, noises, strict=True):
-                a.weigh_down(noise, found.change)
-            point, arounds = self._moved(best, arounds, found.change)
-            if point is best:
+            weights = tuple(a.believed(noise, found.change) for a, noise in zip(arounds, noises, strict=True))
+            begin = replace(best, weights=weights)
+            point, arounds = self._moved(begin, arounds, found.change)
+            if point is begin:
                 break
         return best
 

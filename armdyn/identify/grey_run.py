@@ -65,7 +65,6 @@ class GreyRun:
         self.places = problem.places(index)
         self.channels = self.pieces.channels
         self.quiet = [quiet_noise(self.run.channels[c], problem.noise[self.run.name, c]) for c in self.channels]
-        self.weight = {c: np.ones(len(self.run.channels[c].time)) for c in self.channels}
         self._typical = np.array([model.parameters[name].typical for name in model.start_names])
 
     def begun(self, theta: np.ndarray) -> np.ndarray:
@@ -89,8 +88,14 @@ class GreyRun:
             return self.pieces.rolled(theta)
         return self.pieces.states(theta, begin)
 
-    def around(self, values: np.ndarray, states: np.ndarray) -> "Around":
-        """The run linearised at (P,) values of the unknowns and (J, n) states."""
+    def around(self, values: np.ndarray, states: np.ndarray, weights: Sequence[np.ndarray]) -> "Around":
+        """The run linearised at (P,) values of the unknowns and (J, n) states.
+
+        Args:
+            values: (P,).
+            states: (J, n).
+            weights: by channel (N,) variance of each sample over the others'; larger where it is not believed.
+        """
         theta = values[self.places]
         found = self.pieces.linearised(theta, states)
         P = len(values)
@@ -114,8 +119,8 @@ class GreyRun:
         wide = by_start * (LOOSE * self._typical)
         chain = Chain(found.transition, by_unknown, gap, start, wide @ wide.T, kicked @ kicked.T)
         rows = [
-            Rows(_at_rates(found.samples[c], here), len(states), self.places, P, quiet, self.weight[c])
-            for c, quiet in zip(self.channels, self.quiet, strict=True)
+            Rows(_at_rates(found.samples[c], here), len(states), self.places, P, quiet, weight)
+            for c, quiet, weight in zip(self.channels, self.quiet, weights, strict=True)
         ]
         return Around(self, states, found, chain, rows, here)
 
@@ -174,12 +179,14 @@ class Around:
         moved, kicks = smoothed(combined(grams, noise.level)[0], self.chain, noise.kick, change)
         return self.states + moved + self._definition @ change[self.run.places], kicks
 
-    def weigh_down(self, noise: Noise, change: np.ndarray) -> None:
-        """Believe samples less that no noise explains; `Samples` of the next linearisation know it."""
+    def believed(self, noise: Noise, change: np.ndarray) -> tuple[np.ndarray, ...]:
+        """By channel (N,) weights of the samples after a (P,) change, larger where no noise explains one."""
         grams = [self.gram(c, colour) for c, colour in enumerate(noise.colour)]
         moved, _ = smoothed(combined(grams, noise.level)[0], self.chain, noise.kick, change)
-        for c, channel in enumerate(self.run.channels):
-            z = self.rows[c].deviates(noise.colour[c], noise.level[c], moved, change)
+        found = []
+        for rows, colour, level in zip(self.rows, noise.colour, noise.level, strict=True):
+            z = rows.deviates(colour, level, moved, change)
             bad = z > UNBELIEVED
             few = bad.sum() < MOST_UNBELIEVED * len(bad)
-            self.run.weight[channel][:] = np.where(bad & few, z**2, 1.0)
+            found.append(np.where(bad & few, z**2, 1.0))
+        return tuple(found)

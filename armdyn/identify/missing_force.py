@@ -120,7 +120,8 @@ def _kicked(box: GreyBox, point: Point, index: int) -> list[Unexplained]:
     """The missing acceleration of one run, one for each speed of the model."""
     run, states = box.runs[index], point.states[index]
     model, theta = run.pieces.model, point.values[run.places]
-    _, kicks = run.around(point.values, states).smoothed(point.noises[index], np.zeros(len(point.values)))
+    around = run.around(point.values, states, point.weights[index])
+    _, kicks = around.smoothed(point.noises[index], np.zeros(len(point.values)))
     motion, by_start = run.pieces.motion(theta, states)
     lasting = np.diff(run.pieces.starts)
     pushed = (pseudo_inverse(by_start) @ kicks[:, :, None])[:, :, 0]

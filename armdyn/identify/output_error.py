@@ -115,6 +115,10 @@ class AroundMotion:
             self._settled[key] = free, self.box.settled(free, self._near(free))
         return self._settled[key][1]
 
+    def believed(self, free: np.ndarray) -> tuple[tuple[np.ndarray, ...], ...]:
+        """By run and channel, (N,) weights of the samples where the most similar set was settled; see `Point`."""
+        return self._near(free).weights
+
     def _near(self, free: np.ndarray) -> Point:
         """The point of the most similar set that was settled, effects that are not `free` at null."""
         near = min(self._settled.values(), key=lambda one: (np.sum(one[0] != free), -one[1].evidence))[1]
