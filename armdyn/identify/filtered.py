@@ -17,7 +17,7 @@ from armdyn.identify.study import Study
 LOOKED_AT = 16
 """Changes of a set, those that promise most at a few noises, that are appraised at all."""
 VERIFIED = 4
-"""Changes of a set, those that promise most, that are settled before a search ends."""
+"""Changes of a set, those that promise most of their kind, that are settled before one of them is taken."""
 COMPARED = 3
 """Next steps of a way, those that promise most, that are compared by what they leave."""
 MOST_PAIRED = 3
@@ -88,14 +88,15 @@ class Filtered(Appraiser):
             changed = [one for one in self._changed(now.effects) if frozenset(one) not in refused]
             promised = [self.of(one) for one in self._looked_at(changed)]
             promised = sorted((o for o in promised if o.worth > now.worth + SETTLED), key=lambda o: -o.worth)
-            for option in promised[:VERIFIED]:
-                refused.add(frozenset(option.effects))
-                found = self.settle(option.effects)
-                if found.worth > now.worth + SETTLED and found.worth > self._again(now, found).worth + SETTLED:
-                    now = found
-                    break
-            else:
+            options = _unlike(promised, now)[:VERIFIED]
+            refused |= {frozenset(option.effects) for option in options}
+            found = [self.settle(option.effects) for option in options]
+            better = [one for one in sorted(found, key=lambda o: -o.worth) if one.worth > now.worth + SETTLED]
+            taken = (one for one in better if one.worth > self._again(now, one).worth + SETTLED)
+            following = next(taken, None)
+            if following is None:
                 return self.settle(now.effects)
+            now = self.settle(following.effects)
 
     def _again(self, now: Appraisal, better: Appraisal) -> Appraisal:
         """The appraisal of a set, settled from where a better one stands as well: its noise may be better there."""
@@ -108,7 +109,8 @@ class Filtered(Appraiser):
 
     def _looked_at(self, sets: Sequence[tuple[Candidate, ...]]) -> Sequence[tuple[Candidate, ...]]:
         """Those of many sets that are worth a closer look."""
-        coarse = self._tables[self._at].coarse()
+        here = self._tables[self._at]
+        coarse = here.coarse(here.evidence(self._free(self._at)))
 
         def worth(one: tuple[Candidate, ...]) -> float:
             found = coarse.evidence(self._free(one))
@@ -177,3 +179,14 @@ class Filtered(Appraiser):
             fit.rmse(), channel_rmse(held_out) if held_out else {}, self.values(one)[own],
             (T * np.sqrt(np.diag(spread)))[own],
         )  # fmt: skip
+
+
+def _unlike(options: Iterable[Appraisal], now: Appraisal) -> list[Appraisal]:
+    """Of many changes of a set, in their order, those that have no effect in common with an earlier one."""
+    found, changed = list[Appraisal](), set[Candidate]()
+    for option in options:
+        change = frozenset(option.effects) ^ frozenset(now.effects)
+        if not change & changed:
+            found.append(option)
+            changed |= change
+    return found

@@ -165,13 +165,13 @@ class GreyBox:
         return gram
 
     def tied_down(self, free: np.ndarray, point: Point) -> list[np.ndarray]:
-        """(P,) values while kicks shrink to nothing, and the motions become the model's own (output error).
+        """(P,) values while kicks shrink to nothing, and the motions become the model's own (output error); the last first.
 
         The kicks shrink from round to round, so that the motions go over from what was measured to what the model says
         without ever losing the measured swing.
         """
         p = self.problem
-        share, found_values = 1.0, [self.begun(point)]
+        share, found_values = 1.0, list[np.ndarray]()
         white = tuple(replace(n, colour=(Colour(),) * len(n.colour)) for n in point.noises)
         arounds: Sequence[Around] = self.around(point)
         while share > TIED:

@@ -1,6 +1,6 @@
 """One run, linear around its measured motion, with kicks between the pieces and glitches weighed down."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -160,13 +160,19 @@ class Around:
 
     def gram(self, channel: int, colour: Colour) -> Gram:
         """Whitened sums of one channel."""
-        key = channel, colour
-        if key not in self._grams:
-            self._grams[key] = self.rows[channel].whitened(colour)
-        return self._grams[key]
+        self._whiten(channel, [colour])
+        return self._grams[channel, colour]
+
+    def _whiten(self, channel: int, colours: Iterable[Colour]) -> None:
+        new = [colour for colour in dict.fromkeys(colours) if (channel, colour) not in self._grams]
+        if new:
+            found = self.rows[channel].whitened(new)
+            self._grams |= {(channel, colour): gram for colour, gram in zip(new, found, strict=True)}
 
     def innovations(self, noises: Sequence[Noise], kicks: np.ndarray) -> Innovations:
         """At the colours and levels of C noises, with (K,) sizes of the kicks each."""
+        for c in range(len(self.rows)):
+            self._whiten(c, (noise.colour[c] for noise in noises))
         found = [
             combined([self.gram(c, colour) for c, colour in enumerate(noise.colour)], noise.level) for noise in noises
         ]

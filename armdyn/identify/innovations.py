@@ -22,7 +22,7 @@ import numpy as np
 
 from armdyn.physics.pieces import Linearised, Samples
 
-MOST_ROWS = 40
+MOST_ROWS = 100
 """Samples of a channel in one piece; where there are more, neighbours are averaged: half a swing has no more to say."""
 
 
@@ -86,10 +86,8 @@ class Rows:
         self._row = place, samples.piece
         share = 1.0 / weight
         total = np.bincount(key, weights=share, minlength=pieces * m)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            self.time = (np.bincount(key, weights=share * samples.time, minlength=pieces * m) / total).reshape(
-                pieces, m
-            )
+        mean = np.bincount(key, weights=share * samples.time, minlength=pieces * m) / np.where(total > 0.0, total, 1.0)
+        self.time = mean.reshape(pieces, m)
         self.value = np.zeros((m, pieces, width))
         order = np.flatnonzero(np.diff(key, prepend=-1))
         added = np.add.reduceat(rows * share[:, None], order, axis=0) if N else rows
@@ -104,11 +102,11 @@ class Rows:
         self.value *= np.sqrt(group)
         self.count = float(self.there.sum())
 
-    def whitened(self, colour: Colour) -> Gram:
-        """Sums of the rows under white noise and a coloured error."""
-        rows, logs = self._scanned(colour, self.value, self.white)
-        rows = rows.transpose(1, 0, 2)
-        return Gram(rows.transpose(0, 2, 1) @ rows, logs, self.count)
+    def whitened(self, colours: Sequence[Colour]) -> list[Gram]:
+        """Sums of the rows under white noise and each of several coloured errors."""
+        rows, logs = self._scanned(colours, self.value, self.white)
+        each = rows.transpose(1, 2, 0, 3)
+        return [Gram(own.transpose(0, 2, 1) @ own, float(log), self.count) for own, log in zip(each, logs, strict=True)]
 
     def deviates(self, colour: Colour, level: float, moved: np.ndarray, change: np.ndarray) -> np.ndarray:
         """(N,) how far each sample's row is from what the ones before it in its piece let expect, in deviations.
@@ -121,32 +119,30 @@ class Rows:
         """
         left = self.value[:, :, -1] - np.einsum("mjn,jn->mj", self.value[:, :, : self.n], moved)
         left -= self.value[:, :, self.n : -1] @ change
-        rows, _ = self._scanned(colour, left[:, :, None], np.where(self.there, 1.0, self.white))
-        return np.abs(rows[:, :, 0])[self._row] / level
+        rows, _ = self._scanned([colour], left[:, :, None], np.where(self.there, 1.0, self.white))
+        return np.abs(rows[:, 0, :, 0])[self._row] / level
 
-    def _scanned(self, colour: Colour, value: np.ndarray, white: np.ndarray) -> tuple[np.ndarray, float]:
-        """(m, J, w) rows of which each has left what those before it say of it, and the sum of log deviations."""
-        there = self.there
-        if colour.ratio <= 0.0:
-            scale = np.where(there, 1.0 / np.sqrt(np.where(there, white, 1.0)), 0.0)
-            return value * scale[:, :, None], -float(np.sum(np.log(scale[there])))
+    def _scanned(
+        self, colours: Sequence[Colour], value: np.ndarray, white: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(m, C, J, w) rows of which each has left what those before it say of it; (C,) sums of log deviations."""
         m, J, width = value.shape
-        rows = np.empty_like(value)
-        error, variance = np.zeros((J, width)), np.full(J, colour.ratio)
-        last, logs = np.full(J, -np.inf), 0.0
+        ratio, time = (np.array([getattr(c, part) for c in colours])[:, None] for part in ("ratio", "time"))
+        rows = np.empty((m, len(colours), J, width))
+        error, variance = np.zeros((len(colours), J, width)), np.repeat(ratio, J, axis=1)
+        last, logs = self.time[:, 0], np.zeros(len(colours))
         for k in range(m):
-            on, now = there[k], np.where(there[k], self.time[:, k], last)
-            decay = np.exp(
-                -np.where(np.isfinite(last), now - np.where(np.isfinite(last), last, 0.0), 0.0) / colour.time
-            )
-            error *= decay[:, None]
-            variance = decay**2 * variance + (1.0 - decay**2) * colour.ratio
+            on = self.there[k]
+            now = np.where(on, self.time[:, k], last)
+            decay = np.exp((last - now) / time)
+            error *= decay[:, :, None]
+            variance = decay**2 * variance + (1.0 - decay**2) * ratio
             S = variance + np.where(on, white[k], 1.0)
             gap = value[k] - error
-            rows[k] = np.where(on, 1.0 / np.sqrt(S), 0.0)[:, None] * gap
-            logs += 0.5 * float(np.sum(np.log(S[on])))
+            np.multiply(np.where(on, 1.0 / np.sqrt(S), 0.0)[:, :, None], gap, out=rows[k])
+            logs += 0.5 * np.sum(np.log(S[:, on]), axis=1)
             gain = np.where(on, variance / S, 0.0)
-            error += gain[:, None] * gap
+            error += gain[:, :, None] * gap
             variance *= 1.0 - gain
             last = now
         return rows, logs

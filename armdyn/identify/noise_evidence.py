@@ -147,11 +147,19 @@ class Tables:
         problem: whose unknowns these are.
         training: number of runs that are fitted; the others are predicted.
         removable: (P,) bool, unknowns that are at null where they are not fitted.
+        begin: by run, the noise near which evidence is looked for, in one round; None for several, from the middle.
     """
 
     def __init__(
-        self, tables: Sequence[Table], values: np.ndarray, problem: Problem, training: int, removable: np.ndarray
+        self,
+        tables: Sequence[Table],
+        values: np.ndarray,
+        problem: Problem,
+        training: int,
+        removable: np.ndarray,
+        begin: Sequence[int] | None = None,
     ) -> None:
+        self._begin, self._rounds = (None, ROUNDS) if begin is None else (begin, 1)
         self.tables, self.values, self.problem, self.training = tuple(tables), values, problem, training
         self._removable = removable
         self.is_effect = np.array([bool(c.parameter.effect) for c in problem.columns])
@@ -162,21 +170,22 @@ class Tables:
             self._width = np.minimum(typical, 1.0 / problem.prior_weight)
         self._centre = np.where(problem.prior_weight > 0, problem.prior_mean - values, 0.0)
 
-    def coarse(self) -> "Tables":
-        """The same at fewer noises: enough to see which sets are worth a closer look."""
-        thinned = []
-        for table in self.tables:
+    def coarse(self, like: Evidence) -> "Tables":
+        """The same at fewer noises, looked at once from a set's own: enough to see which sets to look at closely."""
+        thinned, begin = [], []
+        for table, pick in zip(self.tables, like.picks, strict=True):
             colours = len(table.noises) // table.kicks
             at = np.array(
                 [c * table.kicks + k for c in range(0, colours, COARSE[0]) for k in range(0, table.kicks, COARSE[1])]
             )
+            begin.append(int(np.argmin(np.abs(at - pick))))
             thinned.append(
                 replace(
                     table, noises=tuple(table.noises[i] for i in at), gram=table.gram[at], slope=table.slope[at],
                     square=table.square[at], log_std=table.log_std[at], kicks=len(range(0, table.kicks, COARSE[1])),
                 )
             )  # fmt: skip
-        return Tables(thinned, self.values, self.problem, self.training, self._removable)
+        return Tables(thinned, self.values, self.problem, self.training, self._removable, begin)
 
     @np.errstate(all="ignore")
     def evidence(self, free: np.ndarray) -> Evidence:
@@ -191,9 +200,10 @@ class Tables:
         away = (p.null - self.values)[gone]
         parts = [_without(t, c, gone, away) for t in self.tables]
         R = self.training
-        picks, levels, value = [len(t.square) // 2 for t in self.tables], [1.0] * len(parts), -np.inf
+        picks = list(self._begin or (len(t.square) // 2 for t in self.tables))
+        levels, value = [1.0] * len(parts), -np.inf
         H, g = np.zeros((len(c), len(c))), np.zeros(len(c))
-        for _ in range(1 if R == 1 else ROUNDS):
+        for _ in range(1 if R == 1 else self._rounds):
             for r in range(R):
                 others = [i for i in range(R) if i != r]
                 H = sum((parts[i].gram[picks[i]] / levels[i] ** 2 for i in others), np.zeros((len(c), len(c))))
@@ -288,10 +298,10 @@ class Tables:
         """(S,) evidence at every noise of one run's table beside the sums of the others, and (S,) its level."""
         levels = np.full(len(part.square), level)
         T = np.minimum(self.problem.typical[c], self._width[c])
-        for k in range(ROUNDS + 1):
+        for k in range(self._rounds + 1):
             H = part.gram / levels[:, None, None] ** 2 + H0
             d, added = self._solved(H, part.slope / levels[:, None] ** 2 + g0, c)
-            if k < ROUNDS:
+            if k < self._rounds:
                 own = part.square - 2.0 * np.sum(part.slope * d, axis=1)
                 own += np.sum(d * (part.gram @ d[:, :, None])[:, :, 0], axis=1)
                 levels = np.sqrt(np.maximum(own / part.rows, 1.0))

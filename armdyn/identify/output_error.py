@@ -5,12 +5,13 @@ phase, and a descent ends in one of many minima. Here the fit begins linear arou
 hold what the model lacks; the kicks shrink to nothing, and the motion goes over into the model's own.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 
-from armdyn.identify.fit import GROSS, Fit, fit
+from armdyn.identify.fit import GROSS, NEAR_NOISE, Fit, fit
 from armdyn.identify.grey_box import GreyBox, Point
 from armdyn.identify.problem import Problem
 from armdyn.physics.simulated import SimulatedModel
@@ -64,11 +65,11 @@ class AroundMotion:
         self.problem = problem
         swings = [model.swing(run, problem.theta(i, values)) for i, run in enumerate(problem.runs)]
         effects = np.array([bool(c.parameter.effect) for c in problem.columns])
-        self.starts = problem.of(model.start_names)
+        self.of_starts = problem.of(model.start_names)
         self.box = GreyBox(problem, swings, training, effects & ~present)
-        wanted = problem.fitted & ~self.starts & (~effects | present)
+        wanted = problem.fitted & ~self.of_starts & (~effects | present)
         self.base, self.point = self._begun(wanted, values)
-        self.seen = self.box.seen(self.point) | (problem.prior_weight > 0.0) | self.starts
+        self.seen = self.box.seen(self.point) | (problem.prior_weight > 0.0) | self.of_starts
         self._settled = {self.base.tobytes(): (self.base, self.point)}
 
     def _begun(self, wanted: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, Point]:
@@ -130,26 +131,45 @@ class AroundMotion:
             near, values=np.where(self.box.removable & ~free, self.problem.null, near.values), evidence=-np.inf
         )
 
-    def begun(self, free: np.ndarray) -> list[np.ndarray]:
-        """(P,) values from which a fit of the whole runs may begin, the likeliest first.
+    def starts(self, free: np.ndarray) -> Iterator[np.ndarray]:
+        """(P,) values from which a fit of the whole runs may begin, the likeliest first; computed when asked for.
 
         Where an effect is not the right one, its best size over whole runs is another one than around the motion.
         """
-        tied = self.box.tied_down(free, self._near(free))
-        sized = free & self.box.removable
-        others = [np.where(sized, size * one, one) for one in (tied[0], tied[-1]) for size in SIZES if sized.any()]
-        return [*tied, *others]
+        found, sized = list[np.ndarray](), free & self.box.removable
+        for values in untied(self.box, free, self._near(free)):
+            found.append(values)
+            yield values
+        if sized.any():
+            yield from (np.where(sized, size * one, one) for one in (found[:2][-1], found[0]) for size in SIZES)
 
 
-def descended(problem: Problem, free: np.ndarray, begun: Sequence[np.ndarray], others: int = OTHERS) -> Fit:
-    """The best of the minima next to (P,) values, of which the first is the likeliest; at most so many `others`."""
-    found = [_bounded_fit(problem, free, begun[0], MOST_STEPS)]
-    if found[0].chi2_per_sample > GROSS and others:
+def untied(box: GreyBox, free: np.ndarray, point: Point) -> Iterator[np.ndarray]:
+    """(P,) values at a point, then those of the way on which kicks shrink to nothing, its end first."""
+    yield box.begun(point)
+    yield from box.tied_down(free, point)
+
+
+def descended(problem: Problem, free: np.ndarray, starts: Iterable[np.ndarray], others: int = OTHERS) -> Fit:
+    """The best of the minima next to (P,) values, of which the first is the likeliest; at most so many `others`.
+
+    A fit that ends at the noise is in no wrong minimum: then the way on which kicks shrink is not gone at all.
+    """
+    values = iter(starts)
+    found = [_bounded_fit(problem, free, next(values), MOST_STEPS)]
+    if found[0].chi2_per_sample > NEAR_NOISE:
+        found += [_bounded_fit(problem, free, tied, MOST_STEPS) for tied in islice(values, 1)]
+    best = min(found, key=_finite_cost)
+    if best.chi2_per_sample > GROSS and others:
         # With large errors the kicks' way may have left the best minimum; other places on it are nearer then.
-        nearer = sorted(begun[1:], key=lambda values: _cost(problem, values))[: 3 * others]
+        nearer = sorted(values, key=lambda one: _cost(problem, one))[: 3 * others]
         sketched = sorted((_bounded_fit(problem, free, v, SKETCHED) for v in nearer), key=lambda one: one.cost)
         found += [_bounded_fit(problem, free, one.values, MOST_STEPS) for one in sketched[:others]]
-    return min(found, key=lambda one: one.cost if np.isfinite(one.cost) else np.inf)
+    return min(found, key=_finite_cost)
+
+
+def _finite_cost(one: Fit) -> float:
+    return one.cost if np.isfinite(one.cost) else np.inf
 
 
 def _bounded_fit(problem: Problem, free: np.ndarray, values: np.ndarray, steps: int) -> Fit:
@@ -171,4 +191,4 @@ def followed_run(single: Problem, values: np.ndarray, free: np.ndarray) -> Fit:
     box = GreyBox(single, [swing], 1, np.zeros(len(values), dtype=bool))
     own = free & ~single.of(model.start_names)
     point = box.settled(own, box.begin(values))
-    return descended(single, free, box.tied_down(own, point))
+    return descended(single, free, untied(box, own, point))

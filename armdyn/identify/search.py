@@ -224,11 +224,14 @@ def _climbed(
 def _without_little(study: Study, steps: list[Step]) -> list[Step]:
     """The way without its end, where each value that comes lowers the error by little.
 
-    Real pendulums are never whole: what is left is something, and the next effect of the catalogue a little of it.
+    Real pendulums are never whole: what is left is something, and the next effect of the catalogue a little of it. At
+    the noise there is no such rest: what contradicts a weighed mass shows in no error.
     """
     left = [study.squared_error(step.fit) for step in steps]
     values = [int(step.fit.free.sum()) for step in steps]
     for k in range(len(steps) - 1):
+        if study.is_at_noise(steps[k].fit):
+            break
         later = range(k + 1, len(steps))
         if all(left[j] > left[k] * (1.0 - LITTLE) ** max(values[j] - values[k], 1) for j in later):
             return steps[: k + 1]

@@ -1,8 +1,10 @@
 """A model, runs and a catalogue: every fit that a diagnosis or a repair asks for, each done once."""
 
 import os
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from copy import copy
 from functools import cached_property
+from itertools import tee
 
 import numpy as np
 
@@ -94,7 +96,8 @@ class Study:
         self._held_out: dict[int, tuple[Fit, list[Block] | None]] = {}
         self._exam: dict[int, tuple[Fit, list[Block]]] = {}
         self._first: Fit | None = None
-        self._followed: dict[int, tuple[Fit, Sequence[np.ndarray]]] = {}
+        self._starts: dict[frozenset[str], Iterator[np.ndarray]] = {}
+        self._started: dict[int, tuple[Fit, Iterator[np.ndarray]]] = {}
         self._around_motion: dict[tuple[frozenset[str], int], Fit] = {}
         self._present_names = [name for c in self.present for name in c.names]
         self._begun = self.problem.start()
@@ -163,11 +166,20 @@ class Study:
 
     def squared_error(self, fit: Fit) -> float:
         """Mean squared error above the noise, over it, of training plus that of held-out runs; at least by chance."""
+        excess, by_chance = self._excess(fit)
+        return float(np.sum(np.maximum(excess, by_chance)))
+
+    def is_at_noise(self, fit: Fit) -> bool:
+        """Whether a fit leaves no more than noise may by chance, in training and in held-out runs."""
+        excess, by_chance = self._excess(fit)
+        return bool(np.all(excess <= by_chance))
+
+    def _excess(self, fit: Fit) -> tuple[np.ndarray, float]:
+        """Mean squared error above the noise, over it, of training and of held-out runs, and how much is chance."""
         kinds = [list(fit.blocks), list(self.held_out_blocks(fit) or []) if self.held_out else []]
-        samples = [sum(len(b.residual) for b in kind) for kind in kinds if kind]
-        means = [sum(float(b.residual @ b.residual) for b in kind) for kind in kinds if kind]
-        by_chance = CHANCE * np.sqrt(2.0 / min(samples))
-        return float(sum(max(mean / n - 1.0, by_chance) for mean, n in zip(means, samples, strict=True)))
+        samples = np.array([sum(len(b.residual) for b in kind) for kind in kinds if kind])
+        means = np.array([sum(float(b.residual @ b.residual) for b in kind) for kind in kinds if kind]) / samples
+        return means - 1.0, CHANCE * float(np.sqrt(2.0 / samples.min()))
 
     def disbelieved(self, fit: Fit) -> list[str]:
         """Samples that no noise explains and that counted little in choosing, a sentence for each run and channel."""
@@ -175,7 +187,7 @@ class Study:
         if motion is None:
             return found
         free = transferred(fit.free.astype(float), fit.problem, motion.problem, missing=0.0) > 0.0
-        for run, weights in zip(motion.box.runs, motion.believed(free & ~motion.starts), strict=True):
+        for run, weights in zip(motion.box.runs, motion.believed(free & ~motion.of_starts), strict=True):
             for channel, weight in zip(run.channels, weights, strict=True):
                 when = run.run.channels[channel].time[weight > 1.0]
                 if len(when):
@@ -200,10 +212,12 @@ class Study:
         own = motion.problem.of(self._present_names)
         fitted = motion.problem.of(list(names)) & ~(own & ~motion.problem.fitted)
         free = (motion.base & ~own | fitted) & motion.seen
-        begun = motion.begun(free)
-        free = transferred((free | motion.starts).astype(float), motion.problem, self.problem, missing=0.0) > 0.0
-        found = descended(self.problem, free, [self.own(values, motion.problem) for values in begun], others)
-        self._followed[id(found)] = found, begun
+        if key[0] not in self._starts:
+            (self._starts[key[0]],) = tee(motion.starts(free), 1)
+        starts = self._starts[key[0]]
+        free = transferred((free | motion.of_starts).astype(float), motion.problem, self.problem, missing=0.0) > 0.0
+        found = descended(self.problem, free, (self.own(values, motion.problem) for values in copy(starts)), others)
+        self._started[id(found)] = found, starts
         self._around_motion[key] = found
         return found
 
@@ -319,9 +333,9 @@ class Study:
     def held_out_blocks(self, found: Fit) -> list[Block] | None:
         """Residuals of runs that took no part; see `held_out.held_out_blocks`."""
         if id(found) not in self._held_out:  # the fit is kept with its answer, so that its id stays its own
-            followed = self._followed.get(id(found))
-            begun = None if followed is None or self.motion is None else (self.motion.problem, followed[1])
-            self._held_out[id(found)] = found, held_out_blocks(self._quick(found), self.held_out, begun)
+            started = self._started.get(id(found))
+            starts = None if started is None or self.motion is None else (self.motion.problem, started[1])
+            self._held_out[id(found)] = found, held_out_blocks(self._quick(found), self.held_out, starts)
         return self._held_out[id(found)][1]
 
     @property

@@ -6,6 +6,7 @@ end, so that nothing was chosen in their favour.
 """
 
 from collections.abc import Iterator, Sequence
+from copy import copy
 from dataclasses import replace
 from enum import Enum
 
@@ -19,11 +20,11 @@ from armdyn.identify.problem import Block, Problem, transferred
 from armdyn.model import Model
 from armdyn.run import Run
 
-Begun = tuple[Problem, Sequence[np.ndarray]]
-"""A problem that holds the runs, and (P,) values with where they may begin, the likeliest first."""
+Starts = tuple[Problem, Iterator[np.ndarray]]
+"""A problem that holds the runs, and (P,) values with where they may begin, the likeliest first; copied, not used up."""
 
 
-def held_out_blocks(found: Fit, held_out: Sequence[Run], begun: Begun | None = None) -> list[Block] | None:
+def held_out_blocks(found: Fit, held_out: Sequence[Run], starts: Starts | None = None) -> list[Block] | None:
     """Residuals of held-out runs; where none are given, of every training run predicted from the others.
 
     Only what belongs to a single run, such as how the load swung at its start, is fitted to a held-out run.
@@ -31,14 +32,14 @@ def held_out_blocks(found: Fit, held_out: Sequence[Run], begun: Begun | None = N
     Args:
         found: to the training runs.
         held_out: other runs.
-        begun: where the held-out runs begin, where that is known.
+        starts: where the held-out runs begin, where that is known.
 
     Returns:
         None when there is a single run and so nothing to hold out.
     """
     runs = found.problem.runs
     if held_out:
-        return [block for run in held_out for block in _predicted(found, found.values, run, begun=begun)]
+        return [block for run in held_out for block in _predicted(found, found.values, run, starts=starts)]
     if len(runs) < 2:
         return None
     return [block for run, rest in _without_each(found) for block in _predicted(rest, rest.values, run, found)]
@@ -61,7 +62,7 @@ def chi2_of(blocks: Sequence[Block]) -> float:
 
 
 def _predicted(
-    found: Fit, values: np.ndarray, run: Run, whole: Fit | None = None, begun: Begun | None = None
+    found: Fit, values: np.ndarray, run: Run, whole: Fit | None = None, starts: Starts | None = None
 ) -> tuple[Block, ...]:
     """Residuals of one run; where it was part of the fit `whole`, its own unknowns start from there."""
     alone = Problem(found.problem.model, [run], found.problem.noise)
@@ -72,8 +73,9 @@ def _predicted(
         return tuple(alone.blocks(start, free))
     if whole is not None:
         start = np.where(own, _transferred(whole, whole.values, alone)[1], start)
-    elif begun is not None:
-        return descended(alone, free, [np.where(own, transferred(v, begun[0], alone), start) for v in begun[1]]).blocks
+    elif starts is not None:
+        each = (np.where(own, transferred(v, starts[0], alone), start) for v in copy(starts[1]))
+        return descended(alone, free, each).blocks
     elif shows_motion(alone):
         return followed_run(alone, start, free).blocks
     else:

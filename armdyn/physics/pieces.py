@@ -5,10 +5,8 @@ motion nothing is carried on: predictions are nearly linear in all unknowns, as 
 lacks to the beginning of the next is what the model lacks (multiple shooting: Bock, Proc. IFAC 1981).
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import pairwise
 
 import casadi as ca
 import numpy as np
@@ -23,6 +21,8 @@ INVERSIONS = 3
 """Newton steps from a state to the values that begin a motion with it; a momentum is linear in its rate."""
 SHORT = 16
 """Steps per compiled call: pieces are short."""
+NEXT_TO = 3
+"""Pieces on which one sample may depend: its own, the one that a sensor remembers, the one that is interpolated to."""
 FEWEST_NODES = 4
 """Steps of the shortest piece, so that samples between its nodes can be interpolated."""
 
@@ -111,7 +111,9 @@ class Pieces:
         self.edges = edges
         self.starts = self._path.start + self._path.dt * edges[:-1]
         self._of = {c: self._placed(self.run.channels[c].time) for c in self.channels}
-        self._matrices: dict[tuple[str, int], np.ndarray] = {}
+        nodes = self._path.start + self._path.dt * np.arange(edges[0], edges[-1] + 1)
+        given = ((c, self.run.channels[c].time, self.run.spread.get(c, 0.0)) for c in self.channels)
+        self._matrices = {c: Interpolated(nodes, time, spread).matrix(0.0) for c, time, spread in given}
 
     def halve(self, which: np.ndarray) -> bool:
         """Cut those of the pieces, (J,) bool, in two that are long enough; whether there was one."""
@@ -123,11 +125,10 @@ class Pieces:
     def __len__(self) -> int:
         return len(self.starts)
 
-    def _placed(self, time: np.ndarray) -> list[slice]:
-        """Which samples belong to each piece; what was measured outside the inputs belongs to the first and last."""
+    def _placed(self, time: np.ndarray) -> np.ndarray:
+        """(N,) the piece of each sample; what was measured outside the inputs belongs to the first and last."""
         inner = self._path.start + self._path.dt * (self.edges[1:-1] - 1e-6)
-        cuts = [0, *np.searchsorted(time, inner).tolist(), len(time)]
-        return [slice(a, b) for a, b in pairwise(cuts)]
+        return np.searchsorted(inner, time, side="right")
 
     def states(self, theta: np.ndarray, begin: np.ndarray) -> np.ndarray:
         """(J, n) states at the beginning of the pieces.
@@ -206,79 +207,92 @@ class Pieces:
         system, physics, path = self._given(theta)
         simulator = _from_states(system, self.model.formulation, self.channels)
         nodes, middle = path.rows(with_jerk=system.impulse_adds_to is not None)
-        n, q = system.states, len(physics)
-        J = len(self)
-        transition, by_theta, ends = np.empty((J, n, n)), np.zeros((J, n, len(theta))), np.empty((J, n))
-        place = self.model.places[1]
-        columns: dict[str, list[np.ndarray]] = {c: [] for c in self.channels}
-        before: tuple[np.ndarray, np.ndarray] | None = None
-        late = any(system.sensors[c].lags or system.sensors[c].delays for c in self.channels)
+        n, q, J = system.states, len(physics), len(self)
+        transition, by_physics, ends = np.empty((J, n, n)), np.empty((J, n, q)), np.empty((J, n))
+        signal = np.zeros((self.edges[-1] - self.edges[0] + 1, simulator.columns, 1 + q + NEXT_TO * n))
         for j, (a, b) in enumerate(zip(self.edges[:-1], self.edges[1:], strict=True)):
             part = _Part(path.start + path.dt * a, path.dt, nodes[:, a : b + 1], middle[:, a:b])
-            rolled = simulator.rollout(part, physics, *states[j])
-            slopes = rolled.state_sensitivities
-            transition[j], ends[j] = slopes[:, q:], rolled.states[-1]
-            by_theta[j][:, place] = slopes[:, :q]
-            signal = np.concatenate([rolled.outputs[:, :, None], rolled.sensitivities], axis=2)
-            at = part.start + path.dt * np.arange(len(signal))
-            if late and before is not None:
-                signal, at = np.concatenate([before[0], signal]), np.concatenate([before[1], at])
-            for k, channel in enumerate(self.channels):
-                columns[channel].append(self._read(channel, j, signal[:, k], at, physics))
-            if late and j + 1 < J:
-                own = signal[-(b - a + 1) :]
-                before = (
-                    _seen_from(own[:-1], states[j + 1] - ends[j], transition[j], slopes[:, :q]),
-                    at[-(b - a + 1) : -1],
-                )
-        return Linearised(
-            transition, by_theta, ends, {c: self._samples(c, rows, len(theta)) for c, rows in columns.items()}
-        )
+            rolled = simulator.integrated(part, physics, *states[j])
+            by_physics[j], transition[j] = np.split(rolled.state_sensitivities, [q], axis=1)
+            ends[j] = rolled.states[-1]
+            own, at = signal[a - self.edges[0] : b + 1 - self.edges[0]], 1 + q + n * (j % NEXT_TO)
+            own[:, :, 0], own[:, :, 1 : 1 + q] = rolled.outputs, rolled.sensitivities[:, :, :q]
+            own[:, :, at : at + n] = rolled.sensitivities[:, :, q:]
+            if j:  # the node where two pieces meet is the later one's
+                own[0, :, 1 + q : at], own[0, :, at + n :] = 0.0, 0.0
+        outputs, slopes = simulator.with_impulse(signal[:, :, 0], signal[:, :, 1:], physics, path.dt)
+        by_theta = np.zeros((J, n, len(theta)))
+        by_theta[:, :, self.model.places[1]] = by_physics
+        join = _Join(transition, by_theta, ends - np.append(states[1:], ends[-1:], axis=0))
+        samples = {
+            c: self._samples(c, np.column_stack([outputs[:, k], slopes[:, k]]), physics, join)
+            for k, c in enumerate(self.channels)
+        }
+        return Linearised(transition, by_theta, ends, samples)
 
-    def _read(self, channel: str, j: int, signal: np.ndarray, at: np.ndarray, physics: np.ndarray) -> np.ndarray:
-        """(n_j, 1 + q + n) samples of a piece."""
-        sensor, time = self.model.system.sensors[channel], self.run.channels[channel].time[self._of[channel][j]]
-        spread = self.run.spread.get(channel, 0.0)
-        if not len(time):
-            return np.zeros((0, signal.shape[1]))
+    def _samples(self, channel: str, signal: np.ndarray, physics: np.ndarray, join: "_Join") -> Samples:
+        """What a sensor makes of (K, 1 + q + NEXT_TO n) signals at the nodes of all pieces."""
+        sensor, given = self.model.system.sensors[channel], self.run.channels[channel]
         if sensor.lags or sensor.delays:
-            return sensor.read(signal, Interpolated(at, time, spread), physics)
-        key = channel, j
-        if key not in self._matrices:
-            own = self._path.start + self._path.dt * np.arange(self.edges[j], self.edges[j + 1] + 1)
-            self._matrices[key] = Interpolated(own, time, spread).matrix(0.0).toarray()
-        return self._matrices[key] @ signal[-self._matrices[key].shape[1] :]
-
-    def _samples(self, channel: str, rows: Sequence[np.ndarray], size: int) -> Samples:
-        found = np.concatenate(rows)
-        given = self.run.channels[channel]
-        place = self.model.places[1]
-        q = len(place)
-        by_theta = np.zeros((len(found), size))
-        by_theta[:, place] = found[:, 1 : 1 + q]
-        piece = np.repeat(np.arange(len(rows)), [len(r) for r in rows])
-        return Samples(piece, given.time, given.value, found[:, 0], found[:, 1 + q :], by_theta)
+            nodes = self._path.start + self._path.dt * np.arange(self.edges[0], self.edges[-1] + 1)
+            read = sensor.read(signal, Interpolated(nodes, given.time, self.run.spread.get(channel, 0.0)), physics)
+        else:
+            read = self._matrices[channel] @ signal
+        q, n = len(physics), join.gap.shape[1]
+        by_theta = np.zeros((len(read), join.by_theta.shape[2]))
+        by_theta[:, self.model.places[1]] = read[:, 1 : 1 + q]
+        around = read[:, 1 + q :].reshape(len(read), NEXT_TO, n)
+        return join.seen(self._of[channel], given.time, given.value, read[:, 0], around, by_theta)
 
 
-def _seen_from(signal: np.ndarray, gap: np.ndarray, transition: np.ndarray, by_theta: np.ndarray) -> np.ndarray:
-    """What a sensor with a memory remembers of the piece before, as a function of the next piece's beginning.
+@dataclass(frozen=True, eq=False)
+class _Join:
+    """How pieces meet: the end of one is the beginning of the next but for a gap.
 
-    The end of a piece is s' = f(s, theta), so that a change of s' by ds' and of theta by dtheta is one of the piece's
-    own beginning by A^-1 (ds' - B dtheta).
-
-    Args:
-        signal: (K, c, 1 + q + n) values and derivatives by theta and the piece's own beginning.
-        gap: (n,) from its end to the next piece's beginning.
-        transition: (n, n) A.
-        by_theta: (n, q) B.
+    Attributes:
+        transition: (J, n, n) A.
+        by_theta: (J, n, q) B.
+        gap: (J, n) from the next piece's beginning to the end, 0 of the last.
     """
-    q = by_theta.shape[1]
-    back = signal[:, :, 1 + q :] @ pseudo_inverse(transition)
-    found = signal.copy()
-    found[:, :, 0] += back @ gap
-    found[:, :, 1 : 1 + q] -= back @ by_theta
-    found[:, :, 1 + q :] = back
-    return found
+
+    transition: np.ndarray
+    by_theta: np.ndarray
+    gap: np.ndarray
+
+    def seen(
+        self,
+        piece: np.ndarray,
+        time: np.ndarray,
+        measured: np.ndarray,
+        value: np.ndarray,
+        around: np.ndarray,
+        by_theta: np.ndarray,
+    ) -> Samples:
+        """Samples as functions of the beginning of their own piece alone.
+
+        What a sensor remembers of the piece before is a function of that one's beginning, and what is interpolated
+        across the end of a piece one of the next one's. With s' = A s + B theta + gap both follow from the own one.
+
+        Args:
+            piece: (N,).
+            time: (N,) s.
+            measured: (N,).
+            value: (N,) predicted.
+            around: (N, NEXT_TO, n) derivatives by the beginnings of pieces, of piece j at j modulo NEXT_TO.
+            by_theta: (N, q) as these stay.
+        """
+        rows = np.arange(len(piece))
+        own, before, after = (around[rows, (piece + k) % NEXT_TO] for k in (0, -1, 1))
+        back = pseudo_inverse(self.transition)
+        last = np.maximum(piece - 1, 0)
+        before = np.einsum("Ni,Nij->Nj", np.where(piece[:, None] > 0, before, 0.0), back[last])
+        after = np.where(piece[:, None] < len(self.gap) - 1, after, 0.0)
+        by_state = own + before + np.einsum("Ni,Nij->Nj", after, self.transition[piece])
+        value = value - np.sum(before * self.gap[last], axis=1) + np.sum(after * self.gap[piece], axis=1)
+        more = np.einsum("Ni,Niq->Nq", after, self.by_theta[piece]) - np.einsum(
+            "Ni,Niq->Nq", before, self.by_theta[last]
+        )
+        return Samples(piece, time, measured, value, by_state, by_theta + more)
 
 
 def pseudo_inverse(matrices: np.ndarray) -> np.ndarray:

@@ -104,6 +104,7 @@ class Simulator:
         self._dynamics = dynamics
         self._active = _active(dynamics)
         self._impulse = dynamics.impulse_adds_to in self.channels
+        self.columns = len(self.channels) + self._impulse
         rows = [dynamics.outputs.index(name) for name in self.channels] + [len(dynamics.outputs)] * self._impulse
         steps, start = _steps(dynamics, self._active, rows, block), _start(dynamics, self._active)
         built = compiled(f"simulate_{name}", {"steps": steps, "start": start})
@@ -117,6 +118,12 @@ class Simulator:
             theta: (p,) in the order of the system's names.
             start: values at the first node; those that are not given are 0.
         """
+        found = self.integrated(path, theta, *start)
+        outputs, sensitivities = self.with_impulse(found.outputs, found.sensitivities, theta, path.dt)
+        return found._replace(outputs=outputs, sensitivities=sensitivities)
+
+    def integrated(self, path: Path, theta: np.ndarray, *start: float) -> Rollout:
+        """As `rollout`, with a last output, the impulse, where there is one: its derivative by time needs neighbours."""
         nodes, middle = path.rows(with_jerk=self._dynamics.impulse_adds_to is not None)
         rows, starts = len(nodes), self._dynamics.starts
         K, m, n = nodes.shape[1], self.parameters + starts, self._dynamics.states
@@ -127,7 +134,7 @@ class Simulator:
         inputs[2 * rows :, : K - 1] = nodes[:, 1:]
         step = np.zeros((1, padded))  # zero beyond the end: there the state stays
         step[0, : K - 1] = path.dt
-        columns = len(self.channels) + self._impulse
+        columns = self.columns
         states = np.empty((padded, n))
         outputs = np.empty((padded, columns))
         sensitivities = np.empty((padded, m, columns))
@@ -139,15 +146,14 @@ class Simulator:
             sensitivities[block] = dy.T.reshape(self._block, m, columns)
         last = np.zeros((n, m))
         last[:, self._active] = sensitivity
-        outputs, by_theta = outputs[:K], sensitivities[:K].transpose(0, 2, 1)
-        if self._impulse:
-            outputs, by_theta = self._with_impulse(outputs, by_theta, theta, path.dt)
-        return Rollout(states[:K], last, outputs, by_theta)
+        return Rollout(states[:K], last, outputs[:K], sensitivities[:K].transpose(0, 2, 1))
 
-    def _with_impulse(
+    def with_impulse(
         self, outputs: np.ndarray, by_theta: np.ndarray, theta: np.ndarray, dt: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Outputs and derivatives without the last column, whose time derivative has been added to the force."""
+        """Outputs (K, c) and derivatives (K, c, m) of `integrated`, the impulse's time derivative added to the force."""
+        if not self._impulse:
+            return outputs, by_theta
         force = self.channels.index(str(self._dynamics.impulse_adds_to))
         outputs, by_theta = outputs.copy(), by_theta.copy()
         impulse, impulse_by_theta = outputs[:, -1], by_theta[:, -1]
