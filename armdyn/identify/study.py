@@ -1,6 +1,5 @@
 """A model, runs and a catalogue: every fit that a diagnosis or a repair asks for, each done once."""
 
-import os
 from collections.abc import Collection, Iterator, Sequence
 from copy import copy
 from functools import cached_property
@@ -36,7 +35,6 @@ FIRST_STEPS = 3
 
 PERIODS = 3.0
 """Of small swings, that tell one effect from another."""
-FROM_FORCE = os.environ.get("ARMDYN_FROM_FORCE") == "1"
 MOST_TOLD = 5
 """Times of glitches that are listed."""
 CHANCE = 0.5
@@ -119,8 +117,6 @@ class Study:
         present = everything.of(self._present_names)
         if shows_motion(everything):
             return AroundMotion(everything, len(self.runs), present)
-        if not FROM_FORCE:
-            return None
         alone = Problem(self.model, self.runs, self.noise)
         values = transferred(first_fit(alone)[0].values, alone, everything)
         if self.held_out:
