@@ -7,38 +7,27 @@ take about a second (floating search: Pudil, Novovičová & Kittler, Pattern Rec
 """
 
 from collections.abc import Callable, Collection, Iterable, Sequence
-from itertools import combinations
 
 import numpy as np
 
 from armdyn.identify.appraisal import SURE, Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate
+from armdyn.identify.simplest import CORE, simplest_of_best
+from armdyn.identify.summed import Summed
 
 PROMISING = 12
 """Effects with the largest foretold gain that are appraised in each round."""
-SAVED = 0.05
-"""Share of the best effect's gain, as a logarithm of the error, that one may lack for each value that it saves: a
-spring with two values and 0.76 of what a link with ten explains comes first, a gain with one and 0.88 of the spring
-does not."""
-NEARLY = 0.75
-"""Share of that gain that it must bring, however many it saves; on a pendulum also, of the gain of a richer effect that
-holds it."""
-CORE = 0.5
-"""The same on an arm, where what the simpler effect lacks may come as an effect of its own: an offset beside Coulomb
-friction in place of asymmetric friction. Also what is enough where what saves values is worth more."""
 LEADS = 0.5
 """Share of the misfit as given from which an effect is what a reader is told is missing: many small errors have no
 name."""
-MOST_PAIRED = 2
-"""Effects of a set to which two more are added at once."""
 MOST_ROUNDS = 60
 
 Say = Callable[[str], None]
 Refused = Collection[frozenset[Candidate]]
-_Move = Callable[[Appraiser, Appraisal, Sequence[Candidate], Refused], Appraisal | None]
+_Move = Callable[[Summed, Appraisal, Sequence[Candidate], Refused], Appraisal | None]
 
 
-def chosen(appraiser: Appraiser, firm: Sequence[Candidate] = (), say: Say | None = None) -> Appraisal:
+def chosen(appraiser: Summed, firm: Sequence[Candidate] = (), say: Say | None = None) -> Appraisal:
     """The best set that the search finds.
 
     Args:
@@ -51,8 +40,7 @@ def chosen(appraiser: Appraiser, firm: Sequence[Candidate] = (), say: Say | None
     for _ in range(MOST_ROUNDS):
         if say is not None:
             say(f"{len(now.effects)} effects chosen")
-        # Beside the best of two imitations a third effect may seem missing: the right two compete with it.
-        steps: tuple[_Move, ...] = (_added_or_paired if now.effects else _added, _exchanged, _paired)
+        steps: tuple[_Move, ...] = (_added, _exchanged)
         found = (step(appraiser, now, firm, refused) for step in steps)
         better = next((one for one in found if one is not None), None)
         if better is None:
@@ -62,27 +50,23 @@ def chosen(appraiser: Appraiser, firm: Sequence[Candidate] = (), say: Say | None
         back = fewer is not better and frozenset(fewer.effects) in refused
         if not back and not _displaces(appraiser, fewer, now):
             refused.add(frozenset(fewer.effects))
-            appraiser.advance(fewer)
-            if appraiser.few and not _better(appraiser, now, [appraiser.of(fewer.effects)], ()):
-                appraiser.advance(now)  # at its minimum it is not what its first steps promised
-                continue
-            now = appraiser.of(fewer.effects)
+            now = fewer
     simple = _simplified(appraiser, now, firm)
-    while simple is not now and not appraiser.few:
+    while simple is not now:
         now = simple
         simple = _added(appraiser, now, firm, ()) or now
     return simple
 
 
-def _displaces(appraiser: Appraiser, after: Appraisal, before: Appraisal) -> bool:
+def _displaces(appraiser: Summed, after: Appraisal, before: Appraisal) -> bool:
     """Whether something came that makes superfluous what explains most and would have been chosen before it."""
     common = [c for c in before.effects if c in after.effects]
     rest = appraiser.of(common)
     leads = rest.overall - before.overall > LEADS * appraiser.of(()).overall
-    return leads and foremost(appraiser, rest, [before, after]) is before
+    return leads and best_set(appraiser, rest, [before, after]) is before
 
 
-def _added(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate], refused: Refused) -> Appraisal | None:
+def _added(appraiser: Summed, now: Appraisal, firm: Sequence[Candidate], refused: Refused) -> Appraisal | None:
     """With one effect more, on one joint or on all of its joints; None where that is worth nothing."""
     del firm
     left = [c for c in appraiser.candidates if c not in now.effects]
@@ -92,87 +76,39 @@ def _added(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate], refu
     if not now.effects:
         options += _whole(appraiser, left)
     options = _better(appraiser, now, options, refused)
-    if not options and not appraiser.few:
+    if not options:
         # What is foretold is what training runs gain: the ten values of a link outbid a friction that carries over.
         options = _better(appraiser, now, [appraiser.of((*now.effects, c)) for c in left], refused)
-    return foremost(appraiser, now, options) if options else None
+    return best_set(appraiser, now, options) if options else None
 
 
-def _better(appraiser: Appraiser, now: Appraisal, options: Iterable[Appraisal], refused: Refused) -> list[Appraisal]:
+def _better(appraiser: Summed, now: Appraisal, options: Iterable[Appraisal], refused: Refused) -> list[Appraisal]:
     """Those that are worth more, carry over, and whose further values explain enough."""
-    now = appraiser.of(now.effects)  # its refits may have shown better what noise there is
     worth = [o for o in options if o.worth > now.worth and frozenset(o.effects) not in refused]
     return [o for o in worth if o.carries_over(now) and appraiser.useful(o, now)]
 
 
-def _paired(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate], refused: Refused) -> Appraisal | None:
-    """With two effects more, also in place of one: two that a third imitates are found so."""
-    if not appraiser.few or len(now.effects) > MOST_PAIRED:
-        return None
-    left = [c for c in appraiser.candidates if c not in now.effects]
-    leaving = [(), *((c,) for c in now.effects if c not in firm)]
-    changes = [(gone, pair) for pair in combinations(left, 2) for gone in leaving]
-    options = _better(appraiser, now, appraiser.promising(now, changes, PROMISING), refused)
-    return foremost(appraiser, now, options) if options else None
-
-
-def _added_or_paired(
-    appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate], refused: Refused
-) -> Appraisal | None:
-    found = [step(appraiser, now, firm, refused) for step in (_added, _paired)]
-    return max((one for one in found if one is not None), key=lambda one: one.worth, default=None)
-
-
-def foremost(appraiser: Appraiser, now: Appraisal, options: Sequence[Appraisal]) -> Appraisal:
+def best_set(appraiser: Summed, now: Appraisal, options: Sequence[Appraisal]) -> Appraisal:
     """What is worth most; where the model's own error is left, what leads."""
-    if appraiser.few or appraiser.limited == 0.0:
+    if appraiser.limited == 0.0:
         return max(options, key=lambda o: o.worth)
-    return leading(now, options)
+    return simplest_of_best(now, options)
 
 
-def leading(now: Appraisal, options: Sequence[Appraisal]) -> Appraisal:
-    """What explains most, or what stands in for it: it explains nearly as much with fewer values.
-
-    What stands in is compared in its turn: two links, a link that does nearly as much, the payload that it imitates.
-    """
-    best = min(options, key=lambda o: o.overall)
-    while True:
-        near = [o for o in options if o is best or _stands_in(o, best, now)]
-        simplest = min(near, key=lambda o: (np.sum(o.free), -o.worth))
-        if np.sum(simplest.free) >= np.sum(best.free):
-            return simplest
-        best = simplest
-
-
-def _stands_in(one: Appraisal, best: Appraisal, now: Appraisal) -> bool:
-    """Whether a set is what a reader should be told in place of the one that explains most: it saves values.
-
-    It must explain nearly as much; half is enough for what is worth more: a link does better than the payload behind it
-    where it bends to small errors of other joints. Several effects do not stand for one: gains of four joints are no
-    simpler than the one link that they imitate.
-    """
-    saved = float(np.sum(best.free) - np.sum(one.free))
-    gain, most = (float(np.log(now.overall / o.overall)) for o in (one, best))
-    surer = saved > 0.0 and one.worth > best.worth
-    enough = CORE if surer else max(NEARLY, 1.0 - SAVED * saved)
-    return len(one.effects) <= len(best.effects) and gain >= enough * most
-
-
-def _simplified(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate]) -> Appraisal:
+def _simplified(appraiser: Summed, now: Appraisal, firm: Sequence[Candidate]) -> Appraisal:
     """With simpler effects in place of richer ones that hold them.
 
     At the noise a richer effect must be surely better than the simpler one; where the model's own error is left, small
     errors make it better in any case, and the simpler one must be the core of it.
     """
-    share = NEARLY if appraiser.few else CORE
     for effect in now.effects:
-        if effect in firm or (appraiser.few and appraiser.limited == 0.0):
+        if effect in firm:
             continue
         rest = [c for c in now.effects if c != effect]
         without = appraiser.of(rest)
-        enough = share * np.log(without.overall / now.overall)
-        # Likelihood counts twice at the noise. A pendulum's effects have their own pairs and exchanges.
-        surely = np.inf if appraiser.few else now.worth - (2.0 - appraiser.limited) * SURE
+        enough = CORE * np.log(without.overall / now.overall)
+        # Likelihood counts twice at the noise.
+        surely = now.worth - (2.0 - appraiser.limited) * SURE
         simpler = [
             appraiser.of((*rest, c))
             for c in appraiser.candidates
@@ -189,7 +125,7 @@ def _simplified(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate])
     return now
 
 
-def _whole(appraiser: Appraiser, left: Sequence[Candidate]) -> list[Appraisal]:
+def _whole(appraiser: Summed, left: Sequence[Candidate]) -> list[Appraisal]:
     """Every effect on all the joints that need it."""
     found = []
     for name in dict.fromkeys(c.effect for c in left):
@@ -202,7 +138,7 @@ def _whole(appraiser: Appraiser, left: Sequence[Candidate]) -> list[Appraisal]:
 def backward_elimination(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate] = ()) -> Appraisal:
     """Backward elimination: without what the others make superfluous, one after the other; `firm` effects stay."""
     while len(now.effects) > len(firm):
-        fewer = [appraiser.without(now, gone) for gone in now.effects if gone not in firm]
+        fewer = [appraiser.of([c for c in now.effects if c != gone]) for gone in now.effects if gone not in firm]
         best = max(fewer, key=lambda o: o.worth)
         if best.worth < now.worth and all(appraiser.useful(now, o) for o in fewer):
             break
@@ -210,7 +146,7 @@ def backward_elimination(appraiser: Appraiser, now: Appraisal, firm: Sequence[Ca
     return now
 
 
-def _exchanged(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate], refused: Refused) -> Appraisal | None:
+def _exchanged(appraiser: Summed, now: Appraisal, firm: Sequence[Candidate], refused: Refused) -> Appraisal | None:
     """With one effect, or all joints of one, exchanged for another; None where none is better."""
     free = [c for c in now.effects if c not in firm]
     parts: list[tuple[Candidate, ...]] = [(c,) for c in free]
@@ -222,12 +158,11 @@ def _exchanged(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate], 
     changes = [(part, (c,)) for part in parts for c in left]
     best: Appraisal | None = None
     options = appraiser.promising(now, changes, PROMISING // 2 * len(parts))
-    now = appraiser.of(now.effects)  # its refits may have shown better what noise there is
     for option in options:
         if option.worth <= max(now.worth, best.worth if best else -np.inf) or frozenset(option.effects) in refused:
             continue
         rest = appraiser.of([c for c in now.effects if c in option.effects])
-        first = foremost(appraiser, rest, [now, option]) is option
+        first = best_set(appraiser, rest, [now, option]) is option
         if first and not option.harms(now) and appraiser.useful(option, rest):
             best = option
     return best

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from armdyn.faults import outlier_sentence
-from armdyn.identify.appraisal import NOISY
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.choose import LEADS
 from armdyn.identify.compare import Comparison, comparison
@@ -15,6 +14,7 @@ from armdyn.identify.explained import Scale, share_gone
 from armdyn.identify.fit import channel_rmse
 from armdyn.identify.force_law import opening
 from armdyn.identify.missing_force import ForceCurve, between
+from armdyn.identify.sample_evidence import NOISY
 from armdyn.identify.score import LARGEST_Z
 from armdyn.identify.search import Progress, Search, Step, repair_step, search
 from armdyn.identify.sentence import Left, Verdict, repair_sentences

@@ -6,12 +6,13 @@ from math import log
 
 import numpy as np
 
-from armdyn.identify.appraisal import Appraisal, Appraiser, Change, Described
+from armdyn.identify.appraisal import Appraisal, Appraiser, Described
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.fit import channel_rmse
 from armdyn.identify.grey_box import SETTLED
 from armdyn.identify.grey_run import LOOSE
 from armdyn.identify.noise_evidence import Tables
+from armdyn.identify.problem import transferred
 from armdyn.identify.study import Study
 
 LOOKED_AT = 16
@@ -31,8 +32,6 @@ class Filtered(Appraiser):
         study: model, runs, catalogue.
     """
 
-    few = True
-    limited = 0.0
     most_named = 5
 
     def __init__(self, study: Study) -> None:
@@ -90,7 +89,10 @@ class Filtered(Appraiser):
             promised = sorted((o for o in promised if o.worth > now.worth + SETTLED), key=lambda o: -o.worth)
             options = _unlike(promised, now)[:VERIFIED]
             refused |= {frozenset(option.effects) for option in options}
-            found = [self.settle(option.effects) for option in options]
+            found = []
+            for i, option in enumerate(options):
+                say(f"{i} of {len(options)} candidates tried")
+                found.append(self.settle(option.effects))
             better = [one for one in sorted(found, key=lambda o: -o.worth) if one.worth > now.worth + SETTLED]
             taken = (one for one in better if one.worth > self._again(now, one).worth + SETTLED)
             following = next(taken, None)
@@ -126,36 +128,16 @@ class Filtered(Appraiser):
             rest = tuple(c for c in effects if c != gone)
             yield from (tuple(c for c in self.candidates if c in {*rest, *come}) for come in coming if come or gone)
 
-    def with_one_more(self, now: Appraisal, left: Sequence[Candidate]) -> list[Appraisal]:
-        """See `Appraiser.with_one_more`: the one that leaves least in output error, of those that promise most.
+    def best_with_one_more(self, now: Appraisal, left: Sequence[Candidate]) -> Appraisal:
+        """See `Appraiser.best_with_one_more`: what leaves least in output error, of those that promise most.
 
         What a reader counts is the error: an offset of the camera may be surer than the drag that it hides behind.
         """
         self.settle(now.effects)
-        promised = sorted(super().with_one_more(now, left), key=lambda one: -one.worth)
+        promised = sorted((self.of((*now.effects, c)) for c in left), key=lambda one: -one.worth)
         compared = promised if not now.effects else promised[:COMPARED]
         best = min(compared, key=lambda one: self._study.left((*self._study.present, *one.effects)))
-        return [self.settle(best.effects)]
-
-    def promising(self, now: Appraisal, changes: Sequence[Change], most: int) -> list[Appraisal]:
-        """See `Appraiser.promising`; asking costs little, so all are appraised."""
-        sets = [[*(c for c in now.effects if c not in gone), *come] for gone, come in changes]
-        return sorted((self.of(one) for one in sets), key=lambda one: -one.worth)[:most]
-
-    def useful(self, more: Appraisal, fewer: Appraisal) -> bool:
-        """See `Appraiser.useful`."""
-        del more, fewer
-        return True
-
-    def contenders(self, rest: Appraisal) -> tuple[Candidate, ...]:
-        """See `Appraiser.contenders`."""
-        del rest
-        return self.candidates
-
-    def holds(self, richer: Candidate, simpler: Candidate) -> bool:
-        """See `Appraiser.holds`: an effect of a pendulum is no other one with more values."""
-        del richer, simpler
-        return False
+        return self.settle(best.effects)
 
     def values(self, one: Appraisal) -> np.ndarray:
         """See `Appraiser.values`."""
@@ -176,9 +158,11 @@ class Filtered(Appraiser):
         T = self.problem.typical
         spread = np.linalg.pinv(np.eye(len(T)) / LOOSE**2 + T[:, None] * found.information * T, hermitian=True)
         return Described(
-            fit.rmse(), channel_rmse(held_out) if held_out else {}, self.values(one)[own],
-            (T * np.sqrt(np.diag(spread)))[own],
-        )  # fmt: skip
+            rmse=fit.rmse(),
+            held_out_rmse=channel_rmse(held_out) if held_out else {},
+            values=transferred(fit.values, fit.problem, self.problem)[own],
+            deviations=(T * np.sqrt(np.diag(spread)))[own],
+        )
 
 
 def _unlike(options: Iterable[Appraisal], now: Appraisal) -> list[Appraisal]:

@@ -14,17 +14,14 @@ import numpy as np
 
 from armdyn.identify.fit import (
     GROSS,
-    GROWTHS,
     NEAR_NOISE,
     Fit,
     determined,
     duration,
     first_part,
     fit,
-    followed,
-    stretched,
-    told,
 )
+from armdyn.identify.least_squares import Descent
 from armdyn.identify.problem import Problem
 
 DESCENDED = 8
@@ -37,26 +34,22 @@ two that a short stretch hardly tells apart becomes many times worse as it grows
 lacks shows least on the first."""
 GROWTH = 2.0
 """From one stretch to the next."""
+SETTLED_WINDOW = 3.0
+"""s; shorter windows tell friction and creep too little to be fitted in them."""
+GROWTHS = (1.5, 2.0, 1.25)
+"""Factors from one stretch to the next, tried until the misfit is not gross: where much is missing from the model the
+minimum moves as the stretch grows, and no factor follows it in every recording."""
 BETTER = 0.9
 """Ratio of the costs below which another minimum is preferred to the one next to the values that the model has."""
 
 
-def first_fit(problem: Problem) -> tuple[Fit, np.ndarray]:
-    """Minimise over what the model fits, without being told where each run's motion began.
-
-    Returns:
-        The fit, and (P,) the values that the model came with, with what `begun` found of each run.
-    """
-    if problem.model.start.window is None:  # any start will do
-        begin = near = problem.start()
-        free = _most_determined(problem, begin)
-        found = fit(problem, free, begin)
-    else:
-        begin, near = begun(problem, problem.start())
-        free = _most_determined(problem, begin, near)
-        found = _from_own_values_or_near(problem, free, begin, near)
+def first_fit(problem: Problem) -> Fit:
+    """Minimise over what the model fits, without being told where each run's motion began."""
+    begin, near = begun(problem, problem.start())
+    free = _most_determined(problem, begin, near)
+    found = _from_own_values_or_near(problem, free, begin, near)
     again = _most_determined(problem, found.values, begin, near)
-    return found if np.array_equal(again, free) else fit(problem, again, found.values), begin
+    return found if np.array_equal(again, free) else fit(problem, again, found.values)
 
 
 def _from_own_values_or_near(problem: Problem, free: np.ndarray, begin: np.ndarray, near: np.ndarray) -> Fit:
@@ -132,6 +125,34 @@ def start_of(single: Problem, values: np.ndarray, free: np.ndarray) -> np.ndarra
         ]
         rivals = _best(single, rivals)
     return rivals[0].begun
+
+
+def followed(problem: Problem, free: np.ndarray, start: np.ndarray, growth: float) -> np.ndarray:
+    """(P,) the minimum over the first second, followed while the stretch grows."""
+    values = start
+    for window in _windows(problem, growth):
+        cut = Problem(problem.model, [first_part(run, window) for run in problem.runs], problem.noise).held_near(values)
+        # All are held weakly, so that none need be left out: what seems dependent beside the growth of an error near
+        # the upright is known well.
+        values = stretched(cut, free, window, values, tolerance=0.3).values
+    return values
+
+
+def stretched(cut: Problem, free: np.ndarray, window: float, values: np.ndarray, *, tolerance: float = 0.02) -> Descent:
+    """A few steps on a stretch of `window` s; effects are fitted where it is long, or not explained without them."""
+    first = told(cut, free, window)
+    found = cut.fit(first, values, most_steps=8, tolerance=tolerance)
+    if np.array_equal(first, free) or 2.0 * found.at.cost < NEAR_NOISE * cut.samples:
+        return found
+    # Friction that takes half of the first swing's energy is told by it; without it the swing's start is bent instead.
+    other = cut.fit(free, values, most_steps=8, tolerance=tolerance)
+    return other if other.at.cost < found.at.cost else found
+
+
+def told(problem: Problem, free: np.ndarray, window: float) -> np.ndarray:
+    """(P,) bool: what of `free` is fitted to a stretch of `window` s: the base, and effects where it is long enough."""
+    base = np.array([not column.parameter.effect for column in problem.columns])
+    return free if window >= SETTLED_WINDOW else free & (problem.per_run | base)
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,3 +237,12 @@ def _most_determined(problem: Problem, *points: np.ndarray) -> np.ndarray:
         cut = _cut(problem, stretch)
         found = found | (problem.per_run & determined(cut, problem.fitted, points[-1]))
     return found
+
+
+def _windows(problem: Problem, growth: float) -> list[float]:
+    longest = max(duration(run) for run in problem.runs)
+    result, window = [], problem.model.start.window
+    while window is not None and window < 0.9 * longest:
+        result.append(window)
+        window *= growth
+    return result

@@ -165,7 +165,7 @@ class GreyBox:
         return gram
 
     def tied_down(self, free: np.ndarray, point: Point) -> list[np.ndarray]:
-        """(P,) values while kicks shrink to nothing, and the motions become the model's own (output error); the last first.
+        """(P,) values while kicks shrink to nothing, the last first: the motions become the model's own (output error).
 
         The kicks shrink from round to round, so that the motions go over from what was measured to what the model says
         without ever losing the measured swing.

@@ -159,7 +159,7 @@ class Tables:
         removable: np.ndarray,
         begin: Sequence[int] | None = None,
     ) -> None:
-        self._begin, self._rounds = (None, ROUNDS) if begin is None else (begin, 1)
+        self._begin, self._rounds = begin, ROUNDS if begin is None else 1
         self.tables, self.values, self.problem, self.training = tuple(tables), values, problem, training
         self._removable = removable
         self.is_effect = np.array([bool(c.parameter.effect) for c in problem.columns])

@@ -30,7 +30,7 @@ MOST_STEPS = 30
 def shows_motion(problem: Problem) -> bool:
     """Whether every run shows the motion itself, and not only a force that depends on it."""
     model = problem.model
-    if not (isinstance(model, SimulatedModel) and model.start_names):
+    if not isinstance(model, SimulatedModel):
         return False
     values = problem.start()
     return all(
@@ -153,11 +153,12 @@ def untied(box: GreyBox, free: np.ndarray, point: Point) -> Iterator[np.ndarray]
 def descended(problem: Problem, free: np.ndarray, starts: Iterable[np.ndarray], others: int = OTHERS) -> Fit:
     """The best of the minima next to (P,) values, of which the first is the likeliest; at most so many `others`.
 
-    A fit that ends at the noise is in no wrong minimum: then the way on which kicks shrink is not gone at all.
+    A fit that ends at the noise, or near enough where no `others` are asked for, is in no wrong minimum: then the kicks
+    need not be shrunk step by step.
     """
     values = iter(starts)
     found = [_bounded_fit(problem, free, next(values), MOST_STEPS)]
-    if found[0].chi2_per_sample > NEAR_NOISE:
+    if found[0].chi2_per_sample > (NEAR_NOISE if others else GROSS):
         found += [_bounded_fit(problem, free, tied, MOST_STEPS) for tied in islice(values, 1)]
     best = min(found, key=_finite_cost)
     if best.chi2_per_sample > GROSS and others:

@@ -228,11 +228,17 @@ class Problem:
 
 
 def transferred(values: np.ndarray, source: Problem, target: Problem, *, missing: float | None = None) -> np.ndarray:
-    """Values of one problem's unknowns in another: by parameter and run, the rest as the other starts, or `missing`."""
+    """Values of one problem's unknowns in another: by parameter and run, the rest as the other starts, or `missing`.
+
+    What is one unknown for all runs here may be one for each run there, where runs were weighed with other results.
+    """
     result = target.start() if missing is None else np.full(len(target.columns), missing)
     place = {source.key(i): i for i in range(len(source.columns))}
     for i in range(len(target.columns)):
-        if (key := target.key(i)) in place:
+        name, run = target.key(i)
+        others = [r.name for r in target.runs] if run is None else [None] * any(r.name == run for r in source.runs)
+        key = next((key for key in ((name, run), *((name, other) for other in others)) if key in place), None)
+        if key is not None:
             result[i] = values[place[key]]
     return result
 

@@ -8,11 +8,10 @@ import numpy as np
 
 from armdyn.identify.appraisal import Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate
-from armdyn.identify.choose import chosen, foremost
+from armdyn.identify.choose import best_set, chosen
 from armdyn.identify.explained import RepairStep
 from armdyn.identify.filtered import Filtered
 from armdyn.identify.fit import GROSS, Fit, channel_rmse
-from armdyn.identify.refitted import Refitted
 from armdyn.identify.score import ResidualTests, residual_tests
 from armdyn.identify.study import Study
 from armdyn.identify.suspects import Suspect, merged, rises, suspects
@@ -89,8 +88,9 @@ def search(study: Study, progress: Progress | None = None) -> Search:
     choice = _by_sums(study, first, say) if study.model.linear else _by_evidence(study, first, say)
     steps = [Step((), (), study.present, first, residual_tests(first, study.scores(first, study.present)))]
     steps += _climbed(study, choice.appraiser, choice.whole, steps[0], choice.ahead, say)
-    steps = steps if study.motion is None else _without_little(study, steps)
-    if study.model.linear and len(steps) > 1 and steps[-1].tests.fails:
+    if not study.model.linear:
+        steps = without_little(study, steps)
+    elif len(steps) > 1 and steps[-1].tests.fails:
         # What multiplies others, such as a delay of a spring's torque, shows where they are.
         around = study.appraiser(steps[-1].fit)
         present = around.within(steps[-1].effects)
@@ -119,10 +119,7 @@ class _Choice:
 
 
 def _by_evidence(study: Study, first: Fit, say: Progress) -> _Choice:
-    """The set chosen around the measured motion; by refits where only a force was measured."""
-    if study.motion is None:
-        refits = Refitted(study, say)
-        return _Choice(refits, chosen(refits, (), say), first, refits)
+    """The set chosen around the motion."""
     appraiser = Filtered(study)
     whole = appraiser.best_set(say)
     fit = study.fit_with((*study.present, *whole.effects), first)
@@ -182,7 +179,7 @@ def _by_sums(study: Study, first: Fit, say: Progress) -> _Choice:
                 found |= {other: appraisers[0] for other in others if other.worth > -np.inf}
     nothing = appraisers[0].of(())
     better = [one for one in found if one.misfit < nothing.misfit]
-    whole = foremost(appraisers[0], nothing, better) if better else nothing
+    whole = best_set(appraisers[0], nothing, better) if better else nothing
     appraiser = found.get(whole, appraisers[0])
     return _Choice(appraiser, whole, starts[appraisers.index(appraiser)][0], appraisers[0])
 
@@ -221,7 +218,7 @@ def _climbed(
     return steps
 
 
-def _without_little(study: Study, steps: list[Step]) -> list[Step]:
+def without_little(study: Study, steps: list[Step]) -> list[Step]:
     """The way without its end, where each value that comes lowers the error by little.
 
     Real pendulums are never whole: what is left is something, and the next effect of the catalogue a little of it. At
@@ -233,6 +230,8 @@ def _without_little(study: Study, steps: list[Step]) -> list[Step]:
         if study.is_at_noise(steps[k].fit):
             break
         later = range(k + 1, len(steps))
+        if any(c.effect in study.asked for j in later for c in steps[j].added):
+            continue  # an experiment that was made to see an effect shows it by what it is worth
         if all(left[j] > left[k] * (1.0 - LITTLE) ** max(values[j] - values[k], 1) for j in later):
             return steps[: k + 1]
     return steps

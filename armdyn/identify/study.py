@@ -11,7 +11,7 @@ from armdyn.effects.effect import Effect
 from armdyn.identify.appraisal import Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.first_fit import begun, first_fit
-from armdyn.identify.fit import GROWTHS, SETTLED_WINDOW, Fit, determined, first_part, fit
+from armdyn.identify.fit import Fit, determined, fit
 from armdyn.identify.least_squares import Outcome
 from armdyn.identify.output_error import OTHERS, AroundMotion, descended, shows_motion
 from armdyn.identify.prepare import noise_of_runs, prepared, stated_noise
@@ -30,11 +30,6 @@ NEGLIGIBLE = 1.0
 """Fall of chi2 over `QUICK_STEPS`, in units of what is left per sample, that changes no ranking."""
 MORE = 4
 """Times `QUICK_STEPS` that may be added."""
-FIRST_STEPS = 3
-"""Steps after which hopeless candidates are left behind."""
-
-PERIODS = 3.0
-"""Of small swings, that tell one effect from another."""
 MOST_TOLD = 5
 """Times of glitches that are listed."""
 CHANCE = 0.5
@@ -93,12 +88,10 @@ class Study:
         self.candidates = tuple(Candidate.of(name, parts) for name, parts in absent if parts)
         self._held_out: dict[int, tuple[Fit, list[Block] | None]] = {}
         self._exam: dict[int, tuple[Fit, list[Block]]] = {}
-        self._first: Fit | None = None
         self._starts: dict[frozenset[str], Iterator[np.ndarray]] = {}
         self._started: dict[int, tuple[Fit, Iterator[np.ndarray]]] = {}
         self._around_motion: dict[tuple[frozenset[str], int], Fit] = {}
         self._present_names = [name for c in self.present for name in c.names]
-        self._begun = self.problem.start()
 
     def unit(self, channel: str) -> str:
         """In which a channel is measured."""
@@ -111,14 +104,14 @@ class Study:
         Where it was not measured, the motion is at first that of the fit to a growing stretch.
         """
         model = self.problem.model
-        if not (isinstance(model, SimulatedModel) and model.start_names):
+        if not isinstance(model, SimulatedModel):
             return None
         everything = Problem(model, [*self.runs, *self.held_out], self.noise)
         present = everything.of(self._present_names)
         if shows_motion(everything):
             return AroundMotion(everything, len(self.runs), present)
         alone = Problem(self.model, self.runs, self.noise)
-        values = transferred(first_fit(alone)[0].values, alone, everything)
+        values = transferred(first_fit(alone).values, alone, everything)
         if self.held_out:
             others = Problem(model, self.held_out, self.noise)
             started, _ = begun(others, transferred(values, everything, others))
@@ -126,19 +119,22 @@ class Study:
             values = np.where(later, transferred(started, others, everything), values)
         return AroundMotion(everything, len(self.runs), present, values)
 
+    @cached_property
+    def _first(self) -> Fit:
+        if self.motion is not None:
+            return self._fit_around(self.present, OTHERS)
+        # Effects that may be missing take part in nothing here, so that a formulation without them is enough.
+        alone = Problem(self.model, self.runs, self.noise)
+        free = determined(alone, alone.fitted, alone.start())
+        found = fit(alone, free, alone.start())
+        again = determined(alone, alone.fitted, found.values)
+        found = found if np.array_equal(again, free) else fit(alone, again, found.values)
+        mask = transferred(found.free.astype(float), alone, self.problem, missing=0.0) > 0.0
+        values = transferred(found.values, alone, self.problem)
+        return Fit(self.problem, mask, values, tuple(self.problem.blocks(values, mask)), found.outcome)
+
     def first(self) -> Fit:
         """The fit of the model as given."""
-        if self._first is None and self.motion is not None:
-            self._first = self.fit_with(self.present, None)
-        if self._first is None:
-            alone = Problem(self.model, self.runs, self.noise)
-            found, begin = first_fit(alone)
-            self._begun = transferred(begin, alone, self.problem)
-            values, mask = self.problem.start(), np.zeros(len(self.problem.columns), dtype=bool)
-            place = {column.name: i for i, column in enumerate(self.problem.columns)}
-            for column, value, is_free in zip(alone.columns, found.values, found.free, strict=True):
-                values[place[column.name]], mask[place[column.name]] = value, is_free
-            self._first = Fit(self.problem, mask, values, tuple(self.problem.blocks(values, mask)), found.outcome)
         return self._first
 
     def fit_with(self, effects: Sequence[Candidate], near: Fit | None, values: np.ndarray | None = None) -> Fit:
@@ -217,41 +213,6 @@ class Study:
         self._around_motion[key] = found
         return found
 
-    def sketch(self, effects: Sequence[Candidate], near: Fit, values: np.ndarray | None = None) -> Fit:
-        """As `fit_with`, after a few steps only."""
-        free, start = self._released(effects, near)
-        return fit(self.problem, free, start if values is None else values, most_steps=FIRST_STEPS)
-
-    def begun_with(self, effects: Sequence[Candidate], near: Fit) -> Fit:
-        """The beginning of the runs fitted with these effects: where errors grow, it says more than the whole.
-
-        First a single period: without the effect, what it does there has bent the start that was found, and over more
-        periods an error of the start has grown beyond what a descent finds back from.
-        """
-        free, _ = self._released(effects, near)
-        values = self._cold(effects, near)
-        if self._opening is not None:
-            values = fit(self._opening.held_near(values), free, values, most_steps=QUICK_STEPS).values
-        return fit(self._few_swings, free, values, most_steps=QUICK_STEPS)
-
-    @cached_property
-    def _opening(self) -> Problem | None:
-        """The first swing of every run; None where any start will do."""
-        return self._cut(self._period) if np.isfinite(self._period) else None
-
-    @cached_property
-    def _few_swings(self) -> Problem:
-        """As long a beginning of every run as tells one effect from another."""
-        return self._cut(max(SETTLED_WINDOW, PERIODS * self._period))
-
-    @cached_property
-    def _period(self) -> float:
-        """Of small swings, s."""
-        return self.problem.model.start.stretch(self.problem.theta(0, self.first().values))
-
-    def _cut(self, window: float) -> Problem:
-        return Problem(self.problem.model, [first_part(run, window) for run in self.runs], self.noise)
-
     def to_the_end(self, found: Fit) -> Fit:
         """A fit after as many more steps as lower the cost by what matters in a comparison."""
         for _ in range(MORE):
@@ -262,28 +223,6 @@ class Study:
             if before.cost - found.cost < NEGLIGIBLE * max(1.0, found.chi2_per_sample):
                 break
         return found
-
-    def fit_thoroughly(self, effects: Sequence[Candidate], near: Fit) -> Fit:
-        """The better of `near` and fits from other starts: effects at a typical size, near it and afresh."""
-        best = near
-        _, start = self._released(effects, near)
-        lean = self.lean(best) if best.samples > LONG else best
-        afresh = self.begun_with(effects, near).values
-        for begin, windows in ((self._pushed(effects, start, near), False), (afresh, True)):
-            other = fit(
-                lean.problem, lean.free, transferred(begin, self.problem, lean.problem), windows=windows,
-                growths=GROWTHS[:1], most_steps=2 * QUICK_STEPS,
-            )  # fmt: skip
-            best = self._better(best, other)
-        return best
-
-    def _better(self, best: Fit, other: Fit) -> Fit:
-        """The other one, of the same effects in a formulation of its own, where it is clearly better."""
-        if other.cost >= 0.999 * best.cost:
-            return best
-        values = transferred(other.values, other.problem, self.problem)
-        blocks = tuple(self.problem.blocks(values, best.free))
-        return Fit(self.problem, best.free, values, blocks, other.outcome)
 
     def lean(self, found: Fit) -> Fit:
         """The same fit in a formulation with only those effects that it fitted: faster, where much is computed."""
@@ -359,25 +298,4 @@ class Study:
         free = (self.problem.fitted & ~every) | (wanted & ~fixed)
         values[every & ~wanted] = self.problem.null[every & ~wanted]
         known_slopes = near.values if near.problem is self.problem else values
-        # A fit that has gone astray may not see what the first one, which looked at several starts, found determined.
-        found = determined(self.problem, free, known_slopes) | (free & self.first().free)
-        if not np.array_equal(found, free) and self._opening is not None:
-            # Beside an error that grows from swing to swing everything looks dependent; the first swing tells.
-            found |= determined(self._opening, free, known_slopes)
-        return found, values
-
-    def _pushed(self, effects: Sequence[Candidate], start: np.ndarray, near: Fit) -> np.ndarray:
-        """Effects that are at null start at a typical size, those that were fitted without the others at half."""
-        values = start.copy()
-        for candidate in effects:
-            mask = self.problem.of(candidate.names)
-            at_null = mask & (values == self.problem.null)
-            fitted_before = mask & near.free & ~at_null
-            values[at_null] = np.clip(self.problem.null + self.problem.typical, self.problem.lower, self.problem.upper)[
-                at_null
-            ]
-            values[fitted_before] *= 0.5
-        return values
-
-    def _cold(self, effects: Sequence[Candidate], near: Fit) -> np.ndarray:
-        return self._pushed(effects, self._begun, near)
+        return determined(self.problem, free, known_slopes) | (free & self.first().free), values

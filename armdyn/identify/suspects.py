@@ -8,7 +8,7 @@ from scipy.stats import chi2 as chi2_distribution
 
 from armdyn.identify.appraisal import Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate
-from armdyn.identify.choose import backward_elimination, foremost, leading
+from armdyn.identify.choose import backward_elimination
 from armdyn.identify.compare import FittedParameter
 
 ALIKE = 0.15
@@ -51,8 +51,7 @@ def rises(appraiser: Appraiser, whole: Appraisal, firm: Sequence[Candidate] = ()
     now, left = appraiser.of(firm), [c for c in whole.effects if c not in firm]
     found: list[tuple[list[Candidate], Appraisal, float]] = []
     while left:
-        options = appraiser.with_one_more(now, left)
-        beside = foremost(appraiser, now, options) if appraiser.few else leading(now, options)
+        beside = appraiser.best_with_one_more(now, left)
         first = next(c for c in left if c in beside.effects)
         gain = now.overall - beside.overall
         joined = [first] + [
@@ -79,7 +78,7 @@ def tied(appraiser: Appraiser, whole: Appraisal, part: Sequence[Candidate]) -> t
     joints = {j for c in part for j in c.joints}
     found = []
     without = appraiser.of(rest)
-    contenders = appraiser.contenders(without)
+    contenders = appraiser.candidates
     for name in dict.fromkeys(c.effect for c in contenders if c.effect != part[0].effect):
         others = [c for c in contenders if c.effect == name and set(c.joints) <= joints]
         if any(c in rest for c in others) or len(others) < len(part):
@@ -87,9 +86,17 @@ def tied(appraiser: Appraiser, whole: Appraisal, part: Sequence[Candidate]) -> t
         other = appraiser.of((*rest, *others))
         if not (np.isfinite(other.worth) and other.worth > without.worth):
             continue  # it explains nothing, nor does much of what it would stand for
-        if appraiser.standing(whole) - appraiser.standing(other) < TIE:
+        if appraiser.standing(whole) - appraiser.standing(other) < TIE and _ties(appraiser, whole, other):
             found.append(merged(others)[0])
     return tuple(found)
+
+
+def _ties(appraiser: Appraiser, whole: Appraisal, other: Appraisal) -> bool:
+    """Whether a set that promises as much as another does as well where it is surest."""
+    settled = appraiser.settle(other.effects)
+    standing = appraiser.standing(settled)
+    appraiser.settle(whole.effects)
+    return appraiser.standing(whole) - standing < TIE
 
 
 @dataclass(frozen=True)
@@ -127,7 +134,7 @@ def suspects(appraiser: Appraiser, first: Sequence[Candidate], tied: Sequence[Ca
     """
     nothing = appraiser.of(())
     found = [appraiser.of(first)] if first else []
-    contenders = appraiser.contenders(nothing)
+    contenders = appraiser.candidates
     for name in dict.fromkeys(c.effect for c in contenders):
         if not first or name != first[0].effect:
             found.append(_alone(appraiser, [c for c in contenders if c.effect == name], nothing))

@@ -21,7 +21,7 @@ from armdyn.model import Model
 from armdyn.run import Run
 
 Starts = tuple[Problem, Iterator[np.ndarray]]
-"""A problem that holds the runs, and (P,) values with where they may begin, the likeliest first; copied, not used up."""
+"""A problem that holds the runs, and (P,) values where they may begin, the likeliest first; iterate over a copy."""
 
 
 def held_out_blocks(found: Fit, held_out: Sequence[Run], starts: Starts | None = None) -> list[Block] | None:

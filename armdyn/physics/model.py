@@ -158,7 +158,8 @@ class PhysicsModel(SimulatedModel):
 
     def measured_motion(self, run: Run, times: np.ndarray, theta: np.ndarray, swing: float) -> np.ndarray | None:
         """See `SimulatedModel`: where every state, or what it is the rate of, has a channel of its own."""
-        del theta
+        if not self.physics.states:
+            return super().measured_motion(run, times, theta, swing)
         bare, found = _bare(self.physics), {}
         for name, channel in bare.measured.items():
             if channel in run.channels:

@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from armdyn.physics.recorded import Path
-from armdyn.physics.simulate import Simulator, System
+from armdyn.physics.simulate import Simulator, System, evaluated
 from armdyn.physics.simulated import SimulatedModel
 from armdyn.readout import Interpolated
 from armdyn.run import Run
@@ -205,6 +205,8 @@ class Pieces:
     def linearised(self, theta: np.ndarray, states: np.ndarray) -> Linearised:
         """The run around (J, n) states at the beginning of the pieces, and (q,) parameters."""
         system, physics, path = self._given(theta)
+        if not system.states:
+            return self._algebra(system, path, physics, len(theta))
         simulator = _from_states(system, self.model.formulation, self.channels)
         nodes, middle = path.rows(with_jerk=system.impulse_adds_to is not None)
         n, q, J = system.states, len(physics), len(self)
@@ -229,6 +231,15 @@ class Pieces:
             for k, c in enumerate(self.channels)
         }
         return Linearised(transition, by_theta, ends, samples)
+
+    def _algebra(self, system: System, path: Path, physics: np.ndarray, parameters: int) -> Linearised:
+        """A run without states, of which every piece is free of the others."""
+        found, J = evaluated(system, path, physics, self.channels), len(self)
+        inside = slice(self.edges[0], self.edges[-1] + 1)
+        join = _Join(np.zeros((J, 0, 0)), np.zeros((J, 0, parameters)), np.zeros((J, 0)))
+        signals = np.concatenate([found.outputs[inside, :, None], found.sensitivities[inside]], axis=2)
+        samples = {c: self._samples(c, signals[:, k], physics, join) for k, c in enumerate(self.channels)}
+        return Linearised(join.transition, join.by_theta, join.gap, samples)
 
     def _samples(self, channel: str, signal: np.ndarray, physics: np.ndarray, join: "_Join") -> Samples:
         """What a sensor makes of (K, 1 + q + NEXT_TO n) signals at the nodes of all pieces."""

@@ -123,7 +123,7 @@ class Simulator:
         return found._replace(outputs=outputs, sensitivities=sensitivities)
 
     def integrated(self, path: Path, theta: np.ndarray, *start: float) -> Rollout:
-        """As `rollout`, with a last output, the impulse, where there is one: its derivative by time needs neighbours."""
+        """As `rollout`; the impulse, where there is one, is a last output, since its slope needs neighbours."""
         nodes, middle = path.rows(with_jerk=self._dynamics.impulse_adds_to is not None)
         rows, starts = len(nodes), self._dynamics.starts
         K, m, n = nodes.shape[1], self.parameters + starts, self._dynamics.states
@@ -151,7 +151,7 @@ class Simulator:
     def with_impulse(
         self, outputs: np.ndarray, by_theta: np.ndarray, theta: np.ndarray, dt: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Outputs (K, c) and derivatives (K, c, m) of `integrated`, the impulse's time derivative added to the force."""
+        """Outputs (K, c) and derivatives (K, c, m) of `integrated`, with the impulse's time derivative in the force."""
         if not self._impulse:
             return outputs, by_theta
         force = self.channels.index(str(self._dynamics.impulse_adds_to))

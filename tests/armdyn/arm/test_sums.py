@@ -7,8 +7,8 @@ from hidden_effects.imperfect_arm import generate as imperfect
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
-from armdyn.identify.appraisal import _misfit
 from armdyn.identify.repair import add, repair
+from armdyn.identify.sample_evidence import misfit_of
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.study import Study
 
@@ -58,10 +58,10 @@ def test_a_fit_to_samples_finds_no_better_minimum_than_one_on_sums(study, apprai
 
 def test_likelihood_goes_over_from_noise_to_model_error_without_a_step():
     ratio = np.array([1.0 - 1e-6, 1.0 + 1e-6])
-    below, above = _misfit(ratio)
+    below, above = misfit_of(ratio)
     assert above - below == pytest.approx(2e-6, rel=1e-3)
-    assert _misfit(np.array(0.5)) == pytest.approx(-0.5)
-    assert _misfit(np.array(np.e**3)) == pytest.approx(3.0)
+    assert misfit_of(np.array(0.5)) == pytest.approx(-0.5)
+    assert misfit_of(np.array(np.e**3)) == pytest.approx(3.0)
 
 
 def test_what_ends_on_a_bound_explains_nothing():

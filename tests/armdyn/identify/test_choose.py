@@ -5,8 +5,9 @@ from types import SimpleNamespace as Plain
 import numpy as np
 import pytest
 
-from armdyn.identify.appraisal import SampleAppraiser
-from armdyn.identify.choose import foremost
+from armdyn.identify.choose import best_set
+from armdyn.identify.search import without_little
+from armdyn.identify.summed import Summed
 
 
 class Set(Plain):
@@ -15,7 +16,7 @@ class Set(Plain):
     __hash__ = object.__hash__
 
 
-LIMITED = Plain(few=False, limited=0.9)
+LIMITED = Plain(limited=0.9)
 NOTHING = Plain(overall=1.0)
 
 
@@ -35,23 +36,23 @@ def option(name, overall, values, *, effects=1, worth=0.0):
     ],
 )
 def test_few_values_that_explain_nearly_as_much_come_first_but_not_many_effects(simple, first):
-    assert foremost(LIMITED, NOTHING, [option("link", 0.05, 10), simple]).name == first
+    assert best_set(LIMITED, NOTHING, [option("link", 0.05, 10), simple]).name == first
 
 
 def test_what_stands_in_is_compared_in_its_turn():
     links, link, payload = option("links", 0.018, 20, effects=2), option("link", 0.045, 10), option("payload", 0.064, 4)
-    assert foremost(LIMITED, NOTHING, [links, link, payload]).name == "payload"
+    assert best_set(LIMITED, NOTHING, [links, link, payload]).name == "payload"
 
 
 def test_where_nothing_explains_anything_what_does_most_harm_is_not_simpler():
     worse = [option("offset", 1.05, 1), option("link", 1.01, 10)]
-    assert foremost(LIMITED, NOTHING, worse).name == "link"
+    assert best_set(LIMITED, NOTHING, worse).name == "link"
 
 
 def test_at_the_noise_the_worth_decides():
-    noise = Plain(few=False, limited=0.0)
+    noise = Plain(limited=0.0)
     options = [option("link", 0.05, 10, worth=3.0), option("spring", 0.5, 2, worth=4.0)]
-    assert foremost(noise, NOTHING, options).name == "spring"
+    assert best_set(noise, NOTHING, options).name == "spring"
 
 
 @pytest.mark.parametrize(
@@ -60,4 +61,22 @@ def test_at_the_noise_the_worth_decides():
 def test_beside_one_strong_effect_a_second_is_wanted_that_explains_most_of_what_is_left(left, values, wanted):
     given, strong = Plain(overall=100.0), Plain(overall=10.0, free=np.ones(1))
     appraiser = Plain(limited=0.9, _always=np.zeros(1), of={(): given}.get)
-    assert SampleAppraiser.useful(appraiser, Plain(overall=left, free=np.ones(1 + values)), strong) is wanted
+    assert Summed.useful(appraiser, Plain(overall=left, free=np.ones(1 + values)), strong) is wanted
+
+
+@pytest.mark.parametrize(
+    ("left", "asked", "kept"),
+    [
+        ((9.0, 3.0, 2.9), (), 2),  # the last one lowers the error by a thirtieth
+        ((9.0, 3.0, 2.5), (), 3),
+        ((9.0, 3.0, 2.9), ("drift",), 3),  # an experiment was made to see it
+        ((9.0, 0.1, 0.1), (), 3),  # at the noise no error shows what contradicts a weighed mass
+    ],
+)
+def test_the_way_ends_where_each_further_value_lowers_the_error_by_little(left, asked, kept):
+    added = ((), (Plain(effect="drag"),), (Plain(effect="drift"),))
+    steps = [
+        Plain(added=a, fit=Plain(left=x, free=np.ones(k))) for k, (a, x) in enumerate(zip(added, left, strict=True))
+    ]
+    study = Plain(asked=asked, squared_error=lambda fit: fit.left, is_at_noise=lambda fit: fit.left < 0.2)
+    assert without_little(study, steps) == steps[:kept]
