@@ -120,13 +120,14 @@ def judge(study: Study, found: Search, unknown: Unknown | None) -> Verdict:
     """The verdict on a finished search."""
     start, last = found.steps[0], found.last
     beyond = last.tests.fails and unknown is not None and (unknown.significant or _above_stated_noise(study, last))
-    if study.motion is not None:  # errors of the measured gripper's path, however surely they are seen
+    if not study.model.linear:  # errors of the measured gripper's path, however surely they are seen
         beyond = beyond and last.fit.chi2_per_sample > NOISY
     if len(found.steps) == 1:
         return Verdict.UNKNOWN_EFFECT if beyond else Verdict.EXPLAINED
     if beyond:
         limited = 1.0 - FAR_ABOVE_STATED / max(FAR_ABOVE_STATED, last.fit.chi2_per_sample)
-        limited = limited if study.motion is None else 1.0  # what is coloured was told from what is missing
+        if study.motion is not None and study.motion.measured:
+            limited = 1.0  # what is coloured was told from what is missing
         asked = IDEALISED + limited * (MOST - IDEALISED)
         if explained_share(study, start, last) < asked or explained_share(study, start, found.steps[1]) < LEADS:
             return Verdict.UNKNOWN_EFFECT

@@ -24,7 +24,8 @@ OTHERS = 3
 """Places on the way of shrinking kicks from which a fit with large errors is tried as well."""
 SIZES = (0.2, 0.4, 0.7, 1.5, 3.0)
 """Factors on the size of effects with which fits with large errors are tried as well."""
-MOST_STEPS = 30
+MOST_STEPS, QUICK_STEPS = 30, 10
+"""Of a fit, and of one that only ranks a set among others."""
 
 
 def shows_motion(problem: Problem) -> bool:
@@ -52,6 +53,7 @@ class AroundMotion:
 
     Attributes:
         box: the runs.
+        measured: whether the motion itself was measured, and not only a force.
         base: (P,) bool, what is fitted in every set: what the runs tell of it where no effect is added. An angle does
             not see a mass, and a drag would take it with it.
         point: where the base is settled.
@@ -62,7 +64,7 @@ class AroundMotion:
         model = problem.model
         assert isinstance(model, SimulatedModel)
         values = problem.start() if values is None else values
-        self.problem = problem
+        self.problem, self.measured = problem, shows_motion(problem)
         swings = [model.swing(run, problem.theta(i, values)) for i, run in enumerate(problem.runs)]
         effects = np.array([bool(c.parameter.effect) for c in problem.columns])
         self.of_starts = problem.of(model.start_names)
@@ -156,10 +158,10 @@ def descended(problem: Problem, free: np.ndarray, starts: Iterable[np.ndarray], 
     A fit that ends at the noise, or near enough where no `others` are asked for, is in no wrong minimum: then the kicks
     need not be shrunk step by step.
     """
-    values = iter(starts)
-    found = [_bounded_fit(problem, free, next(values), MOST_STEPS)]
+    values, steps = iter(starts), MOST_STEPS if others else QUICK_STEPS
+    found = [_bounded_fit(problem, free, next(values), steps)]
     if found[0].chi2_per_sample > (NEAR_NOISE if others else GROSS):
-        found += [_bounded_fit(problem, free, tied, MOST_STEPS) for tied in islice(values, 1)]
+        found += [_bounded_fit(problem, free, tied, steps) for tied in islice(values, 1)]
     best = min(found, key=_finite_cost)
     if best.chi2_per_sample > GROSS and others:
         # With large errors the kicks' way may have left the best minimum; other places on it are nearer then.

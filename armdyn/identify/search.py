@@ -23,8 +23,8 @@ LITTLE = 0.1
 """Share of the squared error above the noise that each further value of a pendulum must explain: a twentieth of the
 error, half of what two careful fits of the same recording differ by."""
 
-PAIRED = 6
-"""Effects, those that leave least alone, whose pairs are compared over whole runs."""
+COMPARED, PAIRED = 12, 6
+"""Effects, those that promise most, that are compared alone over whole runs, and of these, whose pairs are."""
 CLEARLY = 2
 """Values more that a pair is as good as without having them, to be taken in place of what evidence chose."""
 
@@ -143,7 +143,9 @@ def _pair_or(study: Study, appraiser: Filtered, whole: Appraisal) -> tuple[Candi
     def left(effects: tuple[Candidate, ...]) -> float:
         return study.left((*study.present, *effects))
 
-    alone = sorted(appraiser.candidates, key=lambda c: left((c,)))[:PAIRED]
+    appraiser.settle(())
+    promised = sorted(appraiser.candidates, key=lambda c: -appraiser.of((c,)).worth)[:COMPARED]
+    alone = sorted(promised, key=lambda c: left((c,)))[:PAIRED]
     sets = [*((c,) for c in alone), *combinations(alone, 2)]
     best = min(sets, key=lambda one: left(one) / (1.0 - LITTLE) ** len(one))
     more = max(len(best) - len(whole.effects), 0) + CLEARLY
