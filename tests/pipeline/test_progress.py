@@ -33,7 +33,7 @@ def test_a_repair_says_how_many_candidates_of_how_many_are_tried():
     counts = [tuple(map(int, found.groups())) for text in told if (found := COUNTED.match(text))]
     assert any(re.fullmatch(r"\d+ of \d+ candidates \w+", text) for text in told)
     assert all(done < total for done, total in counts)
-    assert {done for done, _ in counts} >= {0, 1, 2}
+    assert {done for done, _ in counts} >= {0, 1}
 
 
 def test_a_pipe_gets_no_progress(capsys):
