@@ -22,7 +22,7 @@ import numpy as np
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.diagnose import diagnose
-from armdyn.identify.fit import GROWTHS, followed
+from armdyn.identify.first_fit import GROWTHS, followed
 from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import PendulumModel, pendulum_model

@@ -77,7 +77,7 @@ class GreyRun:
             found = self.pieces.linearised(theta, states)
             _, by_start = self.pieces.motion(theta, states)
             size = by_start * self._typical
-            grown = np.abs(pseudo_inverse(size) @ found.transition @ size).max(axis=(1, 2))
+            grown = np.abs(pseudo_inverse(size) @ found.transition @ size).max(axis=(1, 2), initial=0.0)
             if not self.pieces.halve(~(grown < UNSTABLE)):
                 return states
 

@@ -6,6 +6,8 @@ from derivatives import assert_jacobian
 
 from armdyn.effects.effect import effect
 from armdyn.errors import InputError, UnknownNameError
+from armdyn.identify.repair import repair
+from armdyn.identify.study import Study
 from armdyn.parameter import quantity
 from armdyn.physics import Equations, Expression, Reading, Stage, constant, physics, state
 from armdyn.physics.model import physics_model
@@ -148,6 +150,23 @@ def test_a_physics_without_states_is_algebra(run):
     exact = model.predict(weighed, theta).sensitivities
     assert exact.shape == (len(time), 3)
     assert_jacobian(lambda changed: model.predict(weighed, changed).values, theta, exact, 1e-4, 1e-5)
+
+
+def test_what_a_physics_without_states_lacks_is_named():
+    @physics("scale", summary="", source="", parameters=(constant("stiffness", "N/m", 10.0),), states=(),
+             inputs={"gripper_x": "m"}, outputs={"load_force": "N"})  # fmt: skip
+    def scale(at):
+        return Equations({}, {"load_force": at.stage("probe", Reading(at["stiffness"] * at.input("gripper_x").value))})
+
+    rng = np.random.default_rng(3)
+    t = np.arange(0.0, 10.0, 0.01)
+    force = 12.0 * 0.1 * np.sin(4 * (t - 0.03)) + 0.01 * rng.normal(size=len(t))
+    channels = {"gripper_x": Channel(t, 0.1 * np.sin(4 * t), "m"), "load_force": Channel(t, force, "N")}
+    study = Study(physics_model(scale), [Run("a.csv", channels)], [], [late, slow])
+    found = repair(study)
+    assert [e.name for e in found.model.effects] == ["late"]
+    assert found.model.value("late.time") == pytest.approx(0.03, abs=1e-3)
+    assert found.model.value("stiffness") == pytest.approx(12.0, rel=1e-3)
 
 
 def test_a_run_without_what_drives_the_motion_is_refused(run):
