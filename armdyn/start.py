@@ -12,12 +12,7 @@ class Start:
 
     A model that simulates a motion overrides this: its parameters of scope ``"per_run"`` are the state at the start of
     each run, from which a fit may go to a wrong minimum.
-
-    Attributes:
-        window: shortest stretch of a run, s, that a fit from afar starts with; None where any start will do.
     """
-
-    window: float | None = None
 
     def guess(self, run: Run) -> Mapping[str, float]:
         """First guesses of the parameters that are one value per run."""

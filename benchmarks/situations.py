@@ -22,7 +22,6 @@ import numpy as np
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.diagnose import diagnose
-from armdyn.identify.first_fit import GROWTHS, followed
 from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import PendulumModel, pendulum_model
@@ -86,7 +85,7 @@ def start_found(name: str, recorded: object, hidden: dict[str, float]) -> hidden
         later = column.run is not None and name not in place and not name.endswith("#1")
         truth[j] = first.values[j] if later else true.get(column.parameter.name.partition(".")[0], truth[j])
     wanted = problem.fitted & ~problem.of([n for c in study.candidates for n in c.names])
-    best = problem.fit(wanted, followed(problem, wanted, truth, GROWTHS[0]))
+    best = problem.fit(wanted, truth)
     blocks = problem.blocks(best.values)
     samples = sum(len(block.residual) for block in blocks)
     reachable = sum(float(block.residual @ block.residual) for block in blocks) / samples

@@ -161,7 +161,7 @@ class Filtered(Appraiser):
             rmse=fit.rmse(),
             held_out_rmse=channel_rmse(held_out) if held_out else {},
             values=transferred(fit.values, fit.problem, self.problem)[own],
-            deviations=(T * np.sqrt(np.diag(spread)))[own],
+            deviations=(T * np.sqrt(np.maximum(np.diag(spread), 0.0)))[own],
         )
 
 

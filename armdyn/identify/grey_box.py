@@ -59,8 +59,8 @@ class GreyBox:
         self.runs = [GreyRun(problem, i, swing, share) for i, swing in enumerate(swings)]
 
     def begin(self, values: np.ndarray) -> Point:
-        """The measured motions, or those of a simulation at (P,) values."""
-        states = tuple(run.begun(values[run.places]) for run in self.runs)
+        """The measured motions, or those that follow a force at (P,) values."""
+        states = tuple(run.begun(values) for run in self.runs)
         quiet = tuple(Noise(1.0, (1.0,) * len(r.channels), (Colour(),) * len(r.channels)) for r in self.runs)
         even = tuple(tuple(np.ones(len(r.run.channels[c].time)) for c in r.channels) for r in self.runs)
         return Point(values, states, quiet, even)

@@ -20,6 +20,8 @@ UNSTABLE = 100.0
 """Times that an error may grow within a piece."""
 LOOSE = 100.0
 """Typical sizes: prior width of what is fitted to linear sums; it only keeps what is not told from running away."""
+FIRST_PIECES, STRETCHED, FOLLOWED = 2, 1.5, 2
+"""Pieces through which a force is followed first, growth of their number, and steps of the smoother at each."""
 UNBELIEVED = 4.0
 """Standard deviations of an innovation beyond which a sample is no noise: one in 16,000 by chance."""
 MOST_UNBELIEVED = 0.1
@@ -67,13 +69,17 @@ class GreyRun:
         self.quiet = [quiet_noise(self.run.channels[c], problem.noise[self.run.name, c]) for c in self.channels]
         self._typical = np.array([model.parameters[name].typical for name in model.start_names])
 
-    def begun(self, theta: np.ndarray) -> np.ndarray:
-        """(J, n) states from what was measured of the motion; else those of a simulation.
+    def begun(self, values: np.ndarray) -> np.ndarray:
+        """(J, n) states from what was measured of the motion; else those that a smoother makes of a simulation.
 
         A piece in which an error grows out of all proportion, as near the upright, is cut.
+
+        Args:
+            values: (P,) of the unknowns.
         """
+        theta = values[self.places]
         while True:
-            states = self._begun(theta)
+            states = self._begun(values)
             found = self.pieces.linearised(theta, states)
             _, by_start = self.pieces.motion(theta, states)
             size = by_start * self._typical
@@ -81,12 +87,28 @@ class GreyRun:
             if not self.pieces.halve(~(grown < UNSTABLE)):
                 return states
 
-    def _begun(self, theta: np.ndarray) -> np.ndarray:
-        model = self.pieces.model
-        begin = model.measured_motion(self.run, self.pieces.starts, theta, self.swing)
-        if begin is None:
-            return self.pieces.rolled(theta)
-        return self.pieces.states(theta, begin)
+    def _begun(self, values: np.ndarray) -> np.ndarray:
+        theta = values[self.places]
+        begin = self.pieces.model.measured_motion(self.run, self.pieces.starts, theta, self.swing)
+        return self._followed(values) if begin is None else self.pieces.states(theta, begin)
+
+    def _followed(self, values: np.ndarray) -> np.ndarray:
+        """(J, n) states that follow a force: simulated from the start, smoothed over a stretch that grows.
+
+        What the model lacks, such as friction or a length that is a little wrong, has grown to another swing at the end
+        of a long simulation; kicks keep it small while the stretch grows.
+        """
+        theta, even = values[self.places], [np.ones(len(self.run.channels[c].time)) for c in self.channels]
+        states, known = self.pieces.rolled(theta), FIRST_PIECES
+        while known < len(states):
+            known = min(len(states), int(np.ceil(STRETCHED * known)))
+            for _ in range(FOLLOWED):
+                around = self.around(values, states, even)
+                if not around.finite:
+                    return states
+                states = around.smoothed_until(known)
+                states[known:] = self.pieces.rolled(theta, known - 1, states[known - 1])[1:]
+        return states
 
     def around(self, values: np.ndarray, states: np.ndarray, weights: Sequence[np.ndarray]) -> "Around":
         """The run linearised at (P,) values of the unknowns and (J, n) states.
@@ -184,6 +206,15 @@ class Around:
         grams = [self.gram(c, colour) for c, colour in enumerate(noise.colour)]
         moved, kicks = smoothed(combined(grams, noise.level)[0], self.chain, noise.kick, change)
         return self.states + moved + self._definition @ change[self.run.places], kicks
+
+    def smoothed_until(self, known: int) -> np.ndarray:
+        """(J, n) states that follow the samples of the first pieces alone, at kicks that one piece tells."""
+        sums = combined([self.gram(c, Colour()) for c in range(len(self.rows))], [1.0] * len(self.rows))[0]
+        sums[known:] = 0.0
+        return (
+            self.states
+            + smoothed(sums, self.chain, self.kick_unit, np.zeros(sums.shape[1] - len(self.states[0]) - 1))[0]
+        )
 
     def believed(self, noise: Noise, change: np.ndarray) -> tuple[np.ndarray, ...]:
         """By channel (N,) weights of the samples after a (P,) change, larger where no noise explains one."""

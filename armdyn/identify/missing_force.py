@@ -106,7 +106,7 @@ def accelerations(fit: Fit) -> list[Unexplained]:
     free = transferred(fit.free.astype(float), fit.problem, problem, missing=0.0) > 0.0
     swings = [model.swing(run, problem.theta(i, fit_values)) for i, run in enumerate(problem.runs)]
     effects = np.array([bool(column.parameter.effect) for column in problem.columns])
-    motion = AroundMotion(problem, len(problem.runs), effects & free, fit_values)
+    motion = AroundMotion(problem, len(problem.runs), effects & free, [fit_values])
     box = GreyBox(problem, swings, len(problem.runs), np.zeros(len(free), dtype=bool), SHARE)
     point = box.settled(motion.base, box.begin(motion.point.values), rounds=ROUNDS, coloured=False)
     found = [one for i in range(len(problem.runs)) for one in _kicked(box, point, i)]

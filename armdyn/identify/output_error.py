@@ -5,7 +5,7 @@ phase, and a descent ends in one of many minima. Here the fit begins linear arou
 hold what the model lacks; the kicks shrink to nothing, and the motion goes over into the model's own.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import islice
 
@@ -49,7 +49,7 @@ class AroundMotion:
         problem: model with every effect that may be fitted, training runs first.
         training: number of runs that are fitted; the others are followed.
         present: (P,) bool, unknowns of effects that the model has already.
-        values: (P,) to begin with; those of the model where None.
+        options: (P,) values to begin with, of which the likeliest counts.
 
     Attributes:
         box: the runs.
@@ -60,26 +60,26 @@ class AroundMotion:
         seen: (P,) bool, unknowns that change something in these runs, or are known otherwise.
     """
 
-    def __init__(self, problem: Problem, training: int, present: np.ndarray, values: np.ndarray | None = None) -> None:
+    def __init__(self, problem: Problem, training: int, present: np.ndarray, options: Sequence[np.ndarray]) -> None:
         model = problem.model
         assert isinstance(model, SimulatedModel)
-        values = problem.start() if values is None else values
+        values = options[0]
         self.problem, self.measured = problem, shows_motion(problem)
         swings = [model.swing(run, problem.theta(i, values)) for i, run in enumerate(problem.runs)]
         effects = np.array([bool(c.parameter.effect) for c in problem.columns])
         self.of_starts = problem.of(model.start_names)
         self.box = GreyBox(problem, swings, training, effects & ~present)
         wanted = problem.fitted & ~self.of_starts & (~effects | present)
-        self.base, self.point = self._begun(wanted, values)
+        self.base, self.point = self._begun(wanted, options)
         self.seen = self.box.seen(self.point) | (problem.prior_weight > 0.0) | self.of_starts
         self._settled = {self.base.tobytes(): (self.base, self.point)}
 
-    def _begun(self, wanted: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, Point]:
-        """The base that is told, and the runs settled with it from (P,) values or from what recordings show directly.
+    def _begun(self, wanted: np.ndarray, options: Sequence[np.ndarray]) -> tuple[np.ndarray, Point]:
+        """The base that is told, and the runs settled with it from (P,) options or from what recordings show directly.
 
         A value of the file may be far off, and the period of a large swing shows a length that is too large.
         """
-        problem, options = self.problem, [values]
+        problem, values = self.problem, options[0]
         model = problem.model
         assert isinstance(model, SimulatedModel)
         shown: dict[str, list[float]] = {}
@@ -92,7 +92,7 @@ class AroundMotion:
             if name in shown:
                 other[j] = np.clip(np.median(shown[name]), problem.lower[j], problem.upper[j])
         if np.any(np.abs(other - values) > UNLIKE * np.abs(values)):
-            options.append(other)
+            options = [*options, other]
         # Each option may cut pieces of the runs, which all of them share: only then do states fit the pieces.
         for option in options:
             self.box.begin(option)

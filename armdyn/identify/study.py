@@ -10,9 +10,9 @@ import numpy as np
 from armdyn.effects.effect import Effect
 from armdyn.identify.appraisal import Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate
-from armdyn.identify.first_fit import begun, first_fit
 from armdyn.identify.fit import Fit, determined, fit
 from armdyn.identify.least_squares import Outcome
+from armdyn.identify.motion_start import begun
 from armdyn.identify.output_error import OTHERS, AroundMotion, descended, shows_motion
 from armdyn.identify.prepare import noise_of_runs, prepared, stated_noise
 from armdyn.identify.problem import Block, Problem, transferred
@@ -101,7 +101,7 @@ class Study:
     def motion(self) -> AroundMotion | None:
         """All runs around their motion; None for a model without states.
 
-        Where it was not measured, the motion is at first that of the fit to a growing stretch.
+        Where it was not measured, how each run began is looked for first.
         """
         model = self.problem.model
         if not isinstance(model, SimulatedModel):
@@ -109,15 +109,10 @@ class Study:
         everything = Problem(model, [*self.runs, *self.held_out], self.noise)
         present = everything.of(self._present_names)
         if shows_motion(everything):
-            return AroundMotion(everything, len(self.runs), present)
-        alone = Problem(self.model, self.runs, self.noise)
-        values = transferred(first_fit(alone).values, alone, everything)
-        if self.held_out:
-            others = Problem(model, self.held_out, self.noise)
-            started, _ = begun(others, transferred(values, everything, others))
-            later = np.array([c.run is not None and c.run >= len(self.runs) for c in everything.columns])
-            values = np.where(later, transferred(started, others, everything), values)
-        return AroundMotion(everything, len(self.runs), present, values)
+            return AroundMotion(everything, len(self.runs), present, [everything.start()])
+        alone = Problem(self.model, everything.runs, self.noise)
+        options = [transferred(values, alone, everything) for values in reversed(begun(alone, alone.start()))]
+        return AroundMotion(everything, len(self.runs), present, options)
 
     @cached_property
     def _first(self) -> Fit:

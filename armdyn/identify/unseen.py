@@ -12,12 +12,13 @@ from enum import Enum
 
 import numpy as np
 
-from armdyn.identify.first_fit import start_of
 from armdyn.identify.fit import Fit, determined, fit
+from armdyn.identify.motion_start import start_of
 from armdyn.identify.output_error import descended, followed_run, shows_motion
 from armdyn.identify.prepare import check_distinct, check_distinct_data, ready
 from armdyn.identify.problem import Block, Problem, transferred
 from armdyn.model import Model
+from armdyn.physics.simulated import SimulatedModel
 from armdyn.run import Run
 
 Starts = tuple[Problem, Iterator[np.ndarray]]
@@ -76,10 +77,8 @@ def _predicted(
     elif starts is not None:
         each = (np.where(own, transferred(v, starts[0], alone), start) for v in copy(starts[1]))
         return descended(alone, free, each).blocks
-    elif shows_motion(alone):
-        return followed_run(alone, start, free).blocks
-    else:
-        start = start_of(alone, start, free)
+    elif isinstance(alone.model, SimulatedModel):
+        return followed_run(alone, start if shows_motion(alone) else start_of(alone, start, free), free).blocks
     return fit(alone, free, start).blocks
 
 

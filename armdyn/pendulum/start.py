@@ -37,8 +37,6 @@ class PendulumStart(Start):
         place: of the length in theta.
     """
 
-    window = 0.75
-
     def __init__(self, length: float, place: int) -> None:
         self._length, self._place = length, place
 

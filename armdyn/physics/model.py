@@ -26,8 +26,6 @@ LEVELS = {1: 9, 2: 7, 3: 5, 4: 3}
 """By number of states that no channel measures: how many values of each are tried as the start of a run."""
 FARTHEST = 2.0
 """The largest of these, in typical sizes."""
-FIRST_WINDOW = 0.75
-"""Periods that a first fit starts with."""
 
 
 @dataclass(frozen=True)
@@ -194,7 +192,6 @@ class _PhysicsStart(Start):
 
     def __init__(self, physics: Physics) -> None:
         self.physics = physics
-        self.window = FIRST_WINDOW * physics.period if physics.states else None
 
     def guess(self, run: Run) -> Mapping[str, float]:
         """What a channel measures of the states, and of the states that are their rates."""

@@ -146,9 +146,24 @@ class Pieces:
         ]
         return np.array(found)
 
-    def rolled(self, theta: np.ndarray) -> np.ndarray:
-        """(J, n) states at the beginning of the pieces in a simulation of the whole run."""
-        return self.model.rollout(self._path, theta, self.channels).states[self.edges[:-1]]
+    def rolled(self, theta: np.ndarray, first: int = 0, state: np.ndarray | None = None) -> np.ndarray:
+        """(J - first, n) states at the beginning of the pieces in a simulation from one of them on.
+
+        Args:
+            theta: (q,) in the order of the model's names.
+            first: the piece at which it begins.
+            state: (n,) there; that of the model's start where None.
+        """
+        system, physics, path = self._given(theta)
+        if not system.states:
+            return np.zeros((len(self) - first, 0))
+        if state is None:
+            state = self.beginning(theta)[0]
+        nodes, middle = path.rows(with_jerk=system.impulse_adds_to is not None)
+        a = self.edges[first]
+        part = _Part(path.start + path.dt * a, path.dt, nodes[:, a:], middle[:, a:])
+        simulator = _from_states(system, self.model.formulation, self.channels)
+        return simulator.integrated(part, physics, *state).states[self.edges[first:-1] - a]
 
     def beginning(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The state at the start of the run as the model has it.

@@ -1,10 +1,8 @@
-"""The first fit of a model: from the values it has, and from starts of the motion that the recordings may have had.
+"""Where a motion began that was not measured: looked for among many starts, over the first stretch of each run.
 
 A descent from one guess gets lost: at angle 0 with the gripper at rest it stands on a saddle, and a recording of ten
 periods has ten minima. Each run's start is therefore looked for alone, among many, over its first stretch; those that
-fit about as well as the best are followed while the stretch grows, which tells them apart. From there everything is
-fitted together, first near the values that the model came with, which have the first chance: they may be the result of
-an earlier fit.
+fit about as well as the best are followed while the stretch grows, which tells them apart.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,13 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from armdyn.identify.fit import (
-    GROSS,
     NEAR_NOISE,
-    Fit,
     determined,
     duration,
     first_part,
-    fit,
 )
 from armdyn.identify.least_squares import Descent
 from armdyn.identify.problem import Problem
@@ -36,34 +31,6 @@ GROWTH = 2.0
 """From one stretch to the next."""
 SETTLED_WINDOW = 3.0
 """s; shorter windows tell friction and creep too little to be fitted in them."""
-GROWTHS = (1.5, 2.0, 1.25)
-"""Factors from one stretch to the next, tried until the misfit is not gross: where much is missing from the model the
-minimum moves as the stretch grows, and no factor follows it in every recording."""
-BETTER = 0.9
-"""Ratio of the costs below which another minimum is preferred to the one next to the values that the model has."""
-
-
-def first_fit(problem: Problem) -> Fit:
-    """Minimise over what the model fits, without being told where each run's motion began."""
-    begin, near = begun(problem, problem.start())
-    free = _most_determined(problem, begin, near)
-    found = _from_own_values_or_near(problem, free, begin, near)
-    again = _most_determined(problem, found.values, begin, near)
-    return found if np.array_equal(again, free) else fit(problem, again, found.values)
-
-
-def _from_own_values_or_near(problem: Problem, free: np.ndarray, begin: np.ndarray, near: np.ndarray) -> Fit:
-    found = fit(problem, free, fit(problem, free & problem.per_run, begin, most_steps=8).values)
-    for growth in GROWTHS:
-        if found.chi2_per_sample < NEAR_NOISE:
-            break
-        other = fit(problem, free, followed(problem, free, near, growth))
-        if other.cost > BETTER * found.cost:
-            break
-        found = other
-        if found.chi2_per_sample < GROSS:
-            break
-    return found
 
 
 def begun(problem: Problem, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -125,17 +92,6 @@ def start_of(single: Problem, values: np.ndarray, free: np.ndarray) -> np.ndarra
         ]
         rivals = _best(single, rivals)
     return rivals[0].begun
-
-
-def followed(problem: Problem, free: np.ndarray, start: np.ndarray, growth: float) -> np.ndarray:
-    """(P,) the minimum over the first second, followed while the stretch grows."""
-    values = start
-    for window in _windows(problem, growth):
-        cut = Problem(problem.model, [first_part(run, window) for run in problem.runs], problem.noise).held_near(values)
-        # All are held weakly, so that none need be left out: what seems dependent beside the growth of an error near
-        # the upright is known well.
-        values = stretched(cut, free, window, values, tolerance=0.3).values
-    return values
 
 
 def stretched(cut: Problem, free: np.ndarray, window: float, values: np.ndarray, *, tolerance: float = 0.02) -> Descent:
@@ -222,27 +178,3 @@ def _same(single: Problem, one: np.ndarray, other: np.ndarray) -> bool:
     nothing = np.zeros(len(one), dtype=bool)
     pairs = zip(single.blocks(one, nothing), single.blocks(other, nothing), strict=True)
     return all(np.allclose(a.residual, b.residual, rtol=0, atol=1e-3) for a, b in pairs)
-
-
-def _most_determined(problem: Problem, *points: np.ndarray) -> np.ndarray:
-    """(P,) bool: what the runs determine at that of the points where they determine most, the first where several do.
-
-    At a symmetric point, such as a load at rest, derivatives vanish of what determines the motion elsewhere. Where an
-    error grows from swing to swing, how a run began looks dependent beside what it grows to; there its first stretch
-    tells.
-    """
-    found = max((determined(problem, problem.fitted, p) for p in points), key=lambda free: int(free.sum()))
-    stretch = problem.model.start.stretch(problem.theta(0, points[-1]))
-    if np.isfinite(stretch) and not np.array_equal(found & problem.per_run, problem.fitted & problem.per_run):
-        cut = _cut(problem, stretch)
-        found = found | (problem.per_run & determined(cut, problem.fitted, points[-1]))
-    return found
-
-
-def _windows(problem: Problem, growth: float) -> list[float]:
-    longest = max(duration(run) for run in problem.runs)
-    result, window = [], problem.model.start.window
-    while window is not None and window < 0.9 * longest:
-        result.append(window)
-        window *= growth
-    return result
