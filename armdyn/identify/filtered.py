@@ -1,6 +1,6 @@
 """Appraisal around the measured motion: for models that simulate, where the model's own error is part of the model."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from itertools import combinations
 from math import log
 
@@ -87,12 +87,12 @@ class Filtered(Appraiser):
             changed = [one for one in self._changed(now.effects) if frozenset(one) not in refused]
             promised = [self.of(one) for one in self._looked_at(changed)]
             promised = sorted((o for o in promised if o.worth > now.worth + SETTLED), key=lambda o: -o.worth)
-            options = _unlike(promised, now)[:VERIFIED]
-            refused |= {frozenset(option.effects) for option in options}
+            options = _unlike([one.effects for one in promised], now.effects)[:VERIFIED]
+            refused |= {frozenset(option) for option in options}
             found = []
             for i, option in enumerate(options):
                 say(f"{i} of {len(options)} candidates tried")
-                found.append(self.settle(option.effects))
+                found.append(self.settle(option))
             better = [one for one in sorted(found, key=lambda o: -o.worth) if one.worth > now.worth + SETTLED]
             taken = (one for one in better if one.worth > self._again(now, one).worth + SETTLED)
             following = next(taken, None)
@@ -118,7 +118,8 @@ class Filtered(Appraiser):
             found = coarse.evidence(self._free(one))
             return found.value + found.predicted - self.price(one) if found.inside else -np.inf
 
-        return sorted(sets, key=worth, reverse=True)[:LOOKED_AT]
+        ranked = sorted(sets, key=worth, reverse=True)
+        return list(dict.fromkeys([*ranked[:LOOKED_AT], *_unlike(ranked, self._at)[:LOOKED_AT]]))
 
     def _changed(self, effects: tuple[Candidate, ...]) -> Iterator[tuple[Candidate, ...]]:
         """Sets that differ from one by little."""
@@ -165,12 +166,12 @@ class Filtered(Appraiser):
         )
 
 
-def _unlike(options: Iterable[Appraisal], now: Appraisal) -> list[Appraisal]:
-    """Of many changes of a set, in their order, those that have no effect in common with an earlier one."""
-    found, changed = list[Appraisal](), set[Candidate]()
-    for option in options:
-        change = frozenset(option.effects) ^ frozenset(now.effects)
+def _unlike(sets: Iterable[tuple[Candidate, ...]], now: Collection[Candidate]) -> list[tuple[Candidate, ...]]:
+    """Of many sets, in their order, those that bring, or else leave out, no effect that an earlier one does."""
+    found, changed = list[tuple[Candidate, ...]](), set[Candidate]()
+    for effects in sets:
+        change = set(effects).difference(now) or set(now).difference(effects)
         if not change & changed:
-            found.append(option)
+            found.append(effects)
             changed |= change
     return found

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armdyn.identify.estimator import until
+from armdyn.identify.fit import GROSS, NEAR_NOISE
 from armdyn.identify.innovations import Chain, Colour, Gram, Innovations, Rows, chained, combined, filtered, smoothed
 from armdyn.identify.noise import quiet_noise
 from armdyn.identify.problem import Problem
@@ -20,8 +21,8 @@ UNSTABLE = 100.0
 """Times that an error may grow within a piece."""
 LOOSE = 100.0
 """Typical sizes: prior width of what is fitted to linear sums; it only keeps what is not told from running away."""
-FIRST_PIECES, STRETCHED, FOLLOWED = 2, 1.5, 2
-"""Pieces through which a force is followed first, growth of their number, and steps of the smoother at each."""
+FIRST_PIECES, STRETCHED, FOLLOWED = 2, 2, 2
+"""Pieces through which a force is followed first, growth of their number, and most steps of the smoother at each."""
 UNBELIEVED = 4.0
 """Standard deviations of an innovation beyond which a sample is no noise: one in 16,000 by chance."""
 MOST_UNBELIEVED = 0.1
@@ -100,14 +101,15 @@ class GreyRun:
         """
         theta, even = values[self.places], [np.ones(len(self.run.channels[c].time)) for c in self.channels]
         states, known = self.pieces.rolled(theta), FIRST_PIECES
-        while known < len(states):
-            known = min(len(states), int(np.ceil(STRETCHED * known)))
+        around = self.around(values, states, even)
+        while known < len(states) and not around.left(FIRST_PIECES, len(states)) < GROSS:
+            begin, known = known, min(len(states), STRETCHED * known)
             for _ in range(FOLLOWED):
-                around = self.around(values, states, even)
-                if not around.finite:
-                    return states
+                if not around.finite or around.left(begin, known) < NEAR_NOISE:
+                    break
                 states = around.smoothed_until(known)
                 states[known:] = self.pieces.rolled(theta, known - 1, states[known - 1])[1:]
+                around = self.around(values, states, even)
         return states
 
     def around(self, values: np.ndarray, states: np.ndarray, weights: Sequence[np.ndarray]) -> "Around":
@@ -206,6 +208,11 @@ class Around:
         grams = [self.gram(c, colour) for c, colour in enumerate(noise.colour)]
         moved, kicks = smoothed(combined(grams, noise.level)[0], self.chain, noise.kick, change)
         return self.states + moved + self._definition @ change[self.run.places], kicks
+
+    def left(self, begin: int, end: int) -> float:
+        """Mean squared error over the noise in the pieces from `begin` to `end`."""
+        residuals = [rows.value[:, begin:end, -1] for rows in self.rows]
+        return sum(float(np.sum(r**2)) for r in residuals) / max(sum(r.size for r in residuals), 1)
 
     def smoothed_until(self, known: int) -> np.ndarray:
         """(J, n) states that follow the samples of the first pieces alone, at kicks that one piece tells."""

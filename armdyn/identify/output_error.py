@@ -111,11 +111,11 @@ class AroundMotion:
         key = free.tobytes()
         if like is not None and key in self._settled:
             there = self._settled[like.tobytes()][1]
-            other = self.box.settled(free, self._without(there, free))
+            other = self.box.settled(free, self._without(there, free), wide=0)
             if other.evidence > self._settled[key][1].evidence:
                 self._settled[key] = free, other
         if key not in self._settled:
-            self._settled[key] = free, self.box.settled(free, self._near(free))
+            self._settled[key] = free, self.box.settled(free, self._near(free), wide=0)
         return self._settled[key][1]
 
     def believed(self, free: np.ndarray) -> tuple[tuple[np.ndarray, ...], ...]:

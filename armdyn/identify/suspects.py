@@ -84,7 +84,7 @@ def tied(appraiser: Appraiser, whole: Appraisal, part: Sequence[Candidate]) -> t
         if any(c in rest for c in others) or len(others) < len(part):
             continue
         other = appraiser.of((*rest, *others))
-        if not (np.isfinite(other.worth) and other.worth > without.worth):
+        if not (np.isfinite(other.worth) and appraiser.standing(other) > appraiser.standing(without)):
             continue  # it explains nothing, nor does much of what it would stand for
         if appraiser.standing(whole) - appraiser.standing(other) < TIE and _ties(appraiser, whole, other):
             found.append(merged(others)[0])
