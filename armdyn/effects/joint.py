@@ -145,6 +145,20 @@ def gravity_spring(
 
 
 @effect(
+    summary="A spring in the joint pulls it back to a position of rest.",
+    source="linear spring in a hinge or slide, as MuJoCo's stiffness and springref; a spring of zero free length "
+    "between link and frame is gravity_spring",
+)
+def joint_spring(
+    joint: Joint,
+    stiffness: Expression = quantity("N m/rad", typical=10.0, lower=0.0, summary="torque per displacement"),
+    rest: Expression = quantity("rad", typical=0.5, spread=2.0, summary="position at which it does not pull"),
+) -> Joint:
+    """Tau = k (q - q0)."""
+    return joint.with_torque(stiffness * (joint.position - rest))
+
+
+@effect(
     summary="The joint and its neighbour towards the base share a transmission: each feels the other's motion.",
     source="coupled wrist of the Stäubli TX40: Gautier, Janot & Vandanjon, IEEE T-CST 21(2), 2013",
     reach="coupled",

@@ -67,6 +67,8 @@ def _add_bodies(world: ET.Element, model: ArmModel, parts: ArmParts) -> None:
         slides = model.arm.slides[i]
         axis = axes[i][:3] if slides else axes[i][3:]
         dynamics = {"damping": joint.damping, "frictionloss": joint.friction, "armature": joint.armature}
+        if joint.stiffness:
+            dynamics |= {"stiffness": joint.stiffness, "springref": joint.rest}
         attributes = {key: repr(value) for key, value in dynamics.items() if value}
         if joint.friction:
             attributes |= DRY

@@ -15,7 +15,7 @@ HELD = {
     "mujoco": LINKS
     | {
         "base_tilt", "joint_viscous_friction", "joint_coulomb_friction", "joint_asymmetric_friction", "rotor_inertia",
-        "gravity_spring",
+        "gravity_spring", "joint_spring",
     },
 }  # fmt: skip
 """Effects that a format holds, by format."""
@@ -38,6 +38,8 @@ class JointParts:
         friction: size of the dry friction, N m.
         armature: of the rotor behind the gears, kg m^2.
         spring: factors of sin q and of cos q in what the drive gives, N m.
+        stiffness: of a spring in the joint, N m/rad.
+        rest: position at which that does not pull, rad.
     """
 
     name: str
@@ -47,6 +49,8 @@ class JointParts:
     friction: float
     armature: float
     spring: tuple[float, float]
+    stiffness: float
+    rest: float
 
 
 @dataclass(frozen=True)
@@ -81,6 +85,8 @@ def parts_of(model: ArmModel) -> ArmParts:
             / 2,
             armature=of("rotor_inertia", "inertia", name),
             spring=(of("gravity_spring", "sine", name), of("gravity_spring", "cosine", name)),
+            stiffness=of("joint_spring", "stiffness", name),
+            rest=of("joint_spring", "rest", name),
         )
         for i, name in enumerate(model.joints)
     )

@@ -28,6 +28,7 @@ PERIOD, HARMONICS = 10.0, 5  # s
 STRIBECK_SPEED = 0.1  # rad/s
 PAYLOAD_PLACE = (0.02, -0.01, 0.15)  # m, in the frame of the last joint
 SPRING = (8.2, 35.3)  # N m, sine and cosine, on right_s1
+REST = 0.7  # rad, of the spring in right_e1
 
 
 def _per_joint(name: str, sizes: Sequence[float]) -> dict[str, float]:
@@ -46,6 +47,7 @@ REALISTIC: Mapping[str, Mapping[str, float]] = {
     "torque_gain": _per_joint("error", 0.08 * _SIGNS),
     "torque_delay": _per_joint("time", np.full(7, 0.02)),
     "gravity_spring": {"sine[right_s1]": SPRING[0], "cosine[right_s1]": SPRING[1]},
+    "joint_spring": {"stiffness[right_e1]": 12.0},
     "joint_coupling": {"viscous[right_w2]": 0.3, "inertia[right_w2]": 0.05},
     "payload": {"mass[right_w2]": 0.8},
     "link_inertia": _per_joint("mass", np.array([0.1, 0.3, -0.2, 0.25, -0.2, 0.3, 0.2])),
@@ -117,6 +119,8 @@ def true_parameters(effect: str, size: float) -> dict[str, float]:
     exact = {f"{effect}.{name}": size * value for name, value in REALISTIC[effect].items()}
     if effect == "joint_stribeck_friction":
         exact |= {f"{effect}.speed[{joint}]": STRIBECK_SPEED for joint in JOINTS}
+    if effect == "joint_spring":
+        exact |= {f"{effect}.rest[right_e1]": REST}
     if effect == "payload":
         exact |= {f"{effect}.{axis}[right_w2]": p for axis, p in zip("xyz", PAYLOAD_PLACE, strict=True)}
     return exact
@@ -167,6 +171,8 @@ def _torque(names: Sequence[str], size: float, path: Motion, time: np.ndarray) -
         total += _sizes("rotor_inertia", "inertia", size) * a
     if "gravity_spring" in names:
         total[:, 1] += size * (SPRING[0] * np.sin(q[:, 1]) + SPRING[1] * np.cos(q[:, 1]))
+    if "joint_spring" in names:
+        total[:, 3] += size * REALISTIC["joint_spring"]["stiffness[right_e1]"] * (q[:, 3] - REST)
     if "joint_coupling" in names:
         viscous, inertia = (size * x for x in REALISTIC["joint_coupling"].values())
         total[:, 5] += viscous * v[:, 6] + inertia * a[:, 6]

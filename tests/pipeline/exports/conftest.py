@@ -56,6 +56,7 @@ def by_formulas(model, q, v, a):
             tau[i] += of("joint_stribeck_friction.torque") * sign * fading
         tau[i] += of("joint_load_friction.coefficient") * abs(load[i]) * sign + of("rotor_inertia.inertia") * a[i]
         tau[i] += of("gravity_spring.sine") * np.sin(q[i]) + of("gravity_spring.cosine") * np.cos(q[i])
+        tau[i] += of("joint_spring.stiffness") * (q[i] - of("joint_spring.rest"))
         viscous, inertia = of("joint_coupling.viscous"), of("joint_coupling.inertia")
         if i:
             tau[i] += viscous * v[i - 1] + inertia * a[i - 1]
