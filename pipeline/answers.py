@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from armdyn.channels import FloatArray
 from armdyn.faults import outliers_of
 from armdyn.identify.compare import Comparison, Correction, FittedParameter
+from armdyn.identify.contribution import contribution
 from armdyn.identify.diagnose import Diagnosis
 from armdyn.identify.explained import RepairStep
 from armdyn.identify.localise import Place
@@ -68,7 +69,10 @@ def repair_answer(found: Repair) -> dict[str, Any]:
 
 
 def history_entries(study: Study, found: Repair) -> list[dict[str, Any]]:
-    """What the model file keeps of each step of a repair."""
+    """What the model file keeps of each step of a repair.
+
+    `contribution` is the rms, by channel, of what the step's effects do in the repaired model.
+    """
     names = {"runs": [run.name for run in study.runs], "held_out": [run.name for run in study.held_out]}
     if study.exam:
         names["exam"] = [run.name for run in study.exam]
@@ -82,8 +86,10 @@ def history_entries(study: Study, found: Repair) -> list[dict[str, Any]]:
             "exam_rmse": errors(step.exam_rmse) or None,
             "chi2_per_sample": number(step.chi2_per_sample),
             "bic": number(step.bic),
+            "contribution": errors(contribution(found.steps[-1].fit, step.added)),
+            "as_given_rmse": errors(found.path[0].rmse) if k == 0 else None,
         }
-        for step in found.path[1:]
+        for k, step in enumerate(found.path[1:])
     ]
 
 

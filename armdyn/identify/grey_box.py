@@ -74,6 +74,11 @@ class GreyBox:
         each = zip(self.runs, point.states, point.weights, strict=True)
         return [run.around(point.values, states, weights) for run, states, weights in each]
 
+    def largest_kick(self, point: Point) -> float:
+        """Of the training runs, over what one piece tells of a speed."""
+        pairs = list(zip(self.around(point), point.noises, strict=True))[: self.training]
+        return max(noise.kick / around.kick_unit for around, noise in pairs)
+
     def tables(self, arounds: Sequence[Around], point: Point, *, wide: bool) -> "Tables":
         """Evidence of every set around a point, at every noise or at those near its own."""
         at = everywhere if wide else nearby

@@ -12,7 +12,7 @@ from itertools import islice
 import numpy as np
 
 from armdyn.identify.fit import GROSS, NEAR_NOISE, Fit, fit
-from armdyn.identify.grey_box import GreyBox, Point
+from armdyn.identify.grey_box import SETTLED, GreyBox, Point
 from armdyn.identify.problem import Problem
 from armdyn.physics.simulated import SimulatedModel
 
@@ -24,6 +24,8 @@ OTHERS = 3
 """Places on the way of shrinking kicks from which a fit with large errors is tried as well."""
 SIZES = (0.2, 0.4, 0.7, 1.5, 3.0)
 """Factors on the size of effects with which fits with large errors are tried as well."""
+ASTRAY = 10.0
+"""Kicks, over what one piece tells of a speed, beyond which a motion that only a force shows may be a wrong one."""
 MOST_STEPS, QUICK_STEPS = 30, 10
 """Of a fit, and of one that only ranks a set among others."""
 
@@ -115,8 +117,21 @@ class AroundMotion:
             if other.evidence > self._settled[key][1].evidence:
                 self._settled[key] = free, other
         if key not in self._settled:
-            self._settled[key] = free, self.box.settled(free, self._near(free), wide=0)
+            self._settled[key] = free, self._unstuck(free, self.box.settled(free, self._near(free), wide=0))
         return self._settled[key][1]
+
+    def _unstuck(self, free: np.ndarray, point: Point) -> Point:
+        """A settled point, or a better one where a force is followed anew with its values.
+
+        The motion that followed a force with other values, such as without the bias that is most of it, may be another
+        one altogether; then large kicks are what is left of the difference.
+        """
+        while not self.measured and self.box.largest_kick(point) > ASTRAY:
+            other = self.box.settled(free, self.box.begin(self.box.begun(point)))
+            if other.evidence < point.evidence + SETTLED:
+                break
+            point = other
+        return point
 
     def believed(self, free: np.ndarray) -> tuple[tuple[np.ndarray, ...], ...]:
         """By run and channel, (N,) weights of the samples where the most similar set was settled; see `Point`."""

@@ -2,7 +2,7 @@
 
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -34,30 +34,60 @@ def export(
         Path, typer.Option("--output", help="FILE.urdf, .xml (MuJoCo's), .c, .py or .json: its ending says what it is.")
     ],
     effects: EffectsOption = None,
-    force: Annotated[bool, typer.Option("--force", help="Write over the file where it is there.")] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Write over the file where it is there, and what lacks much of the model.")
+    ] = False,
     json_file: JsonOption = None,
 ) -> None:
-    """Write a model for other tools, and name what the format cannot hold."""
+    """Write a model for other tools, and say what the format cannot hold: exit status 1 where that is much."""
+    from armdyn import atomic
     from armdyn.effects.user import load_effects
     from armdyn.errors import InputError
     from armdyn.model_file import read_model_file
+    from pipeline.exports.left_out import left_out
 
     kind = kind_of(output)
     check_outputs(output, json_file, inputs=[model])
     free_to_write(output, force)
     with spinner() as say:
         file = read_model_file(model, load_effects(effects, stages=None) if effects is not None else ())
+        missing = left_out(file, held_by(file.model, output))
+        refused = missing is not None and missing.matters and not force
         say(f"writing {output}")
         try:
-            notes = write_export(file, output, model.name)
+            text, notes = _text(file, output, f"{kind} of {model.name}")
+            if not refused:
+                atomic.write_text(output, text)
         except InputError as error:
             raise InputError(f"{model}: {error}") from error
-    answer = {"schema": "armdyn.export/1", "file": str(output), "kind": kind, "not_held": notes}
+    answer: dict[str, Any] = {
+        "schema": "armdyn.export/1",
+        "file": None if refused else str(output),
+        "kind": kind,
+        "not_held": notes,
+    }
+    if missing is not None:
+        answer |= {"error": dict(missing.error), "share_of_removed_error": missing.share}
     if answered(json_file, lambda: answer):
-        typer.echo(f"{kind} written to {output}")
+        typer.echo(f"{kind} {'not ' * refused}written to {output}")
         for note in notes:
             typer.echo(f"  not in it: {note}")
-        typer.echo(f"next: {_next(file.model, output)}")
+        if missing is not None:
+            typer.echo(f"  {missing.sentence}")
+        typer.echo("to write it all the same: --force" if refused else f"next: {_next(file.model, output)}")
+    if refused:
+        raise typer.Exit(1)
+
+
+def held_by(model: "Model", output: Path) -> frozenset[str]:
+    """Names of the effects of a model that a file of this kind holds."""
+    from pipeline.exports.parts import HELD, SENSOR
+
+    every = frozenset(effect.name for effect in model.effects)
+    kinds = {".urdf": HELD["urdf"], ".xml": HELD["mujoco"], ".json": every}
+    # Functions of a pendulum are of its motion and tension, not of what reads them.
+    sensors = SENSOR | {effect.name for effect in model.effects if effect.acts_on == "sensor"}
+    return frozenset(kinds.get(output.suffix.lower(), every - sensors))
 
 
 def kind_of(output: Path) -> str:
