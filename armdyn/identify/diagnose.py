@@ -140,7 +140,13 @@ def _ties(study: Study, found: Search) -> tuple[Candidate, ...]:
 
 
 def explained_share(study: Study, before: Step, after: Step) -> float:
-    """Share of the misfit that is gone, on held-out runs where such are given; see `explained`."""
+    """Share of the misfit that is gone, on held-out runs where such are given; see `explained`.
+
+    Of a model with states, on training and held-out runs together: how noisy a single short recording is, is not well
+    known.
+    """
+    if not study.model.linear:
+        return 1.0 - study.squared_error(after.fit) / study.squared_error(before.fit)
     first, last = ((study.held_out_blocks(s.fit) or ()) if study.held_out else s.fit.blocks for s in (before, after))
     scale = Scale({b.channel: study.unit(b.channel) for b in first}, {b.channel: b.noise for b in first})
     return share_gone(channel_rmse(first), channel_rmse(last), scale)

@@ -12,7 +12,7 @@ from itertools import islice
 import numpy as np
 
 from armdyn.identify.fit import GROSS, NEAR_NOISE, Fit, fit
-from armdyn.identify.grey_box import SETTLED, GreyBox, Point
+from armdyn.identify.grey_box import GreyBox, Point
 from armdyn.identify.problem import Problem
 from armdyn.physics.simulated import SimulatedModel
 
@@ -126,12 +126,10 @@ class AroundMotion:
         The motion that followed a force with other values, such as without the bias that is most of it, may be another
         one altogether; then large kicks are what is left of the difference.
         """
-        while not self.measured and self.box.largest_kick(point) > ASTRAY:
-            other = self.box.settled(free, self.box.begin(self.box.begun(point)))
-            if other.evidence < point.evidence + SETTLED:
-                break
-            point = other
-        return point
+        if self.measured or self.box.largest_kick(point) < ASTRAY:
+            return point
+        other = self.box.settled(free, self.box.begin(self.box.begun(point)))
+        return max(point, other, key=lambda one: one.evidence)
 
     def believed(self, free: np.ndarray) -> tuple[tuple[np.ndarray, ...], ...]:
         """By run and channel, (N,) weights of the samples where the most similar set was settled; see `Point`."""
