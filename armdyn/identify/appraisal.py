@@ -110,14 +110,15 @@ class Appraiser(ABC):
     Args:
         problem: whose unknowns effects have.
         candidates: all effects that a set may hold, each on one joint.
+        given: those of them that the model has already: every set holds them.
     """
 
     most_named: ClassVar[int]
     """Effects of a table of suspects."""
 
-    def __init__(self, problem: Problem, candidates: Sequence[Candidate]) -> None:
+    def __init__(self, problem: Problem, candidates: Sequence[Candidate], given: Sequence[Candidate] = ()) -> None:
         self.problem = problem
-        self.candidates = tuple(candidates)
+        self.candidates, self.given = tuple(candidates), tuple(given)
         self._reach = Counter(c.effect for c in candidates)
         self._known: dict[frozenset[Candidate], Appraisal] = {}
 

@@ -135,6 +135,17 @@ def _whole(appraiser: Summed, left: Sequence[Candidate]) -> list[Appraisal]:
     return found
 
 
+def without_worthless(appraiser: Summed, now: Appraisal, firm: Sequence[Candidate]) -> Appraisal:
+    """A set without what it is worth more without, one after the other."""
+    while len(now.effects) > len(firm):
+        fewer = (appraiser.of([c for c in now.effects if c != gone]) for gone in now.effects if gone not in firm)
+        best = max(fewer, key=lambda o: o.worth)
+        if best.worth < now.worth:
+            break
+        now = best
+    return now
+
+
 def backward_elimination(appraiser: Appraiser, now: Appraisal, firm: Sequence[Candidate] = ()) -> Appraisal:
     """Backward elimination: without what the others make superfluous, one after the other; `firm` effects stay."""
     while len(now.effects) > len(firm):

@@ -6,9 +6,9 @@ from itertools import combinations
 
 import numpy as np
 
-from armdyn.identify.appraisal import Appraisal, Appraiser
+from armdyn.identify.appraisal import HARM, Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate
-from armdyn.identify.choose import best_set, chosen
+from armdyn.identify.choose import best_set, chosen, without_worthless
 from armdyn.identify.explained import RepairStep
 from armdyn.identify.filtered import Filtered
 from armdyn.identify.fit import GROSS, Fit, channel_rmse
@@ -27,6 +27,9 @@ COMPARED, PAIRED = 12, 6
 """Effects, those that promise most, that are compared alone over whole runs, and of these, whose pairs are."""
 CLEARLY = 2
 """Values more that a pair is as good as without having them, to be taken in place of what evidence chose."""
+
+MOST_ROUNDS = 4
+"""Expansions around the end of a repair of an arm; two nearly always."""
 
 Progress = Callable[[str], None]
 
@@ -87,18 +90,35 @@ def search(study: Study, progress: Progress | None = None) -> Search:
     first = study.first()
     choice = _by_sums(study, first, say) if study.model.linear else _by_evidence(study, first, say)
     steps = [Step((), (), study.present, first, residual_tests(first, study.scores(first, study.present)))]
-    steps += _climbed(study, choice.appraiser, choice.whole, steps[0], choice.ahead, say)
-    if not study.model.linear:
-        steps = without_little(study, steps)
-    elif len(steps) > 1 and steps[-1].tests.fails:
-        # What multiplies others, such as a delay of a spring's torque, shows where they are.
-        around = study.appraiser(steps[-1].fit)
-        present = around.within(steps[-1].effects)
-        if around.of(present).worth > -np.inf:
-            more = chosen(around, present, say)
-            steps += _climbed(study, around, more, steps[-1], steps[-1].fit, say, present)
+    steps += _climbed(study, choice.appraiser, choice.whole, steps[0], choice.ahead, say, choice.appraiser.given)
+    steps = _to_fixed_point(study, steps, say) if study.model.linear else without_little(study, steps)
     named = steps[min(1, len(steps) - 1)]
     return Search(tuple(steps), suspects(choice.given, choice.given.within(named.added), named.tied))
+
+
+def _to_fixed_point(study: Study, steps: list[Step], say: Progress) -> list[Step]:
+    """The way with what is still found around its end, until nothing is: a repair of the repaired model adds nothing.
+
+    What multiplies others, such as a delay of a spring's torque, shows where they are.
+    """
+    for _ in range(MOST_ROUNDS):
+        around, last = study.appraiser(steps[-1].fit), steps[-1]
+        present = around.within(last.effects)
+        if len(steps) == 1 or around.of(present).worth == -np.inf:
+            break
+        kept = without_worthless(around, around.of(present), around.given).effects
+        whole = chosen(around, kept, say)
+        if set(whole.effects) == set(present):
+            break
+        if kept == around.of(present).effects:
+            steps = [*steps, *_climbed(study, around, whole, last, last.fit, say, present)]
+            continue
+        # Something stood for what came later.
+        again = [steps[0], *_climbed(study, around, whole, steps[0], last.fit, say, around.given)]
+        if again[-1].fit.chi2_per_sample > (1.0 + HARM) * last.fit.chi2_per_sample:
+            break
+        steps = again
+    return steps
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,14 +192,15 @@ def _by_sums(study: Study, first: Fit, say: Progress) -> _Choice:
     found = {}
     for appraiser, (_, firm) in zip(appraisers, starts, strict=True):
         atoms = appraiser.within(firm)
-        if not atoms or appraiser.of(atoms).worth > -np.inf:
-            whole = chosen(appraiser, atoms, say)
+        held = (*appraiser.given, *atoms)
+        if not atoms or appraiser.of(held).worth > -np.inf:
+            whole = chosen(appraiser, held, say)
             found[whole] = appraiser
             if atoms:  # what a turned base does to a slide, an offset does as well, with fewer values
                 rest = [c for c in whole.effects if c not in atoms]
                 others = [appraisers[0].of((*rest, c)) for c in appraisers[0].candidates if c not in whole.effects]
                 found |= {other: appraisers[0] for other in others if other.worth > -np.inf}
-    nothing = appraisers[0].of(())
+    nothing = appraisers[0].of(appraisers[0].given)
     better = [one for one in found if one.misfit < nothing.misfit]
     whole = best_set(appraisers[0], nothing, better) if better else nothing
     appraiser = found.get(whole, appraisers[0])

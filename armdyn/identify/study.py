@@ -241,10 +241,12 @@ class Study:
         free = transferred(at.free.astype(float), self.problem, everything, missing=0.0) > 0.0
         present = everything.of([n for c in self.present for n in c.names])
         base = everything.fitted & ~everything.of([n for c in (*self.candidates, *self.present) for n in c.names])
-        atoms = [atom for c in self.candidates for atom in c.apart()]
+        own = [a for c in self.present for a in c.apart() if np.all(everything.fitted[everything.of(a.names)])]
+        present &= ~everything.of([n for c in own for n in c.names])
+        atoms = [*own, *(atom for c in self.candidates for atom in c.apart())]
         absent = [c for c in atoms if not np.any(free & everything.of(c.names))]
         around = sums(everything, {run.name for run in self.runs}, values, absent)
-        return Summed(around, (base | (present & everything.fitted)) & (free | everything.per_run), atoms)
+        return Summed(around, (base | (present & everything.fitted)) & (free | everything.per_run), atoms, own)
 
     def own_values(self, appraiser: Appraiser, one: Appraisal) -> np.ndarray:
         """(P,) values of the study's unknowns at an appraised set."""

@@ -36,6 +36,7 @@ class Summed(Appraiser):
         sums: of training runs and of runs that are only predicted.
         always: (P,) bool, unknowns that are free in every set.
         candidates: all effects that a set may hold, each on one joint.
+        given: see `Appraiser`; what they explain counts where returns diminish, as if they had just been found.
 
     Attributes:
         limited: share of what the richest model leaves that is more than noise: 0 noise-limited, 1 model-limited.
@@ -43,8 +44,10 @@ class Summed(Appraiser):
 
     most_named = 8
 
-    def __init__(self, sums: Sums, always: np.ndarray, candidates: Sequence[Candidate]) -> None:
-        super().__init__(sums.problem, candidates)
+    def __init__(
+        self, sums: Sums, always: np.ndarray, candidates: Sequence[Candidate], given: Sequence[Candidate] = ()
+    ) -> None:
+        super().__init__(sums.problem, candidates, given)
         self.sums = sums
         self._always = always
         self._solver = Solver(sums, always, candidates)

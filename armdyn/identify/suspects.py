@@ -132,19 +132,19 @@ def suspects(appraiser: Appraiser, first: Sequence[Candidate], tied: Sequence[Ca
         first: the effect that a search found first, on one joint each; it leads. Empty where it found none.
         tied: effects that these runs cannot tell from it.
     """
-    nothing = appraiser.of(())
-    found = [appraiser.of(first)] if first else []
-    contenders = appraiser.candidates
+    nothing = appraiser.of(appraiser.given)
+    found = [appraiser.of((*appraiser.given, *first))] if first else []
+    contenders = [c for c in appraiser.candidates if c not in appraiser.given]
     for name in dict.fromkeys(c.effect for c in contenders):
         if not first or name != first[0].effect:
             found.append(_alone(appraiser, [c for c in contenders if c.effect == name], nothing))
     leading = found[:1] if first else []
-    worth = [one for one in found[len(leading) :] if one.effects and one.worth > nothing.worth]
+    worth = [one for one in found[len(leading) :] if one.worth > nothing.worth]
     rest = sorted(worth, key=lambda one: -one.worth)
     names = [c.effect for c in tied]
     described = []
     for one in (*leading, *rest)[: appraiser.most_named]:
-        mine = merged(one.effects)[0]
+        mine = merged([c for c in one.effects if c not in appraiser.given])[0]
         others = tuple(names) if one in leading else tuple(c.effect for c in first) if mine.effect in names else ()
         described.append(_described(appraiser, one, mine, nothing, tuple(dict.fromkeys(others))))
     return tuple(described)
@@ -152,9 +152,10 @@ def suspects(appraiser: Appraiser, first: Sequence[Candidate], tied: Sequence[Ca
 
 def _alone(appraiser: Appraiser, joints: Sequence[Candidate], nothing: Appraisal) -> Appraisal:
     """An effect on all joints that need it, or on the best one."""
-    several = backward_elimination(appraiser, appraiser.of(joints))
-    single = max((appraiser.of([c]) for c in joints), key=lambda one: one.worth)
-    return max((several, single), key=lambda one: one.worth if one.effects else nothing.worth)
+    given = appraiser.given
+    several = backward_elimination(appraiser, appraiser.of((*given, *joints)), given)
+    single = max((appraiser.of((*given, c)) for c in joints), key=lambda one: one.worth)
+    return max((several, single, nothing), key=lambda one: one.worth)
 
 
 def _described(
