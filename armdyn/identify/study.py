@@ -32,8 +32,8 @@ MORE = 4
 """Times `QUICK_STEPS` that may be added."""
 MOST_TOLD = 5
 """Times of glitches that are listed."""
-CHANCE = 0.5
-"""Standard deviations of a mean square below which an error counts as noise."""
+CHANCE, SURELY = 0.5, 3.0
+"""Standard deviations of a mean square: the smallest error that is compared, and up to which it may be noise alone."""
 LONG = 4000
 """Samples beyond which it pays to derive a formulation of its own for a fit."""
 
@@ -159,7 +159,7 @@ class Study:
     def is_at_noise(self, fit: Fit) -> bool:
         """Whether a fit leaves no more than noise may by chance, in training and in held-out runs."""
         excess, by_chance = self._excess(fit)
-        return bool(np.all(excess <= by_chance))
+        return bool(np.all(excess <= SURELY / CHANCE * by_chance))
 
     def _excess(self, fit: Fit) -> tuple[np.ndarray, float]:
         """Mean squared error above the noise, over it, of training and of held-out runs, and how much is chance."""

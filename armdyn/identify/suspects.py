@@ -15,6 +15,8 @@ ALIKE = 0.15
 """Share of what an effect on one joint explains that the same effect on another joint must bring to be told with it."""
 TIE = 3.0
 """Nats below which two sets count as tied: above it the first was right in 320 of 320."""
+PROMISED = 12.0
+"""Nats below which a set may turn out to be tied where it is settled itself."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,7 @@ def tied(appraiser: Appraiser, whole: Appraisal, part: Sequence[Candidate]) -> t
         other = appraiser.of((*rest, *others))
         if not (np.isfinite(other.worth) and appraiser.standing(other) > appraiser.standing(without)):
             continue  # it explains nothing, nor does much of what it would stand for
-        if appraiser.standing(whole) - appraiser.standing(other) < TIE and _ties(appraiser, whole, other):
+        if appraiser.standing(whole) - appraiser.standing(other) < PROMISED and _ties(appraiser, whole, other):
             found.append(merged(others)[0])
     return tuple(found)
 
