@@ -15,6 +15,9 @@ from dataclasses import dataclass, field
 
 from armdyn.identify.unseen import Judge
 
+WRONG = 2.0
+"""Times its noise, from which a channel's error is one that wants to be explained."""
+
 
 @dataclass(frozen=True)
 class RepairStep:
@@ -81,6 +84,16 @@ def share_gone(before: Mapping[str, float], after: Mapping[str, float], scale: S
     if first <= 0.0:
         return 1.0 if last <= 0.0 else 0.0
     return 1.0 - last / first
+
+
+def least_explained(before: Mapping[str, float], after: Mapping[str, float], scale: Scale) -> tuple[str, float] | None:
+    """The channel of which least is explained, and that share; None of a single channel.
+
+    Of rms errors by channel; channels that were at their noise are left out.
+    """
+    seen = [channel for channel in before if channel in after and before[channel] > WRONG * scale.noise[channel]]
+    shares = {c: share_gone({c: before[c]}, {c: after[c]}, scale) for c in seen}
+    return min(shares.items(), key=lambda item: item[1]) if len(shares) > 1 else None
 
 
 def _above_noise(errors: Mapping[str, float], scale: Scale) -> float:

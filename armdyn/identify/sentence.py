@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-from armdyn.identify.explained import RepairStep, Scale, explained, in_percent, judged
+from armdyn.identify.explained import RepairStep, Scale, explained, in_percent, judged, least_explained
 from armdyn.identify.unseen import Judge
 
 
@@ -37,6 +37,8 @@ NOTICEABLE = 0.01
 MOST_JOINTS = 3
 MOST_EFFECTS = 4
 """Beyond which effects, or an effect's joints, are counted rather than named."""
+BEHIND = 0.2
+"""Share of a misfit by which a joint's must lag behind that of all to be told beside it."""
 AT_THE_NOISE = 1.1
 """Ratio of error to noise up to which an error is called noise."""
 
@@ -125,6 +127,10 @@ def _found(
             alone = explained(steps[0], steps[1], judge, scale)
             if 0.5 < alone < share:
                 text += f", {steps[1].added[0]} alone {in_percent(alone)}"
+        worst = least_explained(judged(steps[0], judge, scale), judged(steps[-1], judge, scale), scale)
+        if worst is not None and worst[1] < share - BEHIND:
+            of = worst[0].partition(".")[2] or worst[0]
+            text += f" but only {in_percent(max(worst[1], 0.0))} of that of {of}"
     return f"{text}; the error {WHOSE[judge]} {_change(before, after)}."
 
 

@@ -66,6 +66,13 @@ def test_several_effects_are_counted_and_the_first_ones_share_is_told():
     assert "effect_0, effect_1, effect_2 and 3 more effects are missing" in said([GIVEN, many])
 
 
+def test_the_joint_of_which_least_is_explained_stands_beside_the_total():
+    given, last = step({"tau.a": 1.0, "tau.b": 40.0}), step({"tau.a": 0.9, "tau.b": 0.4}, ["payload"])
+    assert "it explains 99.9 % of the misfit but only 20 % of that of a;" in said([given, last])
+    at_noise = step({"tau.a": 0.5, "tau.b": 40.0})
+    assert "but only" not in said([at_noise, last])
+
+
 def test_ties_and_warnings_are_said():
     steps = [step({"load_force": 0.03}), step({"load_force": 0.006}, ["wind"], tied=["bob"])]
     text = said(steps, scale=CELL, left=Left(False, warnings=["the link of b weighs 241 kg in the model"]))
