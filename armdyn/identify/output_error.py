@@ -96,13 +96,15 @@ class AroundMotion:
         if np.any(np.abs(other - values) > UNLIKE * np.abs(values)):
             options = [*options, other]
         # Each option may cut pieces of the runs, which all of them share: only then do states fit the pieces.
-        for option in options:
-            self.box.begin(option)
-        found = []
-        for option in options:
-            begin = self.box.begin(option)
+        begun = [self.box.begin(option) for option in options]
+        found = list[tuple[np.ndarray, Point]]()
+        for option, point in zip(options, begun, strict=True):
+            fits = all(len(s) == len(run.pieces) for s, run in zip(point.states, self.box.runs, strict=True))
+            begin = point if fits else self.box.begin(option)
             base = self.box.told(begin, wanted)
             found.append((base, self.box.settled(base, begin)))
+            if not self.measured and self.box.largest_kick(found[-1][1]) < ASTRAY:
+                break  # nothing says that the motion may be another one
         return max(found, key=lambda one: one[1].evidence)
 
     def settled(self, free: np.ndarray, like: np.ndarray | None = None) -> Point:
