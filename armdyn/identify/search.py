@@ -101,10 +101,10 @@ def _to_fixed_point(study: Study, steps: list[Step], say: Progress) -> list[Step
 
     What multiplies others, such as a delay of a spring's torque, shows where they are.
     """
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MOST_ROUNDS if len(steps) > 1 else 0):
         around, last = study.appraiser(steps[-1].fit), steps[-1]
         present = around.within(last.effects)
-        if len(steps) == 1 or around.of(present).worth == -np.inf:
+        if around.of(present).worth == -np.inf:
             break
         kept = without_worthless(around, around.of(present), around.given).effects
         whole = chosen(around, kept, say)

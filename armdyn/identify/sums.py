@@ -122,20 +122,18 @@ def sums(problem: Problem, training: Collection[str], values: np.ndarray, absent
     return _collected(problem, values, blocks, training, driver, size, absence)
 
 
-def sums_at(fit: Fit, blocks: Sequence[Block], predicted: Sequence[Block] = ()) -> Sums:
+def sums_at(fit: Fit, blocks: Sequence[Block]) -> Sums:
     """Sums around a minimum, at which unknowns without a prior stay where the runs do not tell them.
 
     Args:
         fit: to the training runs.
         blocks: of the training runs there, with the derivatives that are wanted.
-        predicted: of runs that are only predicted, at the fit, with the best start for each.
     """
     p = fit.problem
-    still = [replace(b, sensitivities=np.zeros((len(b.residual), len(fit.values)))) for b in predicted]
     near = np.where(p.prior_weight > 0, p.prior_mean - fit.values, 0.0)
     itself = np.arange(len(fit.values))
     training = {run.name for run in p.runs}
-    return _collected(p, fit.values, [*blocks, *still], training, itself, np.zeros(len(itself)), near)
+    return _collected(p, fit.values, blocks, training, itself, np.zeros(len(itself)), near)
 
 
 def _collected(

@@ -85,9 +85,7 @@ def held_by(model: "Model", output: Path) -> frozenset[str]:
 
     every = frozenset(effect.name for effect in model.effects)
     kinds = {".urdf": HELD["urdf"], ".xml": HELD["mujoco"], ".json": every}
-    # Functions of a pendulum are of its motion and tension, not of what reads them.
-    sensors = SENSOR | {effect.name for effect in model.effects if effect.acts_on == "sensor"}
-    return frozenset(kinds.get(output.suffix.lower(), every - sensors))
+    return frozenset(kinds.get(output.suffix.lower(), every - SENSOR))
 
 
 def kind_of(output: Path) -> str:

@@ -1,9 +1,10 @@
-"""What an exported model lacks of the repaired one, in N m over the recordings that it was repaired with."""
+"""What an exported arm lacks of the repaired one, in N m over the recordings that it was repaired with."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from math import hypot
 
+from armdyn.arm.model import ArmModel
 from armdyn.model_file import ModelFile
 
 MOST = 0.05
@@ -17,12 +18,14 @@ class LeftOut:
     """How wrong an exported model is.
 
     Attributes:
-        error: by channel, rms of what is left out, in the channel's unit.
+        error: by channel, rms of what is left out, N m; N of joints that slide.
         removed: error that the repair removed, over all channels.
+        sliding: channels of joints that slide.
     """
 
     error: Mapping[str, float]
     removed: float
+    sliding: Collection[str]
 
     @property
     def total(self) -> float:
@@ -44,13 +47,19 @@ class LeftOut:
         """For a person, the joints that lose most first."""
         largest = max(self.error.values())
         listed = sorted((e, c) for c, e in self.error.items() if e > WORTH_SAYING * largest)[::-1]
-        joints = ", ".join(f"{error:.3g} N m on {channel.partition('.')[2]}" for error, channel in listed)
+        units = {channel: "N" if channel in self.sliding else "N m" for channel in self.error}
+        joints = ", ".join(f"{error:.3g} {units[channel]} on {channel.partition('.')[2]}" for error, channel in listed)
         share = f"{100 * self.share:.2g} % of the error that the repair removed"
         return f"over the recordings it is wrong by {joints}: {share}"
 
 
 def left_out(file: ModelFile, held: Collection[str]) -> LeftOut | None:
-    """What a file that holds the effects `held` lacks; None where that is nothing, or no repair is on record."""
+    """What a file that holds the effects `held` lacks; None where that is nothing, or no repair of an arm is on record.
+
+    A pendulum's functions are of its motion: what its sensors do is no part of that.
+    """
+    if not isinstance(file.model, ArmModel):
+        return None
     entries = [entry for entry in file.history if "contribution" in entry]
     present = {effect.name for effect in file.model.effects}
     error: dict[str, float] = {}
@@ -65,4 +74,5 @@ def left_out(file: ModelFile, held: Collection[str]) -> LeftOut | None:
     before: Mapping[str, float] = next((e["as_given_rmse"] for e in entries if "as_given_rmse" in e), {})
     after = entries[-1].get("rmse", {})
     gone = sum(max(float(before[c]) ** 2 - float(after.get(c, 0.0)) ** 2, 0.0) for c in before)
-    return LeftOut(error, gone**0.5)
+    joints = zip(file.model.joints, file.model.arm.slides, strict=True)
+    return LeftOut(error, gone**0.5, [f"tau.{joint}" for joint, slides in joints if slides])

@@ -10,7 +10,7 @@ from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.contribution import contribution
 from armdyn.identify.study import Study
-from armdyn.model_file import ModelFile, read_model_file, write_model_file
+from armdyn.model_file import ModelFile, base_pendulum, read_model_file, write_model_file
 from pipeline.exports.left_out import left_out
 
 OFFSET = "torque_offset"
@@ -63,3 +63,17 @@ def test_what_an_offset_does_is_the_offset():
         offset = fit.values[list(fit.problem.of([f"{OFFSET}.torque[{channel[4:]}]"])).index(True)]
         assert value == pytest.approx(abs(offset), rel=1e-6)
         assert np.isfinite(value)
+
+
+def test_a_pendulums_functions_owe_nothing_to_its_sensors(tmp_path, armdyn):
+    model = base_pendulum().with_effect(CATALOGUE["sensor_bias"])
+    entry = {
+        "added": "sensor_bias",
+        "rmse": {},
+        "contribution": {"load_force": 1.0},
+        "as_given_rmse": {"load_force": 1.0},
+    }
+    write_model_file(tmp_path / "p.toml", ModelFile(model, {}, (entry,)))
+    status, out, _ = armdyn("export", "p.toml", "--output", "p.py")
+    assert status == 0
+    assert "sensor_bias" in out
