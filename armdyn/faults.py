@@ -5,6 +5,7 @@ from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from armdyn.differences import LONGEST_SPAN, normalised_differences
 from armdyn.run import Channel, Run
@@ -258,9 +259,7 @@ class _Window:
 
 def _typical(size: np.ndarray) -> np.ndarray:
     """(n,) median of all, or of those around each where that is larger."""
-    padded = np.pad(size, AROUND, mode="reflect")
-    around = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * AROUND + 1), axis=1)
-    return np.maximum(around, np.median(size))
+    return np.maximum(median_filter(size, 2 * AROUND + 1, mode="mirror"), np.median(size))
 
 
 HIGHEST_RATE = 125.0

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from armdyn.channels import Channel
 from armdyn.differences import normalised_differences
@@ -112,7 +112,7 @@ def ljung_box(residual: np.ndarray, lags: int = LAGS) -> float:
         return 1.0
     rho = autocorrelation(residual, lags)
     q = n * (n + 2) * float(np.sum(rho**2 / (n - np.arange(1, lags + 1))))
-    return float(chi2.sf(q, lags))
+    return float(chdtrc(lags, q))
 
 
 def variance_inflation(residuals: Sequence[np.ndarray]) -> float:

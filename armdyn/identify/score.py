@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2 as chi2_distribution
+from scipy.special import chdtrc
 
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.fit import Fit
@@ -126,6 +126,6 @@ def residual_tests(fit: Fit, promised: list[Score]) -> ResidualTests:
         n = sum(len(block.residual) for block in blocks)
         z = max(z, (sum(float(b.residual @ b.residual) for b in blocks) - n) / np.sqrt(2 * n))
     whiteness = min(ljung_box(block.residual) for block in fit.blocks) * len(fit.blocks)
-    chances = (float(chi2_distribution.sf(s.drop, max(1, len(s.candidate.names)))) for s in promised)
+    chances = (float(chdtrc(max(1, len(s.candidate.names)), s.drop)) for s in promised)
     score = min(chances, default=1.0) * max(1, len(promised))
     return ResidualTests(float(z), min(1.0, whiteness), min(1.0, score))

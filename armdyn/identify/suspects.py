@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2 as chi2_distribution
+from scipy.special import chdtrc
 
 from armdyn.identify.appraisal import Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate
@@ -171,7 +171,7 @@ def _described(
         effect=named.effect,
         joints=named.joints,
         delta_bic=2.0 * (one.worth - nothing.worth),
-        p_value=min(1.0, len(appraiser.candidates) * float(chi2_distribution.sf(max(drop, 0.0), max(len(own), 1)))),
+        p_value=min(1.0, len(appraiser.candidates) * float(chdtrc(max(len(own), 1), max(drop, 0.0)))),
         rmse=shown.rmse,
         held_out_rmse=shown.held_out_rmse,
         parameters={

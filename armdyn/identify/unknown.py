@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from armdyn.identify.fit import Fit
 from armdyn.identify.noise import whitened, whitening
@@ -195,7 +195,7 @@ def sparse_terms(fit: Fit) -> tuple[Term, ...]:
                 size = float(np.linalg.norm(rest))
                 if size > 1e-3 * np.linalg.norm(column) and (drop := float(rest @ y) ** 2 / size**2) > gain:
                     best, gain, direction = expression, drop, rest / size
-            p = min(1.0, len(channels) * len(columns) * float(chi2.sf(gain, 1)))
+            p = min(1.0, len(channels) * len(columns) * float(chdtrc(1, gain)))
             if not best or p > SIGNIFICANCE:
                 break
             found.append(Term(channel, best, gain / total, p))
@@ -219,7 +219,7 @@ def spectral_peaks(fit: Fit) -> tuple[SpectralPeak, ...]:
         for b in blocks:
             power += periodogram(b.time[order:], whitened(b.residual, coefficients) / std, frequencies)
         best = int(np.argmax(power))
-        p = min(1.0, len(channels) * len(frequencies) * float(chi2.sf(2 * float(power[best]), 2 * len(blocks))))
+        p = min(1.0, len(channels) * len(frequencies) * float(chdtrc(2 * len(blocks), 2 * float(power[best]))))
         if p < SIGNIFICANCE:
             raw = np.concatenate([b.misfit for b in blocks])
             time = np.concatenate([b.time for b in blocks])

@@ -10,7 +10,6 @@ samples is left out: there y = u, and in between the two are mixed, so that y ha
 
 import casadi as ca
 import numpy as np
-from scipy.signal import lfilter
 
 from armdyn.physics.definition import Expression
 
@@ -51,6 +50,8 @@ class Vibration:
         Returns:
             (K,) and (K, m).
         """
+        from scipy.signal import lfilter  # brings scipy.stats, half a second, and few sensors vibrate
+
         settings, by_settings = (np.asarray(x) for x in self._settings(theta))
         b, a, db, da = self._numbers(settings, dt)
         both = np.column_stack([signal, by_theta])
@@ -63,6 +64,8 @@ class Vibration:
 
     def pulled(self, weights: np.ndarray, theta: np.ndarray, dt: float) -> np.ndarray:
         """(K,) weights of the signal that give the same sum as (K,) `weights` of what it becomes."""
+        from scipy.signal import lfilter
+
         b, a, *_ = self._numbers(np.asarray(self._settings(theta)[0]), dt)
         pulled = lfilter(b, a, weights[::-1])[::-1].copy()
         pulled[0] += weights.sum() - pulled.sum()

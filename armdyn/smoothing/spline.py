@@ -117,7 +117,7 @@ class Samples:
         """(b, N) lower bands of D' D."""
         return difference_penalty(self.size, self.order, len(self.normal))
 
-    @property
+    @cached_property
     def penalty_determinant(self) -> float:
         """Logarithm of det(D D'): the number of plane partitions in a box (MacMahon 1916)."""
         i, j = np.arange(1, self.size - self.order + 1)[:, None], np.arange(1, self.order + 1)
