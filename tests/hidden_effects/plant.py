@@ -1,7 +1,7 @@
 """A robot whose links, joints and sensors may be imperfect, and what it records on a motion."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -124,15 +124,24 @@ class World:
 
     def measured(self, truth: Sequence[Hidden]) -> tuple[np.ndarray, np.ndarray]:
         """(n, nj) motor positions [rad] at the stamps and torques [N m], without noise and smoothing."""
+        q, torque = self._in_time(truth)
+        for late in {hidden.late for hidden in truth if hidden.late}:
+            joints = [self.plant.joints.index(hidden.joint) for hidden in truth if hidden.late == late]
+            torque[:, joints] = replace(self, stamps=self.stamps - late)._in_time(truth)[1][:, joints]
+        return q, torque
+
+    def _in_time(self, truth: Sequence[Hidden]) -> tuple[np.ndarray, np.ndarray]:
+        """See `measured`; readings of single joints are not late."""
         load = self.load(truth)
         q, v, a = self.motor(load)
         torque = load + self.drive.torque(q, v)
         for hidden in truth:
             j = self.plant.joints.index(hidden.joint)
-            torque[:, j] += hidden.torque(q[:, j], v[:, j], a[:, j])
+            torque[:, j] += hidden.torque(q[:, j], v[:, j], a[:, j], load[:, j])
         for hidden in truth:
-            j = self.plant.joints.index(hidden.joint)
-            torque[:, j] = hidden.gain * torque[:, j] + hidden.offset
+            torque[:, self.plant.joints.index(hidden.joint)] *= hidden.gain
+        for hidden in truth:
+            torque[:, self.plant.joints.index(hidden.joint)] += hidden.offset
         if self.drive.late > 0.0:
             q = CubicSpline(self.stamps - self.drive.late, q)(self.stamps)
         return q, torque
