@@ -97,10 +97,10 @@ class Hidden:
         """Numbers that describe it."""
         return COUNT[self.effect]
 
-    def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, load: np.ndarray) -> np.ndarray:
-        """(n,) N m that it adds to the drive of its joint at the motor's motion and what the links ask for."""
+    def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, load: np.ndarray, way: np.ndarray) -> np.ndarray:
+        """(n,) N m that it adds to the drive of its joint at the motor's motion, `way` being the sign of v as dry
+        friction has it, and `load` what the links ask for."""
         spring = self.sine * np.sin(q) + self.cosine * np.cos(q) + self.stiffness * (q - self.rest)
-        way = sliding(v)
         dry = self.coulomb + self.stribeck * np.exp(-((v / self.fading) ** 2)) + self.per_load * np.abs(load)
         dry = dry + np.where(v > 0.0, self.positive, self.negative)
         return self.viscous * v + dry * way + self.rotor * a + spring
@@ -190,7 +190,7 @@ def _drawn(rng: np.random.Generator, effect: str, joints: Joints, taken: set[int
             "rotor_inertia": Hidden(effect, name, rotor=1.0),
             "torque_offset": Hidden(effect, name, offset=sign),
         }[effect]
-    size = wanted / _rms(unit.torque(q, v, a, joints.load[:, j]) + unit.offset)
+    size = wanted / _rms(unit.torque(q, v, a, joints.load[:, j], sliding(v)) + unit.offset)
     scaled = {key: size * getattr(unit, key) for key in ("viscous", "coulomb", "rotor", "sine", "cosine", "offset")}
     return replace(unit, **scaled)
 

@@ -15,7 +15,7 @@ from urdf import known_robots
 from urdf.find import distribution_file
 
 from .dominant import COUNT, FIELDS, Hidden, Lump
-from .imperfections import NOISE, ROUNDING, SMOOTHING, Imperfections
+from .imperfections import NOISE, PRESLIDING, SMOOTHING, Imperfections
 from .motions import KINDS
 from .plant import Plant, World
 
@@ -131,6 +131,7 @@ def generate(seed: int, *, effects: Collection[str] = EFFECTS, story: bool = Fal
         noise=plant.effort * rng.uniform(*NOISE, len(plant.joints)),
         position_noise=rng.uniform(*ENCODER),
         smoothing=rng.uniform(*SMOOTHING) if rng.random() < LOW_PASSED else np.inf,
+        presliding=np.random.default_rng([seed, 3]).uniform(0.0, PRESLIDING),
     )
     bare = Robot(name, (), (), bool(count > 2 and rng.random() < 0.5), seed)
     bare = replace(bare, worlds=_moved(rng, plant, drive, ["moves"] if story else kinds, total / count, rate))
@@ -221,7 +222,7 @@ def _drawn(rng: np.random.Generator, worlds: Sequence[World], effects: Collectio
             found.append(Hidden("payload", plant.joints[-1], lump=Lump(mass, place)))
             continue
         for j in rng.choice(len(plant.joints), int(rng.choice(ON_JOINTS)), replace=False):
-            own = (*(part[:, j] for part in motion), load[:, j])
+            own = (*(part[:, j] for part in motion), load[:, j], np.sign(motion[1][:, j]))
             found.append(_on_joint(rng, str(effect), plant.joints[j], own, float(typical[j])))
     return found
 
@@ -249,8 +250,9 @@ def _on_joint(
             size, angle = typical * float(rng.uniform(*SPRING)), float(rng.uniform(-np.pi, np.pi))
             return Hidden(effect, joint, sine=size * float(np.cos(angle)), cosine=size * float(np.sin(angle)))
         case "joint_spring":
-            unit, size = Hidden(effect, joint, stiffness=1.0, rest=float(rng.uniform(q.min(), q.max()))), (
-                typical * float(rng.uniform(*SPRING))
+            unit, size = (
+                Hidden(effect, joint, stiffness=1.0, rest=float(rng.uniform(q.min(), q.max()))),
+                (typical * float(rng.uniform(*SPRING))),
             )
             return replace(unit, stiffness=size / _rms(unit.torque(*motion)))
     (field,) = FIELDS[effect].values()

@@ -134,10 +134,10 @@ class World:
         """See `measured`; readings of single joints are not late."""
         load = self.load(truth)
         q, v, a = self.motor(load)
-        torque = load + self.drive.torque(q, v)
+        torque, way = load + self.drive.torque(q, v), self.drive.sliding(v)
         for hidden in truth:
             j = self.plant.joints.index(hidden.joint)
-            torque[:, j] += hidden.torque(q[:, j], v[:, j], a[:, j], load[:, j])
+            torque[:, j] += hidden.torque(q[:, j], v[:, j], a[:, j], load[:, j], way[:, j])
         for hidden in truth:
             torque[:, self.plant.joints.index(hidden.joint)] *= hidden.gain
         for hidden in truth:
