@@ -22,7 +22,6 @@ follows new motions: its error against the true torque, over that of the model i
 """
 
 import argparse
-import json
 import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path

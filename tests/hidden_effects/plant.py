@@ -105,16 +105,25 @@ class World:
         return slice(edge, len(self.stamps) - edge)
 
     @cached_property
+    def _loads(self) -> dict[tuple[tuple[int, Lump], ...], np.ndarray]:
+        return {}
+
+    @cached_property
+    def _earlier(self) -> dict[float, "World"]:
+        return {}
+
+    @property
     def bare_load(self) -> np.ndarray:
         """(n, nj) torques that the links alone ask of the joints when the torques are taken, N m."""
-        return self.plant.torques(self.motion.at(self.stamps - self.drive.late), self.links, {})
+        return self.load()
 
     def load(self, truth: Sequence[Hidden] = ()) -> np.ndarray:
         """(n, nj) torques that the links, and what is on them, ask of the joints when the torques are taken, N m."""
-        lumps = {self.plant.joints.index(h.joint): h.lump for h in truth if h.lump is not None}
-        if not lumps:
-            return self.bare_load
-        return self.plant.torques(self.motion.at(self.stamps - self.drive.late), self.links, lumps)
+        lumps = tuple((self.plant.joints.index(h.joint), h.lump) for h in truth if h.lump is not None)
+        if lumps not in self._loads:
+            motion = self.motion.at(self.stamps - self.drive.late)
+            self._loads[lumps] = self.plant.torques(motion, self.links, dict(lumps))
+        return self._loads[lumps]
 
     def motor(self, load: np.ndarray) -> Derivatives:
         """The motors' (n, nj) motion: the links', and how far the joints' springs give way under the load."""
@@ -127,7 +136,9 @@ class World:
         q, torque = self._in_time(truth)
         for late in {hidden.late for hidden in truth if hidden.late}:
             joints = [self.plant.joints.index(hidden.joint) for hidden in truth if hidden.late == late]
-            torque[:, joints] = replace(self, stamps=self.stamps - late)._in_time(truth)[1][:, joints]
+            if late not in self._earlier:
+                self._earlier[late] = replace(self, stamps=self.stamps - late)
+            torque[:, joints] = self._earlier[late]._in_time(truth)[1][:, joints]
         return q, torque
 
     def _in_time(self, truth: Sequence[Hidden]) -> tuple[np.ndarray, np.ndarray]:
