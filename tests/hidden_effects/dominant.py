@@ -21,10 +21,21 @@ DRIFT = 0.05
 """Largest share by which a dominant friction differs between runs."""
 STEEP = 0.8
 """How far the middle of a joint's motion is at most from where its spring changes fastest, rad."""
-COUNT = {
-    "gravity_spring": 2, "joint_coulomb_friction": 1, "joint_viscous_friction": 1, "payload": 4, "torque_offset": 1,
-    "rotor_inertia": 1, "link_inertia": 10, "torque_gain": 1,
-}  # fmt: skip
+FIELDS = {
+    "joint_viscous_friction": {"coefficient": "viscous"},
+    "joint_coulomb_friction": {"torque": "coulomb"},
+    "joint_asymmetric_friction": {"positive": "positive", "negative": "negative"},
+    "joint_stribeck_friction": {"torque": "stribeck", "speed": "fading"},
+    "joint_load_friction": {"coefficient": "per_load"},
+    "rotor_inertia": {"inertia": "rotor"},
+    "torque_offset": {"torque": "offset"},
+    "torque_gain": {"error": "gain"},
+    "torque_delay": {"time": "late"},
+    "gravity_spring": {"sine": "sine", "cosine": "cosine"},
+    "joint_spring": {"stiffness": "stiffness", "rest": "rest"},
+}
+"""Of `Hidden`, by effect and by the name that armdyn's models have for them; what loads a link stands in its lump."""
+COUNT = {effect: len(fields) for effect, fields in FIELDS.items()} | {"payload": 4, "link_inertia": 10}
 """Numbers that describe an effect on one joint."""
 
 
@@ -46,9 +57,17 @@ class Hidden:
         joint: on which.
         viscous: N m s/rad.
         coulomb: N m.
+        positive: dry friction where the joint moves forwards, N m.
+        negative: likewise backwards, N m.
+        stribeck: dry friction that fades with the speed, N m.
+        fading: speed at which 1/e of that is left, rad/s.
+        per_load: dry friction per torque that the links ask for.
         rotor: kg m^2.
-        sine: of the spring, N m.
-        cosine: of the spring, N m.
+        sine: of the spring of zero free length, N m.
+        cosine: of the same, N m.
+        stiffness: of the linear spring, N m/rad.
+        rest: where that does not pull, rad.
+        late: of the reading, s.
         offset: of the reading, N m.
         gain: of the reading.
         lump: on the link that the joint moves.
@@ -58,9 +77,17 @@ class Hidden:
     joint: str
     viscous: float = 0.0
     coulomb: float = 0.0
+    positive: float = 0.0
+    negative: float = 0.0
+    stribeck: float = 0.0
+    fading: float = 0.1
+    per_load: float = 0.0
     rotor: float = 0.0
     sine: float = 0.0
     cosine: float = 0.0
+    stiffness: float = 0.0
+    rest: float = 0.0
+    late: float = 0.0
     offset: float = 0.0
     gain: float = 1.0
     lump: Lump | None = None
@@ -70,10 +97,29 @@ class Hidden:
         """Numbers that describe it."""
         return COUNT[self.effect]
 
-    def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """(n,) N m that it adds to the drive of its joint at the motor's motion."""
-        spring = self.sine * np.sin(q) + self.cosine * np.cos(q)
-        return self.viscous * v + self.coulomb * sliding(v) + self.rotor * a + spring
+    def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, load: np.ndarray, way: np.ndarray) -> np.ndarray:
+        """(n,) N m that it adds to the drive of its joint at the motor's motion, `way` being the sign of v as dry
+        friction has it, and `load` what the links ask for."""
+        spring = self.sine * np.sin(q) + self.cosine * np.cos(q) + self.stiffness * (q - self.rest)
+        dry = self.coulomb + self.stribeck * np.exp(-((v / self.fading) ** 2)) + self.per_load * np.abs(load)
+        dry = dry + np.where(v > 0.0, self.positive, self.negative)
+        return self.viscous * v + dry * way + self.rotor * a + spring
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Its numbers by the name that armdyn's models have for them."""
+        if self.lump is not None:
+            return dict(zip(("mass", "x", "y", "z"), (self.lump.mass, *self.lump.place), strict=True))
+        found = {short: float(getattr(self, field)) for short, field in FIELDS[self.effect].items()}
+        return {"error": self.gain - 1.0} if self.effect == "torque_gain" else found
+
+    def changed(self, short: str, by: float) -> "Hidden":
+        """With one of `values` larger by so much."""
+        if self.lump is None:
+            field = FIELDS[self.effect][short]
+            return replace(self, **{field: getattr(self, field) + by})
+        mass, *place = (value + by * (name == short) for name, value in self.values.items())
+        return replace(self, lump=replace(self.lump, mass=mass, place=tuple(place)))
 
     def drifted(self, rng: np.random.Generator) -> "Hidden":
         """As in another run: friction is never twice the same."""
@@ -144,7 +190,7 @@ def _drawn(rng: np.random.Generator, effect: str, joints: Joints, taken: set[int
             "rotor_inertia": Hidden(effect, name, rotor=1.0),
             "torque_offset": Hidden(effect, name, offset=sign),
         }[effect]
-    size = wanted / _rms(unit.torque(q, v, a) + unit.offset)
+    size = wanted / _rms(unit.torque(q, v, a, joints.load[:, j], sliding(v)) + unit.offset)
     scaled = {key: size * getattr(unit, key) for key in ("viscous", "coulomb", "rotor", "sine", "cosine", "offset")}
     return replace(unit, **scaled)
 

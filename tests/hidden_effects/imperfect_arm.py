@@ -22,7 +22,7 @@ from .dominant import Hidden
 from .imperfections import Imperfections
 from .motions import KINDS
 from .plant import Plant, World
-from .single_effects import Atom, SingleEffects, numbers, score
+from .single_effects import Atom, SingleEffects, score
 
 POSITION_NOISE: Mapping[str, float] = {"baxter": 4e-4, "ur5": 5e-5, "panda": 1e-4}
 """Of the encoders by robot, rad."""
@@ -163,7 +163,7 @@ class Case:
     def _stands_out(self, hidden: Hidden) -> bool:
         mine = score(self.left[hidden.effect, hidden.joint]) - np.log(CLEARER)
         truth = {(h.effect, h.joint) for h in self.truth}
-        rivals = (a for a in self.left if a not in truth and numbers(a[0]) <= hidden.count)
+        rivals = (a for a in self.left if a not in truth and dominant.COUNT[a[0]] <= hidden.count)
         return all(mine <= score(self.left[rival]) for rival in rivals)
 
 

@@ -84,6 +84,7 @@ class Imperfections:
         late: how late torques are stamped, s.
         noise: of the torque before that low-pass, N m.
         position_noise: of the motor's encoder, rad.
+        presliding: speed below which friction fades, rad/s.
     """
 
     viscous: np.ndarray
@@ -96,6 +97,7 @@ class Imperfections:
     late: float
     noise: np.ndarray
     position_noise: float
+    presliding: float = PRESLIDING
 
     @classmethod
     def none(cls, count: int) -> "Imperfections":
@@ -132,7 +134,11 @@ class Imperfections:
 
     def torque(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """(n, nj) N m that the drive gives besides what moves the link, at motor positions and velocities (n, nj)."""
-        return self.viscous * v + self.coulomb * sliding(v) + self.cogging * np.sin(self.cogs * q + self.phase)
+        return self.viscous * v + self.coulomb * self.sliding(v) + self.cogging * np.sin(self.cogs * q + self.phase)
+
+    def sliding(self, v: np.ndarray) -> np.ndarray:
+        """Sign of the velocities [rad/s], fading below `presliding`."""
+        return np.clip(v / self.presliding, -1.0, 1.0) if self.presliding > 0.0 else np.sign(v)
 
     def read(self, torque: np.ndarray, rate: float, noise: np.ndarray | None = None) -> np.ndarray:
         """(n, nj) what is recorded of torques [N m] at `rate` [Hz], with standard normal `noise` (2, n, nj)."""

@@ -1,7 +1,7 @@
 """A robot whose links, joints and sensors may be imperfect, and what it records on a motion."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -105,16 +105,25 @@ class World:
         return slice(edge, len(self.stamps) - edge)
 
     @cached_property
+    def _loads(self) -> dict[tuple[tuple[int, Lump], ...], np.ndarray]:
+        return {}
+
+    @cached_property
+    def _earlier(self) -> dict[float, "World"]:
+        return {}
+
+    @property
     def bare_load(self) -> np.ndarray:
         """(n, nj) torques that the links alone ask of the joints when the torques are taken, N m."""
-        return self.plant.torques(self.motion.at(self.stamps - self.drive.late), self.links, {})
+        return self.load()
 
     def load(self, truth: Sequence[Hidden] = ()) -> np.ndarray:
         """(n, nj) torques that the links, and what is on them, ask of the joints when the torques are taken, N m."""
-        lumps = {self.plant.joints.index(h.joint): h.lump for h in truth if h.lump is not None}
-        if not lumps:
-            return self.bare_load
-        return self.plant.torques(self.motion.at(self.stamps - self.drive.late), self.links, lumps)
+        lumps = tuple((self.plant.joints.index(h.joint), h.lump) for h in truth if h.lump is not None)
+        if lumps not in self._loads:
+            motion = self.motion.at(self.stamps - self.drive.late)
+            self._loads[lumps] = self.plant.torques(motion, self.links, dict(lumps))
+        return self._loads[lumps]
 
     def motor(self, load: np.ndarray) -> Derivatives:
         """The motors' (n, nj) motion: the links', and how far the joints' springs give way under the load."""
@@ -124,15 +133,26 @@ class World:
 
     def measured(self, truth: Sequence[Hidden]) -> tuple[np.ndarray, np.ndarray]:
         """(n, nj) motor positions [rad] at the stamps and torques [N m], without noise and smoothing."""
+        q, torque = self._in_time(truth)
+        for late in {hidden.late for hidden in truth if hidden.late}:
+            joints = [self.plant.joints.index(hidden.joint) for hidden in truth if hidden.late == late]
+            if late not in self._earlier:
+                self._earlier[late] = replace(self, stamps=self.stamps - late)
+            torque[:, joints] = self._earlier[late]._in_time(truth)[1][:, joints]
+        return q, torque
+
+    def _in_time(self, truth: Sequence[Hidden]) -> tuple[np.ndarray, np.ndarray]:
+        """See `measured`; readings of single joints are not late."""
         load = self.load(truth)
         q, v, a = self.motor(load)
-        torque = load + self.drive.torque(q, v)
+        torque, way = load + self.drive.torque(q, v), self.drive.sliding(v)
         for hidden in truth:
             j = self.plant.joints.index(hidden.joint)
-            torque[:, j] += hidden.torque(q[:, j], v[:, j], a[:, j])
+            torque[:, j] += hidden.torque(q[:, j], v[:, j], a[:, j], load[:, j], way[:, j])
         for hidden in truth:
-            j = self.plant.joints.index(hidden.joint)
-            torque[:, j] = hidden.gain * torque[:, j] + hidden.offset
+            torque[:, self.plant.joints.index(hidden.joint)] *= hidden.gain
+        for hidden in truth:
+            torque[:, self.plant.joints.index(hidden.joint)] += hidden.offset
         if self.drive.late > 0.0:
             q = CubicSpline(self.stamps - self.drive.late, q)(self.stamps)
         return q, torque

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from .dominant import COUNT, Lump
+from .dominant import Lump
 from .imperfections import sliding
 from .plant import World
 
@@ -52,11 +52,6 @@ class SingleEffects:
 def score(left: np.ndarray) -> float:
     """Logarithm of what is left in training and in the held-out run, weighed alike; lower is better."""
     return 0.5 * float(np.log(0.5 * (left[0] + left[1])) + np.log(left[2]))
-
-
-def numbers(effect: str) -> int:
-    """How many describe an effect on one joint."""
-    return 2 if effect == "joint_asymmetric_friction" else COUNT[effect]
 
 
 def _terms(world: World, rows: slice) -> dict[Atom, np.ndarray]:

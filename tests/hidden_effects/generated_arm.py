@@ -1,0 +1,263 @@
+"""Recordings of robots with three to seven effects at once that their description lacks, drawn from a seed.
+
+Unlike those of `imperfect_arm`, these robots are as described but for what is hidden: all of it is in the catalogue and
+all of it is to be found, at any rate, of any length, in one recording or several. See `showing` for what may be hidden.
+"""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+
+import numpy as np
+
+from armdyn.run import Run
+from urdf import known_robots
+from urdf.find import distribution_file
+
+from .dominant import COUNT, FIELDS, Hidden, Lump
+from .imperfections import NOISE, PRESLIDING, SMOOTHING, Imperfections
+from .motions import KINDS
+from .plant import Plant, World
+
+ROBOTS = ("panda", "ur_description/urdf/ur10_robot.urdf", "kinova_description/robots/kinova.urdf", "talos_arm")
+"""Known by name, or by a file in example-robot-data."""
+RATES = (100.0, 250.0, 500.0, 1000.0)
+"""Samples per second."""
+SECONDS, SHORTEST, MOST_RUNS = (12.0, 120.0), 6.0, 6
+"""In total; of a run; runs."""
+EFFECTS = (*FIELDS, "payload")
+SEVERAL = (3, 7)
+"""Effects at once, by name."""
+ON_JOINTS = (1, 1, 2, 3)
+"""Joints of an effect, each as likely."""
+SHARE = (0.05, 0.3)
+"""Root mean square of a friction, an offset, a rotor's torque over the joint's typical torque."""
+SPRING = (0.2, 1.0)
+"""The same of a spring."""
+GAIN, LATE, PER_LOAD, FADING = (0.05, 0.2), (0.004, 0.03), (0.03, 0.15), (0.03, 0.15)
+"""Share, s, share, rad/s."""
+CARRIED = (0.005, 0.03)
+"""kg per N m of the largest effort limit: 0.4 to 2.6 kg on a Panda."""
+ENCODER = (3e-5, 3e-4)
+"""Noise of positions, rad."""
+LOW_PASSED = 0.25
+"""Share of the robots whose torque is low-passed."""
+LEAST_TYPICAL = 0.02
+"""Of the effort limit: typical torque of a joint that has hardly any load."""
+SHOWN = 50.0
+"""Nats that recordings must lose without an effect for it to be hidden: ten standard deviations."""
+THINNED = 500
+"""Samples of all runs that this is reckoned with."""
+STEP = 1e-3
+"""Of differences, in each number's unit."""
+
+
+@dataclass(frozen=True)
+class Robot:
+    """One robot, what is hidden in it, and what it recorded.
+
+    Attributes:
+        name: for `urdf.load`.
+        worlds: one for each run.
+        truth: what is hidden, joint by joint.
+        held_out: whether the last run is for choosing only.
+        seed: of everything that is random.
+    """
+
+    name: str
+    worlds: tuple[World, ...]
+    truth: tuple[Hidden, ...]
+    held_out: bool
+    seed: int
+
+    @property
+    def values(self) -> dict[str, float]:
+        """What is hidden, by the parameters' names in armdyn's models."""
+        return {
+            f"{hidden.effect}.{short}[{hidden.joint}]": value
+            for hidden in self.truth
+            for short, value in hidden.values.items()
+        }
+
+    def runs(self) -> list[Run]:
+        """What it recorded."""
+        rng = np.random.default_rng([self.seed, 1])
+        shapes = [(3, len(world.stamps), len(world.plant.joints)) for world in self.worlds]
+        return [
+            world.recorded(self.truth, rng.standard_normal(shape), f"run {i}")
+            for i, (world, shape) in enumerate(zip(self.worlds, shapes, strict=True))
+        ]
+
+    @property
+    def rate(self) -> float:
+        """Samples per second."""
+        return 1.0 / float(self.worlds[0].stamps[1] - self.worlds[0].stamps[0])
+
+    @property
+    def length(self) -> float:
+        """Of all runs, s."""
+        return sum(len(world.stamps) for world in self.worlds) / self.rate
+
+    def fresh(self) -> tuple[World, ...]:
+        """Motions of each kind that it has not recorded."""
+        rng, first = np.random.default_rng([self.seed, 2]), self.worlds[0]
+        return _moved(rng, first.plant, first.drive, list(KINDS), SECONDS[0], RATES[0])
+
+    def cut(self, rate: float, seconds: float, count: int) -> "Robot":
+        """The same robot on the beginning of its first motion, recorded at another rate, in so many runs."""
+        first, each = self.worlds[0], seconds / count
+        stamps = [k * each + np.arange(round(each * rate)) / rate for k in range(count)]
+        return replace(self, worlds=tuple(replace(first, stamps=mine) for mine in stamps), held_out=False)
+
+
+def generate(seed: int, *, effects: Collection[str] = EFFECTS, story: bool = False) -> Robot:
+    """One robot.
+
+    Args:
+        seed: kinds of robots and rates follow it in turn.
+        effects: that may be hidden.
+        story: whether it makes one motion as long as any, at the lowest rate, whose beginning shows what is hidden.
+    """
+    rng = np.random.default_rng([seed, 0])
+    robot, rate = ROBOTS[seed % len(ROBOTS)], RATES[0 if story else seed // len(ROBOTS) % len(RATES)]
+    name = robot if robot in known_robots() else str(distribution_file("example-robot-data", robot))
+    plant = Plant(name)
+    total = SECONDS[1] if story else float(np.exp(rng.uniform(*np.log(SECONDS))))
+    most = min(MOST_RUNS, int(total / SHORTEST))
+    count = 1 if story else int(rng.choice([1, rng.integers(1, most, endpoint=True)]))
+    kinds = [list(KINDS)[k] for k in rng.permuted(np.arange(count) % len(KINDS))]
+    drive = replace(
+        Imperfections.none(len(plant.joints)),
+        noise=plant.effort * rng.uniform(*NOISE, len(plant.joints)),
+        position_noise=rng.uniform(*ENCODER),
+        smoothing=rng.uniform(*SMOOTHING) if rng.random() < LOW_PASSED else np.inf,
+        presliding=np.random.default_rng([seed, 3]).uniform(0.0, PRESLIDING),
+    )
+    bare = Robot(name, (), (), bool(count > 2 and rng.random() < 0.5), seed)
+    bare = replace(bare, worlds=_moved(rng, plant, drive, ["moves"] if story else kinds, total / count, rate))
+    training = bare.cut(rate, SECONDS[0], 1).worlds if story else bare.worlds[: count - bare.held_out]
+    while True:
+        truth = showing(training, _drawn(rng, training, effects))
+        if len({hidden.effect for hidden in truth}) >= SEVERAL[0]:
+            return replace(bare, truth=truth)
+
+
+def _moved(
+    rng: np.random.Generator, plant: Plant, drive: Imperfections, kinds: Sequence[str], seconds: float, rate: float
+) -> tuple[World, ...]:
+    """A run of `seconds` for each kind of motion, in other regions one after the other."""
+    rooms, stamps = plant.rooms(rng), np.arange(round(seconds * rate)) / rate
+    motions = [KINDS[kind](rng, rooms[k % len(rooms)], seconds) for k, kind in enumerate(kinds)]
+    return tuple(World(plant, plant.described, drive, motion, stamps) for motion in motions)
+
+
+def showing(worlds: Sequence[World], truth: Sequence[Hidden]) -> tuple[Hidden, ...]:
+    """Those of hidden effects that motions can show.
+
+    At the truth, recordings must lose more than `SHOWN` nats where an effect on one joint is left out, whatever all
+    the others then are and whichever single effect of the catalogue with no more numbers comes in its place.
+    """
+    thin = max(1, sum(len(world.stamps) for world in worlds) // THINNED)
+    weigh = np.sqrt(thin) / worlds[0].drive.noise
+    coarse = [replace(world, stamps=world.stamps[::thin]) for world in worlds]
+
+    def reading(hidden: Sequence[Hidden]) -> np.ndarray:
+        return np.concatenate([(world.measured(hidden)[1] * weigh).ravel() for world in coarse])
+
+    def slopes(of: Hidden, beside: Sequence[Hidden]) -> np.ndarray:
+        here = reading((*beside, of))
+        columns = [(reading((*beside, of.changed(short, STEP))) - here) / STEP for short in of.values]
+        return np.stack(columns, axis=1)
+
+    left, rivals = list(truth), {joint: _rivals(joint) for joint in {hidden.joint for hidden in truth}}
+    other = {one: slopes(one, left) for one in chain(*rivals.values())}
+    while left:
+        here = reading(left)
+        own = {hidden: slopes(hidden, [h for h in left if h is not hidden]) for hidden in left}
+        nats = {}
+        for hidden in left:
+            rest = [h for h in left if h is not hidden]
+            missing, beside = here - reading(rest), [own[h] for h in rest]
+            taken = {h.effect for h in rest if h.joint == hidden.joint}
+            instead = [r for r in rivals[hidden.joint] if r.effect not in taken | {hidden.effect}]
+            places = [[], *([other[r]] for r in instead if COUNT[r.effect] <= hidden.count)]
+            nats[hidden] = min(0.5 * _left_by([*beside, *place], missing) for place in places)
+        weakest = min(left, key=lambda hidden: nats[hidden])
+        if nats[weakest] > SHOWN:
+            break
+        left.remove(weakest)
+    return tuple(left)
+
+
+def _left_by(columns: Sequence[np.ndarray], target: np.ndarray) -> float:
+    """Squares that (n, k) columns leave of an (n,) target."""
+    if not columns:
+        return float(target @ target)
+    all_columns = np.hstack(columns)
+    all_columns = all_columns / np.maximum(np.linalg.norm(all_columns, axis=0), np.finfo(float).tiny)
+    rest = target - all_columns @ np.linalg.lstsq(all_columns, target, rcond=1e-9)[0]
+    return float(rest @ rest)
+
+
+def _rivals(joint: str) -> list[Hidden]:
+    """Every effect on a joint, small, to be held against what is hidden."""
+    small = {field: 1e-6 for fields in FIELDS.values() for field in fields.values()}
+    small |= {"gain": 1.0, "fading": 0.1, "stiffness": 1.0}
+    return [Hidden(effect, joint, **{f: small[f] for f in fields.values()}) for effect, fields in FIELDS.items()]
+
+
+def _drawn(rng: np.random.Generator, worlds: Sequence[World], effects: Collection[str]) -> list[Hidden]:
+    """Some effects, each on some joints, in sizes that follow the joints' typical torque."""
+    plant, thin = worlds[0].plant, max(1, sum(len(world.stamps) for world in worlds) // THINNED)
+    coarse = [replace(world, stamps=world.stamps[::thin]) for world in worlds]
+    motion = tuple(np.concatenate(part) for part in zip(*(w.motion.at(w.stamps) for w in coarse), strict=True))
+    load = np.concatenate([world.bare_load for world in coarse])
+    typical = np.maximum(np.sqrt(np.mean(load**2, axis=0)), LEAST_TYPICAL * plant.effort)
+    names = rng.permutation(list(effects))[: rng.integers(*SEVERAL, endpoint=True)]
+    found = []
+    for effect in names:
+        if effect == "payload":
+            place = tuple(float(x) for x in rng.uniform((-0.05, -0.05, 0.05), (0.05, 0.05, 0.15)))
+            mass = float(plant.effort.max() * rng.uniform(*CARRIED))
+            found.append(Hidden("payload", plant.joints[-1], lump=Lump(mass, place)))
+            continue
+        for j in rng.choice(len(plant.joints), int(rng.choice(ON_JOINTS)), replace=False):
+            own = (*(part[:, j] for part in motion), load[:, j], np.sign(motion[1][:, j]))
+            found.append(_on_joint(rng, str(effect), plant.joints[j], own, float(typical[j])))
+    return found
+
+
+def _on_joint(
+    rng: np.random.Generator, effect: str, joint: str, motion: tuple[np.ndarray, ...], typical: float
+) -> Hidden:
+    """An effect in the size that a real joint with this motion and typical torque has."""
+    sign, size = float(rng.choice([-1.0, 1.0])), typical * float(rng.uniform(*SHARE))
+    q = motion[0]
+    match effect:
+        case "torque_gain":
+            return Hidden(effect, joint, gain=1.0 + sign * float(rng.uniform(*GAIN)))
+        case "torque_delay":
+            return Hidden(effect, joint, late=float(rng.uniform(*LATE)))
+        case "joint_load_friction":
+            return Hidden(effect, joint, per_load=float(rng.uniform(*PER_LOAD)))
+        case "torque_offset":
+            return Hidden(effect, joint, offset=sign * size)
+        case "joint_asymmetric_friction":
+            return Hidden(effect, joint, positive=size, negative=size * float(rng.uniform(0.3, 0.8)))
+        case "joint_stribeck_friction":
+            return Hidden(effect, joint, stribeck=size, fading=float(rng.uniform(*FADING)))
+        case "gravity_spring":
+            size, angle = typical * float(rng.uniform(*SPRING)), float(rng.uniform(-np.pi, np.pi))
+            return Hidden(effect, joint, sine=size * float(np.cos(angle)), cosine=size * float(np.sin(angle)))
+        case "joint_spring":
+            unit, size = (
+                Hidden(effect, joint, stiffness=1.0, rest=float(rng.uniform(q.min(), q.max()))),
+                (typical * float(rng.uniform(*SPRING))),
+            )
+            return replace(unit, stiffness=size / _rms(unit.torque(*motion)))
+    (field,) = FIELDS[effect].values()
+    return Hidden(effect, joint, **{field: size / _rms(Hidden(effect, joint, **{field: 1.0}).torque(*motion))})
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
