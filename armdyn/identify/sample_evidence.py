@@ -35,18 +35,21 @@ class SampleEvidence:
         folds: the runs that are predicted.
         level: (U,) variance that the richest model leaves, at least the noise.
         independent: (U,) independent samples in it.
-        limited: share of what the richest model leaves that is more than noise: 0 noise-limited, 1 model-limited.
+        beyond: (c,) share of what the richest model leaves of each channel that was measured that is more than noise.
+        limited: their mean: 0 noise-limited, 1 model-limited.
     """
 
     level: np.ndarray
     independent: np.ndarray
+    beyond: np.ndarray
     limited: float
 
     def __init__(self, solver: Solver) -> None:
         self.solver, self.sums, self._always = solver, solver.sums, solver.always
         sums = self.sums
         self._typical = np.minimum(sums.problem.typical, sums.width)
-        self._by_channel = [np.flatnonzero(sums.training & (sums.channel == i)) for i in range(len(sums.channels))]
+        by_channel = (np.flatnonzero(sums.training & (sums.channel == i)) for i in range(len(sums.channels)))
+        self._by_channel = [units for units in by_channel if len(units)]
         self.training = np.flatnonzero(sums.training)
         self._owner = np.array([-1 if c.run is None else c.run for c in sums.problem.columns])
         training = tuple(np.flatnonzero(np.isin(np.arange(len(sums.runs)), sums.run[sums.training])))
@@ -60,7 +63,7 @@ class SampleEvidence:
     def measure(self, left: Mapping[int, np.ndarray]) -> None:
         """Take levels and independent samples from the residual of every training unit in the best model there is."""
         self.level, self.independent = self._levels(left), independent_samples(self.sums, left)
-        self.limited = self._beyond_noise()
+        self.beyond, self.limited = self._beyond_noise()
         self.solver.weigh(self.independent / (self.sums.count * self.level))
 
     def _levels(self, left: Mapping[int, np.ndarray]) -> np.ndarray:
@@ -70,14 +73,10 @@ class SampleEvidence:
             error[unit] = np.mean(residual**2)
         return level_of(self.sums, error)
 
-    def _beyond_noise(self) -> float:
-        """Share of what the richest model leaves that is more than noise, the mean over channels.
-
-        A shoulder whose torque is noisy hides nothing of what an elbow's shows.
-        """
-        channels = [units for units in self._by_channel if len(units)]
-        noise = [np.sum(self.sums.noise[units] ** 2) / np.sum(self.level[units]) for units in channels]
-        return max(0.0, 1.0 - NOISY * float(np.mean(noise)))
+    def _beyond_noise(self) -> tuple[np.ndarray, float]:
+        """`beyond` and `limited`: a shoulder whose torque is noisy hides nothing of what an elbow's shows."""
+        noise = [np.sum(self.sums.noise[units] ** 2) / np.sum(self.level[units]) for units in self._by_channel]
+        return np.maximum(0.0, 1.0 - NOISY * np.array(noise)), max(0.0, 1.0 - NOISY * float(np.mean(noise)))
 
     def inside(self, one: Subset, change: np.ndarray, effective: np.ndarray) -> bool:
         """Whether no effect explains what it does by a value that the runs pull beyond a bound.
@@ -93,15 +92,14 @@ class SampleEvidence:
         pull = (slope[C] - G[C[:, None], C] @ effective)[on]
         return bool(np.all(0.5 * pull**2 / np.diag(G)[C[on]] < SURE))
 
-    def log_likelihood(self, error: np.ndarray) -> float:
-        """Of training units with (t,) mean squared errors, with one variance of the model's own for each channel."""
+    def log_likelihood(self, error: np.ndarray) -> np.ndarray:
+        """(c,) of each channel, of training units with (t,) mean squared errors, with a variance of the model's own."""
         s = self.sums
         ratio = np.zeros(len(s.count))
         ratio[self.training] = error / s.noise[self.training] ** 2
-        channels = [units for units in self._by_channel if len(units)]
-        mean = np.array([np.average(ratio[units], weights=s.count[units]) for units in channels])
-        samples = np.array([self.independent[units].sum() for units in channels])
-        return -0.5 * float(samples @ misfit_of(mean))
+        mean = np.array([np.average(ratio[units], weights=s.count[units]) for units in self._by_channel])
+        samples = np.array([self.independent[units].sum() for units in self._by_channel])
+        return -0.5 * samples * misfit_of(mean)
 
     def freedom(self, columns: np.ndarray, change: np.ndarray, units: np.ndarray) -> tuple[float, float]:
         """Nats that the freedom of a set's own unknowns costs in units (u,), and how many of them these determine."""

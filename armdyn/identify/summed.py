@@ -85,7 +85,7 @@ class Summed(Appraiser):
         columns, free = one.columns, one.free
         change, effective = solver.minimum(one, known.training)
         left = solver.sums.errors(columns, effective, known.training)
-        likelihood = known.log_likelihood(left) - known.against_priors(columns, change)
+        likelihood = float(known.log_likelihood(left).sum()) - known.against_priors(columns, change)
         occam, values = known.freedom(columns[free], change[free], known.training)
         whole = solver.cost(one, change, effective, known.training)
         foretold = [known.predicted(one, change, whole, fold) for fold in known.folds]
@@ -144,10 +144,12 @@ class Summed(Appraiser):
     def useful(self, more: Appraisal, fewer: Appraisal) -> bool:
         """Whether the further values of a set explain enough beside what `fewer` explain, or most of what these leave.
 
-        Returns diminish. Training counts as much as held-out runs: what is strong in one kind of motion may be weak in
-        another, and small errors beside it are small all the same.
+        Returns diminish where the model's own error is left; what channels say of which only noise is left is believed
+        as it is. Training counts as much as held-out runs: what is strong in one kind of motion may be weak in another,
+        and small errors beside it are small all the same.
         """
-        if self.limited == 0.0:
+        before, after = (self._evidence.log_likelihood(one.errors) for one in (fewer, more))
+        if (1.0 - self._evidence.beyond) @ (after - before) >= more.price - fewer.price:
             return True
         had = int(np.sum(fewer.free) - np.sum(self._always))
         further = int(np.sum(more.free) - np.sum(fewer.free))
