@@ -13,6 +13,8 @@ from armdyn.smoothing import FEWEST, ORDERS, Choice, Curve, Rates, best_smoothin
 
 SHARPEST = 1e-3
 """Of a joint's speed: the least noise that its velocity is taken to have."""
+CERTAIN = 0.99
+"""Expected sign of a velocity from which its sign is known."""
 CREEP = 1e-3
 """rad/s, and a tenth of it in m/s: a slower joint creeps within what its gears and the bristles of its friction bend,
 and the direction of its friction is not that of its velocity (Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica
@@ -48,12 +50,22 @@ class JointCurve:
         choice: how the measured position was smoothed.
         interval: between its samples, s.
         speed_noise: by how much its smoothed velocity is off, as far as friction is concerned, rad/s or m/s.
+        stands: whether it stands still for most of the recording.
     """
 
     curve: Curve
     choice: Choice
     interval: float
     speed_noise: float
+    stands: bool
+
+    def direction(self, velocity: np.ndarray) -> np.ndarray:
+        """(n,) expected sign of (n,) velocities; one that is not known is none where the joint stands most of the time.
+
+        What a joint at rest is held by is no friction that a motion shows.
+        """
+        expected = expected_sign(velocity, self.speed_noise)
+        return np.where(np.abs(expected) < CERTAIN, 0.0, expected) if self.stands else expected
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,17 +80,17 @@ class MeasuredMotion:
         """The motion at (n,) times; outside the recording the arm is where it was at its end."""
         inside = np.clip(time, self.start, self.end)
         q, v, a = (np.column_stack([j.curve(inside, k)[:, 0] for j in self.joints]) for k in range(3))
-        noise = np.array([j.speed_noise for j in self.joints])
-        return Motion(time, q, v, a, _expected_sign(v, noise))
+        ways = [j.direction(v[:, i]) for i, j in enumerate(self.joints)]
+        return Motion(time, q, v, a, np.column_stack(ways))
 
     def direction(self, joint: int, time: np.ndarray) -> np.ndarray:
         """(n,) expected sign of one joint's velocity at (n,) times."""
         path = self.joints[joint]
-        return _expected_sign(path.curve(np.clip(time, self.start, self.end), 1)[:, 0], path.speed_noise)
+        return path.direction(path.curve(np.clip(time, self.start, self.end), 1)[:, 0])
 
 
-def _expected_sign(velocity: np.ndarray, noise: np.ndarray | float) -> np.ndarray:
-    """Of a velocity that is known with normal noise."""
+def expected_sign(velocity: np.ndarray, noise: float) -> np.ndarray:
+    """Of (n,) velocities that are known with normal noise."""
     return np.asarray(erf(velocity / (np.sqrt(2.0) * noise)))
 
 
@@ -122,7 +134,8 @@ def _joint_curve(run: Run, name: str) -> JointCurve:
     speed = float(np.sqrt(np.mean(curve(q.time, 1) ** 2)))
     creep = 0.1 * CREEP if q.unit == "m" else CREEP
     noise = max(derivative_noise(choice, interval, 1), SHARPEST * speed, creep)
-    return JointCurve(curve, choice, interval, noise)
+    moving = np.abs(expected_sign(curve(q.time, 1)[:, 0], noise)) >= CERTAIN
+    return JointCurve(curve, choice, interval, noise, bool(np.mean(moving) < 0.5))
 
 
 def _rates(run: Run, name: str) -> Sequence[Rates]:

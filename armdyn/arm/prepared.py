@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from armdyn.arm.motion import MeasuredMotion, measured_motion
+from armdyn.arm.motion import CERTAIN, MeasuredMotion, measured_motion
 from armdyn.channels import MIN_SAMPLES, Channel
 from armdyn.errors import InputError
 from armdyn.preparation import Preparation
@@ -93,8 +93,6 @@ def _spectrum(stamps: np.ndarray, values: np.ndarray, interval: float) -> tuple[
 
 EDGE = 0.5
 """Periods of the cut-off that are left out at either end, where smoothing has neighbours on one side only."""
-CERTAIN = 0.99
-"""Expected sign of a velocity from which its sign is known."""
 BRIEF = 0.25
 """Periods of the cut-off; a gap that is shorter leaves the low-passed torque as it was."""
 
@@ -150,8 +148,8 @@ def prepare(run: Run, model: pin.Model, joints: tuple[str, ...], measured: tuple
         stamps, values = _inside(run, name, motion)
         choice = best_smoothing(stamps, values)
         cutoff = cutoff_of(stamps, values, choice, brought_in[j])
-        time = _thinned(stamps, cutoff)
         known = settled(motion, j, stamps, cutoff)
+        time = _thinned(stamps, known, cutoff)
         low = LowPass(Samples(stamps[known], UNDISTORTED / cutoff), cutoff)
         channels[name] = Channel(time, low.curve(values[known])(time)[:, 0], raw.unit)
         # Thinned samples vary too much to show their noise; the recording at its own rate does.
@@ -209,13 +207,16 @@ def _inside(run: Run, name: str, motion: MeasuredMotion) -> tuple[np.ndarray, np
 
 
 def settled(motion: MeasuredMotion, joint: int, stamps: np.ndarray, cutoff: float) -> np.ndarray:
-    """(n,) bool: samples at which the direction of motion is known, and those where the joint stands still for long.
+    """(n,) bool: samples at which the direction of motion is known; of a joint that stands most of the time, its rests.
 
     Where a joint turns round, its dry friction changes sign at a moment that is less certain than the stamps: one
     sample of a friction that is 25 times the noise, on the wrong side, is an error of 3 standard deviations after the
-    low-pass. Those few samples are left out of the measured and of the predicted torque.
+    low-pass. Those few samples are left out of the measured and of the predicted torque. At rest, friction is anything
+    up to what breaks it loose: rests are left out as well, but of a joint that hardly does anything else.
     """
     uncertain = np.abs(motion.direction(joint, stamps)) < CERTAIN
+    if not motion.joints[joint].stands:
+        return ~uncertain
     edges = np.flatnonzero(np.diff(np.concatenate([[False], uncertain, [False]]).astype(int)))
     for begin, end in edges.reshape(-1, 2):
         if stamps[end - 1] - stamps[begin] > BRIEF / cutoff:
@@ -223,13 +224,14 @@ def settled(motion: MeasuredMotion, joint: int, stamps: np.ndarray, cutoff: floa
     return ~uncertain
 
 
-def _thinned(stamps: np.ndarray, cutoff: float) -> np.ndarray:
-    """Even times at which a signal with this cut-off is sampled, without those in gaps of the stamps."""
+def _thinned(stamps: np.ndarray, known: np.ndarray, cutoff: float) -> np.ndarray:
+    """Even times at which a signal with this cut-off is sampled, without those in gaps of the `known` stamps."""
     step = 1.0 / (2.0 * WHITE * cutoff)
     edge = min(EDGE / cutoff, 0.1 * (stamps[-1] - stamps[0]))
     first, last = stamps[0] + edge, stamps[-1] - edge
     count = int((last - first) / step)
     time = first + (last - first - count * step) / 2.0 + step * np.arange(count + 1)
+    stamps = stamps[known]
     after = np.clip(np.searchsorted(stamps, time), 1, len(stamps) - 1)
     nearest = np.minimum(np.abs(time - stamps[after - 1]), np.abs(stamps[after] - time))
     return time[nearest <= step / 2.0]
