@@ -35,13 +35,15 @@ class SampleEvidence:
         folds: the runs that are predicted.
         level: (U,) variance that the richest model leaves, at least the noise.
         independent: (U,) independent samples in it.
-        beyond: (c,) share of what the richest model leaves of each channel that was measured that is more than noise.
-        limited: their mean: 0 noise-limited, 1 model-limited.
+        imitable: (c,) nats that may be gained at most, in each channel that was measured, from what the richest model
+            leaves beyond the noise.
+        limited: share of what it leaves that is more than noise, the mean over channels: 0 noise-limited, 1
+            model-limited.
     """
 
     level: np.ndarray
     independent: np.ndarray
-    beyond: np.ndarray
+    imitable: np.ndarray
     limited: float
 
     def __init__(self, solver: Solver) -> None:
@@ -60,23 +62,33 @@ class SampleEvidence:
             for run in runs
         )
 
-    def measure(self, left: Mapping[int, np.ndarray]) -> None:
-        """Take levels and independent samples from the residual of every training unit in the best model there is."""
-        self.level, self.independent = self._levels(left), independent_samples(self.sums, left)
-        self.beyond, self.limited = self._beyond_noise()
+    def measure(self, left: Mapping[int, np.ndarray], values: float) -> None:
+        """Take levels and independent samples from the best model there is.
+
+        Args:
+            left: residual of every training unit there.
+            values: numbers that the runs determine there; as many samples follow any noise.
+        """
+        samples = float(np.sum(self.sums.count[self.training]))
+        self.level = self._levels(left, samples / max(samples - values, 0.5 * samples))
+        self.independent = independent_samples(self.sums, left)
+        self.imitable, self.limited = self._beyond_noise()
         self.solver.weigh(self.independent / (self.sums.count * self.level))
 
-    def _levels(self, left: Mapping[int, np.ndarray]) -> np.ndarray:
-        """(U,) variance of each channel from the residual of every training unit, at least its noise's."""
+    def _levels(self, left: Mapping[int, np.ndarray], larger: float) -> np.ndarray:
+        """(U,) `larger` times the variance of each channel from the residual of every training unit, at least its noise's."""
         error = np.zeros(len(self.sums.count))
         for unit, residual in left.items():
-            error[unit] = np.mean(residual**2)
+            error[unit] = larger * np.mean(residual**2)
         return level_of(self.sums, error)
 
     def _beyond_noise(self) -> tuple[np.ndarray, float]:
-        """`beyond` and `limited`: a shoulder whose torque is noisy hides nothing of what an elbow's shows."""
-        noise = [np.sum(self.sums.noise[units] ** 2) / np.sum(self.level[units]) for units in self._by_channel]
-        return np.maximum(0.0, 1.0 - NOISY * np.array(noise)), max(0.0, 1.0 - NOISY * float(np.mean(noise)))
+        """`imitable` and `limited`: a shoulder whose torque is noisy hides nothing of what an elbow's shows."""
+        noise = NOISY * np.array(
+            [np.sum(self.sums.noise[units] ** 2) / np.sum(self.level[units]) for units in self._by_channel]
+        )
+        samples = np.array([self.independent[units].sum() for units in self._by_channel])
+        return 0.5 * samples * np.log(np.maximum(1.0 / noise, 1.0)), max(0.0, 1.0 - float(np.mean(noise)))
 
     def inside(self, one: Subset, change: np.ndarray, effective: np.ndarray) -> bool:
         """Whether no effect explains what it does by a value that the runs pull beyond a bound.

@@ -56,7 +56,7 @@ class Summed(Appraiser):
         measured = [next(r.channels[c].unit for r in sums.problem.runs if c in r.channels) for c in sums.channels]
         self._importance = np.ones(len(sums.count)) if len(set(measured)) == 1 else sums.noise**-2.0
         self._kinds = np.array([sorted(set(measured)).index(unit) for unit in measured])
-        self._evidence.measure(self._richest())
+        self._evidence.measure(*self._richest())
         self.limited = self._evidence.limited
 
     def values(self, one: Appraisal) -> np.ndarray:
@@ -149,7 +149,7 @@ class Summed(Appraiser):
         and small errors beside it are small all the same.
         """
         before, after = (self._evidence.log_likelihood(one.errors) for one in (fewer, more))
-        if (1.0 - self._evidence.beyond) @ (after - before) >= more.price - fewer.price:
+        if np.maximum(after - before - self._evidence.imitable, 0.0).sum() >= more.price - fewer.price:
             return True
         had = int(np.sum(fewer.free) - np.sum(self._always))
         further = int(np.sum(more.free) - np.sum(fewer.free))
@@ -253,8 +253,8 @@ class Summed(Appraiser):
         result[C] = width * np.sqrt(np.diag(inverse_of_at_least_one(G + np.eye(len(C)))))
         return result
 
-    def _richest(self) -> dict[int, np.ndarray]:
-        """Residual of every training unit in the model with all effects."""
+    def _richest(self) -> tuple[dict[int, np.ndarray], float]:
+        """Residual of every training unit in the model with all effects, and how many numbers the runs determine."""
         s = self.sums
         whole = self._solver.subset(self.candidates)
         every, units = whole.columns, self._training
@@ -267,4 +267,5 @@ class Summed(Appraiser):
                 # Where errors grow from swing to swing, bounds leave a linear answer that is worse than none.
                 change, error = np.zeros(len(every)), still
             level = level_of(s, error)
-        return {unit: s.residual(unit, every, change) for unit in units.tolist()}
+        _, values = self._evidence.freedom(every[whole.free], change[whole.free], units)
+        return {unit: s.residual(unit, every, change) for unit in units.tolist()}, values
