@@ -46,6 +46,8 @@ LEAST_TYPICAL = 0.02
 """Of the effort limit: typical torque of a joint that has hardly any load."""
 SHOWN = 50.0
 """Nats that recordings must lose without an effect for it to be hidden: ten standard deviations."""
+STILL = 0.01
+"""rad/s; what a joint reads below it is no evidence: a friction that holds may be anything."""
 THINNED = 500
 """Samples of all runs that this is reckoned with."""
 STEP = 1e-3
@@ -158,11 +160,12 @@ def showing(worlds: Sequence[World], truth: Sequence[Hidden]) -> tuple[Hidden, .
     the others then are and whichever single effect of the catalogue with no more numbers comes in its place.
     """
     thin = max(1, sum(len(world.stamps) for world in worlds) // THINNED)
-    weigh = np.sqrt(thin) / worlds[0].drive.noise
     coarse = [replace(world, stamps=world.stamps[::thin]) for world in worlds]
+    moving = np.vstack([np.abs(world.motion.at(world.stamps)[1]) > STILL for world in coarse])
+    weigh = (np.sqrt(thin) / worlds[0].drive.noise * moving).ravel()
 
     def reading(hidden: Sequence[Hidden]) -> np.ndarray:
-        return np.concatenate([(world.measured(hidden)[1] * weigh).ravel() for world in coarse])
+        return weigh * np.concatenate([world.measured(hidden)[1].ravel() for world in coarse])
 
     def slopes(of: Hidden, beside: Sequence[Hidden]) -> np.ndarray:
         here = reading((*beside, of))
