@@ -5,6 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+STILL = 0.01
+"""Share of a recording during which a joint surely moves, below which a person is told that it hardly does."""
+
 
 @dataclass(frozen=True)
 class Preparation:
@@ -18,6 +21,7 @@ class Preparation:
         recorded_rate: samples as they were recorded, 1/s.
         recorded: number of them.
         left_out: share of the recorded samples at which it is not known which way the joint turns.
+        moving: share of those at which it is known.
     """
 
     cutoff: float
@@ -27,6 +31,7 @@ class Preparation:
     recorded_rate: float
     recorded: int
     left_out: float
+    moving: float
 
 
 def of_all_runs(runs: Iterable[Mapping[str, Preparation]]) -> dict[str, Preparation]:
@@ -49,7 +54,14 @@ def sentence(prepared: Mapping[str, Preparation]) -> str:
         f"{_range([p.position_cutoff for p in every])} Hz, noise above): {_range([p.rate for p in every])} samples per "
         f"second of {_range([p.recorded_rate for p in every])} hold all of that"
     )
-    return text + (f"; {100 * left_out:.2g} % are left out where a joint turns round." if left_out > 0.0 else ".")
+    text += f"; {100 * left_out:.2g} % are left out where a joint turns round or rests." if left_out > 0.0 else "."
+    still = [channel.partition(".")[2] for channel, done in prepared.items() if done.moving < STILL]
+    if still:
+        names = " and ".join(part for part in (", ".join(still[:-1]), still[-1]) if part)
+        text += (
+            f" {names} hardly move{'s' if len(still) == 1 else ''}: these runs show no friction or rotor inertia there."
+        )
+    return text
 
 
 def _together(every: Sequence[Preparation]) -> Preparation:
@@ -62,6 +74,7 @@ def _together(every: Sequence[Preparation]) -> Preparation:
         recorded_rate=min(p.recorded_rate for p in every),
         recorded=recorded,
         left_out=sum(p.left_out * p.recorded for p in every) / recorded,
+        moving=sum(p.moving * p.recorded for p in every) / recorded,
     )
 
 

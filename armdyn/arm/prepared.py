@@ -164,6 +164,7 @@ def prepare(run: Run, model: pin.Model, joints: tuple[str, ...], measured: tuple
             recorded_rate=float((len(raw) - 1) / (raw.time[-1] - raw.time[0])),
             recorded=len(raw),
             left_out=float(np.mean(~known)),
+            moving=float(np.mean(np.abs(motion.direction(j, stamps)) >= CERTAIN)),
         )
     for i, joint in enumerate(joints):
         channels |= _smooth_channels(run.channels[f"q.{joint}"], joint, motion.joints[i].curve)

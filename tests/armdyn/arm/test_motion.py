@@ -27,3 +27,27 @@ def test_a_joint_at_rest_has_no_friction_whose_sign_is_noise():
     rests, moves = (measured_motion(one, JOINTS).direction(JOINTS.index("right_e0"), q.time) for one in (at_rest, run))
     assert np.abs(rests).max() < 0.1
     assert np.mean(np.abs(moves) > 0.99) > 0.95
+
+
+def _held(run, joint, begin, end):
+    """The run with a joint that rests from the fraction `begin` to `end` of the recording, with an encoder's noise."""
+    q = run.channels[f"q.{joint}"]
+    share, value = np.linspace(0.0, 1.0, len(q)), q.value.copy()
+    rests = (share > begin) & (share < end)
+    at = value[np.flatnonzero(rests)[0]]
+    value[rests] = at + 4e-4 * np.random.default_rng(0).standard_normal(int(rests.sum()))  # rad
+    value[share >= end] += at - value[np.flatnonzero(share >= end)[0]]
+    return replace(run, channels={**run.channels, f"q.{joint}": replace(q, value=value)})
+
+
+def test_rests_are_left_out_of_a_joint_that_moves_but_not_of_one_that_hardly_does():
+    run, joint = generate(None, 1.0, 0), JOINTS.index("right_e0")
+    time = run.channels["tau.right_e0"].time
+    share = np.linspace(0.0, 1.0, len(time))
+    moves, stands = (measured_motion(_held(run, "right_e0", 0.3, end), JOINTS) for end in (0.6, 0.99))
+    inside = (share > 0.35) & (share < 0.55)
+    assert not moves.joints[joint].stands
+    assert np.mean(settled(moves, joint, time, 10.0)[inside]) < 0.1
+    assert stands.joints[joint].stands
+    assert np.mean(settled(stands, joint, time, 10.0)[inside]) > 0.9
+    assert np.mean(stands.direction(joint, time[inside]) == 0.0) > 0.9
