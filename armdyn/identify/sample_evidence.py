@@ -76,7 +76,7 @@ class SampleEvidence:
         self.solver.weigh(self.independent / (self.sums.count * self.level))
 
     def _levels(self, left: Mapping[int, np.ndarray], larger: float) -> np.ndarray:
-        """(U,) `larger` times each channel's variance, from the residual of every training unit; at least the noise's."""
+        """(U,) `larger` times each channel's variance, from every training unit's residual; at least the noise's."""
         error = np.zeros(len(self.sums.count))
         for unit, residual in left.items():
             error[unit] = larger * np.mean(residual**2)
