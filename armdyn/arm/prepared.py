@@ -226,7 +226,10 @@ def settled(motion: MeasuredMotion, joint: int, stamps: np.ndarray, cutoff: floa
 
 
 def _thinned(stamps: np.ndarray, known: np.ndarray, cutoff: float) -> np.ndarray:
-    """Even times at which a signal with this cut-off is sampled, without those in gaps of the `known` stamps."""
+    """Even times at which a signal with this cut-off is sampled, without those in gaps of the `known` stamps.
+
+    Before and after a long one, such as a rest, a smoothed torque has neighbours on one side only, as at the ends.
+    """
     step = 1.0 / (2.0 * WHITE * cutoff)
     edge = min(EDGE / cutoff, 0.1 * (stamps[-1] - stamps[0]))
     first, last = stamps[0] + edge, stamps[-1] - edge
@@ -235,7 +238,12 @@ def _thinned(stamps: np.ndarray, known: np.ndarray, cutoff: float) -> np.ndarray
     stamps = stamps[known]
     after = np.clip(np.searchsorted(stamps, time), 1, len(stamps) - 1)
     nearest = np.minimum(np.abs(time - stamps[after - 1]), np.abs(stamps[after] - time))
-    return time[nearest <= step / 2.0]
+    time = time[nearest <= step / 2.0]
+    long = np.flatnonzero(np.diff(stamps) > EDGE / cutoff)
+    beside = np.zeros(len(time), dtype=bool)
+    for begin, end in zip(stamps[long] - edge, stamps[long + 1] + edge, strict=True):
+        beside |= (time > begin) & (time < end)
+    return time[~beside]
 
 
 def _smooth_channels(q: Channel, joint: str, curve: Curve) -> dict[str, Channel]:
