@@ -1,0 +1,58 @@
+"""Robots generated with hidden effects do what the catalogue says, and hide nothing that does not show."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hidden_effects.dominant import FIELDS, Hidden, Lump
+from hidden_effects.generated_arm import showing
+from hidden_effects.plant import perfect
+
+from armdyn.arm.model import arm_model
+from armdyn.effects.catalogue import CATALOGUE
+
+JOINT = "panda_joint4"
+HIDDEN = {
+    "joint_viscous_friction": Hidden("joint_viscous_friction", JOINT, viscous=2.0),
+    "joint_coulomb_friction": Hidden("joint_coulomb_friction", JOINT, coulomb=2.0),
+    "joint_asymmetric_friction": Hidden("joint_asymmetric_friction", JOINT, positive=2.0, negative=1.0),
+    "joint_stribeck_friction": Hidden("joint_stribeck_friction", JOINT, stribeck=2.0, fading=0.3),
+    "joint_load_friction": Hidden("joint_load_friction", JOINT, per_load=0.1),
+    "rotor_inertia": Hidden("rotor_inertia", JOINT, rotor=0.5),
+    "torque_offset": Hidden("torque_offset", JOINT, offset=-1.0),
+    "torque_gain": Hidden("torque_gain", JOINT, gain=1.1),
+    "torque_delay": Hidden("torque_delay", JOINT, late=0.03),
+    "gravity_spring": Hidden("gravity_spring", JOINT, sine=3.0, cosine=-2.0),
+    "joint_spring": Hidden("joint_spring", JOINT, stiffness=3.0, rest=-1.0),
+    "payload": Hidden("payload", "panda_joint7", lump=Lump(1.5, (0.02, -0.03, 0.1))),
+}
+
+
+@pytest.mark.parametrize("effect", HIDDEN)
+def test_hidden_values_are_those_of_the_model_that_predicts_the_recording(effect: str) -> None:
+    hidden = HIDDEN[effect]
+    world = perfect("panda", "multisine", 3, duration=12.0, rate=250.0)
+    run = world.recorded([hidden], np.zeros((3, len(world.stamps), len(world.plant.joints))), effect)
+    given = arm_model(robot="panda")
+    values = {f"{effect}.{short}[{hidden.joint}]": value for short, value in hidden.values.items()}
+    told = given.with_effect(CATALOGUE[effect].on(hidden.joint)).with_values(values)
+    errors = {}
+    for name, model in (("given", given), ("told", told)):
+        ready = model.prepared(run)
+        found = model.predict(ready, model.theta())
+        rows = found.slices[f"tau.{JOINT}"]
+        errors[name] = np.sqrt(np.mean((ready.channels[f"tau.{JOINT}"].value - found.values[rows]) ** 2))
+    assert errors["told"] < 0.05 * errors["given"]
+
+
+def test_every_effect_of_the_generator_is_looked_at() -> None:
+    assert HIDDEN.keys() == FIELDS.keys() | {"payload"}
+
+
+def test_what_others_do_as_well_does_not_show() -> None:
+    world = perfect("panda", "multisine", 3, duration=12.0)
+    world = replace(world, drive=replace(world.drive, noise=np.full(7, 0.05)))
+    asymmetric, offset = HIDDEN["joint_asymmetric_friction"], HIDDEN["torque_offset"]
+    assert len(showing([world], [asymmetric, offset])) == 1
+    assert showing([world], [asymmetric, HIDDEN["payload"]]) == (asymmetric, HIDDEN["payload"])
+    assert showing([world], [Hidden("rotor_inertia", JOINT, rotor=1e-5)]) == ()
