@@ -77,17 +77,17 @@ def judged(mended: Repair, truth: set[Atom]) -> tuple[set[Atom], set[Atom]]:
     """Hidden effects that are not named, and named ones that are not hidden."""
     found = atoms(mended.steps[-1].effects)
     missed, false = truth - found, found - truth
-    for step in mended.steps:
-        for one in atoms(step.added) & false:
-            for other in [(tie, one[1]) for tie, joint in atoms(step.tied) if joint == one[1]]:
-                if other in missed:
-                    missed, false = missed - {other}, false - {one}
     for one, parts in SAME_TORQUE.items():
         for joint in {joint for _, joint in truth | found}:
             whole, split = {(one, joint)}, {(part, joint) for part in parts}
             for said, hidden in ((whole, split), (split, whole)):
                 if hidden <= missed and said <= false:
                     missed, false = missed - hidden, false - said
+    for step in mended.steps:
+        for one in atoms(step.added) & false:
+            for other in [(tie, one[1]) for tie, joint in atoms(step.tied) if joint == one[1]]:
+                if other in missed:
+                    missed, false = missed - {other}, false - {one}
     return missed, false
 
 
