@@ -88,21 +88,34 @@ def search(study: Study, progress: Progress | None = None) -> Search:
     say = progress or (lambda _: None)
     say("fitting the model as it is")
     first = study.first()
-    choice = _by_sums(study, first, say) if study.model.linear else _by_evidence(study, first, say)
-    steps = [Step((), (), study.present, first, residual_tests(first, study.scores(first, study.present)))]
-    steps += _climbed(study, choice.appraiser, choice.whole, steps[0], choice.ahead, say, choice.appraiser.given)
-    steps = _to_fixed_point(study, steps, say) if study.model.linear else without_little(study, steps)
+    given = Step((), (), study.present, first, residual_tests(first, study.scores(first, study.present)))
+    if study.model.linear:
+        choice, steps = _whole_story(study, given, say, sparse=True)
+        if not study.leaves_noise(
+            steps[-1].fit
+        ):  # many small errors, of which only what is large beside them has a name
+            choice, steps = _whole_story(study, given, say, sparse=False)
+    else:
+        choice = _by_evidence(study, first, say)
+        steps = without_little(study, [given, *_climbed(study, choice.appraiser, choice.whole, given, first, say)])
     named = steps[min(1, len(steps) - 1)]
     return Search(tuple(steps), suspects(choice.given, choice.given.within(named.added), named.tied))
 
 
-def _to_fixed_point(study: Study, steps: list[Step], say: Progress) -> list[Step]:
+def _whole_story(study: Study, given: Step, say: Progress, sparse: bool) -> tuple["_Choice", list[Step]]:
+    """What was chosen for an arm around its fit as given, and the way to the fixed point; see `Summed` for `sparse`."""
+    choice = _by_sums(study, given.fit, say, sparse)
+    way = _climbed(study, choice.appraiser, choice.whole, given, choice.ahead, say, choice.appraiser.given)
+    return choice, _to_fixed_point(study, [given, *way], say, sparse)
+
+
+def _to_fixed_point(study: Study, steps: list[Step], say: Progress, sparse: bool) -> list[Step]:
     """The way with what is still found around its end, until nothing is: a repair of the repaired model adds nothing.
 
     What multiplies others, such as a delay of a spring's torque, shows where they are.
     """
     for _ in range(MOST_ROUNDS if len(steps) > 1 else 0):
-        around, last = study.appraiser(steps[-1].fit), steps[-1]
+        around, last = study.appraiser(steps[-1].fit, sparse), steps[-1]
         present = around.within(last.effects)
         if around.of(present).worth == -np.inf:
             break
@@ -177,7 +190,7 @@ def _at_null(fit: Fit, candidate: Candidate) -> np.ndarray:
     return fit.values[own] == fit.problem.null[own]
 
 
-def _by_sums(study: Study, first: Fit, say: Progress) -> _Choice:
+def _by_sums(study: Study, first: Fit, say: Progress, sparse: bool) -> _Choice:
     """The set chosen by sums, and the fit around which they are."""
     starts: list[tuple[Fit, tuple[Candidate, ...]]] = [(first, ())]
     for candidate in study.candidates:
@@ -188,7 +201,7 @@ def _by_sums(study: Study, first: Fit, say: Progress) -> _Choice:
             angles, typical = turned.values[own] - study.problem.null[own], study.problem.typical[own]
             if np.any(np.abs(angles) > FAR * typical):
                 starts.append((turned, (candidate,)))
-    appraisers = [study.appraiser(fit) for fit, _ in starts]
+    appraisers = [study.appraiser(fit, sparse) for fit, _ in starts]
     found = {}
     for appraiser, (_, firm) in zip(appraisers, starts, strict=True):
         atoms = appraiser.within(firm)

@@ -16,6 +16,7 @@ from armdyn.identify.motion_start import begun
 from armdyn.identify.output_error import OTHERS, AroundMotion, descended, shows_motion
 from armdyn.identify.prepare import noise_of_runs, prepared, stated_noise
 from armdyn.identify.problem import Block, Problem, transferred
+from armdyn.identify.sample_evidence import NOISY
 from armdyn.identify.score import Score, scores
 from armdyn.identify.summed import Summed
 from armdyn.identify.sums import sums
@@ -156,6 +157,14 @@ class Study:
         excess, by_chance = self._excess(fit)
         return float(np.sum(np.maximum(excess, by_chance)))
 
+    def leaves_noise(self, fit: Fit) -> bool:
+        """Whether what a fit leaves of each channel of the training runs is noise, the mean over channels."""
+        noise = []
+        for channel in dict.fromkeys(block.channel for block in fit.blocks):
+            residual = np.concatenate([block.residual for block in fit.blocks if block.channel == channel])
+            noise.append(1.0 / max(float(np.mean(residual**2)), 1.0))
+        return NOISY * float(np.mean(noise)) >= 1.0
+
     def is_at_noise(self, fit: Fit) -> bool:
         """Whether a fit leaves no more than noise may by chance, in training and in held-out runs."""
         excess, by_chance = self._excess(fit)
@@ -234,8 +243,8 @@ class Study:
         free_there = np.array([found.free[place[c.name]] for c in problem.columns], dtype=bool)
         return Fit(problem, free_there, values, found.blocks, found.outcome)
 
-    def appraiser(self, at: Fit) -> Summed:
-        """What sets of effects are worth, from sums around a fit."""
+    def appraiser(self, at: Fit, sparse: bool = False) -> Summed:
+        """What sets of effects are worth, from sums around a fit; see `Summed` for `sparse`."""
         everything = Problem(self.problem.model, [*self.runs, *self.held_out], self.noise)
         values = transferred(at.values, self.problem, everything)
         free = transferred(at.free.astype(float), self.problem, everything, missing=0.0) > 0.0
@@ -246,7 +255,8 @@ class Study:
         atoms = [*own, *(atom for c in self.candidates for atom in c.apart())]
         absent = [c for c in atoms if not np.any(free & everything.of(c.names))]
         around = sums(everything, {run.name for run in self.runs}, values, absent)
-        return Summed(around, (base | (present & everything.fitted)) & (free | everything.per_run), atoms, own)
+        always = (base | (present & everything.fitted)) & (free | everything.per_run)
+        return Summed(around, always, atoms, own, sparse)
 
     def own_values(self, appraiser: Appraiser, one: Appraisal) -> np.ndarray:
         """(P,) values of the study's unknowns at an appraised set."""

@@ -37,6 +37,7 @@ class Summed(Appraiser):
         always: (P,) bool, unknowns that are free in every set.
         candidates: all effects that a set may hold, each on one joint.
         given: see `Appraiser`; what they explain counts where returns diminish, as if they had just been found.
+        sparse: whether few effects are hoped to explain everything, so that returns need not grow less; see `useful`.
 
     Attributes:
         limited: share of what the richest model leaves that is more than noise: 0 noise-limited, 1 model-limited.
@@ -45,9 +46,15 @@ class Summed(Appraiser):
     most_named = 8
 
     def __init__(
-        self, sums: Sums, always: np.ndarray, candidates: Sequence[Candidate], given: Sequence[Candidate] = ()
+        self,
+        sums: Sums,
+        always: np.ndarray,
+        candidates: Sequence[Candidate],
+        given: Sequence[Candidate] = (),
+        sparse: bool = False,
     ) -> None:
         super().__init__(sums.problem, candidates, given)
+        self._sparse = sparse
         self.sums = sums
         self._always = always
         self._solver = Solver(sums, always, candidates)
@@ -144,13 +151,16 @@ class Summed(Appraiser):
     def useful(self, more: Appraisal, fewer: Appraisal) -> bool:
         """Whether the further values of a set explain enough beside what `fewer` explain, or most of what these leave.
 
-        Returns diminish where the model's own error is left; what channels say of which only noise is left is believed
-        as it is. Training counts as much as held-out runs: what is strong in one kind of motion may be weak in another,
-        and small errors beside it are small all the same.
+        Returns diminish where the model's own error is left; where few effects may explain all, what gains more than an
+        imitation could is enough. Training counts as much as held-out runs: what is strong in one kind of motion may be
+        weak in another, and small errors beside it are small all the same.
         """
-        before, after = (self._evidence.log_likelihood(one.errors) for one in (fewer, more))
-        if np.maximum(after - before - self._evidence.imitable, 0.0).sum() >= more.price - fewer.price:
+        if self.limited == 0.0:
             return True
+        if self._sparse:
+            before, after = (self._evidence.log_likelihood(one.errors) for one in (fewer, more))
+            if np.maximum(after - before - self._evidence.imitable, 0.0).sum() >= more.price - fewer.price:
+                return True
         had = int(np.sum(fewer.free) - np.sum(self._always))
         further = int(np.sum(more.free) - np.sum(fewer.free))
         expected = (self.of(()).overall - fewer.overall) / max(had, 1) ** 2
