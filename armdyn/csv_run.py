@@ -43,6 +43,11 @@ def read_csv(path: Path, units: Mapping[str, str] | None = None) -> dict[str, Ch
     """
     text = _text(path)
     header, *lines = text.split("\n")
+    if units is None and not _is_run(header):
+        raise InputError(
+            f"{path}: its columns are not those of a run ({header.strip()[:SHOWN]}): make a run of it with "
+            f"'armdyn import {path} --output runs --guess'"
+        )
     try:
         columns = _columns(header, units)
         names = [name for name, _, _ in columns]
@@ -58,6 +63,14 @@ def read_csv(path: Path, units: Mapping[str, str] | None = None) -> dict[str, Ch
         return {name: _channel(time, value, found[name]) for name, value in samples.items()}
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
+
+
+def _is_run(header: str) -> bool:
+    """Whether a header may be a run's, with mistakes: it names the time or a channel, or has a bracket that is cut."""
+    cells = [name_and_unit(cell.strip('"'))[0] for cell in header.split(",")]
+    if not any(in_contract(name) for name in cells):
+        return False
+    return True
 
 
 def write_csv(path: Path, channels: Mapping[str, Channel]) -> None:

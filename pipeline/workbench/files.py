@@ -143,6 +143,7 @@ def _recording(path: Path, joints: Sequence[str]) -> Dropped:
     from pipeline.imports.conversion import imported
     from pipeline.imports.foreign import read_foreign
     from pipeline.imports.guess import guessed
+    from pipeline.imports.joints import Joints
     from pipeline.imports.mapping import known_columns
 
     try:
@@ -150,7 +151,7 @@ def _recording(path: Path, joints: Sequence[str]) -> Dropped:
         try:
             mapping = known_columns(foreign)
         except InputError:
-            mapping = guessed(foreign, joints)
+            mapping = guessed([foreign], Joints(tuple(joints)))
         run = imported(foreign, mapping)
     except InputError as error:
         # Who meant a run of our own is told what is wrong with it, whoever brings another format what it lacks.
