@@ -9,7 +9,7 @@ import typer.core
 
 from pipeline.commands.identify import EffectsOption
 from pipeline.commands.output import JsonOption, answered, check_outputs, to_screen
-from pipeline.commands.which_robot import names_in
+from pipeline.commands.which_robot import names_in, say_choices
 
 
 class _Bases(typer.core.TyperGroup):
@@ -69,6 +69,7 @@ def own_base(
 def arm(
     model: Annotated[Path, typer.Argument(metavar="M.toml", help="File to write.")],
     urdf: Annotated[str | None, typer.Option(help="Description of the robot.")] = None,
+    mjcf: Annotated[str | None, typer.Option(help="The same in MuJoCo's XML, in place of --urdf.")] = None,
     robot: Annotated[str | None, typer.Option(help="Name of a known robot, such as baxter.")] = None,
     joints: Annotated[
         str | None, typer.Option(help="Names from base to tool, with commas; the longest chain when not given.")
@@ -77,19 +78,21 @@ def arm(
     force: ForceOption = False,
     json_file: JsonOption = None,
 ) -> None:
-    """The rigid bodies of any URDF, held against joint torques."""
+    """The rigid bodies of any URDF or MJCF, held against joint torques."""
     from armdyn.arm.model import arm_model
     from armdyn.errors import InputError
     from armdyn.model_file import ModelFile
 
-    if (urdf is None) == (robot is None):
-        raise InputError("an arm needs either --urdf FILE or --robot baxter")
-    made = arm_model(urdf, robot, names_in(joints), tool=tool)
+    if sum(given is not None for given in (urdf, mjcf, robot)) != 1:
+        raise InputError("an arm needs one of --urdf FILE, --mjcf FILE and --robot baxter")
+    made = arm_model(urdf or mjcf, robot, names_in(joints), tool=tool)
     description: dict[str, Any] = {} if robot is None else {"robot": robot}
     description["joints"] = list(made.joints)
     if tool is not None:
         description["tool"] = tool
     _write(model, ModelFile(made, description), json_file, force)
+    if json_file != Path("-"):
+        say_choices(made.arm.robot)
 
 
 def _known(settings: list[str] | None) -> dict[str, str]:
