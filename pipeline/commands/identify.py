@@ -172,7 +172,8 @@ def diagnose(
     if answered(json_file, lambda: diagnosis_answer(given.study, found)):
         say_diagnosis(found)
         say_report(report)
-        if found.remedies and given.study.model.base == "pendulum":
+        moved = all("gripper_x" in run.channels for run in given.study.runs)
+        if found.remedies and given.study.model.base == "pendulum" and moved:
             typer.echo(f"tell them apart: {inputs.command('next', '--output', 'motion.csv', '--report', 'next.html')}")
         if found.suspects:
             typer.echo(f"add it: {inputs.command('repair', *REPAIRED)}")
