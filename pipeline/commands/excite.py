@@ -28,7 +28,9 @@ def register(app: typer.Typer) -> None:
 
 
 def excite(
-    output: Annotated[Path, typer.Option(help="Where the motion goes: CSV with q, v and a of every joint.")],
+    output: Annotated[
+        Path, typer.Option("--output", "--out", help="Where the motion goes: CSV with q, v and a of every joint.")
+    ],
     robot: Annotated[str | None, typer.Option(help="Name of a known robot, such as baxter.")] = None,
     urdf_file: Annotated[Path | None, typer.Option("--urdf", help="A URDF file, in place of --robot.")] = None,
     joints: JointsOption = None,

@@ -34,7 +34,8 @@ ExamOption = Annotated[
 EffectsOption = Annotated[Path | None, typer.Option("--effects", help="Python file with effects of your own.")]
 ReportOption = Annotated[Path | None, typer.Option("--report", help="Write one offline HTML file.")]
 OutputOption = Annotated[
-    Path | None, typer.Option("--output", help="Where the repaired model goes; over the old one when not given.")
+    Path | None,
+    typer.Option("--output", "--out", help="Where the repaired model goes; over the old one when not given."),
 ]
 
 

@@ -27,7 +27,7 @@ def import_(
             metavar="FILE...", help="CSV, Parquet, ROS bag (.bag, .mcap, .db3, directory), LeRobot data set."
         ),
     ],
-    output: Annotated[Path, typer.Option("--output", help="Directory for the runs; it is made.")],
+    output: Annotated[Path, typer.Option("--output", "--out", help="Directory for the runs; it is made.")],
     mapping: Annotated[Path | None, typer.Option("--map", help="Which column is which channel: a TOML file.")] = None,
     guess: Annotated[
         bool, typer.Option("--guess", help="Propose a mapping from names, units and ranges; nothing is imported.")
