@@ -1,6 +1,7 @@
 """`armdyn new` and `armdyn effects`: a base model, and the effects that it can have."""
 
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -9,7 +10,7 @@ import typer.core
 
 from pipeline.commands.identify import EffectsOption
 from pipeline.commands.output import JsonOption, answered, check_outputs, to_screen
-from pipeline.commands.which_robot import names_in, say_choices
+from pipeline.commands.which_robot import choices, names_in
 
 
 class _Bases(typer.core.TyperGroup):
@@ -90,9 +91,7 @@ def arm(
     description["joints"] = list(made.joints)
     if tool is not None:
         description["tool"] = tool
-    _write(model, ModelFile(made, description), json_file, force)
-    if json_file != Path("-"):
-        say_choices(made.arm.robot)
+    _write(model, ModelFile(made, description), json_file, force, choices(made.arm.robot))
 
 
 def _known(settings: list[str] | None) -> dict[str, str]:
@@ -114,16 +113,16 @@ def _known(settings: list[str] | None) -> dict[str, str]:
     return known
 
 
-def _write(path: Path, file: Any, json_file: Path | None, force: bool) -> None:
+def _write(path: Path, file: Any, json_file: Path | None, force: bool, notes: Sequence[str] = ()) -> None:
     from armdyn.model_file import write_model_file
 
     check_outputs(path, json_file)
     _check_target(path, force)
     write_model_file(path, file)
-    _say(path, file, json_file)
+    _say(path, file, json_file, notes)
 
 
-def _say(path: Path, file: Any, json_file: Path | None) -> None:
+def _say(path: Path, file: Any, json_file: Path | None, notes: Sequence[str]) -> None:
     model = file.model
     shared = {name: p for name, p in model.parameters.items() if p.scope == "shared"}
 
@@ -135,6 +134,8 @@ def _say(path: Path, file: Any, json_file: Path | None) -> None:
     if answered(json_file, answer):
         what = ", ".join(f"{name} {p.value:g} {p.unit}" for name, p in shared.items())
         typer.echo(f"{path}: {model.base}" + (f", {what}" if what else "") + _joints(file.description))
+        for note in notes:
+            typer.echo(f"  {note}")
         typer.echo(f"next: armdyn compare {shlex.quote(str(path))} RUN... --report compare.html")
 
 

@@ -74,7 +74,7 @@ def next_experiment(
     if report is not None:
         from pipeline.report.next_experiment import next_report
 
-        next_report(made, sentence, command_line(), written).write(report)
+        next_report(made, sentence, command_line(), written if limits is None else None).write(report)
     if answered(json_file, lambda: next_answer(made, verdict, sentence, written)):
         _say(made, sentence)
         if written is not None:
