@@ -14,11 +14,11 @@ from armdyn.channels import FloatArray, channel_kind
 from armdyn.errors import InputError
 from armdyn.units import si_factor
 from pipeline.imports.foreign import Column, Foreign
-from pipeline.imports.joints import AMPERE, IN_AMPERE, Joints, Match, matched, skeleton
+from pipeline.imports.joints import AMPERE, IN_AMPERE, Joints, Match, contains, matched, skeleton
 from pipeline.imports.mapping import ColumnMap, Entry
 from pipeline.imports.pendulum import pendulum_entries
 from pipeline.imports.sizes import angle_unit, largest, length_unit, position_doubt, rate_unit, slope, torque_doubt
-from pipeline.imports.words import Label, is_unit, label_of, words_in, words_of
+from pipeline.imports.words import IDLE, Label, is_unit, label_of, words_in, words_of
 from urdf.infer import is_gripper
 
 TIME_WORDS = words_in("time t timestamp timestamps stamp clock seconds secs sec zeit duration elapsed utime ts epoch")
@@ -91,7 +91,7 @@ def _of_joints(labels: Mapping[str, Label], known: Joints) -> dict[str, Label]:
         if is_gripper(name) or not label.measured:
             continue
         quantity, doubt = label.quantity, label.doubt
-        if name.startswith(LEROBOT_STATE) and quantity in ("", "q"):
+        if LEROBOT_STATE in name.lower() and quantity in ("", "q"):
             quantity, doubt = "q", "degrees, radians or a share of the joint's range?"
         elif label.words[:1] == ("a",) and {("a", "#"), ("q", "#"), ("v", "#")} <= kinds.keys():
             quantity = "a"  # as Pinocchio calls it, and no axis
@@ -115,14 +115,12 @@ def _of_joints(labels: Mapping[str, Label], known: Joints) -> dict[str, Label]:
 
 def _names_a_joint(label: Label, alike: int, known: Joints) -> bool:
     """Whether a header without a quantity is just the name or the number of a joint, as so many others are."""
-    if any("".join(words_of(joint)) == "".join(label.words) for joint in known.arm):
+    letters = {word for word in label.words if not word.isdigit()}
+    if any(contains(label.words, words) and letters <= {*words, *IDLE} for words in map(words_of, known.arm)):
         return True
-    numbers = [word for word in label.words if word.isdigit()]
-    if (
-        len(numbers) != 1
-        or not {"j", "joint", "a", "axis"} & set(label.words)
-        or set(label.rest) - {*numbers, "j", "a"}
-    ):
+    if not ((label.words and label.words[-1].isdigit()) or letters & IDLE) or letters - {"j", "a", *IDLE}:
+        return False
+    if not {"j", "joint", "a", "axis"} & letters:
         return False
     return alike == len(known.arm) or (not known.arm and alike > 1)
 

@@ -133,8 +133,8 @@ def _by_name(
 ) -> Match | None:
     """The joint whose whole name is in a header, else the one that differs from all others as the header does."""
     everything = (*joints.arm, *joints.others, *joints.grippers)
-    inside = [j for j in everything if any(w.isalpha() for w in words_of(j)) and _contains(words, words_of(j))]
-    inside = [j for j in inside if not any(_contains(words_of(k), words_of(j)) for k in inside if k != j)]
+    inside = [j for j in everything if any(w.isalpha() for w in words_of(j)) and contains(words, words_of(j))]
+    inside = [j for j in inside if not any(contains(words_of(k), words_of(j)) for k in inside if k != j)]
     if len(inside) == 1:
         joint = inside[0]
         if joint in joints.grippers:
@@ -276,6 +276,7 @@ def _numbers(columns: Sequence[str], labels: Mapping[str, Label]) -> dict[str, i
     return {column: row[varying[0]] for column, row in rows.items()}
 
 
-def _contains(words: Sequence[str], part: Sequence[str]) -> bool:
+def contains(words: Sequence[str], part: Sequence[str]) -> bool:
+    """Whether words stand in a row within others."""
     n = len(part)
     return any(tuple(words[i : i + n]) == tuple(part) for i in range(len(words) - n + 1))

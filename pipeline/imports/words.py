@@ -41,7 +41,7 @@ CARTESIAN = words_in("x y z rx ry rz qx qy qz qw roll pitch yaw")
 IDLE = words_in(
     "actual measured meas measure msr ist act present joint joints jnt axis axes ax achse motor mot the data "
     "value val robot real feedback fbk fb state states observation of from filtered filt ai sensor field msg dof "
-    "m est estimate estimated angular"
+    "m est estimate estimated angular arm"
 )
 """Words that say nothing about which joint it is."""
 
@@ -107,8 +107,13 @@ def label_of(name: str, unit: str = "") -> Label:
         name: without a unit in brackets.
         unit: that stood in brackets.
     """
-    text, written = name.strip(), unit
-    found = None if unit else _SUFFIX.search(text)
+    text, written = (
+        name.strip(),
+        unit if not unit or is_unit(unit) else _UNIT_OF.get(unit, _UNIT_OF.get(unit.lower(), "")),
+    )
+    if unit and not written:  # brackets around something else, such as the axis
+        text = f"{text} {unit}"
+    found = None if written else _SUFFIX.search(text)
     if found is not None:
         label = _without_unit(text[: found.start("unit")] + (found["index"] or ""), _UNIT_OF[found["unit"]])
         # A letter alone is a unit only of the right quantity: the A of joint_A is none.
@@ -120,9 +125,7 @@ def label_of(name: str, unit: str = "") -> Label:
 
 def is_unit(text: str, quantity: str = "") -> bool:
     """Whether a text is a unit, of a quantity where one is given."""
-    if quantity:
-        return _is_of(text, quantity)
-    return any(_is_of(text, kind) for kind in KINDS)
+    return any(_is_of(text, kind) for kind in ([quantity] if quantity else KINDS))
 
 
 def _without_unit(text: str, unit: str) -> Label:

@@ -1,9 +1,11 @@
 """Foreign layouts: every column becomes the right channel in the right unit, or a person is asked; none is lost."""
 
 from collections import Counter
+from dataclasses import replace
 
 import pytest
 
+from armdyn.errors import InputError
 from armdyn.units import si_factor
 from pipeline.imports.foreign import read_foreign
 from pipeline.imports.guess import guessed
@@ -58,6 +60,26 @@ def test_there_are_sixty_and_more():
 def test_a_layout_is_understood_or_somebody_is_asked(layout, tmp_path):
     wrong, _ = judged(layout, tmp_path)
     assert not wrong
+
+
+WRITTEN = {
+    "dots": lambda header: header.replace("_", "."),
+    "capitals in between": lambda header: "".join(word[:1].upper() + word[1:] for word in header.split("_")),
+    "a namespace": lambda header: f"robot1/{header}",
+}
+
+
+@pytest.mark.parametrize("way", WRITTEN)
+def test_another_way_of_writing_is_never_silently_wrong(way, tmp_path):
+    """It may be left out, which is listed, or refused; it is not taken for something else."""
+    for layout in LAYOUTS:
+        made = [replace(column, header=WRITTEN[way](column.header)) for column in layout.made()]
+        written = replace(layout, columns=lambda _, made=made: made, texts={})
+        try:
+            wrong, _ = judged(written, tmp_path)
+        except InputError:
+            continue
+        assert not [sentence for sentence in wrong if not sentence.endswith("is lost")], layout.name
 
 
 def test_most_layouts_need_nobody(tmp_path):
