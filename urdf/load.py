@@ -72,13 +72,14 @@ def load(
 
 def _read(path: Path) -> tuple[ET.Element, list[str]]:
     """The URDF in a file, or of the robot in an MJCF, checked, and a sentence per change that it needed to be one."""
-    root = validate.parse(path)
-    if root.tag == MJCF:
+    root, changed = validate.parse(path), list[str]()
+    converted = root.tag == MJCF
+    if converted:
         root, changed = as_urdf(path)
-    else:
-        changed = validate.check_schema(path)
     validate.check_tree(root, path)
     check_plain(root, path)
+    if not converted:
+        changed = validate.check_schema(path)
     return root, [*changed, *tell_apart(root)]
 
 

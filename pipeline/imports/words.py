@@ -107,10 +107,9 @@ def label_of(name: str, unit: str = "") -> Label:
         name: without a unit in brackets.
         unit: that stood in brackets.
     """
-    text, written = (
-        name.strip(),
-        unit if not unit or is_unit(unit) else _UNIT_OF.get(unit, _UNIT_OF.get(unit.lower(), "")),
-    )
+    # No robot is measured in megametres: [MM] is mm, however pint reads it.
+    written = _UNIT_OF.get(unit) or _UNIT_OF.get(unit.lower()) or (unit if is_unit(unit) else "")
+    text = name.strip()
     if unit and not written:  # brackets around something else, such as the axis
         text = f"{text} {unit}"
     found = None if written else _SUFFIX.search(text)
