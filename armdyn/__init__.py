@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from armdyn.model_file import read_model
     from armdyn.parameter import quantity
     from armdyn.run import Run, read_run
-    from pipeline.front import excite, export, next_experiment
 
 __version__ = "0.1.0"
 
