@@ -5,6 +5,7 @@ A robot's joint and a header are compared without what all joints, or all header
 quantity has a column for every joint of the arm. Whatever is not sure says why.
 """
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -182,8 +183,8 @@ def _by_number(
     named = [w for w in rests[columns[0]] if w.isalpha() and len(w) > 1]
     if not joints.arm:
         if named:  # several numbers of one thing, such as the coordinates of an elbow
-            return {column: Match(_joined(rests[column])) for column in columns}
-        return {column: Match(f"joint_{number}") for column, number in numbers.items()}
+            return {column: Match(_own_name(column, _joined(rests[column]))) for column in columns}
+        return {column: Match(_own_name(column, f"joint_{number}")) for column, number in numbers.items()}
     base, doubt = _base(columns, labels, rests, joints), ""
     if base is None:
         base = next(iter(complete)) if len(complete) == 1 else 0 if 0 in numbers.values() else 1
@@ -220,7 +221,7 @@ def _by_order(
     free = [joint for joint in joints.arm if joint not in {match.joint for match in found.values()}]
     for column, rest in left.items():
         if not joints.arm:
-            found[column] = Match(_joined(rest), "" if rest else "no joint is named")
+            found[column] = Match(_own_name(column, _joined(rest)), "" if rest else "no joint is named")
         elif not rest:
             only = len(joints.arm) == 1
             found[column] = Match(joints.arm[0] if only else "", "" if only else "no joint is named")
@@ -228,6 +229,18 @@ def _by_order(
             found[column] = Match(free[kinds.index(rest)], "taken in the order of the columns")
         else:
             found[column] = Match(_joined(rest), "no joint of the robot has this name")
+
+
+_OWN_NAME = re.compile(
+    r"(?:.*[/.])?(?P<name>\w*joint(?:_?\d+)?)[_/.](?:pos|position|vel|velocity|speed|eff|effort|torque|tau)",
+    re.IGNORECASE,
+)
+
+
+def _own_name(column: str, otherwise: str) -> str:
+    """The joint's name as a header writes it, ``panda_joint1`` of ``panda_joint1_position``, where it does."""
+    found = _OWN_NAME.fullmatch(column)
+    return found["name"] if found is not None else otherwise
 
 
 def _joined(rest: Sequence[str]) -> str:

@@ -12,7 +12,7 @@ from pipeline.imports.guess import guessed
 
 from .layouts import LAYOUTS
 
-ALL_RIGHT = 36
+ALL_RIGHT = 38
 """Layouts that needed nobody when this was written; a change that asks more often must say why."""
 
 
@@ -74,6 +74,8 @@ def test_another_way_of_writing_is_never_silently_wrong(way, tmp_path):
     """It may be left out, which is listed, or refused; it is not taken for something else."""
     for layout in LAYOUTS:
         made = [replace(column, header=WRITTEN[way](column.header)) for column in layout.made()]
+        if not layout.joints.arm and any(column.channel.startswith("q.") for column in made):
+            continue  # without a robot a joint is called what its header calls it
         written = replace(layout, columns=lambda _, made=made: made, texts={})
         try:
             wrong, _ = judged(written, tmp_path)
