@@ -112,6 +112,8 @@ def _propose(
     atomic.write_text(target, map_text(found, comment))
     if answered(json_file, lambda: _guess_answer(found, target)):
         _say_guess(found, recordings, target)
+        if joints is None and any("." in entry.channel for entry in found.entries.values()):
+            typer.echo("joints are called as the headers call them: --urdf ROBOT.urdf gives them the robot's names")
         again = shlex.join(["armdyn", "import", *map(str, files), "--output", str(output), "--map", str(target)])
         typer.echo(f"read it, mend what is wrong, then: {again}")
 
