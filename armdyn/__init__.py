@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from armdyn import arm, effects, pendulum
     from armdyn.effects.catalogue import CATALOGUE
     from armdyn.effects.effect import Effect, effect
+    from armdyn.effects.user import load_effects
+    from armdyn.errors import InputError
     from armdyn.front import compare, diagnose, fit, repair
     from armdyn.identify.compare import Comparison
     from armdyn.identify.diagnose import Diagnosis
@@ -28,18 +30,23 @@ if TYPE_CHECKING:
     from armdyn.run import Run, read_run
 
 __version__ = "0.1.0"
-__all__ = [
-    "CATALOGUE", "Comparison", "Diagnosis", "Effect", "Model", "Repair", "Run", "arm", "compare", "diagnose", "effect",
-    "effects", "fit", "pendulum", "quantity", "read_model", "read_run", "repair",
-]  # fmt: skip
 
 _MODULES = {
     "CATALOGUE": "armdyn.effects.catalogue", "Effect": "armdyn.effects.effect", "effect": "armdyn.effects.effect",
-    "quantity": "armdyn.parameter", "Run": "armdyn.run", "read_run": "armdyn.run", "Model": "armdyn.model",
-    "read_model": "armdyn.model_file", "Comparison": "armdyn.identify.compare", "compare": "armdyn.front",
-    "Diagnosis": "armdyn.identify.diagnose", "diagnose": "armdyn.front", "Repair": "armdyn.identify.repair",
-    "repair": "armdyn.front", "fit": "armdyn.front",
+    "load_effects": "armdyn.effects.user", "InputError": "armdyn.errors", "quantity": "armdyn.parameter",
+    "Run": "armdyn.run", "read_run": "armdyn.run", "Model": "armdyn.model", "read_model": "armdyn.model_file",
+    "fit": "armdyn.front", "compare": "armdyn.front", "diagnose": "armdyn.front", "repair": "armdyn.front",
+    "Comparison": "armdyn.identify.compare", "Diagnosis": "armdyn.identify.diagnose",
+    "Repair": "armdyn.identify.repair",
+    # Not of the science, which imports nothing of `pipeline`: looked up there when a user asks for them.
+    "excite": "pipeline.front", "export": "pipeline.front", "next_experiment": "pipeline.front",
 }  # fmt: skip
+"""Where each name is defined."""
+__all__ = [
+    "CATALOGUE", "Comparison", "Diagnosis", "Effect", "InputError", "Model", "Repair", "Run", "arm", "compare",
+    "diagnose", "effect", "effects", "excite", "export", "fit", "load_effects", "next_experiment", "pendulum",
+    "quantity", "read_model", "read_run", "repair",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:
@@ -51,4 +58,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted(__all__)

@@ -86,7 +86,8 @@ def frame_columns(frame: Any) -> tuple[Any, dict[str, Any]]:
     Raises:
         InputError: there is no time.
     """
-    names = list(getattr(frame, "column_names", None) or getattr(frame, "columns", None) or frame.keys())
+    # pyarrow has `column_names`, pandas and polars `columns`; those of pandas have no truth value.
+    names = list(getattr(frame, "column_names", frame.columns if hasattr(frame, "columns") else frame.keys()))
     columns = {str(name): frame[name] for name in names}
     for label in columns:
         name, unit = name_and_unit(label)

@@ -20,10 +20,14 @@ from armdyn.channels import (
     channel_units,
     check_joint_units,
     first_implausible,
+    in_contract,
+    name_and_unit,
 )
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.units import si_factor
 
+SHOWN = 60
+"""Characters of a header that a message shows."""
 _HEADER = re.compile(r"(?P<name>[^\[\]]*?)\s*\[(?P<unit>[^\[\]]*)\]")
 
 
@@ -43,6 +47,11 @@ def read_csv(path: Path, units: Mapping[str, str] | None = None) -> dict[str, Ch
     """
     text = _text(path)
     header, *lines = text.split("\n")
+    if units is None and _is_foreign(header):
+        raise InputError(
+            f"{path}: its columns ({header.strip()[:SHOWN]}) are not written as a run's, such as 'time [s]': make a "
+            f"run of it, 'armdyn import {path} --output runs --guess'"
+        )
     try:
         columns = _columns(header, units)
         names = [name for name, _, _ in columns]
@@ -56,8 +65,18 @@ def read_csv(path: Path, units: Mapping[str, str] | None = None) -> dict[str, Ch
         _check_time(time, rows)
         found = {name: unit for name, unit, _ in columns}
         return {name: _channel(time, value, found[name]) for name, value in samples.items()}
+    except UnknownNameError as error:
+        strange = f"; if it is another program's: 'armdyn import {path} --output runs --guess'" if units is None else ""
+        raise InputError(f"{path}: {error}{strange}") from error
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
+
+
+def _is_foreign(header: str) -> bool:
+    """Whether a header is no run's, not even with mistakes: no unit in brackets, or neither the time nor a channel."""
+    cells = [name_and_unit(cell.strip().strip('"')) for cell in re.split("[,;\t]", header)]
+    known = any(name == "time" or in_contract(name) for name, _ in cells)
+    return len(cells) > 1 and not (known and "[" in header)
 
 
 def write_csv(path: Path, channels: Mapping[str, Channel]) -> None:

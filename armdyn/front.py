@@ -29,21 +29,22 @@ def fit(model: AnyModel, runs: Runs) -> Model:
     Raises:
         InputError: something cannot be read or compared.
     """
-    return _repair.add(_study(model, runs, (), ()), ()).model
+    return _repair.add(study_of(model, runs, (), ()), ()).model
 
 
-def compare(model: AnyModel, runs: Runs, held_out: Runs = ()) -> _compare.Comparison:
+def compare(model: AnyModel, runs: Runs, held_out: Runs = (), exam: Runs = ()) -> _compare.Comparison:
     """Fit the model and see where it fails.
 
     Args:
         model: or its file.
         runs: recordings to fit, or their files.
         held_out: recordings that take no part in the fit.
+        exam: recordings that take part in nothing: their error is computed at the very end.
 
     Raises:
         InputError: something cannot be read or compared.
     """
-    return _compare.compare(_study(model, runs, held_out, None))
+    return _compare.compare(study_of(model, runs, held_out, None, exam))
 
 
 def diagnose(
@@ -60,17 +61,37 @@ def diagnose(
     Raises:
         InputError: something cannot be read or compared.
     """
-    return _diagnose.diagnose(_study(model, runs, held_out, effects))
+    return _diagnose.diagnose(study_of(model, runs, held_out, effects))
 
 
-def repair(model: AnyModel, runs: Runs, held_out: Runs = (), effects: Iterable[Effect] | None = None) -> _repair.Repair:
-    """Diagnose and add until nothing is left to explain; see `diagnose` for the arguments."""
-    return _repair.repair(_study(model, runs, held_out, effects))
+def repair(
+    model: AnyModel,
+    runs: Runs,
+    held_out: Runs = (),
+    effects: Iterable[Effect] | None = None,
+    exam: Runs = (),
+) -> _repair.Repair:
+    """Diagnose and add until nothing is left to explain.
+
+    Args:
+        model: or its file.
+        runs: recordings to fit, or their files.
+        held_out: recordings that take part in choosing effects, never in a fit.
+        effects: to choose from; the catalogue and the base's own where it is not given.
+        exam: recordings that take part in nothing: every step tells the error on them.
+
+    Raises:
+        InputError: something cannot be read or compared.
+    """
+    return _repair.repair(study_of(model, runs, held_out, effects, exam))
 
 
-def _study(model: AnyModel, runs: Runs, held_out: Runs, effects: Iterable[Effect] | None) -> Study:
+def study_of(model: AnyModel, runs: Runs, held_out: Runs, effects: Iterable[Effect] | None, exam: Runs = ()) -> Study:
+    """A model against recordings, each given as it is or as its file; see `repair`."""
     known = model if isinstance(model, Model) else read_model(model)
-    training, others = ([r if isinstance(r, Run) else read_run(r) for r in given] for given in (runs, held_out))
-    for run in (*training, *others):
+    training, others, last = (
+        [run if isinstance(run, Run) else read_run(run) for run in given] for given in (runs, held_out, exam)
+    )
+    for run in (*training, *others, *last):
         check_run(known, run)
-    return Study(known, training, others, available(known) if effects is None else tuple(effects))
+    return Study(known, training, others, available(known) if effects is None else tuple(effects), last)

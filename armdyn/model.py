@@ -75,7 +75,7 @@ class Linear(Protocol):
         """
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Model(Shown):
     """Base class of `PendulumModel` and `ArmModel`.
 
@@ -86,6 +86,20 @@ class Model(Shown):
 
     effects: tuple[Effect, ...]
     parameters: Mapping[str, Parameter]
+
+    def __str__(self) -> str:
+        """One line: the base, its values, its effects."""
+        effects = ", ".join(effect.label for effect in self.effects) or "no effects"
+        return f"{self.about}; {effects}"
+
+    __repr__ = __str__
+
+    @property
+    def about(self) -> str:
+        """What it is a model of, with its values and without its effects."""
+        own = (p for p in self.parameters.values() if p.scope == "shared" and not p.effect)
+        values = ", ".join(f"{p.name} {p.value:.4g} {p.unit}" for p in own)
+        return f"{self.base}, {values}" if values else self.base
 
     def _story(self) -> "Story":
         from armdyn.notebook import model_story

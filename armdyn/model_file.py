@@ -174,7 +174,11 @@ def _parsed(table: Mapping[str, Any], folder: Path, extra: Sequence[Effect]) -> 
     if not isinstance(effects, list) or not all(isinstance(name, str) for name in effects):
         raise InputError('effects: write a list of names, such as effects = ["linear_drag"]')
     for name in effects:
-        model = model.with_effect(find(name, extra))
+        try:
+            model = model.with_effect(find(name, extra))
+        except UnknownNameError as error:
+            remedy = "; for an effect of your own give the file that defines it, --effects FILE.py"
+            raise InputError(f"{error}{remedy if error.kind == 'effect' else ''}") from error
     parameters = table.get("parameters", {})
     if not isinstance(parameters, dict):
         raise InputError("[parameters]: write a table")

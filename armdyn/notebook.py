@@ -10,12 +10,14 @@ import numpy as np
 from armdyn.errors import InputError, UnknownNameError
 
 if TYPE_CHECKING:
+    from armdyn.experiments.plan import Plan
     from armdyn.identify.compare import Comparison
     from armdyn.identify.diagnose import Diagnosis
     from armdyn.identify.fit import Fit
     from armdyn.identify.missing_force import ForceCurve
     from armdyn.identify.repair import Repair
     from armdyn.model import Model
+    from armdyn.run import Run
 
 Columns = Mapping[str, Sequence[Any]]
 
@@ -26,6 +28,7 @@ MOST_ROWS = 12
 MEASURED, BEFORE, AFTER = "#7B8794", "#E69F00", "#0072B2"
 """Okabe and Ito's palette, as in the reports."""
 GOOD, OPEN = "#009E73", "#D55E00"
+PALETTE = (AFTER, BEFORE, GOOD, "#CC79A7", OPEN, "#56B4E9", "#F0E442", MEASURED)
 
 
 @dataclass(frozen=True)
@@ -102,13 +105,75 @@ def repair_story(found: "Repair") -> Story:
     return Story("Repair", found.sentence, tables, good, fits, ("steps", "parameters"))
 
 
+def plan_story(found: "Plan") -> Story:
+    """Of what to do next."""
+
+    def experiments() -> Columns:
+        return {
+            "experiment": [p.experiment.kind for p in found.proposals],
+            "separation": [p.outlook.separation for p in found.proposals],
+            "right verdict": [p.outlook.probability for p in found.proposals],
+            "what to do": [p.experiment.what for p in found.proposals],
+        }
+
+    return Story("Next experiment", found.sentence, {"experiments": experiments}, in_card=("experiments",))
+
+
 def model_story(model: "Model") -> Story:
     """Of a model by itself."""
     shared = {name: p for name, p in model.parameters.items() if p.scope == "shared"}
-    effects = ", ".join(effect.label for effect in model.effects) or "no effects"
     return Story(
-        f"Model: {model.base}", f"{effects}.", {"parameters": lambda: _parameters(shared)}, in_card=("parameters",)
+        f"Model: {model.base}", f"{model}.", {"parameters": lambda: _parameters(shared)}, in_card=("parameters",)
     )
+
+
+def run_story(run: "Run") -> Story:
+    """Of a recording."""
+    channels, quantities = run.channels, dict.fromkeys(name.partition(".")[0] for name in run.channels)
+    seconds = max((float(c.time[-1] - c.time[0]) for c in channels.values()), default=0.0)
+    of_joints = f" of {len(run.joints)} joints" if run.joints else ""
+    said = f"{', '.join(quantities) or 'nothing'}{of_joints}, {seconds:.4g} s"
+
+    def listed() -> Columns:
+        values = channels.values()
+        return {
+            "channel": list(channels), **_fields(values, "unit"), "samples": [len(c) for c in values],
+            "from [s]": [float(c.time[0]) for c in values], "to [s]": [float(c.time[-1]) for c in values],
+            "lowest": [float(c.value.min()) for c in values], "highest": [float(c.value.max()) for c in values],
+        }  # fmt: skip
+
+    def samples() -> Columns:
+        time = np.unique(np.concatenate([c.time for c in channels.values()]))
+        columns: dict[str, Sequence[Any]] = {"time": time.tolist()}
+        for name, c in channels.items():
+            column = np.full(len(time), np.nan)
+            column[np.searchsorted(time, c.time)] = c.value
+            columns[f"{name} [{c.unit}]"] = column.tolist()
+        return columns
+
+    described = f"{run.description}. " if run.description else ""
+    return Story(
+        f"Run {run.name}", f"{described}{said}", {"samples": samples, "channels": listed}, in_card=("channels",)
+    )
+
+
+def run_figure(run: "Run") -> Any:
+    """A recording over time: a row for each quantity and unit, a curve for each joint."""
+    go, make_subplots = _plotly()
+    rows = list(dict.fromkeys((name.partition(".")[0], c.unit) for name, c in run.channels.items()))
+    made = make_subplots(len(rows), 1, shared_xaxes=True, vertical_spacing=0.15 / max(len(rows), 1))
+    joints = list(dict.fromkeys(name.partition(".")[2] for name in run.channels))
+    shown: set[str] = set()
+    for name, c in run.channels.items():
+        quantity, _, joint = name.partition(".")
+        row, thin = 1 + rows.index((quantity, c.unit)), slice(None, None, -(-len(c) // MOST_POINTS))
+        line = {"color": PALETTE[joints.index(joint) % len(PALETTE)]}
+        label = {"name": joint or name, "legendgroup": joint or name, "showlegend": (joint or name) not in shown}
+        shown.add(joint or name)
+        made.add_trace(go.Scatter(x=c.time[thin], y=c.value[thin], mode="lines", line=line, **label), row, 1)
+    for row, (quantity, unit) in enumerate(rows, start=1):
+        made.update_yaxes(title_text=f"{quantity} [{unit}]", row=row, col=1)
+    return _laid_out(made, len(rows))
 
 
 def frame(story: Story, what: str) -> Any:
@@ -125,11 +190,7 @@ def frame(story: Story, what: str) -> Any:
 
 def figure(story: Story) -> Any:
     """Curves of a story as a plotly figure; see `Shown.plot`."""
-    try:
-        import plotly.graph_objects as go
-        from plotly.subplots import make_subplots
-    except ImportError as error:
-        raise InputError("a plot needs plotly: run 'pip install plotly'") from error
+    go, make_subplots = _plotly()
     fits = list(story.fits.items())
     blocks = [{(block.run, block.channel): block for block in fit.blocks} for _, fit in fits]
     runs = {run.name: run for run in fits[0][1].problem.runs}
@@ -153,11 +214,7 @@ def figure(story: Story) -> Any:
     for row, channel in enumerate(channels, start=1):
         unit = next(run.channels[channel].unit for run in runs.values() if channel in run.channels)
         made.update_yaxes(title_text=f"{channel} [{unit}]", row=row, col=1)
-    made.update_xaxes(title_text="time [s]", row=len(channels), col=1)
-    made.update_layout(
-        height=120 + 200 * len(channels), margin={"t": 60, "r": 10}, template="plotly_white",
-        legend={"orientation": "h", "y": 1.0, "yanchor": "bottom"},
-    )  # fmt: skip
+    _laid_out(made, len(channels))
     if len(runs) > 1:
         buttons = [
             {"label": name, "method": "update", "args": [{"visible": [run == name for run in owner]}]} for name in runs
@@ -166,6 +223,24 @@ def figure(story: Story) -> Any:
             updatemenus=[{"buttons": buttons, "x": 1.0, "xanchor": "right", "y": 1.0, "yanchor": "bottom"}]
         )
     return made
+
+
+def _plotly() -> tuple[Any, Any]:
+    try:
+        import plotly.graph_objects as go
+        from plotly.subplots import make_subplots
+    except ImportError as error:
+        raise InputError("a plot needs plotly: run 'pip install plotly'") from error
+    return go, make_subplots
+
+
+def _laid_out(made: Any, rows: int) -> Any:
+    """A figure of so many rows over time."""
+    made.update_xaxes(title_text="time [s]", row=rows, col=1)
+    return made.update_layout(
+        height=120 + 200 * rows, margin={"t": 60, "r": 10}, template="plotly_white",
+        legend={"orientation": "h", "y": 1.0, "yanchor": "bottom"},
+    )  # fmt: skip
 
 
 def _colours(count: int) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ from datetime import datetime
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,14 +17,18 @@ from armdyn.channels import MIN_SAMPLES, Channel, channel_kind, check_joint_unit
 from armdyn.csv_run import read_csv, write_csv
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.preparation import Preparation
+from armdyn.shown import Shown
 from armdyn.sidecar import Sidecar, read_sidecar, sidecar_text
 from armdyn.units import Known
+
+if TYPE_CHECKING:
+    from armdyn.notebook import Story
 
 __all__ = ["Channel", "Known", "Run", "read_run", "write_run_csv"]
 
 
-@dataclass(frozen=True, eq=False)
-class Run:
+@dataclass(frozen=True, eq=False, repr=False)
+class Run(Shown):
     """One recording; its arrays cannot be written to.
 
     Attributes:
@@ -123,6 +127,28 @@ class Run:
         outliers, spread = dict(self.outliers), dict(self.spread)
         rest = partial(Run, began=self.began, outliers=outliers, spread=spread, recorded=self.recorded)
         return rest, (self.name, *mappings, self.description, self.source, self.warnings)
+
+    def __str__(self) -> str:
+        """One line: its name, what was measured, how long."""
+        story = self._story()
+        return f"{story.title}: {story.sentence}"
+
+    __repr__ = __str__
+
+    def _story(self) -> "Story":
+        from armdyn.notebook import run_story
+
+        return run_story(self)
+
+    def plot(self) -> Any:
+        """What was recorded over time, a row for each quantity, as a plotly figure.
+
+        Raises:
+            InputError: plotly is missing.
+        """
+        from armdyn.notebook import run_figure
+
+        return run_figure(self)
 
     @property
     def recording(self) -> "Run":

@@ -31,11 +31,12 @@ class Shown(ABC):
         return figure(self._story())
 
     def to_dataframe(self, what: str = "") -> Any:
-        """A table of this result as a pandas data frame.
+        """A table of this as a pandas data frame.
 
         Args:
             what: ``"parameters"``, ``"channels"``, ``"samples"`` or ``"missing_force"``; of a diagnosis also
-                ``"candidates"``, of a repair also ``"steps"``. The first of what there is when it is not given.
+                ``"candidates"``, of a repair also ``"steps"``, of a plan ``"experiments"``; a run has ``"samples"`` and
+                ``"channels"``, a model ``"parameters"``. The first of what there is when it is not given.
 
         Raises:
             InputError: pandas is missing.

@@ -76,3 +76,25 @@ def test_importing_armdyn_loads_nothing_heavy_and_warns_of_nothing():
     done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
     assert done.stderr == ""
+
+
+def test_out_and_output_are_one():
+    """Whichever a command is known for, both are understood."""
+    from importlib import import_module
+
+    import typer
+
+    from pipeline.commands import app as collected
+
+    fresh = typer.Typer()
+    for name in collected.COMMANDS:
+        import_module(f"pipeline.commands.{name}").register(fresh)
+
+    def options(command, path=()):
+        for name, sub in getattr(command, "commands", {}).items():
+            yield from options(sub, (*path, name))
+        yield from ((path, set(parameter.opts)) for parameter in command.params)
+
+    found = [(path, opts) for path, opts in options(typer.main.get_command(fresh)) if opts & {"--out", "--output"}]
+    assert len(found) >= 12
+    assert [path for path, opts in found if not {"--out", "--output"} <= opts] == []

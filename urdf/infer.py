@@ -18,6 +18,10 @@ SOURCE = (
     "acceleration in 20 ms."
 )
 TRIED = 2000  # random postures among which a home is chosen
+GRIPPERS = ("gripper", "finger", "knuckle", "thumb", "jaw", "claw")
+"""Parts of the names of joints that hold things; but for the first, which a wrist may carry, of their links too."""
+LEFT_OUT = "left out as the gripper's: "
+"""How the sentence begins that names them."""
 
 
 def infer(
@@ -25,7 +29,8 @@ def infer(
 ) -> tuple[Settings, tuple[str, ...]]:
     """Choose an arm and its tool.
 
-    The arm is the chain with most moving joints from the root; its tool is the last link of it.
+    The arm is the chain with most moving joints from the root, without those of a gripper; its tool is the last link
+    that moves with it and carries no further joint.
 
     Args:
         root: the URDF, one tree.
@@ -44,10 +49,16 @@ def infer(
     chains = _chains(root)
     said: list[str] = []
     if joints is None:
-        counted = [[name for name in chain if name in moving] for chain, _ in chains]
+        grippers = gripper_joints(root)
+        counted = [[name for name in chain if name in moving and name not in grippers] for chain, _ in chains]
         longest = max(counted, key=len)
         joints = tuple(longest)
-        if len({tuple(names) for names in counted if len(names) == len(longest)}) > 1 or len(longest) < len(moving):
+        held = {name: None for chain, _ in chains if joints[-1] in chain for name in chain if name in grippers}
+        if held:
+            said.append(f"{LEFT_OUT}{', '.join(held)}; name the joints to take them in")
+        if len({tuple(names) for names in counted if len(names) == len(longest)}) > 1 or len(longest) < len(
+            moving.keys() - grippers
+        ):
             said.append(f"the arm was taken to be {', '.join(joints)}; name its joints to choose others")
     for name in joints:
         if name not in moving:
@@ -74,6 +85,34 @@ def infer(
         exclusions=(),
     )
     return settings, tuple(said)
+
+
+def is_gripper(name: str, parts: tuple[str, ...] = GRIPPERS) -> bool:
+    """Whether a name is that of a part which holds things."""
+    return any(part in name.lower() for part in parts)
+
+
+def gripper_joints(root: ET.Element) -> frozenset[str]:
+    """Joints of grippers: called so, copied by others or copying, and with nothing but such joints beyond them.
+
+    Nothing where all joints would be a gripper's, as in the description of a hand alone.
+    """
+    joints = {str(joint.get("name")): joint for joint in root.findall("joint") if joint.get("type") in MOVING}
+    mimics = {
+        name: str(mimic.get("joint")) for name, joint in joints.items() if (mimic := joint.find("mimic")) is not None
+    }
+    beyond: dict[str, set[str]] = {name: set() for name in joints}
+    for chain, _ in _chains(root):
+        moving = [name for name in chain if name in joints]
+        for i, name in enumerate(moving):
+            beyond[name] |= set(moving[i + 1 :])
+    alike = {
+        name
+        for name, joint in joints.items()
+        if is_gripper(name) or is_gripper(_end(joint, "child"), GRIPPERS[1:]) or name in {*mimics, *mimics.values()}
+    }
+    found = frozenset(name for name in alike if beyond[name] <= alike)
+    return found if len(found) < len(joints) else frozenset()
 
 
 def assumed_acceleration(velocity: Array) -> Array:

@@ -12,11 +12,12 @@ import pinocchio as pin
 
 from urdf import infer, validate
 from urdf.find import distribution_file
-from urdf.mend import add_frames, bound_continuous_joints, leave_out_shapes, mend_inertias
+from urdf.mend import add_frames, bound_continuous_joints, leave_out_shapes, mend_inertias, tell_apart
+from urdf.mjcf import as_urdf
 from urdf.quiet import Said, quiet, reason
 from urdf.robot import Array, Limits, Robot, UrdfError
 from urdf.settings import Settings, read_settings
-from urdf.validate import check_plain
+from urdf.validate import MJCF, check_plain
 
 SETTINGS = Path(__file__).parent / "robots"
 
@@ -63,12 +64,23 @@ def load(
         urdf_path, srdf = _locate(settings, path)
         if joints is not None or tool is not None:
             settings = _narrowed(settings, joints, tool)
-        return _assemble(urdf_path, srdf, settings, meshes)
-    root = validate.parse(path)
+        return _assemble(urdf_path, *_read(urdf_path), srdf, settings, meshes)
+    root, changed = _read(path)
+    settings, said = infer.infer(root, path, None if joints is None else tuple(joints), tool)
+    return _assemble(path, root, changed, None, settings, meshes, said)
+
+
+def _read(path: Path) -> tuple[ET.Element, list[str]]:
+    """The URDF in a file, or of the robot in an MJCF, checked, and a sentence per change that it needed to be one."""
+    root, changed = validate.parse(path), list[str]()
+    converted = root.tag == MJCF
+    if converted:
+        root, changed = as_urdf(path)
     validate.check_tree(root, path)
     check_plain(root, path)
-    settings, said = infer.infer(root, path, None if joints is None else tuple(joints), tool)
-    return _assemble(path, None, settings, meshes, said)
+    if not converted:
+        changed = validate.check_schema(path)
+    return root, [*changed, *tell_apart(root)]
 
 
 def _locate(settings: Settings, source: Path) -> tuple[Path, Path | None]:
@@ -112,12 +124,15 @@ def _narrowed(settings: Settings, joints: Sequence[str] | None, tool: str | None
 
 
 def _assemble(
-    path: Path, srdf: Path | None, settings: Settings, meshes: bool = True, said: tuple[str, ...] = ()
+    path: Path,
+    root: ET.Element,
+    changed: list[str],
+    srdf: Path | None,
+    settings: Settings,
+    meshes: bool = True,
+    said: tuple[str, ...] = (),
 ) -> Robot:
-    root = validate.parse(path)
-    validate.check_tree(root, path)
-    check_plain(root, path)
-    defects = [*validate.check_schema(path), *bound_continuous_joints(root, settings.joints)]
+    defects = [*changed, *bound_continuous_joints(root, settings.joints)]
     validate.check_limits(root, path, settings.joints)
     directories, missing = validate.find_meshes(root, path)
     if missing and meshes:

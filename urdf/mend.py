@@ -41,6 +41,26 @@ def add_frames(root: ET.Element, frames: Iterable[Frame]) -> None:
         ET.SubElement(joint, "child", link=frame.name)
 
 
+def tell_apart(root: ET.Element) -> list[str]:
+    """Rename links that are called as a joint is, in place: Pinocchio looks both up in one list.
+
+    Returns:
+        A sentence per link.
+    """
+    joints = {joint.get("name") for joint in root.findall("joint")}
+    taken = joints | {link.get("name") for link in root.findall("link")}
+    renamed = {}
+    for link in root.findall("link"):
+        name = link.get("name", "")
+        if name in joints:
+            renamed[name] = f"{name}_link" if f"{name}_link" not in taken else f"{name}_of_joint"
+            link.set("name", renamed[name])
+    for end in (*root.iter("parent"), *root.iter("child")):
+        if end.get("link") in renamed:
+            end.set("link", renamed[str(end.get("link"))])
+    return [f"link '{old}' is called as a joint is; renamed to '{new}'" for old, new in renamed.items()]
+
+
 def bound_continuous_joints(root: ET.Element, joints: tuple[str, ...]) -> list[str]:
     """Give the arm's endless joints one turn to either side, so that each has one coordinate and a margin.
 

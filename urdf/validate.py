@@ -151,15 +151,17 @@ def _shown(text: str) -> str:
     return "".join(c if c.isprintable() else "?" for c in text[:60])
 
 
+MJCF = "mujoco"
+"""Root element of MuJoCo's own format."""
 MOST_LINKS = 2000
 """And joints; a humanoid with its hands has 100."""
 
 
 def parse(path: Path) -> ET.Element:
-    """Read a URDF file.
+    """Read a URDF file, or an MJCF.
 
     Raises:
-        UrdfError: there is no such file, it is not XML, or it is not a URDF.
+        UrdfError: there is no such file, it is not XML, or it is neither a URDF nor an MJCF.
     """
     try:
         with path.open("rb") as file:
@@ -173,7 +175,7 @@ def parse(path: Path) -> ET.Element:
         root = ET.fromstring(data)
     except (ET.ParseError, ValueError, LookupError) as error:  # also an encoding that nobody knows
         raise UrdfError(f"{path}: not an XML file ({error}); expand xacro files first, with 'xacro'") from error
-    if root.tag != "robot":
+    if root.tag not in ("robot", MJCF):
         raise UrdfError(f"{path}: the root element is <{root.tag[:60]}>, not <robot>; give a URDF file")
     check_depth(root, path)
     return root

@@ -27,7 +27,7 @@ KEYS = ("urdf", "robot", "joints", "tool")
 """Keys of a model file that belong to this base."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ArmModel(Model):
     """Rigid bodies as the URDF has them, and effects.
 
@@ -42,6 +42,11 @@ class ArmModel(Model):
 
     base = "arm"
     stages = ("joint",)
+
+    @property
+    def about(self) -> str:
+        """See `Model.about`."""
+        return f"arm {self.arm.robot.name}, {len(self.joints)} joints from {self.joints[0]} to {self.joints[-1]}"
 
     def described(self, folder: Path) -> Mapping[str, Any]:
         """See `Model.described`: which arm it is, its file as seen from the model's own."""

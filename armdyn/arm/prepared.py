@@ -97,7 +97,7 @@ BRIEF = 0.25
 """Periods of the cut-off; a gap that is shorter leaves the low-passed torque as it was."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PreparedRun(Run):
     """A run whose torques were low-passed; `ArmModel.predict` filters its prediction for it in the same way.
 

@@ -182,11 +182,12 @@ def _climbed(cost: _Cost, start: np.ndarray, evaluations: int) -> tuple[float, n
 
 
 def within_swing(helds: Sequence[Held], harmonics: Harmonics, coefficients: np.ndarray) -> np.ndarray:
-    """(n,) the coefficients, made smaller until no hypothesis swings its load too far."""
+    """(n,) the coefficients, made smaller until no hypothesis swings its load too far or lets its string go slack."""
     limit = harmonics.limits.swing
     while True:
         motion = harmonics.motion(coefficients)
-        widest = max(float(np.abs(h.along(motion).swing(h.start)).max()) for h in helds)
-        if widest <= limit:
+        here = [h.along(motion) for h in helds]
+        widest = max(float(np.abs(h.swing(h.start)).max()) for h in here)
+        if widest <= limit and min(float(h.tension(h.start).min()) for h in here) > 0.0:
             return coefficients
         coefficients = coefficients * min(SHRINK, max(0.5, limit / widest)) if np.isfinite(widest) else coefficients / 2

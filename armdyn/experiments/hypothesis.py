@@ -194,6 +194,10 @@ class Held:
         """(K,) angle of the load along the motion, rad."""
         return np.asarray(self.rollout(values).outputs[:, CHANNELS.index("swing_angle")])
 
+    def tension(self, values: np.ndarray) -> np.ndarray:
+        """(K,) pull of the string along the motion, N."""
+        return np.asarray(self.rollout(values).outputs[:, CHANNELS.index("load_force")])
+
     def by_coefficients(
         self, values: np.ndarray, harmonics: Harmonics, readings: np.ndarray, swing: np.ndarray | None = None
     ) -> np.ndarray:

@@ -5,14 +5,20 @@ Pairs that no motion of the gripper tells apart are named, and why, as far as th
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from armdyn.errors import InputError
 from armdyn.experiments.design import Designed, Say, designed
 from armdyn.experiments.hypothesis import Experiment, Held, Hypothesis
 from armdyn.experiments.motion import Limits, Motion
 from armdyn.experiments.rivals import Rivals, last_motion
 from armdyn.experiments.separation import Outlook, Rival, beliefs, outlook
+from armdyn.shown import Shown
+
+if TYPE_CHECKING:
+    from armdyn.notebook import Story
 
 INSEPARABLE = 1.0
 """Rise of chi2, after design for it, below which a pair counts as inseparable by motion: far below any margin."""
@@ -123,8 +129,8 @@ class Proposal:
         return -round(self.outlook.probability, 2), self.experiment.kind != "motion", -self.outlook.separation
 
 
-@dataclass(frozen=True, eq=False)
-class Plan:
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan(Shown):
     """What to do next.
 
     Attributes:
@@ -136,6 +142,28 @@ class Plan:
     rivals: Rivals
     proposals: tuple[Proposal, ...]
     inseparable: tuple[Inseparable, ...]
+
+    def __str__(self) -> str:
+        return self.sentence
+
+    __repr__ = __str__
+
+    def _story(self) -> "Story":
+        from armdyn.notebook import plan_story
+
+        return plan_story(self)
+
+    def plot(self) -> Any:
+        """The designed motion over time, as a plotly figure.
+
+        Raises:
+            InputError: plotly is missing, or no motion is offered.
+        """
+        if self.motion is None or self.motion.experiment.run is None:
+            raise InputError("no motion is offered that tells the rivals apart: see the other experiments")
+        run = self.motion.experiment.run
+        moved = {name: channel for name, channel in run.channels.items() if name.startswith("gripper")}
+        return replace(run, name="motion", channels=moved).plot()
 
     @property
     def sentence(self) -> str:
@@ -186,9 +214,28 @@ def plan(
     pairs = inseparable(rivals.hypotheses, moving.outlook, moving.experiment)
     proposals = [moving]
     for experiment in other_kinds(rivals, seconds):
+        if not safe(rivals, experiment, limits.swing if limits is not None else np.inf):
+            continue
         tell(f"weighing up: {experiment.kind}")
         proposals.append(Proposal(experiment, outlook(rivals.hypotheses, experiment, seed)))
     return Plan(rivals, tuple(sorted(proposals, key=lambda p: p.rank)), pairs)
+
+
+def safe(rivals: Rivals, experiment: Experiment, swing: float) -> bool:
+    """Whether an experiment keeps its string taut and its load within a limit of the swing, rad, under every rival.
+
+    The last run itself, which was made, may have been wider.
+    """
+    if experiment.motion is None:
+        return True
+    last = experiment.along(last_motion(rivals.last, experiment.motion.seconds))
+    plain = replace(last, changed={})
+    for hypothesis in rivals.hypotheses:
+        there, before = Held(hypothesis, experiment), Held(hypothesis, plain)
+        allowed = max(swing, float(np.abs(before.swing(before.start)).max()))
+        if not (np.abs(there.swing(there.start)).max() <= allowed and there.tension(there.start).min() > 0.0):
+            return False
+    return True
 
 
 def designed_motion(

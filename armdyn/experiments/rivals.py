@@ -1,6 +1,6 @@
 """Which hypotheses a diagnosis leaves, each fitted to the runs, with what the runs and the priors say of its values."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +11,7 @@ from armdyn.experiments.motion import Motion
 from armdyn.experiments.separation import MARGIN
 from armdyn.identify.appraisal import SURE
 from armdyn.identify.candidate import Candidate
-from armdyn.identify.diagnose import Diagnosis
+from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.fit import Fit
 from armdyn.identify.noise import correlation_time
 from armdyn.identify.study import Study
@@ -63,6 +63,32 @@ def require_gripper(study: Study) -> None:
             raise InputError(f"{run.name}: has no 'gripper_x', and only a gripper that moves can be planned for")
         if not any(channel in run.channels for channel in CHANNELS):
             raise InputError(f"{run.name}: has none of {', '.join(CHANNELS)}, by which an experiment would be judged")
+
+
+def undecided(
+    study: Study, names: Sequence[str] | None = None, say: Callable[[str], None] | None = None
+) -> tuple[str, str, Rivals | None]:
+    """Verdict and sentence of the diagnosis, and what is to be told apart; None where nothing is.
+
+    Args:
+        study: of all runs.
+        names: of the effects to tell apart; those that the diagnosis leaves where it is None.
+        say: told how far it is.
+
+    Raises:
+        InputError: see `require_gripper` and `named`.
+    """
+    require_gripper(study)
+    if names is not None:
+        return "", "", named(study, names)
+    found = diagnose(study, say or (lambda _: None))
+    rivals = of_diagnosis(study, found) or weakest(study, found)
+    said = found.comparison.sentence if rivals is None else ""
+    if rivals is None:
+        said = f"{found.sentence} Nothing is left to be told apart, and all values are known well."
+        if found.verdict.key == "unknown_effect":
+            said = f"{found.sentence} No experiment can be designed for an effect that no model describes."
+    return found.verdict.key, said, rivals
 
 
 def tied_sets(found: Diagnosis) -> list[tuple[Candidate, ...]]:

@@ -51,7 +51,7 @@ def printed_tension(tension: Tension) -> Tension:
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class PendulumModel(SimulatedModel):
     """A load on a string below a moving gripper."""
 

@@ -168,7 +168,7 @@ class GrowingPath:
         return self._smooth
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class GrowingRun(Run):
     """A run that is still being recorded, with the gripper's path smoothed as it grew.
 

@@ -28,7 +28,7 @@ FARTHEST = 2.0
 """The largest of these, in typical sizes."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class PhysicsModel(SimulatedModel):
     """A physics, such as one from a user's own file, and effects.
 

@@ -25,7 +25,7 @@ PADDED = 8
 """Times its length that a signal is continued by zeros: its spectrum is looked at so much more finely."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class SimulatedModel(Model):
     """A motion simulated along recorded inputs, its outputs read by sensors with lag, delay and sampling."""
 

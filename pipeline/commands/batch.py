@@ -25,7 +25,7 @@ def register(app: typer.Typer) -> None:
 def batch(
     spec: Annotated[Path, typer.Argument(metavar="SPEC.toml", help="Which models and recordings; see docs/batch.md.")],
     output: Annotated[
-        Path, typer.Option("--output", help="Directory for rows and report; a batch in it is continued.")
+        Path, typer.Option("--output", "--out", help="Directory for rows and report; a batch in it is continued.")
     ],
     scheduler: Annotated[
         str | None, typer.Option(help="A dask scheduler whose workers do it, such as tcp://host:8786.")

@@ -28,7 +28,9 @@ def register(app: typer.Typer) -> None:
 
 
 def excite(
-    output: Annotated[Path, typer.Option(help="Where the motion goes: CSV with q, v and a of every joint.")],
+    output: Annotated[
+        Path, typer.Option("--output", "--out", help="Where the motion goes: CSV with q, v and a of every joint.")
+    ],
     robot: Annotated[str | None, typer.Option(help="Name of a known robot, such as baxter.")] = None,
     urdf_file: Annotated[Path | None, typer.Option("--urdf", help="A URDF file, in place of --robot.")] = None,
     joints: JointsOption = None,
@@ -73,6 +75,7 @@ def excite(
     check_outputs(output, report, json_file, inputs=[file for file in (urdf_file, effects_file) if file is not None])
     with spinner() as say:
         from armdyn.arm.model import arm_model
+        from armdyn.csv_run import write_csv
         from pipeline.answers_motion import excitation_answer
         from pipeline.motion.excitation import excitation
 
@@ -81,7 +84,7 @@ def excite(
         say("looking for what a motion can tell")
         goal = _goal(model, wanted, rivals, effects_file, rate)
         found = excitation(goal, seconds, random=random, compare=compare, seed=seed, say=say)
-    _write_motion(found, output)
+    write_csv(output, found.motion.channels)
     if report is not None:
         from pipeline.report.feasibility import excitation_page
 
@@ -102,15 +105,15 @@ def _within(option: str, value: float, lowest: float, highest: float, unit: str)
 def _goal(model: "ArmModel", wanted: str | None, rivals: str | None, effects_file: Path | None, rate: float) -> "Goal":
     from armdyn.effects.user import load_effects
     from armdyn.errors import InputError
-    from armdyn.excitation.goal import determining, separating
+    from pipeline.front import goal_of
 
     own = load_effects(effects_file) if effects_file is not None else ()
     if rivals is None:
-        return determining(model, _effects(wanted, "--for", model, own) if wanted is not None else (), rate)
+        return goal_of(model, _effects(wanted, "--for", model, own) if wanted is not None else (), (), rate)
     pair = _effects(rivals, "--rivals", model, own)
     if len(pair) != 2:
         raise InputError(f"--rivals {rivals}: name two effects, separated by a comma")
-    return separating(model, pair[0], pair[1], rate)
+    return goal_of(model, (), pair, rate)
 
 
 def _effects(text: str, option: str, model: "ArmModel", own: "tuple[Effect, ...]") -> "list[Effect]":
@@ -138,18 +141,6 @@ def _effects(text: str, option: str, model: "ArmModel", own: "tuple[Effect, ...]
     for effect in found:
         model.with_effect(effect)  # refuses one that this arm cannot have
     return found
-
-
-def _write_motion(found: "Excitation", output: Path) -> None:
-    from armdyn.channels import Channel
-    from armdyn.csv_run import write_csv
-
-    motion, slides = found.trajectory, found.goal.columns.arm.slides
-    channels = {}
-    for kind, values, per in (("q", motion.q, ""), ("v", motion.v, "/s"), ("a", motion.a, "/s^2")):
-        for i, joint in enumerate(motion.joint_names):
-            channels[f"{kind}.{joint}"] = Channel(motion.time, values[:, i], ("m" if slides[i] else "rad") + per)
-    write_csv(output, channels)
 
 
 def _robot_options(robot: str | None, urdf_file: Path | None) -> str:

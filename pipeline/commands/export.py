@@ -31,7 +31,10 @@ def register(app: typer.Typer) -> None:
 def export(
     model: ModelArgument,
     output: Annotated[
-        Path, typer.Option("--output", help="FILE.urdf, .xml (MuJoCo's), .c, .py or .json: its ending says what it is.")
+        Path,
+        typer.Option(
+            "--output", "--out", help="FILE.urdf, .xml (MuJoCo's), .c, .py or .json: its ending says what it is."
+        ),
     ],
     effects: EffectsOption = None,
     force: Annotated[

@@ -34,7 +34,8 @@ ExamOption = Annotated[
 EffectsOption = Annotated[Path | None, typer.Option("--effects", help="Python file with effects of your own.")]
 ReportOption = Annotated[Path | None, typer.Option("--report", help="Write one offline HTML file.")]
 OutputOption = Annotated[
-    Path | None, typer.Option("--output", help="Where the repaired model goes; over the old one when not given.")
+    Path | None,
+    typer.Option("--output", "--out", help="Where the repaired model goes; over the old one when not given."),
 ]
 
 
@@ -172,7 +173,8 @@ def diagnose(
     if answered(json_file, lambda: diagnosis_answer(given.study, found)):
         say_diagnosis(found)
         say_report(report)
-        if found.remedies and given.study.model.base == "pendulum":
+        moved = all("gripper_x" in run.channels for run in given.study.runs)
+        if found.remedies and given.study.model.base == "pendulum" and moved:
             typer.echo(f"tell them apart: {inputs.command('next', '--output', 'motion.csv', '--report', 'next.html')}")
         if found.suspects:
             typer.echo(f"add it: {inputs.command('repair', *REPAIRED)}")
@@ -201,7 +203,7 @@ def add(
         given.file.model.with_effect(wanted)  # refuses an effect that does not fit before anything is fitted
         say("fitting")
         found = extend(given.study, [wanted])
-    _conclude(given, found, output or model, report, json_file)
+    _conclude(inputs, given, found, output or model, report, json_file)
 
 
 def repair(
@@ -222,10 +224,12 @@ def repair(
     with spinner() as say:
         given = inputs.read()
         found = mend(given.study, say)
-    _conclude(given, found, output or model, report, json_file)
+    _conclude(inputs, given, found, output or model, report, json_file)
 
 
-def _conclude(given: Given, found: "Repair", output: Path, report: Path | None, json_file: Path | None) -> None:
+def _conclude(
+    inputs: Inputs, given: Given, found: "Repair", output: Path, report: Path | None, json_file: Path | None
+) -> None:
     """Write the repaired model, its report and its answer, and print how the error fell."""
     from armdyn.model_file import ModelFile, write_model_file
     from pipeline.answers import history_entries, repair_answer
@@ -235,7 +239,9 @@ def _conclude(given: Given, found: "Repair", output: Path, report: Path | None, 
         from pipeline.report.page import NextStep
         from pipeline.report.repair import repair_report
 
-        steps = [NextStep(f"{what}:", command) for what, command in next_steps(given.study, output).items()]
+        steps = [
+            NextStep(f"{what}:", command) for what, command in next_steps(given.study, output, inputs.effects).items()
+        ]
         repair_report(given.study, found, command_line(), steps).write(report)
     history = (*given.file.history, *history_entries(given.study, found))
     over = " (over the earlier one)" if output.exists() else ""
@@ -244,7 +250,7 @@ def _conclude(given: Given, found: "Repair", output: Path, report: Path | None, 
         say_repair(found, given.study.judges)
         typer.echo(f"written to {output}{over}")
         say_report(report)
-        for what, command in next_steps(given.study, output).items():
+        for what, command in next_steps(given.study, output, inputs.effects).items():
             typer.echo(f"{what}: {command}")
 
 
@@ -254,12 +260,14 @@ def say_report(report: Path | None) -> None:
         typer.echo(f"report {report}")
 
 
-def next_steps(study: "Study", output: Path) -> dict[str, str]:
-    """Commands that use a repaired model, by what they do."""
+def next_steps(study: "Study", output: Path, effects: Path | None = None) -> dict[str, str]:
+    """Commands that use a repaired model, by what they do; its own effects are in the file `effects`."""
+    own = ["--effects", str(effects)] if effects is not None else []
+    kind = {"pendulum": ".py", "arm": ".xml"}.get(study.model.base, ".json")
+    export = shlex.join(["armdyn", "export", str(output), *own, "--output", f"{output.stem}{kind}"])
     if study.model.base == "pendulum":
         return {
-            "swing with it": shlex.join(["armdyn", "trial", "--model", str(output)]),
-            "take it elsewhere": shlex.join(["armdyn", "export", str(output), "--output", f"{output.stem}.py"]),
+            "swing with it": shlex.join(["armdyn", "trial", "--model", str(output), *own]),
+            "take it elsewhere": export,
         }
-    kind = ".xml" if study.model.base == "arm" else ".json"
-    return {"take it elsewhere": shlex.join(["armdyn", "export", str(output), "--output", f"{output.stem}{kind}"])}
+    return {"take it elsewhere": export}

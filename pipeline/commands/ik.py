@@ -27,7 +27,9 @@ if TYPE_CHECKING:
 def volume(
     low: Annotated[str, typer.Option(help="Lowest corner x,y,z in the base frame [m].")],
     high: Annotated[str, typer.Option(help="Highest corner x,y,z [m].")],
-    out: Annotated[Path, typer.Option(help="The zarr directory; an interrupted build in it is continued.")],
+    out: Annotated[
+        Path, typer.Option("--out", "--output", help="The zarr directory; an interrupted build in it is continued.")
+    ],
     counts: Annotated[str, typer.Option(help="Targets along x, y and z.")] = "100,100,100",
     tool_rpy: Annotated[
         list[str] | None,
@@ -132,7 +134,10 @@ def build(
         ),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Where to write the table; the cache if not given, for a robot's own line.")
+        Path | None,
+        typer.Option(
+            "--out", "--output", help="Where to write the table; the cache if not given, for a robot's own line."
+        ),
     ] = None,
     json_file: JsonOption = None,
 ) -> None:

@@ -11,6 +11,7 @@ from pipeline.commands.output import JsonOption, answered, check_outputs, free_t
 if TYPE_CHECKING:
     from armdyn.run import Run
     from pipeline.imports.foreign import Foreign
+    from pipeline.imports.joints import Joints
     from pipeline.imports.mapping import ColumnMap
 
 
@@ -26,7 +27,7 @@ def import_(
             metavar="FILE...", help="CSV, Parquet, ROS bag (.bag, .mcap, .db3, directory), LeRobot data set."
         ),
     ],
-    output: Annotated[Path, typer.Option("--output", help="Directory for the runs; it is made.")],
+    output: Annotated[Path, typer.Option("--output", "--out", help="Directory for the runs; it is made.")],
     mapping: Annotated[Path | None, typer.Option("--map", help="Which column is which channel: a TOML file.")] = None,
     guess: Annotated[
         bool, typer.Option("--guess", help="Propose a mapping from names, units and ranges; nothing is imported.")
@@ -55,9 +56,10 @@ def import_(
             return
         given = read_map(mapping) if mapping is not None else None
         runs, problems = [], []
+        columns = {name for foreign in recordings for name in foreign.columns}
         for foreign in recordings:
             try:
-                runs.append(imported(foreign, given or known_columns(foreign)))
+                runs.append(imported(foreign, given or known_columns(foreign), columns))
             except InputError as error:
                 problems.append(str(error))
         if problems:
@@ -92,7 +94,7 @@ def _propose(
     files: list[Path],
     recordings: "list[Foreign]",
     output: Path,
-    joints: tuple[str, ...],
+    joints: "Joints | None",
     force: bool,
     json_file: Path | None,
 ) -> None:
@@ -102,38 +104,47 @@ def _propose(
     from pipeline.imports.guess import guessed
     from pipeline.imports.mapping import map_text
 
-    found = guessed(recordings[0], joints)
+    found = guessed(recordings, joints)
     target = output / "map.toml"
     free_to_write(target, force)
     making_directory(output)
     comment = f"Proposed by armdyn from {files[0].name}: read it, mend what is wrong, above all lines with CHECK."
     atomic.write_text(target, map_text(found, comment))
     if answered(json_file, lambda: _guess_answer(found, target)):
-        _say_guess(found, recordings[0], target)
+        _say_guess(found, recordings, target)
+        if joints is None and any("." in entry.channel for entry in found.entries.values()):
+            typer.echo("joints are called as the headers call them: --urdf ROBOT.urdf gives them the robot's names")
         again = shlex.join(["armdyn", "import", *map(str, files), "--output", str(output), "--map", str(target)])
         typer.echo(f"read it, mend what is wrong, then: {again}")
 
 
-def _joints(urdf: Path | None, robot: str | None) -> tuple[str, ...]:
-    """Of the robot, from base to tool; none where no robot is given."""
+def _joints(urdf: Path | None, robot: str | None) -> "Joints | None":
+    """Of the robot; None where no robot is given."""
     if urdf is None and robot is None:
-        return ()
-    from armdyn.arm.model import arm_model
+        return None
+    from armdyn.arm.arm import find_arm
+    from pipeline.imports.joints import Joints
 
-    return tuple(arm_model(urdf, robot).joints)
+    return Joints.of(find_arm(urdf, robot).robot)
 
 
-def _say_guess(found: "ColumnMap", foreign: "Foreign", target: Path) -> None:
+def _say_guess(found: "ColumnMap", recordings: "list[Foreign]", target: Path) -> None:
+    columns = {name: column for foreign in recordings for name, column in foreign.columns.items()}
     table = plain_table("column", "channel", "unit", "why")
     if found.time:
         table.add_row(found.time, "time", found.time_unit, found.why)
     for column, entry in found.entries.items():
-        table.add_row(column, entry.channel, entry.unit or foreign.columns[column].unit, entry.why)
+        table.add_row(column, entry.channel, entry.unit or columns[column].unit, entry.why)
     to_screen().print(table)
-    left = [name for name in foreign.columns if name not in found.entries and name != found.time]
+    left = [name for name in columns if name not in found.entries and name != found.time]
     if left:
         shown = ", ".join(left[:8]) + (f" and {len(left) - 8} more" if len(left) > 8 else "")
         typer.echo(f"left out: {shown}")
+    asked = [column for column, entry in found.entries.items() if "CHECK" in entry.why]
+    if asked or "CHECK" in found.why:
+        typer.echo(
+            f"to be looked at: {', '.join(asked[:8]) or found.time}" + f" and {len(asked) - 8} more" * (len(asked) > 8)
+        )
     typer.echo(f"written to {target}")
 
 

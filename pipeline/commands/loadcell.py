@@ -38,7 +38,9 @@ def calibrate(
     weights: Annotated[
         str, typer.Option(help="Known weights, the empty cell first; '200 g +/- 0.1 g' says how well one is known.")
     ] = "0 g, 100 g, 200 g",
-    out: Annotated[Path | None, typer.Option(help="Where to keep the result; your settings if not given.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "--output", help="Where to keep the result; your settings if not given.")
+    ] = None,
     samples: Annotated[int, typer.Option(min=40, help="Samples per weight.")] = 200,
     baud: Baud = 115200,
     json_file: JsonOption = None,

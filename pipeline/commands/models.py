@@ -1,6 +1,7 @@
 """`armdyn new` and `armdyn effects`: a base model, and the effects that it can have."""
 
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -9,7 +10,7 @@ import typer.core
 
 from pipeline.commands.identify import EffectsOption
 from pipeline.commands.output import JsonOption, answered, check_outputs, to_screen
-from pipeline.commands.which_robot import names_in
+from pipeline.commands.which_robot import choices, names_in
 
 
 class _Bases(typer.core.TyperGroup):
@@ -69,6 +70,7 @@ def own_base(
 def arm(
     model: Annotated[Path, typer.Argument(metavar="M.toml", help="File to write.")],
     urdf: Annotated[str | None, typer.Option(help="Description of the robot.")] = None,
+    mjcf: Annotated[str | None, typer.Option(help="The same in MuJoCo's XML, in place of --urdf.")] = None,
     robot: Annotated[str | None, typer.Option(help="Name of a known robot, such as baxter.")] = None,
     joints: Annotated[
         str | None, typer.Option(help="Names from base to tool, with commas; the longest chain when not given.")
@@ -77,19 +79,19 @@ def arm(
     force: ForceOption = False,
     json_file: JsonOption = None,
 ) -> None:
-    """The rigid bodies of any URDF, held against joint torques."""
+    """The rigid bodies of any URDF or MJCF, held against joint torques."""
     from armdyn.arm.model import arm_model
     from armdyn.errors import InputError
     from armdyn.model_file import ModelFile
 
-    if (urdf is None) == (robot is None):
-        raise InputError("an arm needs either --urdf FILE or --robot baxter")
-    made = arm_model(urdf, robot, names_in(joints), tool=tool)
+    if sum(given is not None for given in (urdf, mjcf, robot)) != 1:
+        raise InputError("an arm needs one of --urdf FILE, --mjcf FILE and --robot baxter")
+    made = arm_model(urdf or mjcf, robot, names_in(joints), tool=tool)
     description: dict[str, Any] = {} if robot is None else {"robot": robot}
     description["joints"] = list(made.joints)
     if tool is not None:
         description["tool"] = tool
-    _write(model, ModelFile(made, description), json_file, force)
+    _write(model, ModelFile(made, description), json_file, force, choices(made.arm.robot))
 
 
 def _known(settings: list[str] | None) -> dict[str, str]:
@@ -111,16 +113,16 @@ def _known(settings: list[str] | None) -> dict[str, str]:
     return known
 
 
-def _write(path: Path, file: Any, json_file: Path | None, force: bool) -> None:
+def _write(path: Path, file: Any, json_file: Path | None, force: bool, notes: Sequence[str] = ()) -> None:
     from armdyn.model_file import write_model_file
 
     check_outputs(path, json_file)
     _check_target(path, force)
     write_model_file(path, file)
-    _say(path, file, json_file)
+    _say(path, file, json_file, notes)
 
 
-def _say(path: Path, file: Any, json_file: Path | None) -> None:
+def _say(path: Path, file: Any, json_file: Path | None, notes: Sequence[str]) -> None:
     model = file.model
     shared = {name: p for name, p in model.parameters.items() if p.scope == "shared"}
 
@@ -132,6 +134,8 @@ def _say(path: Path, file: Any, json_file: Path | None) -> None:
     if answered(json_file, answer):
         what = ", ".join(f"{name} {p.value:g} {p.unit}" for name, p in shared.items())
         typer.echo(f"{path}: {model.base}" + (f", {what}" if what else "") + _joints(file.description))
+        for note in notes:
+            typer.echo(f"  {note}")
         typer.echo(f"next: armdyn compare {shlex.quote(str(path))} RUN... --report compare.html")
 
 

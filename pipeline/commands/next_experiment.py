@@ -1,6 +1,5 @@
 """`armdyn next`: which experiment tells apart what the runs so far do not."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,11 +18,6 @@ from pipeline.commands.output import JsonOption, answered, check_outputs, comman
 
 if TYPE_CHECKING:
     from armdyn.experiments.plan import Plan
-    from armdyn.experiments.rivals import Rivals
-    from armdyn.identify.study import Study
-
-LOAD_RADIUS = 0.014
-"""m; of the load, where nothing says otherwise."""
 
 
 def register(app: typer.Typer) -> None:
@@ -41,44 +35,53 @@ def next_experiment(
     ] = None,
     seconds: Annotated[float, typer.Option(help="Duration of the designed motion.")] = 8.0,
     output: Annotated[
-        Path | None, typer.Option(help="Where the designed motion goes: CSV along the robot's line.")
+        Path | None, typer.Option("--output", "--out", help="Where the designed motion goes: CSV along the line.")
     ] = None,
+    travel: Annotated[
+        float | None,
+        typer.Option(help="Of a rig of your own, in place of Baxter: how far its gripper moves to either side [m]."),
+    ] = None,
+    speed: Annotated[float | None, typer.Option(help="The same: its largest speed [m/s].")] = None,
+    acceleration: Annotated[float | None, typer.Option(help="The same: its largest acceleration [m/s^2].")] = None,
+    swing: Annotated[float | None, typer.Option(help="The same: the largest angle of the load [rad].")] = None,
     seed: Annotated[int, typer.Option(help="Of the random motions from which the design starts.")] = 0,
     effects: EffectsOption = None,
     report: ReportOption = None,
     json_file: JsonOption = None,
 ) -> None:
     """Plan the next experiment: how well each kind tells rival effects apart, and the best motion of the gripper."""
-    from armdyn.experiments.plan import plan
+    from armdyn.experiments.rivals import undecided
     from pipeline.answers_motion import next_answer
-    from pipeline.motion.offered import arranged, write_motion
+    from pipeline.front import planned, rig_limits
+    from pipeline.motion.offered import write_motion
 
     inputs = Inputs(model, runs, held_out, None, effects)
     inputs.check(report, json_file)
     check_outputs(output, inputs=[model, *inputs.recordings])
+    limits = rig_limits(travel, speed, acceleration, swing)
     harmonics_for(seconds)
     with spinner() as say:
         given = inputs.read()
-        verdict, sentence, found = _rivals(given.study, rivals, say)
+        named = [name.strip() for name in (rivals or "").split(",") if name.strip()]
+        verdict, sentence, found = undecided(given.study, named if rivals is not None else None, say)
         made, offer = None, None
         if found is not None:
-            made = plan(found, seconds, seed=seed, say=say)
-            say("checking the motion on the whole arm")
-            made, offer = arranged(made, LOAD_RADIUS)
+            made, offer = planned(found, seconds, limits, seed, say)
             sentence = " ".join([*([sentence] if sentence else []), made.sentence])
     written = output if offer is not None else None
     if offer is not None and output is not None:
-        write_motion(offer.trajectory, output)
+        write_motion(offer, output)
     if report is not None:
         from pipeline.report.next_experiment import next_report
 
-        next_report(made, sentence, command_line(), written).write(report)
+        next_report(made, sentence, command_line(), written if limits is None else None).write(report)
     if answered(json_file, lambda: next_answer(made, verdict, sentence, written)):
         _say(made, sentence)
         if written is not None:
             typer.echo(f"motion {written}")
-            typer.echo(f"check it: armdyn check {written}")
-            typer.echo(f"make it: armdyn trial --motion {written}")
+            if limits is None:
+                typer.echo(f"check it: armdyn check {written}")
+                typer.echo(f"make it: armdyn trial --motion {written}")
         say_report(report)
 
 
@@ -87,24 +90,6 @@ def harmonics_for(seconds: float) -> None:
     from armdyn.experiments.motion import Harmonics, Limits
 
     Harmonics(seconds, Limits())
-
-
-def _rivals(study: "Study", names: str | None, say: Callable[[str], None]) -> "tuple[str, str, Rivals | None]":
-    """Verdict and sentence of the diagnosis, and what is to be told apart; None where nothing is."""
-    from armdyn.experiments.rivals import named, of_diagnosis, require_gripper, weakest
-    from armdyn.identify.diagnose import diagnose
-
-    require_gripper(study)
-    if names is not None:
-        return "", "", named(study, [name.strip() for name in names.split(",") if name.strip()])
-    found = diagnose(study, say)
-    rivals = of_diagnosis(study, found) or weakest(study, found)
-    said = found.comparison.sentence if rivals is None else ""
-    if rivals is None:
-        said = f"{found.sentence} Nothing is left to be told apart, and all values are known well."
-        if found.verdict.key == "unknown_effect":
-            said = f"{found.sentence} No experiment can be designed for an effect that no model describes."
-    return found.verdict.key, said, rivals
 
 
 def _say(made: "Plan | None", sentence: str) -> None:

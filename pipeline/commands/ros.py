@@ -89,7 +89,7 @@ def twin(
 
 def record(
     ros: RosOption,
-    output: Annotated[Path, typer.Option(help="The run to write (CSV, and TOML beside it).")],
+    output: Annotated[Path, typer.Option("--output", "--out", help="The run to write (CSV, and TOML beside it).")],
     seconds: Annotated[float, typer.Option(min=0.1, help="How long [s].")] = 30.0,
     arm: ArmOption = "baxter",
     loadcell: Annotated[str | None, typer.Option(help="Serial port of the load cell; none if not given.")] = None,

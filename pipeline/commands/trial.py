@@ -76,7 +76,9 @@ def trial(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Directory for the recording and the report; out/trial, or out/trial-2 where one is running."
+            "--out",
+            "--output",
+            help="Directory for the recording and the report; out/trial, or out/trial-2 where one is running.",
         ),
     ] = None,
     picture: Annotated[bool, typer.Option("--picture", help="Render the swing: swing.png and swing.gif.")] = False,
@@ -291,7 +293,7 @@ def _render(done: "SimulatedTrial", out: Path, show: Callable[[str, float], None
 def table(
     seeds: Annotated[int, typer.Option(help="Trials per guess, with estimation and without.")] = 3,
     first_seed: Annotated[int, typer.Option(help="Of the simulation's randomness; the others follow it.")] = 0,
-    out: Annotated[Path, typer.Option(help="Directory for the report.")] = Path("out/table"),
+    out: Annotated[Path, typer.Option("--out", "--output", help="Directory for the report.")] = Path("out/table"),
     json_file: JsonOption = None,
 ) -> None:
     """Table I of the paper: nine guesses of the length, with and without estimation."""

@@ -28,7 +28,8 @@ def view(
     urdf_file: Annotated[Path | None, typer.Option("--urdf", help="URDF of the robot, in place of --robot.")] = None,
     effects: EffectsOption = None,
     output: Annotated[
-        Path | None, typer.Option("--output", help="The HTML file to write; <name>_view.html here, if not given.")
+        Path | None,
+        typer.Option("--output", "--out", help="The HTML file to write; <name>_view.html here, if not given."),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Write over the file where it is there.")] = False,
     no_browser: Annotated[

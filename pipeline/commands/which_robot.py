@@ -51,6 +51,14 @@ def say_missing_meshes(robot: "Robot") -> None:
         typer.echo(missing[0] + (f"; and {len(missing) - 1} more" if missing[1:] else ""))
 
 
+def choices(robot: "Robot") -> list[str]:
+    """Sentences on the gripper's joints that an arm was taken without, and on what an MJCF did not say."""
+    from urdf.infer import LEFT_OUT
+    from urdf.mjcf import ASSUMED
+
+    return [sentence for sentence in robot.defects if sentence.startswith((LEFT_OUT, ASSUMED))]
+
+
 def numbers(text: str, option: str) -> list[float]:
     """Numbers separated by commas.
 

@@ -17,6 +17,7 @@ from armdyn.bytes_in import check_chunk_sizes, read_bytes
 from armdyn.errors import InputError
 from armdyn.mcap_run import SIDECAR_RECORD
 from pipeline.imports.foreign import MIN_SAMPLES, Column, Foreign
+from pipeline.imports.joints import AMPERE, IN_AMPERE
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -145,6 +146,9 @@ def _columns(samples: dict[str, _Samples]) -> tuple[dict[str, Column], list[str]
         if column.channel and best[column.channel] != name:
             columns[name] = Column(column.value, column.unit, column.time)
             notes.append(f"{name}: {best[column.channel]} has more samples of {column.channel}, and is used")
+    efforts = {c.channel.removeprefix("tau.") for c in columns.values() if c.channel.startswith("tau.")}
+    if efforts >= AMPERE:
+        notes.append(f"efforts were taken as N m: {IN_AMPERE}; then give --map with a torque_constant")
     for names, why in ((few, f"fewer than {MIN_SAMPLES} samples"), (zero, "nothing but zeros")):
         if names:
             shown = ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")

@@ -1,7 +1,7 @@
 """Makes a run of a foreign recording by a mapping; every problem is told at once."""
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from datetime import UTC, datetime
 from typing import Any
 
@@ -29,8 +29,13 @@ MOTOR_SIDE = {"q": -1, "v": -1, "a": -1, "tau": 1}
 """Power of the gear ratio by which a motor's value is multiplied to be the joint's."""
 
 
-def imported(foreign: Foreign, mapping: ColumnMap) -> Run:
+def imported(foreign: Foreign, mapping: ColumnMap, elsewhere: Collection[str] = ()) -> Run:
     """The run that a recording becomes.
+
+    Args:
+        foreign: the recording.
+        mapping: which column is which channel.
+        elsewhere: columns that other recordings have which are imported with it; this one may lack them.
 
     Raises:
         ImportProblemsError: lists everything that is wrong.
@@ -42,7 +47,10 @@ def imported(foreign: Foreign, mapping: ColumnMap) -> Run:
     taken: dict[str, str] = {}
     for name, entry in mapping.entries.items():
         if name not in foreign.columns:
-            problems.append(_absent(name, foreign.columns))
+            if name in elsewhere:
+                notes.append(f"no column '{name}', which others have: no {entry.channel}")
+            else:
+                problems.append(_absent(name, foreign.columns))
             continue
         if entry.channel in taken:
             problems.append(f"'{taken[entry.channel]}' and '{name}' are both {entry.channel}: keep one of them")
@@ -69,6 +77,8 @@ def imported(foreign: Foreign, mapping: ColumnMap) -> Run:
             problems.append(f"'{name}' holds {present.sum()} numbers where at least {MIN_SAMPLES} are needed")
         else:
             channels[entry.channel] = Channel(time[present], value[present], unit)
+    if not (problems or channels):
+        problems.append("it has none of the columns of the mapping")
     if not problems:
         try:
             check_joint_units((name, channel.unit) for name, channel in channels.items())

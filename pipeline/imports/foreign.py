@@ -37,11 +37,13 @@ class Foreign:
         name: of the run that it becomes, without an ending.
         columns: by name, as the file calls them.
         notes: sentences on what was left out while reading.
+        texts: by name: what a column of text says that says the same throughout, such as a joint's name.
     """
 
     name: str
     columns: Mapping[str, Column]
     notes: tuple[str, ...] = field(default=())
+    texts: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def is_table(self) -> bool:
@@ -65,12 +67,12 @@ class ImportProblemsError(InputError):
 
 
 def labelled(label: str) -> tuple[str, str]:
-    """Name and unit of a column's header: ``q [deg]``, ``q (deg)``, ``q_deg`` and ``q`` are all common."""
+    """Name and unit of a column's header: ``q [deg]``, ``q (deg)`` and ``q``; ``q[0]`` is the name of an entry."""
     name, unit = name_and_unit(label)
     if not unit and label.rstrip().endswith(")") and "(" in label:
         name, _, rest = label.strip().rpartition("(")
         name, unit = name.strip(), rest[:-1].strip()
-    return name, unit
+    return (label.strip(), "") if unit.isdigit() else (name, unit)
 
 
 def as_numbers(values: object) -> FloatArray | None:

@@ -1,229 +1,261 @@
 """A mapping proposed from names, units and ranges; a person reads it before it is used.
 
-Degrees look like degrees: positions beyond two turns, or speeds that are 57 times those of the positions. What is
-commanded, desired or a set-point is no measurement and is left out.
+What the names say is held against the numbers: positions against the joints' ranges, speeds against the slopes of the
+positions, torques against the motors' efforts. A line that names or numbers leave open says CHECK.
 """
 
-import re
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from armdyn.channels import FloatArray, channel_kind
 from armdyn.errors import InputError
 from armdyn.units import si_factor
-from pipeline.imports.foreign import Foreign
+from pipeline.imports.foreign import Column, Foreign
+from pipeline.imports.joints import AMPERE, IN_AMPERE, Joints, Match, contains, matched, skeleton
 from pipeline.imports.mapping import ColumnMap, Entry
+from pipeline.imports.pendulum import pendulum_entries
+from pipeline.imports.sizes import angle_unit, largest, length_unit, position_doubt, rate_unit, slope, torque_doubt
+from pipeline.imports.words import IDLE, Label, is_unit, label_of, words_in, words_of
+from urdf.infer import is_gripper
 
-WORDS = {
-    "a": {"acceleration", "accelerations", "acc", "accel", "qdd", "ddq"},
-    "v": {"velocity", "vel", "speed", "qd", "dq", "qdot", "velocities", "speeds", "rate"},
-    "tau": {"torque", "tau", "effort", "trq", "moment", "torques", "efforts"},
-    "current": {"current", "curr", "amps", "currents", "cur", "iq"},
-    "q": {"position", "pos", "q", "angle", "theta", "positions", "angles", "encoder", "deg", "rad"},
-}
-"""Words that name a quantity of a joint."""
-PENDULUM_WORDS = (
-    ("load_force", {"force", "tension", "loadcell", "load"}),
-    ("swing_rate", {"swing_rate", "swingrate"}),
-    ("swing_angle", {"swing", "phi", "pendulum"}),
-    ("gripper_x", {"gripper", "cart", "pivot"}),
-)
-TIME_WORDS = {"time", "t", "timestamp", "stamp", "clock", "seconds", "secs", "sec"}
-LEROBOT_STATE = "observation.state/"
-"""What LeRobot calls the measured positions."""
-COMMANDED = {
-    "target",
-    "cmd",
-    "command",
-    "commanded",
-    "desired",
-    "des",
-    "ref",
-    "reference",
-    "setpoint",
-    "action",
-    "goal",
-}
-IDLE = {
-    "actual", "measured", "meas", "joint", "joints", "observation", "motor", "axis", "the", "data", "value", "link",
-    "robot", "arm", "real", "feedback", "act", "state", "states", "pos", "of", "from",
-}  # fmt: skip
-"""Words that say nothing about which joint it is."""
-NUMBERED = re.compile(r"joint_(\d+)")
-"""A joint that is only counted."""
-TURNS = 7.0
-"""rad; positions beyond are degrees, of an arm whose joints turn a little more than once."""
-SUFFIXES = {"deg": "deg", "degrees": "deg", "rad": "rad", "nm": "N m", "amp": "A", "amps": "A", "ms": "ms", "us": "us",
-            "ns": "ns", "mm": "mm"}  # fmt: skip
+TIME_WORDS = words_in("time t timestamp timestamps stamp clock seconds secs sec zeit duration elapsed utime ts epoch")
+LEROBOT_STATE = "observation.state"
+"""What LeRobot calls the measured positions: degrees, radians, or shares of a joint's range."""
 STEPS = (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9))
 FASTEST, SLOWEST = 5e-5, 0.5
 """s between samples that a robot's recording has."""
-AGREES = 0.15
-"""Relative difference of speed and differentiated position from which their units are not the same."""
 
 
-def guessed(foreign: Foreign, joints: Sequence[str] = ()) -> ColumnMap:
-    """What the columns seem to be.
+@dataclass(frozen=True)
+class _Candidate:
+    """A column that may become a channel."""
+
+    column: str
+    label: Label
+    match: Match
+    channel: str
+
+    @property
+    def rank(self) -> tuple[bool, bool, bool]:
+        """Smaller is better: a torque before a current, the joint's before the motor's, the sure before the unsure."""
+        return self.label.quantity == "current", "motor" in self.label.words, bool(self.match.doubt or self.label.doubt)
+
+
+def guessed(recordings: Sequence[Foreign], joints: Joints | None = None) -> ColumnMap:
+    """What the columns of recordings of one kind seem to be.
 
     Args:
-        foreign: the recording.
-        joints: of the robot, from base to tool, where they are known: columns that are numbered get these names.
+        recordings: one or more; ranges are those of all.
+        joints: of the robot, where it is known.
 
     Raises:
-        InputError: nothing in it looks like a channel.
+        InputError: nothing in them looks like a channel.
     """
-    time, unit, why = _time(foreign) if foreign.is_table else ("", "", "")
+    known, first = joints or Joints(), recordings[0]
+    columns: dict[str, list[Column]] = {}
+    for foreign in recordings:
+        for name, column in foreign.columns.items():
+            columns.setdefault(name, []).append(column)
+    time, unit, why = _time(first) if first.is_table else ("", "", "")
     entries: dict[str, Entry] = {}
-    of_joint: dict[str, tuple[str, str]] = {}
-    for name, column in foreign.columns.items():
+    labels: dict[str, Label] = {}
+    for name, found in columns.items():
         if name == time:
             continue
-        if column.channel or _is_channel(name):
-            entries[name] = Entry(column.channel or name, column.unit)
-            continue
-        words = _words(name)
-        if COMMANDED & set(words):
-            continue
-        for channel, known in PENDULUM_WORDS:
-            if known & set(words) and channel not in {entry.channel for entry in entries.values()}:
-                entries[name] = _pendulum(channel, column.unit or _suffix(words), column.value)
-                break
+        if found[0].channel or (found[0].unit and _is_channel(name)):
+            entries[name] = Entry(found[0].channel or name, found[0].unit)
         else:
-            quantity = next((kind for kind, known in WORDS.items() if known & set(words)), None)
-            if quantity is None and name.startswith(LEROBOT_STATE):
-                quantity = "q"
-            if quantity is not None:
-                of_joint[name] = quantity, _joint(words)
-    seconds = foreign.columns[time].value * si_factor(unit, "s") if time else None
-    entries |= _joint_entries(foreign, of_joint, _named(of_joint, joints), seconds)
+            labels[name] = label_of(name, found[0].unit)
+    arm = _of_joints(labels, known)
+    if not known.arm and not _is_arm(arm):
+        entries |= pendulum_entries({n: label_of(n, c[0].unit) for n, c in columns.items() if n in labels}, columns)
+    else:
+        names = {n: first.texts[f] for n in arm if (f := _name_column(n, arm[n])) in first.texts}
+        matches = matched(arm, known, names)
+        seconds = first.columns[time].value * si_factor(unit, "s") if time else None
+        entries |= _joint_entries(_candidates(arm, matches), columns, known, first, seconds)
     if not entries:
-        shown = ", ".join(f"'{name}'" for name in list(foreign.columns)[:6])
-        raise InputError(f"{foreign.name}: none of its columns ({shown}) looks like a channel: write a mapping, --map")
-    ordered = {name: entries[name] for name in foreign.columns if name in entries}
-    return ColumnMap(ordered, time, unit, why=why)
+        shown = ", ".join(f"'{name}'" for name in list(columns)[:6])
+        raise InputError(f"{first.name}: none of its columns ({shown}) looks like a channel: write a mapping, --map")
+    return ColumnMap({name: entries[name] for name in columns if name in entries}, time, unit, why=why)
+
+
+def _of_joints(labels: Mapping[str, Label], known: Joints) -> dict[str, Label]:
+    """Headers that may be a joint's, with the quantity that they most likely are of."""
+    found: dict[str, Label] = {}
+    kinds = Counter(skeleton(label.words) for label in labels.values())
+    for name, label in labels.items():
+        if is_gripper(name) or not label.measured:
+            continue
+        quantity, doubt = label.quantity, label.doubt
+        if LEROBOT_STATE in name.lower() and quantity in ("", "q"):
+            quantity, doubt = "q", "degrees, radians or a share of the joint's range?"
+        elif label.words[:1] == ("a",) and {("a", "#"), ("q", "#"), ("v", "#")} <= kinds.keys():
+            quantity = "a"  # as Pinocchio calls it, and no axis
+        elif not quantity and _names_a_joint(label, kinds[skeleton(label.words)], known):
+            quantity, doubt = "q", "taken as positions"
+        elif quantity == "force":
+            quantity = "tau" if known.arm else ""
+        if quantity:
+            found[name] = replace(label, quantity=quantity, doubt=doubt)
+    # libfranka's q_d is what is desired, as it has dq besides; elsewhere it may be the speed.
+    speeds = any(label.quantity == "v" and "d" not in label.rest for label in found.values())
+    for name, label in list(found.items()):
+        if "d" in label.rest and label.quantity in ("q", "v", "tau"):
+            if speeds or label.quantity != "q":
+                del found[name]
+            else:
+                rest = tuple(word for word in label.rest if word != "d")
+                found[name] = replace(label, quantity="v", rest=rest, doubt="the speed, or what is desired?")
+    return found
+
+
+def _names_a_joint(label: Label, alike: int, known: Joints) -> bool:
+    """Whether a header without a quantity is just the name or the number of a joint, as so many others are."""
+    letters = {word for word in label.words if not word.isdigit()}
+    if any(contains(label.words, words) and letters <= {*words, *IDLE} for words in map(words_of, known.arm)):
+        return True
+    if not ((label.words and label.words[-1].isdigit()) or letters & IDLE) or letters - {"j", "a", *IDLE}:
+        return False
+    if not {"j", "joint", "a", "axis"} & letters:
+        return False
+    return alike == len(known.arm) or (not known.arm and alike > 1)
+
+
+def _is_arm(labels: Mapping[str, Label]) -> bool:
+    """Whether columns are those of an arm: of several joints, or with a joint's torque or current."""
+    rests = {label.rest for label in labels.values()}
+    numbers = {word for rest in rests for word in rest if word.isdigit()}
+    return (
+        len(numbers) > 1
+        or any(label.quantity in ("tau", "current") for label in labels.values())
+        or (len(rests) > 1 and all(rest and not set(rest) & _PENDULUM for rest in rests))
+    )
+
+
+_PENDULUM = {"swing", "phi", "pendulum", "pend", "pole", "cart", "pivot", "trolley", "bob", "alpha"}
+
+
+def _name_column(name: str, label: Label) -> str:
+    """The column of text that holds the joint's name, such as ``field.name0`` of ``field.position0``."""
+    for word in ("position", "velocity", "effort"):
+        if word in label.words:
+            return name.replace(word, "name")
+    return ""
+
+
+def _candidates(labels: Mapping[str, Label], matches: Mapping[str, Match]) -> list[_Candidate]:
+    """The best column of every channel, in the order of the columns."""
+    best: dict[str, _Candidate] = {}
+    for column, label in labels.items():
+        match = matches[column]
+        if not match.joint:
+            continue
+        quantity = "tau" if label.quantity == "current" else label.quantity
+        one = _Candidate(column, label, match, f"{quantity}.{match.joint}")
+        other = best.get(one.channel)
+        if other is not None and one.rank == other.rank:
+            best[one.channel] = replace(other, match=Match(match.joint, f"or is it '{column}'?"))
+        elif other is None or one.rank < other.rank:
+            best[one.channel] = one
+    return list(best.values())
+
+
+def _joint_entries(
+    candidates: Sequence[_Candidate],
+    columns: Mapping[str, list[Column]],
+    known: Joints,
+    first: Foreign,
+    time: FloatArray | None,
+) -> dict[str, Entry]:
+    positions = {c.match.joint: c for c in candidates if c.label.quantity == "q"}
+    sizes = {joint: largest(columns[c.column]) for joint, c in positions.items()}
+    turning = [j for j, c in positions.items() if not (known.slides(j) or c.label.unit)]
+    angle = angle_unit([sizes[joint] for joint in turning])
+    shares = [
+        largest(columns[c.column]) * _newtons(c, known) / known.ranges[c.match.joint].effort
+        for c in candidates
+        if c.label.quantity == "tau" and c.match.joint in known.ranges
+    ]
+    entries: dict[str, Entry] = {}
+    for c in candidates:
+        label, joint = c.label, c.match.joint
+        limits, at = known.ranges.get(joint), positions.get(joint)
+        unit, why, doubts = label.unit, "unit as written", [c.match.doubt, label.doubt]
+        constant = ""
+        if label.quantity == "current":
+            unit, constant, why = unit or "A", "1 N m/A", "a current"
+            doubts.append("the torque constant and the gear")
+        elif label.quantity == "q":
+            if not unit:
+                slides = limits is not None and limits.slides
+                unit, why, doubt = length_unit(sizes[joint], limits) if limits is not None and slides else angle
+                doubts.append(doubt)
+            doubts.append(position_doubt(sizes[joint], unit, limits))
+        elif label.quantity == "tau":
+            doubts.append(torque_doubt(shares))
+            if not unit:
+                unit, why = ("N" if known.slides(joint) else "N m"), "unit assumed"
+                doubts.append(IN_AMPERE if "effort" in label.words and AMPERE & set(known.arm) else "")
+        elif label.quantity == "v":
+            of = (at.label.unit if at is not None else "") or angle[0]
+            unit, why, doubt = rate_unit(unit, of, _slope(first, c, at, time))
+            doubts.append(doubt)
+        elif not unit:
+            unit, why = f"{(at.label.unit if at is not None else '') or angle[0]}/s^2", "as the position"
+        entries[c.column] = Entry(c.channel, unit, torque_constant=constant, why=_reason(why, doubts))
+    return entries
+
+
+def _newtons(c: _Candidate, known: Joints) -> float:
+    """Factor from a torque's unit to N m, or of a force's to N; 1 where none is written."""
+    return si_factor(c.label.unit, "N" if known.slides(c.match.joint) else "N m") if c.label.unit else 1.0
+
+
+def _slope(
+    first: Foreign, c: _Candidate, position: _Candidate | None, time: FloatArray | None
+) -> tuple[float, float] | None:
+    if position is None or not {c.column, position.column} <= first.columns.keys():
+        return None
+    x, v = first.columns[position.column], first.columns[c.column]
+    stamps = time if time is not None else x.time
+    return slope(stamps, x.value, v.value) if stamps is not None and len(x.value) == len(v.value) else None
+
+
+def _reason(why: str, doubts: Sequence[str]) -> str:
+    return "; ".join([why, *(f"CHECK: {doubt}" for doubt in dict.fromkeys(doubts) if doubt)])
 
 
 def _time(foreign: Foreign) -> tuple[str, str, str]:
     """Column, unit and reason."""
-    rising = [
-        name
+    rising = {
+        name: len(np.unique(column.value))
         for name, column in foreign.columns.items()
         if np.all(np.isfinite(column.value)) and np.all(np.diff(column.value) >= 0.0) and np.ptp(column.value) > 0.0
-    ]
-    named = [name for name in rising if TIME_WORDS & set(_words(name))]
-    if not (named or rising):
+    }
+    named = {
+        n: count for n, count in rising.items() if TIME_WORDS & set(words_of(n)) or label_of(n).unit in dict(STEPS)
+    }
+    if not rising:
         raise InputError(f"{foreign.name}: no column rises all the time, so none is the time: is it a recording?")
-    name = (named or rising)[0]
-    column = foreign.columns[name]
-    written = column.unit or _suffix(_words(name))
-    if written:
-        try:
-            si_factor(written, "s")
-            return name, written, "as written"
-        except InputError:
-            pass
-    step = float(np.median(np.diff(column.value)))
+    choice = named or rising
+    name = max(choice, key=choice.__getitem__)
+    column, doubts = foreign.columns[name], []
+    if not named:
+        doubts.append("no header says that it is the time")
+    elif choice[name] < len(column.value):
+        doubts.append(f"{len(column.value) - choice[name]} stamps are those of the row before")
+    written = column.unit or label_of(name).unit
+    step = float(np.median(np.diff(np.unique(column.value))))
+    if is_unit(written, "time"):
+        return name, written, _reason("as written", doubts)
     for unit, factor in STEPS:
         if FASTEST <= step * factor <= SLOWEST:
-            return name, unit, f"a sample every {step:.4g} {unit}"
-    return name, "s", f"a sample every {step:.4g}, of no unit that a recording has: CHECK"
-
-
-def _joint_entries(
-    foreign: Foreign, found: dict[str, tuple[str, str]], names: dict[str, str], time: FloatArray | None
-) -> dict[str, Entry]:
-    angle, angle_why = _angle_unit(foreign, [name for name, (quantity, _) in found.items() if quantity == "q"])
-    entries: dict[str, Entry] = {}
-    taken: set[str] = set()
-    for name, (quantity, joint) in found.items():
-        column = foreign.columns[name]
-        written = column.unit or _suffix(_words(name))
-        channel = f"{'tau' if quantity == 'current' else quantity}.{names.get(joint, joint)}"
-        if channel in taken:
-            continue
-        if quantity == "current":
-            entry = Entry(
-                channel,
-                written or "A",
-                torque_constant="1 N m/A",
-                why="a current: CHECK the torque constant and the gear",
-            )
-        elif written:
-            entry = Entry(channel, written, why="unit as written")
-        elif quantity == "q":
-            entry = Entry(channel, angle, why=angle_why)
-        elif quantity == "tau":
-            entry = Entry(channel, "N m", why="unit assumed")
-        else:
-            unit, why = _rate_unit(foreign, name, quantity, joint, found, angle, time)
-            entry = Entry(channel, unit, why=why)
-        taken.add(channel)
-        entries[name] = entry
-    return entries
-
-
-def _angle_unit(foreign: Foreign, positions: Sequence[str]) -> tuple[str, str]:
-    """Of all positions together: one joint beyond two turns tells for all."""
-    largest = max((float(np.nanmax(np.abs(foreign.columns[name].value))) for name in positions), default=0.0)
-    return ("deg", f"up to {largest:.4g}") if largest > TURNS else ("rad", f"up to {largest:.4g}")
-
-
-def _rate_unit(
-    foreign: Foreign,
-    name: str,
-    quantity: str,
-    joint: str,
-    found: dict[str, tuple[str, str]],
-    angle: str,
-    time: FloatArray | None,
-) -> tuple[str, str]:
-    """Unit of a speed or acceleration: that of the position, where differentiating it gives the same numbers."""
-    suffix = "/s" if quantity == "v" else "/s^2"
-    position = next((n for n, (kind, j) in found.items() if kind == "q" and j == joint), None)
-    if quantity == "v" and position is not None and time is not None and len(time) > 2:
-        with np.errstate(all="ignore"):
-            slope = np.gradient(foreign.columns[position].value, time)
-        speed = foreign.columns[name].value
-        fine = np.isfinite(slope) & np.isfinite(speed)
-        size = float(np.sum(slope[fine] ** 2))
-        if size > 0.0:
-            ratio = float(slope[fine] @ speed[fine]) / size
-            for unit, expected in ((angle, 1.0), ("rad", np.pi / 180), ("deg", 180 / np.pi)):
-                if abs(ratio / expected - 1.0) < AGREES:
-                    return f"{unit}{suffix}", f"{ratio:.3g} times the position's slope"
-    return f"{angle}{suffix}", "as the position"
-
-
-def _named(found: dict[str, tuple[str, str]], joints: Sequence[str]) -> dict[str, str]:
-    """The robot's name of each joint: the same letters, else by number where there are as many."""
-    ids = list(dict.fromkeys(joint for _, joint in found.values()))
-    names: dict[str, str] = {}
-    for joint in ids:
-        same = [known for known in joints if _letters(known) == _letters(joint)]
-        if not NUMBERED.fullmatch(joint):  # the 1 of joint_1 is not that of wrist_1
-            same = same or [known for known in joints if _letters(joint) and _letters(joint) in _letters(known)]
-        if len(same) == 1:
-            names[joint] = same[0]
-    left = [joint for joint in ids if joint not in names]
-    free = [joint for joint in joints if joint not in names.values()]
-    numbers = {joint: int(match[1]) for joint in left if (match := NUMBERED.fullmatch(joint))}
-    if left and len(left) == len(free) == len(numbers):
-        ordered = sorted(left, key=lambda joint: numbers[joint])
-        names |= dict(zip(ordered, free, strict=True))
-    return names
-
-
-def _pendulum(channel: str, written: str, value: FloatArray) -> Entry:
-    si = channel_kind(channel).units[0]
-    if written:
-        return Entry(channel, written, why="unit as written")
-    largest = float(np.nanmax(np.abs(value)))
-    if si == "rad" and largest > TURNS:
-        return Entry(channel, "deg", why=f"up to {largest:.4g}")
-    if si == "m" and largest > 10.0:
-        return Entry(channel, "mm", why=f"up to {largest:.4g}")
-    return Entry(channel, si, why=f"unit assumed, up to {largest:.4g}: CHECK")
+            return name, unit, _reason(f"a sample every {step:.4g} {unit}", doubts)
+    return name, "s", _reason(f"a sample every {step:.4g}", [*doubts, "of no unit that a recording has"])
 
 
 def _is_channel(name: str) -> bool:
@@ -232,29 +264,3 @@ def _is_channel(name: str) -> bool:
     except InputError:
         return False
     return True
-
-
-def _words(name: str) -> list[str]:
-    """Lower-case words of a name: ``actualQd_3`` as actual, qd, 3."""
-    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)
-    spaced = re.sub(r"(?<=[A-Za-z])(?=\d+\b)", " ", spaced.replace("_", " ").replace("/", " ").replace(".", " "))
-    return re.sub(r"[^A-Za-z0-9 ]", " ", spaced).lower().split()
-
-
-def _suffix(words: Sequence[str]) -> str:
-    return next((SUFFIXES[word] for word in reversed(words) if word in SUFFIXES), "")
-
-
-def _joint(words: Sequence[str]) -> str:
-    """What is left of a name without the words of the quantity: the joint, or ``joint_<number>``."""
-    quantity_words = set.union(*WORDS.values(), COMMANDED, IDLE, set(SUFFIXES))
-    left = [word for word in words if word not in quantity_words]
-    if len(left) == 2 and left[0] in ("j", "joint") and left[1].isdigit():
-        left = left[1:]
-    if not left:
-        return "joint_1"
-    return f"joint_{left[-1]}" if left[-1].isdigit() and len(left) == 1 else "_".join(left)
-
-
-def _letters(name: str) -> str:
-    return "".join(part for part in re.sub(r"[^a-z0-9]", " ", name.lower()).split() if part != "joint")

@@ -48,12 +48,14 @@ def read_csv_of_any_dialect(path: Path) -> Foreign:
     if all(_is_number(cell) for cell in header):
         raise InputError(f"{path}: the first row holds numbers: add a row with the names of the columns above it")
     columns: dict[str, Column] = {}
-    notes = []
+    notes, texts = [], {}
     for i, label in enumerate(header):
         name, unit = labelled(label)
         name = name if name and name not in columns else f"{name or 'column'}#{i + 1}"
         value, strange = _numbers([row[i] for row in body])
         if value is None:
+            if len({row[i] for row in body}) == 1:
+                texts[name] = body[0][i].strip()
             notes.append(f"'{name}' holds text, such as {strange[0]!r}: left out")
             continue
         if strange:
@@ -62,7 +64,7 @@ def read_csv_of_any_dialect(path: Path) -> Foreign:
         columns[name] = Column(value, unit)
     if not columns:
         raise InputError(f"{path}: no column holds numbers: give a recording")
-    return Foreign(path.stem, columns, tuple(notes))
+    return Foreign(path.stem, columns, tuple(notes), texts)
 
 
 def read_parquet(path: Path) -> Foreign:

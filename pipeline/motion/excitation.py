@@ -16,6 +16,7 @@ from armdyn.excitation.goal import Goal
 from armdyn.excitation.random_motions import random_motion, scaled
 from armdyn.excitation.room import Room
 from armdyn.excitation.series import Motions, Series
+from armdyn.run import Channel, Run
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, check_joints
 from pipeline.motion.trajectory import JointTrajectory
 from urdf.robot import Array
@@ -126,6 +127,20 @@ class Excitation:
     conditioned: Expectation | None
     tried: int
     torque: Array
+
+    @property
+    def motion(self) -> Run:
+        """The motion as a run, with q, v and a of every joint: write it with `write_run_csv`, play it, record it."""
+        channels, slides = {}, self.goal.columns.arm.slides
+        for kind, values, per in (
+            ("q", self.trajectory.q, ""),
+            ("v", self.trajectory.v, "/s"),
+            ("a", self.trajectory.a, "/s^2"),
+        ):
+            for i, joint in enumerate(self.trajectory.joint_names):
+                unit = ("m" if slides[i] else "rad") + per
+                channels[f"{kind}.{joint}"] = Channel(self.trajectory.time, values[:, i], unit)
+        return Run("motion", channels)
 
     @property
     def energy(self) -> float:

@@ -101,10 +101,10 @@ def arranged(plan: Plan, load_radius: float, robot: urdf.Robot | None = None) ->
     return replace(plan, proposals=tuple(sorted((*rest, moving), key=lambda p: p.rank))), found
 
 
-def write_motion(trajectory: LineTrajectory, file: Path) -> None:
+def write_motion(motion: Motion, file: Path) -> None:
     """Write a motion along the line as `armdyn check` and `armdyn trial --motion` read it."""
-    columns = (("s", trajectory.s, "m"), ("v", trajectory.v, "m/s"), ("a", trajectory.a, "m/s^2"))
-    write_csv(file, {name: Channel(trajectory.time, values, unit) for name, values, unit in columns})
+    rows = zip(("s", "v", "a"), motion.along, ("m", "m/s", "m/s^2"), strict=True)
+    write_csv(file, {name: Channel(motion.time, values, unit) for name, values, unit in rows})
 
 
 def _swing(hypothesis: Hypothesis, motion: Motion, radius: float) -> Swing:

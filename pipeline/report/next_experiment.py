@@ -87,7 +87,7 @@ def next_report(plan: Plan | None, sentence: str, command: str, output: Path | N
         plan: None where nothing is left to be told apart.
         sentence: for a person.
         command: how to make it again.
-        output: the file with the motion; None where there is none.
+        output: the file with a motion that Baxter can make; None where there is none.
     """
     figures: list[KeyFigure] = []
     sections: list[Section] = []

@@ -143,6 +143,7 @@ def _recording(path: Path, joints: Sequence[str]) -> Dropped:
     from pipeline.imports.conversion import imported
     from pipeline.imports.foreign import read_foreign
     from pipeline.imports.guess import guessed
+    from pipeline.imports.joints import Joints
     from pipeline.imports.mapping import known_columns
 
     try:
@@ -150,7 +151,7 @@ def _recording(path: Path, joints: Sequence[str]) -> Dropped:
         try:
             mapping = known_columns(foreign)
         except InputError:
-            mapping = guessed(foreign, joints)
+            mapping = guessed([foreign], Joints(tuple(joints)))
         run = imported(foreign, mapping)
     except InputError as error:
         # Who meant a run of our own is told what is wrong with it, whoever brings another format what it lacks.
@@ -159,7 +160,9 @@ def _recording(path: Path, joints: Sequence[str]) -> Dropped:
     write_run_csv(run, target)
     columns = ", ".join(f"{column} as {entry.channel}" for column, entry in list(mapping.entries.items())[:4])
     more = f" and {len(mapping.entries) - 4} more" if len(mapping.entries) > 4 else ""
-    return Dropped("run", target, f"{path.name}: taken as {_contents(run)}, with {columns}{more}")
+    doubts = [f"{column}: {entry.why}" for column, entry in mapping.entries.items() if "CHECK" in entry.why]
+    asked = f"; not sure of {len(doubts)}, such as {doubts[0]}" if doubts else ""
+    return Dropped("run", target, f"{path.name}: taken as {_contents(run)}, with {columns}{more}{asked}")
 
 
 def _contents(run: Run) -> str:

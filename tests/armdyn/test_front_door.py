@@ -2,6 +2,7 @@ import subprocess
 import sys
 
 import numpy as np
+import pytest
 
 import armdyn
 
@@ -17,6 +18,66 @@ def test_everything_named_is_there():
         assert getattr(armdyn, name) is not None
     assert callable(armdyn.arm.arm_model)
     assert "linear_drag" in armdyn.effects.CATALOGUE
+
+
+def test_dir_shows_what_a_user_calls_and_nothing_else():
+    shown = set(dir(armdyn))
+    assert shown == set(armdyn.__all__)
+    assert {"InputError", "compare", "diagnose", "repair", "excite", "export", "next_experiment", "read_run"} <= shown
+    assert not {"Any", "TYPE_CHECKING", "import_module"} & shown
+
+
+def test_a_model_and_a_run_are_printed_in_one_line():
+    pendulum = armdyn.pendulum.pendulum_model(length=0.35, mass=0.1, effects=[armdyn.CATALOGUE["linear_drag"]])
+    assert str(pendulum) == repr(pendulum) == "pendulum, length 0.35 m, mass 0.1 kg; linear_drag"
+    arm = armdyn.arm.arm_model(robot="ur5")
+    assert str(arm) == "arm ur5, 6 joints from shoulder_pan_joint to wrist_3_joint; no effects"
+    run = armdyn.Run.from_arrays(np.arange(0.0, 2.0, 0.1), {"q": np.ones((20, 2))}, joints=["a", "b"], name="x")
+    assert str(run) == repr(run) == "Run x: q of 2 joints, 1.9 s"
+
+
+def test_repair_tells_the_error_on_an_exam(swing):
+    model = armdyn.pendulum.pendulum_model(length=0.36, mass=0.1).with_fixed("mass")
+    found = armdyn.repair(model, [swing("a", 0)], effects=[armdyn.CATALOGUE["linear_drag"]], exam=[swing("b", 1)])
+    assert found.path[-1].exam_rmse["swing_angle"] < found.path[0].exam_rmse["swing_angle"]
+
+
+def test_a_model_goes_elsewhere_and_nothing_is_written_over(tmp_path):
+    target = tmp_path / "pendulum.py"
+    armdyn.export(armdyn.pendulum.pendulum_model(length=0.35, mass=0.1), target)
+    assert "def step(" in target.read_text()
+    with pytest.raises(armdyn.InputError, match="there already"):
+        armdyn.export(armdyn.pendulum.pendulum_model(length=0.35, mass=0.1), target)
+    notes = armdyn.export(
+        armdyn.arm.arm_model(robot="ur5", effects=[armdyn.CATALOGUE["torque_offset"]]), tmp_path / "a.xml"
+    )
+    assert any("torque_offset" in note for note in notes)
+
+
+def test_a_motion_to_record_is_a_run():
+    found = armdyn.excite(
+        armdyn.arm.arm_model(robot="ur5", joints=["wrist_3_joint"]), ["rotor_inertia"], seconds=2, random=2
+    )
+    assert set(found.motion.channels) == {"q.wrist_3_joint", "v.wrist_3_joint", "a.wrist_3_joint"}
+    assert abs(found.motion.channels["v.wrist_3_joint"].value[0]) < 1e-6
+
+
+def test_an_effect_of_ones_own_that_is_missing_names_the_option(tmp_path):
+    (tmp_path / "m.toml").write_text('base = "pendulum"\neffects = ["my_drag"]\n')
+    with pytest.raises(armdyn.InputError, match=r"unknown effect 'my_drag'.*--effects FILE\.py"):
+        armdyn.read_model(tmp_path / "m.toml")
+
+
+@pytest.fixture
+def swing():
+    """Makes decaying swings."""
+
+    def make(name, seed):
+        t, rng = np.arange(0.0, 8.0, 0.02), np.random.default_rng(seed)
+        angle = 0.2 * np.exp(-0.1 * t) * np.cos(5.0 * t + seed) + 1e-3 * rng.normal(size=len(t))
+        return armdyn.Run.from_arrays(t, {"swing_angle": angle}, name=name)
+
+    return make
 
 
 def test_a_model_is_fitted_from_paths_given_as_text(tmp_path):

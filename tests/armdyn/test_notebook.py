@@ -45,6 +45,23 @@ def test_a_card_is_small_and_stands_alone(results, name):
         assert results[name].sentence.split(";")[0][:40] in html
 
 
+def test_a_run_shows_itself_and_becomes_a_data_frame_and_back(runs):
+    pytest.importorskip("pandas", reason="data frames need pandas: pip install 'armdyn[notebook]'")
+    run = runs[0]
+    html = run._repr_html_()
+    assert len(html) < 5_000
+    assert "load_force" in html
+    frame = run.to_dataframe()
+    assert list(frame.columns[:1]) == ["time"]
+    again = armdyn.Run.from_dataframe(frame)
+    np.testing.assert_array_equal(again.channels["load_force"].value, run.channels["load_force"].value)
+    assert list(run.to_dataframe("channels")["channel"]) == list(run.channels)
+    figure = run.plot()
+    assert len(figure.data) == len(run.channels)
+    np.testing.assert_array_equal(figure.data[0].y, next(iter(run.channels.values())).value)
+    assert figure.layout.yaxis.title.text.endswith("]")
+
+
 def test_names_cannot_break_out_of_a_card(runs, model):
     run = armdyn.Run("<b onclick=x>.csv", runs[0].channels, {}, runs[0].noise)
     assert "<b onclick" not in armdyn.compare(model, [run, runs[1]])._repr_html_()

@@ -62,7 +62,7 @@ def test_a_proper_tree_passes(tmp_path) -> None:
     [
         ("", "not an XML file"),
         ("<robot name='x'>", "not an XML file"),
-        ("<mujoco/>", "the root element is <mujoco>, not <robot>"),
+        ("<sdf/>", "the root element is <sdf>, not <robot>"),
     ],
 )
 def test_what_is_not_a_urdf_is_refused(tmp_path, content: str, sentence: str) -> None:

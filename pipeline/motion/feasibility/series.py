@@ -94,7 +94,10 @@ def singular_values(robot: urdf.Robot, q: Array) -> Array:
     data = robot.model.createData()
     jacobians = np.array(
         [
-            pin.computeFrameJacobian(robot.model, data, row, robot.tool_frame_id, pin.LOCAL_WORLD_ALIGNED)
+            # Pinocchio drops the second axis of a single joint.
+            pin.computeFrameJacobian(robot.model, data, row, robot.tool_frame_id, pin.LOCAL_WORLD_ALIGNED).reshape(
+                6, -1
+            )
             for row in np.asarray(q, dtype=float)
         ]
     )

@@ -125,7 +125,7 @@ def test_a_bad_model_file_is_refused(armdyn, place, model, expected):
         (("new", "pendulum", "good.csv"), "no model file"),
         (("new", "pendulum", "n.toml", "--set", "mass=80"), "has no unit"),
         (("new", "pendulum", "n.toml", "--set", "masss=80 g"), "did you mean 'mass'"),
-        (("new", "arm", "n.toml"), "either --urdf"),
+        (("new", "arm", "n.toml"), "one of --urdf"),
         (("new", "arm", "n.toml", "--robot", "baxter", "--joints", "right_s7"), "right_s7"),
         (("effects", "--effects", "absent.py"), "no such file"),
     ],

@@ -59,6 +59,21 @@ def test_two_rivals_get_a_motion_that_check_finds_feasible(armdyn, files):
     assert json.loads(out)["feasible"]
 
 
+def test_limits_of_ones_own_rig_are_kept_and_no_other_robot_is_asked(armdyn, files):
+    """0.3 m to the side is more than Baxter's line has on that side, and 1 m/s^2 less than it may."""
+    limits = ("--travel", 0.3, "--speed", 0.5, "--acceleration", 1.0, "--swing", 0.4)
+    status, out, _ = armdyn(
+        "next", files / "model.toml", files / "pivot_viscous_friction.csv", "--rivals",
+        "pivot_viscous_friction,linear_drag", "--seconds", 5, "--out", "own.csv", *limits,
+    )  # fmt: skip
+    assert status in (0, None)
+    assert "motion own.csv" in out
+    assert "armdyn check" not in out
+    motion = np.genfromtxt("own.csv", delimiter=",", skip_header=1)
+    assert np.all(np.abs(motion[:, 1:]).max(axis=0) <= [0.3, 0.5, 1.0])
+    assert np.abs(motion[:, 3]).max() > 0.5
+
+
 def test_wind_and_tilt_cannot_be_told_apart_by_a_motion_but_by_turning_the_robot(armdyn, files):
     found = answer(armdyn, files / "model.toml", files / "wind.csv", "--seconds", 4, "--output", "motion.csv")
     assert found["verdict"] == "cannot_tell_apart"

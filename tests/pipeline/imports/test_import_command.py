@@ -63,3 +63,28 @@ def test_the_recording_itself_is_never_replaced(armdyn, table):
     assert status == 2
     assert "would take the place" in err
     assert table.read_bytes() == before
+
+
+def test_reading_a_foreign_table_names_import(armdyn, table):
+    armdyn("new", "pendulum", "p.toml")
+    status, out, err = armdyn("compare", "p.toml", table)
+    assert (status, out) == (2, "")
+    assert f"armdyn import {table} --output runs --guess" in err
+
+
+def test_a_column_that_one_of_several_files_lacks_is_optional(armdyn, table, tmp_path):
+    """And the unit is that of all files: the second one moves so little that it alone would be taken as rad."""
+    lines = table.read_text().splitlines()
+    rows = [line.split(",") for line in lines[1:]]
+    second = tmp_path / "second.csv"
+    second.write_text(
+        "\n".join([lines[0].rpartition(",")[0], *(f"{t},{float(q) / 40},{float(v) / 40}" for t, q, v, _ in rows)])
+    )
+    assert armdyn("import", second, table, "--output", "runs", "--guess")[0] == 0
+    assert 'channel = "q.joint_1", unit = "deg"' in Path("runs/map.toml").read_text()
+    status, out, _ = armdyn("import", table, second, "--output", "runs", "--map", "runs/map.toml")
+    assert status == 0
+    assert "no column 'joint_1_torque', which others have: no tau.joint_1" in out
+    assert set(read_run("runs/second.csv").channels) == {"q.joint_1", "v.joint_1"}
+    assert "tau.joint_1" in read_run("runs/log.csv").channels
+    assert armdyn("import", second, "--output", "alone", "--map", "runs/map.toml")[0] == 2

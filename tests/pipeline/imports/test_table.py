@@ -11,6 +11,7 @@ from armdyn.errors import InputError
 from pipeline.imports.conversion import imported
 from pipeline.imports.foreign import read_foreign
 from pipeline.imports.guess import guessed
+from pipeline.imports.joints import Joints
 from pipeline.imports.mapping import known_columns, map_text, read_map
 
 from .conftest import TIME
@@ -110,7 +111,7 @@ def test_every_problem_of_the_columns_is_told_at_once(german, tmp_path):
 
 def test_a_guess_finds_degrees_milliseconds_currents_and_the_robots_names(german, tmp_path):
     (foreign,) = read_foreign(german)
-    found = guessed(foreign, ["base_to_upper", "upper_to_lower"])
+    found = guessed([foreign], Joints(("base_to_upper", "upper_to_lower")))
     assert (found.time, found.time_unit) == ("Zeit_ms", "ms")
     by_column = {name: (entry.channel, entry.unit) for name, entry in found.entries.items()}
     assert by_column == {
@@ -131,7 +132,7 @@ def test_numbered_columns_get_the_robots_joints_in_their_order(tmp_path, joints)
     path = tmp_path / "a.csv"
     header = ",".join(["t", *(f"joint{i}_pos" for i in range(1, 6))])
     np.savetxt(path, np.column_stack([TIME, *[joints[0][:, 0]] * 5]), delimiter=",", header=header, comments="")
-    found = guessed(read_foreign(path)[0], robot)
+    found = guessed(read_foreign(path), Joints(tuple(robot)))
     assert [entry.channel for entry in found.entries.values()] == [f"q.{joint}" for joint in robot]
 
 
@@ -150,7 +151,7 @@ def test_common_names_are_understood(labels, scale, joint, unit, tmp_path, joint
     path = tmp_path / "a.csv"
     np.savetxt(path, table, delimiter=",", header=",".join(["timestamp", *labels]), comments="")
     (foreign,) = read_foreign(path)
-    found = guessed(foreign)
+    found = guessed([foreign])
     assert (found.time, found.time_unit) == ("timestamp", "s")
     entries = [found.entries[label] for label in labels]
     assert [entry.channel for entry in entries] == [f"q.{joint}", f"v.{joint}", f"tau.{joint}"]
@@ -199,7 +200,7 @@ def test_episodes_of_a_lerobot_data_set(version, tmp_path, joints):
             parquet.write_table(rows.slice(300 * i, 300), data / f"episode_{i:06d}.parquet")
     recordings = read_foreign(tmp_path)
     assert [r.name for r in recordings] == [f"{tmp_path.name}_episode_{i:06d}" for i in range(2)]
-    found = guessed(recordings[0])
+    found = guessed(recordings)
     assert {name: entry.channel for name, entry in found.entries.items()} == {
         "observation.state/shoulder_pan.pos": "q.shoulder_pan",
         "observation.state/elbow_flex.pos": "q.elbow_flex",

@@ -1,0 +1,183 @@
+"""What a script asks for beyond the science: a model for other tools, a motion to record, the next experiment."""
+
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from armdyn.errors import InputError, TaskFailedError
+from armdyn.front import AnyModel, Runs, study_of
+from armdyn.model import Model
+from armdyn.model_file import ModelFile, read_model_file
+
+if TYPE_CHECKING:
+    from armdyn.arm.model import ArmModel
+    from armdyn.effects.effect import Effect
+    from armdyn.excitation.goal import Goal
+    from armdyn.experiments.motion import Limits, Motion
+    from armdyn.experiments.plan import Plan
+    from armdyn.experiments.rivals import Rivals
+    from pipeline.motion.excitation import Excitation
+
+Say = Callable[[str], None]
+LOAD_RADIUS = 0.014
+"""m; of the load, where nothing says otherwise."""
+
+
+def export(model: AnyModel, path: str | Path, *, force: bool = False) -> tuple[str, ...]:
+    """Write a model for other tools.
+
+    Args:
+        model: or its file.
+        path: ends in ``.urdf``, ``.xml`` (MuJoCo's), ``.c``, ``.py`` or ``.json``, which says what it is to be.
+        force: write over the file where it is there, and write what lacks much of the model.
+
+    Returns:
+        A sentence per thing that such a file cannot hold.
+
+    Raises:
+        InputError: the file is there, its ending is of no kind, or the kind is not for such a model.
+        TaskFailedError: the file would lack much of what a repair added.
+    """
+    from pipeline.commands.export import held_by, write_export
+    from pipeline.commands.output import free_to_write
+    from pipeline.exports.left_out import left_out
+
+    output = Path(path)
+    file = ModelFile(model, {}) if isinstance(model, Model) else read_model_file(model)
+    free_to_write(output, force)
+    missing = left_out(file, held_by(file.model, output))
+    if missing is not None and missing.matters and not force:
+        raise TaskFailedError(f"{output}: not written, {missing.sentence}: give force=True to write it all the same")
+    return tuple(write_export(file, output, str(file.model.about)))
+
+
+def excite(
+    model: AnyModel,
+    effects: Sequence[str] = (),
+    *,
+    rivals: tuple[str, str] | None = None,
+    seconds: float = 20.0,
+    rate: float = 100.0,
+    random: int = 100,
+    seed: int = 0,
+) -> "Excitation":
+    """The motion of an arm to record, so that effects are determined best, or two are told apart; see `motion` of it.
+
+    Args:
+        model: of an arm as described, or its file.
+        effects: to determine, ``"payload"`` or ``"rotor_inertia:elbow,wrist"``; friction, offsets and inertias when
+            none is given.
+        rivals: two effects to tell apart, in place of those.
+        seconds: how long the motion takes.
+        rate: samples per second.
+        random: motions to start from and to compare with.
+        seed: of these.
+
+    Raises:
+        InputError: the model is no arm's, or an effect cannot act on it.
+        UnknownNameError: there is no such effect or joint.
+        TaskFailedError: no feasible motion was found.
+    """
+    from armdyn.effects.catalogue import find
+    from pipeline.motion.excitation import excitation
+
+    goal = goal_of(_arm_of(model), [find(name) for name in effects], [find(name) for name in rivals or ()], rate)
+    return excitation(goal, seconds, random=random, compare=False, seed=seed)
+
+
+def goal_of(model: "ArmModel", wanted: "Sequence[Effect]", rivals: "Sequence[Effect]", rate: float) -> "Goal":
+    """What a motion is to do: tell two rivals apart, or determine effects."""
+    from armdyn.excitation.goal import determining, separating
+
+    return separating(model, rivals[0], rivals[1], rate) if rivals else determining(model, wanted, rate)
+
+
+def next_experiment(
+    model: AnyModel,
+    runs: Runs,
+    held_out: Runs = (),
+    *,
+    rivals: Sequence[str] | None = None,
+    seconds: float = 8.0,
+    travel: float | None = None,
+    speed: float | None = None,
+    acceleration: float | None = None,
+    swing: float | None = None,
+    effects: "Iterable[Effect] | None" = None,
+    seed: int = 0,
+) -> "Plan":
+    """Which experiment tells apart what the runs so far leave open, and the motion of the gripper that does it best.
+
+    Args:
+        model: of a pendulum, or its file.
+        runs: recordings to fit, or their files.
+        held_out: recordings that take part in choosing effects, never in a fit.
+        rivals: names of effects to tell apart; those that the diagnosis leaves when not given.
+        seconds: duration of the motion.
+        travel: of a rig of your own, in place of Baxter: how far its gripper moves to either side, m.
+        speed: the same: its largest speed, m/s.
+        acceleration: the same: its largest acceleration, m/s^2.
+        swing: the same: the largest angle of the load, rad.
+        effects: to choose from; the catalogue and the base's own where it is not given.
+        seed: of everything random.
+
+    Raises:
+        InputError: something cannot be read or compared, or no gripper moves in the runs.
+        TaskFailedError: nothing is left to be told apart.
+    """
+    from armdyn.experiments.rivals import undecided
+
+    _, sentence, found = undecided(study_of(model, runs, held_out, effects), rivals)
+    if found is None:
+        raise TaskFailedError(sentence)
+    return planned(found, seconds, rig_limits(travel, speed, acceleration, swing), seed)[0]
+
+
+def rig_limits(
+    travel: float | None, speed: float | None, acceleration: float | None, swing: float | None
+) -> "Limits | None":
+    """Limits of a rig of one's own; None where none is given, and the motion is one of Baxter's.
+
+    Raises:
+        InputError: one is not positive.
+    """
+    from armdyn.experiments.motion import Limits
+
+    given = {"travel": travel, "speed": speed, "acceleration": acceleration, "swing": swing}
+    known = {name: value for name, value in given.items() if value is not None}
+    return Limits(**known) if known else None
+
+
+def planned(
+    rivals: "Rivals", seconds: float, limits: "Limits | None", seed: int = 0, say: Say | None = None
+) -> "tuple[Plan, Motion | None]":
+    """The plan, and the motion that it offers; of Baxter one that the whole arm can make.
+
+    Args:
+        rivals: what is to be told apart.
+        seconds: duration of the motion.
+        limits: of a rig of one's own; None for Baxter.
+        seed: of everything random.
+        say: told how far it is.
+    """
+    from armdyn.experiments.plan import HOPELESS, plan
+    from pipeline.motion.offered import arranged
+
+    tell = say or (lambda _: None)
+    made = plan(rivals, seconds, limits, seed=seed, say=tell)
+    if limits is None:
+        tell("checking the motion on the whole arm")
+        made, offer = arranged(made, LOAD_RADIUS)
+        return made, offer.motion if offer is not None else None
+    moving = made.motion
+    useful = moving is not None and moving.outlook.probability > HOPELESS
+    return made, moving.experiment.motion if moving is not None and useful else None
+
+
+def _arm_of(model: AnyModel) -> "ArmModel":
+    from armdyn.arm.model import ArmModel
+
+    known = model if isinstance(model, Model) else read_model_file(model).model
+    if not isinstance(known, ArmModel):
+        raise InputError(f"a motion is designed for arms, and this model's base is '{known.base}': give an arm's")
+    return known

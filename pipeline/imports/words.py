@@ -1,0 +1,179 @@
+"""What the header of a column says: a quantity, its unit, whether it was measured, and what may name the joint."""
+
+import re
+from dataclasses import dataclass, replace
+
+from armdyn.errors import InputError
+from armdyn.units import si_factor
+
+
+def words_in(text: str) -> frozenset[str]:
+    """The words of a list that is separated by blanks."""
+    return frozenset(text.split())
+
+
+QUANTITIES = {
+    "a": "acceleration accelerations accel acc jacc qdd ddq qddot ddtheta",
+    "v": "velocity velocities vel vels jvel speed speeds qd dq qdot dtheta thetadot omega rate v",
+    "tau": "torque torques tau taus effort efforts trq tor moment moments jtau jtor jtorque mt drehmoment",
+    "current": "current currents cur curr iq i strom amps",
+    "force": "force forces kraft",
+    "q": "position positions pos q qm qpos jpos mp angle angles ang theta th encoder enc winkel rad deg",
+}
+"""Words that name a quantity of a joint; of several in one header the first row of this table counts."""
+_QUANTITY_OF = {word: kind for kind, words in QUANTITIES.items() for word in words.split()}
+DERIVED = {("q", "dot"): "v", ("v", "dot"): "a", ("q", "ddot"): "a", ("q", "dd"): "a"}
+COMMANDED = words_in(
+    "target cmd command commanded desired des ref reference setpoint sp action goal soll sollwert plan planned "
+    "nominal demand ipo leader master as"
+)
+OTHER = words_in(
+    "temperature temperatures temp temps temperatur voltage voltages volt volts power pwm error errors err mode "
+    "flag flags bits bit window min max limit limits stiffness damping kp kd ki gain gains covariance cov ext "
+    "external contact wrench ft momentum tcp ee eef flange cartesian pose orientation quaternion quat euler rpy "
+    "accelerometer imu inertia gravity coriolis friction bias residual feedforward ff predicted computed "
+    "calculated image images digital analog io scaling fraction execution counter index id seq frame success "
+    "brake fault warning ticks counts count percent pct duty load wear tool hat stamp secs nsecs disturbance cog"
+)
+"""Words of what is recorded beside a joint's motion and torque, or is computed from a model."""
+CARTESIAN = words_in("x y z rx ry rz qx qy qz qw roll pitch yaw")
+"""Names of coordinates; a header that holds nothing else besides a quantity is no joint's."""
+IDLE = words_in(
+    "actual measured meas measure msr ist act present joint joints jnt axis axes ax achse motor mot the data "
+    "value val robot real feedback fbk fb state states observation of from filtered filt ai sensor field msg dof "
+    "m est estimate estimated angular arm"
+)
+"""Words that say nothing about which joint it is."""
+
+_RATES = ("/s", "_s", " s", "ps", "_per_s", "_per_sec", "_per_second", "/sec", "_sec")
+_SPELLINGS = {
+    "N m": "Nm NM nm N_m N.m N*m N-m", "mN m": "mNm mnm", "N mm": "Nmm N_mm", "N cm": "Ncm N_cm", "kN m": "kNm",
+    "foot * pound_force": "ftlb ft_lb ftlbf lbft", "mA": "mA ma mAmp", "A": "A amp Amp amps Amps ampere Ampere",
+    "ms": "ms msec msecs millis milliseconds", "us": "us usec usecs micros microseconds",
+    "ns": "ns nsec nsecs nanos nanosec nanoseconds nanosecond", "s": "s sec secs seconds", "N": "N", "mN": "mN",
+    "rpm": "rpm RPM", "mm": "mm", "cm": "cm", "m": "m", "rad": "rad radian radians Rad RAD", "mrad": "mrad",
+    "deg": "deg degree degrees Deg DEG °",
+}  # fmt: skip
+_UNIT_OF = {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling in spellings.split()}
+for _length in ("rad", "deg", "mm", "m", "degrees", "radians"):
+    for _rate in _RATES:
+        _unit = f"{_UNIT_OF[_length]}/s"
+        _UNIT_OF[_length + _rate] = _unit
+        _UNIT_OF |= {f"{_length}{_rate}{power}": f"{_unit}^2" for power in ("2", "^2", "²")}
+_SUFFIX = re.compile(
+    r"(?:^|(?<=[^A-Za-z]))(?P<unit>" + "|".join(sorted(map(re.escape, _UNIT_OF), key=len, reverse=True)) + r")"
+    r"(?P<index>[ _.\[(]*\d+[\])]?)?$"
+)
+_GERMAN = re.compile(r"(ist|soll)(?=position|winkel|moment|strom|drehmoment)", re.IGNORECASE)
+_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
+KINDS = {
+    "q": ("rad", "m"), "v": ("rad/s", "m/s"), "a": ("rad/s^2", "m/s^2"), "tau": ("N m", "N"), "current": ("A",),
+    "force": ("N",), "time": ("s",),
+}  # fmt: skip
+"""SI units of each quantity."""
+
+
+@dataclass(frozen=True)
+class Label:
+    """A header, taken apart.
+
+    Attributes:
+        words: all of it without the unit, in small letters, numbers apart.
+        quantity: a key of `QUANTITIES`; empty where no word says it.
+        unit: written in the header, as pint reads it; empty where there is none.
+        measured: False for what is commanded, estimated from a model, or of something else than a joint.
+        rest: words and numbers that may say which joint it is.
+        doubt: why its quantity needs a person; empty where it does not.
+    """
+
+    words: tuple[str, ...]
+    quantity: str
+    unit: str
+    measured: bool
+    rest: tuple[str, ...]
+    doubt: str = ""
+
+
+def words_of(text: str) -> tuple[str, ...]:
+    """Words and numbers of a name in small letters: ``actualQd_3`` as actual, qd, 3."""
+    text = _GERMAN.sub(r"\1 ", text)
+    return tuple(str(int(word)) if word.isdigit() else word.lower() for word in _WORD.findall(text))
+
+
+def label_of(name: str, unit: str = "") -> Label:
+    """Take a header apart.
+
+    Args:
+        name: without a unit in brackets.
+        unit: that stood in brackets.
+    """
+    # No robot is measured in megametres: [MM] is mm, however pint reads it.
+    written = _UNIT_OF.get(unit) or _UNIT_OF.get(unit.lower()) or (unit if is_unit(unit) else "")
+    text = name.strip()
+    if unit and not written:  # brackets around something else, such as the axis
+        text = f"{text} {unit}"
+    found = None if written else _SUFFIX.search(text)
+    if found is not None:
+        label = _without_unit(text[: found.start("unit")] + (found["index"] or ""), _UNIT_OF[found["unit"]])
+        # A letter alone is a unit only of the right quantity: the A of joint_A is none.
+        fits = label.quantity and _is_of(label.unit, label.quantity)
+        if fits or len(found["unit"]) > 1:
+            return _completed(label)
+    return _completed(_without_unit(text, written))
+
+
+def is_unit(text: str, quantity: str = "") -> bool:
+    """Whether a text is a unit, of a quantity where one is given."""
+    return any(_is_of(text, kind) for kind in ([quantity] if quantity else KINDS))
+
+
+def _without_unit(text: str, unit: str) -> Label:
+    words = words_of(text)
+    kinds = [_QUANTITY_OF[word] for word in words if word in _QUANTITY_OF]
+    quantity = next((kind for kind in QUANTITIES if kind in kinds), "")
+    quantity = next((made for (of, mark), made in DERIVED.items() if of == quantity and mark in words), quantity)
+    doubt, commanded = "", COMMANDED & set(words)
+    if {"tau", "current"} <= set(kinds):
+        commanded -= {"as"}
+        quantity, doubt = ("current" if unit and _is_of(unit, "current") else "tau"), "a torque made of a current?"
+    elif "motor" in words and "joint" not in words and quantity in ("q", "v", "tau"):
+        doubt = "the motor's or the joint's? gear_ratio"
+    elif quantity == "tau" and {"est", "estimate", "estimated"} & set(words):
+        doubt = "an estimate"
+    elif {"mp", "mt", "qm"} & set(words):
+        doubt = "an abbreviation"
+    noise = {*_QUANTITY_OF, *IDLE, *COMMANDED, "dot", "ddot", "dd"}
+    rest = tuple(word for word in words if word not in noise)
+    letters = [word for word in rest if not word.isdigit()]
+    coordinates = bool(letters) and set(letters) <= CARTESIAN and len(letters) == len(rest)
+    coordinates |= quantity in ("force", "tau") and bool({"x", "y", "z"} & set(letters))
+    measured = not (commanded or OTHER & set(words) or coordinates)
+    return Label(words, quantity, unit, measured, rest, doubt)
+
+
+def _completed(label: Label) -> Label:
+    """With the quantity that the unit alone says, and the unit of a speed that is written as that of an angle."""
+    quantity, unit = label.quantity, label.unit
+    if not unit:
+        return label
+    if not quantity or (quantity == "q" and not _is_of(unit, "q")):
+        implied = next((kind for kind in ("q", "v", "a", "force", "tau", "current") if _is_of(unit, kind)), "")
+        if quantity and not implied:
+            return replace(label, measured=False)
+        return replace(label, quantity=implied)
+    for per, kind in (("/s", "v"), ("/s^2", "a")):
+        if quantity == kind and not _is_of(unit, kind) and _is_of(unit, "q"):
+            return replace(label, unit=f"{unit}{per}")
+    if quantity == "tau" and _is_of(unit, "current"):
+        return replace(label, quantity="current")
+    return label if _is_of(unit, quantity) else replace(label, measured=False)
+
+
+def _is_of(unit: str, quantity: str) -> bool:
+    for si in KINDS[quantity]:
+        try:
+            si_factor(unit, si)
+        except InputError:
+            continue
+        return True
+    return False
