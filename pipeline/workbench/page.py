@@ -10,12 +10,13 @@ from typing import Any
 from nicegui import Client, events, ui
 
 from armdyn.errors import InputError
+from armdyn.quoting import script_json
 from pipeline.commands.identify import Inputs
 from pipeline.workbench import files, panels
 from pipeline.workbench.bench import Atom
 from pipeline.workbench.desk import Desk
 from pipeline.workbench.ranking import Ranking, Search
-from pipeline.workbench.tab import OpenDesk, Tab, js, scene_of_run
+from pipeline.workbench.tab import OpenDesk, Tab, scene_of_run
 from urdf.load import known_robots
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -78,7 +79,7 @@ class Page(Tab):
         bench = self._opened()
         self._ticked, self._values = tuple(effects), {}
         if not told:
-            self._run(f"armdynBench.ticks({js([atom.label for atom in effects])})")
+            self._run(f"armdynBench.ticks({script_json([atom.label for atom in effects])})")
         self._asked += 1
         asked = self._asked
         state = bench.foretold(self._ticked)
@@ -145,7 +146,7 @@ class Page(Tab):
     async def _scene(self, args: dict[str, Any]) -> None:
         bench, name, ticked = self._opened(), args.get("run"), self._ticked
         scene = await self._working("drawing in 3-D", lambda: scene_of_run(bench, ticked, name).data())
-        self._run(f"armdynBench.scene({js(scene)})")
+        self._run(f"armdynBench.scene({script_json(scene)})")
 
     async def _role(self, args: dict[str, Any]) -> None:
         i = int(args["run"])
