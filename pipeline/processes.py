@@ -27,6 +27,17 @@ class Closing:
         raise NotImplementedError
 
 
+def is_running(process: int) -> bool:
+    """Whether there is a process of this number, of whomever it is."""
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True
+
+
 LOOK = 0.5
 """Time between two looks of a worker whether its parent is still there [s]."""
 

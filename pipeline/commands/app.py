@@ -66,6 +66,7 @@ def _told(interrupts: Interrupts) -> int:
     interrupts.check()
     status = app(standalone_mode=False)
     interrupts.check()
+    interrupts.check_noted()
     return status if isinstance(status, int) else 0
 
 

@@ -17,6 +17,7 @@ from pipeline.workbench.bench import Atom
 from pipeline.workbench.desk import Desk
 from pipeline.workbench.ranking import Ranking, Search
 from pipeline.workbench.tab import OpenDesk, Tab, scene_of_run
+from urdf.bounds import LARGEST_UPLOAD
 from urdf.load import known_robots
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -25,10 +26,11 @@ STILL = 0.25
 
 
 class Page(Tab):
-    """A tab with everything on it that can be clicked; see `Tab` for the arguments."""
+    """A tab with everything on it that can be clicked; see `Tab` for the arguments, `Writable` for the last."""
 
-    def __init__(self, client: Client, inputs: Inputs | None, open_desk: OpenDesk) -> None:
+    def __init__(self, client: Client, inputs: Inputs | None, open_desk: OpenDesk, writable: files.Writable) -> None:
         super().__init__(client, inputs, open_desk)
+        self._writable = writable
         self._kept: Path | None = None
         self._build()
 
@@ -38,7 +40,7 @@ class Page(Tab):
         ui.html(skeleton.substitute(robots=robots, kinds=panels.kinds_of_export()), sanitize=False)
         label = "Drop recordings, a model or a URDF here, or choose files with +"
         upload = ui.upload(
-            label=label, multiple=True, auto_upload=True, max_file_size=files.LARGEST,
+            label=label, multiple=True, auto_upload=True, max_file_size=LARGEST_UPLOAD,
             on_multi_upload=self._guarded_event(self._dropped),
             on_rejected=lambda: self._say("A file is too large: record for a shorter time."),
         ).props("flat")  # fmt: skip
@@ -195,10 +197,12 @@ class Page(Tab):
         report = model.with_suffix(".html") if args["report"] else None
         ending = str(args["export"])
         exported = model.with_suffix(ending) if ending else None
-        opened, ticked, force = self._desk_open().inputs, self._ticked, bool(args["force"])
+        opened, ticked, over = self._desk_open().inputs, self._ticked, bool(args["over"])
         kept = await self._working(
             "fitting and writing",
-            lambda: files.keep(opened, given, bench, ticked, model, report, exported, force=force),
+            lambda: files.keep(
+                opened, given, bench, ticked, model, report, exported, writable=self._writable, over=over
+            ),
         )
         self._kept = model
         lines = [f"<p class='sentence'>{escape(kept.sentence)}</p>"]
