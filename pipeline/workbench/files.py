@@ -18,8 +18,8 @@ from armdyn.errors import InputError
 from armdyn.model import Model
 from armdyn.model_file import ModelFile, base_pendulum, write_model_file
 from armdyn.run import Run, read_run, write_run_csv
+from ik.children import is_running
 from pipeline.commands.identify import Given, Inputs
-from pipeline.processes import is_running
 from pipeline.workbench.bench import Atom, Bench
 
 PREFIX = "armdyn-page-"
