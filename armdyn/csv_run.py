@@ -4,7 +4,7 @@ Rows are counted as a spreadsheet shows them: the header is row 1.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +23,11 @@ from armdyn.channels import (
 )
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.units import si_factor
+from urdf.bounds import LONGEST_NAME, MOST_COLUMNS, MOST_ROWS, number, shown
 
+MISSING = ("", "nan", "-nan", "+nan")
+"""Cells of missing samples, in small letters."""
+_END = re.compile(r"[-+]?[0-9]*[.,]([0-9]+)")
 _HEADER = re.compile(r"(?P<name>[^\[\]]*?)\s*\[(?P<unit>[^\[\]]*)\]")
 
 
@@ -103,16 +107,22 @@ def _columns(header: str, units: Mapping[str, str] | None) -> list[tuple[str, st
             raise InputError(f"columns are separated by {name}: save it with commas and decimal points")
     columns: list[tuple[str, str, float]] = []
     seen: dict[str, int] = {}
-    for number, cell in enumerate(header.split(","), start=1):
+    if header.count(",") >= MOST_COLUMNS:
+        raise InputError(f"has {header.count(',') + 1} columns where {MOST_COLUMNS} are the most: leave some out")
+    for place, cell in enumerate(header.split(","), start=1):
         match = _HEADER.fullmatch(cell.strip())
         if match is None and "[" in cell:
-            raise InputError(f"column {number} '{cell.strip()}' is not 'name [unit]': the file may be cut off")
+            raise InputError(f"column {place} '{shown(cell.strip())}' is not 'name [unit]': the file may be cut off")
         name = match["name"].strip() if match else cell.strip()
         if not name:
-            raise InputError(f"column {number} has no name: write it as 'name [unit]', or remove it")
+            raise InputError(f"column {place} has no name: write it as 'name [unit]', or remove it")
+        if len(name) > LONGEST_NAME or not name.isprintable():
+            raise InputError(
+                f"column {place} '{shown(name)}': a name has at most {LONGEST_NAME} printable letters: rename it"
+            )
         if name in seen:
-            raise InputError(f"columns {seen[name]} and {number} are both '{name}': rename or remove one")
-        seen[name] = number
+            raise InputError(f"columns {seen[name]} and {place} are both '{name}': rename or remove one")
+        seen[name] = place
         if units is not None and name not in units:
             raise UnknownNameError("column", name, units)
         choices = channel_units(name, where="column") if units is None else (units[name],)
@@ -137,6 +147,8 @@ def _unit(si: str, written: str) -> tuple[str, float]:
 def _numbers(lines: list[str], names: list[str], *, complete: bool) -> tuple[FloatArray, list[int]]:
     """Cells as numbers (n, c), missing ones as nan, and the row number of each line (n,)."""
     unfinished = bool(lines) and lines[-1].strip() != ""  # a finished file ends in a newline
+    if len(lines) > MOST_ROWS + 1:
+        raise InputError(f"holds {len(lines) - 1} rows where {MOST_ROWS} are the most: cut it, or record more slowly")
     if all(lines[:-1]) and not any(line.isspace() for line in lines[:-1]):
         rows = list(range(2, 1 + len(lines) + unfinished))
         lines = lines[: len(rows)]
@@ -148,16 +160,19 @@ def _numbers(lines: list[str], names: list[str], *, complete: bool) -> tuple[Flo
         if width == len(names):
             continue
         if width < len(names) and unfinished and row == rows[-1]:
-            raise _cut_off(row)
+            raise _cut_off(row, lines[-1], names[width - 1])
         raise InputError(f"row {row} has {width} cells where the header has {len(names)}: mend or remove the row")
     least = 1 if complete else MIN_SAMPLES
     if len(lines) < least:
         raise InputError(f"holds {len(lines)} samples where at least {least} are needed: record longer")
-    if unfinished and _fraction_digits(lines[-1]) < min(map(_fraction_digits, lines[:-1]), default=0):
-        raise _cut_off(rows[-1])
+    if unfinished and not has_whole_end(lines):
+        raise _cut_off(rows[-1], lines[-1], names[-1])
     try:
         table = np.loadtxt(map(_with_nan, lines), delimiter=",", comments=None, ndmin=2)
-    except ValueError:  # which cell it was takes a slower look
+        read = not np.isinf(table).any()
+    except ValueError:
+        read = False
+    if not read:  # which cell it was takes a slower look
         table = np.array(
             [
                 [_number(cell, row, name) for cell, name in zip(line.split(","), names, strict=True)]
@@ -179,20 +194,29 @@ def _with_nan(line: str) -> str:
 
 
 def _number(cell: str, row: int, name: str) -> float:
+    text = cell.strip()
+    if text.lower() in MISSING:
+        return np.nan
     try:
-        return float(cell.strip() or "nan")
-    except ValueError:
-        raise InputError(
-            f"row {row}, column '{name}': '{cell.strip()[:40]}' is not a number: leave a missing sample's cell empty"
-        ) from None
+        return number(text)
+    except ValueError as error:
+        raise InputError(f"row {row}, column '{name}': {error}: leave a missing sample's cell empty") from None
 
 
-def _fraction_digits(line: str) -> int:
-    return len(line.rpartition(",")[2].partition(".")[2])
+def has_whole_end(lines: Sequence[str], separator: str = ",") -> bool:
+    """Whether the last number of a text that does not end in a newline is whole: a file may be cut off anywhere.
+
+    It can be told where every row ends in the same number of digits behind a point.
+    """
+    ends = {_END.fullmatch(line.rpartition(separator)[2].strip()) for line in lines}
+    return None not in ends and len({len(match[1]) for match in ends if match is not None}) == 1
 
 
-def _cut_off(row: int) -> InputError:
-    return InputError(f"is cut off in the middle of row {row}: copy it again, or remove that row and end in a newline")
+def _cut_off(row: int, line: str, column: str) -> InputError:
+    return InputError(
+        f"row {row}, column '{column}': the file ends at '{shown(line.rpartition(',')[2].strip(), 40)}' without a "
+        "newline, and may be cut off in the middle of a number: copy it again, or end it in a newline"
+    )
 
 
 def _scaled(name: str, unit: str, factor: float, value: FloatArray, rows: list[int]) -> FloatArray:
