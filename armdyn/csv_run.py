@@ -160,13 +160,13 @@ def _numbers(lines: list[str], names: list[str], *, complete: bool) -> tuple[Flo
         if width == len(names):
             continue
         if width < len(names) and unfinished and row == rows[-1]:
-            raise _cut_off(row, lines[-1], names[width - 1])
+            raise InputError(cut_off(row, lines[-1].rpartition(",")[2], names[width - 1]))
         raise InputError(f"row {row} has {width} cells where the header has {len(names)}: mend or remove the row")
     least = 1 if complete else MIN_SAMPLES
     if len(lines) < least:
         raise InputError(f"holds {len(lines)} samples where at least {least} are needed: record longer")
     if unfinished and not has_whole_end(lines):
-        raise _cut_off(rows[-1], lines[-1], names[-1])
+        raise InputError(cut_off(rows[-1], lines[-1].rpartition(",")[2], names[-1]))
     try:
         table = np.loadtxt(map(_with_nan, lines), delimiter=",", comments=None, ndmin=2)
         read = not np.isinf(table).any()
@@ -212,10 +212,11 @@ def has_whole_end(lines: Sequence[str], separator: str = ",") -> bool:
     return None not in ends and len({len(match[1]) for match in ends if match is not None}) == 1
 
 
-def _cut_off(row: int, line: str, column: str) -> InputError:
-    return InputError(
-        f"row {row}, column '{column}': the file ends at '{shown(line.rpartition(',')[2].strip(), 40)}' without a "
-        "newline, and may be cut off in the middle of a number: copy it again, or end it in a newline"
+def cut_off(row: int, cell: str, column: str) -> str:
+    """What is said of a file that ends in the middle of a row, or may do so."""
+    return (
+        f"row {row}, column '{shown(column)}': the file ends at '{shown(cell.strip(), 40)}' without a newline, and may be "
+        "cut off in the middle of a number: copy it again, or end it in a newline"
     )
 
 
