@@ -215,8 +215,8 @@ def has_whole_end(lines: Sequence[str], separator: str = ",") -> bool:
 def cut_off(row: int, cell: str, column: str) -> str:
     """What is said of a file that ends in the middle of a row, or may do so."""
     return (
-        f"row {row}, column '{shown(column)}': the file ends at '{shown(cell.strip(), 40)}' without a newline, and may be "
-        "cut off in the middle of a number: copy it again, or end it in a newline"
+        f"row {row}, column '{shown(column)}': the file ends at '{shown(cell.strip(), 40)}' without a newline, and may "
+        "be cut off in the middle of a number: copy it again, or end it in a newline"
     )
 
 
