@@ -5,6 +5,7 @@ from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from armdyn.differences import LONGEST_SPAN, normalised_differences
 from armdyn.run import Channel, Run
@@ -258,13 +259,15 @@ class _Window:
 
 def _typical(size: np.ndarray) -> np.ndarray:
     """(n,) median of all, or of those around each where that is larger."""
-    padded = np.pad(size, AROUND, mode="reflect")
-    around = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * AROUND + 1), axis=1)
+    around = median_filter(size, 2 * AROUND + 1, mode="mirror")
     return np.maximum(around, np.median(size))
 
 
-HIGHEST_RATE = 125.0
-"""Hz; what is sampled faster is averaged in groups: a swing has no signal above."""
+HIGHEST_RATE, LOWEST_RATE = 125.0, 25.0
+"""Hz; what is sampled faster is averaged in groups: a swing has no signal above. A long recording is averaged more,
+down to the lower rate: a swing is a second long."""
+MANY = 25_000
+"""Samples of a channel from which a recording is long: a fit takes half a minute and 0.2 GB."""
 
 
 def thinned(run: Run, highest_rate: float = HIGHEST_RATE) -> Run:
@@ -275,7 +278,9 @@ def thinned(run: Run, highest_rate: float = HIGHEST_RATE) -> Run:
     channels, noise, spread = {}, dict(run.noise), dict(run.spread)
     for name, channel in run.channels.items():
         interval = float(np.median(np.diff(channel.time))) if len(channel) > 1 else np.inf
-        group = int(1.0 / (highest_rate * interval) + 1e-6) if interval > 0 else 1
+        lasts = float(channel.time[-1] - channel.time[0]) if len(channel) > 1 else 0.0
+        rate = min(highest_rate, max(LOWEST_RATE, MANY / lasts)) if lasts > 0.0 else highest_rate
+        group = int(1.0 / (rate * interval) + 1e-6) if interval > 0 else 1
         if group < 2 or len(channel) < 4 * group:
             channels[name] = channel
             continue

@@ -87,7 +87,9 @@ def _checked(command: Callable[..., Any]) -> Callable[..., Any]:
             for each in value if isinstance(value, list | tuple) else [value]:
                 if isinstance(each, int | float) and not (is_sane(each) and _is_written_plainly(each)):
                     option = f"--{name.replace('_', '-')}"
-                    raise InputError(f"{option}: give a number between {-LARGEST:g} and {LARGEST:g}, such as 1000")
+                    raise InputError(
+                        f"{option} {each:g}: give a number between {-LARGEST:g} and {LARGEST:g}, such as 1000"
+                    )
         return command(*arguments, **options)
 
     return checked

@@ -141,15 +141,16 @@ def _effects(text: str, option: str, model: "ArmModel", own: "tuple[Effect, ...]
 
 
 def _write_motion(found: "Excitation", output: Path) -> None:
+    from armdyn.atomic import write_text
     from armdyn.channels import Channel
-    from armdyn.csv_run import write_csv
+    from armdyn.csv_run import csv_text
 
     motion, slides = found.trajectory, found.goal.columns.arm.slides
     channels = {}
     for kind, values, per in (("q", motion.q, ""), ("v", motion.v, "/s"), ("a", motion.a, "/s^2")):
         for i, joint in enumerate(motion.joint_names):
             channels[f"{kind}.{joint}"] = Channel(motion.time, values[:, i], ("m" if slides[i] else "rad") + per)
-    write_csv(output, channels)
+    write_text(output, csv_text(channels))
 
 
 def _robot_options(robot: str | None, urdf_file: Path | None) -> str:
