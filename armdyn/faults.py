@@ -263,11 +263,8 @@ def _typical(size: np.ndarray) -> np.ndarray:
     return np.maximum(around, np.median(size))
 
 
-HIGHEST_RATE, LOWEST_RATE = 125.0, 25.0
-"""Hz; what is sampled faster is averaged in groups: a swing has no signal above. A long recording is averaged more,
-down to the lower rate: a swing is a second long."""
-MANY = 25_000
-"""Samples of a channel from which a recording is long: a fit takes half a minute and 0.2 GB."""
+HIGHEST_RATE = 125.0
+"""Hz; what is sampled faster is averaged in groups: a swing has no signal above."""
 
 
 def thinned(run: Run, highest_rate: float = HIGHEST_RATE) -> Run:
@@ -278,9 +275,7 @@ def thinned(run: Run, highest_rate: float = HIGHEST_RATE) -> Run:
     channels, noise, spread = {}, dict(run.noise), dict(run.spread)
     for name, channel in run.channels.items():
         interval = float(np.median(np.diff(channel.time))) if len(channel) > 1 else np.inf
-        lasts = float(channel.time[-1] - channel.time[0]) if len(channel) > 1 else 0.0
-        rate = min(highest_rate, max(LOWEST_RATE, MANY / lasts)) if lasts > 0.0 else highest_rate
-        group = int(1.0 / (rate * interval) + 1e-6) if interval > 0 else 1
+        group = int(1.0 / (highest_rate * interval) + 1e-6) if interval > 0 else 1
         if group < 2 or len(channel) < 4 * group:
             channels[name] = channel
             continue
