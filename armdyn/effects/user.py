@@ -14,6 +14,7 @@ from armdyn.effects.effect import Effect
 from armdyn.effects.tried import check_declared, check_tried, line_in
 from armdyn.errors import ArmdynError, InputError
 from armdyn.rehearsal import rehearse
+from urdf.bounds import LARGEST_TEXT, MIB
 
 if TYPE_CHECKING:
     from armdyn.model import Model
@@ -106,6 +107,8 @@ def load_module(path: Path, holds: str) -> ModuleType:
         raise InputError(f"{path} is a directory: give the Python file with your {holds}")
     if not path.is_file():
         raise InputError(f"{path}: no such file: give the Python file with your {holds}")
+    if path.stat().st_size > LARGEST_TEXT:
+        raise InputError(f"{path}: is larger than {LARGEST_TEXT / MIB:g} MiB: give the Python file with your {holds}")
     spec = importlib.util.spec_from_file_location(f"armdyn_user_{holds}_{path.stem}", path)
     if spec is None or spec.loader is None:
         raise InputError(f"{path}: is not a Python file: give one that ends in .py")
