@@ -60,6 +60,8 @@ USER_MEMORY = 2048 * MIB
 SMALLEST, LARGEST = 1e-15, 1e15
 """Size of a number that a person or a program gives, 0 apart, in SI units: beyond, squares and products overflow or
 vanish, and no robot has it."""
+LARGEST_COUNT = 1e20
+"""Of a column of others, in whatever unit: nanoseconds since 1970 are 2e18."""
 LARGEST_INTEGER = 2**63
 """TOML promises integers of 64 bits; Python would also take one of 400 digits, which is no float."""
 

@@ -18,6 +18,7 @@ from armdyn.errors import InputError
 from pipeline.imports.foreign import Column, Foreign, as_numbers, labelled
 from urdf.bounds import (
     LARGEST_CONTENT,
+    LARGEST_COUNT,
     LARGEST_RECORDING,
     LARGEST_TEXT,
     LONGEST_NAME,
@@ -77,10 +78,18 @@ def read_csv_of_any_dialect(path: Path) -> Foreign:
         name = name if name and name not in columns else f"{name or 'column'}#{i + 1}"
         value, strange = _numbers([row[i] for row in body])
         if value is None:
-            notes.append(f"'{name}' holds text, such as {strange[0]!r}: left out")
+            notes.append(f"'{name}' holds text, such as {next(iter(strange.values()))!r}: left out")
             continue
+        odd = [row for row, text in strange.items() if any(map(str.isdigit, text))]
+        odd += np.flatnonzero(np.abs(value) > LARGEST_COUNT).tolist()
+        if odd:
+            cell = shown(body[odd[0]][i].strip(), 40)
+            raise InputError(
+                f"{path}: row {odd[0] + 2}, column '{shown(name)}': '{cell}' is no number that anything has: mend it, "
+                "or empty the cell"
+            )
         if strange:
-            some = ", ".join(repr(text) for text in strange[:SHOWN])
+            some = ", ".join(repr(text) for text in list(strange.values())[:SHOWN])
             notes.append(f"'{name}': {len(strange)} cells are no numbers ({some}): taken as missing")
         columns[name] = Column(value, unit)
     if not columns:
@@ -178,10 +187,10 @@ def _separator(text: str) -> str:
     return " "
 
 
-def _numbers(cells: list[str]) -> tuple["np.ndarray | None", list[str]]:
-    """Values of a column with what is no number in it; None where most is text."""
+def _numbers(cells: list[str]) -> tuple["np.ndarray | None", dict[int, str]]:
+    """Values of a column, and what is no number in it by place; None where most is text."""
     value = np.empty(len(cells))
-    strange = []
+    strange: dict[int, str] = {}
     for i, cell in enumerate(cells):
         text = cell.strip()
         if text.lower() in MISSING:
@@ -191,7 +200,7 @@ def _numbers(cells: list[str]) -> tuple["np.ndarray | None", list[str]]:
             value[i] = number(text.replace(",", "."))  # a decimal comma: commas that divide cells are gone here
         except ValueError:
             value[i] = np.nan
-            strange.append(text[:40])
+            strange[i] = text
     return (None, strange) if len(strange) > len(cells) / 2 else (value, strange)
 
 
