@@ -68,6 +68,21 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
         raise InputError(f"cannot write {str(path)!r}: a name holds no null character; choose another") from error
 
 
+@contextmanager
+def replacing_both(first: Path, second: Path) -> Iterator[tuple[BinaryIO, BinaryIO]]:
+    """Two files that belong together: both are the old ones or both the new ones; see `replacing`.
+
+    Raises:
+        InputError: as `replacing`; a disk that is full leaves both as they were.
+    """
+    with replacing(first) as one, replacing(second) as other:
+        yield one, other
+        for path, file in ((first, one), (second, other)):
+            if not is_stream(path):
+                file.flush()
+                os.fsync(file.fileno())  # of both, before either takes its place
+
+
 def is_stream(path: Path) -> bool:
     """Whether this is a pipe, a device or a file that is open already: it is written to and never replaced."""
     if _open_descriptor(path) is not None:

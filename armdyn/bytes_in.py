@@ -12,12 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from armdyn.errors import InputError
-
-LARGEST_FILE = 256 * 2**20
-"""Bytes of a recording; as text they take eight times as much memory, and five million samples of two columns fit."""
+from urdf.bounds import LARGEST_CHUNK, LARGEST_CONTENT, LARGEST_RECORDING
 
 
-def read_bytes(path: Path, largest: int = LARGEST_FILE) -> bytes:
+def read_bytes(path: Path, largest: int = LARGEST_RECORDING) -> bytes:
     """The content of a file or pipe.
 
     Args:
@@ -41,10 +39,6 @@ def read_bytes(path: Path, largest: int = LARGEST_FILE) -> bytes:
     return data
 
 
-LARGEST_CHUNK = 64 * 2**20
-"""Bytes; writers close a chunk after 1 to 4 MiB."""
-LARGEST_CONTENT = 512 * 2**20
-"""Bytes of all chunks together: some five million messages."""
 _CHUNK = 0x06
 _HEAD = struct.Struct("<BQ")
 _CHUNK_HEAD = struct.Struct("<QQQII")

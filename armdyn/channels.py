@@ -142,6 +142,12 @@ class Channel:
         if late.size:
             i = int(late[0])
             raise InputError(f"time does not increase at sample {i + 1}: {time[i]!r} s, then {time[i + 1]!r} s")
+        for unit, array in (("s", time), (self.unit, value)):
+            beyond = first_implausible(unit, array)
+            if beyond is not None:
+                raise InputError(
+                    f"{array[beyond]:.6g} {unit} at sample {beyond} is beyond {LARGEST[unit]:g} {unit}: check its unit"
+                )
         time.setflags(write=False)
         value.setflags(write=False)
         object.__setattr__(self, "time", time)

@@ -3,7 +3,6 @@
 import hashlib
 import os
 import platform
-import re
 import shutil
 import subprocess
 import tempfile
@@ -15,6 +14,7 @@ import casadi as ca
 import numpy as np
 
 from armdyn.cache import is_private, private_directory
+from armdyn.quoting import identifier
 
 # No -ffinite-math-only: a NaN must stay a NaN. No -march=native: the cache may be shared between machines. No
 # reassociation and no contraction: an effect at its null value must change nothing to the last digit.
@@ -50,7 +50,7 @@ def compiled(name: str, functions: Mapping[str, ca.Function]) -> dict[str, ca.Fu
     directory = private_directory()
     if directory is None:
         return dict(functions)
-    name = _identifier(name)[:48].rstrip("_")
+    name = identifier(name)[:48].rstrip("_")
     generator = ca.CodeGenerator(f"{name}.c", {"with_header": False})
     for key, function in functions.items():
         generator.add(function if function.name() == key else _renamed(key, function))
@@ -77,12 +77,6 @@ def _kept(directory: Path, stem: str) -> Path | None:
 
 def _library_name(stem: str, content: bytes) -> str:
     return f"{stem}-{hashlib.sha256(content).hexdigest()[:32]}.so"
-
-
-def _identifier(name: str) -> str:
-    """As CasADi takes one: letters, digits and single underscores, a letter first."""
-    plain = re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_")
-    return plain if plain[:1].isalpha() else f"code_{plain}".rstrip("_")
 
 
 def _flags(source: str) -> tuple[str, ...]:

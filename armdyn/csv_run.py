@@ -4,12 +4,12 @@ Rows are counted as a spreadsheet shows them: the header is row 1.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
-from armdyn import atomic
 from armdyn.bytes_in import read_bytes
 from armdyn.channels import (
     LARGEST,
@@ -25,9 +25,14 @@ from armdyn.channels import (
 )
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.units import si_factor
+from urdf.bounds import LONGEST_NAME, MOST_COLUMNS, MOST_ROWS, number, shown
 
 SHOWN = 60
 """Characters of a header that a message shows."""
+MISSING = ("", "nan", "-nan", "+nan")
+"""Cells of missing samples, in small letters."""
+_END = re.compile(r"[-+]?[0-9]*[.,]([0-9]+)")
+IntArray = npt.NDArray[np.int64]
 _HEADER = re.compile(r"(?P<name>[^\[\]]*?)\s*\[(?P<unit>[^\[\]]*)\]")
 
 
@@ -46,18 +51,18 @@ def read_csv(path: Path, units: Mapping[str, str] | None = None) -> dict[str, Ch
         InputError: names the file, the row or column, what is wrong and what to do.
     """
     text = _text(path)
-    header, *lines = text.split("\n")
+    header = text[: text.find("\n")] if "\n" in text else text
     if units is None and _is_foreign(header):
         raise InputError(
-            f"{path}: its columns ({header.strip()[:SHOWN]}) are not written as a run's, such as 'time [s]': make a "
-            f"run of it, 'armdyn import {path} --output runs --guess'"
+            f"{path}: its columns ({shown(header.strip(), SHOWN)}) are not written as a run's, such as 'time [s]': "
+            f"make a run of it, 'armdyn import {path} --output runs --guess'"
         )
     try:
         columns = _columns(header, units)
         names = [name for name, _, _ in columns]
         if units is None:
             check_joint_units((name, unit) for name, unit, _ in columns if name != "time")
-        numbers, rows = _numbers(lines, names, complete=units is not None)
+        numbers, rows = _numbers(text, len(header) + 1, names, complete=units is not None)
         samples = {
             name: _scaled(name, unit, factor, numbers[:, i], rows) for i, (name, unit, factor) in enumerate(columns)
         }
@@ -79,13 +84,10 @@ def _is_foreign(header: str) -> bool:
     return len(cells) > 1 and not (known and "[" in header)
 
 
-def write_csv(path: Path, channels: Mapping[str, Channel]) -> None:
-    """Write channels to one table; stamps that a channel does not have get an empty cell.
+def csv_text(channels: Mapping[str, Channel]) -> str:
+    """Channels as one table; stamps that a channel does not have get an empty cell.
 
-    Numbers are written with all their digits: reading them back gives the same floats.
-
-    Raises:
-        InputError: the file cannot be written.
+    Numbers have all their digits: reading them back gives the same floats.
     """
     time = np.unique(np.concatenate([channel.time for channel in channels.values()]))
     columns = [[repr(t) for t in time.tolist()]]
@@ -95,7 +97,7 @@ def write_csv(path: Path, channels: Mapping[str, Channel]) -> None:
             cells[row] = repr(value)
         columns.append(cells)
     header = ",".join(["time [s]", *(f"{name} [{channel.unit}]" for name, channel in channels.items())])
-    atomic.write_text(path, "\n".join([header, *map(",".join, zip(*columns, strict=True))]) + "\n")
+    return "\n".join([header, *map(",".join, zip(*columns, strict=True))]) + "\n"
 
 
 def _text(path: Path) -> str:
@@ -122,16 +124,22 @@ def _columns(header: str, units: Mapping[str, str] | None) -> list[tuple[str, st
             raise InputError(f"columns are separated by {name}: save it with commas and decimal points")
     columns: list[tuple[str, str, float]] = []
     seen: dict[str, int] = {}
-    for number, cell in enumerate(header.split(","), start=1):
+    if header.count(",") >= MOST_COLUMNS:
+        raise InputError(f"has {header.count(',') + 1} columns where {MOST_COLUMNS} are the most: leave some out")
+    for place, cell in enumerate(header.split(","), start=1):
         match = _HEADER.fullmatch(cell.strip())
         if match is None and "[" in cell:
-            raise InputError(f"column {number} '{cell.strip()}' is not 'name [unit]': the file may be cut off")
+            raise InputError(f"column {place} '{shown(cell.strip())}' is not 'name [unit]': the file may be cut off")
         name = match["name"].strip() if match else cell.strip()
         if not name:
-            raise InputError(f"column {number} has no name: write it as 'name [unit]', or remove it")
+            raise InputError(f"column {place} has no name: write it as 'name [unit]', or remove it")
+        if len(name) > LONGEST_NAME or not name.isprintable():
+            raise InputError(
+                f"column {place} '{shown(name)}': a name has at most {LONGEST_NAME} printable letters: rename it"
+            )
         if name in seen:
-            raise InputError(f"columns {seen[name]} and {number} are both '{name}': rename or remove one")
-        seen[name] = number
+            raise InputError(f"columns {seen[name]} and {place} are both '{name}': rename or remove one")
+        seen[name] = place
         if units is not None and name not in units:
             raise UnknownNameError("column", name, units)
         choices = channel_units(name, where="column") if units is None else (units[name],)
@@ -153,42 +161,64 @@ def _unit(si: str, written: str) -> tuple[str, float]:
     return si, si_factor(written, si)
 
 
-def _numbers(lines: list[str], names: list[str], *, complete: bool) -> tuple[FloatArray, list[int]]:
-    """Cells as numbers (n, c), missing ones as nan, and the row number of each line (n,)."""
-    unfinished = bool(lines) and lines[-1].strip() != ""  # a finished file ends in a newline
-    if all(lines[:-1]) and not any(line.isspace() for line in lines[:-1]):
-        rows = list(range(2, 1 + len(lines) + unfinished))
-        lines = lines[: len(rows)]
-    else:
-        rows = [row for row, line in enumerate(lines, start=2) if line.strip()]
-        lines = [line for line in lines if line.strip()]
-    widths = [line.count(",") + 1 for line in lines]
-    for row, width in zip(rows, widths, strict=True):
-        if width == len(names):
-            continue
-        if width < len(names) and unfinished and row == rows[-1]:
-            raise _cut_off(row)
-        raise InputError(f"row {row} has {width} cells where the header has {len(names)}: mend or remove the row")
+BLOCK = 2**20
+"""Characters that are split into lines at a time: a line takes three times as much memory as its text."""
+
+
+def _numbers(text: str, start: int, names: list[str], *, complete: bool) -> tuple[FloatArray, IntArray]:
+    """Cells of the rows from `start` on as numbers (n, c), missing ones as nan; the number of each row (n,)."""
+    unfinished = start < len(text) and not text.endswith("\n")  # a finished file ends in a newline
+    tables, numbers, row = [np.empty((0, len(names)))], [np.empty(0, dtype=np.int64)], 2
+    while start < len(text):
+        end = text.find("\n", start + BLOCK) + 1 or len(text)
+        lines = text[start:end].split("\n")
+        if end < len(text) or not unfinished:
+            lines.pop()  # what follows the last newline
+        kept = [i for i, line in enumerate(lines) if line and not line.isspace()]
+        rows = row + np.array(kept, dtype=np.int64)
+        last = unfinished and end == len(text) and bool(kept) and kept[-1] == len(lines) - 1
+        tables.append(_table([lines[i] for i in kept], rows, names, last))
+        numbers.append(rows)
+        row, start = row + len(lines), end
+        if row > MOST_ROWS + 2:
+            raise InputError(f"has more than {MOST_ROWS} rows: cut it, or record more slowly")
+        if last and not has_whole_end([line for line in text.split("\n")[1:] if line.strip()]):
+            raise InputError(cut_off(int(rows[-1]), lines[-1].rpartition(",")[2], names[-1]))
+    table, found = np.concatenate(tables), np.concatenate(numbers)
     least = 1 if complete else MIN_SAMPLES
-    if len(lines) < least:
-        raise InputError(f"holds {len(lines)} samples where at least {least} are needed: record longer")
-    if unfinished and _fraction_digits(lines[-1]) < min(map(_fraction_digits, lines[:-1]), default=0):
-        raise _cut_off(rows[-1])
+    if len(table) < least:
+        raise InputError(f"holds {len(table)} samples where at least {least} are needed: record longer")
+    if complete and not np.isfinite(table).all():
+        at, column = np.argwhere(~np.isfinite(table))[0]
+        raise InputError(
+            f"row {found[at]}, column '{names[column]}' holds no finite number: a trajectory has no missing samples"
+        )
+    return table, found
+
+
+def _table(lines: list[str], rows: IntArray, names: list[str], unfinished: bool) -> FloatArray:
+    """Cells of some rows as numbers (n, c); `unfinished` says that the last may be cut off."""
+    if not lines:
+        return np.empty((0, len(names)))
+    for row, line in zip(rows.tolist(), lines, strict=True):
+        width = line.count(",") + 1
+        if width < len(names) and unfinished and row == rows[-1]:
+            raise InputError(cut_off(row, line.rpartition(",")[2], names[width - 1]))
+        if width != len(names):
+            raise InputError(f"row {row} has {width} cells where the header has {len(names)}: mend or remove the row")
     try:
         table = np.loadtxt(map(_with_nan, lines), delimiter=",", comments=None, ndmin=2)
-    except ValueError:  # which cell it was takes a slower look
-        table = np.array(
-            [
-                [_number(cell, row, name) for cell, name in zip(line.split(","), names, strict=True)]
-                for row, line in zip(rows, lines, strict=True)
-            ]
-        )
-    if complete and not np.isfinite(table).all():
-        row, column = np.argwhere(~np.isfinite(table))[0]
-        raise InputError(
-            f"row {rows[row]}, column '{names[column]}' holds no finite number: a trajectory has no missing samples"
-        )
-    return table, rows
+        if not np.isinf(table).any():
+            return np.asarray(table)
+    except ValueError:
+        pass
+    # Which cell it was takes a slower look.
+    return np.array(
+        [
+            [_number(cell, row, name) for cell, name in zip(line.split(","), names, strict=True)]
+            for row, line in zip(rows.tolist(), lines, strict=True)
+        ]
+    )
 
 
 def _with_nan(line: str) -> str:
@@ -198,23 +228,33 @@ def _with_nan(line: str) -> str:
 
 
 def _number(cell: str, row: int, name: str) -> float:
+    text = cell.strip()
+    if text.lower() in MISSING:
+        return np.nan
     try:
-        return float(cell.strip() or "nan")
-    except ValueError:
-        raise InputError(
-            f"row {row}, column '{name}': '{cell.strip()[:40]}' is not a number: leave a missing sample's cell empty"
-        ) from None
+        return number(text)
+    except ValueError as error:
+        raise InputError(f"row {row}, column '{name}': {error}: leave a missing sample's cell empty") from None
 
 
-def _fraction_digits(line: str) -> int:
-    return len(line.rpartition(",")[2].partition(".")[2])
+def has_whole_end(lines: Sequence[str], separator: str = ",") -> bool:
+    """Whether the last number of a text that does not end in a newline is whole: a file may be cut off anywhere.
+
+    It can be told where every row ends in the same number of digits behind a point.
+    """
+    ends = {_END.fullmatch(line.rpartition(separator)[2].strip()) for line in lines}
+    return None not in ends and len({len(match[1]) for match in ends if match is not None}) == 1
 
 
-def _cut_off(row: int) -> InputError:
-    return InputError(f"is cut off in the middle of row {row}: copy it again, or remove that row and end in a newline")
+def cut_off(row: int, cell: str, column: str) -> str:
+    """What is said of a file that ends in the middle of a row, or may do so."""
+    return (
+        f"row {row}, column '{shown(column)}': the file ends at '{shown(cell.strip(), 40)}' without a newline, and may "
+        "be cut off in the middle of a number: copy it again, or end it in a newline"
+    )
 
 
-def _scaled(name: str, unit: str, factor: float, value: FloatArray, rows: list[int]) -> FloatArray:
+def _scaled(name: str, unit: str, factor: float, value: FloatArray, rows: IntArray) -> FloatArray:
     if np.isnan(value).all():
         raise InputError(f"column '{name}' holds no number at all: remove it or record it again")
     value = value if factor == 1.0 else value * factor
@@ -227,7 +267,7 @@ def _scaled(name: str, unit: str, factor: float, value: FloatArray, rows: list[i
     return value
 
 
-def _check_time(time: FloatArray, rows: list[int]) -> None:
+def _check_time(time: FloatArray, rows: IntArray) -> None:
     missing = np.flatnonzero(np.isnan(time))
     if missing.size:
         raise InputError(f"row {rows[missing[0]]} has no time: fill it in or remove the row")

@@ -14,6 +14,7 @@ from armdyn.errors import InputError, UnknownNameError
 from armdyn.model import Model
 from armdyn.parameter import Parameter, Prior
 from armdyn.units import parse_quantity, si_factor
+from urdf.bounds import LARGEST
 from urdf.table_file import TableFileError, read_table
 
 BASES = {"pendulum": "armdyn.pendulum.model", "arm": "armdyn.arm.model"}
@@ -184,9 +185,33 @@ def _parsed(table: Mapping[str, Any], folder: Path, extra: Sequence[Effect]) -> 
         raise InputError("[parameters]: write a table")
     changed = {name: _parameter(model, name, entry) for name, entry in parameters.items()}
     history = table.get("history", [])
-    if not isinstance(history, list):
+    if not isinstance(history, list) or not all(isinstance(entry, dict) for entry in history):
         raise InputError("[[history]]: write a list of tables")
+    for number, entry in enumerate(history, start=1):
+        _check_change(entry, f"[[history]] {number}")
     return ModelFile(model.with_parameters(changed), description, tuple(history))
+
+
+def _check_change(entry: Mapping[str, Any], where: str) -> None:
+    """Refuse an entry of the history whose numbers or names are none; what it does not know it lets pass."""
+    for key in ("added", "removed", "runs", "held_out"):
+        names = entry.get(key, [])
+        if not isinstance(names, str) and not (isinstance(names, list) and all(isinstance(n, str) for n in names)):
+            raise InputError(f"{where}: {key}: write a name, or a list of names")
+    for key, value in entry.items():
+        if key.endswith("rmse") or key == "contribution":
+            if not isinstance(value, dict) or not all(_is_size(number) for number in value.values()):
+                raise InputError(f"{where}: {key}: write a table of numbers that are not negative")
+        elif key in ("chi2_per_sample", "bic") and not _is_number(value):
+            raise InputError(f"{where}: {key}: write a number")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _is_size(value: Any) -> bool:
+    return _is_number(value) and value >= 0.0
 
 
 def _parameter(model: Model, name: str, entry: Any) -> Parameter:
@@ -201,8 +226,10 @@ def _parameter(model: Model, name: str, entry: Any) -> Parameter:
     parameter = model.parameters[name]
     factor = si_factor(str(entry["unit"]), parameter.unit) if "unit" in entry else 1.0
     numbers = {key: entry[key] for key in ("value", "std") if key in entry}
-    if any(isinstance(number, bool) or not isinstance(number, int | float) for number in numbers.values()):
+    if not all(map(_is_number, numbers.values())):
         raise InputError(f"parameter {name}: value and std are numbers, without quotes")
+    if any(abs(number) > LARGEST for number in numbers.values()):
+        raise InputError(f"parameter {name}: nothing is larger than {LARGEST:g}: write it in {parameter.unit}")
     value = float(entry["value"]) * factor
     std = float(entry["std"]) * factor if "std" in entry else None
     if std is not None and not 0.0 <= std < math.inf:

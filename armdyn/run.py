@@ -14,7 +14,7 @@ import numpy.typing as npt
 from armdyn import atomic
 from armdyn.arrays import channels_of, frame_columns
 from armdyn.channels import MIN_SAMPLES, Channel, channel_kind, check_joint_units, in_contract
-from armdyn.csv_run import read_csv, write_csv
+from armdyn.csv_run import csv_text, read_csv
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.preparation import Preparation
 from armdyn.shown import Shown
@@ -254,8 +254,8 @@ def read_run(path: Path | str, recover: bool = False) -> Run:
 def write_run_csv(run: Run, path: Path | str) -> None:
     """Write a run as CSV and sidecar; `read_run` gives back the same numbers to the last digit.
 
-    Channels with different stamps are merged on time, with empty cells where one has no sample. Each file is replaced
-    in one step.
+    Channels with different stamps are merged on time, with empty cells where one has no sample. Both files are
+    the old ones or the new ones.
 
     Raises:
         InputError: the run has no channel, or the files cannot be written.
@@ -267,8 +267,10 @@ def write_run_csv(run: Run, path: Path | str) -> None:
         name: run.channels[name].unit if name in run.channels else channel_kind(name).units[0] for name in run.noise
     }
     noise = {name: Known(std, None, units[name]) for name, std in run.noise.items()}
-    atomic.write_text(path.with_suffix(".toml"), sidecar_text(Sidecar(run.description, noise, run.known, run.recorded)))
-    write_csv(path, run.channels)
+    sidecar = sidecar_text(Sidecar(run.description, noise, run.known, run.recorded))
+    with atomic.replacing_both(path.with_suffix(".toml"), path) as files:
+        for file, text in zip(files, (sidecar, csv_text(run.channels)), strict=True):
+            file.write(text.encode("utf-8", errors="replace"))
 
 
 def _of_the_contract(path: Path, recorded: Mapping[str, Channel]) -> dict[str, Channel]:

@@ -21,6 +21,7 @@ from pathlib import Path
 
 from armdyn.channels import channel_kind, channel_unit, in_contract
 from armdyn.errors import InputError
+from armdyn.quoting import toml_string
 from armdyn.units import Known, parse_quantity
 from urdf.table_file import TableFileError, parse_table, read_table
 
@@ -119,7 +120,7 @@ def _check_keys(table: Mapping[str, object]) -> None:
 
 def sidecar_text(sidecar: Sidecar) -> str:
     """The sidecar as TOML."""
-    lines = [f"description = {_quoted(sidecar.description)}"]
+    lines = [f"description = {toml_string(sidecar.description)}"]
     if sidecar.recorded is not None:
         lines.append(f"recorded = {sidecar.recorded.isoformat()}Z")
     for title, entries in (("noise", sidecar.noise), ("known", sidecar.known)):
@@ -127,7 +128,7 @@ def sidecar_text(sidecar: Sidecar) -> str:
             lines += [
                 "",
                 f"[{title}]",
-                *(f"{_quoted(name)} = {_quoted(str(value))}" for name, value in entries.items()),
+                *(f"{toml_string(name)} = {toml_string(str(value))}" for name, value in entries.items()),
             ]
     return "\n".join(lines) + "\n"
 
@@ -177,8 +178,3 @@ def _known(name: str, value: object) -> Known:
     if name in POSITIVE and known.value <= 0.0:
         raise InputError(f"{where}: '{value}' is not positive: measure it again")
     return known
-
-
-def _quoted(text: str) -> str:
-    escapes = {"\\": "\\\\", '"': '\\"', "\n": "\\n", "\t": "\\t", "\r": "\\r"}
-    return '"' + "".join(escapes.get(c, c if c.isprintable() else f"\\U{ord(c):08x}") for c in text) + '"'

@@ -11,11 +11,12 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from armdyn.errors import InputError
+from urdf.bounds import is_sane, number, shown
 
 if TYPE_CHECKING:
     import pint
 
-_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf)\b", re.IGNORECASE)
+_NUMBER = re.compile(r"[-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?|[-+]?(?:nan|inf)\b", re.IGNORECASE)
 _PLUS_MINUS = re.compile(r"\s*(?:\+/-|±|\+-)\s*")
 # Robotics writes "Nm"; pint reads that as a measure of yarn.
 _NEWTON_METRE = re.compile(r"\bNm\b")
@@ -96,8 +97,8 @@ def parse_quantity(text: str, expected: str | None = None) -> Known:
         raise InputError(f"'{text}' has no unit: write it as '{text} {expected or 'kg'}'")
     si = expected if expected is not None else si_unit(unit)
     scale = si_factor(unit, si)
-    if not math.isfinite(value * scale):
-        raise InputError(f"'{text}' is too large: write a number, such as '80 g'")
+    if not is_sane(value * scale):
+        raise InputError(f"'{text}' is too large or too small for anything: write a number, such as '80 g'")
     if len(numbers) == 1:
         return Known(value * scale, None, si)
     spread, spread_unit = numbers[1]
@@ -105,8 +106,10 @@ def parse_quantity(text: str, expected: str | None = None) -> Known:
     if not spread_unit:
         raise InputError(f"the standard deviation in '{text}' has no unit: write '{text} {unit}'")
     std = abs(value) * spread / 100 * scale if spread_unit == "%" else spread * si_factor(spread_unit, si)
-    if not (math.isfinite(std) and std > 0.0):
+    if not std > 0.0:
         raise InputError(f"the standard deviation in '{text}' is not positive: leave '+/-' out where a value is exact")
+    if not is_sane(std):
+        raise InputError(f"the standard deviation in '{text}' is of no size that anything has: mend it")
     return Known(value * scale, std, si)
 
 
@@ -181,9 +184,13 @@ def _number_and_unit(part: str, text: str) -> tuple[float, str]:
     match = _NUMBER.match(part)
     if match is None:
         raise InputError(f"'{text}' does not start with a number: write it as '80 g' or '80 g +/- 0.4 g'")
-    value, unit = float(match.group()), part[match.end() :].strip()
-    if not math.isfinite(value):
-        raise InputError(f"'{text}' is not finite: write a number, such as '80 g'")
+    unit = part[match.end() :].strip()
+    try:
+        value = number(match.group())
+    except ValueError as error:
+        raise InputError(f"'{shown(text)}' is not finite: write a number, such as '80 g'") from error
     if unit.startswith(","):
         raise InputError(f"'{text}' has a decimal comma: write a decimal point")
+    if unit.startswith("_"):
+        raise InputError(f"'{shown(text)}' has digits that are set apart: write them without '_'")
     return value, unit

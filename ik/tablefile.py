@@ -18,12 +18,11 @@ from armdyn.errors import InputError
 from ik.errors import StaleTableError
 from ik.path import Path
 from urdf import Limits, Robot
+from urdf.bounds import LARGEST_ARRAY
 from urdf.robot import LARGEST, Array
 
 FORMAT = 5  # raise it when a change of the code makes other tables out of the same robot
 REBUILD = "build it again with 'armdyn ik build'"
-LARGEST_ARRAY = 2**28
-"""Bytes of one array; a metre of path at the usual spacing takes 100 kB."""
 
 
 def write_arrays(target: File, about: Mapping[str, Any], arrays: Mapping[str, Any]) -> None:

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from types import FrameType
+from typing import NoReturn
 
 NAMES = ("SIGINT", "SIGTERM", "SIGHUP")
 GRACE = 1.0
@@ -36,10 +37,12 @@ class Interrupts:
 
     Attributes:
         received: number of the signal that came; None before.
+        noted: likewise, of SIGTERM or SIGHUP where what ran ended in order, see `noted_signals`.
     """
 
     def __init__(self) -> None:
         self.received: int | None = None
+        self.noted: int | None = None
 
     def install(self) -> None:
         """Handle the signals from now on, but those that the process was told to ignore, as by nohup."""
@@ -68,6 +71,15 @@ class Interrupts:
         if self.received is not None:
             raise Interrupt(self.received)
 
+    def check_noted(self) -> None:
+        """Raise what was noted: the command has ended, and its exit status is that of the signal.
+
+        Raises:
+            Interrupt: SIGTERM or SIGHUP has come.
+        """
+        if self.noted is not None:
+            raise Interrupt(self.noted)
+
     def finish(self) -> None:
         """The command is over: from now on there is nothing to clean up."""
         for number in numbers():
@@ -90,6 +102,9 @@ def noted_signals(note: Callable[[int], None]) -> Iterator[None]:
             if pressed:
                 raise KeyboardInterrupt
             pressed = True
+        for usual in before.values():
+            if isinstance(usual, Interrupts) and number != signal.SIGINT:  # Ctrl-C may be the usual end
+                usual.noted = number
         note(number)
 
     with ExitStack() as restored:
@@ -109,13 +124,13 @@ def noted_signals(note: Callable[[int], None]) -> Iterator[None]:
         yield
 
 
-def leave(number: int) -> None:
-    """End this process and its workers at once, with the exit status of the signal."""
+def leave(number: int, status: int | None = None) -> NoReturn:
+    """End this process and its workers at once, with the exit status of the signal where none is given."""
     processes = sys.modules.get("multiprocessing")
     if processes is not None:
         for worker in processes.active_children():
             worker.kill()
-    os._exit(128 + number)
+    os._exit(128 + number if status is None else status)
 
 
 def _leave_soon(number: int) -> None:

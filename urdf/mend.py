@@ -8,6 +8,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
+from urdf.bounds import LARGEST_MESH
 from urdf.find import locate_mesh
 from urdf.quiet import Said, quiet, reason
 from urdf.robot import Array, UrdfError
@@ -232,6 +233,8 @@ def _mesh_bounds(path: Path, scale: Array) -> tuple[Array, Array]:
             mesh.computeLocalAABB()
     except (ValueError, RuntimeError) as error:
         raise UrdfError(f"mesh {path} cannot be read ({reason(said, error)}); mend or replace it") from error
+    if path.stat().st_size > LARGEST_MESH or not np.isfinite(mesh.vertices()).all():
+        raise UrdfError(f"mesh {path} is too large, or holds a corner that is no number; mend or replace it")
     return np.array(mesh.aabb_local.min_), np.array(mesh.aabb_local.max_)
 
 

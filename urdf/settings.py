@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from urdf.bounds import LONGEST_NAME
 from urdf.mend import Frame
 from urdf.robot import LARGEST, Line, Spring, UrdfError, rotation_of
 from urdf.table_file import TableFileError, check_keys, read_table
@@ -176,8 +177,8 @@ def _from_content(text: str, content: dict[str, Any]) -> Settings:
         text=text,
         name=_text(content, "name"),
         distribution=_text(content["urdf"], "distribution", ""),
-        urdf_file=_text(content["urdf"], "file"),
-        srdf_file=_text(collision, "srdf") if "srdf" in collision else None,
+        urdf_file=_named(content["urdf"], "file"),
+        srdf_file=_named(collision, "srdf") if "srdf" in collision else None,
         joints=_texts(content["arm"], "joints"),
         home=_numbers(content["arm"], "home"),
         tool_frame=_text(content["tool"], "frame"),
@@ -216,6 +217,13 @@ def _text(table: Mapping[str, Any], key: str, default: str | None = None) -> str
     value = table[key] if default is None else table.get(key, default)
     if not isinstance(value, str) or "\0" in value:
         raise ValueError(f"{key} = {value!r:.60} is not a text: put it in quotes")
+    return value
+
+
+def _named(table: Mapping[str, Any], key: str) -> str:
+    value = _text(table, key)
+    if not value.strip() or len(value) > LONGEST_NAME:
+        raise ValueError(f"{key} = '{value:.60}' is no name: give one of 1 to {LONGEST_NAME} characters")
     return value
 
 

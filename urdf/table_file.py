@@ -7,12 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-LARGEST_TEXT = 2**20
-"""Bytes of a file that a person writes."""
-LARGEST_INTEGER = 2**63
-"""TOML promises integers of 64 bits; Python would also take one of 400 digits, which is no float."""
-DEEPEST = 20
-"""Tables and lists in one another; no file of ours has more than five."""
+from urdf.bounds import DEEPEST_TABLE, LARGEST, LARGEST_INTEGER, LARGEST_TEXT
 
 
 class TableFileError(ValueError):
@@ -66,6 +61,8 @@ def parse_table(text: str, *, finite: bool = False) -> dict[str, Any]:
             raise TableFileError(f"{where}: a number of {len(str(abs(value)))} digits: write it shorter, such as 1e20")
         if finite and isinstance(value, float) and not math.isfinite(value):
             raise TableFileError(f"{where} is {value}: write a finite number")
+        if isinstance(value, float) and math.isfinite(value) and abs(value) > LARGEST:
+            raise TableFileError(f"{where} is {value:g}: nothing is larger than {LARGEST:g}; write SI units")
     return table
 
 
@@ -92,7 +89,7 @@ _DEEP = "is nested too deeply: write tables as '[name]' on a line of its own"
 
 
 def _leaves(value: Any, where: str, depth: int = 0) -> Iterator[tuple[str, Any]]:
-    if depth > DEEPEST:
+    if depth > DEEPEST_TABLE:
         raise TableFileError(_DEEP)
     if isinstance(value, dict):
         for key, inner in value.items():

@@ -10,16 +10,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
+from urdf.bounds import DEEPEST_XML, LARGEST_XML, LONGEST_NAME, MOST_LINKS, number, shown
 from urdf.find import locate_mesh, package_dirs
 from urdf.robot import UrdfError
 
-LARGEST_FILE = 64 * 2**20
-"""Bytes; the largest known description of a robot has 1 MiB."""
-DEEPEST = 50
-"""Elements in one another; a URDF has 6."""
 LARGEST_NUMBER = 1e9
 """In SI units; a number beyond is no property of a robot."""
-LONGEST_NAME = 200
 KINDS = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 RESERVED = ("universe",)
 """What Pinocchio calls the joint that everything hangs from."""
@@ -59,11 +55,11 @@ def check_depth(root: ET.Element, path: Path) -> None:
         UrdfError: it is so.
     """
     level = [root]
-    for _ in range(DEEPEST):
+    for _ in range(DEEPEST_XML):
         level = [child for element in level for child in element]
         if not level:
             return
-    raise UrdfError(f"{path}: its elements are nested more than {DEEPEST} deep; give a URDF file")
+    raise UrdfError(f"{path}: its elements are nested more than {DEEPEST_XML} deep; give a URDF file")
 
 
 def check_plain(root: ET.Element, path: Path) -> None:
@@ -74,7 +70,7 @@ def check_plain(root: ET.Element, path: Path) -> None:
     """
     joints = {joint.get("name") for joint in root.findall("joint")}
     for part in (*root.findall("link"), *root.findall("joint")):
-        where = f"{path}: {part.tag} '{_shown(part.get('name', ''))}'"
+        where = f"{path}: {part.tag} '{shown(part.get('name', ''))}'"
         _check_name(part, where)
         for element in part.iter():
             _check_numbers(element, where)
@@ -101,19 +97,19 @@ def _check_numbers(element: ET.Element, where: str) -> None:
             continue
         values = list(_floats(text))
         if not all(math.isfinite(value) for value in values):
-            raise UrdfError(f'{where}: {element.tag} has {key}="{_shown(text)}"; it must be a finite number')
+            raise UrdfError(f'{where}: {element.tag} has {key}="{shown(text)}"; it must be a finite number')
         if len(values) != count:
-            raise UrdfError(f'{where}: {element.tag} has {key}="{_shown(text)}"; it must be {count} numbers')
+            raise UrdfError(f'{where}: {element.tag} has {key}="{shown(text)}"; it must be {count} numbers')
         if any(abs(value) > LARGEST_NUMBER for value in values):
-            raise UrdfError(f'{where}: {element.tag} has {key}="{_shown(text)}"; no robot has it, write SI units')
+            raise UrdfError(f'{where}: {element.tag} has {key}="{shown(text)}"; no robot has it, write SI units')
         if key in POSITIVE and min(values) < 0.0:
-            raise UrdfError(f'{where}: {element.tag} has {key}="{_shown(text)}"; it must not be negative')
+            raise UrdfError(f'{where}: {element.tag} has {key}="{shown(text)}"; it must not be negative')
 
 
 def _check_joint(joint: ET.Element, where: str, joints: set[str | None]) -> None:
     kind = joint.get("type", "")
     if kind not in KINDS:
-        raise UrdfError(f"{where} is of type '{_shown(kind)}'; choose one of {', '.join(KINDS)}")
+        raise UrdfError(f"{where} is of type '{shown(kind)}'; choose one of {', '.join(KINDS)}")
     axis = joint.find("axis")
     if axis is not None and kind in ("revolute", "continuous", "prismatic", "planar"):
         length = math.hypot(*_floats(axis.get("xyz", "1 0 0")))
@@ -121,7 +117,7 @@ def _check_joint(joint: ET.Element, where: str, joints: set[str | None]) -> None
             raise UrdfError(f"{where}: its axis has no direction; give one, such as 0 0 1")
     mimic = joint.find("mimic")
     if mimic is not None and (mimic.get("joint") not in joints or mimic.get("joint") == joint.get("name")):
-        raise UrdfError(f"{where} mimics '{_shown(mimic.get('joint', ''))}'; name another joint of this robot")
+        raise UrdfError(f"{where} mimics '{shown(mimic.get('joint', ''))}'; name another joint of this robot")
 
 
 def _check_shapes(link: ET.Element, where: str) -> None:
@@ -142,19 +138,13 @@ def _check_shapes(link: ET.Element, where: str) -> None:
 def _floats(text: str) -> Iterator[float]:
     for word in text.split():
         try:
-            yield float(word) if word.isascii() and "_" not in word else math.nan
+            yield number(word)
         except ValueError:
             yield math.nan
 
 
-def _shown(text: str) -> str:
-    return "".join(c if c.isprintable() else "?" for c in text[:60])
-
-
 MJCF = "mujoco"
 """Root element of MuJoCo's own format."""
-MOST_LINKS = 2000
-"""And joints; a humanoid with its hands has 100."""
 
 
 def parse(path: Path) -> ET.Element:
@@ -165,12 +155,12 @@ def parse(path: Path) -> ET.Element:
     """
     try:
         with path.open("rb") as file:
-            data = file.read(LARGEST_FILE + 1)
+            data = file.read(LARGEST_XML + 1)
     except (OSError, ValueError) as error:  # a name with a null character is a ValueError
         why = getattr(error, "strerror", None) or error
         raise UrdfError(f"{path}: cannot be read ({why}); give the path of a URDF file") from error
-    if len(data) > LARGEST_FILE:
-        raise UrdfError(f"{path}: is larger than {LARGEST_FILE / 2**20:g} MiB; give a URDF file")
+    if len(data) > LARGEST_XML:
+        raise UrdfError(f"{path}: is larger than {LARGEST_XML / 2**20:g} MiB; give a URDF file")
     try:
         root = ET.fromstring(data)
     except (ET.ParseError, ValueError, LookupError) as error:  # also an encoding that nobody knows
@@ -277,12 +267,9 @@ def finite_number(element: ET.Element, key: str, where: str, default: str = "") 
     """
     text = element.get(key, default)
     try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise UrdfError(f'{where} has {key}="{text}"; it must be a finite number')
-    return value
+        return number(text)
+    except ValueError as error:
+        raise UrdfError(f'{where} has {key}="{shown(text)}"; it must be a finite number') from error
 
 
 def find_meshes(root: ET.Element, path: Path) -> tuple[tuple[Path, ...], tuple[str, ...]]:

@@ -63,7 +63,9 @@ def check_tried(item: Effect, path: Path) -> None:
         changed = item.function(given, **dict(zip(item.quantities, ca.vertsplit(theta), strict=True)))
     except ArmdynError as error:
         raise _fault(item, path, str(error), error) from error
-    except (Exception, SystemExit) as error:  # whatever a user's function may raise, the remedy is in their file
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # whatever a user's function may raise, the remedy is in their file
         raise _fault(item, path, _why(error), error) from error
     if not isinstance(changed, type(given)):
         kind = type(changed).__name__

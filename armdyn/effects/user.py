@@ -1,12 +1,10 @@
 """A user's own effects, from a Python file that defines them with `@effect`."""
 
 import importlib.util
-import signal
 import sys
-import threading
 import warnings
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
@@ -15,17 +13,11 @@ from armdyn.effects.catalogue import CATALOGUE, STAGES
 from armdyn.effects.effect import Effect
 from armdyn.effects.tried import check_declared, check_tried, line_in
 from armdyn.errors import ArmdynError, InputError
+from armdyn.rehearsal import rehearse
+from urdf.bounds import LARGEST_TEXT, MIB
 
 if TYPE_CHECKING:
     from armdyn.model import Model
-
-
-READING = 8.0
-"""s that running a user's file may take; importing the heaviest libraries takes a few."""
-
-
-class _TooSlowError(BaseException):
-    """Not an `Exception`, which a user's file may catch."""
 
 
 def load_effects(path: str | Path, stages: Collection[str] | None = STAGES) -> tuple[Effect, ...]:
@@ -41,14 +33,24 @@ def load_effects(path: str | Path, stages: Collection[str] | None = STAGES) -> t
         InputError: it cannot be read or run, defines no effect, or one with a name of the catalogue or on no stage.
     """
     path = Path(path)
+    rehearse(path, lambda: _try(_load(path, stages), path, stages is not None))
+    return _load(path, stages)
+
+
+def _load(path: Path, stages: Collection[str] | None) -> tuple[Effect, ...]:
     own = effects_of(path, vars(load_module(path, "effects")))
     if not own:
         raise InputError(f"{path}: defines no effect: write a function with @effect(...), see examples/my_effects.py")
     if stages is not None:
         _check_stages(own, stages, path)
-        for item in own:
-            check_tried(item, path)
     return own
+
+
+def _try(effects: Sequence[Effect], path: Path, strictly: bool) -> None:
+    """Try effects; where another base may mean something else by a stage, that they end is all that is asked."""
+    for item in effects:
+        with nullcontext() if strictly else suppress(InputError):
+            check_tried(item, path)
 
 
 def available(model: "Model", own: Sequence[Effect] = (), path: str | Path | None = None) -> tuple[Effect, ...]:
@@ -64,9 +66,7 @@ def available(model: "Model", own: Sequence[Effect] = (), path: str | Path | Non
     """
     _check_stages(own, (*STAGES, *model.stages), path)
     if path is not None and model.base in ("pendulum", "arm"):  # another base may call something else a load
-        for item in own:
-            if item.acts_on in model.stages:
-                check_tried(item, Path(path))
+        rehearse(Path(path), lambda: _try([item for item in own if item.acts_on in model.stages], Path(path), True))
     return tuple(e for e in (*CATALOGUE.values(), *model.own_effects, *own) if e.acts_on in model.stages)
 
 
@@ -107,46 +107,27 @@ def load_module(path: Path, holds: str) -> ModuleType:
         raise InputError(f"{path} is a directory: give the Python file with your {holds}")
     if not path.is_file():
         raise InputError(f"{path}: no such file: give the Python file with your {holds}")
+    if path.stat().st_size > LARGEST_TEXT:
+        raise InputError(f"{path}: is larger than {LARGEST_TEXT / MIB:g} MiB: give the Python file with your {holds}")
     spec = importlib.util.spec_from_file_location(f"armdyn_user_{holds}_{path.stem}", path)
     if spec is None or spec.loader is None:
         raise InputError(f"{path}: is not a Python file: give one that ends in .py")
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     try:
-        with _time_limit(), warnings.catch_warnings():
+        with warnings.catch_warnings():
             warnings.simplefilter("ignore", SyntaxWarning)  # Python's opinion of their style
             spec.loader.exec_module(module)
-    except _TooSlowError as error:
-        line = line_in(error, path)
-        raise InputError(f"{path}, line {line}: takes longer than {READING:g} s to read: do less there") from error
     except SystemExit as error:
         raise InputError(f"{path}, line {line_in(error, path)}: ends the program: remove sys.exit or exit") from error
     except ArmdynError as error:
         line = line_in(error, path)
         raise InputError(f"{path}{f', line {line}' if line else ''}: {error}") from error
-    except Exception as error:  # whatever a user's program may raise, the remedy is in their file
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # whatever a user's program may raise, the remedy is in their file
         line = error.lineno if isinstance(error, SyntaxError) else line_in(error, path)
         where = f", line {line}" if line else ""
         said = " ".join(f"{type(error).__name__}: {error}".split())
         raise InputError(f"{path}{where}: {said}") from error
     return module
-
-
-@contextmanager
-def _time_limit() -> Iterator[None]:
-    """End the block after `READING` s, where this thread gets signals and the timer is free."""
-    here = threading.current_thread() is threading.main_thread() and hasattr(signal, "setitimer")
-    if not here or signal.getsignal(signal.SIGALRM) is not signal.SIG_DFL:
-        yield
-        return
-
-    def end(*_: object) -> None:
-        raise _TooSlowError
-
-    signal.signal(signal.SIGALRM, end)
-    signal.setitimer(signal.ITIMER_REAL, READING)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, signal.SIG_DFL)

@@ -251,6 +251,11 @@ def physics(
     for channel, unit in (*inputs.items(), *outputs.items()):
         if unit not in channel_units(channel, "channel"):
             raise InputError(f"physics '{name}': {channel} is in {' or '.join(channel_units(channel))}, not in {unit}")
+    if not SHORTEST <= period <= LONGEST or not SHORTEST / 100 <= step <= period:
+        raise InputError(
+            f"physics '{name}': its period is {period!r} s and its step {step!r} s: write a period from {SHORTEST:g} "
+            f"to {LONGEST:g} s, and a step that is no longer"
+        )
     names = [p.name for p in (*parameters, *states)]
     if twice := {n for n in names if names.count(n) > 1 or "." in n}:
         raise InputError(f"physics '{name}': give '{min(twice)}' a name without a dot that is used only once")
@@ -265,6 +270,8 @@ def physics(
 
 
 _START = "initial_"
+SHORTEST, LONGEST = 1e-3, 1e4
+"""s of a swing or of whatever a base does again and again; what is faster no recording shows."""
 
 
 def constant(

@@ -9,6 +9,7 @@ from armdyn.effects.user import effects_of, load_module
 from armdyn.errors import InputError
 from armdyn.physics.definition import Physics
 from armdyn.physics.model import PhysicsModel, physics_model
+from armdyn.rehearsal import rehearse
 
 KEYS = ()
 
@@ -27,6 +28,11 @@ def load_base(path: str | Path) -> PhysicsModel:
         InputError: it cannot be read or run, defines no physics or several, or one that cannot be used.
     """
     path = Path(path)
+    rehearse(path, lambda: _load(path))
+    return _load(path)
+
+
+def _load(path: Path) -> PhysicsModel:
     defined = vars(load_module(path, "base"))
     found = [item for item in defined.values() if isinstance(item, Physics)]
     if len(found) != 1:
@@ -37,11 +43,13 @@ def load_base(path: str | Path) -> PhysicsModel:
         return physics_model(found[0], own_effects=effects_of(path, defined), file=path.resolve())
     except InputError as error:
         raise InputError(f"{path}: {' '.join(str(error).split())}") from error
-    except Exception as error:  # whatever a user's equations may raise, the remedy is in their file
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # whatever a user's equations may raise, the remedy is in their file
         line = line_in(error, path)
         raise InputError(f"{path}{f', line {line}' if line else ''}: {_said(error)}") from error
 
 
-def _said(error: Exception) -> str:
+def _said(error: BaseException) -> str:
     """Kind and text of an error in one line."""
     return " ".join(f"{type(error).__name__}: {error}".split())

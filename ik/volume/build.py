@@ -2,10 +2,9 @@
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ import numpy as np
 
 from armdyn.errors import InputError, TaskFailedError
 from ik.chain import Chain
+from ik.children import worker_pool
 from ik.cluster import dask_client
 from ik.volume.grid import Block, BlockSolver, Grid, Solved, Status
 from ik.volume.skeleton import build_skeleton
@@ -55,13 +55,10 @@ def in_processes(solver: BlockSolver, blocks: Sequence[Block], processes: int) -
 
 def _pooled(solver: BlockSolver, blocks: Sequence[Block], processes: int) -> Iterator[tuple[Block, Solved]]:
     # Spawned, not forked: a forked copy of a process with threads can hang.
-    with ProcessPoolExecutor(processes, get_context("spawn"), _keep, (solver,)) as pool:
+    with worker_pool(processes, "spawn", _keep, solver) as pool:
         futures = {pool.submit(_solve_kept, block): block for block in blocks}
-        try:
-            for future in as_completed(futures):
-                yield futures[future], future.result()
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
+        for future in as_completed(futures):
+            yield futures[future], future.result()
 
 
 _kept: list[BlockSolver] = []  # of a worker process, sent once when it starts

@@ -9,17 +9,19 @@ import dataclasses
 import json
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from armdyn import atomic
+from armdyn.bytes_in import read_bytes
 from armdyn.errors import InputError
 from pipeline.batch.spec import Item, Spec
 from pipeline.batch.work import Job, Outcome, key_of, key_of_model
 from pipeline.batch.workers import in_processes, on_cluster
+from urdf.bounds import LARGEST_JOURNAL, LARGEST_LINE
 
 JOURNAL = "outcomes.jsonl"
 
@@ -42,16 +44,15 @@ class Journal:
         """Read what is there; the number of bytes that are whole lines."""
         if not self._path.exists():
             return 0
-        data = self._path.read_bytes()
+        data = read_bytes(self._path, LARGEST_JOURNAL)
         whole = data.rfind(b"\n") + 1
-        known = {field.name for field in dataclasses.fields(Outcome)}
         for line in data[:whole].splitlines():
-            try:
-                fields = json.loads(line)
-                fields["effects"] = tuple(fields["effects"])
-                outcome = Outcome(**{key: value for key, value in fields.items() if key in known})
-            except (ValueError, TypeError, KeyError):  # a disk's mistake, or another version's: the job is done again
+            if len(line) > LARGEST_LINE:
                 continue
+            try:
+                outcome = Outcome.of(json.loads(line))
+            except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+                continue  # a disk's mistake, or another version's: the job is done again
             self.outcomes[outcome.key] = outcome
         return whole
 
@@ -73,8 +74,9 @@ class Journal:
         self.outcomes[outcome.key] = outcome
 
     def close(self) -> None:
-        """Nothing more comes."""
-        self._file.close()
+        """Nothing more comes; what a full disk did not take was told when it was added."""
+        with suppress(OSError):
+            self._file.close()
 
 
 @contextmanager

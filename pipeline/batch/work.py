@@ -1,11 +1,11 @@
 """One model against one recording: what a worker does, on this machine or another."""
 
+import dataclasses
 import hashlib
 import threading
 import time
 import traceback
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,7 +24,7 @@ _one_at_a_time = threading.Lock()
 """Workers of a dask cluster may have several threads; models are not made for them."""
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class Job:
     """What a worker is sent.
 
@@ -45,7 +45,7 @@ class Job:
     effects: Path | None
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class Outcome:
     """What came out, without what the SPEC says of the recording; all of it can be written as JSON.
 
@@ -79,6 +79,31 @@ class Outcome:
     parameters: Mapping[str, Mapping[str, Any]] | None = None
     duration: float | None = None
     seconds: float = 0.0
+
+    @classmethod
+    def of(cls, fields: Mapping[str, Any]) -> "Outcome":
+        """What a line of the journal says; keys of other versions are left out.
+
+        Raises:
+            ValueError, TypeError, KeyError or AttributeError: it is none.
+        """
+        known = {field.name: fields[field.name] for field in dataclasses.fields(cls) if field.name in fields}
+        for key, kind in (("key", str), ("verdict", str), ("sentence", str), ("problem", str), ("passing", bool),
+                          ("intervals_hold", bool)):  # fmt: skip
+            if not isinstance(known.get(key, kind()), kind):
+                raise ValueError(f"{key} is not a {kind.__name__}")
+        for key in ("explained", "chi2_per_sample", "duration", "seconds"):
+            if known.get(key) is not None:
+                known[key] = float(known[key])
+        known["effects"] = tuple(map(str, known["effects"]))
+        for key, needed in (("channels", ("rmse", "noise_std")), ("parameters", ("value", "std"))):
+            for entry in (known.get(key) or {}).values():
+                numbers = [entry[name] for name in needed]
+                if not isinstance(entry["unit"], str) or not all(
+                    x is None or isinstance(x, float | int) for x in numbers
+                ):
+                    raise ValueError(f"{key} lacks a unit or a number")
+        return cls(**known)
 
 
 def work(job: Job) -> Outcome:

@@ -9,9 +9,9 @@ from multiprocessing import set_forkserver_preload
 from typing import Any
 
 from armdyn.errors import TaskFailedError
+from ik.children import worker_pool
 from ik.cluster import dask_client
 from pipeline.batch.work import Job, Outcome, lost, work
-from pipeline.processes import worker_pool
 
 LOOK = 0.2
 """Time between two looks whether the user wants to stop, s."""

@@ -2,16 +2,20 @@
 
 import os
 import sys
+from collections.abc import Callable
+from contextlib import suppress
+from functools import wraps
 from importlib import import_module
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from typer.exceptions import TyperException
 
 from armdyn import __version__
-from armdyn.errors import ArmdynError, TaskFailedError
+from armdyn.errors import ArmdynError, InputError, TaskFailedError
 from pipeline.commands.streams import report_unforeseen, tolerant_streams
 from pipeline.interrupts import Interrupt, Interrupts
+from urdf.bounds import LARGEST, is_sane, shown
 
 app = typer.Typer(
     name="armdyn",
@@ -63,10 +67,40 @@ def run(interrupts: Interrupts) -> int:
 def _told(interrupts: Interrupts) -> int:
     for name in COMMANDS:
         import_module(f"pipeline.commands.{name}").register(app)
+    for group in (app, *(group.typer_instance for group in app.registered_groups)):
+        for command in group.registered_commands if group is not None else ():
+            if command.callback is not None and not hasattr(command.callback, "__wrapped__"):
+                command.callback = _checked(command.callback)
     interrupts.check()
     status = app(standalone_mode=False)
     interrupts.check()
+    interrupts.check_noted()
     return status if isinstance(status, int) else 0
+
+
+def _checked(command: Callable[..., Any]) -> Callable[..., Any]:
+    """A command that refuses options whose numbers are none: ``nan``, ``1e300``, and ``1_000``, which Python reads."""
+
+    @wraps(command)
+    def checked(*arguments: Any, **options: Any) -> Any:
+        for name, value in options.items():
+            for each in value if isinstance(value, list | tuple) else [value]:
+                if isinstance(each, int | float) and not (is_sane(each) and _is_written_plainly(each)):
+                    option = f"--{name.replace('_', '-')}"
+                    raise InputError(
+                        f"{option} {each:g}: give a number between {-LARGEST:g} and {LARGEST:g}, such as 1000"
+                    )
+        return command(*arguments, **options)
+
+    return checked
+
+
+def _is_written_plainly(value: float) -> bool:
+    for text in (word.rpartition("=")[2] for word in sys.argv[1:] if "_" in word):
+        with suppress(ValueError):
+            if float(text) == value:
+                return False
+    return True
 
 
 def _say_why(error: BaseException, interrupts: Interrupts) -> int:
@@ -83,6 +117,8 @@ def _say_why(error: BaseException, interrupts: Interrupts) -> int:
         return _say(str(error), 1)
     if isinstance(error, ArmdynError) or _is_urdf_error(error):
         return _say(str(error), 2)
+    if isinstance(error, OSError) and error.filename is not None:  # a name too long, a disk that is full or gone
+        return _say(f"{shown(str(error.filename))}: {error.strerror}: choose another file or place", 2)
     return _say(report_unforeseen(error), 3)
 
 
@@ -92,8 +128,13 @@ def _is_urdf_error(error: BaseException) -> bool:
     return module is not None and isinstance(error, module.UrdfError)
 
 
+LONGEST_WORD = 300
+"""Letters; a path of a deep folder has 100."""
+
+
 def _say(message: str, status: int) -> int:
-    line = f"armdyn: {' '.join(message.split())}{os.linesep}"
+    words = (word if len(word) <= LONGEST_WORD else f"{word[:60]}..." for word in message.split())
+    line = f"armdyn: {' '.join(words)}{os.linesep}"
     if sys.stderr is not None:
         sys.stderr.write(line)
         sys.stderr.flush()

@@ -128,11 +128,12 @@ def _mass(text: str) -> float:
 
 def _start(text: str | None, arm: "urdf.Robot") -> "list[float] | None":
     from armdyn.errors import InputError
+    from urdf.bounds import number
 
     if text is None:
         return None
     try:
-        values = [float(cell) for cell in text.split(",")]
+        values = [number(cell) for cell in text.split(",")]
     except ValueError:
         values = []
     if len(values) != len(arm.joint_names):

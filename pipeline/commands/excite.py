@@ -75,7 +75,8 @@ def excite(
     check_outputs(output, report, json_file, inputs=[file for file in (urdf_file, effects_file) if file is not None])
     with spinner() as say:
         from armdyn.arm.model import arm_model
-        from armdyn.csv_run import write_csv
+        from armdyn.atomic import write_text
+        from armdyn.csv_run import csv_text
         from pipeline.answers_motion import excitation_answer
         from pipeline.motion.excitation import excitation
 
@@ -84,7 +85,7 @@ def excite(
         say("looking for what a motion can tell")
         goal = _goal(model, wanted, rivals, effects_file, rate)
         found = excitation(goal, seconds, random=random, compare=compare, seed=seed, say=say)
-    write_csv(output, found.motion.channels)
+    write_text(output, csv_text(found.motion.channels))
     if report is not None:
         from pipeline.report.feasibility import excitation_page
 

@@ -138,17 +138,11 @@ def _text(file: "ModelFile", output: Path, about: str) -> tuple[str, list[str]]:
             from pipeline.exports.json_file import parameters_answer
 
             return json.dumps(parameters_answer(file), indent=1, allow_nan=False) + "\n", []
-    from pipeline.exports.functions import functions_of
+    from pipeline.exports.functions import c_text, functions_of, python_text
 
     functions, notes = functions_of(model)
-    about = "\n".join([f"{about}, by armdyn {__version__}.", *(f"Not in it: {note}." for note in notes)])
-    if output.suffix.lower() == ".c":
-        from pipeline.exports.functions import c_text
-
-        return c_text(functions, about), notes
-    from pipeline.exports.functions import python_text
-
-    return python_text(functions, about), notes
+    lines = [f"{about}, by armdyn {__version__}.", *(f"Not in it: {note}." for note in notes)]
+    return (c_text if output.suffix.lower() == ".c" else python_text)(functions, lines), notes
 
 
 def _arm(model: "Model", output: Path) -> "ArmModel":

@@ -1,8 +1,8 @@
 """`armdyn trial` and `armdyn table`: one whole experiment, and the paper's Table I."""
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -33,16 +33,18 @@ def parse_hidden(given: list[str]) -> dict[str, float | None]:
     Raises:
         InputError: a value that is not a finite number, or an effect that is named twice.
     """
+    from urdf.bounds import is_sane, number
+
     hidden: dict[str, float | None] = {}
     for entry in given:
         name, equals, text = entry.partition("=")
         if name in hidden:
             raise InputError(f"--hidden {entry}: '{name}' is given twice: give each effect once")
         try:
-            value = float(text) if equals else None
+            value = number(text) if equals else None
         except ValueError:
-            value = float("nan")
-        if value is not None and not isfinite(value):
+            value = math.nan
+        if value is not None and not is_sane(value):
             raise InputError(
                 f"--hidden {entry}: '{text}' is not a number: write {name}=0.01, or {name} for its typical size"
             )

@@ -1,6 +1,5 @@
 """Options that say which robot a command is about."""
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -66,15 +65,16 @@ def numbers(text: str, option: str) -> list[float]:
         InputError: one of them is not a number.
     """
     from armdyn.errors import InputError
+    from urdf.bounds import is_sane, number, shown
 
     values = []
     for part in text.split(","):
         try:
-            value = float(part)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            raise InputError(f"{option}: '{part.strip()}' is not a number; give numbers separated by commas")
+            value = number(part)
+        except ValueError as error:
+            raise InputError(f"{option}: {error}; give numbers separated by commas") from error
+        if not is_sane(value):
+            raise InputError(f"{option}: {shown(part.strip())} is of no size that anything has; write SI units")
         values.append(value)
     return values
 

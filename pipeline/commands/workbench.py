@@ -28,6 +28,9 @@ def workbench(
     port: Annotated[
         int | None, typer.Option(min=1, max=65535, help="On this computer; 8080 or a free one, if not given.")
     ] = None,
+    host: Annotated[
+        str, typer.Option(metavar="ADDRESS", help="Where to listen; another computer reaches it at any but this one.")
+    ] = "127.0.0.1",
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Only say where the page is.")] = False,
     json_file: JsonOption = None,
 ) -> None:
@@ -44,27 +47,36 @@ def workbench(
     with spinner() as say:
         say("starting")
         try:
-            from pipeline.workbench.server import listening, serve
+            from pipeline.workbench.server import is_loopback, listening, serve
         except ModuleNotFoundError as error:
             if error.name is None or error.name.partition(".")[0] in ("pipeline", "armdyn", "urdf", "ik"):
                 raise
             raise InputError(
                 "the workbench needs the package 'nicegui': run pip install 'armdyn[workbench]'"
             ) from error
-        listen = listening(port)
+        listen = listening(port, host)
+
+    if not is_loopback(host):
+        typer.echo(
+            f"warning: --host {host} lets other computers in, and nothing is encrypted: who sees the address on its "
+            "way can read and write files here",
+            err=True,
+        )
 
     def started(address: str) -> None:
         if json_file is not None:
             write_json({"schema": "armdyn.workbench/1", "address": address}, json_file)
         if json_file != Path("-"):
-            typer.echo(f"workbench at {address}, for this computer only; each tab has its own choice; Ctrl-C ends it")
+            typer.echo(f"workbench at {address} for you alone; each tab has its own choice; Ctrl-C ends it")
         if not no_browser and sys.stdout.isatty():
             import webbrowser
             from threading import Thread
 
             Thread(target=webbrowser.open, args=(address,), daemon=True).start()  # some do not return until they end
 
+    def closed() -> None:
+        if json_file != Path("-"):
+            print("workbench closed", flush=True)
+
     inputs = None if model is None else Inputs(model, runs or [], held_out, None, effects)
-    serve(inputs, listen, started)
-    if json_file != Path("-"):
-        typer.echo("workbench closed")
+    serve(inputs, listen, host, started, closed)

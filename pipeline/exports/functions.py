@@ -13,6 +13,7 @@ from armdyn.errors import InputError
 from armdyn.model import Model
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.variational import STATE_SIZE
+from armdyn.quoting import c_comment, python_docstring
 from pipeline.exports.parts import SENSOR, left_over
 
 PENDULUM_SENSOR = "sensor"
@@ -93,15 +94,14 @@ def _of_pendulum(model: PendulumModel) -> tuple[list[Function], list[str]]:
     return [found], notes
 
 
-def c_text(functions: list[Function], about: str) -> str:
-    """The file's text; `about` stands in its first lines."""
+def c_text(functions: list[Function], about: list[str]) -> str:
+    """The file's text; the lines `about` it stand first."""
     generator = ca.CodeGenerator("model.c", {"with_header": False, "avoid_stack": False})
     for each in functions:
         generator.add(each.function)
-    comment = "\n".join(f" * {line}" for line in about.splitlines())
-    prototypes = "\n".join(f" *   {_signature(each)};" for each in functions)
-    head = f"/*\n{comment}\n *\n * Compile with -lm, and call\n *\n{prototypes}\n */\n"
-    return head + generator.dump() + "\n" + "\n".join(map(_wrapper, functions))
+    prototypes = (f"  {_signature(each)};" for each in functions)
+    head = c_comment([*about, "", "Compile with -lm, and call", "", *prototypes])
+    return f"{head}\n{generator.dump()}\n" + "\n".join(map(_wrapper, functions))
 
 
 def _signature(each: Function) -> str:
@@ -117,9 +117,8 @@ def _argument(name: str, size: int, *, constant: bool = False) -> str:
 
 def _wrapper(each: Function) -> str:
     f = each.function
-    lines = [f"/* {each.summary}"]
-    lines += [f" * {name}: {what}" for name, what in (*each.inputs.items(), *each.outputs.items())]
-    lines += [" * Returns 0 when it succeeded. */"]
+    explained = (f"{name}: {what}" for name, what in (*each.inputs.items(), *each.outputs.items()))
+    lines = [c_comment([each.summary, *explained, "Returns 0 when it succeeded."])]
     arguments = ", ".join(f.name_in(i) for i in range(f.n_in()))
     results = ", ".join(f.name_out(i) for i in range(f.n_out()))
     lines += [
@@ -153,20 +152,22 @@ UNARY = {
 }  # fmt: skip
 
 
-def python_text(functions: list[Function], about: str) -> str:
-    """The file's text; `about` stands in its first lines."""
-    head = '"""' + about.replace("\\", "\\\\").replace('"""', "'''") + '\n"""\n\nimport numpy as np\n'
-    return head + "".join(f"\n\n{_function(each)}" for each in functions)
+def python_text(functions: list[Function], about: list[str]) -> str:
+    """The file's text; the lines `about` it stand first."""
+    return f"{python_docstring(about)}\n\nimport numpy as np\n" + "".join(
+        f"\n\n{_function(each)}" for each in functions
+    )
 
 
 def _function(each: Function) -> str:
     f = each.function.expand() if not each.function.is_a("SXFunction") else each.function
     inputs, outputs = f.name_in(), f.name_out()
-    lines = [f"def {f.name()}({', '.join(inputs)}):", f'    """{each.summary}', "", "    Args:"]
-    lines += [f"        {name}: {_shape(f.numel_in(i))}{each.inputs[name]}." for i, name in enumerate(inputs)]
-    lines += ["", "    Returns:"]
-    lines += [f"        {name}: {_shape(f.numel_out(i))}{each.outputs[name]}." for i, name in enumerate(outputs)]
-    lines += ["", "    Many states are rows of two-dimensional inputs.", '    """']
+    explained = [each.summary, "", "Args:"]
+    explained += [f"    {name}: {_shape(f.numel_in(i))}{each.inputs[name]}." for i, name in enumerate(inputs)]
+    explained += ["", "Returns:"]
+    explained += [f"    {name}: {_shape(f.numel_out(i))}{each.outputs[name]}." for i, name in enumerate(outputs)]
+    explained += ["", "Many states are rows of two-dimensional inputs."]
+    lines = [f"def {f.name()}({', '.join(inputs)}):", python_docstring(explained, "    ")]
     lines += [f"    {name} = np.asarray({name}, dtype=float)" for name in inputs]
     results: dict[tuple[int, int], str] = {}
     for k in range(f.n_instructions()):

@@ -18,6 +18,7 @@ from armdyn.errors import InputError
 from armdyn.mcap_run import SIDECAR_RECORD
 from pipeline.imports.foreign import MIN_SAMPLES, Column, Foreign
 from pipeline.imports.joints import AMPERE, IN_AMPERE
+from urdf.bounds import LARGEST_BAG, MIB, MOST_COLUMNS, MOST_ROWS, shown
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -54,6 +55,9 @@ def read_bag(path: Path) -> Foreign:
         raise InputError("ROS bags need rosbags: pip install 'armdyn[ros]'") from error
     if not path.exists():
         raise InputError(f"{path}: no such file or directory")
+    size = sum(file.stat().st_size for file in (path.iterdir() if path.is_dir() else [path]))
+    if size > LARGEST_BAG:
+        raise InputError(f"{path}: is larger than {LARGEST_BAG / MIB:g} MiB: cut it with 'rosbag filter'")
     samples: dict[str, _Samples] = {}
     notes: list[str] = []
     # Bags of ROS 2 before Iron carry no definitions; common messages are then those of Humble.
@@ -70,8 +74,8 @@ def read_bag(path: Path) -> Foreign:
                 notes.append(f"no definition of {', '.join(unknown)} in the bag: left out")
             for connection, stamp, raw in bag.messages(known):
                 _take(connection.topic, connection.msgtype, stamp, bag.deserialize(raw, connection.msgtype), samples)
-    except InputError:
-        raise
+    except InputError as error:
+        raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from error
     except Exception as error:  # damaged bytes surface as a dozen exceptions of sqlite, struct, lz4
         raise InputError(
             f"{path}: cannot be read as a bag: {' '.join(str(error).split()) or type(error).__name__}"
@@ -96,9 +100,13 @@ def _take(topic: str, kind: str, stamp: int, message: Any, samples: dict[str, _S
     else:
         entries = ((name, value, "") for name, value in _numbers(topic, message))
     for name, value, channel in entries:
+        if name not in samples and len(samples) >= MOST_COLUMNS:
+            raise InputError(f"more than {MOST_COLUMNS} numbers in its messages: cut the bag to the topics that matter")
         column = samples.setdefault(name, _Samples(channel=channel, unit=UNITS.get(channel.partition(".")[0], "")))
         if column.time and time <= column.time[-1]:
             continue  # published twice, or after the clock was set back
+        if len(column.time) >= MOST_ROWS:
+            raise InputError(f"more than {MOST_ROWS} messages of {shown(name)}: cut the bag")
         column.time.append(time)
         column.value.append(value)
 
@@ -156,8 +164,6 @@ def _columns(samples: dict[str, _Samples]) -> tuple[dict[str, Column], list[str]
     return columns, notes
 
 
-LARGEST = 2 * 2**30
-"""Bytes of a file."""
 KNOWN = {"cdr": "ros2msg", "ros1": "ros1msg"}
 """How definitions are written, by how messages are."""
 
@@ -176,7 +182,7 @@ def messages(path: Path, store: "Typestore", notes: list[str]) -> Iterator[tuple
     from mcap.reader import make_reader
     from rosbags.typesys import get_types_from_msg
 
-    data = read_bytes(path, LARGEST)
+    data = read_bytes(path, LARGEST_BAG)
     check_chunk_sizes(data)
     unread: set[str] = set()
     defined: dict[int, str] = {}

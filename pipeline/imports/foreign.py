@@ -79,6 +79,8 @@ def as_numbers(values: object) -> FloatArray | None:
     """Numbers as floats, dates and durations in s from the first; None for what is neither."""
     array = np.asarray(values)
     if array.dtype.kind in "mM":
+        if not array.size:
+            return np.zeros(0)
         return np.asarray((array - array[0]) / np.timedelta64(1, "ns") * 1e-9, dtype=float)
     if array.dtype.kind in "biuf":
         return array.astype(float)

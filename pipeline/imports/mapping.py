@@ -13,7 +13,6 @@ joint and gives an Nth of its torque: positions and speeds are divided, torques 
 and ``[noise]`` are those of a run's sidecar and go there.
 """
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,6 +20,7 @@ from typing import Any
 
 from armdyn.channels import channel_kind
 from armdyn.errors import InputError
+from armdyn.quoting import one_line, toml_string
 from armdyn.sidecar import Sidecar, parse_sidecar
 from pipeline.imports.foreign import Foreign, ImportProblemsError
 from urdf.table_file import TableFileError, read_table
@@ -140,19 +140,22 @@ def _entry(name: str, raw: Any, problems: list[str]) -> Entry | None:
 
 def map_text(mapping: ColumnMap, comment: str = "") -> str:
     """A mapping as TOML, with the reasons of a guess as comments."""
-    lines = [f"# {line}" for line in comment.splitlines()]
+    lines = [f"# {one_line(line)}" for line in comment.splitlines()]
     if mapping.time:
-        why = f"  # {mapping.why}" if mapping.why else ""
-        lines += [f"time = {{ column = {json.dumps(mapping.time)}, unit = {json.dumps(mapping.time_unit)} }}{why}", ""]
+        why = f"  # {one_line(mapping.why)}" if mapping.why else ""
+        lines += [
+            f"time = {{ column = {toml_string(mapping.time)}, unit = {toml_string(mapping.time_unit)} }}{why}",
+            "",
+        ]
     lines.append("[columns]")
     for column, entry in mapping.entries.items():
-        parts = [f"channel = {json.dumps(entry.channel)}"]
+        parts = [f"channel = {toml_string(entry.channel)}"]
         for key in KEYS[1:]:
             value = getattr(entry, key)
             if value not in ("", 1.0):
-                parts.append(f"{key} = {json.dumps(value) if isinstance(value, str) else f'{value:g}'}")
-        why = f"  # {entry.why}" if entry.why else ""
-        lines.append(f"{json.dumps(column, ensure_ascii=False)} = {{ {', '.join(parts)} }}{why}")
+                parts.append(f"{key} = {toml_string(value) if isinstance(value, str) else f'{value:g}'}")
+        why = f"  # {one_line(entry.why)}" if entry.why else ""
+        lines.append(f"{toml_string(column)} = {{ {', '.join(parts)} }}{why}")
     return "\n".join(lines) + "\n"
 
 

@@ -13,8 +13,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from armdyn.bytes_in import read_bytes
+from armdyn.csv_run import cut_off, has_whole_end
 from armdyn.errors import InputError
 from pipeline.imports.foreign import Column, Foreign, as_numbers, labelled
+from urdf.bounds import (
+    LARGEST_CONTENT,
+    LARGEST_COUNT,
+    LARGEST_RECORDING,
+    LARGEST_TEXT,
+    LONGEST_NAME,
+    MIB,
+    MOST_COLUMNS,
+    MOST_ROWS,
+    number,
+    shown,
+)
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -35,10 +48,21 @@ def read_csv_of_any_dialect(path: Path) -> Foreign:
     """
     text = _text(path)
     separator = _separator(text)
-    rows = [row for row in csv.reader(io.StringIO(text), delimiter=separator, skipinitialspace=True) if any(row)]
-    header, body = [cell.strip() for cell in rows[0]], rows[1:]
+    try:
+        rows = [row for row in csv.reader(io.StringIO(text), delimiter=separator, skipinitialspace=True) if any(row)]
+    except csv.Error as error:
+        raise InputError(f"{path}: is no table: {error}: give a CSV") from error
+    header, body = [cell.strip() for cell in rows[0]] if rows else [], rows[1:]
     if not body:
         raise InputError(f"{path}: holds a header and no row: give a recording")
+    if len(body) > MOST_ROWS or len(header) > MOST_COLUMNS or max(map(len, header)) > LONGEST_NAME:
+        raise InputError(
+            f"{path}: {len(body)} rows and {len(header)} columns, where {MOST_ROWS} and {MOST_COLUMNS} with names of "
+            f"{LONGEST_NAME} letters are the most: cut it"
+        )
+    if not text.endswith(("\n", "\r")) and not has_whole_end([separator.join(row) for row in body], separator):
+        column = header[min(len(body[-1]), len(header)) - 1]
+        raise InputError(f"{path}: {cut_off(len(body) + 1, body[-1][-1], column)}")
     ragged = [i for i, row in enumerate(body, start=2) if len(row) != len(header)]
     if ragged:
         raise InputError(
@@ -56,11 +80,19 @@ def read_csv_of_any_dialect(path: Path) -> Foreign:
         if value is None:
             if len({row[i] for row in body}) == 1:
                 texts[name] = body[0][i].strip()
-            notes.append(f"'{name}' holds text, such as {strange[0]!r}: left out")
+            notes.append(f"'{name}' holds text, such as {next(iter(strange.values()))!r}: left out")
             continue
+        odd = [row for row, text in strange.items() if any(map(str.isdigit, text))]
+        odd += np.flatnonzero(np.abs(value) > LARGEST_COUNT).tolist()
+        if odd:
+            cell = shown(body[odd[0]][i].strip(), 40)
+            raise InputError(
+                f"{path}: row {odd[0] + 2}, column '{shown(name)}': '{cell}' is no number that anything has: mend it, "
+                "or empty the cell"
+            )
         if strange:
-            shown = ", ".join(repr(text) for text in strange[:SHOWN])
-            notes.append(f"'{name}': {len(strange)} cells are no numbers ({shown}): taken as missing")
+            some = ", ".join(repr(text) for text in list(strange.values())[:SHOWN])
+            notes.append(f"'{name}': {len(strange)} cells are no numbers ({some}): taken as missing")
         columns[name] = Column(value, unit)
     if not columns:
         raise InputError(f"{path}: no column holds numbers: give a recording")
@@ -85,8 +117,10 @@ def parquet_columns(path: Path) -> tuple[dict[str, Column], tuple[str, ...]]:
     if not path.is_file():
         raise InputError(f"{path}: no such file")
     try:
-        table = parquet.read_table(path)
-    except (ArrowException, OSError) as error:
+        with parquet.ParquetFile(path, pre_buffer=False) as file:
+            _check_parquet(file, path)
+            table = file.read()
+    except (ArrowException, OSError, ValueError, OverflowError) as error:
         raise InputError(f"{path}: is no Parquet file that can be read: {' '.join(str(error).split())}") from error
     columns: dict[str, Column] = {}
     notes = []
@@ -98,6 +132,24 @@ def parquet_columns(path: Path) -> tuple[dict[str, Column], tuple[str, ...]]:
         is_date = "timestamp[" in str(table[label].type) or "duration" in str(table[label].type)
         columns |= {part: Column(value, "s" if is_date else unit) for part, value in found.items()}
     return columns, tuple(notes)
+
+
+def _check_parquet(file: Any, path: Path) -> None:
+    """Refuse what would take more memory than fits, before it is unpacked: repeated values take next to no place."""
+    about, size = file.metadata, path.stat().st_size
+    groups = [about.row_group(i) for i in range(about.num_row_groups)]
+    parts = [group.column(i) for group in groups for i in range(group.num_columns)]
+    unpacked = sum(max(8 * part.num_values, part.total_uncompressed_size) for part in parts)
+    if size > LARGEST_RECORDING or unpacked > LARGEST_CONTENT or about.num_rows > MOST_ROWS:
+        raise InputError(
+            f"{path}: {about.num_rows} rows, {size / MIB:.0f} MiB that become {unpacked / MIB:.0f} MiB or more, where "
+            f"{MOST_ROWS} rows, {LARGEST_RECORDING / MIB:.0f} and {LARGEST_CONTENT / MIB:.0f} MiB are the most: cut it"
+        )
+    if about.num_columns > MOST_COLUMNS or any(len(name) > LONGEST_NAME for name in file.schema_arrow.names):
+        raise InputError(
+            f"{path}: {about.num_columns} columns, where {MOST_COLUMNS} with names of {LONGEST_NAME} letters are the "
+            "most: leave some out"
+        )
 
 
 def _arrow_columns(name: str, values: "pa.ChunkedArray") -> dict[str, np.ndarray]:
@@ -137,35 +189,34 @@ def _separator(text: str) -> str:
     return " "
 
 
-def _numbers(cells: list[str]) -> tuple["np.ndarray | None", list[str]]:
-    """Values of a column with what is no number in it; None where most is text."""
+def _numbers(cells: list[str]) -> tuple["np.ndarray | None", dict[int, str]]:
+    """Values of a column, and what is no number in it by place; None where most is text."""
     value = np.empty(len(cells))
-    strange = []
+    strange: dict[int, str] = {}
     for i, cell in enumerate(cells):
         text = cell.strip()
         if text.lower() in MISSING:
             value[i] = np.nan
             continue
         try:
-            value[i] = float(text)
+            value[i] = number(text.replace(",", "."))  # a decimal comma: commas that divide cells are gone here
         except ValueError:
-            try:
-                value[i] = float(text.replace(",", "."))  # a decimal comma: commas that divide cells are gone here
-            except ValueError:
-                value[i] = np.nan
-                strange.append(text[:40])
+            value[i] = np.nan
+            strange[i] = text
     return (None, strange) if len(strange) > len(cells) / 2 else (value, strange)
 
 
 def _is_number(cell: str) -> bool:
     try:
-        float(cell.replace(",", "."))
+        number(cell.replace(",", "."))
     except ValueError:
         return False
     return True
 
 
 INFO = Path("meta/info.json")
+LARGEST_RATE = 1e5
+"""Frames per second."""
 _INDEX = re.compile(r"(?P<feature>.+)/(?P<index>\d+)")
 
 
@@ -192,9 +243,11 @@ def read_lerobot(path: Path) -> list[Foreign]:
     for file in files:
         columns, notes = parquet_columns(file)
         named = {_named(label, names): column for label, column in columns.items()}
-        if "timestamp" not in named and isinstance(rate, int | float) and rate > 0 and "frame_index" in named:
+        if "timestamp" not in named and rate is not None and "frame_index" in named:
             named["timestamp"] = Column(named["frame_index"].value / rate, "s")
         episodes = named["episode_index"].value if "episode_index" in named else None
+        if episodes is not None and not np.isfinite(episodes).all():
+            raise InputError(f"{file}: a row has no episode_index: give a LeRobot data set")
         for episode in [None] if episodes is None else np.unique(episodes):
             rows = slice(None) if episode is None else episodes == episode
             of_episode = {
@@ -209,11 +262,14 @@ def read_lerobot(path: Path) -> list[Foreign]:
 
 def _info(path: Path) -> dict[str, Any]:
     try:
-        info = json.loads((path / INFO).read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+        info = json.loads(read_bytes(path / INFO, LARGEST_TEXT))
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{path / INFO}: cannot be read as JSON: {error}") from error
-    if not isinstance(info, dict):
-        raise InputError(f"{path / INFO}: does not hold an object: give a LeRobot data set")
+    if not isinstance(info, dict) or not isinstance(info.get("features", {}), dict):
+        raise InputError(f"{path / INFO}: does not hold an object with features: give a LeRobot data set")
+    rate = info.get("fps")
+    if rate is not None and not (isinstance(rate, int | float) and 0.0 < rate <= LARGEST_RATE):
+        raise InputError(f"{path / INFO}: fps is {shown(str(rate))}: write frames per second, at most {LARGEST_RATE:g}")
     return info
 
 

@@ -2,7 +2,6 @@
 
 import math
 import os
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
@@ -13,6 +12,8 @@ from armdyn.atomic import write_text
 from armdyn.errors import InputError
 from armdyn.units import parse_quantity
 from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS
+from urdf.bounds import is_sane
+from urdf.table_file import TableFileError, read_table
 
 
 @dataclass(frozen=True)
@@ -91,14 +92,11 @@ class Calibration:
         """
         remedy = "run 'armdyn loadcell calibrate PORT'"
         try:
-            table = tomllib.loads(path.read_text(encoding="utf-8"))
-            return cls._from_table(table)
+            return cls._from_table(read_table(path, finite=True)[1])
         except FileNotFoundError as error:
             raise InputError(f"{path}: there is no load cell calibration: {remedy}") from error
-        except OSError as error:
-            raise InputError(f"{path}: cannot be read ({error.strerror}): {remedy}") from error
-        except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-            raise InputError(f"{path}: the load cell calibration is not TOML ({error}): {remedy}") from error
+        except TableFileError as error:
+            raise InputError(f"{path}: the load cell calibration {error}: {remedy}") from error
         except InputError as error:
             raise InputError(f"{path}: the load cell calibration cannot be used, {error}: {remedy}") from error
 
@@ -138,6 +136,8 @@ def _number(table: Mapping[str, object], key: str, unit: str, with_std: bool = T
     value, std = entry.get("value"), entry.get("std") if with_std else 0.0
     if not (_is_number(value) and _is_number(std)):
         raise InputError(f"{key} lacks a number")
+    if not (is_sane(value) and is_sane(std)):
+        raise InputError(f"{key} is {value:g}, of no size that a load cell has")
     return float(value), float(std)
 
 

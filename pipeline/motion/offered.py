@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 
 import urdf
+from armdyn.atomic import write_text
 from armdyn.channels import Channel
-from armdyn.csv_run import write_csv
+from armdyn.csv_run import csv_text
 from armdyn.experiments.hypothesis import CHANNELS, Experiment, Held, Hypothesis
 from armdyn.experiments.motion import Motion
 from armdyn.experiments.plan import HOPELESS, Plan, with_motion
@@ -103,8 +104,8 @@ def arranged(plan: Plan, load_radius: float, robot: urdf.Robot | None = None) ->
 
 def write_motion(motion: Motion, file: Path) -> None:
     """Write a motion along the line as `armdyn check` and `armdyn trial --motion` read it."""
-    rows = zip(("s", "v", "a"), motion.along, ("m", "m/s", "m/s^2"), strict=True)
-    write_csv(file, {name: Channel(motion.time, values, unit) for name, values, unit in rows})
+    columns = zip(("s", "v", "a"), motion.along, ("m", "m/s", "m/s^2"), strict=True)
+    write_text(file, csv_text({name: Channel(motion.time, values, unit) for name, values, unit in columns}))
 
 
 def _swing(hypothesis: Hypothesis, motion: Motion, radius: float) -> Swing:

@@ -13,7 +13,8 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from armdyn.errors import ArmdynError, InputError, TaskFailedError
-from pipeline.processes import be_ordinary, leave_signals_to_parent
+from ik.children import begin_child
+from pipeline.processes import be_ordinary
 
 Work = Callable[[Any], Any]
 Then = Callable[[Any], None]
@@ -146,7 +147,7 @@ def _serve(ours: Connection, connection: Connection, work: dict[str, Work]) -> N
     """The process: work until the other end is closed."""
     be_ordinary()
     ours.close()  # else this process would keep its own pipe open, and outlive the other
-    leave_signals_to_parent()
+    begin_child()
     with suppress(EOFError, OSError):
         while True:
             name, argument = pickle.loads(connection.recv_bytes())

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from armdyn import __version__, atomic
+from armdyn.quoting import script_json
 from pipeline.report.theme import DARK, TEMPLATE
 
 if TYPE_CHECKING:
@@ -223,8 +224,8 @@ class Report:
             script=_template("page.js").template,
             draw=_template("draw.js").template,
             overlay=_template("overlay.js").template,
-            look=_json(LOOK),
-            data=packed(_json({"figures": figures, "widgets": widgets})),
+            look=script_json(LOOK),
+            data=packed(script_json({"figures": figures, "widgets": widgets})),
             plotly=_library(),
         )
 
@@ -338,8 +339,3 @@ def _library() -> str:
 def packed(text: str) -> str:
     """Text compressed for a page: gzip in base64, a quarter of the size; every browser since 2023 can read it."""
     return base64.b64encode(gzip.compress(text.encode(), 9, mtime=0)).decode()
-
-
-def _json(value: object) -> str:
-    """JSON that cannot end the script element it stands in."""
-    return json.dumps(value, separators=(",", ":")).replace("<", "\\u003c").replace("\u2028", "\\u2028")

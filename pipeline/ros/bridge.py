@@ -15,13 +15,12 @@ from typing import Any
 
 from armdyn.errors import ArmdynError, InputError
 from pipeline.processes import Closing, PromptThread
+from urdf.bounds import CONNECTING, LARGEST_MESSAGE
 
 Message = Mapping[str, Any]
 Take = Callable[[Message, float], None]
 """``(message, time of its reception [s])``; called in the bridge's thread, so it must be quick."""
 
-CONNECT = 5.0
-"""Longest time to connect, and to answer a service call [s]."""
 SEND = 0.02
 """Longest time that the operating system may take to accept one message [s]; two control cycles."""
 GOODBYE = 1.0
@@ -107,7 +106,7 @@ class Bridge(Closing):
         """
         self._send({"op": "publish", "topic": topic, "msg": message})
 
-    def call(self, service: str, arguments: Message | None = None, patience: float = CONNECT) -> Message:
+    def call(self, service: str, arguments: Message | None = None, patience: float = CONNECTING) -> Message:
         """Call a service and wait for its answer.
 
         Args:
@@ -145,7 +144,7 @@ class Bridge(Closing):
         # The other side says goodbye when it has read everything; what is cut off before may be lost.
         self._thread.join(GOODBYE)
         self._lose("it was closed here")
-        self._thread.join(CONNECT)
+        self._thread.join(CONNECTING)
 
     def _connect(self) -> None:
         try:
@@ -161,12 +160,17 @@ class Bridge(Closing):
         if address.secure:
             raise InputError(f"{self.uri}: encrypted connections are not supported: write ws://HOST:PORT")
         try:
-            self._socket = socket.create_connection((address.host, address.port), CONNECT)
+            deadline = time.monotonic() + CONNECTING
+            self._socket = socket.create_connection((address.host, address.port), CONNECTING)
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            self._protocol = ClientProtocol(address, max_size=None)
+            self._protocol = ClientProtocol(address, max_size=LARGEST_MESSAGE)
             self._protocol.send_request(self._protocol.connect())
             self._flush()
             while self._protocol.handshake_exc is None and not self._protocol.events_received():
+                left = deadline - time.monotonic()
+                if left <= 0.0:  # a byte now and then is no answer
+                    raise TimeoutError(0, f"its greeting takes longer than {CONNECTING:g} s")
+                self._socket.settimeout(left)
                 self._feed(self._read())
         except OSError as error:
             raise InputError(
@@ -258,12 +262,15 @@ class Bridge(Closing):
         if not frame.fin:
             return
         text, self._parts = b"".join(self._parts), []
-        self._take(json.loads(text), now)
+        message = json.loads(text, parse_int=_integer)
+        if not isinstance(message, dict) or not isinstance(message.get("msg", {}), dict | str):
+            raise ValueError("what it sends is no message of rosbridge")
+        self._take(message, now)
 
     def _take(self, message: Message, now: float) -> None:
         match message.get("op"):
             case "publish":
-                for take in tuple(self._takers.get(message["topic"], ())):
+                for take in tuple(self._takers.get(str(message["topic"]), ())):
                     take(message["msg"], now)
             case "service_response":
                 with self._answered:
@@ -272,3 +279,8 @@ class Bridge(Closing):
                         self._answered.notify_all()
             case "status":
                 self.remarks.append(f"{message.get('level', 'status')}: {message.get('msg', '')}")
+
+
+def _integer(text: str) -> int | float:
+    """Of JSON, which allows any number of digits: what no 64 bits hold is a float, and infinite where it is large."""
+    return int(text) if len(text) < 20 else float(text)

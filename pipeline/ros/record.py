@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 
 import urdf
-from armdyn.channels import Channel
+from armdyn.channels import MIN_SAMPLES, Channel
 from armdyn.errors import TaskFailedError
 from armdyn.run import Run, write_run_csv
+from pipeline.interrupts import noted_signals
 from pipeline.loadcell.calibration import Calibration, default_path
 from pipeline.loadcell.cell import LoadCell
 from pipeline.nodes.measurement import LineSensor
@@ -46,11 +47,11 @@ def record_run(
         progress: told the share that is done.
 
     Returns:
-        The run, and a sentence for everything that was left out.
+        The run, which a signal may have ended early, and a sentence for everything that was left out.
 
     Raises:
         InputError: no bridge, no states of these joints, no load cell.
-        TaskFailedError: what is recorded stopped coming.
+        TaskFailedError: what is recorded stopped coming; what came before is written.
     """
     states: list[JointState] = []
     forces: list[ForceSample] = []
@@ -69,14 +70,16 @@ def record_run(
 
         bridge.subscribe(topics.joint_states, "sensor_msgs/JointState", take)
         joints.first(topics.joint_states)
-        start = time.monotonic()
-        while (elapsed := time.monotonic() - start) < seconds:
+        start, ended = time.monotonic(), ""
+        signals: list[int] = []
+        stack.enter_context(noted_signals(signals.append))
+        while not (ended or signals) and (elapsed := time.monotonic() - start) < seconds:
             time.sleep(min(0.05, seconds - elapsed))
-            if bridge.failure is not None:
-                raise TaskFailedError(f"{bridge.failure}; nothing was written")
             newest = joints.latest
-            if newest is not None and time.monotonic() - newest.time > SILENT:
-                raise TaskFailedError(f"{topics.joint_states}: nothing came for {SILENT:g} s; nothing was written")
+            if bridge.failure is not None:
+                ended = bridge.failure
+            elif newest is not None and time.monotonic() - newest.time > SILENT:
+                ended = f"{topics.joint_states}: nothing came for {SILENT:g} s"
             if cell is not None:
                 forces += cell.read()
             if progress is not None:
@@ -84,8 +87,16 @@ def record_run(
         said = [*cell_notes(cell)]
     if joints.unreadable:
         said.append(f"{joints.unreadable} joint states were left out: a value was missing or not finite")
-    run = _run(arm, states, forces, start, output, used)
+    kept = [state for state in states if state.time >= start]
+    if len(kept) < MIN_SAMPLES:
+        raise TaskFailedError(f"{ended or 'it was ended'}; {len(kept)} joint states came, too few to be written")
+    run = _run(arm, kept, forces, start, output, used)
     write_run_csv(run, output)
+    told = f"the {kept[-1].time - start:.1f} s of {seconds:g} s that came are in {output}"
+    if ended:
+        raise TaskFailedError(f"{ended}; {told}")
+    if signals:
+        said.append(f"ended by a signal; {told}")
     return run, tuple(said)
 
 
@@ -98,14 +109,13 @@ def cell_notes(cell: LoadCell | None) -> tuple[str, ...]:
 
 def _run(
     arm: urdf.Robot,
-    states: list[JointState],
+    kept: list[JointState],
     forces: list[ForceSample],
     start: float,
     output: Path,
     calibration: Calibration | None,
 ) -> Run:
     """The channels of the contract; times count from `start` [s]."""
-    kept = [state for state in list(states) if state.time >= start]
     time_of_states = np.array([state.time - start for state in kept])
     channels: dict[str, Channel] = {}
     for prefix, unit, rows in (

@@ -279,7 +279,7 @@ class Twin(Closing):
     def _on_command(self, message: Mapping[str, Any], now: float) -> None:
         q = self._vector(message.get("command"))
         names = message.get("names")
-        known = isinstance(names, list) and sorted(names) == sorted(self._names)
+        known = isinstance(names, list) and sorted(map(str, names)) == sorted(self._names)
         if q is None or not known or message.get("mode") not in (POSITION, RAW_POSITION) or not self._enabled:
             self.tally.ignored += 1
             return

@@ -119,6 +119,8 @@ def _shape(visual: ET.Element, urdf_path: Path, folders: tuple[Path, ...]) -> li
         except Exception:  # whatever a reader of meshes may raise of a damaged file
             return None
         whole = [part for part in parts if isinstance(part, trimesh.Trimesh) and len(part.faces)]
+        if not all(np.isfinite(part.vertices).all() for part in whole):
+            return None
         return [Mesh(np.asarray(part.vertices) * scale, np.asarray(part.faces), _main_colour(part)) for part in whole]
     primitive: trimesh.Trimesh | None = None
     with suppress(ValueError, TypeError):

@@ -4,6 +4,8 @@ A dropped file goes through the same door as on the command line; kept are the m
 other tools.
 """
 
+import hashlib
+import os
 import re
 import shutil
 import tempfile
@@ -16,17 +18,73 @@ from armdyn.errors import InputError
 from armdyn.model import Model
 from armdyn.model_file import ModelFile, base_pendulum, write_model_file
 from armdyn.run import Run, read_run, write_run_csv
+from ik.children import is_running
 from pipeline.commands.identify import Given, Inputs
 from pipeline.workbench.bench import Atom, Bench
 
 PREFIX = "armdyn-page-"
-LARGEST = 500_000_000
-"""bytes of one file."""
 
 
 def new_folder() -> tempfile.TemporaryDirectory[str]:
     """Where the files of one page are kept while it is open."""
-    return tempfile.TemporaryDirectory(prefix=PREFIX, ignore_cleanup_errors=True)
+    return tempfile.TemporaryDirectory(prefix=f"{PREFIX}{os.getpid()}-", ignore_cleanup_errors=True)
+
+
+def remove_folders(process: int | None = None) -> None:
+    """Remove the folders of all pages of a process, of this one where none is named."""
+    for folder in Path(tempfile.gettempdir()).glob(f"{PREFIX}{process or os.getpid()}-*"):
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def remove_abandoned() -> None:
+    """Remove what workbenches that were killed have left."""
+    for folder in Path(tempfile.gettempdir()).glob(f"{PREFIX}*-*"):
+        number = folder.name.removeprefix(PREFIX).partition("-")[0]
+        if number.isdecimal() and not is_running(int(number)):
+            remove_folders(int(number))
+
+
+class Writable:
+    """Where pages may write: below the folder that the workbench was started in, and over their own files only.
+
+    Args:
+        folder: that it was started in.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder.resolve()
+        self._written: dict[Path, str] = {}
+
+    def check(self, file: Path, over: bool) -> None:
+        """Refuse a file that may not be written.
+
+        Args:
+            file: to be written.
+            over: whether a file that a page has written may be replaced.
+
+        Raises:
+            InputError: it is elsewhere, is there, or is not as a page left it.
+        """
+        target = file.resolve()
+        if not target.is_relative_to(self._folder):
+            raise InputError(
+                f"{file} is not below {self._folder}, where the workbench was started: choose a name in it"
+            )
+        if not target.exists():
+            return
+        if not over:
+            raise InputError(f"{file} is there already: choose another name, or tick 'write over'")
+        if not target.is_file() or self._written.get(target) != _digest(target):
+            raise InputError(f"{file} is not as a page of this workbench left it: choose another name")
+
+    def note(self, file: Path) -> None:
+        """A page has written this file."""
+        self._written[file.resolve()] = _digest(file)
+
+
+def _digest(file: Path) -> str:
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def is_passing(file: Path) -> bool:
@@ -203,7 +261,8 @@ def keep(
     report: Path | None = None,
     exported: Path | None = None,
     *,
-    force: bool = False,
+    writable: Writable,
+    over: bool = False,
 ) -> Kept:
     """Refit with these effects one after the other, and write what `add` and `export` would.
 
@@ -215,7 +274,8 @@ def keep(
         model: file to write.
         report: likewise; None for none.
         exported: likewise, its ending says what it is; None for none.
-        force: write over what is there.
+        writable: where that may be.
+        over: write over what a page has written.
 
     Raises:
         InputError: a file cannot be written, or is there.
@@ -224,7 +284,7 @@ def keep(
     from armdyn.model_file import ModelFile, write_model_file
     from pipeline.answers import history_entries
     from pipeline.commands.export import write_export
-    from pipeline.commands.output import check_outputs, free_to_write
+    from pipeline.commands.output import check_outputs
     from pipeline.report.page import NextStep
     from pipeline.report.repair import repair_report
 
@@ -234,9 +294,9 @@ def keep(
     check_outputs(model, report, exported, inputs=opened.recordings)
     for file in (model, report, exported):
         if file is not None:
-            free_to_write(file, force)
+            writable.check(file, over)
     found = add(study, bench.effects_of(effects))
-    kept, copied = _with_its_urdf(found.model, model, force)
+    kept, copied = _with_its_urdf(found.model, model, writable, over)
     write_model_file(
         model, ModelFile(kept, given.file.description, (*given.file.history, *history_entries(study, found)))
     )
@@ -248,17 +308,17 @@ def keep(
     if exported is not None:
         notes = write_export(ModelFile(kept, given.file.description), exported, model.name)
         files.append(exported)
+    for file in files:
+        writable.note(file)
     return Kept(tuple(files), found.sentence, tuple(notes), command)
 
 
-def _with_its_urdf(found: Model, model: Path, force: bool) -> tuple[Model, list[Path]]:
+def _with_its_urdf(found: Model, model: Path, writable: Writable, over: bool) -> tuple[Model, list[Path]]:
     """The model, with a URDF that was dropped onto the page copied beside its file: a page's folder does not last."""
-    from pipeline.commands.output import free_to_write
-
     if not isinstance(found, ArmModel) or found.arm.file is None or not is_passing(found.arm.file):
         return found, []
     target = model.parent / found.arm.file.name
     if not target.exists() or target.read_bytes() != found.arm.file.read_bytes():
-        free_to_write(target, force)
+        writable.check(target, over)
         shutil.copyfile(found.arm.file, target)
     return replace(found, arm=replace(found.arm, file=target.resolve())), [target]

@@ -10,12 +10,14 @@ from typing import Any
 from nicegui import Client, events, ui
 
 from armdyn.errors import InputError
+from armdyn.quoting import script_json
 from pipeline.commands.identify import Inputs
 from pipeline.workbench import files, panels
 from pipeline.workbench.bench import Atom
 from pipeline.workbench.desk import Desk
 from pipeline.workbench.ranking import Ranking, Search
-from pipeline.workbench.tab import OpenDesk, Tab, js, scene_of_run
+from pipeline.workbench.tab import OpenDesk, Tab, scene_of_run
+from urdf.bounds import LARGEST_UPLOAD
 from urdf.load import known_robots
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -24,10 +26,11 @@ STILL = 0.25
 
 
 class Page(Tab):
-    """A tab with everything on it that can be clicked; see `Tab` for the arguments."""
+    """A tab with everything on it that can be clicked; see `Tab` for the arguments, `Writable` for the last."""
 
-    def __init__(self, client: Client, inputs: Inputs | None, open_desk: OpenDesk) -> None:
+    def __init__(self, client: Client, inputs: Inputs | None, open_desk: OpenDesk, writable: files.Writable) -> None:
         super().__init__(client, inputs, open_desk)
+        self._writable = writable
         self._kept: Path | None = None
         self._build()
 
@@ -37,7 +40,7 @@ class Page(Tab):
         ui.html(skeleton.substitute(robots=robots, kinds=panels.kinds_of_export()), sanitize=False)
         label = "Drop recordings, a model or a URDF here, or choose files with +"
         upload = ui.upload(
-            label=label, multiple=True, auto_upload=True, max_file_size=files.LARGEST,
+            label=label, multiple=True, auto_upload=True, max_file_size=LARGEST_UPLOAD,
             on_multi_upload=self._guarded_event(self._dropped),
             on_rejected=lambda: self._say("A file is too large: record for a shorter time."),
         ).props("flat")  # fmt: skip
@@ -78,7 +81,7 @@ class Page(Tab):
         bench = self._opened()
         self._ticked, self._values = tuple(effects), {}
         if not told:
-            self._run(f"armdynBench.ticks({js([atom.label for atom in effects])})")
+            self._run(f"armdynBench.ticks({script_json([atom.label for atom in effects])})")
         self._asked += 1
         asked = self._asked
         state = bench.foretold(self._ticked)
@@ -145,7 +148,7 @@ class Page(Tab):
     async def _scene(self, args: dict[str, Any]) -> None:
         bench, name, ticked = self._opened(), args.get("run"), self._ticked
         scene = await self._working("drawing in 3-D", lambda: scene_of_run(bench, ticked, name).data())
-        self._run(f"armdynBench.scene({js(scene)})")
+        self._run(f"armdynBench.scene({script_json(scene)})")
 
     async def _role(self, args: dict[str, Any]) -> None:
         i = int(args["run"])
@@ -194,10 +197,12 @@ class Page(Tab):
         report = model.with_suffix(".html") if args["report"] else None
         ending = str(args["export"])
         exported = model.with_suffix(ending) if ending else None
-        opened, ticked, force = self._desk_open().inputs, self._ticked, bool(args["force"])
+        opened, ticked, over = self._desk_open().inputs, self._ticked, bool(args["over"])
         kept = await self._working(
             "fitting and writing",
-            lambda: files.keep(opened, given, bench, ticked, model, report, exported, force=force),
+            lambda: files.keep(
+                opened, given, bench, ticked, model, report, exported, writable=self._writable, over=over
+            ),
         )
         self._kept = model
         lines = [f"<p class='sentence'>{escape(kept.sentence)}</p>"]

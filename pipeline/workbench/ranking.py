@@ -18,6 +18,7 @@ from armdyn.identify.fit import Fit
 from armdyn.identify.study import Study
 from armdyn.identify.summed import Summed
 from armdyn.identify.sums import sums_at
+from ik.children import begin_child
 from pipeline.commands.identify import Inputs
 
 if TYPE_CHECKING:
@@ -68,7 +69,7 @@ class Search:
         context = get_context("spawn")
         mine, theirs = context.Pipe(duplex=False)
         self._process = context.Process(
-            target=_search, args=(inputs, tuple(effects), theirs, os.getpid()), daemon=True, name="armdyn-search"
+            target=_search, args=(inputs, tuple(effects), theirs), daemon=True, name="armdyn-search"
         )
         self._stopped = False
         self._process.start()
@@ -127,11 +128,9 @@ def rank(inputs: Inputs, effects: Sequence[str], say: Callable[[str], None]) -> 
     )
 
 
-def _search(inputs: Inputs, effects: tuple[str, ...], answers: Connection, parent: int) -> None:
+def _search(inputs: Inputs, effects: tuple[str, ...], answers: Connection) -> None:
     """In the process: what it finds goes through the pipe."""
-    from pipeline.processes import begin_worker
-
-    begin_worker(parent)
+    begin_child()
     os.nice(5)  # the page comes first
     try:
         found = rank(inputs, effects, lambda what: answers.send(("progress", what)))

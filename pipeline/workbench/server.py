@@ -1,22 +1,28 @@
-"""Serves the workbench on this computer only, until Ctrl-C."""
+"""Serves the workbench, on this computer only unless told otherwise, until a signal comes."""
 
+import signal
 import socket
 import sys
+import time
 from collections.abc import Callable
+from pathlib import Path
+from threading import Lock, Thread
+from typing import NoReturn
 from weakref import WeakValueDictionary
 
 import uvicorn
 from fastapi import FastAPI, Response
 from nicegui import Client, ui
-from starlette.middleware.trustedhost import TrustedHostMiddleware
 
 from armdyn import __version__
 from armdyn.errors import InputError
 from pipeline.commands.identify import Inputs
-from pipeline.interrupts import noted_signals
+from pipeline.interrupts import Interrupt, leave, noted_signals
 from pipeline.report.page import report_style, widget_scripts
 from pipeline.view.scene import scene_script, scene_style, three_js
+from pipeline.workbench import files
 from pipeline.workbench.desk import Desk, key_of
+from pipeline.workbench.guard import FIELD, Guard
 from pipeline.workbench.page import TEMPLATES, Page
 
 HOST = "127.0.0.1"
@@ -25,34 +31,52 @@ ASSETS = "/armdyn"
 SWITCH = 1e-3
 """s for which a refit may keep the page's thread waiting at a time."""
 DAY = {"Cache-Control": "max-age=86400"}
+IN_ORDER, AT_MOST = 0.3, 0.7
+"""s after a signal for which answers that are under way are waited for, and after which the program ends as it is: what
+reads an upload, in a thread, cannot be stopped."""
 
 
-def listening(port: int | None) -> socket.socket:
-    """A socket on this computer: of the port that is asked for, else of the usual one or any that is free.
+def listening(port: int | None, host: str = HOST) -> socket.socket:
+    """A socket: of the port that is asked for, else of the usual one or any that is free.
 
     Raises:
-        InputError: the port is taken.
+        InputError: the port is taken, or the host is none of this computer.
     """
     for wanted in (USUAL_PORT, 0) if port is None else (port,):
-        found = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        try:
+            family, kind, protocol, _, address = socket.getaddrinfo(host, wanted, type=socket.SOCK_STREAM)[0]
+        except (OSError, UnicodeError) as error:
+            raise InputError(f"--host {host}: {error}; give an address of this computer, or leave it out") from error
+        found = socket.socket(family, kind, protocol)
         found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            found.bind((HOST, wanted))
+            found.bind(address)
             return found
         except (OSError, OverflowError) as error:
             found.close()
             problem = error
-    raise InputError(f"--port {port}: {problem}; choose another one, or leave it out")
+    raise InputError(f"--host {host} --port {port or USUAL_PORT}: {problem}; choose another one, or leave it out")
 
 
-def serve(inputs: Inputs | None, listen: socket.socket, started: Callable[[str], None]) -> None:
-    """Serve until a signal comes.
+def is_loopback(host: str) -> bool:
+    """Whether only this computer can reach what listens there."""
+    return host in ("localhost", "::1") or host.startswith("127.")
+
+
+def serve(
+    inputs: Inputs | None, listen: socket.socket, host: str, started: Callable[[str], None], closed: Callable[[], None]
+) -> NoReturn:
+    """Serve until a signal comes, and end this process; Ctrl-C is the usual end.
 
     Args:
         inputs: files that the page opens; None for none.
         listen: where.
-        started: told the address.
+        host: as it was asked for.
+        started: told the address, which holds the token.
+        closed: called at the end.
     """
+    files.remove_abandoned()
+    writable = files.Writable(Path.cwd())
     desks: WeakValueDictionary[tuple[object, ...], Desk] = WeakValueDictionary()
     first: list[Desk] = []
 
@@ -72,23 +96,25 @@ def serve(inputs: Inputs | None, listen: socket.socket, started: Callable[[str],
 
     async def page(client: Client) -> None:
         ui.add_head_html(_head())
-        own = Page(client, inputs, open_desk)
+        own = Page(client, inputs, open_desk, writable)
         client.on_delete(own.close)
         await client.connected()
         await own.begin()
 
     sys.setswitchinterval(SWITCH)
     ui.page("/", title="armdyn workbench", dark=None)(page)
-    server = _server(_application(), begun)
-    server.run(sockets=[listen])
+    port = listen.getsockname()[1]
+    mine = {"localhost", *([] if is_loopback(host) else [socket.gethostname(), host])}
+    guard = Guard(_application(), port, mine)
+    shown = host if host not in ("0.0.0.0", "::") else socket.gethostname()
+    address = f"http://{f'[{shown}]' if ':' in shown else shown}:{port}/?{FIELD}={guard.token}"
+    _run(guard, listen, lambda: begun(address), closed)
 
 
 def _application() -> FastAPI:
     from plotly.offline import get_plotlyjs
 
     application = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
-    # A page of elsewhere, whose name is made to point here, gets nothing.
-    application.add_middleware(TrustedHostMiddleware, allowed_hosts=[HOST, "localhost"])
     scripts: dict[str, Callable[[], str]] = {
         "plotly.js": get_plotlyjs,
         "three.js": three_js,
@@ -117,19 +143,37 @@ def _head() -> str:
     return f"<meta name='color-scheme' content='light dark'>{style}{script}"
 
 
-def _server(application: FastAPI, started: Callable[[str], None]) -> uvicorn.Server:
-    """A server that ends in order on the first Ctrl-C, at once on the second."""
-    server = uvicorn.Server(uvicorn.Config(application, log_level="warning", timeout_graceful_shutdown=1))
-    usual = server.startup
+def _run(
+    application: Guard, listen: socket.socket, started: Callable[[], None], closed: Callable[[], None]
+) -> NoReturn:
+    """Serve until a signal comes; end in order, or as it is where that takes too long."""
+    server = uvicorn.Server(uvicorn.Config(application, log_level="critical", timeout_graceful_shutdown=0))
+    server.config.timeout_graceful_shutdown = IN_ORDER
+    usual, received = server.startup, signal.SIGINT
 
     async def startup(sockets: list[socket.socket]) -> None:
         await usual(sockets=sockets)
         if not server.should_exit:
-            started(f"http://{HOST}:{sockets[0].getsockname()[1]}")
+            started()
 
-    def note(_: int) -> None:
+    def end(delay: float = 0.0) -> NoReturn:
+        time.sleep(delay)
+        with ending:  # held until the process is gone
+            files.remove_folders()
+            closed()
+            if received != signal.SIGINT:
+                print(f"armdyn: {Interrupt(received)}", file=sys.stderr)
+            leave(received, 0 if received == signal.SIGINT else 128 + received)
+
+    def note(number: int) -> None:
+        nonlocal received
+        if not server.should_exit:
+            received = signal.Signals(number)
+            Thread(target=end, args=(AT_MOST,), daemon=True).start()
         server.should_exit = True
 
+    ending = Lock()
     server.startup = startup
     server.capture_signals = lambda: noted_signals(note)
-    return server
+    server.run(sockets=[listen])
+    end()

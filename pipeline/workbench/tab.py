@@ -1,7 +1,6 @@
 """One browser tab: which files it has open, what it shows of them, and the motion of a run in three dimensions."""
 
 import asyncio
-import json
 from collections.abc import Awaitable, Callable, Sequence
 from html import escape
 from typing import Any
@@ -10,6 +9,7 @@ from nicegui import Client
 
 from armdyn.arm.model import ArmModel
 from armdyn.errors import ArmdynError, InputError
+from armdyn.quoting import script_json
 from armdyn.run import Run
 from pipeline.commands.identify import Given, Inputs
 from pipeline.report.missing_force import missing_force_pictures
@@ -95,7 +95,7 @@ class Tab:
             widget = overlays.widget()
             chart = f"<div class='chart' style='height: {widget.height}px'></div><p class='caption'></p>"
             html = f"{tabs_html(overlays.tabs(), 'bench')}<form class='widget'>{widget.html}{chart}</form>"
-            self._run(f"armdynBench.open({js({'html': html, 'data': widget.data, 'look': LOOK})})")
+            self._run(f"armdynBench.open({script_json({'html': html, 'data': widget.data, 'look': LOOK})})")
             self._panel("errors", panels.errors_panel(state))
             self._panel("knobs", panels.knobs_panel(state))
             await self._show_missing_force(state)
@@ -109,9 +109,9 @@ class Tab:
     def _show(self, state: State, *, knobs: bool = True) -> None:
         overlays = Overlays(state.curves, (AS_GIVEN, NOW))
         new = {"changed": [changed(curve, self._points) for curve in state.curves], "totals": overlays.totals()}
-        self._run(f"armdynBench.update({js(new)})")
+        self._run(f"armdynBench.update({script_json(new)})")
         self._panel("errors", panels.errors_panel(state))
-        self._run(f"armdynBench.show('refit', {js(state.how == 'by hand')})")
+        self._run(f"armdynBench.show('refit', {script_json(state.how == 'by hand')})")
         if knobs:
             self._panel("knobs", panels.knobs_panel(state))
 
@@ -124,7 +124,7 @@ class Tab:
         made = asyncio.to_thread(lambda: missing_force_pictures(bench.missing_force(state), AS_TICKED))
         shown = {picture.tab: {"figure": picture.figure, "caption": picture.caption} for picture in await made}
         if asked == self._asked:
-            self._run(f"armdynBench.missing({js(shown)})")
+            self._run(f"armdynBench.missing({script_json(shown)})")
 
     def _opened(self) -> Bench:
         if self._bench is None:
@@ -162,24 +162,19 @@ class Tab:
             self._say(report_unforeseen(error))
 
     def _say(self, text: str) -> None:
-        self._run(f"armdynBench.say({js(text)}, 'bad')")
+        self._run(f"armdynBench.say({script_json(text)}, 'bad')")
 
     def _busy(self, text: str) -> None:
-        self._run(f"armdynBench.busy({js(text)})")
+        self._run(f"armdynBench.busy({script_json(text)})")
 
     def _subtitle(self, text: str) -> None:
         self._panel("subtitle", escape(text))
 
     def _panel(self, place: str, html: str) -> None:
-        self._run(f"armdynBench.panel({js(place)}, {js(html)})")
+        self._run(f"armdynBench.panel({script_json(place)}, {script_json(html)})")
 
     def _run(self, code: str) -> None:
         self._client.run_javascript(code)
-
-
-def js(value: object) -> str:
-    """A value as JavaScript."""
-    return json.dumps(value, separators=(",", ":"))
 
 
 _links: dict[str, Links] = {}

@@ -10,7 +10,6 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from faults.mutation import spoiled_text
 
 import urdf
 from ik import default_table
@@ -146,8 +145,7 @@ def mcap(rng: random.Random | None = None) -> bytes:
         schema = writer.register_schema(topic, "jsonschema", b"{}")
         metadata = {str(wrong(key)): str(wrong(label)) for key, label in fields.items()}
         ids[topic] = writer.register_channel(topic, "json", schema, metadata)
-    sidecar = spoiled_text(SIDECAR, rng) if rng is not None and rng.random() < 0.3 else SIDECAR
-    writer.add_metadata("armdyn.sidecar", {"toml": sidecar})
+    writer.add_metadata("armdyn.sidecar", {"toml": str(wrong(SIDECAR))})
     for k in range(60):
         for topic, field, value in (("/gripper", "x", 0.05 * np.sin(k / 9)), ("/load", "force", 0.8 + 0.01 * (k % 3))):
             message = wrong({str(wrong("time")): wrong(k / 50), str(wrong(field)): wrong(float(value))})
@@ -201,3 +199,65 @@ LINE_CSV = "time [s],s [m]\n" + "".join(f"{k / 50},{0.1 * np.sin(k / 50):.6f}\n"
 
 def crane() -> bytes:
     return (Path(__file__).parents[2] / "examples" / "crane.py").read_bytes()
+
+
+def foreign_csv(separator: str = ",", rows: int = 60) -> str:
+    """A log as somebody else's program writes it."""
+    time = np.arange(rows) / 50
+    columns = {"timestamp_ms": 1000 * time, "J1 pos (deg)": 20 * np.sin(time), "J2 pos (deg)": 10 * np.cos(time),
+               "J1 trq": 2 * np.cos(2 * time), "J2 trq": np.sin(3 * time), "state": np.floor(time)}  # fmt: skip
+    table = "\n".join(separator.join(f"{value:.5f}" for value in row) for row in zip(*columns.values(), strict=True))
+    return separator.join(columns) + "\n" + table + "\n"
+
+
+MAP = """time = { column = "timestamp_ms", unit = "ms" }
+[columns]
+"J1 pos" = { channel = "q.j0", unit = "deg", sign = -1, offset = "90 deg" }
+"J1 trq" = { channel = "tau.j0", unit = "A", torque_constant = "0.12 N m/A", gear_ratio = 100 }
+"J2 pos" = { channel = "q.j1", unit = "deg" }
+"""
+CALIBRATION = """date = 2026-05-04T14:30:00
+source = "PORT"
+offset = { value = 84213.4, std = 1.2, unit = "count" }
+scale = { value = 2.3e-6, std = 1e-9, unit = "N/count" }
+noise = { value = 0.003, unit = "N" }
+"""
+SPEC = """task = "compare"
+[[recordings]]
+model = "m.toml"
+runs = ["a.csv"]
+times = { "a.csv" = 2026-05-04T14:30:00 }
+[changes]
+false_alarms = 0.01
+"""
+OUTCOME = {
+    "key": "abc", "verdict": "explained", "sentence": "s", "problem": "", "passing": False, "explained": 0.9,
+    "effects": ["quadratic_drag"], "chi2_per_sample": 1.0, "intervals_hold": True,
+    "channels": {"load_force": {"unit": "N", "rmse": 0.003, "noise_std": 0.003}},
+    "parameters": {"mass": {"unit": "kg", "value": 0.08, "std": 0.001}}, "duration": 5.0, "seconds": 0.3,
+}  # fmt: skip
+JOURNAL = "".join(json.dumps({**OUTCOME, "key": f"k{i}"}) + "\n" for i in range(3))
+
+
+def parquet(rng: random.Random | None = None) -> bytes:
+    """A table with the channels of the toy arm; with a generator, with columns of other kinds and sizes."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    rows = 60
+    time = np.arange(rows) / 50
+    columns: dict[str, object] = {"time": time, "q.j0 [rad]": np.sin(time), "tau.j0 [N m]": np.cos(3 * time)}
+    if rng is not None:
+        odd: tuple[object, ...] = (
+            np.full(rows, np.nan), np.full(rows, 1e300), np.arange(rows) * 10**15, ["text"] * rows, [None] * rows,
+            [[1.0, 2.0]] * rows, [[1.0]] * (rows - 1) + [[]], np.zeros(rows, dtype="M8[ns]"), np.full(rows, np.inf),
+            [b"x" * 100] * rows, time[::-1].copy(), np.zeros(rows, dtype=bool), [{"a": 1}] * rows,
+        )  # fmt: skip
+        columns[rng.choice([*columns, "other", "a" * 500, ""])] = rng.choice(odd)
+        if rng.random() < 0.2:
+            columns = {name: values[:0] for name, values in columns.items()}  # type: ignore[index]
+        elif rng.random() < 0.1:
+            columns = {name: np.zeros(6_000_000) for name in columns}
+    stream = io.BytesIO()
+    pq.write_table(pa.table(columns), stream, compression="zstd")
+    return stream.getvalue()

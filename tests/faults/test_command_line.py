@@ -5,7 +5,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 import types
 from contextlib import suppress
 from pathlib import Path
@@ -16,7 +15,6 @@ import typer
 from pipeline import interrupts
 from pipeline.cli import main
 from pipeline.commands import app as commands
-from pipeline.processes import worker_pool
 
 ARMDYN = "from pipeline.cli import main; main()"
 
@@ -138,57 +136,6 @@ def test_nohup_is_respected():
         "os.kill(os.getpid(), signal.SIGHUP); print('on')"
     )
     assert process(code).stdout == "on\n"
-
-
-def slow(seconds):
-    signal.pause() if seconds else None
-    return os.getpid()
-
-
-def test_a_pool_that_is_interrupted_ends_its_workers_at_once():
-    def interrupted():
-        with worker_pool(2) as pool:
-            running.extend(pool.submit(slow, 1) for _ in range(6))
-            while len(pool._processes) < 2:
-                pass
-            workers.extend(pool._processes)
-            raise KeyboardInterrupt
-
-    running, workers = [], []
-    with pytest.raises(KeyboardInterrupt):
-        interrupted()
-    # By number: the pool's own thread collects its workers too, and `Process.is_alive` does not know who was first.
-    deadline = time.monotonic() + 30
-    while any(exists(worker) for worker in workers) and time.monotonic() < deadline:
-        time.sleep(0.01)
-    assert not any(exists(worker) for worker in workers)
-
-
-def exists(process_id):
-    try:
-        os.kill(process_id, 0)
-    except ProcessLookupError:
-        return False
-    return True
-
-
-def test_workers_of_a_killed_parent_end():
-    code = (
-        "import os, signal, sys; from pipeline.processes import worker_pool\n"
-        "from faults.test_command_line import slow\n"
-        "with worker_pool(1) as pool:\n"
-        "    print(pool.submit(slow, 0).result(), flush=True)\n"
-        "    pool.submit(slow, 1)\n"
-        "    os.kill(os.getpid(), signal.SIGKILL)"
-    )
-    tests = str(Path(__file__).parents[1])
-    with subprocess.Popen(
-        [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([tests, *filter(None, sys.path)])},
-    ) as parent:  # fmt: skip
-        # Until nobody holds the pipe any more: neither the parent nor the worker that was its copy.
-        assert parent.communicate(timeout=60)[0].strip().isdigit()
-    assert parent.returncode == -signal.SIGKILL
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no such device here")

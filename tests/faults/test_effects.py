@@ -4,11 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from armdyn.effects import user
+from armdyn import rehearsal
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.effects.tried import STAGES, check_declared, check_tried
 from armdyn.effects.user import load_effects
 from armdyn.errors import InputError
+from armdyn.physics.user import load_base
 from pipeline.cli import main
 
 HEAD = """import math, sys
@@ -94,9 +95,49 @@ def test_a_good_effect_under_two_names_is_one(tmp_path):
     assert [item.name for item in load_effects(path)] == ["own"]
 
 
-def test_a_file_that_never_ends_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(user, "READING", 0.2)
+HUGE = {"memory": "[0] * 10**10",
+        "time": "9**9**9", "process": "os.kill(os.getpid(), signal.SIGSEGV)", "exit": "os._exit(0)",
+        "sys.exit": "sys.exit()", "interrupt": "(_ for _ in ()).throw(KeyboardInterrupt)",
+        "of its own": "(_ for _ in ()).throw(type('Own', (BaseException,), {}))"}  # fmt: skip
+STUBBORN = "while True:\n        try:\n            pass\n        except Exception:\n            pass"
+BASE = """import os, signal, sys
+from armdyn.physics import Equations, constant, physics, state
+@physics("own", summary="s", source="s", parameters=(constant("mass", "kg", 1.0),),
+         states=(state("angle", "rad", typical=0.1),), outputs={{"swing_angle": "rad"}}, period={period})
+def own(at):
+    {body}
+    return Equations(rates={{"angle": -at["mass"] * at["angle"]}}, outputs={{"swing_angle": at["angle"]}})
+"""
+
+
+@pytest.mark.parametrize("where", ["file", "effect", "base"])
+@pytest.mark.parametrize("body", [*HUGE.values(), STUBBORN], ids=[*HUGE, "a loop that catches"])
+def test_code_that_takes_everything_or_ends_the_program_is_refused_with_its_file(tmp_path, monkeypatch, where, body):
+    monkeypatch.setattr(rehearsal, "USER_SECONDS", 1.0)
     path = tmp_path / "mine.py"
-    path.write_text("while True:\n    try:\n        pass\n    except Exception:\n        pass\n")
-    with pytest.raises(InputError, match="takes longer than"):
-        load_effects(path)
+    text = {
+        "file": f"{HEAD}import os, signal\nif True:\n    {body}\n",
+        "effect": HEAD + "import os, signal\n" + effect_text(f"{body}\n    {GOOD}"),
+        "base": BASE.format(body=body, period=1.0),
+    }[where]
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"mine\.py.*: ") as refused:
+        (load_base if where == "base" else load_effects)(path)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("period", ["float('nan')", "1e-9", "1e300", "-1.0", "0.0", "'x'"])
+def test_a_base_needs_a_period_that_something_has(tmp_path, period):
+    path = tmp_path / "mine.py"
+    path.write_text(BASE.format(body="pass", period=period))
+    with pytest.raises(InputError, match=r"mine\.py"):
+        load_base(path)
+
+
+def test_what_a_file_prints_is_printed_once_and_good_code_does_its_work(tmp_path, capfd):
+    path = tmp_path / "mine.py"
+    path.write_text("print('hello')\n" + HEAD + effect_text(GOOD))
+    assert [item.name for item in load_effects(path)] == ["own"]
+    assert capfd.readouterr().out == "hello\n"
+    path.write_text(BASE.format(body="pass", period=1.0))
+    assert load_base(path).base == "own"

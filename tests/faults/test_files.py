@@ -8,10 +8,12 @@ import sys
 import threading
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from armdyn import atomic
 from armdyn.errors import InputError
+from armdyn.run import Run, read_run, write_run_csv
 from pipeline.commands.output import check_outputs
 
 TEXT = "new\n" * 1000
@@ -218,3 +220,33 @@ def test_a_reader_that_ends_early_is_no_error():
         check=False,
     )
     assert (done.returncode, done.stderr) == (0, b"")
+
+
+def test_a_full_disk_never_leaves_half_a_pair(tmp_path, monkeypatch):
+    """Whichever of the writes the disk refuses: both files are as they were, and nothing is beside them."""
+    run = Run.from_arrays(np.arange(20) / 50, {"load_force": np.linspace(0.7, 0.9, 20)}, description="new")
+    usual = os.fsync
+    for existing in (True, False):
+        for refused in range(1, 5):
+            folder = tmp_path / f"{existing}{refused}"
+            folder.mkdir()
+            if existing:
+                (folder / "a.csv").write_text("old")
+                (folder / "a.toml").write_text("old")
+            left = [refused]
+
+            def full(descriptor, left=left):
+                left[0] -= 1
+                if left[0] == 0:
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+                usual(descriptor)
+
+            monkeypatch.setattr(os, "fsync", full)
+            if refused <= 2:  # before either takes its place; what follows finds nothing left to write
+                with pytest.raises(InputError, match="No space left"):
+                    write_run_csv(run, folder / "a.csv")
+                assert names(folder) == ["a.csv", "a.toml"] * existing
+                assert all(path.read_text() == "old" for path in folder.iterdir())
+            monkeypatch.setattr(os, "fsync", usual)
+            write_run_csv(run, folder / "a.csv")
+            assert read_run(folder / "a.csv").description == "new"

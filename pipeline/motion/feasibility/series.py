@@ -101,6 +101,8 @@ def singular_values(robot: urdf.Robot, q: Array) -> Array:
             for row in np.asarray(q, dtype=float)
         ]
     )
+    # Of a single joint Pinocchio gives a vector.
+    jacobians = jacobians.reshape(-1, 6, robot.model.nv)
     return np.asarray(np.linalg.svd(jacobians, compute_uv=False)[:, -1])
 
 

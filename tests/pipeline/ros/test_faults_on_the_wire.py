@@ -8,9 +8,12 @@ import random
 import re
 import signal
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from ros_wire.middleman import FAULTS as BAD_WIRES
+from ros_wire.middleman import Middleman
 from ros_wire.wire import TracedTwin, Trial, Wire, missing, suspend
 
 import urdf
@@ -181,3 +184,39 @@ def test_the_arm_stands(name, repetition, tmp_path):
     (recording,) = [*trial.out.glob("trial.mcap"), *trial.out.glob("unfinished-*/trial.mcap")]
     # A recording is whole, but for that of a program that was killed.
     assert len(read_run(recording, recover=name == "program-killed").channels["gripper_x"]) > 50
+
+
+@pytest.mark.parametrize("fault", BAD_WIRES)
+@pytest.mark.parametrize("phase", PHASES)
+@pytest.mark.parametrize("repetition", range(REPETITIONS))
+def test_over_a_bad_wire_the_arm_stands_or_does_its_task(fault, phase, repetition, tmp_path):
+    """Messages of both directions are late, repeated, exchanged, lost or spoiled from some instant on.
+
+    What a program can still do with such a wire it may do; nothing moves beyond a limit, and a trial that is stopped
+    stands in time with a recording that is whole.
+    """
+    rng = random.Random(f"{fault} {phase} {repetition}")
+    instant = rng.uniform(*PHASES[phase])
+    with Wire() as wire, TracedTwin(wire, tmp_path, seed=repetition) as twin, Middleman(wire.uri, repetition) as bad:
+        own = SimpleNamespace(uri=bad.uri)
+        with Trial(own, twin, tmp_path) as trial:
+            if not reaches(wire, trial, phase, instant):
+                pytest.skip(f"this machine is too slow for a run in real time: {' '.join(trial.wait()[1].split())}")
+            begun, bad.fault = time.monotonic(), fault
+            status, said, answer = trial.wait()
+            told = time.monotonic()
+        bad.fault = None
+        time.sleep(0.5)
+        trace = twin.end()
+    stopped = status in (1, 130) and (answer is None or not answer["success"])
+    took = standing_after(trace, begun) if stopped else 0.0
+    late = moving_commands_after(trace, told)
+    print(
+        f"{fault} while {phase}, at {instant:.2f} s: status {status}, stands after {took:.3f} s, {late} late commands: "
+        f"{' '.join(said.split())[:300]}"
+    )
+    assert status in (0, 1)
+    assert late == 0
+    assert standing_after(trace, told) == 0.0
+    (recording,) = [*trial.out.glob("trial.mcap"), *trial.out.glob("unfinished-*/trial.mcap")]
+    assert len(read_run(recording).channels["gripper_x"]) > 50

@@ -1,6 +1,7 @@
 """Recording a ROS robot, checking from where it is, and what its commands refuse."""
 
 import json
+import signal
 import threading
 import time
 
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 import urdf
-from armdyn.errors import TaskFailedError
+from armdyn.errors import InputError, TaskFailedError
 from armdyn.run import read_run
 from pipeline.ros.record import record_run
 from pipeline.ros.states import where_is
@@ -60,15 +61,36 @@ def test_a_recording_is_a_run(moving, baxter, tmp_path):
 
 
 def test_nothing_is_published_while_recording(moving, baxter, tmp_path):
-    record_run(moving.uri, baxter, TOPICS, tmp_path / "run.csv", 0.1)
+    record_run(moving.uri, baxter, TOPICS, tmp_path / "run.csv", 0.5)
     assert {r["op"] for r in moving.requests} == {"subscribe"}
 
 
 def test_states_that_stop_are_told(moving, baxter, tmp_path):
     threading.Timer(0.3, moving.stopped.set).start()
-    with pytest.raises(TaskFailedError, match="nothing came for 1 s"):
+    with pytest.raises(TaskFailedError, match=r"nothing came for 1 s; the 0\.\d s of 30 s that came are in"):
         record_run(moving.uri, baxter, TOPICS, tmp_path / "run.csv", 30.0)
-    assert not (tmp_path / "run.csv").exists()
+    assert len(read_run(tmp_path / "run.csv").channels["q.right_s0"]) >= 10
+
+
+def test_a_connection_that_is_lost_leaves_what_came_before(moving, baxter, tmp_path):
+    threading.Timer(0.6, moving.drop).start()
+    with pytest.raises(TaskFailedError, match=r"connection to the bridge .* is lost.*; the 0\.\d s of 30 s that came"):
+        record_run(moving.uri, baxter, TOPICS, tmp_path / "run.csv", 30.0)
+    assert len(read_run(tmp_path / "run.csv").channels["q.right_s0"]) >= 10
+
+
+def test_a_signal_ends_a_recording_early_and_it_is_kept(moving, baxter, tmp_path):
+    threading.Timer(0.6, signal.raise_signal, (signal.SIGINT,)).start()
+    run, said = record_run(moving.uri, baxter, TOPICS, tmp_path / "run.csv", 30.0)
+    assert "ended by a signal; the 0." in said[-1]
+    assert len(read_run(tmp_path / "run.csv").channels["q.right_s0"]) == len(run.channels["q.right_s0"])
+
+
+def test_too_little_is_not_written(moving, baxter, tmp_path):
+    threading.Timer(0.05, moving.drop).start()
+    with pytest.raises((TaskFailedError, InputError)):
+        record_run(moving.uri, baxter, TOPICS, tmp_path / "run.csv", 30.0)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_where_the_arm_is(moving, baxter):

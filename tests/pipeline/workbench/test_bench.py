@@ -15,7 +15,7 @@ from pipeline.commands.identify import Inputs
 from pipeline.report.overlay import FITTED, HELD_OUT, quality
 from pipeline.workbench import panels
 from pipeline.workbench.bench import Atom, Bench
-from pipeline.workbench.files import keep
+from pipeline.workbench.files import Writable, keep
 
 from .conftest import HIDDEN, RIVALS
 
@@ -116,9 +116,9 @@ def test_what_is_kept_is_what_add_writes(files, tmp_path):
     inputs = Inputs(model, [run], [held_out], None, None)
     given = inputs.read()
     bench = Bench(given.study)
-    target = tmp_path / "repaired.toml"
+    target, writable = tmp_path / "repaired.toml", Writable(tmp_path)
     report, exported = tmp_path / "repaired.html", tmp_path / "repaired.json"
-    kept = keep(inputs, given, bench, FRICTION, target, report, exported)
+    kept = keep(inputs, given, bench, FRICTION, target, report, exported, writable=writable)
     assert kept.files == (target, report, exported)
     assert HIDDEN in kept.sentence
     assert f"compare {target} {run} --held-out {held_out}" in kept.next_step
@@ -129,7 +129,8 @@ def test_what_is_kept_is_what_add_writes(files, tmp_path):
     for name, parameter in written.model.parameters.items():
         assert parameter.value == pytest.approx(fitted[name].parameter.value, rel=1e-3)
     with pytest.raises(InputError, match="is there already"):
-        keep(inputs, given, bench, FRICTION, target)
+        keep(inputs, given, bench, FRICTION, target, writable=writable)
+    assert keep(inputs, given, bench, FRICTION, target, writable=writable, over=True).files == (target,)
 
 
 def test_panels_escape_what_users_name():

@@ -1,5 +1,9 @@
 """Files dropped onto the page: each is taken in by its own door, or refused in one sentence."""
 
+import os
+import subprocess
+import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +13,17 @@ import urdf
 from armdyn.errors import InputError
 from armdyn.model_file import read_model
 from armdyn.run import read_run
-from pipeline.workbench.files import is_passing, new_folder, pendulum, place_for, taken_in
+from pipeline.workbench.files import (
+    PREFIX,
+    Writable,
+    is_passing,
+    new_folder,
+    pendulum,
+    place_for,
+    remove_abandoned,
+    remove_folders,
+    taken_in,
+)  # fmt: skip
 
 
 @pytest.fixture
@@ -87,3 +101,52 @@ def test_a_dropped_file_stays_in_its_folder(folder, name):
 def test_a_name_of_dots_is_refused(folder):
     with pytest.raises(InputError, match="no name of a file"):
         place_for(folder, "..")
+
+
+@pytest.fixture
+def writable(tmp_path):
+    (tmp_path / "work").mkdir()
+    return Writable(tmp_path / "work")
+
+
+def test_a_page_writes_below_the_folder_that_it_was_started_in_only(tmp_path, writable):
+    work = tmp_path / "work"
+    (work / "link").symlink_to(tmp_path)
+    (work / "deep").mkdir()
+    for there in (work / "m.toml", work / "deep/m.toml", work / "deep/../m.toml"):
+        writable.check(there, over=False)
+    for elsewhere in (tmp_path / "m.toml", work / "../m.toml", work / "link/m.toml", Path("/etc/m.toml"), work / "/m"):
+        with pytest.raises(InputError, match="is not below"):
+            writable.check(elsewhere, over=True)
+
+
+def test_a_page_writes_over_nothing_but_what_it_wrote_and_nobody_changed(tmp_path, writable):
+    mine, other, linked = (tmp_path / "work" / name for name in ("mine.toml", "other.toml", "linked.toml"))
+    for file in (mine, other):
+        file.write_text("a = 1")
+    linked.symlink_to(other)
+    writable.note(mine)
+    writable.check(mine, over=True)
+    with pytest.raises(InputError, match="is there already"):
+        writable.check(mine, over=False)
+    for file in (other, linked, tmp_path / "work"):
+        with pytest.raises(InputError, match="not as a page of this workbench left it"):
+            writable.check(file, over=True)
+    mine.write_text("a = 2")
+    with pytest.raises(InputError, match="not as a page of this workbench left it"):
+        writable.check(mine, over=True)
+
+
+def test_what_a_killed_workbench_left_is_removed_and_what_another_uses_stays(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    left, used = (tmp_path / f"{PREFIX}{number}-abc" for number in (ended.pid, os.getppid()))
+    with new_folder() as own:
+        for folder in (left, used):
+            folder.mkdir()
+            (folder / "a.csv").write_text("")
+        remove_abandoned()
+        assert [left.exists(), used.exists(), Path(own).exists()] == [False, True, True]
+        remove_folders()
+        assert [used.exists(), Path(own).exists()] == [True, False]

@@ -1,0 +1,94 @@
+"""Processes that work for this one: they leave signals to it, and end with it, whatever it dies of."""
+
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import connection, get_context
+from typing import Any
+
+GONE = 1
+"""Exit status of a child whose parent is gone."""
+
+
+@contextmanager
+def worker_pool(
+    workers: int, start: str | None = None, begin: Callable[..., object] | None = None, *arguments: Any
+) -> Iterator[ProcessPoolExecutor]:
+    """A pool whose workers are ended at once where the block ends by an exception, such as Ctrl-C.
+
+    Args:
+        workers: how many processes.
+        start: how they begin, as `multiprocessing` calls it; Python's usual way when not given. Where pools come and
+            go, ``"forkserver"``: a forked copy of a process with threads can hang.
+        begin: called once in each worker.
+        arguments: of `begin`.
+    """
+    pool = ProcessPoolExecutor(workers, get_context(start), begin_child, (begin, arguments))
+    try:
+        yield pool
+    except BaseException:
+        running = list((pool._processes or {}).values())  # Python 3.14 has a public way
+        pool.shutdown(wait=False, cancel_futures=True)
+        for process in running:
+            process.kill()
+        raise
+    pool.shutdown()
+
+
+def begin_child(begin: Callable[..., object] | None = None, arguments: tuple[Any, ...] = ()) -> None:
+    """To be called first in a process that `multiprocessing` has started."""
+    leave_signals_to_parent()
+    end_with_parent()
+    if begin is not None:
+        begin(*arguments)
+
+
+def leave_signals_to_parent() -> None:
+    """A terminal sends its signals to all of a group, and the parent decides what they mean."""
+    for name in ("SIGINT", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def end_with_parent() -> None:
+    """End this process when its parent does.
+
+    Each child holds one end of a pipe whose other end only the parent has. On Linux the kernel kills the child when the
+    pipe breaks, also while C code keeps Python's lock; elsewhere a thread waits for it.
+    """
+    parent = multiprocessing.parent_process()
+    if parent is None:
+        return
+    if sys.platform == "linux":
+        import fcntl
+
+        pipe = parent.sentinel
+        fcntl.fcntl(pipe, fcntl.F_SETSIG, signal.SIGKILL)
+        fcntl.fcntl(pipe, fcntl.F_SETOWN, os.getpid())
+        fcntl.fcntl(pipe, fcntl.F_SETFL, fcntl.fcntl(pipe, fcntl.F_GETFL) | os.O_ASYNC)
+        if connection.wait([pipe], 0):  # it was gone before the kernel was asked
+            os._exit(GONE)
+    else:
+        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _end_with(parent: Any) -> None:
+    parent.join()
+    os._exit(GONE)
+
+
+def is_running(process: int) -> bool:
+    """Whether there is a process of this number, of whomever it is."""
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True

@@ -1,0 +1,128 @@
+"""Who may use the page: the browser that opened the address with its token, and no other page in the same browser.
+
+A page of elsewhere can make a browser send requests here. It does not know the token, its cookie is not sent with such
+requests (``SameSite=Strict``), it cannot hide where it comes from (``Origin``), and a name of its own that it points to
+this computer is no name of ours (``Host``; DNS rebinding).
+"""
+
+import ipaddress
+import secrets
+from collections.abc import Awaitable, Callable, Collection, MutableMapping
+from http.cookies import CookieError, SimpleCookie
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+from urdf.bounds import LARGEST_UPLOAD
+
+Message = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[Message]]
+Send = Callable[[Message], Awaitable[None]]
+Application = Callable[[Message, Receive, Send], Awaitable[None]]
+
+FIELD = "token"
+"""Of the address."""
+FORBIDDEN, TOO_LARGE = 403, 413
+REFUSED = 1008
+"""Code with which a socket is closed to whoever breaks a rule (RFC 6455, 7.4.1)."""
+
+
+class Guard:
+    """Lets requests and sockets through to an application, or refuses them.
+
+    Args:
+        application: what is guarded.
+        port: that the server listens on.
+        names: that this server is called by; an address in numbers is always one, because no foreign name is in it.
+
+    Attributes:
+        token: what the address must hold.
+    """
+
+    def __init__(self, application: Application, port: int, names: Collection[str]) -> None:
+        self._application, self._names = application, frozenset(name.lower() for name in names)
+        self.token = secrets.token_urlsafe(24)
+        self._cookie = f"armdyn-{port}"  # cookies do not know ports
+
+    async def __call__(self, scope: Message, receive: Receive, send: Send) -> None:
+        """As ASGI calls it."""
+        if scope["type"] not in ("http", "websocket"):
+            await self._application(scope, receive, send)
+            return
+        headers = [(name.decode("latin-1").lower(), value.decode("latin-1")) for name, value in scope["headers"]]
+        sent = dict(headers)
+        asked = parse_qs(scope.get("query_string", b"").decode("latin-1")).get(FIELD, [""])[0]
+        why = self._refusal(sent, asked)
+        size = sent.get("content-length", "0")
+        if why is not None:
+            await self._refuse(scope, receive, send, FORBIDDEN, why)
+        elif not size.isdecimal() or int(size) > LARGEST_UPLOAD:
+            await self._refuse(scope, receive, send, TOO_LARGE, f"at most {LARGEST_UPLOAD / 2**20:g} MiB")
+        else:
+            await self._application(scope, _bounded(receive), self._with_cookie(send) if asked else send)
+
+    def _refusal(self, sent: dict[str, str], asked: str) -> str | None:
+        """Why a request is not ours; None where it is."""
+        host = sent.get("host", "")
+        if not self._ours(host):
+            return "this workbench is not called so"
+        origin = sent.get("origin")
+        if origin is not None and urlsplit(origin).netloc != host:
+            return "another page asks"
+        if sent.get("sec-fetch-site") == "cross-site" and not asked:
+            return "another page asks"
+        try:
+            cookie = SimpleCookie(sent.get("cookie", "")).get(self._cookie)
+        except CookieError:
+            cookie = None
+        known = [asked, cookie.value if cookie is not None else ""]
+        if not any(secrets.compare_digest(each.encode(), self.token.encode()) for each in known):
+            return "open the address that 'armdyn workbench' printed, with its token"
+        return None
+
+    def _ours(self, host: str) -> bool:
+        try:
+            name = urlsplit(f"//{host}").hostname or ""
+        except ValueError:
+            return False
+        try:
+            ipaddress.ip_address(name)
+        except ValueError:
+            return name.lower() in self._names
+        return True
+
+    def _with_cookie(self, send: Send) -> Send:
+        async def sending(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                cookie = f"{self._cookie}={self.token}; Path=/; HttpOnly; SameSite=Strict"
+                message["headers"] = [*message.get("headers", ()), (b"set-cookie", cookie.encode()),
+                                      (b"referrer-policy", b"no-referrer")]  # fmt: skip
+            await send(message)
+
+        return sending
+
+    @staticmethod
+    async def _refuse(scope: Message, receive: Receive, send: Send, status: int, why: str) -> None:
+        if scope["type"] == "websocket":
+            await receive()
+            await send({"type": "websocket.close", "code": REFUSED, "reason": why})
+            return
+        said = f"armdyn workbench: {why}\n".encode()
+        headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"connection", b"close")]
+        await send({"type": "http.response.start", "status": status, "headers": headers})
+        await send({"type": "http.response.body", "body": said})
+
+
+def _bounded(receive: Receive) -> Receive:
+    """What a client sends, which is gone where it sends more than it may without having said so."""
+    left = LARGEST_UPLOAD
+
+    async def receiving() -> Message:
+        nonlocal left
+        message = await receive()
+        if message["type"] == "http.request":
+            left -= len(message.get("body", b""))
+            if left < 0:
+                return {"type": "http.disconnect"}
+        return message
+
+    return receiving

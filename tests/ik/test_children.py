@@ -1,0 +1,72 @@
+"""Nobody is left behind: processes that work for another end with it, however it ends and whatever they are doing."""
+
+import multiprocessing
+import os
+import signal
+import sys
+
+import pytest
+from descendants import PATIENCE, becomes, linux, marked, of_mark
+
+from ik.children import is_running, worker_pool
+
+METHODS = [name for name in ("fork", "spawn", "forkserver") if name in multiprocessing.get_all_start_methods()]
+
+CODE = """
+import sys
+from ik.children import worker_pool
+from descendants import computes, waits
+if __name__ == "__main__":
+    with worker_pool(3, sys.argv[1]) as pool:
+        for work in (waits, computes, waits):
+            pool.submit(work, 0)
+        print("begun", flush=True)
+        pool.submit(waits, 0).result()
+"""
+
+
+@linux
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_workers_end_with_a_parent_that_is_killed_whatever_they_compute(tmp_path, method, number):
+    (tmp_path / "parent.py").write_text(CODE)
+    with marked(sys.executable, "parent.py", method, cwd=tmp_path) as (parent, mark):
+        assert parent.stdout.readline() == "begun\n"
+        assert becomes(lambda: len(of_mark(mark)) >= 4)
+        parent.send_signal(number)
+        parent.wait(PATIENCE)
+        assert becomes(lambda: not of_mark(mark))
+
+
+def pause(seconds):
+    signal.pause() if seconds else None
+    return os.getpid()
+
+
+def test_a_pool_that_is_interrupted_ends_its_workers_at_once():
+    def interrupted():
+        with worker_pool(2) as pool:
+            running.extend(pool.submit(pause, 1) for _ in range(6))
+            while len(pool._processes) < 2:
+                pass
+            workers.extend(pool._processes)
+            raise KeyboardInterrupt
+
+    running, workers = [], []
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    # By number: the pool's own thread collects its workers too, and `Process.is_alive` does not know who was first.
+    assert becomes(lambda: not any(is_running(worker) for worker in workers))
+
+
+def add(number):
+    return number + sum(KEPT)
+
+
+KEPT = []
+
+
+def test_a_pool_begins_each_worker_and_gives_answers():
+    with worker_pool(2, None, KEPT.append, 10) as pool:
+        assert list(pool.map(add, range(5))) == [10, 11, 12, 13, 14]
+    assert KEPT == []

@@ -1,0 +1,139 @@
+"""Whatever a joint is called, a file made of it says that name and does nothing else."""
+
+import ast
+import subprocess
+import tempfile
+import tomllib
+from html.parser import HTMLParser
+from pathlib import Path
+from xml.etree import ElementTree as ET
+from xml.sax.saxutils import quoteattr
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+from armdyn.arm.model import arm_model
+from armdyn.codegen import compiler
+from armdyn.effects.catalogue import CATALOGUE
+from armdyn.model_file import ModelFile, model_text, write_model_file
+from armdyn.quoting import c_comment, identifier, one_line, python_docstring, toml_string
+from pipeline.exports.functions import c_text, functions_of, python_text
+from pipeline.exports.mujoco_file import mujoco_text
+from pipeline.exports.urdf_file import urdf_text
+
+URDF = """<robot name="toy"><link name="base"/><link name="l"><inertial><mass value="2"/><origin xyz="0 0 0.5"/>
+<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name={name} type="revolute"><parent link="base"/><child link="l"/><axis xyz="1 0 0"/>
+<limit lower="-1" upper="1" effort="9" velocity="1"/></joint></robot>"""
+ATTACKS = (
+    '*/ int evil(void) { return 1; } /*', '"""\nimport os\n"""', '"""; import os; """', "\\", '\\"""', "a\\", "*\\/",
+    "*??/", "/*", "//", "#include <evil.h>", "</script><script>evil()</script>", "<img src=x onerror=evil()>",
+    "']; evil() #", '"\n[evil]\n', "${evil}", "{evil}", "%n", "é😀", "]]>", "-->", "& ", "a[b]", "x" * 200,
+)  # fmt: skip
+LETTERS = "".join(ATTACKS) + "\x00\x1b\x7f\r\t\u2028\u202e\ud800"
+names = st.text(LETTERS, min_size=1, max_size=40) | st.sampled_from(ATTACKS)
+shown = (st.sampled_from(ATTACKS) | names).filter(lambda name: name.isprintable() and name.strip() and len(name) <= 200)
+
+
+def examples(test):
+    for attack in ATTACKS:
+        test = example(attack)(test)
+    return test
+
+
+def arm(name, folder):
+    path = Path(folder) / "arm.urdf"
+    path.write_text(URDF.format(name=quoteattr(name)), encoding="utf-8")
+    return arm_model(path).with_effect(CATALOGUE["joint_stribeck_friction"])
+
+
+@examples
+@given(names)
+def test_a_docstring_of_python_is_one_text_and_says_the_name(name):
+    for lines in ([name], [name, "", name], [f"{name}."]):
+        (only,) = ast.parse(python_docstring(lines)).body
+        assert isinstance(only.value, ast.Constant)
+        assert one_line(name) in only.value.value
+
+
+@examples
+@given(names)
+def test_a_comment_of_c_ends_where_it_should(name):
+    text = c_comment([name, f"{name} {name}"])
+    assert text.index("*/") == len(text) - 2
+    assert text.index("/*") == text.rindex("/*") == 0
+    assert "??/" not in text
+
+
+@examples
+@given(names)
+def test_a_text_of_toml_is_read_back(name):
+    if name.isprintable() or not any(0xD800 <= ord(c) < 0xE000 for c in name):  # which no file can hold
+        assert tomllib.loads(f"a = {toml_string(name)}\n# {one_line(name)}\n") == {"a": name}
+
+
+@examples
+@given(names)
+def test_an_identifier_is_one_in_every_language(name):
+    found = identifier(name)
+    assert found.isascii()
+    assert found.isidentifier()
+
+
+@settings(max_examples=30, suppress_health_check=[HealthCheck.too_slow], deadline=None)
+@given(shown)
+def test_generated_files_of_any_joint_name_hold_it_and_nothing_else(name):
+    with tempfile.TemporaryDirectory() as folder:
+        model = arm(name, folder)
+        functions, _ = functions_of(model)
+        python = ast.parse(python_text(functions, [f"of {name}", name]))
+        assert [type(item) for item in python.body] == [ast.Expr, ast.Import, ast.FunctionDef]
+        assert name in python.body[0].value.value
+        assert name in ast.get_docstring(python.body[2], clean=False)
+        assert ET.fromstring(urdf_text(model, Path(folder))[0]).find("joint").get("name") == name
+        text = mujoco_text(model)[0]
+        assert ET.fromstring(text).find(".//joint").get("name") == name
+        assert mujoco.MjModel.from_xml_string(text).joint(0).name == name
+        table = tomllib.loads(model_text(ModelFile(model, {"joints": [name]}), Path(folder)))
+        assert table["joints"] == [name]
+        assert f"joint_stribeck_friction.torque[{name}]" in table["parameters"]
+
+
+@pytest.mark.skipif(compiler() is None, reason="needs a C compiler")
+@pytest.mark.parametrize("name", [name for name in ATTACKS if name.isprintable()])
+def test_the_c_file_compiles_for_any_joint_name_and_defines_nothing_else(name, tmp_path):
+    functions, _ = functions_of(arm(name, tmp_path))
+    (tmp_path / "m.c").write_text(c_text(functions, [f"of {name}", name]), encoding="utf-8")
+    subprocess.run([compiler(), "-std=c99", "-trigraphs", "-Wall", "-Werror", "-Wno-unused-function", "-c", "m.c"],
+                   check=True, cwd=tmp_path)  # fmt: skip
+    assert b"evil" not in (tmp_path / "m.o").read_bytes()
+
+
+class Elements(HTMLParser):
+    """Tags, names of attributes, and what scripts there are, of a page."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.tags, self.attributes = set(), set()
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.add(tag)
+        self.attributes.update(key for key, _ in attrs)
+
+
+@pytest.mark.parametrize("name", ["</script><script>evil()</script>", "<img src=x onerror=evil()>", "' onload='evil()"])
+def test_a_report_of_any_joint_name_holds_no_element_of_it(name, tmp_path, armdyn):
+    rng, time = np.random.default_rng(0), np.arange(300) / 50
+    write_model_file(tmp_path / "m.toml", ModelFile(arm(name, tmp_path), {"joints": [name]}))
+    rows = zip(time, 0.5 * np.sin(time), 4 * np.sin(0.5 * np.sin(time)) + 0.01 * rng.normal(size=300), strict=True)
+    header = f"time [s],q.{name} [rad],tau.{name} [N m]\n"
+    (tmp_path / "a.csv").write_text(header + "".join(f"{t},{q},{tau}\n" for t, q, tau in rows), encoding="utf-8")
+    status, _, error = armdyn("compare", "m.toml", "a.csv", "--report", "a.html")
+    assert status == 0, error
+    found = Elements((tmp_path / "a.html").read_text(encoding="utf-8"))
+    assert not found.tags & {"img", "iframe", "object", "embed", "link", "base"}
+    assert not {attribute for attribute in found.attributes if attribute.startswith("on")}

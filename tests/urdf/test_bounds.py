@@ -1,0 +1,46 @@
+"""One table of limits, which the documentation shows; one parser of numbers."""
+
+import math
+import re
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from urdf import bounds
+
+SAFETY = Path(__file__).parents[2] / "docs" / "safety.md"
+ROW = re.compile(r"^\| (?P<value>\S+)(?: (?P<unit>MiB|s))? \| .* \| `(?P<name>[A-Z_]+)` \|$", re.MULTILINE)
+
+
+def test_the_documentation_shows_every_limit_as_it_is():
+    shown = {row["name"]: float(row["value"]) * (bounds.MIB if row["unit"] == "MiB" else 1.0)
+             for row in ROW.finditer(SAFETY.read_text(encoding="utf-8"))}  # fmt: skip
+    limits = {name: float(value) for name, value in vars(bounds).items() if name.isupper() and not name.startswith("_")}
+    for name in ("MIB", "LARGEST_INTEGER"):  # no limits of ours
+        del limits[name]
+    assert shown == limits
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False))
+@example(5e-324)
+@example(-0.0)
+def test_every_number_as_python_writes_it_is_read_to_the_last_digit(value):
+    assert bounds.number(repr(value)) == value
+    assert bounds.number(f" {value:.20g}\t") == float(f"{value:.20g}")
+
+
+@pytest.mark.parametrize("text", ["1_000", "٣", "nan", "inf", "-inf", "1e999", "1e", "0x10", "", " ", ".", "--1", "1 2",
+                                  "1,5", "1.2.3", "１", "1\n", "9" * 1001, "1e5f", "infinity", "\x001"])  # fmt: skip
+def test_what_is_no_number_to_a_person_is_refused(text):
+    with pytest.raises(ValueError, match="number") as refused:
+        bounds.number(text)
+    assert len(str(refused.value)) < 120
+
+
+@given(st.text())
+def test_any_text_is_a_finite_number_or_refused(text):
+    with suppress(ValueError):
+        assert math.isfinite(bounds.number(text))
