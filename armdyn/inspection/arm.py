@@ -29,7 +29,7 @@ LARGE = {"joint_viscous_friction": 3.0, "joint_coulomb_friction": 3.0, "rotor_in
 """Times its typical size that an effect often has; Baxter's spring is 3.5 times as large as a spring typically is."""
 SLIGHT = 0.02
 """Of what a joint is made for: torques that are hardly any."""
-LATE = 0.02
+LATE = 0.03
 """s by which torques are often late."""
 TILT = 0.1
 """rad; of a base."""

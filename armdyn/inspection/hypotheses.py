@@ -11,17 +11,23 @@ from armdyn.inspection.check import Kind
 from armdyn.inspection.correction import Correction, Reading
 
 DEGREE = np.pi / 180.0
-TORQUE_UNITS: Mapping[str, float] = {
-    "mN m": 1e-3, "N cm": 1e-2, "ft lbf": 1.3558179483, "in lbf": 0.112984829, "kgf m": 9.80665, "kgf cm": 0.0980665,
-    "kN m": 1e3,
+TORQUE_UNITS: Mapping[str, tuple[float, float]] = {
+    "mN m": (1e-3, 0.0), "N cm": (1e-2, 0.0), "kgf cm": (0.0980665, 2.0), "in lbf": (0.112984829, 2.0),
+    "kgf m": (9.80665, 2.0), "ft lbf": (1.3558179483, 8.0),
 }  # fmt: skip
-"""N m, by unit in which torques are often given."""
+"""N m, by unit in which torques are given, and nats that it costs: a foot-pound is near what gains and loads do."""
+OF_ONE = ("mN m", "N cm")
+"""Units that a single joint's column may have."""
+OFTEN_GAIN = np.log(2.0)
+"""Logarithm of a torque constant, N m/A, up to which it is rather a gain: drives of arms have 5 to 200."""
 MASS_UNITS: Mapping[str, float] = {"g": 1e-3, "lb": 0.45359237}
 LENGTH_UNITS: Mapping[str, float] = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254}
 """SI, by unit in which a description may have been written."""
 QUARTERS: Mapping[str, float] = {"a quarter turn": np.pi / 2, "minus a quarter turn": -np.pi / 2, "half a turn": np.pi}
-LATE = (-0.5, -0.3, -0.2, -0.15, -0.1, -0.07, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5)
+LATE = (-0.5, -0.3, -0.2, -0.15, -0.1, 0.1, 0.15, 0.2, 0.3, 0.5)
 """s; what is late by less is a delay of the torque sensor, an effect."""
+FILTERED = 6.0
+"""Nats that a late clock costs: torques of drives are low-passed and late in themselves."""
 TURNED = np.deg2rad(12.0)
 """By which gravity must differ from the described one to be another mounting rather than a base that is not level."""
 
@@ -82,13 +88,16 @@ def angle_units(run: ArmRun) -> Iterator[Hypothesis]:
 def torque_units(run: ArmRun) -> Iterator[Hypothesis]:
     """Torques of all joints, or of one, in another unit; currents."""
     every = list(run.channels)
-    for unit, factor in TORQUE_UNITS.items():
-        yield Hypothesis("torque_unit", tuple(every), f"torques are in {unit} and called N m", correction=_scaled(every, factor))
-        for name in every if len(every) > 1 else ():
+    for unit, (factor, price) in TORQUE_UNITS.items():
+        yield Hypothesis(
+            "torque_unit", tuple(every), f"torques are in {unit} and called N m", correction=_scaled(every, factor),
+            price=price,
+        )  # fmt: skip
+        for name in every if len(every) > 1 and unit in OF_ONE else ():
             yield Hypothesis("torque_unit", (name,), f"{name} is in {unit} and called N m", correction=_scaled([name], factor), price=2.0)
     described, measured = run.described(run.motion), run.measured
     constants = np.sum(described * measured, axis=1) / np.maximum(np.sum(measured**2, axis=1), 1e-300)
-    if np.all(constants > 0.0):
+    if np.all(constants > 0.0) and np.abs(np.median(np.log(constants))) > OFTEN_GAIN:
         readings = {name: Reading(name, float(k)) for name, k in zip(every, constants, strict=True)}
         sizes = ", ".join(f"{k:.3g}" for k in constants)
         yield Hypothesis(
@@ -155,7 +164,7 @@ def clocks(run: ArmRun) -> Iterator[Hypothesis]:
         word = "late" if late > 0.0 else "early"
         yield Hypothesis(
             "clock_shift", tuple(every), f"torques are stamped {abs(late):g} s too {word} against the positions",
-            correction=Correction({name: Reading(name, late=late) for name in every}),
+            correction=Correction({name: Reading(name, late=late) for name in every}), price=FILTERED,
         )  # fmt: skip
 
 

@@ -11,9 +11,9 @@ from armdyn.inspection.correction import Correction
 from armdyn.inspection.evidence import Evidence
 from armdyn.inspection.hypotheses import MISTAKES, Hypothesis
 
-SURPRISE = 12.0
+SURPRISE = 8.0
 """Nats that a mistake costs before anything is measured: one recording in some hundreds has one of some hundred."""
-SURE = 25.0
+SURE = 12.0
 """Nats by which a mistake must beat "as it stands" to be called one: see docs/inspect.md for the rates."""
 EXPLAINED = 0.35
 """Of the concerned channels' mean square that the model may leave once the mistake is undone; where it leaves more, the
