@@ -1,6 +1,6 @@
 """Recordings of an arm against its description: torques at a few moments, under every way in which they may be meant."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,8 +13,7 @@ from armdyn.arm.prepared import interior
 from armdyn.arm.rigid import inverse_dynamics
 from armdyn.effects.effect import Effect
 from armdyn.inspection.correction import Correction
-from armdyn.inspection.evidence import FLOOR, Channels, Evidence, evidence
-from armdyn.identify.noise import correlation_time
+from armdyn.inspection.evidence import Channels, Evidence, evidence, independent
 from armdyn.run import Run
 
 MOMENTS = 120
@@ -37,8 +36,10 @@ LOAD, LEVER = 0.15, 0.2
 """Of the mass of the arm, and m: a payload and its place."""
 BEYOND = 10.0
 """Nats for each joint that would leave its limits: descriptions have wrong limits now and then."""
-MARGIN = 0.3
-"""rad or m beyond a limit that is still at it."""
+MARGIN, STRONGER = 0.3, 2.0
+"""rad or m beyond a limit that is still at it, and times its effort that a joint has at most."""
+SELDOM = 0.05
+"""Share of the moments beyond a limit that says nothing."""
 
 
 @dataclass(frozen=True)
@@ -74,8 +75,6 @@ class Description:
 AS_DESCRIBED = Description()
 NOTHING = Description(mass=0.0)
 """A description that says nothing."""
-LEAST = 0.1
-"""Independent samples per sample of a torque that changes, at least."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,19 +143,9 @@ class ArmRun:
 
     @cached_property
     def weights(self) -> np.ndarray:
-        """(J,) independent samples per sample of the torques as recorded.
-
-        What a model lacks changes as slowly as the residual, and where a torque stays as it is, many samples of it say
-        no more than one.
-        """
-        y = self.measured
-        even = np.full(len(y), 0.3)
-        left = self.sure(Correction(), AS_DESCRIBED, even).left
-        alone = np.array([1.0 / correlation_time([row]) for row in left])
-        centred = y - y.mean(axis=1, keepdims=True)
-        moves = np.maximum(np.mean(centred[:, 1:] * centred[:, :-1], axis=1), 0.0)
-        least = FLOOR**2 * np.maximum(np.mean(y**2, axis=1), (SLIGHT * self._effort[self.of_joint]) ** 2)
-        return np.asarray(1.0 / y.shape[1] + np.maximum(alone, LEAST) * (moves / (moves + least)) ** 2)
+        """(J,) independent samples per sample of the torques as recorded."""
+        left = self.sure(Correction(), AS_DESCRIBED, np.full(len(self.channels), 0.3)).left
+        return independent(self.measured, left, SLIGHT * self._effort[self.of_joint])
 
     def read(self, correction: Correction) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(J, n) torques as a correction reads them, (J,) logarithms of how much larger they become, (J,) sources."""
@@ -181,13 +170,15 @@ class ArmRun:
             found = inverse_dynamics(changed, motion.q, motion.v, motion.a)
         return np.asarray(found.T[self.of_joint])
 
-    def outside(self, motion: Motion) -> float:
-        """Nats that positions beyond the joints' limits cost."""
+    def outside(self, motion: Motion, torques: np.ndarray) -> float:
+        """Nats that positions beyond the joints' limits cost, and (J, n) torques that no drive of this arm has."""
         limits = self.model.arm.robot.limits
         beyond = (motion.q < limits.lower - MARGIN) | (motion.q > limits.upper + MARGIN)
-        return BEYOND * float(np.count_nonzero(beyond.mean(axis=0) > 0.05))
+        too_strong = np.abs(torques) > STRONGER * limits.effort[self.of_joint, None]
+        joints = np.count_nonzero(beyond.mean(axis=0) > SELDOM) + np.count_nonzero(too_strong.mean(axis=1) > SELDOM)
+        return BEYOND * float(joints)
 
-    def rough(self, correction: Correction, description: Description) -> float:
+    def rough(self, correction: Correction, description: Description = AS_DESCRIBED) -> float:
         """Evidence without inertias, springs and payloads, which takes a hundredth of the time.
 
         Every joint has friction, a rotor, an offset and an error of a tenth of its torque.
@@ -215,9 +206,9 @@ class ArmRun:
                 theta[~used] = 0.0
                 variance = float(np.mean((gap - X @ theta) ** 2)) + 0.01 * scale
             total += weight[k] * n * (volume[k] - 0.5 * np.log(variance))
-        return total - self.outside(m)
+        return total - self.outside(m, y)
 
-    def sure(self, correction: Correction, description: Description, weight: np.ndarray | None = None) -> Evidence:
+    def sure(self, correction: Correction, description: Description = AS_DESCRIBED, weight: np.ndarray | None = None) -> Evidence:
         """Evidence with every effect that there may be."""
         m = self.moved(correction)
         y, volume, source = self.read(correction)
@@ -226,7 +217,15 @@ class ArmRun:
         stretch = Stretch(changed, m, m.time)
         f, columns, positive = self._linear(stretch)
         found = evidence(Channels(y, f, columns, positive, weight, volume, SLIGHT * self._effort[self.of_joint]))
-        return Evidence(found.value - self.outside(m), found.left, found.share, found.sizes)
+        return Evidence(found.value - self.outside(m, y), found.left, found.share, found.sizes)
+
+    def nothing(self) -> float:
+        """Evidence of a description that says nothing: a mistake must explain more than that."""
+        return self.sure(Correction(), NOTHING).value
+
+    def with_run(self, run: Run) -> "ArmRun":
+        """The same of another recording."""
+        return replace(self, run=run)
 
     def gravity(self, correction: Correction) -> np.ndarray:
         """(3,) gravity, m/s^2, that explains the torques best beside friction and offsets."""

@@ -17,11 +17,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from armdyn.identify.noise import correlation_time
+
 SIZES = (0.1, 0.3, 1.0, 3.0)
 """s: how much a description lacks, in what effects typically are."""
 FLOOR = 0.1
 """Of a channel's root mean square: error that any model may have. A mistake makes more; with 0.03 a real arm of which
 one joint moves at a time (six standing ones, whose torques say nothing) seems to have exchanged joints."""
+SLOWEST = 0.1
+"""Independent samples per sample of a reading that changes, at least."""
 ROUNDS = 3
 """In which sigma settles; the evidence then changes by less than a nat."""
 
@@ -74,6 +78,19 @@ def evidence(given: Channels) -> Evidence:
     grams = np.einsum("jnp,jnq->jpq", given.columns, given.columns, optimize=True)
     slopes = np.einsum("jnp,jn->jp", given.columns, gap)
     return max((_at(given, gap, scale, grams, slopes, size) for size in SIZES), key=lambda found: found.value)
+
+
+def independent(measured: np.ndarray, left: np.ndarray, least: np.ndarray) -> np.ndarray:
+    """(J,) independent samples per sample of (J, n) readings as recorded.
+
+    What a model lacks changes as slowly as what it leaves, (J, n), and where a reading stays as it is, many samples of it
+    say no more than one; `least` as in `Channels`.
+    """
+    alone = np.array([1.0 / correlation_time([row]) for row in left])
+    centred = measured - measured.mean(axis=1, keepdims=True)
+    moves = np.maximum(np.mean(centred[:, 1:] * centred[:, :-1], axis=1), 0.0)
+    floor = FLOOR**2 * np.maximum(np.mean(measured**2, axis=1), least**2)
+    return np.asarray(1.0 / measured.shape[1] + np.maximum(alone, SLOWEST) * (moves / (moves + floor)) ** 2)
 
 
 def _at(

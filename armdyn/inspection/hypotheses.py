@@ -62,7 +62,8 @@ def _every(run: ArmRun, kinds: str) -> list[str]:
     return [f"{kind}.{joint}" for kind in kinds.split() for joint in run.joints if f"{kind}.{joint}" in run.run.channels]
 
 
-def _scaled(channels: list[str], factor: float) -> Correction:
+def scaled(channels: list[str], factor: float) -> Correction:
+    """Channels times a factor."""
     return Correction({name: Reading(name, factor) for name in channels})
 
 
@@ -81,8 +82,8 @@ def angle_units(run: ArmRun) -> Iterator[Hypothesis]:
     """Degrees that are called rad, and the reverse."""
     turning = [j for i, j in enumerate(run.joints) if not run.model.arm.slides[i]]
     channels = [f"{kind}.{j}" for kind in "qva" for j in turning if f"{kind}.{j}" in run.run.channels]
-    yield Hypothesis("angle_unit", tuple(channels), "angles are in degrees and called rad", correction=_scaled(channels, DEGREE))
-    yield Hypothesis("angle_unit", tuple(channels), "angles are in rad and called degrees", correction=_scaled(channels, 1 / DEGREE))
+    yield Hypothesis("angle_unit", tuple(channels), "angles are in degrees and called rad", correction=scaled(channels, DEGREE))
+    yield Hypothesis("angle_unit", tuple(channels), "angles are in rad and called degrees", correction=scaled(channels, 1 / DEGREE))
 
 
 def torque_units(run: ArmRun) -> Iterator[Hypothesis]:
@@ -90,11 +91,11 @@ def torque_units(run: ArmRun) -> Iterator[Hypothesis]:
     every = list(run.channels)
     for unit, (factor, price) in TORQUE_UNITS.items():
         yield Hypothesis(
-            "torque_unit", tuple(every), f"torques are in {unit} and called N m", correction=_scaled(every, factor),
+            "torque_unit", tuple(every), f"torques are in {unit} and called N m", correction=scaled(every, factor),
             price=price,
         )  # fmt: skip
         for name in every if len(every) > 1 and unit in OF_ONE else ():
-            yield Hypothesis("torque_unit", (name,), f"{name} is in {unit} and called N m", correction=_scaled([name], factor), price=2.0)
+            yield Hypothesis("torque_unit", (name,), f"{name} is in {unit} and called N m", correction=scaled([name], factor), price=2.0)
     described, measured = run.described(run.motion), run.measured
     constants = np.sum(described * measured, axis=1) / np.maximum(np.sum(measured**2, axis=1), 1e-300)
     if np.all(constants > 0.0) and np.abs(np.median(np.log(constants))) > OFTEN_GAIN:
@@ -110,14 +111,14 @@ def torque_units(run: ArmRun) -> Iterator[Hypothesis]:
 def signs(run: ArmRun) -> Iterator[Hypothesis]:
     """Torques or positions that count the other way."""
     every = list(run.channels)
-    yield Hypothesis("torque_sign", tuple(every), "all torques have the wrong sign", correction=_scaled(every, -1.0))
+    yield Hypothesis("torque_sign", tuple(every), "all torques have the wrong sign", correction=scaled(every, -1.0))
     for name in every if len(every) > 1 else ():
-        yield Hypothesis("torque_sign", (name,), f"{name} has the wrong sign", correction=_scaled([name], -1.0))
+        yield Hypothesis("torque_sign", (name,), f"{name} has the wrong sign", correction=scaled([name], -1.0))
     moved = _every(run, "q v a")
-    yield Hypothesis("position_sign", tuple(moved), "all positions have the wrong sign", correction=_scaled(moved, -1.0))
+    yield Hypothesis("position_sign", tuple(moved), "all positions have the wrong sign", correction=scaled(moved, -1.0))
     for joint in run.joints if len(run.joints) > 1 else ():
         own = [f"{kind}.{joint}" for kind in "qva" if f"{kind}.{joint}" in run.run.channels]
-        yield Hypothesis("position_sign", tuple(own), f"q.{joint} counts the other way", correction=_scaled(own, -1.0))
+        yield Hypothesis("position_sign", tuple(own), f"q.{joint} counts the other way", correction=scaled(own, -1.0))
 
 
 def orders(run: ArmRun) -> Iterator[Hypothesis]:

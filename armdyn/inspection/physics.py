@@ -1,20 +1,22 @@
-"""Which mistake explains a recording of an arm: each hypothesis against "as it stands" and against the next best."""
+"""Which mistake explains a recording: each hypothesis against "as it stands" and against the next best."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from armdyn.inspection.arm import AS_DESCRIBED, NOTHING, ArmRun
+from armdyn.inspection.arm import AS_DESCRIBED, ArmRun
 from armdyn.inspection.check import Check, Severity, amount
 from armdyn.inspection.correction import Correction
 from armdyn.inspection.evidence import Evidence
 from armdyn.inspection.hypotheses import MISTAKES, Hypothesis
+from armdyn.inspection.swing import SwingRun, mistakes
 
 SURPRISE = 8.0
-"""Nats that a mistake costs before anything is measured: one recording in some hundreds has one of some hundred."""
+"""Nats that a mistake costs before anything is measured: one recording in some ten has one of some hundred."""
 SURE = 12.0
-"""Nats by which a mistake must beat "as it stands" to be called one: see docs/inspect.md for the rates."""
+"""Nats by which a mistake must then beat "as it stands": sound recordings reach 6, see docs/inspect.md."""
 EXPLAINED = 0.35
 """Of the concerned channels' mean square that the model may leave once the mistake is undone; where it leaves more, the
 description is of another arm, and no mistake is told."""
@@ -24,6 +26,9 @@ AT_ONCE = 3
 """Mistakes in one recording."""
 HOPELESS = 5.0
 """Nats by which a hypothesis may look worse than "as it stands" at first and still be looked at closely."""
+Modelled = ArmRun | SwingRun
+REGISTRY: dict[type, Sequence[Callable[[Any], Iterator[Hypothesis]]]] = {ArmRun: MISTAKES, SwingRun: (mistakes,)}
+"""Kinds of mistake by what was recorded."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,24 +48,26 @@ class Verdict:
     found: Evidence
 
 
-def tested(run: ArmRun) -> Iterator[Verdict]:
+def tested(run: Modelled) -> Iterator[Verdict]:
     """Mistakes of a recording, one after the other, each undone before the next is looked for."""
+    told: set[tuple[str, tuple[str, ...]]] = set()
     for _ in range(AT_ONCE):
         best = most_probable(run)
-        if best is None:
+        if best is None or (best.hypothesis.kind, best.hypothesis.channels) in told:
             return
         yield best
         h = best.hypothesis
+        told.add((h.kind, h.channels))
         if h.description != AS_DESCRIBED:
             return
-        run = replace(run, run=h.correction.of(run.run))
+        run = run.with_run(h.correction.of(run.run))
 
 
-def most_probable(run: ArmRun) -> Verdict | None:
+def most_probable(run: Modelled) -> Verdict | None:
     """The mistake that explains a recording, None where it is best explained as it stands."""
     nothing = Correction()
     stands = run.rough(nothing, AS_DESCRIBED)
-    hypotheses = [h for mistake in MISTAKES for h in mistake(run)]
+    hypotheses = [h for mistake in REGISTRY[type(run)] for h in mistake(run)]
     first = [run.rough(h.correction, h.description) - h.price - SURPRISE for h in hypotheses]
     near = [i for i in np.argsort(first)[::-1][:CHOSEN] if first[i] > stands - HOPELESS]
     if not near:
@@ -70,7 +77,7 @@ def most_probable(run: ArmRun) -> Verdict | None:
     values = np.array([f.value - hypotheses[i].price - SURPRISE for f, i in zip(found, near, strict=True)])
     best = int(np.argmax(values))
     chosen = hypotheses[near[best]]
-    gain = float(values[best] - max(as_is, run.sure(nothing, NOTHING).value))
+    gain = float(values[best] - max(as_is, run.nothing()))
     concerned = [k for k, c in enumerate(run.channels) if c in chosen.channels] or slice(None)
     left = float(np.mean(found[best].share[concerned]))
     if gain < SURE or left > EXPLAINED:
@@ -79,12 +86,12 @@ def most_probable(run: ArmRun) -> Verdict | None:
     return Verdict(chosen, gain, float(values[best] - others.max()), found[best])
 
 
-def checks(run: ArmRun) -> list[Check]:
-    """What is wrong with a recording of an arm, as the model sees it."""
+def checks(run: Modelled) -> list[Check]:
+    """What is wrong with a recording, as the model sees it."""
     return [_check(run, verdict) for verdict in tested(run)]
 
 
-def _check(run: ArmRun, v: Verdict) -> Check:
+def _check(run: Modelled, v: Verdict) -> Check:
     h = v.hypothesis
     fixes = bool(h.correction.readings)
     return Check(
@@ -98,7 +105,3 @@ def _check(run: ArmRun, v: Verdict) -> Check:
         correction=h.correction if fixes else None,
     )
 
-
-def names(found: Sequence[Check]) -> list[str]:
-    """Kinds, for a line."""
-    return [check.kind for check in found]
