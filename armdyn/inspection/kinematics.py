@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armdyn.channels import Channel
+from armdyn.inspection import signals
 from armdyn.inspection.check import Check, Kind, Severity, amount
 from armdyn.inspection.correction import Correction, Reading
 from armdyn.run import Run
@@ -16,6 +17,8 @@ NEAR = 0.025
 """s to either side of a moment over which a slope is taken, and a rate averaged; at least three samples."""
 ALIKE = 0.9
 """Correlation from which a rate is that of a position; measured rates that are filtered reach 0.95."""
+CLEAR = 5.0
+"""Times the noise of slopes that a joint's speed has at least before its rate is asked about."""
 CERTAIN = 0.99
 """Correlation from which nobody asks whether another position, or another clock, would do better."""
 OFF = (0.75, 1.35)
@@ -125,7 +128,7 @@ def paired(run: Run) -> tuple[list[Pair], np.ndarray]:
     found = []
     for q, v in named:
         slope, noise = slopes(run.channels[q], moments)
-        moves = float(np.std(slope)) > 3.0 * noise
+        moves = float(np.std(slope)) > CLEAR * noise and signals.moves(run.channels[q])
         found.append(Pair(q, v, slope, averages(run.channels[v], moments), moves))
     return found, moments
 

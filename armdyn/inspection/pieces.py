@@ -1,21 +1,10 @@
-"""Runs cut where samples are missing, so that nothing is smoothed or simulated across a gap."""
+"""The stretch of a run that the physics looks at."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 
-from armdyn.channels import MIN_SAMPLES, Channel
-from armdyn.inspection.signals import gaps_of, steps_of
+from armdyn.gaps import between, gaps_of
+from armdyn.inspection.signals import steps_of
 from armdyn.run import Run
-
-
-def between(run: Run, begin: float, end: float) -> Mapping[str, Channel]:
-    """Channels of a run from `begin` to `end`, s, as far as they have samples there."""
-    found = {}
-    for name, channel in run.channels.items():
-        inside = (channel.time >= begin) & (channel.time <= end)
-        if inside.sum() >= MIN_SAMPLES:
-            found[name] = Channel(channel.time[inside], channel.value[inside], channel.unit)
-    return found
 
 
 def longest_piece(run: Run, seconds: float) -> Run:

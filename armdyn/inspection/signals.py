@@ -5,22 +5,21 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from armdyn.channels import MIN_SAMPLES, Channel, channel_kind
-from armdyn.differences import normalised_differences
+from armdyn.differences import LONGEST_SPAN, normalised_differences
 from armdyn.faults import at_the_end, spikes
+from armdyn.gaps import GAP, gaps_of
 from armdyn.identify.noise import NORMAL_MEDIAN, white_noise_std
 from armdyn.inspection.check import Check, Severity, amount
 from armdyn.run import Run
 from armdyn.smoothing.choice import resolution
 
-GAP = 5.0
-"""Times the usual interval, and at least `CUT` s, after which samples are missing."""
-CUT = 0.25
-"""s."""
 STUCK = 0.02
 """Of the samples, at least `FEWEST_STUCK`, with one and the same value while the rest of the signal changes."""
 FEWEST_STUCK = 12
 JUMP = 6.0
 """Times the usual step that a signal makes when it comes loose: one that really stood still starts gently."""
+JUMP_SHARE = 0.03
+"""Of the signal's range, that such a jump is at least."""
 FINE = 3.0
 """Steps of the resolution that a signal usually makes where its repetitions are no coarse encoder."""
 CLIPPED = 0.01
@@ -33,9 +32,12 @@ BESIDE = 10
 """Samples to either side of a step."""
 JITTER = 0.15
 """Standard deviation of the interval over its median that is worth a note."""
-MISSTATED = 3.0
-"""Times the stated noise that a signal's differences show. A drive's low-pass makes them too small, so that only noise
+MISSTATED = 5.0
+"""Times the stated noise that the quietest third of a signal's differences show. A drive's low-pass makes them too small, so that only noise
 that is stated too small is told."""
+NOISE_ORDERS = (3, 4, 5, 6, 7, 8)
+QUIET_THIRD = 0.3853
+"""Quantile 0.3 of |x| over the standard deviation, for normal x."""
 STILL = 20.0
 """Times the noise that a motion has at least; and `STILL_SIZE` rad or m."""
 STILL_SIZE = 2e-3
@@ -52,42 +54,25 @@ def gaps(run: Run) -> Iterator[Check]:
         )  # fmt: skip
 
 
-def gaps_of(run: Run) -> list[tuple[float, float]]:
-    """Spans, s, in which a channel that the model needs was not recorded; those of one moment together."""
-    spans = []
-    for channel in run.channels.values():
-        steps = np.diff(channel.time)
-        if len(steps) < MIN_SAMPLES:
-            continue
-        for i in np.flatnonzero(steps > max(GAP * float(np.median(steps)), CUT)):
-            spans.append((float(channel.time[i]), float(channel.time[i + 1])))
-    spans.sort()
-    merged: list[tuple[float, float]] = []
-    for begin, end in spans:
-        if merged and begin <= merged[-1][1]:
-            merged[-1] = (merged[-1][0], max(end, merged[-1][1]))
-        else:
-            merged.append((begin, end))
-    return merged
-
-
 def glitches(run: Run) -> Iterator[Check]:
     """Single samples far from their neighbours."""
-    for name, channel in run.channels.items():
-        bad = spikes(channel.time, channel.value)
-        if bad.any():
-            when = channel.time[bad]
-            yield Check(
-                "glitch", Severity.NOTE, run.name, (name,),
-                f"{int(bad.sum())} of {len(bad)} samples of {name} are far from their neighbours, the first at {when[0]:.4g} s",
-                "nothing to do: they are left out", float(when[0]), float(when[-1]),
-            )  # fmt: skip
+    found = {name: channel.time[spikes(channel.time, channel.value)] for name, channel in run.channels.items()}
+    found = {name: when for name, when in found.items() if len(when)}
+    if found:
+        counts = ", ".join(f"{len(when)} of {name}" for name, when in found.items())
+        first, last = min(when[0] for when in found.values()), max(when[-1] for when in found.values())
+        yield Check(
+            "glitch", Severity.NOTE, run.name, tuple(found), f"samples far from their neighbours: {counts}",
+            "nothing to do: they are left out", float(first), float(last),
+        )  # fmt: skip
 
 
 def stuck(run: Run) -> Iterator[Check]:
     """A channel keeps one value and then jumps, or shows no noise for a while."""
     for name, channel in run.channels.items():
         found = longest_hold(channel)
+        if found is not None and channel.unit.endswith("/s") and abs(channel.value[found[0]]) <= resolution(channel.value):
+            continue  # what stands has a speed of 0
         if found is not None:
             begin, end = channel.time[found[0]], channel.time[found[1]]
             yield Check(
@@ -106,14 +91,15 @@ def longest_hold(channel: Channel) -> tuple[int, int] | None:
     edges = np.concatenate([[-1], change, [len(value) - 1]])
     lengths = np.diff(edges)
     usual = float(np.median(lengths))
-    step = float(np.median(np.abs(np.diff(value)[change])))
+    steps = np.abs(np.diff(value)[change])
+    step = max(JUMP * float(np.median(steps)), JUMP_SHARE * float(np.ptp(value)))
+    noisy = white_noise_std(channel.time, value) > 2.0 * resolution(value) and np.mean(lengths == 1) > 0.9
     for k in np.argsort(-lengths)[:3]:
         first, last = int(edges[k]) + 1, int(edges[k + 1])
         if lengths[k] < max(FEWEST_STUCK, STUCK * len(value), 8.0 * usual):
             return None
         beside = [abs(value[last + 1] - value[last])] if last + 1 < len(value) else []
-        noisy = usual == 1.0 and np.mean(lengths == 1) > 0.9
-        if noisy or any(jump > JUMP * step for jump in beside):
+        if noisy or any(jump > step for jump in beside):
             return first, last
     return None
 
@@ -198,6 +184,9 @@ def step_of(channel: Channel) -> tuple[int, float] | None:
     at = int(np.clip(np.argmax(np.abs(third)) + 1, BESIDE, n - BESIDE - 2))
     if np.sum(np.abs(third) > 0.5 * LOST * usual) > 8:
         return None
+    around = channel.time[at - BESIDE + 1 : at + BESIDE + 1]
+    if np.diff(around).max() > LONGEST_SPAN * float(np.median(np.diff(channel.time))):
+        return None
     best, size, rough = at, 0.0, 0.0
     for k in range(max(BESIDE - 1, at - 2), min(n - BESIDE - 1, at + 3)):
         when = channel.time[k - BESIDE + 1 : k + BESIDE + 1] - channel.time[k]
@@ -239,13 +228,24 @@ def noises(run: Run) -> Iterator[Check]:
         if name not in run.channels or stated <= 0.0:
             continue
         channel = run.channels[name]
-        shown = white_noise_std(channel.time, channel.value)
+        shown = least_noise(channel)
         if shown > MISSTATED * max(stated, resolution(channel.value) / np.sqrt(12.0)):
             yield Check(
                 "noise_misstated", Severity.SUSPECT, run.name, (name,),
                 f"the noise of {name} is stated as {stated:.3g} {channel.unit}, and its samples show {shown:.3g}",
                 f'write {name} = "{shown:.3g} {channel.unit}" under [noise], or leave the line out',
             )  # fmt: skip
+
+
+def least_noise(channel: Channel) -> float:
+    """Standard deviation of white noise that is seen where a signal is quietest, by the order that shows least."""
+    found = []
+    for order in NOISE_ORDERS:
+        if len(channel) > 4 * order:
+            size = np.abs(normalised_differences(channel.time, channel.value, order))
+            size = size[np.isfinite(size)]
+            found.append(float(np.quantile(size, 0.3)) / QUIET_THIRD if len(size) else 0.0)
+    return min(found, default=0.0)
 
 
 def motions(run: Run) -> Iterator[Check]:
@@ -255,7 +255,7 @@ def motions(run: Run) -> Iterator[Check]:
         return
     if not any(moves(run.channels[name]) for name in moving):
         yield Check(
-            "no_motion", Severity.WRONG, run.name, tuple(moving),
+            "no_motion", Severity.SUSPECT, run.name, tuple(moving),
             f"nothing moves: {', '.join(moving[:4])} stay where they are",
             "record a motion; 'armdyn excite' designs one",
         )  # fmt: skip
