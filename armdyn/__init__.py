@@ -18,10 +18,11 @@ if TYPE_CHECKING:
     from armdyn import arm, effects, pendulum
     from armdyn.effects.catalogue import CATALOGUE
     from armdyn.effects.effect import Effect, effect
-    from armdyn.front import compare, diagnose, fit, repair
+    from armdyn.front import compare, diagnose, fit, inspect, repair
     from armdyn.identify.compare import Comparison
     from armdyn.identify.diagnose import Diagnosis
     from armdyn.identify.repair import Repair
+    from armdyn.inspection.check import Inspection
     from armdyn.model import Model
     from armdyn.model_file import read_model
     from armdyn.parameter import quantity
@@ -29,8 +30,8 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 __all__ = [
-    "CATALOGUE", "Comparison", "Diagnosis", "Effect", "Model", "Repair", "Run", "arm", "compare", "diagnose", "effect",
-    "effects", "fit", "pendulum", "quantity", "read_model", "read_run", "repair",
+    "CATALOGUE", "Comparison", "Diagnosis", "Effect", "Inspection", "Model", "Repair", "Run", "arm", "compare",
+    "diagnose", "effect", "effects", "fit", "inspect", "pendulum", "quantity", "read_model", "read_run", "repair",
 ]  # fmt: skip
 
 _MODULES = {
@@ -38,7 +39,8 @@ _MODULES = {
     "quantity": "armdyn.parameter", "Run": "armdyn.run", "read_run": "armdyn.run", "Model": "armdyn.model",
     "read_model": "armdyn.model_file", "Comparison": "armdyn.identify.compare", "compare": "armdyn.front",
     "Diagnosis": "armdyn.identify.diagnose", "diagnose": "armdyn.front", "Repair": "armdyn.identify.repair",
-    "repair": "armdyn.front", "fit": "armdyn.front",
+    "repair": "armdyn.front", "fit": "armdyn.front", "inspect": "armdyn.front",
+    "Inspection": "armdyn.inspection.check",
 }  # fmt: skip
 
 

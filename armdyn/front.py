@@ -1,4 +1,4 @@
-"""What a script or notebook asks for: fit, compare, diagnose and repair a model, in one call each."""
+"""What a script or notebook asks for: inspect, fit, compare, diagnose and repair, in one call each."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -10,6 +10,8 @@ from armdyn.identify import compare as _compare
 from armdyn.identify import diagnose as _diagnose
 from armdyn.identify import repair as _repair
 from armdyn.identify.study import Study
+from armdyn.inspection.check import Inspection
+from armdyn.inspection.inspect import inspected, require_usable
 from armdyn.model import Model
 from armdyn.model_file import read_model
 from armdyn.run import Run, read_run
@@ -19,35 +21,58 @@ AnyModel: TypeAlias = Model | str | Path
 Runs: TypeAlias = Sequence[Run | str | Path]
 
 
-def fit(model: AnyModel, runs: Runs) -> Model:
+def fit(model: AnyModel, runs: Runs, *, trust_data: bool = False) -> Model:
     """The model with the values and standard deviations that the runs give.
 
     Args:
         model: or its file.
         runs: recordings, or their files.
+        trust_data: go on where recordings are not what they say they are.
 
     Raises:
         InputError: something cannot be read or compared.
+        WrongRecordingError: see `inspect`.
     """
-    return _repair.add(_study(model, runs, (), ()), ()).model
+    return _repair.add(_study(model, runs, (), (), trust_data), ()).model
 
 
-def compare(model: AnyModel, runs: Runs, held_out: Runs = ()) -> _compare.Comparison:
+def inspect(runs: Runs, model: AnyModel | None = None) -> Inspection:
+    """Ask whether recordings are what they say they are: units, signs, columns, clocks, gaps.
+
+    Args:
+        runs: recordings, or their files.
+        model: of what was recorded, or its file; without one only the signals themselves are looked at.
+
+    Raises:
+        InputError: something cannot be read.
+    """
+    known = model if model is None or isinstance(model, Model) else read_model(model)
+    return inspected([r if isinstance(r, Run) else read_run(r) for r in runs], known)
+
+
+def compare(model: AnyModel, runs: Runs, held_out: Runs = (), *, trust_data: bool = False) -> _compare.Comparison:
     """Fit the model and see where it fails.
 
     Args:
         model: or its file.
         runs: recordings to fit, or their files.
         held_out: recordings that take no part in the fit.
+        trust_data: go on where recordings are not what they say they are.
 
     Raises:
         InputError: something cannot be read or compared.
+        WrongRecordingError: see `inspect`.
     """
-    return _compare.compare(_study(model, runs, held_out, None))
+    return _compare.compare(_study(model, runs, held_out, None, trust_data))
 
 
 def diagnose(
-    model: AnyModel, runs: Runs, held_out: Runs = (), effects: Iterable[Effect] | None = None
+    model: AnyModel,
+    runs: Runs,
+    held_out: Runs = (),
+    effects: Iterable[Effect] | None = None,
+    *,
+    trust_data: bool = False,
 ) -> _diagnose.Diagnosis:
     """Find out which effect the model lacks.
 
@@ -56,21 +81,32 @@ def diagnose(
         runs: recordings to fit, or their files.
         held_out: recordings that take part in choosing effects, never in a fit.
         effects: to choose from; the catalogue and the base's own where it is not given.
+        trust_data: go on where recordings are not what they say they are.
 
     Raises:
         InputError: something cannot be read or compared.
+        WrongRecordingError: see `inspect`.
     """
-    return _diagnose.diagnose(_study(model, runs, held_out, effects))
+    return _diagnose.diagnose(_study(model, runs, held_out, effects, trust_data))
 
 
-def repair(model: AnyModel, runs: Runs, held_out: Runs = (), effects: Iterable[Effect] | None = None) -> _repair.Repair:
+def repair(
+    model: AnyModel,
+    runs: Runs,
+    held_out: Runs = (),
+    effects: Iterable[Effect] | None = None,
+    *,
+    trust_data: bool = False,
+) -> _repair.Repair:
     """Diagnose and add until nothing is left to explain; see `diagnose` for the arguments."""
-    return _repair.repair(_study(model, runs, held_out, effects))
+    return _repair.repair(_study(model, runs, held_out, effects, trust_data))
 
 
-def _study(model: AnyModel, runs: Runs, held_out: Runs, effects: Iterable[Effect] | None) -> Study:
+def _study(model: AnyModel, runs: Runs, held_out: Runs, effects: Iterable[Effect] | None, trust_data: bool) -> Study:
     known = model if isinstance(model, Model) else read_model(model)
     training, others = ([r if isinstance(r, Run) else read_run(r) for r in given] for given in (runs, held_out))
     for run in (*training, *others):
         check_run(known, run)
+    if not trust_data:
+        require_usable(inspected([*training, *others], known))
     return Study(known, training, others, available(known) if effects is None else tuple(effects))

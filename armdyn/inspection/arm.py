@@ -1,4 +1,4 @@
-"""Recordings of an arm against its description: torques at a few moments, under every way in which they may be meant."""
+"""Recordings of an arm against its description: torques at a few moments, in every way in which they may be meant."""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -192,7 +192,12 @@ class ArmRun:
         for k, j in enumerate(self.of_joint):
             effort = self._effort[j]
             X = np.column_stack(
-                [np.full(n, 0.05 * effort), 0.1 * effort * m.v[:, j], 0.1 * effort * m.direction[:, j], 0.01 * effort * m.a[:, j]]
+                [
+                    np.full(n, 0.05 * effort),
+                    0.1 * effort * m.v[:, j],
+                    0.1 * effort * m.direction[:, j],
+                    0.01 * effort * m.a[:, j],
+                ]
             )
             gap, scale = y[k] - f[k], max(float(np.mean(y[k] ** 2)), (SLIGHT * effort) ** 2)
             G, slope = X.T @ X, X.T @ gap
@@ -208,7 +213,9 @@ class ArmRun:
             total += weight[k] * n * (volume[k] - 0.5 * np.log(variance))
         return total - self.outside(m, y)
 
-    def sure(self, correction: Correction, description: Description = AS_DESCRIBED, weight: np.ndarray | None = None) -> Evidence:
+    def sure(
+        self, correction: Correction, description: Description = AS_DESCRIBED, weight: np.ndarray | None = None
+    ) -> Evidence:
         """Evidence with every effect that there may be."""
         m = self.moved(correction)
         y, volume, source = self.read(correction)
@@ -263,7 +270,9 @@ class ArmRun:
     def _effort(self) -> np.ndarray:
         """(nj,) N m or N: what the joints are made for, or, where nobody wrote it, what they hold."""
         limits = np.array(self.model.arm.robot.limits.effort)
-        held = np.abs(inverse_dynamics(self.model.arm.model, *(self.motion.q, self.motion.v, self.motion.a))).max(axis=0)
+        held = np.abs(inverse_dynamics(self.model.arm.model, *(self.motion.q, self.motion.v, self.motion.a))).max(
+            axis=0
+        )
         return np.where(np.isfinite(limits) & (limits > 0.0) & (limits < 1e4), limits, 2.0 * held + 1e-6)
 
     @cached_property
@@ -279,8 +288,7 @@ class ArmRun:
         size = [p.typical * LARGE.get(p.effect or "", 1.0) for p in model.parameters.values()]
         absent = [name not in self._own.parameters for name in model.names]
         positive = [
-            new and p.lower == 0.0 and p.null == 0.0
-            for new, p in zip(absent, model.parameters.values(), strict=True)
+            new and p.lower == 0.0 and p.null == 0.0 for new, p in zip(absent, model.parameters.values(), strict=True)
         ]
         return model, np.array(size), np.array(positive, dtype=bool)
 

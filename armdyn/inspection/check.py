@@ -88,7 +88,9 @@ class Inspection:
         first = (self.wrong or self.of(Severity.SUSPECT))[:1]
         if not first:
             many = len(self.runs)
-            return f"The recording{'s are' if many > 1 else ' is'} what {'they say they are' if many > 1 else 'it says'}."
+            return (
+                f"The recording{'s are' if many > 1 else ' is'} what {'they say they are' if many > 1 else 'it says'}."
+            )
         more = len(self.wrong or self.of(Severity.SUSPECT)) - 1
         (check,) = first
         where = f"{check.run}: " if check.run else ""

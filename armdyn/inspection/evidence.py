@@ -83,8 +83,8 @@ def evidence(given: Channels) -> Evidence:
 def independent(measured: np.ndarray, left: np.ndarray, least: np.ndarray) -> np.ndarray:
     """(J,) independent samples per sample of (J, n) readings as recorded.
 
-    What a model lacks changes as slowly as what it leaves, (J, n), and where a reading stays as it is, many samples of it
-    say no more than one; `least` as in `Channels`.
+    What a model lacks changes as slowly as what it leaves, (J, n), and where a reading stays as it is, many samples of
+    it say no more than one; `least` as in `Channels`.
     """
     alone = np.array([1.0 / correlation_time([row]) for row in left])
     centred = measured - measured.mean(axis=1, keepdims=True)
@@ -96,7 +96,7 @@ def independent(measured: np.ndarray, left: np.ndarray, least: np.ndarray) -> np
 def _at(
     given: Channels, gap: np.ndarray, scale: np.ndarray, grams: np.ndarray, slopes: np.ndarray, size: float
 ) -> Evidence:
-    J, n = gap.shape
+    n = gap.shape[1]
     used = np.ones(given.columns.shape[2], dtype=bool)
     variance = np.maximum((0.1 * scale) ** 2, 0.01 * np.mean(gap**2, axis=1))
     least = (FLOOR * scale) ** 2
@@ -123,4 +123,3 @@ def _at(
     value = -0.5 * (fit + float(np.sum(theta**2)) / size**2) - half
     value += float(np.sum(given.weight * n * (given.volume - 0.5 * np.log(variance))))
     return Evidence(value, left, np.mean(left**2, axis=1) / scale**2, theta)
-

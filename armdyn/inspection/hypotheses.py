@@ -59,7 +59,9 @@ Mistake = Callable[[ArmRun], Iterator[Hypothesis]]
 
 
 def _every(run: ArmRun, kinds: str) -> list[str]:
-    return [f"{kind}.{joint}" for kind in kinds.split() for joint in run.joints if f"{kind}.{joint}" in run.run.channels]
+    return [
+        f"{kind}.{joint}" for kind in kinds.split() for joint in run.joints if f"{kind}.{joint}" in run.run.channels
+    ]
 
 
 def scaled(channels: list[str], factor: float) -> Correction:
@@ -82,8 +84,12 @@ def angle_units(run: ArmRun) -> Iterator[Hypothesis]:
     """Degrees that are called rad, and the reverse."""
     turning = [j for i, j in enumerate(run.joints) if not run.model.arm.slides[i]]
     channels = [f"{kind}.{j}" for kind in "qva" for j in turning if f"{kind}.{j}" in run.run.channels]
-    yield Hypothesis("angle_unit", tuple(channels), "angles are in degrees and called rad", correction=scaled(channels, DEGREE))
-    yield Hypothesis("angle_unit", tuple(channels), "angles are in rad and called degrees", correction=scaled(channels, 1 / DEGREE))
+    yield Hypothesis(
+        "angle_unit", tuple(channels), "angles are in degrees and called rad", correction=scaled(channels, DEGREE)
+    )
+    yield Hypothesis(
+        "angle_unit", tuple(channels), "angles are in rad and called degrees", correction=scaled(channels, 1 / DEGREE)
+    )
 
 
 def torque_units(run: ArmRun) -> Iterator[Hypothesis]:
@@ -95,7 +101,13 @@ def torque_units(run: ArmRun) -> Iterator[Hypothesis]:
             price=price,
         )  # fmt: skip
         for name in every if len(every) > 1 and unit in OF_ONE else ():
-            yield Hypothesis("torque_unit", (name,), f"{name} is in {unit} and called N m", correction=scaled([name], factor), price=2.0)
+            yield Hypothesis(
+                "torque_unit",
+                (name,),
+                f"{name} is in {unit} and called N m",
+                correction=scaled([name], factor),
+                price=2.0,
+            )
     described, measured = run.described(run.motion), run.measured
     constants = np.sum(described * measured, axis=1) / np.maximum(np.sum(measured**2, axis=1), 1e-300)
     if np.all(constants > 0.0) and np.abs(np.median(np.log(constants))) > OFTEN_GAIN:
@@ -103,7 +115,7 @@ def torque_units(run: ArmRun) -> Iterator[Hypothesis]:
         sizes = ", ".join(f"{k:.3g}" for k in constants)
         yield Hypothesis(
             "torque_unit", tuple(every), "torques are motor currents, in ampere, and called N m",
-            f"give torque_constant and gear_ratio of each joint in the map of 'armdyn import'; against the model they are about {sizes} N m/A",
+            f"give torque_constant and gear_ratio in the map of 'armdyn import'; the model says about {sizes} N m/A",
             Correction(readings), price=3.0 * len(every),
         )  # fmt: skip
 
@@ -131,10 +143,14 @@ def orders(run: ArmRun) -> Iterator[Hypothesis]:
     if len(joints) > 2:
         orders["all joints are in reverse order"] = dict(zip(joints, joints[::-1], strict=True))
         orders["all joints are shifted by one"] = dict(zip(joints, joints[1:] + joints[:1], strict=True))
-        orders["all joints are shifted by one to the other side"] = dict(zip(joints, joints[-1:] + joints[:-1], strict=True))
+        orders["all joints are shifted by one to the other side"] = dict(
+            zip(joints, joints[-1:] + joints[:-1], strict=True)
+        )
         by_name = tuple(sorted(joints))
         if by_name not in (joints, joints[::-1]):
-            orders["joints are in alphabetical order"] = dict(zip(joints, (by_name[joints.index(j)] for j in joints), strict=True))
+            orders["joints are in alphabetical order"] = dict(
+                zip(joints, (by_name[joints.index(j)] for j in joints), strict=True)
+            )
             orders["joints are in the robot's order under names in alphabetical order"] = dict(
                 zip(joints, (joints[by_name.index(j)] for j in joints), strict=True)
             )
@@ -142,7 +158,9 @@ def orders(run: ArmRun) -> Iterator[Hypothesis]:
         for kinds, noun in what.items():
             channels, correction = _renamed(run, order, kinds)
             if channels:
-                yield Hypothesis("joints_swapped", channels, f"{noun}: {said}", correction=correction, price=1.0 * (kinds != "tau"))
+                yield Hypothesis(
+                    "joints_swapped", channels, f"{noun}: {said}", correction=correction, price=1.0 * (kinds != "tau")
+                )
 
 
 def zeros(run: ArmRun) -> Iterator[Hypothesis]:
@@ -187,13 +205,16 @@ def mountings(run: ArmRun) -> Iterator[Hypothesis]:
             roll, pitch = rolled(there)
             yield Hypothesis(
                 "gravity_direction", run.channels,
-                f"gravity acts along ({there[0]:.3g}, {there[1]:.3g}, {there[2]:.3g}) m/s^2 in the base's frame, not as described: the arm is mounted on a wall, a ceiling or a slope",
-                f"tell the model: 'armdyn add MODEL base_tilt RUN...' (roll {roll:.3g} rad, pitch {pitch:.3g} rad), or mount the base in the URDF with rpy=\"{roll:.4g} {pitch:.4g} 0\"",
+                f"gravity acts along ({there[0]:.3g}, {there[1]:.3g}, {there[2]:.3g}) m/s^2 in the frame of the base, "
+                "not as described: the arm is mounted on a wall, a ceiling or a slope",
+                f'mount the base in the URDF with rpy="{roll:.4g} {pitch:.4g} 0", or tell the model: '
+                f"'armdyn add MODEL base_tilt RUN... --trust-data' (roll {roll:.3g} rad, pitch {pitch:.3g} rad)",
                 description=Description(gravity=tuple(there.tolist())), price=3.0,
             )  # fmt: skip
     yield Hypothesis(
         "gravity_direction", run.channels, "gravity is already taken out of the torques",
-        "record the whole measured torque (libfranka: tau_J, not tau_J_d or tau_ext)", description=Description(gravity=(0.0, 0.0, 0.0)),
+        "record the whole measured torque (libfranka: tau_J, not tau_J_d)",
+        description=Description(gravity=(0.0, 0.0, 0.0)),
     )  # fmt: skip
 
 

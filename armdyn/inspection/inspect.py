@@ -6,10 +6,11 @@ from dataclasses import replace
 from armdyn.arm.model import ArmModel
 from armdyn.channels import Channel
 from armdyn.effects.effect import Effect
-from armdyn.errors import InputError
+from armdyn.effects.user import available
+from armdyn.errors import InputError, WrongRecordingError
 from armdyn.inspection import physics
 from armdyn.inspection.arm import ArmRun
-from armdyn.inspection.check import Check, Inspection, Severity, by_severity
+from armdyn.inspection.check import Check, Inspection, by_severity
 from armdyn.inspection.correction import Correction
 from armdyn.inspection.kinematics import consistent, rate_checks
 from armdyn.inspection.pieces import longest_piece
@@ -24,16 +25,29 @@ FEWEST = 60
 """Samples of every channel below which the physics says nothing."""
 
 
-def inspect(runs: Sequence[Run], model: Model | None = None, effects: Iterable[Effect] = ()) -> Inspection:
+def inspected(runs: Sequence[Run], model: Model | None = None, effects: Iterable[Effect] | None = None) -> Inspection:
     """Check recordings, by themselves and against a model.
 
     Args:
         runs: as recorded.
         model: that they are of; without one only signals are checked, and rates against positions.
-        effects: that may be missing from the model, which are no mistake of a recording.
+        effects: that may be missing from the model, which are no mistake of a recording; all that it can have when not
+            given.
     """
+    if effects is None:
+        effects = available(model) if model is not None else ()
     effects = tuple(effects)
     return Inspection(tuple(runs), by_severity([check for run in runs for check in checks_of(run, model, effects)]))
+
+
+def require_usable(inspection: Inspection) -> None:
+    """Refuse recordings that are not what they say they are.
+
+    Raises:
+        WrongRecordingError: has the inspection.
+    """
+    if not inspection.usable:
+        raise WrongRecordingError(inspection)
 
 
 def checks_of(run: Run, model: Model | None = None, effects: tuple[Effect, ...] = ()) -> list[Check]:
@@ -70,9 +84,3 @@ def physics_of(model: Model, run: Run, effects: tuple[Effect, ...]) -> list[Chec
 
 def _too_few(channels: Iterable[Channel]) -> bool:
     return any(len(channel) < FEWEST for channel in channels)
-
-
-def first_line(checks: Sequence[Check]) -> str:
-    """The first that is wrong, for an error or a headline."""
-    wrong = [check for check in checks if check.severity is Severity.WRONG]
-    return f"{wrong[0].run}: {wrong[0].sentence}" if wrong else ""

@@ -33,7 +33,11 @@ FACTORS: Mapping[str, tuple[float, Kind, str]] = {
     "degrees per second": (180.0 / np.pi, "angle_unit", "are in degrees per second and called rad/s"),
     "turns per minute": (30.0 / np.pi, "angle_unit", "are in turns per minute and called rad/s"),
     "turns per second": (0.5 / np.pi, "angle_unit", "are in turns per second and called rad/s"),
-    "radians": (np.pi / 180.0, "angle_unit", "are in rad/s and called degrees per second, or the positions are in degrees"),
+    "radians": (
+        np.pi / 180.0,
+        "angle_unit",
+        "are in rad/s and called degrees per second, or the positions are in degrees",
+    ),
     "the other way": (-1.0, "position_sign", "count the other way than the positions"),
 }
 """Rate over slope, by what it means."""
@@ -77,13 +81,11 @@ def rate_checks(run: Run) -> Iterator[Check]:
         if not pair.moves:
             continue
         if pair.alike < CERTAIN:
-            found = list(_elsewhere(run, pair, pairs, moments))
-            if found or pair.alike < ALIKE:
-                yield from found
+            others = list(_elsewhere(run, pair, pairs, moments))
+            if others or pair.alike < ALIKE:
+                yield from others
                 continue
-        meant = next(
-            (name for name, (factor, *_) in FACTORS.items() if OFF[0] < pair.factor / factor < OFF[1]), None
-        )
+        meant = next((name for name, (factor, *_) in FACTORS.items() if OFF[0] < pair.factor / factor < OFF[1]), None)
         if meant is not None:
             kind = FACTORS[meant][1]
             told.setdefault((kind, meant), []).append((pair, FACTORS[meant][0]))
@@ -97,7 +99,9 @@ def rate_checks(run: Run) -> Iterator[Check]:
     for (kind, meant), found in told.items():
         names = [pair.rate for pair, _ in found]
         factor = found[0][1]
-        unit = "" if kind == "position_sign" else f" ({amount(found[0][0].factor)} times the derivative of the position)"
+        unit = (
+            "" if kind == "position_sign" else f" ({amount(found[0][0].factor)} times the derivative of the position)"
+        )
         yield Check(
             kind, Severity.WRONG, run.name, tuple(names), f"{', '.join(names)} {FACTORS[meant][2]}{unit}", "",
             evidence=_nats(found[0][0]), correction=Correction({n: Reading(n, 1.0 / factor) for n in names}),
@@ -179,12 +183,15 @@ def _elsewhere(run: Run, pair: Pair, pairs: list[Pair], moments: np.ndarray) -> 
         owner = next((p.rate for p in pairs if p.moves and abs(_alike(pair.slope, p.value)) > ALIKE), source)
         yield Check(
             "joints_swapped", Severity.WRONG, run.name, (pair.rate, owner),
-            f"{pair.rate} is the rate of {best}, not of {pair.position}", f"exchange the columns {pair.rate} and {owner}",
+            f"{pair.rate} is the rate of {best}, not of {pair.position}",
+            f"exchange the columns {pair.rate} and {owner}",
             evidence=_nats(pair), correction=Correction({pair.rate: Reading(owner)}),
         )  # fmt: skip
         return
     channel = run.channels[pair.rate]
-    shifted = {s: _alike(pair.slope, averages(Channel(channel.time - s, channel.value, channel.unit), moments)) for s in SHIFTS}
+    shifted = {
+        s: _alike(pair.slope, averages(Channel(channel.time - s, channel.value, channel.unit), moments)) for s in SHIFTS
+    }
     late = max(shifted, key=lambda s: shifted[s])
     if shifted[late] > least and abs(late) >= LATE:
         yield Check(

@@ -104,4 +104,3 @@ def _check(run: Modelled, v: Verdict) -> Check:
         evidence=v.lead,
         correction=h.correction if fixes else None,
     )
-

@@ -1,4 +1,4 @@
-"""What a channel alone shows: gaps, glitches, stuck and repeated samples, ends of a range, lost counts, rates, noise."""
+"""What a channel alone shows: gaps, glitches, stuck and repeated samples, ends of a range, lost counts, noise."""
 
 from collections.abc import Callable, Iterator
 
@@ -33,7 +33,8 @@ BESIDE = 10
 JITTER = 0.15
 """Standard deviation of the interval over its median that is worth a note."""
 MISSTATED = 5.0
-"""Times the stated noise that the quietest third of a signal's differences show. A drive's low-pass makes them too small, so that only noise
+"""Times the stated noise that the quietest third of a signal's differences show. A drive's low-pass makes them
+too small, so that only noise
 that is stated too small is told."""
 NOISE_ORDERS = (3, 4, 5, 6, 7, 8)
 QUIET_THIRD = 0.3853
@@ -71,13 +72,18 @@ def stuck(run: Run) -> Iterator[Check]:
     """A channel keeps one value and then jumps, or shows no noise for a while."""
     for name, channel in run.channels.items():
         found = longest_hold(channel)
-        if found is not None and channel.unit.endswith("/s") and abs(channel.value[found[0]]) <= resolution(channel.value):
+        if (
+            found is not None
+            and channel.unit.endswith("/s")
+            and abs(channel.value[found[0]]) <= resolution(channel.value)
+        ):
             continue  # what stands has a speed of 0
         if found is not None:
             begin, end = channel.time[found[0]], channel.time[found[1]]
             yield Check(
                 "frozen", Severity.SUSPECT, run.name, (name,),
-                f"{name} holds {channel.value[found[0]]:.4g} {channel.unit} from {begin:.4g} to {end:.4g} s, then jumps",
+                f"{name} holds {amount(channel.value[found[0]])} {channel.unit} from {begin:.4g} to {end:.4g} s, then "
+                "jumps",
                 f"empty the cells of {name} there, or look for a lost connection", float(begin), float(end),
             )  # fmt: skip
 
@@ -112,7 +118,8 @@ def repetitions(run: Run) -> Iterator[Check]:
             rate = (len(channel) - 1) / (channel.time[-1] - channel.time[0])
             yield Check(
                 "repeated_samples", Severity.SUSPECT, run.name, (name,),
-                f"every value of {name} stands {held} times: it was measured at {rate / held:.3g} Hz and written at {rate:.3g} Hz",
+                f"every value of {name} stands {held} times: it was measured at {rate / held:.3g} Hz and written at "
+                f"{rate:.3g} Hz",
                 f"keep the first of each {held} values of {name}, and empty the other cells",
             )  # fmt: skip
 
@@ -154,7 +161,8 @@ def lost_counts(run: Run) -> Iterator[Check]:
             at, size = found
             yield Check(
                 "counts_lost", Severity.SUSPECT, run.name, (name,),
-                f"{name} steps by {amount(size)} {channel.unit} at {channel.time[at]:.4g} s and stays there: counts were lost",
+                f"{name} steps by {amount(size)} {channel.unit} at {channel.time[at]:.4g} s and stays there: counts "
+                "were lost",
                 f"cut the recording at {channel.time[at]:.4g} s, or subtract the step from what follows",
                 float(channel.time[at]), float(channel.time[-1]),
             )  # fmt: skip
@@ -196,7 +204,7 @@ def step_of(channel: Channel) -> tuple[int, float] | None:
         step = float(np.polyval(after, middle) - np.polyval(before, middle))
         left = float(np.std(value[k - BESIDE + 1 : k + 1] - np.polyval(before, when[:BESIDE])))
         left = max(left, float(np.std(value[k + 1 : k + BESIDE + 1] - np.polyval(after, when[BESIDE:]))))
-        if best == at and size == 0.0 or left < rough:
+        if (best == at and size == 0.0) or left < rough:
             best, size, rough = k + 1, step, left
     if abs(size) > max(LOST * usual, LOST * rough, LOST_STEP):
         return best, size

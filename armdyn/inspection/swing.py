@@ -19,7 +19,7 @@ from armdyn.inspection.hypotheses import DEGREE, LENGTH_UNITS, QUARTERS, Hypothe
 from armdyn.model import Model
 from armdyn.pendulum.physics import STANDARD_GRAVITY
 from armdyn.run import Run
-from armdyn.smoothing import ORDERS, best_smoothing, smoothed
+from armdyn.smoothing import ORDERS, Curve, best_smoothing, smoothed
 
 MOMENTS = 240
 """At which a recording is looked at."""
@@ -30,7 +30,7 @@ MEASURED = 0.1
 THINNED = 3000
 """Samples of a channel from which a motion is smoothed."""
 BEYOND, LIGHT = 30.0, 0.3
-"""Nats, and share of the load's weight from which up to its inverse a load cell may be wrong or another load hang there."""
+"""Nats, and share of the load's weight from which a load cell may be wrong, or another load hang there."""
 FORCE_UNITS = {"mN": 1e-3, "gram-force": 9.80665e-3, "kgf": 9.80665, "lbf": 4.4482216}
 """N."""
 LATE = (-0.5, -0.4, -0.3, -0.2, -0.15, -0.1, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)
@@ -70,8 +70,8 @@ class SwingRun:
         return np.linspace(begin + edge, end - edge, MOMENTS)
 
     @cached_property
-    def _curves(self) -> dict[str, object]:
-        found = {}
+    def _curves(self) -> dict[str, Curve]:
+        found: dict[str, Curve] = {}
         for name in ("swing_angle", "swing_rate", "gripper_x"):
             if name in self.run.channels and name in (self.swing, "gripper_x"):
                 c = _thinned(self.run.channels[name])
@@ -83,11 +83,11 @@ class SwingRun:
         time = self.moments + late
         curve = self._curves[self.swing or ""]
         if self.swing == "swing_angle":
-            angle, rate, bend = (curve(time, k)[:, 0] for k in range(3))  # type: ignore[operator]
+            angle, rate, bend = (curve(time, k)[:, 0] for k in range(3))
             return angle, rate, bend
-        rate, bend = (curve(time, k)[:, 0] for k in range(2))  # type: ignore[operator]
+        rate, bend = (curve(time, k)[:, 0] for k in range(2))
         fine = np.linspace(time[0], time[-1], 8 * MOMENTS)
-        values = curve(fine, 0)[:, 0]  # type: ignore[operator]
+        values = curve(fine, 0)[:, 0]
         angle = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(fine))])
         angle -= np.polyval(np.polyfit(fine, angle, 1), fine)
         return np.interp(time, fine, angle), rate, bend
@@ -96,7 +96,7 @@ class SwingRun:
         """(n,) acceleration of the pivot as recorded, m/s^2."""
         if "gripper_x" not in self._curves:
             return np.zeros(MOMENTS)
-        return np.asarray(self._curves["gripper_x"](self.moments + late, 2)[:, 0])  # type: ignore[operator]
+        return np.asarray(self._curves["gripper_x"](self.moments + late, 2)[:, 0])
 
     def force(self, late: float) -> np.ndarray:
         """(n,) of the load cell as recorded, averaged around the moments."""
@@ -158,12 +158,13 @@ class SwingRun:
             angle = angle + r.offset
             drive, weightless = u * np.cos(angle) / length, -STANDARD_GRAVITY * np.sin(angle) / length
             width = MEASURED if told else GUESSED["length"]
+            pace = STANDARD_GRAVITY / length
             rows.append(bend)
             described.append((drive + weightless) if told else np.zeros(n))
             X = [
-                width * (drive + weightless), 0.15 * drive, -0.5 * rate, -1.0 * np.tanh(20.0 * rate), -0.05 * rate * np.abs(rate),
-                0.05 * STANDARD_GRAVITY / length * np.cos(angle), 0.02 * STANDARD_GRAVITY / length * angle**2,
-                0.02 * STANDARD_GRAVITY / length * angle**3, 0.05 * STANDARD_GRAVITY / length * np.linspace(-1.0, 1.0, n),
+                width * (drive + weightless), 0.15 * drive, -0.5 * rate, -np.tanh(20.0 * rate),
+                -0.05 * rate * np.abs(rate), 0.05 * pace * np.cos(angle), 0.02 * pace * angle**2,
+                0.02 * pace * angle**3, 0.05 * pace * np.linspace(-1.0, 1.0, n),
             ]  # fmt: skip
             columns.append(np.column_stack(X))
             signs.append(np.array([not told, False, True, True, True, False, False, False, False]))
@@ -176,7 +177,12 @@ class SwingRun:
             static = STANDARD_GRAVITY * np.cos(angle) + u * np.sin(angle)
             rows.append(r.factor * self.force(r.late))
             described.append(mass * (static + length * rate**2) if weighed else np.zeros(n))
-            X = [width * mass * static, width * mass * length * rate**2, np.full(n, 0.1 * mass * STANDARD_GRAVITY), 0.03 * mass * STANDARD_GRAVITY * np.sin(angle)]
+            X = [
+                width * mass * static,
+                width * mass * length * rate**2,
+                np.full(n, 0.1 * mass * STANDARD_GRAVITY),
+                0.03 * mass * STANDARD_GRAVITY * np.sin(angle),
+            ]
             columns.append(np.column_stack(X))
             signs.append(np.array([not weighed, not weighed, False, False]))
             volume.append(np.log(abs(r.factor)))

@@ -13,7 +13,9 @@ from pipeline.commands.identify import (
     ModelArgument,
     ReportOption,
     RunsArgument,
+    TrustOption,
     say_report,
+    stopped_if_wrong,
 )
 from pipeline.commands.output import JsonOption, answered, check_outputs, command_line, plain_table, spinner, to_screen
 
@@ -46,6 +48,7 @@ def next_experiment(
     seed: Annotated[int, typer.Option(help="Of the random motions from which the design starts.")] = 0,
     effects: EffectsOption = None,
     report: ReportOption = None,
+    trust_data: TrustOption = False,
     json_file: JsonOption = None,
 ) -> None:
     """Plan the next experiment: how well each kind tells rival effects apart, and the best motion of the gripper."""
@@ -53,11 +56,11 @@ def next_experiment(
     from pipeline.answers_motion import next_answer
     from pipeline.motion.offered import arranged, write_motion
 
-    inputs = Inputs(model, runs, held_out, None, effects)
+    inputs = Inputs(model, runs, held_out, None, effects, trust_data)
     inputs.check(report, json_file)
     check_outputs(output, inputs=[model, *inputs.recordings])
     harmonics_for(seconds)
-    with spinner() as say:
+    with stopped_if_wrong(json_file), spinner() as say:
         given = inputs.read()
         verdict, sentence, found = _rivals(given.study, rivals, say)
         made, offer = None, None

@@ -302,7 +302,14 @@ def of_arms(sound: Sound, seed: int) -> list[Mistaken]:
     for name, k in zip(tau, rng.uniform(5.0, 60.0, len(tau)), strict=True):
         currents = scaled(currents, [name], 1.0 / k)
     found.append(Mistaken("ampere", currents, "torque_unit", tuple(tau)))
-    found.append(Mistaken("rates of other joints", renamed(run, {joints[0]: joints[1], joints[1]: joints[0]}, ["v"]), "joints_swapped", tuple(v[:2])))
+    found.append(
+        Mistaken(
+            "rates of other joints",
+            renamed(run, {joints[0]: joints[1], joints[1]: joints[0]}, ["v"]),
+            "joints_swapped",
+            tuple(v[:2]),
+        )
+    )
     weak = scaled(run, v, 0.6)
     found.append(Mistaken("rates too slow", weak, "rate", tuple(v)))
 
@@ -324,7 +331,11 @@ def of_arms(sound: Sound, seed: int) -> list[Mistaken]:
             fair("position_offset", name, moved(run, f"q.{j}", size), [f"q.{j}"])
             if len(found) > before:
                 break
-    for kinds, name in ((["tau"], "torques exchanged"), (["q", "v"], "positions exchanged"), (["q", "v", "tau"], "joints exchanged")):
+    for kinds, name in (
+        (["tau"], "torques exchanged"),
+        (["q", "v"], "positions exchanged"),
+        (["q", "v", "tau"], "joints exchanged"),
+    ):
         for _ in range(20):
             a, b = (str(x) for x in rng.choice(joints, 2, replace=False))
             before = len(found)
@@ -337,7 +348,12 @@ def of_arms(sound: Sound, seed: int) -> list[Mistaken]:
     }
     for name, order in orders.items():
         for kinds in (["tau"], ["q", "v", "tau"]):
-            fair("joints_swapped", f"{name} {'torques' if len(kinds) == 1 else 'joints'}", renamed(run, order, kinds), [f"{kinds[0]}.{j}" for j in joints])
+            fair(
+                "joints_swapped",
+                f"{name} {'torques' if len(kinds) == 1 else 'joints'}",
+                renamed(run, order, kinds),
+                [f"{kinds[0]}.{j}" for j in joints],
+            )
     return found
 
 
@@ -371,7 +387,12 @@ def of_pendulums(sound: Sound, seed: int) -> list[Mistaken]:
             both = [*a, *(["swing_rate"] if "swing_rate" in has else [])]
             found += [
                 Mistaken("angle's sign", scaled(run, both, -1.0), "position_sign", (*a, "gripper_x")),
-                Mistaken("angle late", late(run, [*both, *(["load_force"] if "load_force" in has else [])], 0.15), "clock_shift", ()),
+                Mistaken(
+                    "angle late",
+                    late(run, [*both, *(["load_force"] if "load_force" in has else [])], 0.15),
+                    "clock_shift",
+                    (),
+                ),
                 Mistaken("gripper in mm", scaled(run, ["gripper_x"], 1e3), "scale", ("gripper_x",)),
                 Mistaken("gripper in cm", scaled(run, ["gripper_x"], 1e2), "scale", ("gripper_x",)),
             ]
