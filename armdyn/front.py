@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 from armdyn.effects.effect import Effect
 from armdyn.effects.user import available
@@ -12,12 +12,14 @@ from armdyn.identify import repair as _repair
 from armdyn.identify.study import Study
 from armdyn.inspection.check import Inspection
 from armdyn.inspection.inspect import inspected, require_usable
+from armdyn.inspection.plausible import compared_model, require_plausible
 from armdyn.model import Model
 from armdyn.model_file import read_model
 from armdyn.run import Run, read_run
 from armdyn.run_checks import check_run
 
 AnyModel: TypeAlias = Model | str | Path
+Answer = TypeVar("Answer")
 Runs: TypeAlias = Sequence[Run | str | Path]
 
 
@@ -63,7 +65,9 @@ def compare(model: AnyModel, runs: Runs, held_out: Runs = (), *, trust_data: boo
         InputError: something cannot be read or compared.
         WrongRecordingError: see `inspect`.
     """
-    return _compare.compare(_study(model, runs, held_out, None, trust_data))
+    study = _study(model, runs, held_out, None, trust_data)
+    found = _compare.compare(study)
+    return _plausible(study, compared_model(study.model, found), found, trust_data)
 
 
 def diagnose(
@@ -87,7 +91,9 @@ def diagnose(
         InputError: something cannot be read or compared.
         WrongRecordingError: see `inspect`.
     """
-    return _diagnose.diagnose(_study(model, runs, held_out, effects, trust_data))
+    study = _study(model, runs, held_out, effects, trust_data)
+    found = _diagnose.diagnose(study)
+    return _plausible(study, _repair.fitted_model(study, found.search.last), found, trust_data)
 
 
 def repair(
@@ -99,7 +105,16 @@ def repair(
     trust_data: bool = False,
 ) -> _repair.Repair:
     """Diagnose and add until nothing is left to explain; see `diagnose` for the arguments."""
-    return _repair.repair(_study(model, runs, held_out, effects, trust_data))
+    study = _study(model, runs, held_out, effects, trust_data)
+    found = _repair.repair(study)
+    return _plausible(study, found.model, found, trust_data)
+
+
+def _plausible(study: Study, model: Model, found: Answer, trust_data: bool) -> Answer:
+    """An answer, unless nothing can have the values of its model."""
+    if not trust_data:
+        require_plausible(model, study.runs)
+    return found
 
 
 def _study(model: AnyModel, runs: Runs, held_out: Runs, effects: Iterable[Effect] | None, trust_data: bool) -> Study:

@@ -1,8 +1,9 @@
 """What a check of a recording says: what, where, how sure, and the remedy."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
+from pathlib import Path
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -96,6 +97,10 @@ class Inspection:
         where = f"{check.run}: " if check.run else ""
         return f"{where}{check.sentence}" + (f" ({more} more of this kind.)" if more else "")
 
+    def naming(self, model: Path) -> "Inspection":
+        """The same with the model's file in what can be typed."""
+        return replace(self, checks=tuple(replace(c, remedy=c.remedy.replace(MODEL, str(model))) for c in self.checks))
+
     def of(self, severity: Severity) -> tuple[Check, ...]:
         """Checks of one severity."""
         return tuple(check for check in self.checks if check.severity is severity)
@@ -107,6 +112,19 @@ class Inspection:
             if check.run is not None and check.correction is not None:
                 found[check.run] = found.get(check.run, Correction()).then(check.correction)
         return found
+
+
+MODEL = "M.toml"
+"""Where a remedy names the model's file, which a check does not know."""
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names for a sentence, of many the first and how many there are."""
+    return ", ".join(names) if len(names) <= FEW else f"{names[0]} and {len(names) - 1} more"
+
+
+FEW = 3
+"""Names that a sentence holds."""
 
 
 def by_severity(checks: Sequence[Check]) -> tuple[Check, ...]:

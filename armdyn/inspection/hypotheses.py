@@ -110,7 +110,9 @@ def torque_units(run: ArmRun) -> Iterator[Hypothesis]:
             )
     described, measured = run.described(run.motion), run.measured
     constants = np.sum(described * measured, axis=1) / np.maximum(np.sum(measured**2, axis=1), 1e-300)
-    if np.all(constants > 0.0) and np.abs(np.median(np.log(constants))) > OFTEN_GAIN:
+    likely = np.median(constants[constants > 0.0]) if np.any(constants > 0.0) else 0.0
+    constants = np.where((constants > 0.02 * likely) & (constants < 50.0 * likely), constants, likely)
+    if likely > 0.0 and np.abs(np.median(np.log(constants))) > OFTEN_GAIN:
         readings = {name: Reading(name, float(k)) for name, k in zip(every, constants, strict=True)}
         sizes = ", ".join(f"{k:.3g}" for k in constants)
         yield Hypothesis(
@@ -200,7 +202,7 @@ def mountings(run: ArmRun) -> Iterator[Hypothesis]:
         axes = np.vstack([np.eye(3), -np.eye(3)]) * size
         nearest = axes[int(np.argmax(axes @ there))]
         if np.arccos(np.clip(nearest @ there / size**2, -1, 1)) < TURNED:
-            there = nearest
+            there = nearest + 0.0
         if np.arccos(np.clip(g @ there / size**2, -1.0, 1.0)) > TURNED:
             roll, pitch = rolled(there)
             yield Hypothesis(

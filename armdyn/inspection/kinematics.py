@@ -7,7 +7,7 @@ import numpy as np
 
 from armdyn.channels import Channel
 from armdyn.inspection import signals
-from armdyn.inspection.check import Check, Kind, Severity, amount
+from armdyn.inspection.check import Check, Kind, Severity, amount, listed
 from armdyn.inspection.correction import Correction, Reading
 from armdyn.run import Run
 
@@ -29,6 +29,8 @@ LATE = 0.06
 """s; what a rate is late by less is its filter."""
 CLEARLY = 0.4
 """Share of what a rate does not follow that another position, or another clock, must explain."""
+NOTHING_ALIKE = 0.5
+"""Correlation below which a rate is not that of its position."""
 FACTORS: Mapping[str, tuple[float, Kind, str]] = {
     "degrees per second": (180.0 / np.pi, "angle_unit", "are in degrees per second and called rad/s"),
     "turns per minute": (30.0 / np.pi, "angle_unit", "are in turns per minute and called rad/s"),
@@ -76,35 +78,40 @@ class Pair:
 def rate_checks(run: Run) -> Iterator[Check]:
     """What is wrong with the rates of a recording."""
     pairs, moments = paired(run)
-    told: dict[tuple[Kind, str], list[tuple[Pair, float]]] = {}
+    told: dict[tuple[Kind, str], list[tuple[Pair, Reading]]] = {}
     for pair in pairs:
         if not pair.moves:
             continue
         if pair.alike < CERTAIN:
-            others = list(_elsewhere(run, pair, pairs, moments))
-            if others or pair.alike < ALIKE:
-                yield from others
+            other = _elsewhere(run, pair, pairs, moments)
+            if other is not None:
+                kind, said, reading = other
+                told.setdefault((kind, said), []).append((pair, reading))
                 continue
-        meant = next((name for name, (factor, *_) in FACTORS.items() if OFF[0] < pair.factor / factor < OFF[1]), None)
-        if meant is not None:
-            kind = FACTORS[meant][1]
-            told.setdefault((kind, meant), []).append((pair, FACTORS[meant][0]))
-        elif not OFF[0] < pair.factor < OFF[1]:
+        meant = next((m for m, (factor, *_) in FACTORS.items() if OFF[0] < pair.factor / factor < OFF[1]), None)
+        if pair.alike < NOTHING_ALIKE:
+            yield Check(
+                "rate", Severity.SUSPECT, run.name, (pair.rate, pair.position),
+                f"{pair.rate} is not the derivative of {pair.position} (correlation {pair.alike:.2f})",
+                f"leave {pair.rate} out, or find out what it is",
+            )  # fmt: skip
+        elif meant is not None and pair.alike > ALIKE:
+            factor, kind, said = FACTORS[meant]
+            told.setdefault((kind, said), []).append((pair, Reading(pair.rate, 1.0 / factor)))
+        elif pair.alike > ALIKE and not OFF[0] < pair.factor < OFF[1]:
             yield Check(
                 "rate", Severity.SUSPECT, run.name, (pair.rate, pair.position),
                 f"{pair.rate} is {amount(pair.factor)} times the derivative of {pair.position}: "
                 "a gear ratio, or stamps of the wrong rate",
                 f"divide {pair.rate} by {amount(pair.factor)}, or check the unit of 'time'",
             )  # fmt: skip
-    for (kind, meant), found in told.items():
+    for (kind, said), found in told.items():
         names = [pair.rate for pair, _ in found]
-        factor = found[0][1]
-        unit = (
-            "" if kind == "position_sign" else f" ({amount(found[0][0].factor)} times the derivative of the position)"
-        )
         yield Check(
-            kind, Severity.WRONG, run.name, tuple(names), f"{', '.join(names)} {FACTORS[meant][2]}{unit}", "",
-            evidence=_nats(found[0][0]), correction=Correction({n: Reading(n, 1.0 / factor) for n in names}),
+            kind, Severity.WRONG, run.name, tuple(names), f"{listed(names)} {said}",
+            f"armdyn inspect {run.source or run.name} --fix fixed",
+            evidence=min(_nats(pair, reading) for pair, reading in found),
+            correction=Correction({pair.rate: reading for pair, reading in found}),
         )  # fmt: skip
 
 
@@ -166,42 +173,31 @@ def _alike(a: np.ndarray, b: np.ndarray) -> float:
     return float(a @ b) / size if size > 0.0 else 0.0
 
 
-def _nats(pair: Pair) -> float:
-    """Logarithm of how much more probable the rate is at its factor than as it stands; a sample a swing or so."""
-    left = float(np.mean((pair.value - pair.factor * pair.slope) ** 2))
+def _nats(pair: Pair, reading: Reading) -> float:
+    """Logarithm of how much more probable a rate is so than as it stands; a tenth of the moments are independent."""
+    size = float(np.mean(pair.value**2))
     stands = float(np.mean((pair.value - pair.slope) ** 2))
-    return 0.5 * len(pair.value) / 10.0 * float(np.log(max(stands, 1e-300) / max(left, 1e-300)))
+    alike = pair.alike if reading.source == pair.rate and not reading.late else ALIKE
+    left = size * max(1.0 - alike**2, 1e-3)
+    return 0.05 * len(pair.value) * float(np.log(max(stands / max(left, 1e-300), 1.0)))
 
 
-def _elsewhere(run: Run, pair: Pair, pairs: list[Pair], moments: np.ndarray) -> Iterator[Check]:
-    """A rate that is not the derivative of its position: that of another one, or at another time, or of nothing."""
+def _elsewhere(run: Run, pair: Pair, pairs: list[Pair], moments: np.ndarray) -> tuple[Kind, str, Reading] | None:
+    """A rate that is that of another position, or of its own at another time; None where it is neither."""
     least = max(pair.alike + CLEARLY * (1.0 - pair.alike**2), ALIKE)
-    others = {p.position: _alike(p.slope, pair.value) for p in pairs if p is not pair and p.moves}
-    best = max(others, key=lambda name: others[name], default="")
-    if best and others[best] > least:
-        source = next(p.rate for p in pairs if p.position == best)
-        owner = next((p.rate for p in pairs if p.moves and abs(_alike(pair.slope, p.value)) > ALIKE), source)
-        yield Check(
-            "joints_swapped", Severity.WRONG, run.name, (pair.rate, owner),
-            f"{pair.rate} is the rate of {best}, not of {pair.position}",
-            f"exchange the columns {pair.rate} and {owner}",
-            evidence=_nats(pair), correction=Correction({pair.rate: Reading(owner)}),
-        )  # fmt: skip
-        return
+    owners = {p.rate: _alike(pair.slope, p.value) for p in pairs if p is not pair and p.moves}
+    best = max(owners, key=lambda name: owners[name], default="")
+    others = max((abs(_alike(p.slope, pair.value)) for p in pairs if p is not pair and p.moves), default=0.0)
+    if best and owners[best] > least and others > least:
+        return "joints_swapped", "are exchanged: each is the rate of another joint", Reading(best)
     channel = run.channels[pair.rate]
     shifted = {
-        s: _alike(pair.slope, averages(Channel(channel.time - s, channel.value, channel.unit), moments)) for s in SHIFTS
+        s: _alike(pair.slope, averages(Channel(channel.time - s, channel.value, channel.unit), moments))
+        for s in SHIFTS.tolist()
     }
     late = max(shifted, key=lambda s: shifted[s])
     if shifted[late] > least and abs(late) >= LATE:
-        yield Check(
-            "clock_shift", Severity.WRONG, run.name, (pair.rate,),
-            f"{pair.rate} is stamped {abs(late):g} s too {'late' if late > 0 else 'early'} against {pair.position}", "",
-            evidence=_nats(pair), correction=Correction({pair.rate: Reading(pair.rate, late=float(late))}),
-        )  # fmt: skip
-    elif pair.alike < 0.5:
-        yield Check(
-            "rate", Severity.SUSPECT, run.name, (pair.rate, pair.position),
-            f"{pair.rate} is not the derivative of {pair.position} (correlation {pair.alike:.2f})",
-            f"leave {pair.rate} out, or find out what it is",
-        )  # fmt: skip
+        word = "late" if late > 0.0 else "early"
+        said = f"stamped {abs(late):g} s too {word} against the positions"
+        return "clock_shift", said, Reading(pair.rate, late=float(late))
+    return None

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from armdyn.inspection.arm import AS_DESCRIBED, ArmRun
-from armdyn.inspection.check import Check, Severity, amount
+from armdyn.inspection.check import MODEL, Check, Severity, amount
 from armdyn.inspection.correction import Correction
 from armdyn.inspection.evidence import Evidence
 from armdyn.inspection.hypotheses import MISTAKES, Hypothesis
@@ -94,13 +94,14 @@ def checks(run: Modelled) -> list[Check]:
 def _check(run: Modelled, v: Verdict) -> Check:
     h = v.hypothesis
     fixes = bool(h.correction.readings)
+    sure = f"{amount(v.gain)} nats more probable than as it stands, {amount(v.lead)} more than anything else"
     return Check(
         kind=h.kind,
         severity=Severity.WRONG,
         run=run.run.name,
         channels=h.channels,
-        sentence=f"{h.said}: so the model explains it better by {amount(v.gain)} nats",
-        remedy=h.remedy,
+        sentence=f"{h.said} ({sure})",
+        remedy=h.remedy or f"armdyn inspect {MODEL} {run.run.source or run.run.name} --fix fixed",
         evidence=v.lead,
         correction=h.correction if fixes else None,
     )

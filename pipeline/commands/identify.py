@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from armdyn.identify.repair import Repair
     from armdyn.identify.study import Study
     from armdyn.inspection.check import Inspection
+    from armdyn.model import Model
     from armdyn.model_file import ModelFile
 
 ModelArgument = Annotated[Path, typer.Argument(metavar="M.toml", help="Model file.")]
@@ -114,10 +115,10 @@ class Inputs(NamedTuple):
         )
         for run in (*runs, *held_out, *exam):
             check_run(file.model, run, [find(adding, catalogue)] if adding is not None else ())
-        found = inspected([*runs, *held_out, *exam], file.model, catalogue)
+        found = inspected([*runs, *held_out, *exam], file.model, catalogue).naming(self.model)
         if not self.trust:
             require_usable(found)
-        return Given(file, catalogue, Study(file.model, runs, held_out, catalogue, exam), found)
+        return Given(file, catalogue, Study(file.model, runs, held_out, catalogue, exam), found, self.trust)
 
 
 class Given(NamedTuple):
@@ -127,6 +128,18 @@ class Given(NamedTuple):
     catalogue: "tuple[Effect, ...]"
     study: "Study"
     inspection: "Inspection"
+    trust: bool
+
+    def require_plausible(self, model: "Model") -> None:
+        """Refuse what was fitted where nothing can have such values, unless the data are trusted.
+
+        Raises:
+            WrongRecordingError: has the checks.
+        """
+        from armdyn.inspection.plausible import require_plausible
+
+        if not self.trust:
+            require_plausible(model, self.inspection.runs)
 
 
 @contextmanager
@@ -159,6 +172,7 @@ def compare(
 ) -> None:
     """Fit what is free, and say how well the model does and where it fails."""
     from armdyn.identify.compare import compare as hold_against
+    from armdyn.inspection.plausible import compared_model
     from pipeline.answers import comparison_answer
     from pipeline.commands.identify_text import say_comparison
 
@@ -168,6 +182,7 @@ def compare(
         given = inputs.read()
         say("fitting")
         found = hold_against(given.study)
+        given.require_plausible(compared_model(given.study.model, found))
         if report is not None:
             from pipeline.report.fit import comparison_report
 
@@ -191,6 +206,7 @@ def diagnose(
 ) -> None:
     """Find out which physical effect is missing, with an honest verdict."""
     from armdyn.identify.diagnose import diagnose as find_missing
+    from armdyn.identify.repair import fitted_model
     from pipeline.answers import diagnosis_answer
     from pipeline.commands.identify_text import say_diagnosis
 
@@ -199,6 +215,7 @@ def diagnose(
     with stopped_if_wrong(json_file), spinner() as say:
         given = inputs.read()
         found = find_missing(given.study, say)
+        given.require_plausible(fitted_model(given.study, found.search.last))
         if report is not None:
             from pipeline.report.repair import diagnosis_report
 
@@ -236,6 +253,7 @@ def add(
         given.file.model.with_effect(wanted)  # refuses an effect that does not fit before anything is fitted
         say("fitting")
         found = extend(given.study, [wanted])
+        given.require_plausible(found.model)
     _conclude(given, found, output or model, report, json_file)
 
 
@@ -258,6 +276,7 @@ def repair(
     with stopped_if_wrong(json_file), spinner() as say:
         given = inputs.read()
         found = mend(given.study, say)
+        given.require_plausible(found.model)
     _conclude(given, found, output or model, report, json_file)
 
 

@@ -48,6 +48,7 @@ def inspect(
 ) -> None:
     """Ask whether recordings are what they say they are: gaps, units, signs, swapped columns, clocks, mountings."""
     from armdyn.errors import InputError
+    from armdyn.inspection.check import MODEL
     from armdyn.inspection.inspect import inspected
     from armdyn.run import read_run
     from pipeline.answers_inspection import inspection_answer
@@ -61,7 +62,7 @@ def inspect(
         runs = [read_run(path) for path in run_files]
         model, catalogue = _model(model_file, effects)
         say("looking")
-        found = inspected(runs, model, catalogue)
+        found = inspected(runs, model, catalogue).naming(model_file or Path(MODEL))
         if report is not None:
             from pipeline.report.inspection import inspection_report
 
