@@ -13,11 +13,13 @@ from armdyn.arm.prepared import interior
 from armdyn.arm.rigid import inverse_dynamics
 from armdyn.effects.effect import Effect
 from armdyn.inspection.correction import Correction
-from armdyn.inspection.evidence import Channels, Evidence, evidence, independent
+from armdyn.inspection.evidence import FLOOR, Channels, Evidence, evidence, independent
 from armdyn.run import Run
 
 MOMENTS = 120
 """At which a recording is looked at: as many as tell a hundred effects of an arm apart."""
+COARSE = 2
+"""Every which moment a first look is at."""
 NEAR = 0.03
 """s to either side of a moment over which its torque is averaged."""
 ASIDE = frozenset(
@@ -183,35 +185,41 @@ class ArmRun:
 
         Every joint has friction, a rotor, an offset and an error of a tenth of its torque.
         """
-        m = self.moved(correction)
         y, volume, source = self.read(correction)
-        weight = self.weights[source]
-        f = self.described(m, description)
-        n = y.shape[1]
-        total = 0.0
-        for k, j in enumerate(self.of_joint):
-            effort = self._effort[j]
-            X = np.column_stack(
-                [
-                    np.full(n, 0.05 * effort),
-                    0.1 * effort * m.v[:, j],
-                    0.1 * effort * m.direction[:, j],
-                    0.01 * effort * m.a[:, j],
-                ]
-            )
-            gap, scale = y[k] - f[k], max(float(np.mean(y[k] ** 2)), (SLIGHT * effort) ** 2)
-            G, slope = X.T @ X, X.T @ gap
-            theta, variance = np.zeros(4), 0.1 * scale
-            used = np.ones(4, dtype=bool)
-            for _ in range(2):
-                A = G[np.ix_(used, used)] / variance + np.eye(int(used.sum()))
-                theta = np.zeros(4)
-                theta[used] = np.linalg.solve(A, slope[used] / variance)
-                used &= (theta >= 0.0) | (np.arange(4) == 0)
-                theta[~used] = 0.0
-                variance = float(np.mean((gap - X @ theta) ** 2)) + 0.01 * scale
-            total += weight[k] * n * (volume[k] - 0.5 * np.log(variance))
+        weight, y = self.weights[source], y[:, ::COARSE]
+        m, f, X = self._coarse(correction, description)
+        effort = self._effort[self.of_joint]
+        scale = np.maximum(np.mean(y**2, axis=1), (SLIGHT * effort) ** 2)
+        gap = y - f
+        G, slope = X.transpose(0, 2, 1) @ X, np.einsum("jnp,jn->jp", X, gap)
+        variance, used = 0.1 * scale, np.ones((len(y), X.shape[2]), dtype=bool)
+        for _ in range(2):
+            kept = used[:, :, None] & used[:, None, :]
+            A = np.where(kept, G / variance[:, None, None], 0.0) + np.eye(X.shape[2])
+            right = np.where(used, slope / variance[:, None], 0.0)
+            theta = np.linalg.solve(A, right[:, :, None])[:, :, 0]
+            used &= (theta >= 0.0) | (np.arange(X.shape[2]) == 0)
+            left = gap - np.einsum("jnp,jp->jn", X, np.where(used, theta, 0.0))
+            variance = np.mean(left**2, axis=1) + FLOOR**2 * scale
+        total = float(np.sum(weight * len(self.motion.time) * (volume - 0.5 * np.log(variance))))
         return total - self.outside(m, y)
+
+    def _coarse(self, correction: Correction, description: Description) -> tuple[Motion, np.ndarray, np.ndarray]:
+        """Motion, (J, n) described torques and (J, n, 4) columns at some of the moments; kept, as many share them."""
+        positions = tuple(sorted((n, r) for n, r in correction.readings.items() if n.startswith("q.")))
+        key = positions, description
+        if key not in self._kept:
+            m = self.moved(correction)
+            m = Motion(*(x[::COARSE] for x in (m.time, m.q, m.v, m.a, m.direction)))
+            j, effort = self.of_joint, self._effort[self.of_joint]
+            rows = [np.full(m.q.shape, 0.05)[:, j], 0.1 * m.v[:, j], 0.1 * m.direction[:, j], 0.01 * m.a[:, j]]
+            columns = (np.stack(rows, axis=2) * effort[:, None]).transpose(1, 0, 2)
+            self._kept[key] = m, self.described(m, description), columns
+        return self._kept[key]
+
+    @cached_property
+    def _kept(self) -> dict[object, tuple[Motion, np.ndarray, np.ndarray]]:
+        return {}
 
     def sure(
         self, correction: Correction, description: Description = AS_DESCRIBED, weight: np.ndarray | None = None

@@ -14,7 +14,7 @@ from armdyn.channels import Channel
 from armdyn.run import Run
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, order=True)
 class Reading:
     """Where the values of a channel are, and how they are to be read.
 

@@ -1,11 +1,13 @@
 """Recorded velocities against the derivatives of recorded positions: units, signs, columns and clocks of rates."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
 from armdyn.channels import Channel
+from armdyn.identify.noise import white_noise_std
 from armdyn.inspection import signals
 from armdyn.inspection.check import Check, Kind, Severity, amount, listed
 from armdyn.inspection.correction import Correction, Reading
@@ -117,14 +119,13 @@ def rate_checks(run: Run) -> Iterator[Check]:
 
 def consistent(run: Run) -> Run:
     """The run without rates, and accelerations, that are not those of its positions."""
-    from dataclasses import replace
-
     pairs, _ = paired(run)
     wrong = {p.rate for p in pairs if p.moves and not (p.alike >= ALIKE and OFF[0] < p.factor < OFF[1])}
     wrong |= {f"a.{name.removeprefix('v.')}" for name in wrong if name.startswith("v.")}
     return replace(run, channels={n: c for n, c in run.channels.items() if n not in wrong}) if wrong else run
 
 
+@lru_cache(maxsize=16)
 def paired(run: Run) -> tuple[list[Pair], np.ndarray]:
     """Every rate with the position that it should be the rate of, and the (n,) moments."""
     named = [(f"q.{j}", f"v.{j}") for j in run.joints] + list(PAIRS.items())
@@ -153,8 +154,6 @@ def slopes(channel: Channel, moments: np.ndarray) -> tuple[np.ndarray, float]:
     last = np.searchsorted(channel.time, moments + near)
     one, t, x, tt, tx = (s[last] - s[first] for s in sums)
     spread = np.where(one > 2, one * tt - t**2, np.inf)
-    from armdyn.identify.noise import white_noise_std
-
     noise = white_noise_std(channel.time, channel.value) * float(np.median(np.sqrt(one / spread)))
     return (one * tx - t * x) / spread, noise
 

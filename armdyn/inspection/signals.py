@@ -6,9 +6,9 @@ import numpy as np
 
 from armdyn.channels import MIN_SAMPLES, Channel, channel_kind
 from armdyn.differences import LONGEST_SPAN, normalised_differences
-from armdyn.faults import at_the_end, spikes
+from armdyn.faults import at_the_end, spikes_of
 from armdyn.gaps import GAP, gaps_of
-from armdyn.identify.noise import NORMAL_MEDIAN, white_noise_std
+from armdyn.identify.noise import NORMAL_MEDIAN
 from armdyn.inspection.check import Check, Severity, amount
 from armdyn.run import Run
 from armdyn.smoothing.choice import resolution
@@ -57,7 +57,7 @@ def gaps(run: Run) -> Iterator[Check]:
 
 def glitches(run: Run) -> Iterator[Check]:
     """Single samples far from their neighbours."""
-    found = {name: channel.time[spikes(channel.time, channel.value)] for name, channel in run.channels.items()}
+    found = {name: channel.time[spikes_of(channel)] for name, channel in run.channels.items()}
     found = {name: when for name, when in found.items() if len(when)}
     if found:
         counts = ", ".join(f"{len(when)} of {name}" for name, when in found.items())
@@ -99,11 +99,10 @@ def longest_hold(channel: Channel) -> tuple[int, int] | None:
     usual = float(np.median(lengths))
     steps = np.abs(np.diff(value)[change])
     step = max(JUMP * float(np.median(steps)), JUMP_SHARE * float(np.ptp(value)))
-    noisy = white_noise_std(channel.time, value) > 2.0 * resolution(value) and np.mean(lengths == 1) > 0.9
-    for k in np.argsort(-lengths)[:3]:
+    longest = [k for k in np.argsort(-lengths)[:3] if lengths[k] >= max(FEWEST_STUCK, STUCK * len(value), 8.0 * usual)]
+    noisy = bool(longest) and np.mean(lengths == 1) > 0.9 and least_noise(channel) > 2.0 * resolution(value)
+    for k in longest:
         first, last = int(edges[k]) + 1, int(edges[k + 1])
-        if lengths[k] < max(FEWEST_STUCK, STUCK * len(value), 8.0 * usual):
-            return None
         beside = [abs(value[last + 1] - value[last])] if last + 1 < len(value) else []
         if noisy or any(jump > step for jump in beside):
             return first, last
