@@ -228,9 +228,10 @@ class ArmRun:
         m = self.moved(correction)
         y, volume, source = self.read(correction)
         weight = self.weights[source] if weight is None else weight
-        changed = description.of(self.model.arm.model)
-        stretch = Stretch(changed, m, m.time)
-        f, columns, positive = self._linear(stretch)
+        if m is self.motion and description == AS_DESCRIBED:
+            f, columns, positive = self._linear_as_described
+        else:
+            f, columns, positive = self._linear(Stretch(description.of(self.model.arm.model), m, m.time))
         found = evidence(Channels(y, f, columns, positive, weight, volume, SLIGHT * self._effort[self.of_joint]))
         return Evidence(found.value - self.outside(m, y), found.left, found.share, found.sizes)
 
@@ -299,6 +300,10 @@ class ArmRun:
             new and p.lower == 0.0 and p.null == 0.0 for new, p in zip(absent, model.parameters.values(), strict=True)
         ]
         return model, np.array(size), np.array(positive, dtype=bool)
+
+    @cached_property
+    def _linear_as_described(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return self._linear(Stretch(self.model.arm.model, self.motion, self.motion.time))
 
     def _linear(self, stretch: Stretch) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(J, n) torques, (J, n, p) columns over their typical sizes, and which sizes cannot be negative."""
