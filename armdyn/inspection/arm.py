@@ -189,7 +189,7 @@ class ArmRun:
         weight, y = self.weights[source], y[:, ::COARSE]
         m, f, X = self._coarse(correction, description)
         effort = self._effort[self.of_joint]
-        scale = np.maximum(np.mean(y**2, axis=1), (SLIGHT * effort) ** 2)
+        scale = np.maximum(np.mean(y**2, axis=1), (SLIGHT * effort * np.exp(volume)) ** 2)
         gap = y - f
         G, slope = X.transpose(0, 2, 1) @ X, np.einsum("jnp,jn->jp", X, gap)
         variance, used = 0.1 * scale, np.ones((len(y), X.shape[2]), dtype=bool)
@@ -231,8 +231,11 @@ class ArmRun:
         if m is self.motion and description == AS_DESCRIBED:
             f, columns, positive = self._linear_as_described
         else:
-            f, columns, positive = self._linear(Stretch(description.of(self.model.arm.model), m, m.time))
-        found = evidence(Channels(y, f, columns, positive, weight, volume, SLIGHT * self._effort[self.of_joint]))
+            changed = description.of(self.model.arm.model)
+            f, columns, positive = self._linear(Stretch(changed, m, m.time), description.mass)
+        found = evidence(
+            Channels(y, f, columns, positive, weight, volume, SLIGHT * self._effort[self.of_joint] * np.exp(volume))
+        )
         return Evidence(found.value - self.outside(m, y), found.left, found.share, found.sizes)
 
     def nothing(self) -> float:
@@ -303,16 +306,16 @@ class ArmRun:
 
     @cached_property
     def _linear_as_described(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        return self._linear(Stretch(self.model.arm.model, self.motion, self.motion.time))
+        return self._linear(Stretch(self.model.arm.model, self.motion, self.motion.time), 1.0)
 
-    def _linear(self, stretch: Stretch) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _linear(self, stretch: Stretch, heavier: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(J, n) torques, (J, n, p) columns over their typical sizes, and which sizes cannot be negative."""
         model, size, positive = self._extended
         m = stretch.motion
         torques, derivatives = model.at_states(stretch)
         described = torques.T[self.of_joint]
         own = (derivatives * size).transpose(1, 0, 2)[self.of_joint]
-        load = max(1.0, LOAD * float(self.model.arm.described[:, 0].sum()))
+        load = max(1.0, LOAD * heavier * float(self.model.arm.described[:, 0].sum()))
         carried = np.array([1.0, LEVER, LEVER, LEVER, *([LEVER**2] * 6)]) * load
         payload = (stretch.regressor[:, :, -1] * carried).transpose(1, 0, 2)[self.of_joint]
         tilt = self._per_gravity(m) * (TILT * float(np.linalg.norm(self.model.gravity())))

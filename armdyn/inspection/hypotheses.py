@@ -18,8 +18,8 @@ TORQUE_UNITS: Mapping[str, tuple[float, float]] = {
 """N m, by unit in which torques are given, and nats that it costs: a foot-pound is near what gains and loads do."""
 OF_ONE = ("mN m", "N cm")
 """Units that a single joint's column may have."""
-OFTEN_GAIN = np.log(2.0)
-"""Logarithm of a torque constant, N m/A, up to which it is rather a gain: drives of arms have 5 to 200."""
+CONSTANTS = (2.0, 400.0)
+"""N m/A, of drives of arms with their gears: what is less is rather a gain, what is more another unit."""
 MASS_UNITS: Mapping[str, float] = {"g": 1e-3, "lb": 0.45359237}
 LENGTH_UNITS: Mapping[str, float] = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254}
 """SI, by unit in which a description may have been written."""
@@ -44,6 +44,7 @@ class Hypothesis:
         correction: of the recording.
         description: of the arm.
         price: nats that it costs before anything is measured.
+        sure: whether the correction is known, rather than taken from the model, which would hide what the model lacks.
     """
 
     kind: Kind
@@ -53,6 +54,7 @@ class Hypothesis:
     correction: Correction = field(default_factory=Correction)
     description: Description = AS_DESCRIBED
     price: float = 0.0
+    sure: bool = True
 
 
 Mistake = Callable[[ArmRun], Iterator[Hypothesis]]
@@ -112,7 +114,7 @@ def torque_units(run: ArmRun) -> Iterator[Hypothesis]:
     constants = np.sum(described * measured, axis=1) / np.maximum(np.sum(measured**2, axis=1), 1e-300)
     likely = np.median(constants[constants > 0.0]) if np.any(constants > 0.0) else 0.0
     constants = np.where((constants > 0.02 * likely) & (constants < 50.0 * likely), constants, likely)
-    if likely > 0.0 and np.abs(np.median(np.log(constants))) > OFTEN_GAIN:
+    if CONSTANTS[0] < likely < CONSTANTS[1]:
         readings = {name: Reading(name, float(k)) for name, k in zip(every, constants, strict=True)}
         sizes = ", ".join(f"{k:.3g}" for k in constants)
         yield Hypothesis(

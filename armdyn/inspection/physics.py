@@ -93,7 +93,7 @@ def checks(run: Modelled) -> list[Check]:
 
 def _check(run: Modelled, v: Verdict) -> Check:
     h = v.hypothesis
-    fixes = bool(h.correction.readings)
+    fixes = bool(h.correction.readings) and h.sure
     sure = f"{amount(v.gain)} nats more probable than as it stands, {amount(v.lead)} more than anything else"
     return Check(
         kind=h.kind,

@@ -93,7 +93,7 @@ def arm(
     if json_file != Path("-"):
         for link in made.arm.without_inertia:
             typer.echo(
-                f"CHECK: the link '{link}' has no <inertial>, so that it weighs nothing in the model, and what it weighs "
+                f"CHECK: link '{link}' has no <inertial>, so that it weighs nothing in the model, and what it weighs "
                 "will be told as an effect: write its mass, centre and inertia into the URDF"
             )
 

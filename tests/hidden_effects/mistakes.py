@@ -409,7 +409,7 @@ def of_pendulums(sound: Sound, seed: int) -> list[Mistaken]:
         f = ("load_force",)
         found += [
             Mistaken("force in mN", scaled(run, f, 1e3), "torque_unit", f),
-            Mistaken("force in gram-force", scaled(run, f, 1e3 / G), "torque_unit", f),
+            Mistaken("force in gram-force", scaled(run, f, 1e3 / 9.80665), "torque_unit", f),
             Mistaken("force's sign", scaled(run, f, -1.0), "torque_sign", f),
         ]
         if "swing_angle" in has:
