@@ -314,6 +314,8 @@ class ArmRun:
         m = stretch.motion
         torques, derivatives = model.at_states(stretch)
         described = torques.T[self.of_joint]
+        # A link deforms by shares of its mass, which the description may have wrong.
+        size = np.where([p.effect == "link_inertia" for p in model.parameters.values()], heavier * size, size)
         own = (derivatives * size).transpose(1, 0, 2)[self.of_joint]
         load = max(1.0, LOAD * heavier * float(self.model.arm.described[:, 0].sum()))
         carried = np.array([1.0, LEVER, LEVER, LEVER, *([LEVER**2] * 6)]) * load

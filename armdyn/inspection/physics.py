@@ -20,8 +20,8 @@ SURE = 12.0
 EXPLAINED = 0.35
 """Of the concerned channels' mean square that the model may leave once the mistake is undone; where it leaves more, the
 description is of another arm, and no mistake is told."""
-CHOSEN = 6
-"""Hypotheses that are looked at closely, the most probable at a first look."""
+CHOSEN, OF_A_KIND = 8, 3
+"""Hypotheses that are looked at closely, the most probable at a first look, and how many of one kind."""
 AT_ONCE = 3
 """Mistakes in one recording."""
 HOPELESS = 5.0
@@ -69,7 +69,11 @@ def most_probable(run: Modelled) -> Verdict | None:
     stands = run.rough(nothing, AS_DESCRIBED)
     hypotheses = [h for mistake in REGISTRY[type(run)] for h in mistake(run)]
     first = [run.rough(h.correction, h.description) - h.price - SURPRISE for h in hypotheses]
-    near = [i for i in np.argsort(first)[::-1][:CHOSEN] if first[i] > stands - HOPELESS]
+    near: list[int] = []
+    for i in np.argsort(first)[::-1].tolist():
+        alike = sum(hypotheses[k].kind == hypotheses[i].kind for k in near)
+        if len(near) < CHOSEN and alike < OF_A_KIND and first[i] > stands - HOPELESS:
+            near.append(i)
     if not near:
         return None
     as_is = run.sure(nothing, AS_DESCRIBED).value
