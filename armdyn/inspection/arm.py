@@ -232,7 +232,7 @@ class ArmRun:
             f, columns, positive = self._linear_as_described
         else:
             changed = description.of(self.model.arm.model)
-            f, columns, positive = self._linear(Stretch(changed, m, m.time), description.mass)
+            f, columns, positive = self._linear(Stretch(changed, m, m.time), description.mass * description.length)
         found = evidence(
             Channels(y, f, columns, positive, weight, volume, SLIGHT * self._effort[self.of_joint] * np.exp(volume))
         )
@@ -314,7 +314,7 @@ class ArmRun:
         m = stretch.motion
         torques, derivatives = model.at_states(stretch)
         described = torques.T[self.of_joint]
-        # A link deforms by shares of its mass, which the description may have wrong.
+        # A link deforms by shares of its mass and extent, which the description may have wrong.
         size = np.where([p.effect == "link_inertia" for p in model.parameters.values()], heavier * size, size)
         own = (derivatives * size).transpose(1, 0, 2)[self.of_joint]
         load = max(1.0, LOAD * heavier * float(self.model.arm.described[:, 0].sum()))

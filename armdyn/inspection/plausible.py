@@ -20,8 +20,6 @@ OVER = np.deg2rad(60.0)
 """By which a base leans at most; a wall or ceiling belongs into the description."""
 STRONG = 1.0
 """Of a joint's effort limit: a torque that acts always cannot be larger, or the drive could not carry it."""
-LONGEST, HEAVIEST = 50.0, 1e4
-"""m and kg, of a pendulum."""
 CHECK = "check your recording: armdyn inspect M.toml RUN..., with --report a page of every channel"
 
 
@@ -101,10 +99,10 @@ def _of_swing(model: Model) -> Iterator[tuple[str, str]]:
     if model.base != "pendulum":
         return
     length, mass = model.parameters["length"].value, model.parameters["mass"].value
-    if length > LONGEST:
-        yield "length", f"length = {amount(length)} m is longer than any load hangs"
-    if mass > HEAVIEST:
-        yield "mass", f"mass = {amount(mass)} kg is heavier than any load"
+    for name in ("length", "mass"):
+        p = model.parameters[name]
+        if p.fitted and p.value in (p.lower, p.upper):
+            yield name, f"{name} = {amount(p.value)} {p.unit} is the end of what a load that swings can have"
     for name, p in model.parameters.items():
         if p.effect == "pivot_coulomb_friction" and p.value > mass * STANDARD_GRAVITY * length:
             yield name, f"{name} = {amount(p.value)} {p.unit} would hold the load at any angle"
