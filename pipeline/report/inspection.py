@@ -13,7 +13,7 @@ from pipeline.report.theme import BLUE, ORANGE, TIME_AXIS
 
 MOST_POINTS = 1500
 """Samples of a line, the smallest and largest of what lies between them kept."""
-HEIGHT = 210
+HEIGHT = 230
 """Of a channel's picture [px]."""
 
 
