@@ -28,7 +28,7 @@ def prepared(model: Model, runs: Sequence[Run], held_out: Sequence[Run] = ()) ->
         raise InputError("no run given: give at least one recording")
     check_distinct({"a training run": runs, "a held-out run": held_out})
     check_distinct_data(model, [*runs, *held_out])
-    named = _with_distinct_names([*runs, *held_out])
+    named = with_distinct_names([*runs, *held_out])
     found = [pieces(model, run) for run in named]
     return list(chain(*found[: len(runs)])), list(chain(*found[len(runs) :]))
 
@@ -110,7 +110,7 @@ def check_distinct_data(model: Model, runs: Sequence[Run]) -> None:
         seen[readings] = run
 
 
-def _with_distinct_names(runs: Sequence[Run]) -> list[Run]:
+def with_distinct_names(runs: Sequence[Run]) -> list[Run]:
     """Runs named by file, and by folder as well where the same name occurs twice."""
     names = [run.name for run in runs]
     result = []

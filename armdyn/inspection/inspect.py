@@ -8,6 +8,7 @@ from armdyn.channels import Channel
 from armdyn.effects.effect import Effect
 from armdyn.effects.user import available
 from armdyn.errors import InputError, WrongRecordingError
+from armdyn.identify.prepare import with_distinct_names
 from armdyn.inspection import physics
 from armdyn.inspection.arm import ArmRun
 from armdyn.inspection.check import Check, Inspection, by_severity
@@ -36,7 +37,7 @@ def inspected(runs: Sequence[Run], model: Model | None = None, effects: Iterable
     """
     if effects is None:
         effects = available(model) if model is not None else ()
-    effects = tuple(effects)
+    effects, runs = tuple(effects), with_distinct_names(runs)
     return Inspection(tuple(runs), by_severity([check for run in runs for check in checks_of(run, model, effects)]))
 
 

@@ -20,7 +20,7 @@ from pipeline.commands.output import (
 
 if TYPE_CHECKING:
     from armdyn.effects.effect import Effect
-    from armdyn.inspection.check import Check, Inspection
+    from armdyn.inspection.check import Inspection
     from armdyn.model import Model
 
 SHOWN = {"wrong": "bold red", "suspect": "yellow", "note": "dim"}
@@ -103,15 +103,8 @@ def say_inspection(found: "Inspection") -> None:
     table = plain_table("", "kind", "run", "what", "remedy")
     for check in found.checks:
         key = check.severity.key
-        table.add_row(Text(key, style=SHOWN[key]), check.kind, check.run or "", check.sentence, remedy_of(check))
+        table.add_row(Text(key, style=SHOWN[key]), check.kind, check.run or "", check.sentence, check.remedy)
     console.print(table)
-
-
-def remedy_of(check: "Check") -> str:
-    """What to do, where the check does not say it that `--fix` does it."""
-    if check.remedy:
-        return check.remedy
-    return "armdyn inspect ... --fix DIR" if check.correction is not None else ""
 
 
 def write_fixed(found: "Inspection", folder: Path, force: bool) -> list[Path]:
@@ -126,7 +119,7 @@ def write_fixed(found: "Inspection", folder: Path, force: bool) -> list[Path]:
 
     corrected = found.corrected()
     runs = {run.name: run for run in found.runs if run.name in corrected}
-    paths = {name: folder / Path(name).with_suffix(".csv").name for name in runs}
+    paths = {name: folder / Path(name.replace("/", "_")).with_suffix(".csv").name for name in runs}
     maps = {name: path.with_suffix(".map.toml") for name, path in paths.items()}
     for name, path in paths.items():
         for target in (path, path.with_suffix(".toml"), maps[name]):
