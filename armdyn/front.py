@@ -113,7 +113,7 @@ def repair(
 def _plausible(study: Study, model: Model, found: Answer, trust_data: bool) -> Answer:
     """An answer, unless nothing can have the values of its model."""
     if not trust_data:
-        require_plausible(model, study.runs)
+        require_plausible(model, study.runs, study.model)
     return found
 
 

@@ -139,7 +139,7 @@ class Given(NamedTuple):
         from armdyn.inspection.plausible import require_plausible
 
         if not self.trust:
-            require_plausible(model, self.inspection.runs)
+            require_plausible(model, self.inspection.runs, self.file.model)
 
 
 @contextmanager

@@ -8,7 +8,7 @@ import armdyn
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import WrongRecordingError
-from armdyn.inspection.plausible import implausible
+from armdyn.inspection.plausible import implausible, require_plausible
 from armdyn.pendulum.model import pendulum_model
 
 
@@ -29,6 +29,14 @@ def test_what_nothing_has_is_said(effect, values):
     found = implausible(model.with_parameters(wide))
     assert [check.kind for check in found] == ["implausible_model"]
     assert "check your recording" in found[0].sentence
+
+
+def test_what_a_user_told_the_model_is_no_verdict():
+    model = arm_model(robot="panda", joints=mistakes.Plant("panda").joints, effects=[CATALOGUE["base_tilt"]])
+    on_a_wall = model.with_values({"base_tilt.roll": 1.57})
+    require_plausible(on_a_wall, [], on_a_wall)
+    with pytest.raises(WrongRecordingError, match="lean by 90 degrees"):
+        require_plausible(on_a_wall, [], model)
 
 
 def test_a_length_at_the_end_of_its_range_is_said():
