@@ -20,10 +20,11 @@ if TYPE_CHECKING:
     from armdyn.effects.effect import Effect, effect
     from armdyn.effects.user import load_effects
     from armdyn.errors import InputError
-    from armdyn.front import compare, diagnose, fit, repair
+    from armdyn.front import compare, diagnose, fit, inspect, repair
     from armdyn.identify.compare import Comparison
     from armdyn.identify.diagnose import Diagnosis
     from armdyn.identify.repair import Repair
+    from armdyn.inspection.check import Inspection
     from armdyn.model import Model
     from armdyn.model_file import read_model
     from armdyn.parameter import quantity
@@ -35,17 +36,17 @@ _MODULES = {
     "CATALOGUE": "armdyn.effects.catalogue", "Effect": "armdyn.effects.effect", "effect": "armdyn.effects.effect",
     "load_effects": "armdyn.effects.user", "InputError": "armdyn.errors", "quantity": "armdyn.parameter",
     "Run": "armdyn.run", "read_run": "armdyn.run", "Model": "armdyn.model", "read_model": "armdyn.model_file",
-    "fit": "armdyn.front", "compare": "armdyn.front", "diagnose": "armdyn.front", "repair": "armdyn.front",
-    "Comparison": "armdyn.identify.compare", "Diagnosis": "armdyn.identify.diagnose",
-    "Repair": "armdyn.identify.repair",
+    "fit": "armdyn.front", "inspect": "armdyn.front", "compare": "armdyn.front", "diagnose": "armdyn.front",
+    "repair": "armdyn.front", "Inspection": "armdyn.inspection.check", "Comparison": "armdyn.identify.compare",
+    "Diagnosis": "armdyn.identify.diagnose", "Repair": "armdyn.identify.repair",
     # Not of the science, which imports nothing of `pipeline`: looked up there when a user asks for them.
     "excite": "pipeline.front", "export": "pipeline.front", "next_experiment": "pipeline.front",
 }  # fmt: skip
 """Where each name is defined."""
 __all__ = [
-    "CATALOGUE", "Comparison", "Diagnosis", "Effect", "InputError", "Model", "Repair", "Run", "arm", "compare",
-    "diagnose", "effect", "effects", "excite", "export", "fit", "load_effects", "next_experiment", "pendulum",
-    "quantity", "read_model", "read_run", "repair",
+    "CATALOGUE", "Comparison", "Diagnosis", "Effect", "InputError", "Inspection", "Model", "Repair", "Run", "arm",
+    "compare", "diagnose", "effect", "effects", "excite", "export", "fit", "inspect", "load_effects", "next_experiment",
+    "pendulum", "quantity", "read_model", "read_run", "repair",
 ]  # fmt: skip
 
 

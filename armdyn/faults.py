@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
@@ -73,7 +74,7 @@ def without_spikes(run: Run, names: Iterable[str]) -> Run:
 
     Where there are more of them than `RARE`, all samples stay, and the warning says that.
     """
-    found = {name: spikes(run.channels[name].time, run.channels[name].value) for name in names}
+    found = {name: spikes_of(run.channels[name]) for name in names}
     many = {name: bad for name, bad in found.items() if not _rare(int(bad.sum()), len(bad))}
     rare = {name: bad for name, bad in found.items() if name not in many}
     kept = _without(run, rare, "far from its neighbours", 0)
@@ -130,6 +131,14 @@ def at_the_end(value: np.ndarray) -> np.ndarray:
     for extreme, beside in ((-1, -2), (0, 1)) if len(levels) > 2 else ():
         if counts[extreme] >= CROWDED * (1 + counts[beside]):
             found |= value == levels[extreme]
+    return found
+
+
+@lru_cache(maxsize=512)
+def spikes_of(channel: Channel) -> np.ndarray:
+    """(n,) bool: `spikes` of a channel; asked for by the inspection of a run and again when it is prepared."""
+    found = spikes(channel.time, channel.value)
+    found.setflags(write=False)
     return found
 
 

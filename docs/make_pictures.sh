@@ -33,6 +33,17 @@ armdyn import examples/ur5/*.csv --output "$work/runs" --map "$work/runs/map.tom
 armdyn new arm "$work/ur5.toml" --robot ur5
 armdyn repair "$work/ur5.toml" "$work/runs/sweep_1.csv" "$work/runs/sweep_2.csv" --held-out "$work/runs/pick_and_place.csv" \
     --output "$work/ur5_repaired.toml" --report "$work/arm.html"
+python - "$work/runs/sweep_1.csv" "$work/sweep_3.csv" <<'EOF' # two columns exchanged, 1.2 s lost
+import csv, sys
+head, *rows = csv.reader(open(sys.argv[1]))
+a, b = (head.index(f"tau.{joint} [N m]") for joint in ("shoulder_lift_joint", "elbow_joint"))
+for row in rows:
+    row[a], row[b] = row[b], row[a]
+    row[1:] = row[1:] if not 6.0 < float(row[0]) < 7.2 else [""] * (len(row) - 1)
+csv.writer(open(sys.argv[2], "w")).writerows([head, *rows])
+EOF
+armdyn inspect "$work/ur5.toml" "$work/runs/sweep_1.csv" "$work/sweep_3.csv" --report "$work/inspect.html" || true
+shoot "$work/inspect.html" "$PWD/docs/pictures/inspect_report.png" 1250
 PYTHONPATH=tests python - "$work" <<'EOF'
 import sys
 from pathlib import Path

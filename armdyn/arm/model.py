@@ -188,7 +188,14 @@ class ArmModel(Model):
         return joined(parts)
 
     def sensitivities(self, stretch: Stretch) -> np.ndarray:
-        """(n, nj, p) derivatives of all torques, at states that are known exactly and need not follow each other.
+        """(n, nj, p) derivatives of all torques; see `at_states`."""
+        return self.at_states(stretch)[1]
+
+    def at_states(self, stretch: Stretch) -> tuple[np.ndarray, np.ndarray]:
+        """All torques at states that are known exactly and need not follow each other.
+
+        Returns:
+            (n, nj) torques; (n, nj, p) their derivatives.
 
         Raises:
             InputError: an effect makes a torque depend on what was before.
@@ -204,12 +211,15 @@ class ArmModel(Model):
         per_joint, bodies = [theta[columns] for columns in self._columns], self._bodies(theta)
         apart = np.arange(count, dtype=float)
         sampler = Interpolated(apart, apart)
+        torques = np.empty((count, len(self.joints)))
         found = np.zeros((count, len(self.joints), len(theta)))
         for j in range(len(self.joints)):
-            _, derivatives = ChannelPredictor(stretch, sampler, j).predict(self._functions, per_joint, bodies)
+            torques[:, j], derivatives = ChannelPredictor(stretch, sampler, j).predict(
+                self._functions, per_joint, bodies
+            )
             for joint, columns in derivatives.items():
                 found[:, j, self._base_columns if joint == OF_BASE else self._columns[joint]] = columns
-        return found
+        return torques, found
 
     def changed_links(self, theta: np.ndarray) -> Mapping[int, tuple[np.ndarray, np.ndarray]]:
         """By index of the joint whose link effects can change: (10,) change at (p,) `theta`, (10, p) derivatives."""

@@ -7,6 +7,7 @@ from itertools import chain
 import numpy as np
 
 from armdyn.errors import InputError
+from armdyn.gaps import cut_at_gaps
 from armdyn.identify.noise import white_noise_std
 from armdyn.model import Model
 from armdyn.run import Run
@@ -27,8 +28,8 @@ def prepared(model: Model, runs: Sequence[Run], held_out: Sequence[Run] = ()) ->
         raise InputError("no run given: give at least one recording")
     check_distinct({"a training run": runs, "a held-out run": held_out})
     check_distinct_data(model, [*runs, *held_out])
-    named = _with_distinct_names([*runs, *held_out])
-    found = [model.start.pieces(ready(model, run)) for run in named]
+    named = with_distinct_names([*runs, *held_out])
+    found = [pieces(model, run) for run in named]
     return list(chain(*found[: len(runs)])), list(chain(*found[len(runs) :]))
 
 
@@ -70,6 +71,16 @@ def ready(model: Model, run: Run) -> Run:
     return model.prepared(run)
 
 
+def pieces(model: Model, run: Run) -> list[Run]:
+    """A run as the model is compared with it, cut where samples are missing that the model cannot do without.
+
+    Raises:
+        InputError: see `ready`.
+    """
+    parts = cut_at_gaps(run) if model.linear else (run,)  # what is simulated goes on through a gap
+    return [piece for part in parts for piece in model.start.pieces(ready(model, part))]
+
+
 def check_distinct(runs: Mapping[str, Sequence[Run]]) -> None:
     """Refuse a file that is named twice.
 
@@ -99,7 +110,7 @@ def check_distinct_data(model: Model, runs: Sequence[Run]) -> None:
         seen[readings] = run
 
 
-def _with_distinct_names(runs: Sequence[Run]) -> list[Run]:
+def with_distinct_names(runs: Sequence[Run]) -> list[Run]:
     """Runs named by file, and by folder as well where the same name occurs twice."""
     names = [run.name for run in runs]
     result = []

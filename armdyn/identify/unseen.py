@@ -15,7 +15,7 @@ import numpy as np
 from armdyn.identify.fit import Fit, determined, fit
 from armdyn.identify.motion_start import start_of
 from armdyn.identify.output_error import descended, followed_run, shows_motion
-from armdyn.identify.prepare import check_distinct, check_distinct_data, ready
+from armdyn.identify.prepare import check_distinct, check_distinct_data, pieces
 from armdyn.identify.problem import Block, Problem, transferred
 from armdyn.model import Model
 from armdyn.physics.simulated import SimulatedModel
@@ -149,5 +149,5 @@ def prepared_exam(
         name = run.name if run.name not in names else f"exam/{run.name}"
         name = name if name not in names else f"exam {i + 1}/{run.name}"
         names.add(name)
-        result += model.start.pieces(ready(model, replace(run, name=name)))
+        result += pieces(model, replace(run, name=name))
     return result

@@ -26,8 +26,8 @@ app = typer.Typer(
 )
 
 COMMANDS = (
-    "trial", "models", "importing", "identify", "next_experiment", "workbench", "batch", "export", "ik", "arm",
-    "excite", "check", "view", "loadcell", "ros",
+    "trial", "models", "importing", "inspecting", "identify", "next_experiment", "workbench", "batch", "export", "ik",
+    "arm", "excite", "check", "view", "loadcell", "ros",
 )  # fmt: skip
 """Modules of `pipeline.commands`, in the order in which `armdyn --help` lists their commands."""
 

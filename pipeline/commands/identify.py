@@ -1,8 +1,10 @@
 """`armdyn compare`, `diagnose`, `add` and `repair`: a model against recordings."""
 
 import shlex
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -12,6 +14,8 @@ if TYPE_CHECKING:
     from armdyn.effects.effect import Effect
     from armdyn.identify.repair import Repair
     from armdyn.identify.study import Study
+    from armdyn.inspection.check import Inspection
+    from armdyn.model import Model
     from armdyn.model_file import ModelFile
 
 ModelArgument = Annotated[Path, typer.Argument(metavar="M.toml", help="Model file.")]
@@ -33,6 +37,9 @@ ExamOption = Annotated[
 ]
 EffectsOption = Annotated[Path | None, typer.Option("--effects", help="Python file with effects of your own.")]
 ReportOption = Annotated[Path | None, typer.Option("--report", help="Write one offline HTML file.")]
+TrustOption = Annotated[
+    bool, typer.Option("--trust-data", help="Go on where 'armdyn inspect' finds a recording wrong.")
+]
 OutputOption = Annotated[
     Path | None,
     typer.Option("--output", "--out", help="Where the repaired model goes; over the old one when not given."),
@@ -57,6 +64,7 @@ class Inputs(NamedTuple):
     held_out: list[Path] | None
     exam: list[Path] | None
     effects: Path | None
+    trust: bool = False
 
     def check(self, report: Path | None, json_file: Path | None) -> None:
         """Refuse outputs that cannot be written or would replace an input."""
@@ -79,20 +87,23 @@ class Inputs(NamedTuple):
         for option, paths in (("--held-out", self.held_out), ("--exam", self.exam)):
             words += [word for path in paths or () for word in (option, str(path))]
         words += ["--effects", str(self.effects)] if self.effects is not None else []
+        words += ["--trust-data"] if self.trust and name in ("compare", "diagnose", "repair") else []
         return shlex.join([*words, *options])
 
     def read(self, adding: str | None = None) -> "Given":
-        """Read everything that a study needs.
+        """Read everything that a study needs, and ask whether the recordings are what they say they are.
 
         Args:
             adding: name of an effect that the model is about to get.
 
         Raises:
             InputError: something cannot be used.
+            WrongRecordingError: a recording is not what it says it is, and is not trusted.
         """
         from armdyn.effects.catalogue import find
         from armdyn.effects.user import available, load_effects
         from armdyn.identify.study import Study
+        from armdyn.inspection.inspect import inspected, require_usable
         from armdyn.model_file import read_model_file
         from armdyn.run import read_run
         from armdyn.run_checks import check_run
@@ -105,15 +116,49 @@ class Inputs(NamedTuple):
         )
         for run in (*runs, *held_out, *exam):
             check_run(file.model, run, [find(adding, catalogue)] if adding is not None else ())
-        return Given(file, catalogue, Study(file.model, runs, held_out, catalogue, exam))
+        found = inspected([*runs, *held_out, *exam], file.model, catalogue).naming(self.model)
+        if not self.trust:
+            require_usable(found)
+        return Given(file, catalogue, Study(file.model, runs, held_out, catalogue, exam), found, self.trust)
 
 
 class Given(NamedTuple):
-    """What was read: the model's file, the effects to choose from, the study."""
+    """What was read: the model's file, the effects to choose from, the study, what was found in the recordings."""
 
     file: "ModelFile"
     catalogue: "tuple[Effect, ...]"
     study: "Study"
+    inspection: "Inspection"
+    trust: bool
+
+    def require_plausible(self, model: "Model") -> None:
+        """Refuse what was fitted where nothing can have such values, unless the data are trusted.
+
+        Raises:
+            WrongRecordingError: has the checks.
+        """
+        from armdyn.inspection.plausible import require_plausible
+
+        if not self.trust:
+            require_plausible(model, self.inspection.runs, self.file.model)
+
+
+@contextmanager
+def stopped_if_wrong(json_file: Path | None) -> "Iterator[None]":
+    """End a command with exit status 1 where its recordings are not what they say they are; no effect is named."""
+    from armdyn.errors import WrongRecordingError
+
+    try:
+        yield
+    except WrongRecordingError as error:
+        from pipeline.answers_inspection import inspection_answer
+        from pipeline.commands.inspecting import say_inspection
+
+        found = error.inspection
+        if answered(json_file, lambda: inspection_answer(found)):
+            say_inspection(found)
+            typer.echo("No effect is named while a recording is wrong; --trust-data goes on regardless.")
+        raise typer.Exit(1) from error
 
 
 def compare(
@@ -123,24 +168,27 @@ def compare(
     exam: ExamOption = None,
     effects: EffectsOption = None,
     report: ReportOption = None,
+    trust_data: TrustOption = False,
     json_file: JsonOption = None,
 ) -> None:
     """Fit what is free, and say how well the model does and where it fails."""
     from armdyn.identify.compare import compare as hold_against
+    from armdyn.inspection.plausible import compared_model
     from pipeline.answers import comparison_answer
     from pipeline.commands.identify_text import say_comparison
 
-    inputs = Inputs(model, runs, held_out, exam, effects)
+    inputs = Inputs(model, runs, held_out, exam, effects, trust_data)
     inputs.check(report, json_file)
-    with spinner() as say:
+    with stopped_if_wrong(json_file), spinner() as say:
         given = inputs.read()
         say("fitting")
         found = hold_against(given.study)
+        given.require_plausible(compared_model(given.study.model, found))
         if report is not None:
             from pipeline.report.fit import comparison_report
 
             comparison_report(given.study, found, command_line()).write(report)
-    if answered(json_file, lambda: comparison_answer(given.study, found)):
+    if answered(json_file, lambda: {**comparison_answer(given.study, found), **checked(given)}):
         say_comparison(found)
         say_report(report)
         if not found.explained:
@@ -154,23 +202,26 @@ def diagnose(
     exam: ExamOption = None,
     effects: EffectsOption = None,
     report: ReportOption = None,
+    trust_data: TrustOption = False,
     json_file: JsonOption = None,
 ) -> None:
     """Find out which physical effect is missing, with an honest verdict."""
     from armdyn.identify.diagnose import diagnose as find_missing
+    from armdyn.identify.repair import fitted_model
     from pipeline.answers import diagnosis_answer
     from pipeline.commands.identify_text import say_diagnosis
 
-    inputs = Inputs(model, runs, held_out, exam, effects)
+    inputs = Inputs(model, runs, held_out, exam, effects, trust_data)
     inputs.check(report, json_file)
-    with spinner() as say:
+    with stopped_if_wrong(json_file), spinner() as say:
         given = inputs.read()
         found = find_missing(given.study, say)
+        given.require_plausible(fitted_model(given.study, found.search.last))
         if report is not None:
             from pipeline.report.repair import diagnosis_report
 
             diagnosis_report(given.study, found, command_line()).write(report)
-    if answered(json_file, lambda: diagnosis_answer(given.study, found)):
+    if answered(json_file, lambda: {**diagnosis_answer(given.study, found), **checked(given)}):
         say_diagnosis(found)
         say_report(report)
         moved = all("gripper_x" in run.channels for run in given.study.runs)
@@ -189,20 +240,22 @@ def add(
     output: OutputOption = None,
     effects: EffectsOption = None,
     report: ReportOption = None,
+    trust_data: TrustOption = False,
     json_file: JsonOption = None,
 ) -> None:
     """Add an effect to a model and refit."""
     from armdyn.effects.catalogue import find
     from armdyn.identify.repair import add as extend
 
-    inputs = Inputs(model, runs, held_out, exam, effects)
+    inputs = Inputs(model, runs, held_out, exam, effects, trust_data)
     inputs.check_repair(output, report, json_file)
-    with spinner() as say:
+    with stopped_if_wrong(json_file), spinner() as say:
         given = inputs.read(adding=effect)
         wanted = find(effect, given.catalogue)
         given.file.model.with_effect(wanted)  # refuses an effect that does not fit before anything is fitted
         say("fitting")
         found = extend(given.study, [wanted])
+        given.require_plausible(found.model)
     _conclude(inputs, given, found, output or model, report, json_file)
 
 
@@ -214,16 +267,18 @@ def repair(
     output: OutputOption = None,
     effects: EffectsOption = None,
     report: ReportOption = None,
+    trust_data: TrustOption = False,
     json_file: JsonOption = None,
 ) -> None:
     """Add the effects that are missing, one after the other, and watch the error fall."""
     from armdyn.identify.repair import repair as mend
 
-    inputs = Inputs(model, runs, held_out, exam, effects)
+    inputs = Inputs(model, runs, held_out, exam, effects, trust_data)
     inputs.check_repair(output, report, json_file)
-    with spinner() as say:
+    with stopped_if_wrong(json_file), spinner() as say:
         given = inputs.read()
         found = mend(given.study, say)
+        given.require_plausible(found.model)
     _conclude(inputs, given, found, output or model, report, json_file)
 
 
@@ -246,12 +301,19 @@ def _conclude(
     history = (*given.file.history, *history_entries(given.study, found))
     over = " (over the earlier one)" if output.exists() else ""
     write_model_file(output, ModelFile(found.model, given.file.description, history))
-    if answered(json_file, lambda: repair_answer(found)):
+    if answered(json_file, lambda: {**repair_answer(found), **checked(given)}):
         say_repair(found, given.study.judges)
         typer.echo(f"written to {output}{over}")
         say_report(report)
         for what, command in next_steps(given.study, output, inputs.effects).items():
             typer.echo(f"{what}: {command}")
+
+
+def checked(given: Given) -> dict[str, Any]:
+    """What every answer says of its recordings."""
+    from pipeline.answers_inspection import checks_answer
+
+    return {"recording_checks": checks_answer(given.inspection.checks)}
 
 
 def say_report(report: Path | None) -> None:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pipeline.commands.identify import TrustOption, stopped_if_wrong
 from pipeline.commands.output import JsonOption, answered, check_outputs, free_to_write, plain_table, spinner, to_screen
 
 if TYPE_CHECKING:
@@ -32,13 +33,20 @@ def import_(
     guess: Annotated[
         bool, typer.Option("--guess", help="Propose a mapping from names, units and ranges; nothing is imported.")
     ] = False,
-    urdf: Annotated[Path | None, typer.Option(help="With --guess: the robot, for the names of its joints.")] = None,
+    urdf: Annotated[
+        Path | None, typer.Option(help="The robot: for the names of its joints, and to inspect the recordings.")
+    ] = None,
     robot: Annotated[str | None, typer.Option(help="The same, of a known robot such as ur5.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Write over runs that are there.")] = False,
+    trust_data: TrustOption = False,
     json_file: JsonOption = None,
 ) -> None:
     """Make runs of recordings in other formats."""
+    from armdyn.arm.model import arm_model
     from armdyn.errors import InputError
+    from armdyn.inspection.inspect import inspected, require_usable
+    from pipeline.answers_inspection import checks_answer
+    from pipeline.commands.inspecting import say_inspection
     from pipeline.imports.conversion import imported
     from pipeline.imports.foreign import read_foreign
     from pipeline.imports.mapping import known_columns, read_map
@@ -46,7 +54,7 @@ def import_(
     if mapping is not None and guess:
         raise InputError("--map gives a mapping and --guess proposes one: choose one of them")
     check_outputs(json_file)
-    with spinner() as say:
+    with stopped_if_wrong(json_file), spinner() as say:
         recordings: list[Foreign] = []
         for file in files:
             say(f"reading {file}")
@@ -64,8 +72,14 @@ def import_(
                 problems.append(str(error))
         if problems:
             raise InputError("; ".join(problems))
+        say("looking at the recordings")
+        found = inspected(runs, arm_model(urdf, robot) if urdf is not None or robot is not None else None)
+        if not trust_data:
+            require_usable(found)
         written = _write(runs, output, [*files, *([mapping] if mapping else [])], force)
-    if answered(json_file, lambda: _answer(runs, written)):
+    if answered(json_file, lambda: {**_answer(runs, written), "recording_checks": checks_answer(found.checks)}):
+        if found.checks:
+            say_inspection(found)
         _say(runs, written)
 
 

@@ -92,6 +92,12 @@ def arm(
     if tool is not None:
         description["tool"] = tool
     _write(model, ModelFile(made, description), json_file, force, choices(made.arm.robot))
+    if json_file != Path("-"):
+        for link in made.arm.without_inertia:
+            typer.echo(
+                f"CHECK: link '{link}' has no <inertial>, so that it weighs nothing in the model, and what it weighs "
+                "will be told as an effect: write its mass, centre and inertia into the URDF"
+            )
 
 
 def _known(settings: list[str] | None) -> dict[str, str]:

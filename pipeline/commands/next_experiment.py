@@ -12,7 +12,9 @@ from pipeline.commands.identify import (
     ModelArgument,
     ReportOption,
     RunsArgument,
+    TrustOption,
     say_report,
+    stopped_if_wrong,
 )
 from pipeline.commands.output import JsonOption, answered, check_outputs, command_line, plain_table, spinner, to_screen
 
@@ -47,6 +49,7 @@ def next_experiment(
     seed: Annotated[int, typer.Option(help="Of the random motions from which the design starts.")] = 0,
     effects: EffectsOption = None,
     report: ReportOption = None,
+    trust_data: TrustOption = False,
     json_file: JsonOption = None,
 ) -> None:
     """Plan the next experiment: how well each kind tells rival effects apart, and the best motion of the gripper."""
@@ -55,12 +58,12 @@ def next_experiment(
     from pipeline.front import planned, rig_limits
     from pipeline.motion.offered import write_motion
 
-    inputs = Inputs(model, runs, held_out, None, effects)
+    inputs = Inputs(model, runs, held_out, None, effects, trust_data)
     inputs.check(report, json_file)
     check_outputs(output, inputs=[model, *inputs.recordings])
     limits = rig_limits(travel, speed, acceleration, swing)
     harmonics_for(seconds)
-    with spinner() as say:
+    with stopped_if_wrong(json_file), spinner() as say:
         given = inputs.read()
         named = [name.strip() for name in (rivals or "").split(",") if name.strip()]
         verdict, sentence, found = undecided(given.study, named if rivals is not None else None, say)

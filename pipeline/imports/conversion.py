@@ -76,7 +76,8 @@ def imported(foreign: Foreign, mapping: ColumnMap, elsewhere: Collection[str] = 
         elif present.sum() < MIN_SAMPLES:
             problems.append(f"'{name}' holds {present.sum()} numbers where at least {MIN_SAMPLES} are needed")
         else:
-            channels[entry.channel] = Channel(time[present], value[present], unit)
+            late = parse_quantity(entry.late, "s").value if entry.late else 0.0
+            channels[entry.channel] = Channel(time[present] - late, value[present], unit)
     if not (problems or channels):
         problems.append("it has none of the columns of the mapping")
     if not problems:
@@ -128,7 +129,7 @@ def converted(column: Column, entry: Entry) -> tuple[str, FloatArray]:
             raise
     if entry.gear_ratio != 1.0 and quantity not in MOTOR_SIDE:
         raise InputError(f"{entry.channel} has no gear")
-    factor *= entry.sign * entry.gear_ratio ** MOTOR_SIDE.get(quantity, 0)
+    factor *= entry.sign * entry.scale * entry.gear_ratio ** MOTOR_SIDE.get(quantity, 0)
     offset = parse_quantity(entry.offset, si).value if entry.offset else 0.0
     return si, column.value * factor + offset
 

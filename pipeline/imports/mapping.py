@@ -8,9 +8,9 @@ time = { column = "t", unit = "ms" }          # where columns share rows, as in 
 "M1 cur" = { channel = "tau.shoulder", unit = "A", torque_constant = "0.12 N m/A", gear_ratio = 100 }
 ```
 
-A channel is ``sign * value * (unit) + offset``. With a gear ratio N, a motor turns N times as far and as fast as the
-joint and gives an Nth of its torque: positions and speeds are divided, torques multiplied. ``description``, ``[known]``
-and ``[noise]`` are those of a run's sidecar and go there.
+A channel is ``sign * scale * value * (unit) + offset``, and its stamps are ``late`` too large. With a gear ratio N, a
+motor turns N times as far and as fast as the joint and gives an Nth of its torque: positions and speeds are divided,
+torques multiplied. ``description``, ``[known]`` and ``[noise]`` are those of a run's sidecar and go there.
 """
 
 from collections.abc import Mapping
@@ -20,12 +20,14 @@ from typing import Any
 
 from armdyn.channels import channel_kind
 from armdyn.errors import InputError
+from armdyn.inspection.correction import Correction
 from armdyn.quoting import one_line, toml_string
+from armdyn.run import Run
 from armdyn.sidecar import Sidecar, parse_sidecar
 from pipeline.imports.foreign import Foreign, ImportProblemsError
 from urdf.table_file import TableFileError, read_table
 
-KEYS = ("channel", "unit", "sign", "offset", "gear_ratio", "torque_constant")
+KEYS = ("channel", "unit", "sign", "offset", "gear_ratio", "torque_constant", "scale", "late")
 SIDECAR_KEYS = ("description", "recorded", "known", "noise")
 
 
@@ -41,6 +43,8 @@ class Entry:
         gear_ratio: turns of the motor per turn of the joint, where the column is the motor's.
         torque_constant: torque per current, with its unit; empty where the column is no current.
         why: how it was guessed; for a person.
+        scale: what its values are multiplied by besides.
+        late: by which its stamps are too large, with its unit; empty for 0.
     """
 
     channel: str
@@ -50,6 +54,8 @@ class Entry:
     gear_ratio: float = 1.0
     torque_constant: str = ""
     why: str = ""
+    scale: float = 1.0
+    late: str = ""
 
 
 @dataclass(frozen=True)
@@ -122,7 +128,7 @@ def _entry(name: str, raw: Any, problems: list[str]) -> Entry | None:
         channel_kind(str(raw["channel"]))
     except InputError as error:
         problems.append(f"{where}: {error}")
-    for key in ("unit", "offset", "torque_constant"):
+    for key in ("unit", "offset", "torque_constant", "late"):
         if not isinstance(raw.get(key, ""), str):
             problems.append(f"{where}: {key} = {raw[key]!r} is no text: put it in quotes, with its unit")
     sign, ratio = raw.get("sign", 1), raw.get("gear_ratio", 1)
@@ -130,11 +136,14 @@ def _entry(name: str, raw: Any, problems: list[str]) -> Entry | None:
         problems.append(f"{where}: sign = {sign!r}: write 1 or -1")
     if isinstance(ratio, bool) or not isinstance(ratio, int | float) or not 0 < ratio < 1e6:
         problems.append(f"{where}: gear_ratio = {ratio!r}: write turns of the motor per turn of the joint")
+    scale = raw.get("scale", 1)
+    if isinstance(scale, bool) or not isinstance(scale, int | float) or not 0 < scale < 1e12:
+        problems.append(f"{where}: scale = {scale!r}: write a positive number; 'sign' turns it round")
     if len(problems) > found:
         return None
     return Entry(
         str(raw["channel"]), raw.get("unit", ""), float(sign), raw.get("offset", ""), float(ratio),
-        raw.get("torque_constant", ""),
+        raw.get("torque_constant", ""), scale=float(scale), late=raw.get("late", ""),
     )  # fmt: skip
 
 
@@ -153,7 +162,7 @@ def map_text(mapping: ColumnMap, comment: str = "") -> str:
         for key in KEYS[1:]:
             value = getattr(entry, key)
             if value not in ("", 1.0):
-                parts.append(f"{key} = {toml_string(value) if isinstance(value, str) else f'{value:g}'}")
+                parts.append(f"{key} = {toml_string(value) if isinstance(value, str) else f'{value:.12g}'}")
         why = f"  # {one_line(entry.why)}" if entry.why else ""
         lines.append(f"{toml_string(column)} = {{ {', '.join(parts)} }}{why}")
     return "\n".join(lines) + "\n"
@@ -180,3 +189,29 @@ def known_columns(foreign: Foreign) -> ColumnMap:
             "--guess, or write one and give it with --map"
         )
     return ColumnMap(entries, "time" if foreign.is_table else "", "")
+
+
+def correction_text(run: Run, correction: Correction) -> str:
+    """The mapping that reads a recording as a correction does, at import.
+
+    Args:
+        run: as recorded, with its columns.
+        correction: of it.
+    """
+    lines = [f"# Made by armdyn inspect: armdyn import {run.name} --output DIR --map THIS", "[columns]"]
+    lines = [lines[0], 'time = { column = "time", unit = "s" }', "", lines[1]]
+    for channel in run.channels:
+        reading = correction.reading(channel)
+        if reading.source not in run.channels:
+            continue
+        parts = [f"channel = {toml_string(channel)}", f"unit = {toml_string(run.channels[channel].unit)}"]
+        if reading.factor < 0:
+            parts.append("sign = -1")
+        if abs(reading.factor) != 1.0:
+            parts.append(f"scale = {abs(reading.factor):.12g}")
+        if reading.offset:
+            parts.append(f'offset = "{reading.offset:.12g} {run.channels[channel].unit}"')
+        if reading.late:
+            parts.append(f'late = "{reading.late:.12g} s"')
+        lines.append(f"{toml_string(reading.source)} = {{ {', '.join(parts)} }}")
+    return "\n".join(lines) + "\n"

@@ -50,6 +50,7 @@ class Page(Tab):
             "pick": self._pick, "every": self._every, "try": self._try, "clear": self._clear, "knob": self._knob,
             "refit": self._refit, "role": self._role, "scene": self._scene, "search": self._look, "stop": self._stop,
             "start-pendulum": self._pendulum, "start-arm": self._arm, "keep": self._keep, "go-on": self._go_on,
+            "trust": self._trusted,
         }  # fmt: skip
         for name, handler in handlers.items():
             ui.on(name, self._guarded_event(handler))
@@ -155,6 +156,10 @@ class Page(Tab):
         path, _ = self._runs[i]
         kept = [] if args["role"] == "leave out" else [(path, args["role"] == "hold out")]
         self._runs[i : i + 1] = kept
+        await self._reopen()
+
+    async def _trusted(self, _: dict[str, Any]) -> None:
+        self._trust = True
         await self._reopen()
 
     async def _pendulum(self, args: dict[str, Any]) -> None:

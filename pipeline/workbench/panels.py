@@ -5,8 +5,10 @@ from html import escape
 from pathlib import Path
 
 from armdyn.identify.sentence import totals
+from armdyn.inspection.check import Inspection
 from pipeline.commands.export import KINDS
 from pipeline.report.overlay import FITTED, HELD_OUT, quality
+from pipeline.report.page import Table
 from pipeline.report.theme import full_name, number
 from pipeline.workbench.bench import Atom, Bench, Knob, State
 from pipeline.workbench.ranking import Ranking
@@ -170,6 +172,14 @@ def files_panel(model: Path | None, runs: Sequence[tuple[Path, bool]], said: Seq
         rows.append(f"<tr><td>run</td><td>{escape(path.name)}</td><td class='roles'>{choice}</td></tr>")
     notes = "".join(f"<p class='caption'>{escape(text)}</p>" for text in said)
     return f"<div class='table'><table><tbody>{''.join(rows)}</tbody></table></div>{notes}"
+
+
+def checks_panel(found: Inspection) -> str:
+    """What the inspection found, the worst first."""
+    said = f"<p class='sentence'>{escape(found.sentence)}</p>"
+    header = ["", "kind", "run", "what", "remedy"]
+    rows = [[c.severity.key, c.kind, c.run or "", c.sentence, c.remedy] for c in found.checks]
+    return said + (Table(header, rows).html() if rows else "")
 
 
 def kinds_of_export() -> str:

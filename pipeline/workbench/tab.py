@@ -8,7 +8,7 @@ from typing import Any
 from nicegui import Client
 
 from armdyn.arm.model import ArmModel
-from armdyn.errors import ArmdynError, InputError
+from armdyn.errors import ArmdynError, InputError, WrongRecordingError
 from armdyn.quoting import script_json
 from armdyn.run import Run
 from pipeline.commands.identify import Given, Inputs
@@ -45,6 +45,7 @@ class Tab:
         self._own_effects = inputs.effects if inputs else None
         self._runs = [(path, False) for path in inputs.runs] if inputs else []
         self._runs += [(path, True) for path in (inputs.held_out or ())] if inputs else []
+        self._trust = inputs.trust if inputs else False
         self._said: list[str] = []
         self._desk: Desk | None = None
         self._given: Given | None = None
@@ -71,7 +72,7 @@ class Tab:
         self._panel("files", panels.files_panel(self._model, self._runs, self._said))
         self._panel("ranking", "<p class='caption'>A search ranks every effect beside what is ticked.</p>")
         self._panel("effects", "")
-        self._run("armdynBench.say('');armdynBench.show('stop', false)")
+        self._run("armdynBench.say('');armdynBench.show('stop', false);armdynBench.show('trust', false)")
         fitted = [path for path, held_out in self._runs if not held_out]
         if self._model is None or not fitted:
             missing = (
@@ -80,13 +81,14 @@ class Tab:
             self._subtitle(f"still needed: {missing}")
             return
         held_out = [path for path, held in self._runs if held]
-        inputs = Inputs(self._model, fitted, held_out or None, None, self._own_effects)
+        inputs = Inputs(self._model, fitted, held_out or None, None, self._own_effects, self._trust)
         desk = self._desk = self._open_desk(inputs)
         self._busy("reading recordings and fitting the model as given")
         try:
             self._given, bench = await desk.opened()
             if desk is not self._desk:
                 return  # other files were chosen meanwhile
+            self._panel("checks", panels.checks_panel(self._given.inspection))
             self._bench = bench
             self._subtitle(f"{self._model.name} with {', '.join(run.name for run in bench.study.runs)}")
             state = bench.opening
@@ -103,6 +105,10 @@ class Tab:
             await desk.ready()
             if desk is self._desk:
                 self._panel("effects", panels.effects_panel(bench, ()))
+        except WrongRecordingError as error:
+            self._panel("checks", panels.checks_panel(error.inspection))
+            self._run("armdynBench.show('trust', true)")
+            raise
         finally:
             self._busy("")
 

@@ -135,7 +135,7 @@ const armdynBench = (() => {
       state.view?.draw();
     }
     if (button.id === "show-scene") emitEvent("scene", { run: state.shown?.run ?? null });
-    if (["search", "stop", "clear", "start-pendulum", "start-arm", "keep", "go-on"].includes(button.id)) {
+    if (["search", "stop", "clear", "start-pendulum", "start-arm", "keep", "go-on", "trust"].includes(button.id)) {
       const values = Object.fromEntries([...document.querySelectorAll("[data-field]")].map((field) =>
         [field.dataset.field, field.type === "checkbox" ? field.checked : field.value]));
       emitEvent(button.id, values);

@@ -1,0 +1,67 @@
+"""Runs cut where samples are missing: nothing is smoothed, filtered or simulated across a gap."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from armdyn.channels import MIN_SAMPLES, Channel
+from armdyn.run import Run
+
+GAP, CUT = 5.0, 0.25
+"""Times the usual interval, and s, beyond both of which samples are missing. Over 0.25 s motions of 1.5 Hz are still
+interpolated to 2 %."""
+FEWEST = 40
+"""Samples of every channel in a piece that is worth keeping, where the whole run has so many."""
+
+
+def gaps_of(run: Run) -> list[tuple[float, float]]:
+    """Spans, s, in which a channel was not recorded; those that overlap as one."""
+    spans = []
+    for channel in run.channels.values():
+        steps = np.diff(channel.time)
+        if len(steps) >= MIN_SAMPLES:
+            for i in np.flatnonzero(steps > max(GAP * float(np.median(steps)), CUT)):
+                spans.append((float(channel.time[i]), float(channel.time[i + 1])))
+    merged: list[tuple[float, float]] = []
+    for begin, end in sorted(spans):
+        if merged and begin <= merged[-1][1]:
+            merged[-1] = merged[-1][0], max(end, merged[-1][1])
+        else:
+            merged.append((begin, end))
+    return merged
+
+
+def between(run: Run, begin: float, end: float) -> Mapping[str, Channel]:
+    """Channels of a run from `begin` to `end`, s, as far as they have samples there."""
+    found = {}
+    for name, channel in run.channels.items():
+        inside = (channel.time >= begin) & (channel.time <= end)
+        if inside.sum() >= MIN_SAMPLES:
+            found[name] = Channel(channel.time[inside], channel.value[inside], channel.unit)
+    return found
+
+
+def cut_at_gaps(run: Run) -> tuple[Run, ...]:
+    """The run, or its pieces between gaps; see `Run.warnings` and `Run.began`.
+
+    A piece that is too short to say anything is left out, unless all are.
+    """
+    spans = gaps_of(run)
+    if not spans:
+        return (run,)
+    edges = [-np.inf, *(t for span in spans for t in span), np.inf]
+    parts = [between(run, *piece) for piece in zip(edges[::2], edges[1::2], strict=True)]
+    whole = [p for p in parts if set(p) == set(run.channels) and min(len(c) for c in p.values()) >= FEWEST]
+    if not whole:
+        return (run,)
+    gaps = ", ".join(f"from {begin:.4g} to {end:.4g} s" for begin, end in spans)
+    said = f"no samples {gaps}: the run is cut there, each piece with its own start"
+    began = min(float(channel.time[0]) for channel in run.channels.values())
+    return tuple(
+        replace(
+            run, name=f"{run.name}#{k}" if len(whole) > 1 else run.name, channels=channels, began=began,
+            warnings=(*run.warnings, said) if k == 1 else run.warnings,
+        )
+        for k, channels in enumerate(whole, start=1)
+    )  # fmt: skip

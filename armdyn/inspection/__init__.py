@@ -1,0 +1,1 @@
+"""Are recordings what they say they are? Checks of the signals alone, and hypotheses tested by a model's physics."""

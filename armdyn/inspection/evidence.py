@@ -1,0 +1,125 @@
+r"""How probable readings are under a model whose every effect may be there, in sizes that effects have.
+
+With the described prediction f, columns X of what effects change and their typical sizes W,
+
+    y = f + X theta + e,    theta ~ N(0, s^2 W^2),    e_j ~ N(0, sigma_j^2 I)  for every channel j,
+
+theta leaves by integration. The size s of everything that a description lacks is common to all effects and unknown: a
+good description is believed to be good (empirical Bayes; MacKay, Neural Computation 4, 1992). sigma_j is unknown too,
+and the model's own error is part of it, so that neighbouring samples say the same: n samples count as n over their
+correlation time. Sizes that cannot be negative, frictions and masses, are left out where they would be.
+
+Readings y' = k y are as probable as y times k^n, which is the only difference between hypotheses in other units.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from armdyn.identify.noise import correlation_time
+
+SIZES = (0.1, 0.3, 1.0, 3.0)
+"""s: how much a description lacks, in what effects typically are."""
+FLOOR = 0.1
+"""Of a channel's root mean square: error that any model may have. A mistake makes more; with 0.03 a real arm of which
+one joint moves at a time (six standing ones, whose torques say nothing) seems to have exchanged joints."""
+SLOWEST = 0.1
+"""Independent samples per sample of a reading that changes, at least."""
+ROUNDS = 3
+"""In which sigma settles; the evidence then changes by less than a nat."""
+
+
+@dataclass(frozen=True, eq=False)
+class Channels:
+    """Readings of J channels at n moments against what a model says.
+
+    Attributes:
+        measured: (J, n).
+        described: (J, n) prediction of the model as it is.
+        columns: (J, n, p) derivatives by the effects' sizes, over their typical sizes.
+        positive: (p,) bool, sizes that cannot be negative.
+        weight: (J,) independent samples per sample.
+        volume: (J,) logarithm of how much the readings were scaled.
+        least: (J,) root mean square below which a channel is not worth telling.
+    """
+
+    measured: np.ndarray
+    described: np.ndarray
+    columns: np.ndarray
+    positive: np.ndarray
+    weight: np.ndarray
+    volume: np.ndarray
+    least: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What readings say of one hypothesis.
+
+    Attributes:
+        value: nats.
+        left: (J, n) measured minus the best prediction.
+        share: (J,) of each channel's mean square that is left.
+        sizes: (p,) of the effects, over their typical sizes.
+    """
+
+    value: float
+    left: np.ndarray
+    share: np.ndarray
+    sizes: np.ndarray
+
+
+def evidence(given: Channels) -> Evidence:
+    """The best over `SIZES`."""
+    gap = given.measured - given.described
+    scale = np.sqrt(np.mean(given.measured**2, axis=1))
+    scale = np.maximum(scale, given.least)
+    grams = np.einsum("jnp,jnq->jpq", given.columns, given.columns, optimize=True)
+    slopes = np.einsum("jnp,jn->jp", given.columns, gap)
+    return max((_at(given, gap, scale, grams, slopes, size) for size in SIZES), key=lambda found: found.value)
+
+
+def independent(measured: np.ndarray, left: np.ndarray, least: np.ndarray) -> np.ndarray:
+    """(J,) independent samples per sample of (J, n) readings as recorded.
+
+    What a model lacks changes as slowly as what it leaves, (J, n), and where a reading stays as it is, many samples of
+    it say no more than one; `least` as in `Channels`.
+    """
+    alone = np.array([1.0 / correlation_time([row]) for row in left])
+    centred = measured - measured.mean(axis=1, keepdims=True)
+    moves = np.maximum(np.mean(centred[:, 1:] * centred[:, :-1], axis=1), 0.0)
+    floor = FLOOR**2 * np.maximum(np.mean(measured**2, axis=1), least**2)
+    return np.asarray(1.0 / measured.shape[1] + np.maximum(alone, SLOWEST) * (moves / (moves + floor)) ** 2)
+
+
+def _at(
+    given: Channels, gap: np.ndarray, scale: np.ndarray, grams: np.ndarray, slopes: np.ndarray, size: float
+) -> Evidence:
+    n = gap.shape[1]
+    used = np.ones(given.columns.shape[2], dtype=bool)
+    variance = np.maximum((0.1 * scale) ** 2, 0.01 * np.mean(gap**2, axis=1))
+    least = (FLOOR * scale) ** 2
+    theta, root = np.zeros(len(used)), np.zeros((0, 0))
+    for _ in range(ROUNDS):
+        share = given.weight / variance
+        G = np.tensordot(share, grams, axes=1)[np.ix_(used, used)]
+        root = np.eye(len(G)) + size**2 * G
+        factor = cho_factor(root, lower=True, check_finite=False)
+        theta = np.zeros(len(used))
+        theta[used] = size**2 * cho_solve(factor, (share @ slopes)[used], check_finite=False)
+        wrong = given.positive & (theta < 0.0)
+        if wrong.any():
+            used &= ~wrong
+            theta[wrong] = 0.0
+        left = gap - given.columns @ theta
+        variance = np.maximum(np.mean(left**2, axis=1), 0.0) + least
+    share = given.weight / variance
+    G = np.tensordot(share, grams, axes=1)[np.ix_(used, used)]
+    factor = cho_factor(np.eye(len(G)) + size**2 * G, lower=True, check_finite=False)
+    half = float(np.sum(np.log(np.diag(factor[0]))))
+    left = gap - given.columns @ theta
+    fit = float(np.sum(share * np.sum(left**2, axis=1)))
+    value = -0.5 * (fit + float(np.sum(theta**2)) / size**2) - half
+    value += float(np.sum(given.weight * n * (given.volume - 0.5 * np.log(variance))))
+    return Evidence(value, left, np.mean(left**2, axis=1) / scale**2, theta)

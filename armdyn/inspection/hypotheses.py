@@ -1,0 +1,247 @@
+"""The mistakes that people make with recordings of arms, one entry per kind; each is a correction or a description."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import combinations
+
+import numpy as np
+
+from armdyn.inspection.arm import AS_DESCRIBED, ArmRun, Description
+from armdyn.inspection.check import Kind
+from armdyn.inspection.correction import Correction, Reading
+
+DEGREE = np.pi / 180.0
+TORQUE_UNITS: Mapping[str, tuple[float, float]] = {
+    "mN m": (1e-3, 0.0), "N cm": (1e-2, 0.0), "kgf cm": (0.0980665, 2.0), "in lbf": (0.112984829, 2.0),
+    "kgf m": (9.80665, 2.0), "ft lbf": (1.3558179483, 8.0),
+}  # fmt: skip
+"""N m, by unit in which torques are given, and nats that it costs: a foot-pound is near what gains and loads do."""
+OF_ONE = ("mN m", "N cm")
+"""Units that a single joint's column may have."""
+CONSTANTS = (2.0, 400.0)
+"""N m/A, of drives of arms with their gears: what is less is rather a gain, what is more another unit."""
+MASS_UNITS: Mapping[str, float] = {"g": 1e-3, "lb": 0.45359237}
+LENGTH_UNITS: Mapping[str, float] = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254}
+"""SI, by unit in which a description may have been written."""
+QUARTERS: Mapping[str, float] = {"a quarter turn": np.pi / 2, "minus a quarter turn": -np.pi / 2, "half a turn": np.pi}
+LATE = (-0.5, -0.3, -0.2, -0.15, -0.1, 0.1, 0.15, 0.2, 0.3, 0.5)
+"""s; what is late by less is a delay of the torque sensor, an effect."""
+FILTERED = 6.0
+"""Nats that a late clock costs: torques of drives are low-passed and late in themselves."""
+TURNED = np.deg2rad(12.0)
+"""By which gravity must differ from the described one to be another mounting rather than a base that is not level."""
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One way in which a recording may be meant.
+
+    Attributes:
+        kind: of the mistake.
+        channels: concerned.
+        said: what it is, for a person.
+        remedy: what to do where the correction does not do it.
+        correction: of the recording.
+        description: of the arm.
+        price: nats that it costs before anything is measured.
+        sure: whether the correction is known, rather than taken from the model, which would hide what the model lacks.
+    """
+
+    kind: Kind
+    channels: tuple[str, ...]
+    said: str
+    remedy: str = ""
+    correction: Correction = field(default_factory=Correction)
+    description: Description = AS_DESCRIBED
+    price: float = 0.0
+    sure: bool = True
+
+
+Mistake = Callable[[ArmRun], Iterator[Hypothesis]]
+
+
+def _every(run: ArmRun, kinds: str) -> list[str]:
+    return [
+        f"{kind}.{joint}" for kind in kinds.split() for joint in run.joints if f"{kind}.{joint}" in run.run.channels
+    ]
+
+
+def scaled(channels: list[str], factor: float) -> Correction:
+    """Channels times a factor."""
+    return Correction({name: Reading(name, factor) for name in channels})
+
+
+def _renamed(run: ArmRun, order: Mapping[str, str], kinds: str) -> tuple[tuple[str, ...], Correction]:
+    """Joints that are recorded under another one's name: by joint whose column holds it."""
+    readings = {
+        f"{kind}.{joint}": Reading(f"{kind}.{other}")
+        for kind in kinds.split()
+        for joint, other in order.items()
+        if joint != other and f"{kind}.{joint}" in run.run.channels and f"{kind}.{other}" in run.run.channels
+    }
+    return tuple(readings), Correction(readings)
+
+
+def angle_units(run: ArmRun) -> Iterator[Hypothesis]:
+    """Degrees that are called rad, and the reverse."""
+    turning = [j for i, j in enumerate(run.joints) if not run.model.arm.slides[i]]
+    channels = [f"{kind}.{j}" for kind in "qva" for j in turning if f"{kind}.{j}" in run.run.channels]
+    yield Hypothesis(
+        "angle_unit", tuple(channels), "angles are in degrees and called rad", correction=scaled(channels, DEGREE)
+    )
+    yield Hypothesis(
+        "angle_unit", tuple(channels), "angles are in rad and called degrees", correction=scaled(channels, 1 / DEGREE)
+    )
+
+
+def torque_units(run: ArmRun) -> Iterator[Hypothesis]:
+    """Torques of all joints, or of one, in another unit; currents."""
+    every = list(run.channels)
+    for unit, (factor, price) in TORQUE_UNITS.items():
+        yield Hypothesis(
+            "torque_unit", tuple(every), f"torques are in {unit} and called N m", correction=scaled(every, factor),
+            price=price,
+        )  # fmt: skip
+        for name in every if len(every) > 1 and unit in OF_ONE else ():
+            yield Hypothesis(
+                "torque_unit",
+                (name,),
+                f"{name} is in {unit} and called N m",
+                correction=scaled([name], factor),
+                price=2.0,
+            )
+    described, measured = run.described(run.motion), run.measured
+    constants = np.sum(described * measured, axis=1) / np.maximum(np.sum(measured**2, axis=1), 1e-300)
+    likely = np.median(constants[constants > 0.0]) if np.any(constants > 0.0) else 0.0
+    constants = np.where((constants > 0.02 * likely) & (constants < 50.0 * likely), constants, likely)
+    if CONSTANTS[0] < likely < CONSTANTS[1]:
+        readings = {name: Reading(name, float(k)) for name, k in zip(every, constants, strict=True)}
+        sizes = ", ".join(f"{k:.3g}" for k in constants)
+        yield Hypothesis(
+            "torque_unit", tuple(every), "torques are motor currents, in ampere, and called N m",
+            f"give torque_constant and gear_ratio in the map of 'armdyn import'; the model says about {sizes} N m/A",
+            Correction(readings), price=3.0 * len(every), sure=False,
+        )  # fmt: skip
+
+
+def signs(run: ArmRun) -> Iterator[Hypothesis]:
+    """Torques or positions that count the other way."""
+    every = list(run.channels)
+    yield Hypothesis("torque_sign", tuple(every), "all torques have the wrong sign", correction=scaled(every, -1.0))
+    for name in every if len(every) > 1 else ():
+        yield Hypothesis("torque_sign", (name,), f"{name} has the wrong sign", correction=scaled([name], -1.0))
+    moved = _every(run, "q v a")
+    yield Hypothesis("position_sign", tuple(moved), "all positions have the wrong sign", correction=scaled(moved, -1.0))
+    for joint in run.joints if len(run.joints) > 1 else ():
+        own = [f"{kind}.{joint}" for kind in "qva" if f"{kind}.{joint}" in run.run.channels]
+        yield Hypothesis("position_sign", tuple(own), f"q.{joint} counts the other way", correction=scaled(own, -1.0))
+
+
+def orders(run: ArmRun) -> Iterator[Hypothesis]:
+    """Columns of two joints exchanged; joints in another order."""
+    joints = run.joints
+    if len(joints) < 2:
+        return
+    what = {"tau": "torques", "q v a": "positions", "q v a tau": "columns"}
+    orders = {f"{a} and {b} are exchanged": {a: b, b: a} for a, b in combinations(joints, 2)}
+    if len(joints) > 2:
+        orders["all joints are in reverse order"] = dict(zip(joints, joints[::-1], strict=True))
+        orders["all joints are shifted by one"] = dict(zip(joints, joints[1:] + joints[:1], strict=True))
+        orders["all joints are shifted by one to the other side"] = dict(
+            zip(joints, joints[-1:] + joints[:-1], strict=True)
+        )
+        by_name = tuple(sorted(joints))
+        if by_name not in (joints, joints[::-1]):
+            orders["joints are in alphabetical order"] = dict(
+                zip(joints, (by_name[joints.index(j)] for j in joints), strict=True)
+            )
+            orders["joints are in the robot's order under names in alphabetical order"] = dict(
+                zip(joints, (joints[by_name.index(j)] for j in joints), strict=True)
+            )
+    for said, order in orders.items():
+        for kinds, noun in what.items():
+            channels, correction = _renamed(run, order, kinds)
+            if channels:
+                yield Hypothesis(
+                    "joints_swapped", channels, f"{noun}: {said}", correction=correction, price=1.0 * (kinds != "tau")
+                )
+
+
+def zeros(run: ArmRun) -> Iterator[Hypothesis]:
+    """The zero of one joint off by a quarter or half a turn."""
+    for i, joint in enumerate(run.joints):
+        if run.model.arm.slides[i]:
+            continue
+        for said, offset in QUARTERS.items():
+            name = f"q.{joint}"
+            yield Hypothesis(
+                "position_offset", (name,), f"the zero of {name} is off by {said}",
+                correction=Correction({name: Reading(name, offset=-offset)}),
+            )  # fmt: skip
+
+
+def clocks(run: ArmRun) -> Iterator[Hypothesis]:
+    """Torques stamped by another clock than positions."""
+    every = list(run.channels)
+    for late in LATE:
+        word = "late" if late > 0.0 else "early"
+        yield Hypothesis(
+            "clock_shift", tuple(every), f"torques are stamped {abs(late):g} s too {word} against the positions",
+            correction=Correction({name: Reading(name, late=late) for name in every}), price=FILTERED,
+        )  # fmt: skip
+
+
+def mountings(run: ArmRun) -> Iterator[Hypothesis]:
+    """Gravity in another direction than the description's, or taken out of the torques."""
+    g = run.model.gravity()
+    size = float(np.linalg.norm(g))
+    if size == 0.0:
+        return
+    found = run.gravity(Correction())
+    length = float(np.linalg.norm(found))
+    if length > 0.3 * size:
+        there = found * size / length
+        axes = np.vstack([np.eye(3), -np.eye(3)]) * size
+        nearest = axes[int(np.argmax(axes @ there))]
+        if np.arccos(np.clip(nearest @ there / size**2, -1, 1)) < TURNED:
+            there = nearest + 0.0
+        if np.arccos(np.clip(g @ there / size**2, -1.0, 1.0)) > TURNED:
+            roll, pitch = rolled(there)
+            yield Hypothesis(
+                "gravity_direction", run.channels,
+                f"gravity acts along ({there[0]:.3g}, {there[1]:.3g}, {there[2]:.3g}) m/s^2 in the frame of the base, "
+                "not as described: the arm is mounted on a wall, a ceiling or a slope",
+                f'mount the base in the URDF with rpy="{roll:.4g} {pitch:.4g} 0", or tell the model: '
+                f"'armdyn add MODEL base_tilt RUN... --trust-data' (roll {roll:.3g} rad, pitch {pitch:.3g} rad)",
+                description=Description(gravity=tuple(there.tolist())), price=3.0,
+            )  # fmt: skip
+    yield Hypothesis(
+        "gravity_direction", run.channels, "gravity is already taken out of the torques",
+        "record the whole measured torque (libfranka: tau_J, not tau_J_d)",
+        description=Description(gravity=(0.0, 0.0, 0.0)),
+    )  # fmt: skip
+
+
+def rolled(gravity: np.ndarray) -> tuple[float, float]:
+    """Roll and pitch of a base, rad, in whose frame (3,) gravity is: g_base = (R_y(pitch) R_x(roll))' g."""
+    up = -gravity / np.linalg.norm(gravity)
+    # R_x(-roll) R_y(-pitch) e_z = (-sin p, cos p sin r, cos p cos r)
+    return float(np.arctan2(up[1], up[2])), float(np.arctan2(-up[0], np.hypot(up[1], up[2])))
+
+
+def descriptions(run: ArmRun) -> Iterator[Hypothesis]:
+    """Masses or lengths of the description in another unit."""
+    for unit, factor in MASS_UNITS.items():
+        yield Hypothesis(
+            "scale", run.channels, f"masses of the description are in {unit} and read as kg",
+            f"multiply every mass and inertia of the URDF by {factor:g}", description=Description(mass=factor),
+        )  # fmt: skip
+    for unit, factor in LENGTH_UNITS.items():
+        yield Hypothesis(
+            "scale", run.channels, f"lengths of the description are in {unit} and read as m",
+            f"multiply every length of the URDF by {factor:g}", description=Description(length=factor),
+        )  # fmt: skip
+
+
+MISTAKES: tuple[Mistake, ...] = (angle_units, torque_units, signs, orders, zeros, clocks, mountings, descriptions)
+"""Who makes another kind of mistake adds a function here."""

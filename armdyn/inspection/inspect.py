@@ -1,0 +1,87 @@
+"""Are recordings what they say they are?"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+from armdyn.arm.model import ArmModel
+from armdyn.channels import Channel
+from armdyn.effects.effect import Effect
+from armdyn.effects.user import available
+from armdyn.errors import InputError, WrongRecordingError
+from armdyn.identify.prepare import with_distinct_names
+from armdyn.inspection import physics
+from armdyn.inspection.arm import ArmRun
+from armdyn.inspection.check import Check, Inspection, by_severity
+from armdyn.inspection.correction import Correction
+from armdyn.inspection.kinematics import consistent, rate_checks
+from armdyn.inspection.pieces import longest_piece
+from armdyn.inspection.signals import SIGNAL_CHECKS
+from armdyn.inspection.swing import SwingRun
+from armdyn.model import Model
+from armdyn.run import Run
+
+LONGEST = 60.0
+"""s of a recording, in its middle, that the physics looks at: a mistake shows in all of it."""
+FEWEST = 60
+"""Samples of every channel below which the physics says nothing."""
+
+
+def inspected(runs: Sequence[Run], model: Model | None = None, effects: Iterable[Effect] | None = None) -> Inspection:
+    """Check recordings, by themselves and against a model.
+
+    Args:
+        runs: as recorded.
+        model: that they are of; without one only signals are checked, and rates against positions.
+        effects: that may be missing from the model, which are no mistake of a recording; all that it can have when not
+            given.
+    """
+    if effects is None:
+        effects = available(model) if model is not None else ()
+    effects, runs = tuple(effects), with_distinct_names(runs)
+    return Inspection(tuple(runs), by_severity([check for run in runs for check in checks_of(run, model, effects)]))
+
+
+def require_usable(inspection: Inspection) -> None:
+    """Refuse recordings that are not what they say they are.
+
+    Raises:
+        WrongRecordingError: has the inspection.
+    """
+    if not inspection.usable:
+        raise WrongRecordingError(inspection)
+
+
+def checks_of(run: Run, model: Model | None = None, effects: tuple[Effect, ...] = ()) -> list[Check]:
+    """All checks of one recording."""
+    found = [check for look in SIGNAL_CHECKS for check in look(run)]
+    still = any(check.kind == "no_motion" for check in found)
+    mended = run
+    if model is not None and not still:
+        piece = longest_piece(run, LONGEST)
+        told = physics_of(model, consistent(piece), effects)
+        found += [replace(check, run=run.name) for check in told]
+        for check in told:
+            mended = (check.correction or Correction()).of(mended)
+    return found + list(rate_checks(mended))
+
+
+def physics_of(model: Model, run: Run, effects: tuple[Effect, ...]) -> list[Check]:
+    """What a model's physics says of a recording; nothing where it cannot be held against it."""
+    if isinstance(model, ArmModel):
+        try:
+            used = [*model.predicted_channels(run), *(f"q.{j}" for j in model.joints)]
+        except InputError:
+            return []  # the comparison says what is missing
+        if _too_few(run.channels[name] for name in used):
+            return []
+        return physics.checks(ArmRun(model, run, tuple(e for e in effects if e.acts_on in model.stages)))
+    if model.base == "pendulum":
+        swing = SwingRun(model, run)
+        if not swing.channels or _too_few(run.channels[name] for name in swing.channels):
+            return []
+        return physics.checks(swing)
+    return []
+
+
+def _too_few(channels: Iterable[Channel]) -> bool:
+    return any(len(channel) < FEWEST for channel in channels)

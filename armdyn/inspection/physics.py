@@ -1,0 +1,145 @@
+"""Which mistake explains a recording: each hypothesis against "as it stands" and against the next best."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from armdyn.inspection.arm import AS_DESCRIBED, ArmRun
+from armdyn.inspection.check import MODEL, Check, Severity, amount
+from armdyn.inspection.correction import Correction
+from armdyn.inspection.evidence import Evidence
+from armdyn.inspection.hypotheses import MISTAKES, Hypothesis
+from armdyn.inspection.swing import SwingRun, mistakes
+
+SURPRISE = 8.0
+"""Nats that a mistake costs before anything is measured: one recording in some ten has one of some hundred."""
+SURE = 12.0
+"""Nats by which a mistake must then beat "as it stands": sound recordings reach 6, see docs/inspect.md."""
+EXPLAINED = 0.35
+"""Of the concerned channels' mean square that the model may leave once the mistake is undone; where it leaves more, the
+description is of another arm, and no mistake is told."""
+CHOSEN, OF_A_KIND = 8, 3
+"""Hypotheses that are looked at closely, the most probable at a first look, and how many of one kind."""
+UNEXPLAINED = 0.2
+"""Share of a typical channel's mean square from which two mistakes at once are looked for, where one explains nothing;
+of sound recordings, real ones too, the median is below 0.14."""
+AT_ONCE = 3
+"""Mistakes in one recording."""
+HOPELESS = 5.0
+"""Nats by which a hypothesis may look worse than "as it stands" at first and still be looked at closely."""
+Modelled = ArmRun | SwingRun
+REGISTRY: dict[type, Sequence[Callable[[Any], Iterator[Hypothesis]]]] = {ArmRun: MISTAKES, SwingRun: (mistakes,)}
+"""Kinds of mistake by what was recorded."""
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """A hypothesis with what speaks for it, or for it and another one together.
+
+    Attributes:
+        hypothesis: the best.
+        gain: nats against "as it stands".
+        lead: nats against the next best.
+        found: with every effect.
+    """
+
+    hypothesis: Hypothesis
+    gain: float
+    lead: float
+    found: Evidence
+
+
+def tested(run: Modelled) -> Iterator[Verdict]:
+    """Mistakes of a recording, one after the other, each undone before the next is looked for."""
+    told: set[tuple[str, tuple[str, ...]]] = set()
+    for _ in range(AT_ONCE):
+        found = most_probable(run)
+        for verdict in found:
+            h = verdict.hypothesis
+            if (h.kind, h.channels) in told:
+                return
+            yield verdict
+            told.add((h.kind, h.channels))
+            if h.description != AS_DESCRIBED:
+                return
+            run = run.with_run(h.correction.of(run.run))
+        if not found:
+            return
+
+
+def most_probable(run: Modelled) -> tuple[Verdict, ...]:
+    """The mistake that explains a recording, or the two; none where it is best explained as it stands."""
+    hypotheses = [h for mistake in REGISTRY[type(run)] for h in mistake(run)]
+    first = [run.rough(h.correction, h.description) - h.price - SURPRISE for h in hypotheses]
+    stands = run.rough(Correction(), AS_DESCRIBED)
+    near = _foremost(hypotheses, first, stands - HOPELESS, CHOSEN)
+    if not near:
+        return ()
+    as_is = run.sure(Correction(), AS_DESCRIBED)
+    least = max(as_is.value, run.nothing())
+    found = _best(run, [(hypotheses[i],) for i in near], least, as_is.value)
+    if found or float(np.median(as_is.share)) < UNEXPLAINED:
+        return found
+    pairs, rough = [], []
+    for i in _foremost(hypotheses, first, -np.inf, CHOSEN):
+        for k, second in enumerate(hypotheses):
+            one = hypotheses[i]
+            if one.kind != second.kind and one.description == AS_DESCRIBED == second.description and k != i:
+                pairs.append((one, second))
+                value = run.rough(one.correction.then(second.correction), AS_DESCRIBED)
+                rough.append(value - one.price - second.price - 2.0 * SURPRISE)
+    order = [i for i in np.argsort(rough)[::-1][:CHOSEN].tolist() if rough[i] > stands - HOPELESS]
+    return _best(run, [pairs[i] for i in order], least, as_is.value)
+
+
+def _foremost(hypotheses: Sequence[Hypothesis], values: Sequence[float], least: float, most: int) -> list[int]:
+    """Places of the best, few of each kind."""
+    near: list[int] = []
+    for i in np.argsort(values)[::-1].tolist():
+        alike = sum(hypotheses[k].kind == hypotheses[i].kind for k in near)
+        if len(near) < most and alike < OF_A_KIND and values[i] > least:
+            near.append(i)
+    return near
+
+
+def _best(run: Modelled, sets: Sequence[tuple[Hypothesis, ...]], least: float, as_is: float) -> tuple[Verdict, ...]:
+    """Verdicts on the best of several sets of mistakes, none where it does not explain the recording."""
+    values, found = [], []
+    for mistakes_ in sets:
+        correction = Correction()
+        for h in mistakes_:
+            correction = correction.then(h.correction)
+        found.append(run.sure(correction, mistakes_[-1].description))
+        values.append(found[-1].value - sum(h.price + SURPRISE for h in mistakes_))
+    if not values:
+        return ()
+    best = int(np.argmax(values))
+    chosen = sets[best]
+    concerned = [k for k, c in enumerate(run.channels) if any(c in h.channels for h in chosen)] or slice(None)
+    if values[best] - least < SURE or float(np.mean(found[best].share[concerned])) > EXPLAINED:
+        return ()
+    lead = values[best] - max([*(v for k, v in enumerate(values) if k != best), as_is])
+    return tuple(Verdict(h, values[best] - least, lead, found[best]) for h in chosen)
+
+
+def checks(run: Modelled) -> list[Check]:
+    """What is wrong with a recording, as the model sees it."""
+    return [_check(run, verdict) for verdict in tested(run)]
+
+
+def _check(run: Modelled, v: Verdict) -> Check:
+    h = v.hypothesis
+    fixes = bool(h.correction.readings) and h.sure
+    sure = f"{amount(v.gain)} nats more probable than as it stands, {amount(v.lead)} more than anything else"
+    return Check(
+        kind=h.kind,
+        severity=Severity.WRONG,
+        run=run.run.name,
+        channels=h.channels,
+        sentence=f"{h.said} ({sure})",
+        remedy=h.remedy or f"armdyn inspect {MODEL} {run.run.source or run.run.name} --fix fixed",
+        evidence=v.lead,
+        correction=h.correction if fixes else None,
+    )

@@ -1,0 +1,283 @@
+"""What a channel alone shows: gaps, glitches, stuck and repeated samples, ends of a range, lost counts, noise."""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from armdyn.channels import MIN_SAMPLES, Channel, channel_kind
+from armdyn.differences import LONGEST_SPAN, normalised_differences
+from armdyn.faults import at_the_end, spikes_of
+from armdyn.gaps import GAP, gaps_of
+from armdyn.identify.noise import NORMAL_MEDIAN
+from armdyn.inspection.check import Check, Severity, amount
+from armdyn.run import Run
+from armdyn.smoothing.choice import resolution
+
+STUCK = 0.02
+"""Of the samples, at least `FEWEST_STUCK`, with one and the same value while the rest of the signal changes."""
+FEWEST_STUCK = 12
+JUMP = 6.0
+"""Times the usual step that a signal makes when it comes loose: one that really stood still starts gently."""
+JUMP_SHARE = 0.03
+"""Of the signal's range, that such a jump is at least."""
+FINE = 3.0
+"""Steps of the resolution that a signal usually makes where its repetitions are no coarse encoder."""
+CLIPPED = 0.01
+"""Of the samples at the end of the range, that make it a range that is too small."""
+LOST = 12.0
+"""Times the noise, by which the mean of an encoder steps and stays."""
+LOST_STEP = 0.01
+"""rad or m."""
+BESIDE = 10
+"""Samples to either side of a step."""
+JITTER = 0.15
+"""Standard deviation of the interval over its median that is worth a note."""
+MISSTATED = 5.0
+"""Times the stated noise that the quietest third of a signal's differences show. A drive's low-pass makes them
+too small, so that only noise
+that is stated too small is told."""
+NOISE_ORDERS = (3, 4, 5, 6, 7, 8)
+QUIET_THIRD = 0.3853
+"""Quantile 0.3 of |x| over the standard deviation, for normal x."""
+STILL = 20.0
+"""Times the noise that a motion has at least; and `STILL_SIZE` rad or m."""
+STILL_SIZE = 2e-3
+SignalCheck = Callable[[Run], Iterator[Check]]
+
+
+def gaps(run: Run) -> Iterator[Check]:
+    """Samples of every channel are missing for a while."""
+    for begin, end in gaps_of(run):
+        yield Check(
+            "gap", Severity.NOTE, run.name, tuple(run.channels),
+            f"no sample between {begin:.4g} and {end:.4g} s",
+            "nothing to do: the run is cut there, and each piece has its own start", begin, end,
+        )  # fmt: skip
+
+
+def glitches(run: Run) -> Iterator[Check]:
+    """Single samples far from their neighbours."""
+    found = {name: channel.time[spikes_of(channel)] for name, channel in run.channels.items()}
+    found = {name: when for name, when in found.items() if len(when)}
+    if found:
+        counts = ", ".join(f"{len(when)} of {name}" for name, when in found.items())
+        first, last = min(when[0] for when in found.values()), max(when[-1] for when in found.values())
+        yield Check(
+            "glitch", Severity.NOTE, run.name, tuple(found), f"samples far from their neighbours: {counts}",
+            "nothing to do: they are left out", float(first), float(last),
+        )  # fmt: skip
+
+
+def stuck(run: Run) -> Iterator[Check]:
+    """A channel keeps one value and then jumps, or shows no noise for a while."""
+    for name, channel in run.channels.items():
+        found = longest_hold(channel)
+        if (
+            found is not None
+            and channel.unit.endswith("/s")
+            and abs(channel.value[found[0]]) <= resolution(channel.value)
+        ):
+            continue  # what stands has a speed of 0
+        if found is not None:
+            begin, end = channel.time[found[0]], channel.time[found[1]]
+            yield Check(
+                "frozen", Severity.SUSPECT, run.name, (name,),
+                f"{name} holds {amount(channel.value[found[0]])} {channel.unit} from {begin:.4g} to {end:.4g} s, then "
+                "jumps",
+                f"empty the cells of {name} there, or look for a lost connection", float(begin), float(end),
+            )  # fmt: skip
+
+
+def longest_hold(channel: Channel) -> tuple[int, int] | None:
+    """First and last sample of the longest stretch in which a sensor was stuck; None where it never was."""
+    value = channel.value
+    change = np.flatnonzero(np.diff(value) != 0.0)
+    if len(change) < 2:
+        return None
+    edges = np.concatenate([[-1], change, [len(value) - 1]])
+    lengths = np.diff(edges)
+    usual = float(np.median(lengths))
+    steps = np.abs(np.diff(value)[change])
+    step = max(JUMP * float(np.median(steps)), JUMP_SHARE * float(np.ptp(value)))
+    longest = [k for k in np.argsort(-lengths)[:3] if lengths[k] >= max(FEWEST_STUCK, STUCK * len(value), 8.0 * usual)]
+    noisy = bool(longest) and np.mean(lengths == 1) > 0.9 and least_noise(channel) > 2.0 * resolution(value)
+    for k in longest:
+        first, last = int(edges[k]) + 1, int(edges[k + 1])
+        beside = [abs(value[last + 1] - value[last])] if last + 1 < len(value) else []
+        if noisy or any(jump > step for jump in beside):
+            return first, last
+    return None
+
+
+def repetitions(run: Run) -> Iterator[Check]:
+    """A slower signal whose samples were written down again and again."""
+    for name, channel in run.channels.items():
+        held = repeated(channel)
+        if held > 1:
+            rate = (len(channel) - 1) / (channel.time[-1] - channel.time[0])
+            yield Check(
+                "repeated_samples", Severity.SUSPECT, run.name, (name,),
+                f"every value of {name} stands {held} times: it was measured at {rate / held:.3g} Hz and written at "
+                f"{rate:.3g} Hz",
+                f"keep the first of each {held} values of {name}, and empty the other cells",
+            )  # fmt: skip
+
+
+def repeated(channel: Channel) -> int:
+    """How many times each value stands; 1 for a signal that was sampled as it was measured."""
+    change = np.flatnonzero(np.diff(channel.value) != 0.0)
+    if len(change) < MIN_SAMPLES:
+        return 1
+    lengths = np.diff(change)
+    held = int(np.median(lengths))
+    steps = np.abs(np.diff(channel.value)[change])
+    regular = float(np.mean(np.abs(lengths % held) == 0)) if held else 0.0
+    coarse = float(np.median(steps)) < FINE * resolution(channel.value)
+    return held if held > 1 and regular > 0.8 and not coarse else 1
+
+
+def ends_of_range(run: Run) -> Iterator[Check]:
+    """Many samples share the largest or smallest value."""
+    for name, channel in run.channels.items():
+        if not channel_kind(name).measured:
+            continue
+        bad = at_the_end(channel.value)
+        if bad.mean() > CLIPPED:
+            top = float(np.abs(channel.value[bad]).max())
+            yield Check(
+                "saturated", Severity.SUSPECT, run.name, (name,),
+                f"{100 * bad.mean():.0f} % of {name} stand at {amount(top)} {channel.unit}, the end of its range",
+                "they are left out; record with a larger range, or move more gently",
+                float(channel.time[bad][0]), float(channel.time[bad][-1]),
+            )  # fmt: skip
+
+
+def lost_counts(run: Run) -> Iterator[Check]:
+    """The zero of an encoder steps while it runs."""
+    for name, channel in encoders(run):
+        found = step_of(channel)
+        if found is not None:
+            at, size = found
+            yield Check(
+                "counts_lost", Severity.SUSPECT, run.name, (name,),
+                f"{name} steps by {amount(size)} {channel.unit} at {channel.time[at]:.4g} s and stays there: counts "
+                "were lost",
+                f"cut the recording at {channel.time[at]:.4g} s, or subtract the step from what follows",
+                float(channel.time[at]), float(channel.time[-1]),
+            )  # fmt: skip
+
+
+def steps_of(run: Run) -> list[float]:
+    """Times, s, at which an encoder's zero steps."""
+    found = ((channel, step_of(channel)) for _, channel in encoders(run))
+    return [float(channel.time[step[0]]) for channel, step in found if step is not None]
+
+
+def encoders(run: Run) -> Iterator[tuple[str, Channel]]:
+    """Channels that count."""
+    return ((n, c) for n, c in run.channels.items() if n.startswith("q.") or n in ("swing_angle", "gripper_x"))
+
+
+def step_of(channel: Channel) -> tuple[int, float] | None:
+    """Index after and size of the largest step that is neither motion nor a spike; None where there is none.
+
+    Parabolas through the samples before and after it are as far apart between them as the mean has stepped.
+    """
+    value, n = channel.value, len(channel)
+    if n < 6 * BESIDE:
+        return None
+    third = np.nan_to_num(normalised_differences(channel.time, value, 3))
+    usual = float(np.median(np.abs(third))) / NORMAL_MEDIAN + resolution(value) / np.sqrt(12.0)
+    at = int(np.clip(np.argmax(np.abs(third)) + 1, BESIDE, n - BESIDE - 2))
+    if np.sum(np.abs(third) > 0.5 * LOST * usual) > 8:
+        return None
+    around = channel.time[at - BESIDE + 1 : at + BESIDE + 1]
+    if np.diff(around).max() > LONGEST_SPAN * float(np.median(np.diff(channel.time))):
+        return None
+    best, size, rough = at, 0.0, 0.0
+    for k in range(max(BESIDE - 1, at - 2), min(n - BESIDE - 1, at + 3)):
+        when = channel.time[k - BESIDE + 1 : k + BESIDE + 1] - channel.time[k]
+        middle = 0.5 * (when[BESIDE - 1] + when[BESIDE])
+        before = np.polyfit(when[:BESIDE], value[k - BESIDE + 1 : k + 1], 2)
+        after = np.polyfit(when[BESIDE:], value[k + 1 : k + BESIDE + 1], 2)
+        step = float(np.polyval(after, middle) - np.polyval(before, middle))
+        left = float(np.std(value[k - BESIDE + 1 : k + 1] - np.polyval(before, when[:BESIDE])))
+        left = max(left, float(np.std(value[k + 1 : k + BESIDE + 1] - np.polyval(after, when[BESIDE:]))))
+        if (best == at and size == 0.0) or left < rough:
+            best, size, rough = k + 1, step, left
+    if abs(size) > max(LOST * usual, LOST * rough, LOST_STEP):
+        return best, size
+    return None
+
+
+def rates(run: Run) -> Iterator[Check]:
+    """Stamps that shake."""
+    seen: set[bytes] = set()
+    for name, channel in run.channels.items():
+        steps = np.diff(channel.time)
+        if len(steps) < MIN_SAMPLES or channel.time.tobytes() in seen:
+            continue
+        seen.add(channel.time.tobytes())
+        usual = float(np.median(steps))
+        near = steps[steps < GAP * usual]
+        spread = float(np.std(near)) / usual
+        if spread > JITTER:
+            yield Check(
+                "rate", Severity.NOTE, run.name, (name,),
+                f"the interval between samples is {1e3 * usual:.3g} ms give or take {100 * spread:.0f} %",
+                "let the sensor's own clock stamp the samples; a program that reads a queue stamps when it reads",
+            )  # fmt: skip
+
+
+def noises(run: Run) -> Iterator[Check]:
+    """Noise that is stated much smaller than it is."""
+    for name, stated in run.noise.items():
+        if name not in run.channels or stated <= 0.0:
+            continue
+        channel = run.channels[name]
+        shown = least_noise(channel)
+        if shown > MISSTATED * max(stated, resolution(channel.value) / np.sqrt(12.0)):
+            yield Check(
+                "noise_misstated", Severity.SUSPECT, run.name, (name,),
+                f"the noise of {name} is stated as {stated:.3g} {channel.unit}, and its samples show {shown:.3g}",
+                f'write {name} = "{shown:.3g} {channel.unit}" under [noise], or leave the line out',
+            )  # fmt: skip
+
+
+def least_noise(channel: Channel) -> float:
+    """Standard deviation of white noise that is seen where a signal is quietest, by the order that shows least."""
+    found = []
+    for order in NOISE_ORDERS:
+        if len(channel) > 4 * order:
+            size = np.abs(normalised_differences(channel.time, channel.value, order))
+            size = size[np.isfinite(size)]
+            found.append(float(np.quantile(size, 0.3)) / QUIET_THIRD if len(size) else 0.0)
+    return min(found, default=0.0)
+
+
+def motions(run: Run) -> Iterator[Check]:
+    """Nothing moves."""
+    moving = [n for n in run.channels if n.startswith("q.") or n in ("swing_angle", "swing_rate", "gripper_x")]
+    if not moving:
+        return
+    if not any(moves(run.channels[name]) for name in moving):
+        yield Check(
+            "no_motion", Severity.SUSPECT, run.name, tuple(moving),
+            f"nothing moves: {', '.join(moving[:4])} stay where they are",
+            "record a motion; 'armdyn excite' designs one",
+        )  # fmt: skip
+
+
+def moves(channel: Channel) -> bool:
+    """Whether a position changes by more than its noise."""
+    value = channel.value
+    low, high = np.quantile(value, [0.02, 0.98])
+    third = normalised_differences(channel.time, value, 3)
+    noise = float(np.nanmedian(np.abs(third))) / NORMAL_MEDIAN if np.isfinite(third).any() else 0.0
+    return bool(high - low > max(STILL * noise, STILL_SIZE))
+
+
+SIGNAL_CHECKS: tuple[SignalCheck, ...] = (
+    motions, gaps, stuck, repetitions, ends_of_range, lost_counts, glitches, rates, noises,
+)  # fmt: skip
+"""Who sees another fault of a signal adds a function here."""

@@ -1,0 +1,105 @@
+"""The report of `inspect`: what was found, and every channel over time with its spectrum and its marks."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from plotly.subplots import make_subplots
+
+from armdyn.channels import Channel
+from armdyn.inspection.check import Check, Inspection, Severity
+from armdyn.run import Run
+from pipeline.report.page import Chart, Level, Report, Section, Table
+from pipeline.report.theme import BLUE, ORANGE, TIME_AXIS
+
+MOST_POINTS = 1500
+"""Samples of a line, the smallest and largest of what lies between them kept."""
+HEIGHT = 230
+"""Of a channel's picture [px]."""
+
+
+def inspection_report(found: Inspection, command: str = "") -> Report:
+    """The whole page."""
+    level = Level.BAD if not found.usable else Level.CAUTION if found.of(Severity.SUSPECT) else Level.GOOD
+    return Report(
+        title="Inspection",
+        level=level,
+        verdict=found.sentence,
+        sections=[checks_section(found.checks), *(run_section(run, found.checks) for run in found.runs)],
+        subtitle=", ".join(run.name for run in found.runs),
+        command=command,
+    )
+
+
+def checks_section(checks: Sequence[Check]) -> Section:
+    """All checks in a table."""
+    if not checks:
+        return Section("Checks", "Nothing was found: every channel and every rate is as it should be.")
+    rows = [
+        [c.severity.key, c.kind, c.run or "", ", ".join(c.channels[:4]), _span(c), c.sentence, c.remedy] for c in checks
+    ]
+    header = ["", "kind", "run", "channels", "from, to [s]", "what", "remedy"]
+    return Section("Checks", "The worst first.", tables=[Table(header, rows)])
+
+
+def _span(check: Check) -> str:
+    return "" if check.start is None or check.end is None else f"{check.start:.4g}, {check.end:.4g}"
+
+
+def run_section(run: Run, checks: Sequence[Check]) -> Section:
+    """Every channel of a recording."""
+    charts = [
+        channel_chart(name, c, [k for k in checks if k.run == run.name and name in k.channels])
+        for name, c in run.channels.items()
+    ]
+    return Section(run.name, run.description, charts)
+
+
+def channel_chart(name: str, channel: Channel, checks: Sequence[Check]) -> Chart:
+    """One channel over time, its marks, and its spectrum."""
+    figure = make_subplots(1, 2, column_widths=[0.7, 0.3], horizontal_spacing=0.09)
+    time, value = _few(channel)
+    figure.add_scatter(
+        x=time, y=value, mode="lines", line={"width": 1}, marker={"color": BLUE}, name=name, row=1, col=1
+    )
+    for check in checks:
+        if check.start is not None and check.end is not None:
+            figure.add_vrect(
+                x0=check.start, x1=max(check.end, check.start + 1e-3), fillcolor=ORANGE, opacity=0.25, line_width=0,
+                annotation_text=check.kind, annotation_position="top left", row=1, col=1,
+            )  # fmt: skip
+    frequency, density = spectrum(channel)
+    figure.add_scatter(x=frequency, y=density, mode="lines", line={"width": 1}, name="spectrum", row=1, col=2)
+    figure.update_xaxes(title_text=TIME_AXIS, row=1, col=1)
+    figure.update_xaxes(title_text="frequency [Hz]", type="log", row=1, col=2)
+    figure.update_yaxes(title_text=f"{name} [{channel.unit}]", row=1, col=1)
+    figure.update_yaxes(title_text=f"[{channel.unit}²/Hz]", type="log", row=1, col=2)
+    figure.update_layout(height=HEIGHT, showlegend=False, margin={"t": 16, "b": 44})
+    caption = " ".join(f"{check.severity.key}: {check.sentence}." for check in checks)
+    return Chart(figure, caption)
+
+
+def spectrum(channel: Channel) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies [Hz] and power density of a channel less its mean, averaged over neighbours on a logarithmic grid."""
+    n = max(len(channel), 16)
+    time = np.linspace(channel.time[0], channel.time[-1], n)
+    value = np.interp(time, channel.time, channel.value)
+    window = np.hanning(n + 2)[1:-1]
+    interval = float(time[1] - time[0])
+    power = interval * np.abs(np.fft.rfft(window * (value - value.mean()))) ** 2 / float(window @ window)
+    frequency = np.fft.rfftfreq(n, interval)[1:]
+    edges = np.unique(np.geomspace(1, len(frequency), 200).astype(int)) - 1
+    counts = np.diff(np.append(edges, len(frequency)))
+    mean = np.add.reduceat(power[1:], edges) / counts
+    return np.add.reduceat(frequency, edges) / counts, np.maximum(mean, 1e-300)
+
+
+def _few(channel: Channel) -> tuple[np.ndarray, np.ndarray]:
+    """The channel, of many samples the extremes of each group."""
+    if len(channel) <= MOST_POINTS:
+        return channel.time, channel.value
+    group = 2 * -(-len(channel) // MOST_POINTS)
+    n = len(channel) // group * group
+    rows = channel.value[:n].reshape(-1, group)
+    first = np.arange(len(rows)) * group
+    places = np.sort(np.concatenate([first + rows.argmin(axis=1), first + rows.argmax(axis=1)]))
+    return channel.time[places], channel.value[places]

@@ -1,0 +1,120 @@
+"""Every kind of mistake is named and undone; what is real in an arm or pendulum is no mistake."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from hidden_effects import mistakes
+
+from armdyn.arm.model import arm_model
+from armdyn.inspection.check import Inspection, Severity
+from armdyn.inspection.inspect import inspected
+from armdyn.pendulum.model import pendulum_model
+from armdyn.run import read_run
+
+from ..arm.conftest import RECORDINGS
+
+OF_THE_SIGNAL = ("gap", "frozen", "repeated", "glitches", "saturated", "noise", "jitter", "counts lost", "no motion")
+OF_AN_ARM = (
+    "all in degrees", "rates in degrees", "rates in rpm", "mN m", "N cm", "all torques negated", "one torque negated",
+    "rate negated", "torques late", "torques early", "rates late", "rates of other joints", "rates too slow",
+    "one position negated", "all positions negated", "a quarter turn", "half a turn", "torques exchanged",
+    "positions exchanged", "joints exchanged", "reversed torques", "shifted torques", "shifted joints",
+)  # fmt: skip
+PLACES = ("ceiling", "wall", "other wall", "slope", "gravity taken out")
+
+
+@pytest.fixture(scope="module")
+def panda():
+    return arm_model(robot="panda", joints=mistakes.Plant("panda").joints)
+
+
+@pytest.fixture(scope="module")
+def sound():
+    return mistakes.arm("panda", "as described", 0)
+
+
+@pytest.fixture(scope="module")
+def made(sound):
+    every = [*mistakes.of_arms(sound, 0), *mistakes.of_signals(sound, np.random.default_rng(0))]
+    return {m.name: m for m in (*every, *mistakes.mounted("panda", "as described", 0))}
+
+
+def assert_named(mistake: mistakes.Mistaken, found: Inspection) -> None:
+    right = [c for c in found.checks if c.kind == mistake.kind and _on(c.channels, mistake.channels)]
+    assert right, f"{mistake.name}: {[(c.kind, c.sentence) for c in found.checks]}"
+    assert {c.kind for c in found.wrong} <= {mistake.kind}
+    assert all(c.remedy for c in right)
+
+
+def _on(named: Sequence[str], wanted: Sequence[str]) -> bool:
+    return not wanted or bool(set(named) & set(wanted))
+
+
+@pytest.mark.parametrize("name", [*OF_THE_SIGNAL, *OF_AN_ARM, *PLACES])
+def test_a_mistake_is_named_on_its_channel(panda, made, name):
+    assert_named(made[name], inspected([made[name].run], panda))
+
+
+@pytest.mark.parametrize("name", ["mN m", "torques exchanged", "a quarter turn", "torques late", "shifted joints"])
+def test_the_corrected_recording_is_the_sound_one(panda, made, sound, name):
+    found = inspected([made[name].run], panda)
+    mended = found.corrected()[made[name].run.name].of(made[name].run)
+    for channel, right in sound.run.channels.items():
+        np.testing.assert_allclose(mended.channels[channel].value, right.value, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(mended.channels[channel].time, right.time, atol=1e-9)
+
+
+@pytest.mark.parametrize("real", mistakes.SOUND)
+@pytest.mark.parametrize("robot", ["baxter", "ur5"])
+def test_what_is_real_in_an_arm_is_no_mistake(robot, real):
+    run = mistakes.arm(robot, real, 1).run
+    found = inspected([run], arm_model(robot=robot, joints=mistakes.Plant(robot).joints))
+    assert not found.wrong, found.sentence
+    assert not found.of(Severity.SUSPECT), found.sentence
+
+
+def test_two_mistakes_in_one_recording_are_undone_one_after_the_other(panda, sound):
+    exchanged = mistakes.renamed(sound.run, {"panda_joint2": "panda_joint4", "panda_joint4": "panda_joint2"}, ["tau"])
+    both = mistakes.scaled(exchanged, [f"tau.{j}" for j in panda.joints], 1e3)
+    found = inspected([both], panda)
+    assert {c.kind for c in found.wrong} == {"torque_unit", "joints_swapped"}
+    mended = found.corrected()[both.name].of(both)
+    for joint in panda.joints:
+        name = f"tau.{joint}"
+        np.testing.assert_allclose(mended.channels[name].value, sound.run.channels[name].value, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("driven", "channels"),
+    [(False, ("swing_angle",)), (True, ("swing_angle", "swing_rate")), (True, ("swing_angle", "load_force"))],
+)
+def test_a_mistake_with_a_pendulum_is_named(driven, channels):
+    sound = mistakes.pendulum("pivot_coulomb_friction", 3, driven=driven, channels=channels)
+    model = pendulum_model(0.35, 0.1)
+    assert inspected([sound.run], model).usable
+    for mistake in mistakes.of_pendulums(sound, 3):
+        assert_named(mistake, inspected([mistake.run], model))
+
+
+def test_without_a_model_rates_tell_their_units(made):
+    assert_named(made["rates in degrees"], inspected([made["rates in degrees"].run]))
+
+
+@pytest.mark.skipif(not RECORDINGS.is_dir(), reason="the recordings of ../shared are not here")
+@pytest.mark.parametrize(
+    ("folder", "urdf", "robot"),
+    [("arm_dfki_double", "double_pendulum_C1.urdf", None), ("arm_gen3", "gen3.urdf", None),
+     ("arm_panda_unisa", None, "panda"), ("emps", "emps.urdf", None)],
+)  # fmt: skip
+def test_real_recordings_of_arms_are_never_called_wrong(folder, urdf, robot):
+    for file in sorted((RECORDINGS / folder).glob("*.csv")):
+        run = read_run(file)
+        model = arm_model(RECORDINGS / folder / urdf if urdf else None, robot, list(run.joints))
+        assert inspected([run], model).usable, file
+
+
+@pytest.mark.skipif(not RECORDINGS.is_dir(), reason="the recordings of ../shared are not here")
+def test_real_recordings_of_pendulums_are_never_called_wrong():
+    for file in sorted(RECORDINGS.glob("pend*/*.csv")):
+        assert inspected([read_run(file)], pendulum_model(0.35, 0.1)).usable, file

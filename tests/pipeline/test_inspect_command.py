@@ -1,0 +1,94 @@
+"""`armdyn inspect` and the commands that ask first."""
+
+import json
+
+import pytest
+from hidden_effects import mistakes
+
+from armdyn.run import read_run, write_run_csv
+
+JOINTS = ("panda_joint1", "panda_joint2", "panda_joint3", "panda_joint4", "panda_joint5", "panda_joint6",
+          "panda_joint7")  # fmt: skip
+
+
+@pytest.fixture
+def files(armdyn, tmp_path):
+    """A model, a sound recording and one whose torques are in mN m."""
+    assert armdyn("new", "arm", "m.toml", "--robot", "panda")[0] == 0
+    sound = mistakes.arm("panda", "as described", 0, duration=6.0).run
+    write_run_csv(sound, tmp_path / "sound.csv")
+    write_run_csv(mistakes.scaled(sound, [f"tau.{j}" for j in JOINTS], 1e3), tmp_path / "wrong.csv")
+    return tmp_path
+
+
+@pytest.mark.usefixtures("files")
+def test_a_sound_recording_is_usable(armdyn):
+    status, said, _ = armdyn("inspect", "m.toml", "sound.csv")
+    assert status == 0
+    assert "is what it says" in said
+
+
+@pytest.mark.usefixtures("files")
+def test_a_wrong_one_ends_with_status_1_and_the_json_of_the_contract(armdyn):
+    status, said, _ = armdyn("inspect", "m.toml", "wrong.csv", "--json", "-")
+    found = json.loads(said)
+    assert status == 1
+    assert found["schema"] == "armdyn.inspect/1"
+    assert found["usable"] is False
+    (check,) = found["recording_checks"]
+    assert check["kind"] == "torque_unit"
+    assert check["severity"] == "wrong"
+    assert set(check) == {"kind", "severity", "run", "channels", "from", "to", "evidence", "sentence", "remedy"}
+    assert check["remedy"] == "armdyn inspect m.toml wrong.csv --fix fixed"
+
+
+def test_fix_writes_a_copy_and_a_map_that_does_the_same_at_import(armdyn, files):
+    assert armdyn("inspect", "m.toml", "wrong.csv", "--fix", "fixed", "--report", "r.html")[0] == 1
+    assert armdyn("inspect", "m.toml", "fixed/wrong.csv")[0] == 0
+    assert armdyn("import", "wrong.csv", "--output", "again", "--map", "fixed/wrong.map.toml")[0] == 0
+    sound = read_run(files / "sound.csv")
+    for folder in ("fixed", "again"):
+        mended = read_run(files / folder / "wrong.csv")
+        for name, channel in sound.channels.items():
+            assert mended.channels[name].value == pytest.approx(channel.value, rel=1e-9, abs=1e-12)
+    assert "torque_unit" in (files / "r.html").read_text()
+    status, _, problem = armdyn("inspect", "m.toml", "wrong.csv", "--fix", "fixed")
+    assert status == 2
+    assert "--force" in problem
+
+
+@pytest.mark.parametrize("command", [("compare",), ("diagnose",), ("repair", "--output", "out.toml")])
+def test_other_commands_name_no_effect_for_a_wrong_recording(armdyn, files, command):
+    name, *options = command
+    status, said, _ = armdyn(name, "m.toml", "wrong.csv", *options)
+    assert status == 1
+    assert "mN m" in said.splitlines()[0]
+    assert "payload" not in said
+    assert not (files / "out.toml").exists()
+
+
+@pytest.mark.usefixtures("files")
+def test_trusted_data_are_compared(armdyn):
+    status, said, _ = armdyn("compare", "m.toml", "wrong.csv", "--trust-data", "--json", "-")
+    assert status == 0
+    assert [check["kind"] for check in json.loads(said)["recording_checks"]] == ["torque_unit"]
+
+
+def test_a_link_that_weighs_nothing_is_said(armdyn, tmp_path):
+    links = "".join(f'<link name="{n}">{m}</link>' for n, m in (("base", ""), ("a", MASS), ("b", "")))
+    joints = "".join(
+        f'<joint name="{n}" type="revolute"><parent link="{p}"/><child link="{c}"/><axis xyz="0 1 0"/>'
+        '<origin xyz="0 0 0.3"/><limit lower="-2" upper="2" velocity="2" effort="20"/></joint>'
+        for n, p, c in (("first", "base", "a"), ("second", "a", "b"))
+    )
+    (tmp_path / "arm.urdf").write_text(f'<robot name="arm">{links}{joints}</robot>')
+    status, said, _ = armdyn("new", "arm", "m.toml", "--urdf", "arm.urdf")
+    assert status == 0
+    assert "CHECK: link 'b' has no <inertial>" in said
+    assert "link 'a'" not in said
+
+
+MASS = (
+    '<inertial><mass value="1"/><origin xyz="0 0 0.1"/>'
+    '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>'
+)
