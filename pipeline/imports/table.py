@@ -122,6 +122,8 @@ def parquet_columns(path: Path) -> tuple[dict[str, Column], tuple[str, ...]]:
             table = file.read()
     except (ArrowException, OSError, ValueError, OverflowError) as error:
         raise InputError(f"{path}: is no Parquet file that can be read: {' '.join(str(error).split())}") from error
+    if table.num_rows == 0:
+        raise InputError(f"{path}: holds no row: give a recording")
     columns: dict[str, Column] = {}
     notes = []
     for label in table.column_names:

@@ -2,6 +2,7 @@
 
 import json
 import random
+import socket
 import threading
 import time
 from contextlib import suppress
@@ -95,7 +96,7 @@ class Middleman:
             case "restarts":
                 for client in self._clients:
                     with suppress(OSError):
-                        client.socket.close()
+                        client.socket.shutdown(socket.SHUT_RDWR)
                 return []
         raise ValueError(self.fault)
 
