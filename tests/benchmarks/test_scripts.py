@@ -80,3 +80,10 @@ def test_missing_recordings_are_said_in_one_line(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert "is missing" in done.stderr
     assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.slow
+def test_mistakes_are_named_and_sound_recordings_are_not(tmp_path: Path) -> None:
+    found = run("mistakes.py", tmp_path, "--quick")
+    assert found["sound_wrong"] == 0
+    assert sum(found["found"].values()) >= 0.95 * sum(found["asked"].values())
