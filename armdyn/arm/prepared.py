@@ -235,11 +235,12 @@ def _thinned(stamps: np.ndarray, known: np.ndarray, cutoff: float) -> np.ndarray
     first, last = stamps[0] + edge, stamps[-1] - edge
     count = int((last - first) / step)
     time = first + (last - first - count * step) / 2.0 + step * np.arange(count + 1)
+    usual = float(np.median(np.diff(stamps)))
     stamps = stamps[known]
     after = np.clip(np.searchsorted(stamps, time), 1, len(stamps) - 1)
     nearest = np.minimum(np.abs(time - stamps[after - 1]), np.abs(stamps[after] - time))
     time = time[nearest <= step / 2.0]
-    long = np.flatnonzero(np.diff(stamps) > EDGE / cutoff)
+    long = np.flatnonzero(np.diff(stamps) > usual + EDGE / cutoff)
     beside = np.zeros(len(time), dtype=bool)
     for begin, end in zip(stamps[long] - edge, stamps[long + 1] + edge, strict=True):
         beside |= (time > begin) & (time < end)

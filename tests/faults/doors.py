@@ -51,6 +51,7 @@ from pipeline.batch.spec import read_spec
 from pipeline.imports.conversion import imported
 from pipeline.imports.foreign import read_foreign
 from pipeline.imports.guess import guessed
+from pipeline.imports.joints import Joints
 from pipeline.imports.mapping import known_columns, map_text, read_map
 from pipeline.loadcell.calibration import Calibration
 from pipeline.motion.feasibility.read import read_trajectory
@@ -148,7 +149,7 @@ def compare_model(path):
 def guess_and_import(path):
     """What is guessed is written as a mapping, and that is what is read back."""
     for foreign in read_foreign(path):
-        mapping = guessed(foreign, ("j0", "j1", "j2"))
+        mapping = guessed([foreign], Joints(("j0", "j1", "j2")))
         (path.parent / "guessed.toml").write_text(map_text(mapping, f"of {path}"), encoding="utf-8")
         imported(foreign, read_map(path.parent / "guessed.toml"))
 

@@ -79,6 +79,7 @@ def test_a_column_that_one_of_several_files_lacks_is_optional(armdyn, table, tmp
     second = tmp_path / "second.csv"
     second.write_text(
         "\n".join([lines[0].rpartition(",")[0], *(f"{t},{float(q) / 40},{float(v) / 40}" for t, q, v, _ in rows)])
+        + "\n"
     )
     assert armdyn("import", second, table, "--output", "runs", "--guess")[0] == 0
     assert 'channel = "q.joint_1", unit = "deg"' in Path("runs/map.toml").read_text()
