@@ -1,0 +1,197 @@
+"""What every command answers on small recordings, as kept in the files beside this one: status, screen and JSON.
+
+`GOLDEN=write pytest tests/golden` writes them anew; read the difference before you keep it.
+"""
+
+import contextlib
+import io
+import json
+import math
+import os
+import re
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.cli import main
+
+HERE = Path(__file__).parent
+EXAMPLES = HERE.parents[1] / "examples"
+WRITE = os.environ.get("GOLDEN") == "write"
+DIGITS = 3e-3
+"""Relative: other libraries of linear algebra round otherwise."""
+LONGEST = 4
+"""Entries of a list that are kept; of a longer one its ends, and of numbers their size."""
+OF_THE_CLOCK = ("seconds", "targets_per_second", "version", "estimation_cycle")
+
+CASES = {
+    "new_pendulum": ["new pendulum M.toml --set length='0.37 m' --set mass='80 g +/- 0.4 g' --json J"],
+    "new_arm": ["new arm A.toml --robot ur5 --json J"],
+    "new_own_base": ["new --base crane.py C.toml --json J"],
+    "effects": ["effects --json J"],
+    "compare": ["compare pendulum.toml swing_1.csv swing_2.csv --report R --json J"],
+    "compare_held_out": ["compare pendulum.toml swing_1.csv --held-out swing_2.csv --exam magnet_1.csv --json J"],
+    "compare_arm": ["compare ur5.toml ur5/sweep_1.csv --report R --json J"],
+    "diagnose": ["diagnose pendulum.toml swing_1.csv swing_2.csv --report R --json J"],
+    "diagnose_unknown": ["diagnose pendulum.toml magnet_1.csv magnet_2.csv --report R --json J"],
+    "repair": ["repair pendulum.toml swing_1.csv --held-out swing_2.csv --output M.toml --report R --json J"],
+    "repair_arm": ["repair ur5.toml ur5/sweep_1.csv --held-out ur5/sweep_2.csv --output M.toml --report R --json J"],
+    "add_and_export": [
+        "add pendulum.toml quadratic_drag swing_1.csv swing_2.csv --output M.toml --report R --json J",
+        "export M.toml --output model.json --json J",
+        "export M.toml --output model.py --json J",
+        "export M.toml --output model.urdf --json J",
+    ],
+    "add_and_export_arm": [
+        "add ur5.toml joint_viscous_friction ur5/sweep_1.csv --output M.toml --report R --json J",
+        "export M.toml --output model.urdf --json J",
+        "export M.toml --output model.xml --force --json J",
+    ],
+    "next": [
+        "next pendulum.toml swing_1.csv --rivals linear_drag,quadratic_drag --seconds 5 --output motion.csv"
+        " --report R --json J",
+        "check motion.csv --report R --json J",
+    ],
+    "excite": ["excite --robot ur5 --for joint_viscous_friction --seconds 5 --random 3 --output q.csv --report R --json J"],
+    "excite_rivals": [
+        "excite --robot ur5 --rivals joint_viscous_friction,joint_coulomb_friction --seconds 4 --random 3 --no-compare"
+        " --output q.csv --report R --json J"
+    ],
+    "check_refuses": ["check wild.csv --report R --json J"],
+    "check_arm": ["check ur5/sweep_1.csv --robot ur5 --json J"],
+    "inspect": ["inspect pendulum.toml swing_1.csv --report R --json J"],
+    "inspect_degrees": ["inspect pendulum.toml degrees.csv --report R --fix fixed --json J", "compare pendulum.toml degrees.csv --json J"],
+    "import": [
+        "import foreign.csv --output runs --guess --json J",
+        "import foreign.csv --output runs --map runs/map.toml --json J",
+    ],
+    "ik": ["ik build --out table.npz --json J", "ik show table.npz --report R --json J"],
+    "arm": ["arm show --robot ur5 --velocity 0.1,0,0,0,0,0 --json J"],
+    "view": ["view swing_1.csv --model pendulum.toml --output view.html --json J"],
+    "batch": ["batch spec.toml --output out --workers 1 --json J"],
+    "trial": ["trial --seed 1 --out out --json J"],
+    "trial_investigate": ["trial --hidden pivot_viscous_friction --seed 2 --investigate 1 --out out --json J"],
+    "table": ["table --seeds 1 --out out --json J"],
+    "bad_input": [
+        "compare absent.toml swing_1.csv --json J", "trial --hidden no_such_effect --json J", "check absent.csv --json J",
+        "ik show absent.npz", "excite --robot ur5 --urdf a.urdf --output q.csv", "import absent.csv --output runs",
+        "export pendulum.toml --output model.txt", "next pendulum.toml swing_1.csv --seconds 0", "view absent.csv",
+        "batch absent.toml --output out", "arm show --at 1,2,x", "add pendulum.toml no_such_effect swing_1.csv",
+        "record --ros ws://127.0.0.1:1 --output a.csv --seconds 0.2", "loadcell monitor /dev/absent", "inspect absent.csv",
+        "new pendulum M.toml --set length", "table --seeds 0", "trial --robot ros", "workbench absent.toml",
+    ],
+}  # fmt: skip
+SLOW = {"table", "diagnose", "repair_arm", "trial_investigate", "excite_rivals"}
+
+
+@pytest.fixture(scope="session")
+def recordings(tmp_path_factory):
+    """The examples' recordings, models of them, and files that something is wrong with."""
+    folder = tmp_path_factory.mktemp("golden")
+    for file in (*EXAMPLES.glob("pendulum/*.*"), *EXAMPLES.glob("ur5/sweep_*"), EXAMPLES / "crane.py"):
+        shutil.copy(file, folder)
+    (folder / "pendulum.toml").write_text(
+        'base = "pendulum"\n[parameters]\nlength = { value = 0.36, unit = "m" }\nmass = { value = 0.08, unit = "kg" }\n'
+    )
+    time = 0.01 * np.arange(300)
+    wild = np.column_stack([time, 0.2 * np.sin(8.0 * time)])
+    np.savetxt(folder / "wild.csv", wild, "%.6f", ",", header="time [s],s [m]", comments="")
+    swing = 20.0 * np.cos(5.16 * time) * np.exp(-0.02 * time)
+    degrees = np.column_stack([time, 0.0 * time, swing])
+    np.savetxt(
+        folder / "degrees.csv", degrees, "%.6f", ",", header="time [s],gripper_x [m],swing_angle [rad]", comments=""
+    )
+    q = np.sin(time)
+    foreign = np.column_stack([time, np.degrees(q), np.degrees(np.cos(time)), 3.0 * q])
+    names = "t,joint_1_pos,joint_1_vel,joint_1_torque"
+    np.savetxt(folder / "foreign.csv", foreign, "%.6f", ",", header=names, comments="")
+    (folder / "spec.toml").write_text(
+        'task = "compare"\n[[recordings]]\nmodel = "pendulum.toml"\nruns = ["swing_*.csv", "magnet_1.csv"]\n'
+    )
+    here = Path.cwd()
+    os.chdir(folder)
+    try:
+        for line in (
+            "import sweep_1.csv sweep_2.csv --output ur5 --guess --robot ur5",
+            "import sweep_1.csv sweep_2.csv --output ur5 --map ur5/map.toml",
+            "new arm ur5.toml --robot ur5",
+        ):
+            assert called(line)[0] == 0, line
+    finally:
+        os.chdir(here)
+    return folder
+
+
+def called(line):
+    """Exit status, screen and complaint of a command line."""
+    import shlex
+
+    out, err = io.StringIO(), io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        patch.setattr(sys, "argv", ["armdyn", *shlex.split(line)])
+        with pytest.raises(SystemExit) as stop:
+            main()
+    return stop.value.code, out.getvalue(), err.getvalue()
+
+
+def worded(text):
+    """Lines of a screen without numbers and without the width of its columns."""
+    numbers = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?")
+    lines = (re.sub(r"\s+", " ", numbers.sub("#", line)).strip() for line in text.splitlines())
+    return [line.replace("-#", "#") for line in lines if line]
+
+
+def condensed(value, key=""):
+    """An answer as it is kept: long lists as their ends, of what a clock said only that it is there."""
+    if isinstance(value, dict):
+        return {name: "..." if name in OF_THE_CLOCK else condensed(entry, name) for name, entry in value.items()}
+    if not isinstance(value, list) or len(value) <= LONGEST:
+        return [condensed(entry, key) for entry in value] if isinstance(value, list) else value
+    numbers = [entry for entry in value if isinstance(entry, int | float)]
+    about = {"length": len(value), "first": condensed(value[0]), "last": condensed(value[-1])}
+    return about | ({"rms": math.sqrt(sum(n * n for n in numbers) / len(numbers))} if numbers else {})
+
+
+def assert_alike(found, kept, where=""):
+    """Equal, floats to rounding; numbers in sentences are not compared, as they stand beside them."""
+    if isinstance(kept, dict) and isinstance(found, dict):
+        assert list(found) == list(kept), where
+        for name in kept:
+            assert_alike(found[name], kept[name], f"{where}.{name}")
+    elif isinstance(kept, list) and isinstance(found, list):
+        assert len(found) == len(kept), where
+        for i, entry in enumerate(kept):
+            assert_alike(found[i], entry, f"{where}[{i}]")
+    elif isinstance(kept, float) and isinstance(found, int | float):
+        assert math.isclose(found, kept, rel_tol=DIGITS, abs_tol=1e-9), f"{where}: {found}, kept {kept}"
+    elif isinstance(kept, str) and isinstance(found, str):
+        assert worded(found) == worded(kept), where
+    else:
+        assert found == kept, where
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] if n in SLOW else []) for n in CASES])
+def test_a_command_answers_as_it_did(name, recordings, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "settings"))
+    shutil.copytree(recordings, tmp_path, dirs_exist_ok=True)
+    found = []
+    for line in CASES[name]:
+        Path("J.json").unlink(missing_ok=True)
+        status, out, err = called(line.replace("--json J", "--json J.json").replace("--report R", "--report R.html"))
+        here = str(tmp_path)
+        answer = json.loads(Path("J.json").read_text().replace(here, "HERE")) if Path("J.json").is_file() else None
+        screen = [*worded(out.replace(here, "HERE")), *worded(err.replace(here, "HERE"))]
+        found.append({"command": line, "status": status, "screen": screen, "answer": condensed(answer)})
+        if "GOLDEN_PAGES" in os.environ:
+            for page in tmp_path.rglob("*.html"):
+                shutil.copy(page, Path(os.environ["GOLDEN_PAGES"]) / f"{name}.{len(found)}.{page.name}")
+    file = HERE / f"{name}.json"
+    if WRITE:
+        file.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    kept = json.loads(file.read_text(encoding="utf-8"))
+    for before, now in zip(kept, found, strict=True):
+        assert_alike(now, before, now["command"])
