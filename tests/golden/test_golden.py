@@ -55,7 +55,8 @@ CASES = {
         " --report R --json J",
         "check motion.csv --report R --json J",
     ],
-    "excite": ["excite --robot ur5 --for joint_viscous_friction --seconds 5 --random 3 --output q.csv --report R --json J"],
+    "excite": ["excite --robot ur5 --for joint_viscous_friction --seconds 5 --random 3 --output q.csv --report R"
+        " --json J"],
     "excite_rivals": [
         "excite --robot ur5 --rivals joint_viscous_friction,joint_coulomb_friction --seconds 4 --random 3 --no-compare"
         " --output q.csv --report R --json J"
@@ -63,7 +64,8 @@ CASES = {
     "check_refuses": ["check wild.csv --report R --json J"],
     "check_arm": ["check ur5/sweep_1.csv --robot ur5 --json J"],
     "inspect": ["inspect pendulum.toml swing_1.csv --report R --json J"],
-    "inspect_degrees": ["inspect pendulum.toml degrees.csv --report R --fix fixed --json J", "compare pendulum.toml degrees.csv --json J"],
+    "inspect_degrees": ["inspect pendulum.toml degrees.csv --report R --fix fixed --json J",
+        "compare pendulum.toml degrees.csv --json J"],
     "import": [
         "import foreign.csv --output runs --guess --json J",
         "import foreign.csv --output runs --map runs/map.toml --json J",
@@ -76,11 +78,13 @@ CASES = {
     "trial_investigate": ["trial --hidden pivot_viscous_friction --seed 2 --investigate 1 --out out --json J"],
     "table": ["table --seeds 1 --out out --json J"],
     "bad_input": [
-        "compare absent.toml swing_1.csv --json J", "trial --hidden no_such_effect --json J", "check absent.csv --json J",
+        "compare absent.toml swing_1.csv --json J", "trial --hidden no_such_effect --json J",
+        "check absent.csv --json J",
         "ik show absent.npz", "excite --robot ur5 --urdf a.urdf --output q.csv", "import absent.csv --output runs",
         "export pendulum.toml --output model.txt", "next pendulum.toml swing_1.csv --seconds 0", "view absent.csv",
         "batch absent.toml --output out", "arm show --at 1,2,x", "add pendulum.toml no_such_effect swing_1.csv",
-        "record --ros ws://127.0.0.1:1 --output a.csv --seconds 0.2", "loadcell monitor /dev/absent", "inspect absent.csv",
+        "record --ros ws://127.0.0.1:1 --output a.csv --seconds 0.2", "loadcell monitor /dev/absent",
+        "inspect absent.csv",
         "new pendulum M.toml --set length", "table --seeds 0", "trial --robot ros", "workbench absent.toml",
     ],
 }  # fmt: skip
