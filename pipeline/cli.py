@@ -10,7 +10,7 @@ def main() -> None:
     interrupts = Interrupts()
     try:
         interrupts.install()
-        from pipeline.commands.app import run
+        from pipeline.console.app import run
 
         interrupts.check()
         status = run(interrupts)

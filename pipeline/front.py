@@ -39,7 +39,7 @@ def export(model: AnyModel, path: str | Path, *, force: bool = False) -> tuple[s
         TaskFailedError: the file would lack much of what a repair added.
     """
     from pipeline.commands.export import held_by, write_export
-    from pipeline.commands.output import free_to_write
+    from pipeline.console.outputs import free_to_write
     from pipeline.exports.left_out import left_out
 
     output = Path(path)

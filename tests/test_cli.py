@@ -5,7 +5,7 @@ import sys
 import pytest
 
 from pipeline.cli import main
-from pipeline.commands.output import to_screen
+from pipeline.console.screen import to_screen
 
 
 def run(capsys, monkeypatch, *arguments):
@@ -80,21 +80,19 @@ def test_importing_armdyn_loads_nothing_heavy_and_warns_of_nothing():
 
 def test_out_and_output_are_one():
     """Whichever a command is known for, both are understood."""
-    from importlib import import_module
-
     import typer
 
-    from pipeline.commands import app as collected
-
-    fresh = typer.Typer()
-    for name in collected.COMMANDS:
-        import_module(f"pipeline.commands.{name}").register(fresh)
+    from pipeline.console.app import application, command_files
 
     def options(command, path=()):
         for name, sub in getattr(command, "commands", {}).items():
             yield from options(sub, (*path, name))
         yield from ((path, set(parameter.opts)) for parameter in command.params)
 
-    found = [(path, opts) for path, opts in options(typer.main.get_command(fresh)) if opts & {"--out", "--output"}]
+    found = [
+        (path, opts)
+        for path, opts in options(typer.main.get_command(application(command_files().values())))
+        if opts & {"--out", "--output"}
+    ]
     assert len(found) >= 12
     assert [path for path, opts in found if not {"--out", "--output"} <= opts] == []

@@ -1,1 +1,1 @@
-"""The commands of `armdyn`, one file each: read arguments, call, print."""
+"""The commands of `armdyn`, one file each: the file's name is the command's, and `armdyn --help` lists what is here."""

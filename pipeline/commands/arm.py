@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pipeline.commands.output import JsonOption, answered
-from pipeline.commands.which_robot import (
+from pipeline.console.options import (
     JointsOption,
+    JsonOption,
     MeshesOption,
     RobotOption,
     ToolOption,
@@ -15,25 +15,24 @@ from pipeline.commands.which_robot import (
     numbers,
     which_robot,
 )
+from pipeline.console.screen import write_answer
 
 if TYPE_CHECKING:
     from armdyn.arm.posture import ArmPosture, Ellipsoid
     from urdf import Robot
 
-commands = typer.Typer(help="The dynamics of an arm in closed form.", no_args_is_help=True)
+PANEL = "Motions of an arm"
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands of this file."""
-    app.add_typer(commands, name="arm")
+group = typer.Typer(help="The dynamics of an arm in closed form.", no_args_is_help=True)
 
 
-@commands.callback()
+@group.callback()
 def about() -> None:
     """The dynamics of an arm in closed form."""
 
 
-@commands.command()
+@group.command()
 def show(
     robot: RobotOption = "baxter",
     urdf_file: UrdfOption = None,
@@ -57,7 +56,7 @@ def show(
         None if at is None else numbers(at, "--at"),
         None if velocity is None else numbers(velocity, "--velocity"),
     )
-    if answered(json_file, lambda: _as_json(arm, posture)):
+    if write_answer(json_file, lambda: _as_json(arm, posture)):
         typer.echo(_summary(arm, posture))
 
 

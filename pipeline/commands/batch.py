@@ -6,20 +6,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pipeline.commands.output import JsonOption, answered, check_outputs, command_line, spinner
+from pipeline.console.options import JsonOption
+from pipeline.console.outputs import check_outputs
+from pipeline.console.screen import command_line, spinner, write_answer
 
 if TYPE_CHECKING:
     from pipeline.batch.history import History
     from pipeline.batch.run import Done, Row
     from pipeline.batch.spec import Spec
 
+PANEL = "What a model lacks"
+
+
 MOST_SHOWN = 5
 """Bad recordings that are named on the screen; all are in the files."""
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command of this file."""
-    app.command()(batch)
 
 
 def batch(
@@ -62,7 +62,7 @@ def batch(
             f"{len(done.rows)} of {len(asked.items)} recordings are done and kept; continue with: {again}", err=True
         )
         raise Interrupt(signals[0])
-    if answered(json_file, lambda: _answer(asked, done, found)):
+    if write_answer(json_file, lambda: _answer(asked, done, found)):
         _say(asked, done, found, output)
 
 

@@ -6,21 +6,21 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipeline.commands.output import JsonOption, answered, check_outputs, command_line, spinner
-from pipeline.commands.which_robot import say_missing_meshes
+from armdyn.errors import InputError
+from pipeline.console.options import JsonOption, say_missing_meshes
+from pipeline.console.outputs import check_outputs
+from pipeline.console.screen import command_line, spinner, write_answer
 
 if TYPE_CHECKING:
     import urdf
     from pipeline.motion.feasibility import FeasibilityReport
     from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
 
+PANEL = "Motions of an arm"
+
+
 SHOWN = 10
 """Violations that are printed; the report and the JSON have them all."""
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(check)
 
 
 def check(
@@ -55,7 +55,6 @@ def check(
 ) -> int:
     """Say whether a trajectory is feasible on the arm: exit status 0 if it is, 1 if not."""
     import urdf
-    from armdyn.errors import InputError
     from ik import default_table
     from pipeline.box import Box
     from pipeline.motion.feasibility import CheckSettings, box_and_table, check_joints, check_line
@@ -90,7 +89,7 @@ def check(
         raise InputError(str(error)) from error
     if report is not None:
         _write_report(result, trajectory, report)
-    if answered(json_file, result.to_json):
+    if write_answer(json_file, result.to_json):
         _print(result, report)
         say_missing_meshes(arm)
     return 0 if result.feasible else 1
@@ -114,7 +113,6 @@ def _starts_on(line: "urdf.Line", motion: "LineTrajectory | JointTrajectory", ar
 
 
 def _mass(text: str) -> float:
-    from armdyn.errors import InputError
     from armdyn.units import parse_quantity
 
     try:
@@ -127,7 +125,6 @@ def _mass(text: str) -> float:
 
 
 def _start(text: str | None, arm: "urdf.Robot") -> "list[float] | None":
-    from armdyn.errors import InputError
     from urdf.bounds import number
 
     if text is None:
@@ -145,7 +142,6 @@ def _start(text: str | None, arm: "urdf.Robot") -> "list[float] | None":
 
 def _where(uri: str, robot: str, start: str | None, arm: "urdf.Robot") -> "list[float]":
     """Where the arm behind a rosbridge is; nothing is sent to it."""
-    from armdyn.errors import InputError
     from pipeline.ros.states import where_is
     from pipeline.ros.topics import read_topics, settings_file
 

@@ -6,8 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipeline.commands.output import JsonOption, answered, check_outputs, command_line, spinner
-from pipeline.commands.which_robot import JointsOption, ToolOption, names_in, say_missing_meshes
+from armdyn.errors import InputError
+from pipeline.console.options import JointsOption, JsonOption, ToolOption, names_in, say_missing_meshes
+from pipeline.console.outputs import check_outputs
+from pipeline.console.screen import command_line, spinner, to_screen, write_answer
 
 if TYPE_CHECKING:
     from armdyn.arm.model import ArmModel
@@ -15,16 +17,14 @@ if TYPE_CHECKING:
     from armdyn.excitation.goal import Goal
     from pipeline.motion.excitation import Excitation
 
+PANEL = "Motions of an arm"
+
+
 SHORTEST, LONGEST = 2.0, 600.0
 """s; a shorter motion excites little, a longer one repeats a period of 20 s and tells no more per second."""
 SLOWEST, FASTEST = 20.0, 1000.0
 """Samples per second: twice the 10 Hz below which torques are compared, and what robots are commanded with at most."""
 MOST_RANDOM = 1000
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(excite)
 
 
 def excite(
@@ -60,8 +60,6 @@ def excite(
     json_file: JsonOption = None,
 ) -> int:
     """Design the motion of an arm that determines chosen effects best, or tells two of them apart."""
-    from armdyn.errors import InputError
-
     if (robot is None) == (urdf_file is None):
         raise InputError("a robot is known by its name or by its URDF: give one of --robot and --urdf")
     if wanted is not None and rivals is not None:
@@ -90,14 +88,13 @@ def excite(
         from pipeline.report.feasibility import excitation_page
 
         excitation_page(found, command_line()).write(report)
-    if answered(json_file, lambda: excitation_answer(found, output)):
+    if write_answer(json_file, lambda: excitation_answer(found, output)):
         # `check` takes an arm as its description has it.
         _print(found, output, report, _robot_options(robot, urdf_file) if joints is None and tool is None else None)
     return 0
 
 
 def _within(option: str, value: float, lowest: float, highest: float, unit: str) -> None:
-    from armdyn.errors import InputError
 
     if not lowest <= value <= highest:  # refuses nan as well
         raise InputError(f"{option} {value:g}: give a number from {lowest:g} to {highest:g} {unit}")
@@ -105,7 +102,6 @@ def _within(option: str, value: float, lowest: float, highest: float, unit: str)
 
 def _goal(model: "ArmModel", wanted: str | None, rivals: str | None, effects_file: Path | None, rate: float) -> "Goal":
     from armdyn.effects.user import load_effects
-    from armdyn.errors import InputError
     from pipeline.front import goal_of
 
     own = load_effects(effects_file) if effects_file is not None else ()
@@ -125,7 +121,6 @@ def _effects(text: str, option: str, model: "ArmModel", own: "tuple[Effect, ...]
         UnknownNameError: no effect and no joint has a name.
     """
     from armdyn.effects.catalogue import find
-    from armdyn.errors import InputError
 
     listed: list[str] = []
     for part in (piece.strip() for piece in text.split(",")):
@@ -156,7 +151,6 @@ def _print(found: "Excitation", output: Path, report: Path | None, robot: str | 
     from rich.table import Table
 
     from pipeline.answers_motion import expectation_rows, peak_rows, sentence
-    from pipeline.commands.output import to_screen
 
     console = to_screen()
     typer.echo(sentence(found))

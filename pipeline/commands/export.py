@@ -6,13 +6,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pipeline.commands.identify import EffectsOption, ModelArgument
-from pipeline.commands.output import JsonOption, answered, check_outputs, free_to_write, spinner
+from armdyn.errors import InputError
+from pipeline.console.options import EffectsOption, JsonOption, ModelArgument
+from pipeline.console.outputs import check_outputs, free_to_write
+from pipeline.console.screen import spinner, write_answer
 
 if TYPE_CHECKING:
     from armdyn.arm.model import ArmModel
     from armdyn.model import Model
     from armdyn.model_file import ModelFile
+
+PANEL = "Models"
+
 
 KINDS = {
     ".urdf": "URDF",
@@ -21,11 +26,6 @@ KINDS = {
     ".py": "Python functions",
     ".json": "parameters",
 }
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command of this file."""
-    app.command()(export)
 
 
 def export(
@@ -45,7 +45,6 @@ def export(
     """Write a model for other tools, and say what the format cannot hold: exit status 1 where that is much."""
     from armdyn import atomic
     from armdyn.effects.user import load_effects
-    from armdyn.errors import InputError
     from armdyn.model_file import read_model_file
     from pipeline.exports.left_out import left_out
 
@@ -71,7 +70,7 @@ def export(
     }
     if missing is not None:
         answer |= {"error": dict(missing.error), "share_of_removed_error": missing.share}
-    if answered(json_file, lambda: answer):
+    if write_answer(json_file, lambda: answer):
         typer.echo(f"{kind} {'not ' * refused}written to {output}")
         for note in notes:
             typer.echo(f"  not in it: {note}")
@@ -97,8 +96,6 @@ def kind_of(output: Path) -> str:
     Raises:
         InputError: there is no such kind.
     """
-    from armdyn.errors import InputError
-
     kind = KINDS.get(output.suffix.lower())
     if kind is None:
         raise InputError(f"{output}: end its name in {', '.join(KINDS)}, which says what it is to be")
@@ -147,7 +144,6 @@ def _text(file: "ModelFile", output: Path, about: str) -> tuple[str, list[str]]:
 
 def _arm(model: "Model", output: Path) -> "ArmModel":
     from armdyn.arm.model import ArmModel
-    from armdyn.errors import InputError
 
     if not isinstance(model, ArmModel):
         raise InputError(

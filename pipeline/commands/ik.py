@@ -5,10 +5,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipeline.commands.ik_text import as_settings, found_json, summary, table_json
-from pipeline.commands.output import JsonOption, answered
-from pipeline.commands.which_robot import (
+from armdyn.errors import InputError
+from pipeline.console.ik_text import as_settings, found_json, summary, table_json
+from pipeline.console.options import (
     JointsOption,
+    JsonOption,
     MeshesOption,
     RobotOption,
     ToolOption,
@@ -17,11 +18,14 @@ from pipeline.commands.which_robot import (
     tool_rotation,
     which_robot,
 )
+from pipeline.console.screen import write_answer
 
 if TYPE_CHECKING:
     from ik import PathTable
     from ik.search import Demand, Found
     from urdf import Robot
+
+PANEL = "Motions of an arm"
 
 
 def volume(
@@ -54,7 +58,6 @@ def volume(
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from armdyn.errors import InputError
     from ik.volume import Grid, build_volume
 
     arm = which_robot(robot, urdf_file, joints, tool, meshes)
@@ -92,7 +95,7 @@ def volume(
         "reached": done.table.reached(),
         "neighbours_apart": done.table.apart(),
     }
-    if answered(json_file, lambda: answer):
+    if write_answer(json_file, lambda: answer):
         typer.echo(
             f"{grid.targets} targets, {done.solved} solved now in {done.seconds:.1f} s "
             f"({answer['targets_per_second']:.0f} per second), {done.resumed} were there\n"
@@ -102,16 +105,11 @@ def volume(
         )
 
 
-commands = typer.Typer(help="SE(3) IK and Jacobian tables of lines, paths and volumes.", no_args_is_help=True)
-commands.command()(volume)
+group = typer.Typer(help="SE(3) IK and Jacobian tables of lines, paths and volumes.", no_args_is_help=True)
+group.command()(volume)
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands of this file."""
-    app.add_typer(commands, name="ik")
-
-
-@commands.command()
+@group.command()
 def build(
     robot: RobotOption = "baxter",
     urdf_file: UrdfOption = None,
@@ -144,7 +142,6 @@ def build(
     """Build the table of a robot's line, of a path, or of a line that is searched for."""
     from dataclasses import replace
 
-    from armdyn.errors import InputError
     from ik.build import build_line_table, build_path_table, default_path
     from ik.pathfile import read_path
 
@@ -167,7 +164,7 @@ def build(
     if target is not None:
         table.save(target)
     extra = ({} if target is None else {"file": str(target)}) | ({} if found is None else {"found": found_json(found)})
-    if answered(json_file, lambda: table_json(table) | extra):
+    if write_answer(json_file, lambda: table_json(table) | extra):
         typer.echo(summary(table))
         if found is not None:
             typer.echo(as_settings(found))
@@ -175,14 +172,13 @@ def build(
             typer.echo(f"written to {target}")
 
 
-@commands.command()
+@group.command()
 def show(
     file: Annotated[Path, typer.Argument(help="A table that 'armdyn ik build' wrote.")],
     json_file: JsonOption = None,
     report: Annotated[Path | None, typer.Option(help="Joint curves, margins and limits as one HTML page.")] = None,
 ) -> None:
     """Print what a table holds, and plot it."""
-    from armdyn.errors import InputError
     from ik import PathTable
     from urdf import UrdfError, known_robots, load
 
@@ -197,7 +193,7 @@ def show(
         from pipeline.report.ik import ik_report
 
         ik_report(table, arm, command=f"armdyn ik show {file} --report {report}").write(report)
-    if answered(json_file, lambda: table_json(table)):
+    if write_answer(json_file, lambda: table_json(table)):
         typer.echo(summary(table))
 
 
@@ -212,7 +208,6 @@ def _search(arm: "Robot", demand: "Demand") -> "Found":
 
 
 def _demand(extent: str, core: str, direction: str, tool_rpy: str | None) -> "Demand":
-    from armdyn.errors import InputError
     from ik.search import Demand
 
     first, last = exactly(2, extent, "--extent")

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pipeline.commands.output import JsonOption, write_json
+from armdyn.errors import TaskFailedError
+from pipeline.console.options import JsonOption
+from pipeline.console.screen import write_json
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -17,22 +19,20 @@ if TYPE_CHECKING:
     from pipeline.loadcell.faults import LoadCellStatus
     from pipeline.loadcell.monitor import Monitor
 
+PANEL = "Experiments"
+
+
 EMULATED = "emulated"
 PATIENCE = 2.0
 """Time without a sample that ends a calibration [s]; slow boards shall be calibrated too."""
 
-commands = typer.Typer(help="The load cell: an HX711 over a serial line.", no_args_is_help=True)
+group = typer.Typer(help="The load cell: an HX711 over a serial line.", no_args_is_help=True)
 
 Port = Annotated[str, typer.Argument(help="Serial port, such as /dev/ttyUSB0; 'emulated' tries it without hardware.")]
 Baud = Annotated[int, typer.Option(min=1, help="Baud rate of the microcontroller's program.")]
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands of this file."""
-    app.add_typer(commands, name="loadcell")
-
-
-@commands.command()
+@group.command()
 def calibrate(
     port: Port,
     weights: Annotated[
@@ -91,7 +91,7 @@ def calibrate(
     console.print(f"written to {target}", highlight=False, soft_wrap=True)
 
 
-@commands.command()
+@group.command()
 def monitor(
     port: Port,
     calibration: Annotated[
@@ -103,7 +103,6 @@ def monitor(
     json_file: JsonOption = None,
 ) -> None:
     """Show forces and faults as they come; exit status 1 where the cell cannot be relied on at the end."""
-    from armdyn.errors import TaskFailedError
     from pipeline.loadcell.calibration import Calibration, default_path
     from pipeline.loadcell.cell import LoadCell
     from pipeline.loadcell.faults import Fault

@@ -1,7 +1,6 @@
 """`armdyn trial` and `armdyn table`: one whole experiment, and the paper's Table I."""
 
-import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,53 +8,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from armdyn.errors import InputError
-from pipeline.commands.identify import EffectsOption
-from pipeline.commands.output import (
-    JsonOption,
-    answered,
-    check_outputs,
-    command_line,
-    phase_progress,
-    to_screen,
-    write_json,
-)
+from pipeline.console.options import EffectsOption, JsonOption, parse_hidden
+from pipeline.console.outputs import check_outputs
+from pipeline.console.screen import phase_progress, write_json
+from pipeline.console.trial_result import end_with, say_result, write_report
 
 if TYPE_CHECKING:
     from armdyn.pendulum.model import PendulumModel
     from pipeline.motion.trajectory import LineTrajectory
-    from pipeline.trial import SimulatedTrial, TrialResult, TrialSettings
-    from pipeline.trial.real import RealTrial
+    from pipeline.trial import SimulatedTrial, TrialSettings
 
-
-def parse_hidden(given: list[str]) -> dict[str, float | None]:
-    """Effects by name; None stands for the typical size.
-
-    Raises:
-        InputError: a value that is not a finite number, or an effect that is named twice.
-    """
-    from urdf.bounds import is_sane, number
-
-    hidden: dict[str, float | None] = {}
-    for entry in given:
-        name, equals, text = entry.partition("=")
-        if name in hidden:
-            raise InputError(f"--hidden {entry}: '{name}' is given twice: give each effect once")
-        try:
-            value = number(text) if equals else None
-        except ValueError:
-            value = math.nan
-        if value is not None and not is_sane(value):
-            raise InputError(
-                f"--hidden {entry}: '{text}' is not a number: write {name}=0.01, or {name} for its typical size"
-            )
-        hidden[name] = value
-    return hidden
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands of this file."""
-    app.command()(trial)
-    app.command()(table)
+PANEL = "Experiments"
 
 
 def trial(
@@ -181,65 +144,6 @@ def _run(settings: "TrialSettings", out: Path, json_file: Path | None, note: str
     end_with(result)
 
 
-def say_result(
-    result: "TrialResult",
-    lines: Iterable[str],
-    report: Path | None,
-    known: str = "",
-    note: str = "",
-    pictures: Sequence[Path] = (),
-) -> None:
-    """Print what came of a trial.
-
-    Args:
-        result: its numbers.
-        lines: that stand below its message.
-        report: its file; None where it could not be made.
-        known: what stands before the guess of the length.
-        note: stands below the length.
-        pictures: that were drawn.
-    """
-    say = to_screen().print
-    if result.estimates:
-        say(
-            f"length {result.length_estimate:.4f} m +/- {1e3 * result.length_std:.2f} mm "
-            f"({known}guess {result.length_guess:g} m)"
-        )
-    if note:
-        say(note, markup=False)
-    if result.investigation is not None:
-        for number, stage in enumerate(result.investigation.stages, start=1):
-            say(f"experiment {number}: {stage.diagnosis.sentence}", markup=False)
-        say(result.investigation.sentence, markup=False)
-    say(result.message, style=f"bold {'green' if result.success else 'red'}", markup=False)
-    for line in lines:
-        say(line, soft_wrap=True, markup=False)
-    say(f"{'' if report is None else f'report {report}, '}recording {result.recording}", soft_wrap=True)
-    for drawn in pictures:
-        say(f"picture {drawn}", soft_wrap=True)
-    if result.repair_command is not None:
-        say(f"what the model lacks: {result.repair_command}", soft_wrap=True)
-
-
-def end_with(result: "TrialResult") -> None:
-    """Exit status 128 and the signal that ended a trial, 1 where it did not land."""
-    if result.signal is not None:
-        raise typer.Exit(128 + result.signal)
-    if not result.success:
-        raise typer.Exit(1)
-
-
-def write_report(done: "SimulatedTrial | RealTrial", report: Path) -> str | None:
-    """Write the report; a sentence where what stopped the trial also keeps the report from being made."""
-    try:
-        done.report(command_line()).write(report)
-    except Exception as error:
-        if not done.result.stopped:
-            raise
-        return f"no report: {type(error).__name__}: {' '.join(str(error).split())}"
-    return None
-
-
 def _motion(file: Path) -> "LineTrajectory":
     import urdf
     from pipeline.motion.feasibility.read import read_trajectory
@@ -264,7 +168,6 @@ def _mass(text: str) -> tuple[float, float]:
 
 def _pendulum(file: Path, effects: Path | None) -> "PendulumModel":
     from armdyn.effects.user import load_effects
-    from armdyn.errors import InputError
     from armdyn.model_file import read_model
     from armdyn.pendulum.model import PendulumModel
 
@@ -290,36 +193,3 @@ def _render(done: "SimulatedTrial", out: Path, show: Callable[[str, float], None
 
         render_swing(done.experiment.description, done.plant, history, file, progress=drawn)
     return files
-
-
-def table(
-    seeds: Annotated[int, typer.Option(help="Trials per guess, with estimation and without.")] = 3,
-    first_seed: Annotated[int, typer.Option(help="Of the simulation's randomness; the others follow it.")] = 0,
-    out: Annotated[Path, typer.Option("--out", "--output", help="Directory for the report.")] = Path("out/table"),
-    json_file: JsonOption = None,
-) -> None:
-    """Table I of the paper: nine guesses of the length, with and without estimation."""
-    from rich.table import Table as Grid
-
-    from pipeline.report.table import BOX_NOTE, table_report
-    from pipeline.trial.table import run_table
-
-    with phase_progress() as show:
-        result = run_table(seeds, first_seed, lambda done, total: show(f"{done} of {total} trials", done / total))
-    answer = result.as_json()
-    report = out / "report.html"
-    out.mkdir(parents=True, exist_ok=True)
-    table_report(result, f"{seeds} seeds per guess", command_line()).write(report)
-    if answered(json_file, lambda: answer):
-        grid = Grid("guess [m]", "without", "with", "estimates [m]")
-        for row in result.rows:
-            mean = sum(row.length_estimates) / len(row.length_estimates)
-            grid.add_row(f"{row.length_guess:.3f}", f"{row.without:.0%}", f"{row.with_estimation:.0%}", f"{mean:.4f}")
-        console = to_screen()
-        console.print(grid)
-        console.print(
-            f"length {answer['mean']:.4f} m, standard deviation {1e3 * answer['std']:.2f} mm over all trials; "
-            f"the truth ({result.length:g} m) within 3 reported standard deviations in {result.covered:.0%}"
-        )
-        console.print(BOX_NOTE)
-        console.print(f"report {report}")

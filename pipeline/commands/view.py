@@ -6,13 +6,12 @@ from typing import Annotated
 
 import typer
 
-from pipeline.commands.identify import EffectsOption
-from pipeline.commands.output import JsonOption, answered, check_outputs, command_line, free_to_write, spinner
+from armdyn.errors import InputError
+from pipeline.console.options import EffectsOption, JsonOption
+from pipeline.console.outputs import check_outputs, free_to_write
+from pipeline.console.screen import command_line, spinner, write_answer
 
-
-def register(app: typer.Typer) -> None:
-    """Add the command of this file."""
-    app.command()(view)
+PANEL = "Recordings"
 
 
 def view(
@@ -40,7 +39,6 @@ def view(
     """Show a recording, a trajectory, a table or a trial in 3-D: one HTML file that works offline."""
     import urdf
     from armdyn.effects.user import load_effects
-    from armdyn.errors import InputError
     from armdyn.model_file import read_model
     from pipeline.view.reading import scene_of
     from pipeline.view.scene import write_view
@@ -67,7 +65,7 @@ def view(
         "seconds": float(scene.time[-1] - scene.time[0]), "bodies": [body.name for body in scene.bodies],
         "note": scene.note,
     }  # fmt: skip
-    if answered(json_file, lambda: answer):
+    if write_answer(json_file, lambda: answer):
         typer.echo(f"view written to {page}" + (f"; {scene.note}" if scene.note else ""))
     if output is None and not no_browser and sys.stdout.isatty():
         import webbrowser

@@ -6,13 +6,13 @@ from typing import Annotated
 
 import typer
 
-from pipeline.commands.identify import EffectsOption, Inputs
-from pipeline.commands.output import JsonOption
+from armdyn.errors import InputError
+from pipeline.console.inputs import Inputs
+from pipeline.console.options import EffectsOption, JsonOption
+from pipeline.console.outputs import check_outputs
+from pipeline.console.screen import spinner, write_json
 
-
-def register(app: typer.Typer) -> None:
-    """Add the command of this file."""
-    app.command()(workbench)
+PANEL = "What a model lacks"
 
 
 def workbench(
@@ -35,9 +35,6 @@ def workbench(
     json_file: JsonOption = None,
 ) -> None:
     """Open the page: tick an effect and watch the error fall, turn parameters, keep the model. Ctrl-C ends it."""
-    from armdyn.errors import InputError
-    from pipeline.commands.output import check_outputs, spinner, write_json
-
     check_outputs(json_file)
     if model is not None and not model.is_file():
         raise InputError(f"{model}: no such file: make a model with 'armdyn new', or start one on the page")

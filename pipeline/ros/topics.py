@@ -9,7 +9,7 @@ from typing import Any
 
 from armdyn.errors import InputError
 from pipeline.robot.protocol import Vector
-from urdf.load import SETTINGS, known_robots
+from urdf.loader import SETTINGS, known_robots
 from urdf.table_file import TableFileError, read_table
 
 

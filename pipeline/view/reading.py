@@ -158,7 +158,7 @@ def _known(name: str) -> urdf.Robot:
 
 def _robot_of(run: Run) -> urdf.Robot:
     """The known robot that has the joints of a run."""
-    from urdf.load import known_robots
+    from urdf.loader import known_robots
 
     for name in known_robots():
         robot = urdf.load(name, meshes=False)

@@ -7,7 +7,7 @@ from queue import SimpleQueue
 from threading import Thread
 from typing import Any, TypeVar
 
-from pipeline.commands.identify import Given, Inputs
+from pipeline.console.inputs import Given, Inputs
 from pipeline.workbench.bench import Bench
 
 T = TypeVar("T")

@@ -19,7 +19,7 @@ from armdyn.model import Model
 from armdyn.model_file import ModelFile, base_pendulum, write_model_file
 from armdyn.run import Run, read_run, write_run_csv
 from ik.children import is_running
-from pipeline.commands.identify import Given, Inputs
+from pipeline.console.inputs import Given, Inputs
 from pipeline.workbench.bench import Atom, Bench
 
 PREFIX = "armdyn-page-"
@@ -284,7 +284,7 @@ def keep(
     from armdyn.model_file import ModelFile, write_model_file
     from pipeline.answers import history_entries
     from pipeline.commands.export import write_export
-    from pipeline.commands.output import check_outputs
+    from pipeline.console.outputs import check_outputs
     from pipeline.report.page import NextStep
     from pipeline.report.repair import repair_report
 

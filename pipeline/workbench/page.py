@@ -11,14 +11,14 @@ from nicegui import Client, events, ui
 
 from armdyn.errors import InputError
 from armdyn.quoting import script_json
-from pipeline.commands.identify import Inputs
+from pipeline.console.inputs import Inputs
 from pipeline.workbench import files, panels
 from pipeline.workbench.bench import Atom
 from pipeline.workbench.desk import Desk
 from pipeline.workbench.ranking import Ranking, Search
 from pipeline.workbench.tab import OpenDesk, Tab, scene_of_run
 from urdf.bounds import LARGEST_UPLOAD
-from urdf.load import known_robots
+from urdf.loader import known_robots
 
 TEMPLATES = Path(__file__).parent / "templates"
 STILL = 0.25

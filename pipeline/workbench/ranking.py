@@ -19,7 +19,7 @@ from armdyn.identify.study import Study
 from armdyn.identify.summed import Summed
 from armdyn.identify.sums import sums_at
 from ik.children import begin_child
-from pipeline.commands.identify import Inputs
+from pipeline.console.inputs import Inputs
 
 if TYPE_CHECKING:
     from armdyn.identify.suspects import Suspect

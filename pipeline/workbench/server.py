@@ -16,7 +16,7 @@ from nicegui import Client, ui
 
 from armdyn import __version__
 from armdyn.errors import InputError
-from pipeline.commands.identify import Inputs
+from pipeline.console.inputs import Inputs
 from pipeline.interrupts import Interrupt, leave, noted_signals
 from pipeline.report.page import report_style, widget_scripts
 from pipeline.view.scene import scene_script, scene_style, three_js

@@ -11,7 +11,7 @@ from armdyn.arm.model import ArmModel
 from armdyn.errors import ArmdynError, InputError, WrongRecordingError
 from armdyn.quoting import script_json
 from armdyn.run import Run
-from pipeline.commands.identify import Given, Inputs
+from pipeline.console.inputs import Given, Inputs
 from pipeline.report.missing_force import missing_force_pictures
 from pipeline.report.overlay import Overlays, changed
 from pipeline.report.page import LOOK, tabs_html
@@ -163,7 +163,7 @@ class Tab:
         except ArmdynError as error:
             self._say(str(error).replace(f"{self._folder.name}/", ""))
         except Exception as error:
-            from pipeline.commands.streams import report_unforeseen
+            from pipeline.console.streams import report_unforeseen
 
             self._say(report_unforeseen(error))
 

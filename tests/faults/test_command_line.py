@@ -10,11 +10,9 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-import typer
 
 from pipeline import interrupts
 from pipeline.cli import main
-from pipeline.commands import app as commands
 
 ARMDYN = "from pipeline.cli import main; main()"
 
@@ -25,11 +23,10 @@ def armdyn(monkeypatch, capsys, tmp_path):
 
     def run(work):
         module = types.ModuleType("pipeline.commands.failing")
-        module.register = lambda app: (app.command("fail")(work), app.command("other")(lambda: None))
+        module.PANEL, module.failing = "A mistake", work
         monkeypatch.setitem(sys.modules, module.__name__, module)
-        monkeypatch.setattr(commands, "COMMANDS", ("failing",))
-        monkeypatch.setattr(commands, "app", typer.Typer())
-        monkeypatch.setattr(sys, "argv", ["armdyn", "fail"])
+        monkeypatch.setattr("pipeline.console.app.command_files", lambda: {"failing": "failing"})
+        monkeypatch.setattr(sys, "argv", ["armdyn", "failing"])
         monkeypatch.setenv("TMPDIR", str(tmp_path))
         monkeypatch.setattr("tempfile.tempdir", None)
         before = {number: signal.getsignal(number) for number in interrupts.numbers()}
@@ -75,7 +72,7 @@ def test_a_report_that_cannot_be_written_still_leaves_a_line(armdyn, monkeypatch
     def full(*_arguments, **_named):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("pipeline.commands.streams.tempfile.NamedTemporaryFile", full)
+    monkeypatch.setattr("pipeline.console.streams.tempfile.NamedTemporaryFile", full)
     status, _, err = armdyn(raises(ZeroDivisionError()))
     assert status == 3
     assert re.search(r"it came from .*test_command_line.py, line \d+$", err.strip())

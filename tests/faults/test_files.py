@@ -14,7 +14,7 @@ import pytest
 from armdyn import atomic
 from armdyn.errors import InputError
 from armdyn.run import Run, read_run, write_run_csv
-from pipeline.commands.output import check_outputs
+from pipeline.console.screen import check_outputs
 
 TEXT = "new\n" * 1000
 
@@ -201,7 +201,7 @@ def test_a_longest_name_can_be_written(tmp_path):
 def test_json_on_a_full_or_closed_standard_output_is_refused(where):
     code = (
         "from pathlib import Path; from armdyn.errors import InputError\n"
-        "from pipeline.commands.output import write_json\n"
+        "from pipeline.console.screen import write_json\n"
         "try: write_json({'a': 1}, Path('-'))\n"
         "except InputError: import os; os._exit(7)"
     )
@@ -211,7 +211,7 @@ def test_json_on_a_full_or_closed_standard_output_is_refused(where):
 
 def test_a_reader_that_ends_early_is_no_error():
     code = (
-        "from pathlib import Path; from pipeline.commands.output import write_json\n"
+        "from pathlib import Path; from pipeline.console.screen import write_json\n"
         "write_json({'a': list(range(200000))}, Path('-'))"
     )
     done = subprocess.run(

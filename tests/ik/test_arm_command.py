@@ -4,17 +4,15 @@ import json
 
 import numpy as np
 import pytest
-import typer
 from typer.testing import CliRunner
 
 from armdyn.errors import InputError
-from pipeline.commands.arm import register
+from pipeline.console.app import application
 
 
 @pytest.fixture
 def run():
-    app = typer.Typer()
-    register(app)
+    app = application(["arm"])
     return lambda *arguments: CliRunner().invoke(app, ["arm", "show", *map(str, arguments)])
 
 

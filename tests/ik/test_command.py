@@ -4,18 +4,16 @@ import json
 
 import numpy as np
 import pytest
-import typer
 from typer.testing import CliRunner
 
 import ik
 from armdyn.errors import InputError
-from pipeline.commands.ik import register
+from pipeline.console.app import application
 
 
 @pytest.fixture
 def run():
-    app = typer.Typer()
-    register(app)
+    app = application(["ik"])
     return lambda *arguments: CliRunner().invoke(app, ["ik", *map(str, arguments)])
 
 

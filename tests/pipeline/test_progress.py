@@ -12,8 +12,8 @@ from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import pendulum_model
 from armdyn.units import Known
-from pipeline.commands.output import COUNTED, about, spinner
 from pipeline.commands.trial import _render
+from pipeline.console.screen import COUNTED, about, spinner
 
 
 @pytest.mark.parametrize(

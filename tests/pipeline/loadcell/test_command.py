@@ -8,10 +8,8 @@ import tomllib
 
 import numpy as np
 import pytest
-import typer
 
 from pipeline import cli
-from pipeline.commands import app as commands
 from pipeline.loadcell.calibration import Calibration
 from pipeline.loadcell.cell import LoadCell
 from pipeline.loadcell.emulator import EmulatedCell, EmulatedPort
@@ -24,10 +22,8 @@ PATIENT = ["--silent-after", "30"]  # these tests run on busy machines
 def armdyn(monkeypatch, capsys, tmp_path):
     """The command line, in this process, with settings of its own: exit status, standard output, standard error."""
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "settings"))
-    monkeypatch.setattr(commands, "COMMANDS", ("loadcell",))
 
     def run(*arguments):
-        monkeypatch.setattr(commands, "app", typer.Typer())
         monkeypatch.setattr(sys, "argv", ["armdyn", "loadcell", *map(str, arguments)])
         with pytest.raises(SystemExit) as caught:
             cli.main()

@@ -4,12 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import typer
 
 import ik
 import urdf
 from armdyn.errors import InputError
-from pipeline.commands import check as command
+from pipeline.console.app import application
 from pipeline.motion.feasibility import Margin
 from pipeline.motion.feasibility.read import differentiated, noise
 
@@ -18,9 +17,7 @@ S = 0.1 * (1 - np.cos(2 * np.pi * 0.5 * TIME)) * (1 - np.cos(2 * np.pi * TIME / 
 
 
 def run(*arguments: str | Path) -> int:
-    app = typer.Typer()
-    command.register(app)
-    status = app([str(argument) for argument in arguments], standalone_mode=False)
+    status = application(["check"])(["check", *map(str, arguments)], standalone_mode=False)
     assert isinstance(status, int)
     return status
 

@@ -12,17 +12,18 @@ SMALL = ("--joints", "right_s0,right_s1,right_e0", "--seconds", "5", "--random",
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """Motion, report and JSON of one small design."""
+    import typer
     from typer.testing import CliRunner
 
-    from pipeline.commands.app import app
-    from pipeline.commands.excite import register
+    from pipeline.console.app import application
 
     folder = tmp_path_factory.mktemp("excite")
-    register(app)
     files = {name: folder / f"motion.{name}" for name in ("csv", "html", "json")}
     words = ["excite", "--robot", "baxter", "--for", "joint_viscous_friction,payload", *SMALL]
     words += ["--output", files["csv"], "--report", files["html"], "--json", files["json"]]
-    result = CliRunner().invoke(app, list(map(str, words)), standalone_mode=False)
+    result = CliRunner().invoke(
+        typer.main.get_command(application(["excite"])), list(map(str, words)), standalone_mode=False
+    )
     assert result.exception is None
     return files, json.loads(files["json"].read_text()), result.output
 

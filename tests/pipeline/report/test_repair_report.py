@@ -10,7 +10,7 @@ from armdyn.identify.explained import RepairStep, Scale
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.unseen import Judge
 from pipeline.answers import link_answer
-from pipeline.commands.identify_text import say_links
+from pipeline.console.fit_text import say_links
 from pipeline.report.page import Level
 from pipeline.report.repair import RepairPath, link_section, repair_level
 

@@ -11,7 +11,7 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.identify.study import Study
 from armdyn.model_file import base_pendulum, read_model_file
-from pipeline.commands.identify import Inputs
+from pipeline.console.inputs import Inputs
 from pipeline.report.overlay import FITTED, HELD_OUT, quality
 from pipeline.workbench import panels
 from pipeline.workbench.bench import Atom, Bench

@@ -6,8 +6,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipeline.commands.identify import TrustOption, stopped_if_wrong
-from pipeline.commands.output import JsonOption, answered, check_outputs, free_to_write, plain_table, spinner, to_screen
+from armdyn.errors import InputError
+from pipeline.console.inputs import stopped_if_wrong
+from pipeline.console.options import JsonOption, TrustOption
+from pipeline.console.outputs import check_outputs, free_to_write
+from pipeline.console.screen import plain_table, spinner, to_screen, write_answer
 
 if TYPE_CHECKING:
     from armdyn.run import Run
@@ -15,10 +18,7 @@ if TYPE_CHECKING:
     from pipeline.imports.joints import Joints
     from pipeline.imports.mapping import ColumnMap
 
-
-def register(app: typer.Typer) -> None:
-    """Add the command of this file."""
-    app.command(name="import")(import_)
+PANEL = "Recordings"
 
 
 def import_(
@@ -43,7 +43,6 @@ def import_(
 ) -> None:
     """Make runs of recordings in other formats."""
     from armdyn.arm.model import arm_model
-    from armdyn.errors import InputError
     from armdyn.inspection.inspect import inspected, require_usable
     from pipeline.answers_inspection import checks_answer
     from pipeline.commands.inspecting import say_inspection
@@ -77,7 +76,7 @@ def import_(
         if not trust_data:
             require_usable(found)
         written = _write(runs, output, [*files, *([mapping] if mapping else [])], force)
-    if answered(json_file, lambda: {**_answer(runs, written), "recording_checks": checks_answer(found.checks)}):
+    if write_answer(json_file, lambda: {**_answer(runs, written), "recording_checks": checks_answer(found.checks)}):
         if found.checks:
             say_inspection(found)
         _say(runs, written)
@@ -85,7 +84,6 @@ def import_(
 
 def _write(runs: "list[Run]", output: Path, inputs: list[Path], force: bool) -> list[Path]:
     from armdyn.atomic import making_directory
-    from armdyn.errors import InputError
     from armdyn.run import write_run_csv
 
     paths = [output / f"{run.name}.csv" for run in runs]
@@ -124,7 +122,7 @@ def _propose(
     making_directory(output)
     comment = f"Proposed by armdyn from {files[0].name}: read it, mend what is wrong, above all lines with CHECK."
     atomic.write_text(target, map_text(found, comment))
-    if answered(json_file, lambda: _guess_answer(found, target)):
+    if write_answer(json_file, lambda: _guess_answer(found, target)):
         _say_guess(found, recordings, target)
         if joints is None and any("." in entry.channel for entry in found.entries.values()):
             typer.echo("joints are called as the headers call them: --urdf ROBOT.urdf gives them the robot's names")

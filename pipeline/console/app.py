@@ -2,10 +2,11 @@
 
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import wraps
 from importlib import import_module
+from pkgutil import iter_modules
 from typing import Annotated, Any
 
 import typer
@@ -13,23 +14,41 @@ from typer.exceptions import TyperException
 
 from armdyn import __version__
 from armdyn.errors import ArmdynError, InputError, TaskFailedError
-from pipeline.commands.streams import report_unforeseen, tolerant_streams
+from pipeline import commands
+from pipeline.console.streams import report_unforeseen, tolerant_streams
 from pipeline.interrupts import Interrupt, Interrupts
 from urdf.bounds import LARGEST, is_sane, shown
 
-app = typer.Typer(
-    name="armdyn",
-    help="Learn what a robot arm handles, use it, and find out where the model is wrong.",
-    no_args_is_help=True,
-    rich_markup_mode="markdown",  # a unit in brackets is text
-    pretty_exceptions_enable=False,
-)
 
-COMMANDS = (
-    "trial", "models", "importing", "inspecting", "identify", "next_experiment", "workbench", "batch", "export", "ik",
-    "arm", "excite", "check", "view", "loadcell", "ros",
-)  # fmt: skip
-"""Modules of `pipeline.commands`, in the order in which `armdyn --help` lists their commands."""
+def command_files() -> dict[str, str]:
+    """The file of every command in `pipeline.commands`, without the underscore that tells `import_` from `import`."""
+    return {module.name.removesuffix("_"): module.name for module in iter_modules(commands.__path__)}
+
+
+def application(files: Iterable[str]) -> typer.Typer:
+    """The command line with the commands of these files; no other is loaded.
+
+    A file holds a function of its own name, or `group`, several commands behind that name, and `PANEL`, the heading
+    under which `armdyn --help` lists it.
+    """
+    app = typer.Typer(
+        name="armdyn",
+        help="Learn what a robot arm handles, use it, and find out where the model is wrong.",
+        no_args_is_help=True,
+        rich_markup_mode="markdown",  # a unit in brackets is text
+        pretty_exceptions_enable=False,
+    )
+    app.callback()(_common)
+    for file in files:
+        module = import_module(f"{commands.__name__}.{file}")
+        place = {"name": file.removesuffix("_"), "rich_help_panel": module.PANEL}
+        if not hasattr(module, "group"):
+            app.command(**place)(_checked(getattr(module, file)))
+            continue
+        for command in module.group.registered_commands:
+            command.callback = _checked(command.callback)
+        app.add_typer(module.group, **place)
+    return app
 
 
 def _version(asked: bool) -> None:
@@ -38,7 +57,6 @@ def _version(asked: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
 def _common(
     version: Annotated[
         bool, typer.Option("--version", help="Print the version and stop.", is_eager=True, callback=_version)
@@ -65,12 +83,9 @@ def run(interrupts: Interrupts) -> int:
 
 
 def _told(interrupts: Interrupts) -> int:
-    for name in COMMANDS:
-        import_module(f"pipeline.commands.{name}").register(app)
-    for group in (app, *(group.typer_instance for group in app.registered_groups)):
-        for command in group.registered_commands if group is not None else ():
-            if command.callback is not None and not hasattr(command.callback, "__wrapped__"):
-                command.callback = _checked(command.callback)
+    known = command_files()
+    asked = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
+    app = application([known[asked]] if asked in known else known.values())
     interrupts.check()
     status = app(standalone_mode=False)
     interrupts.check()

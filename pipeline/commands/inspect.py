@@ -6,30 +6,21 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipeline.commands.identify import EffectsOption, ReportOption
-from pipeline.commands.output import (
-    JsonOption,
-    answered,
-    check_outputs,
-    command_line,
-    free_to_write,
-    plain_table,
-    spinner,
-    to_screen,
-)
+from armdyn.errors import InputError
+from pipeline.console.options import EffectsOption, JsonOption, ReportOption
+from pipeline.console.outputs import check_outputs, free_to_write
+from pipeline.console.screen import command_line, plain_table, spinner, to_screen, write_answer
 
 if TYPE_CHECKING:
     from armdyn.effects.effect import Effect
     from armdyn.inspection.check import Inspection
     from armdyn.model import Model
 
+PANEL = "Recordings"
+
+
 SHOWN = {"wrong": "bold red", "suspect": "yellow", "note": "dim"}
 """How a severity is printed."""
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command of this file."""
-    app.command(name="inspect")(inspect)
 
 
 def inspect(
@@ -47,7 +38,6 @@ def inspect(
     json_file: JsonOption = None,
 ) -> None:
     """Ask whether recordings are what they say they are: gaps, units, signs, swapped columns, clocks, mountings."""
-    from armdyn.errors import InputError
     from armdyn.inspection.check import MODEL
     from armdyn.inspection.inspect import inspected
     from armdyn.run import read_run
@@ -68,7 +58,7 @@ def inspect(
 
             inspection_report(found, command_line()).write(report)
         written = write_fixed(found, fix, force) if fix is not None else []
-    if answered(json_file, lambda: inspection_answer(found)):
+    if write_answer(json_file, lambda: inspection_answer(found)):
         say_inspection(found)
         if fix is not None:
             _say_fixed(written, model_file)

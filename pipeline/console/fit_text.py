@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from pipeline.commands.output import plain_table, to_screen
+from pipeline.console.screen import plain_table, to_screen
 
 if TYPE_CHECKING:
     from armdyn.arm.links import LinkChange, LinkQuantity

@@ -1,13 +1,47 @@
-"""Options that say which robot a command is about."""
+"""Arguments and options that several commands have, and what their texts mean."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from armdyn.errors import InputError
+
 if TYPE_CHECKING:
     from urdf import Robot
 
+JsonOption = Annotated[Path | None, typer.Option("--json", help="The answer as JSON; '-' is standard output.")]
+ModelArgument = Annotated[Path, typer.Argument(metavar="M.toml", help="Model file.")]
+RunsArgument = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Recordings to fit: CSV or MCAP.")]
+HeldOutOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--held-out",
+        help="A recording that takes part in choosing effects and never in a fit; give the option once for each.",
+    ),
+]
+ExamOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--exam",
+        help="A recording that takes part in nothing: its error is computed at the very end. Give the option once for "
+        "each.",
+    ),
+]
+EffectsOption = Annotated[Path | None, typer.Option("--effects", help="Python file with effects of your own.")]
+ReportOption = Annotated[Path | None, typer.Option("--report", help="Write one offline HTML file.")]
+TrustOption = Annotated[
+    bool, typer.Option("--trust-data", help="Go on where 'armdyn inspect' finds a recording wrong.")
+]
+OutputOption = Annotated[
+    Path | None,
+    typer.Option("--output", "--out", help="Where the repaired model goes; over the old one when not given."),
+]
+RosOption = Annotated[str, typer.Option("--ros", help="Address of the rosbridge, ws://HOST:9090.")]
+ArmOption = Annotated[
+    str, typer.Option("--arm", help="The arm behind it: a known robot, or a settings file with a table for ROS.")
+]
 RobotOption = Annotated[
     str, typer.Option(help="Name of a known robot, or a settings file of one's own (.toml) that names its URDF.")
 ]
@@ -30,7 +64,6 @@ def which_robot(robot: str, urdf_file: Path | None, joints: str | None, tool: st
     Raises:
         InputError: its description is unknown or cannot be used.
     """
-    from armdyn.errors import InputError
     from urdf import UrdfError, load
 
     try:
@@ -64,7 +97,6 @@ def numbers(text: str, option: str) -> list[float]:
     Raises:
         InputError: one of them is not a number.
     """
-    from armdyn.errors import InputError
     from urdf.bounds import is_sane, number, shown
 
     values = []
@@ -85,8 +117,6 @@ def exactly(count: int, text: str, option: str) -> list[float]:
     Raises:
         InputError: one of them is not a number, or there are more or fewer.
     """
-    from armdyn.errors import InputError
-
     values = numbers(text, option)
     if len(values) != count:
         raise InputError(f"{option}: '{text}' has {len(values)} numbers; give {count}, separated by commas")
@@ -98,3 +128,28 @@ def tool_rotation(rpy: str) -> Any:
     from urdf.robot import rotation_of
 
     return rotation_of(*exactly(3, rpy, "--tool-rpy"))
+
+
+def parse_hidden(given: list[str]) -> dict[str, float | None]:
+    """Effects by name; None stands for the typical size.
+
+    Raises:
+        InputError: a value that is not a finite number, or an effect that is named twice.
+    """
+    from urdf.bounds import is_sane, number
+
+    hidden: dict[str, float | None] = {}
+    for entry in given:
+        name, equals, text = entry.partition("=")
+        if name in hidden:
+            raise InputError(f"--hidden {entry}: '{name}' is given twice: give each effect once")
+        try:
+            value = number(text) if equals else None
+        except ValueError:
+            value = math.nan
+        if value is not None and not is_sane(value):
+            raise InputError(
+                f"--hidden {entry}: '{text}' is not a number: write {name}=0.01, or {name} for its typical size"
+            )
+        hidden[name] = value
+    return hidden

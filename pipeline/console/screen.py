@@ -1,25 +1,25 @@
-"""What every command does with its answer: the screen, JSON, files to write, and progress."""
+"""What every command does with its answer: the screen, JSON, and progress."""
 
 import json
 import os
 import re
 import shlex
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from io import TextIOWrapper
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
+
+from armdyn.errors import InputError
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Column, Table
 
-
-JsonOption = Annotated[Path | None, typer.Option("--json", help="The answer as JSON; '-' is standard output.")]
 
 PIPED_WIDTH = 140
 """Columns of what is not written to a terminal: a table is then read by somebody else, or kept."""
@@ -54,7 +54,6 @@ def write_json(answer: dict[str, Any], file: Path) -> None:
         InputError: the file cannot be written.
     """
     from armdyn import atomic
-    from armdyn.errors import InputError
 
     text = json.dumps(answer, indent=1, allow_nan=False)
     if file == Path("-"):
@@ -73,7 +72,7 @@ def write_json(answer: dict[str, Any], file: Path) -> None:
         atomic.write_text(file, text + "\n")
 
 
-def answered(json_file: Path | None, answer: Callable[[], dict[str, Any]]) -> bool:
+def write_answer(json_file: Path | None, answer: Callable[[], dict[str, Any]]) -> bool:
     """Write the answer where JSON is asked for; whether standard output is left for a person.
 
     Raises:
@@ -102,52 +101,6 @@ def phase_progress() -> Iterator[Callable[[str, float], None]]:
             bar.update(task, description=what, completed=share)
 
         yield show
-
-
-def check_outputs(*files: Path | None, inputs: Sequence[Path] = ()) -> None:
-    """Refuse early what could not be written at the end, or would destroy what was read.
-
-    Args:
-        files: to be written, None for none and ``-`` for standard output.
-        inputs: recordings and models that are read.
-
-    Raises:
-        InputError: a directory is missing, or is given in place of a file; a file is to be written twice or was read.
-    """
-    from armdyn.atomic import is_stream
-    from armdyn.errors import InputError
-
-    taken = {file.resolve(): "an input" for file in inputs}
-    for file in files:
-        if file is None or file == Path("-"):
-            continue
-        if is_stream(file):
-            continue
-        try:
-            target = file.resolve(strict=False)
-            directory = file.is_dir()
-        except (OSError, RuntimeError, ValueError) as error:  # a name too long, links in a circle, a null character
-            raise InputError(f"cannot write {str(file)!r}: {error}; choose another place") from error
-        if target in taken:
-            raise InputError(f"{file} is {taken[target]}: choose another file to write")
-        taken[target] = "also to be written as something else"
-        if directory:
-            raise InputError(f"{file} is a directory: give the file to write")
-        if not target.parent.is_dir():
-            raise InputError(f"cannot write {file}: there is no directory {target.parent}; choose another place")
-
-
-def free_to_write(file: Path, force: bool) -> None:
-    """Refuse to write over what is there, unless that is asked for.
-
-    Raises:
-        InputError: the file is there.
-    """
-    from armdyn.atomic import is_stream
-    from armdyn.errors import InputError
-
-    if file.exists() and not force and not is_stream(file):
-        raise InputError(f"{file} is there already: choose another name, or write over it with --force")
 
 
 COUNTED = re.compile(r"(\d+) of (\d+) ")
@@ -203,3 +156,9 @@ def about(seconds: float) -> str:
 def command_line() -> str:
     """The command as it was given, for a report that says how to make it again."""
     return shlex.join(["armdyn", *sys.argv[1:]])
+
+
+def say_report(report: Path | None) -> None:
+    """Print where the report went."""
+    if report is not None:
+        typer.echo(f"report {report}")

@@ -5,29 +5,26 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipeline.commands.identify import (
+from pipeline.console.inputs import Inputs, stopped_if_wrong
+from pipeline.console.options import (
     EffectsOption,
     HeldOutOption,
-    Inputs,
+    JsonOption,
     ModelArgument,
     ReportOption,
     RunsArgument,
     TrustOption,
-    say_report,
-    stopped_if_wrong,
 )
-from pipeline.commands.output import JsonOption, answered, check_outputs, command_line, plain_table, spinner, to_screen
+from pipeline.console.outputs import check_outputs
+from pipeline.console.screen import command_line, plain_table, say_report, spinner, to_screen, write_answer
 
 if TYPE_CHECKING:
     from armdyn.experiments.plan import Plan
 
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command(name="next")(next_experiment)
+PANEL = "What a model lacks"
 
 
-def next_experiment(
+def next_(
     model: ModelArgument,
     runs: RunsArgument,
     held_out: HeldOutOption = None,
@@ -78,7 +75,7 @@ def next_experiment(
         from pipeline.report.next_experiment import next_report
 
         next_report(made, sentence, command_line(), written if limits is None else None).write(report)
-    if answered(json_file, lambda: next_answer(made, verdict, sentence, written)):
+    if write_answer(json_file, lambda: next_answer(made, verdict, sentence, written)):
         _say(made, sentence)
         if written is not None:
             typer.echo(f"motion {written}")

@@ -8,9 +8,12 @@ from typing import Annotated, Any
 import typer
 import typer.core
 
-from pipeline.commands.identify import EffectsOption
-from pipeline.commands.output import JsonOption, answered, check_outputs, to_screen
-from pipeline.commands.which_robot import choices, names_in
+from armdyn.errors import InputError
+from pipeline.console.options import JsonOption, choices, names_in
+from pipeline.console.outputs import check_outputs
+from pipeline.console.screen import write_answer
+
+PANEL = "Models"
 
 
 class _Bases(typer.core.TyperGroup):
@@ -21,7 +24,7 @@ class _Bases(typer.core.TyperGroup):
         return super().parse_args(ctx, ["own", *args] if own else args)
 
 
-commands = typer.Typer(
+group = typer.Typer(
     help="Make a base model; --base FILE.py M.toml for a base of your own.", no_args_is_help=True, cls=_Bases
 )
 SetOption = Annotated[
@@ -32,13 +35,7 @@ SetOption = Annotated[
 ForceOption = Annotated[bool, typer.Option("--force", help="Write over a model that is there and was repaired.")]
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands of this file."""
-    app.add_typer(commands, name="new")
-    app.command()(effects)
-
-
-@commands.command()
+@group.command()
 def pendulum(
     model: Annotated[Path, typer.Argument(metavar="M.toml", help="File to write.")],
     settings: SetOption = None,
@@ -51,7 +48,7 @@ def pendulum(
     _write(model, ModelFile(base_pendulum(_known(settings)), {}), json_file, force)
 
 
-@commands.command(name="own", hidden=True)
+@group.command(name="own", hidden=True)
 def own_base(
     model: Annotated[Path, typer.Argument(metavar="M.toml", help="File to write.")],
     base: Annotated[Path, typer.Option("--base", help="Python file with a base of your own.")],
@@ -66,7 +63,7 @@ def own_base(
     _write(model, ModelFile(with_known(load_base(base), _known(settings)), {}), json_file, force)
 
 
-@commands.command()
+@group.command()
 def arm(
     model: Annotated[Path, typer.Argument(metavar="M.toml", help="File to write.")],
     urdf: Annotated[str | None, typer.Option(help="Description of the robot.")] = None,
@@ -81,7 +78,6 @@ def arm(
 ) -> None:
     """The rigid bodies of any URDF or MJCF, held against joint torques."""
     from armdyn.arm.model import arm_model
-    from armdyn.errors import InputError
     from armdyn.model_file import ModelFile
 
     if sum(given is not None for given in (urdf, mjcf, robot)) != 1:
@@ -106,8 +102,6 @@ def _known(settings: list[str] | None) -> dict[str, str]:
     Raises:
         InputError: it cannot be read.
     """
-    from armdyn.errors import InputError
-
     known: dict[str, str] = {}
     for setting in settings or ():
         name, equals, text = setting.partition("=")
@@ -137,7 +131,7 @@ def _say(path: Path, file: Any, json_file: Path | None, notes: Sequence[str]) ->
         about = {"schema": "armdyn.model/1", "file": str(path), "effects": [], "parameters": parameters}
         return {**about, **model.described(path.parent), **file.description}
 
-    if answered(json_file, answer):
+    if write_answer(json_file, answer):
         what = ", ".join(f"{name} {p.value:g} {p.unit}" for name, p in shared.items())
         typer.echo(f"{path}: {model.base}" + (f", {what}" if what else "") + _joints(file.description))
         for note in notes:
@@ -157,8 +151,6 @@ def _check_target(model: Path, force: bool) -> None:
     """
     import tomllib
 
-    from armdyn.errors import InputError
-
     if model.is_file() and model.suffix != ".toml":
         raise InputError(f"{model} exists and is no model file: choose another name")
     if not model.is_file() or force:
@@ -169,42 +161,3 @@ def _check_target(model: Path, force: bool) -> None:
         table = {"history": True}
     if "base" not in table or table.get("history") or table.get("effects"):
         raise InputError(f"{model} is there already and holds more than a new model: --force writes over it")
-
-
-def effects(effects_file: EffectsOption = None, json_file: JsonOption = None) -> None:
-    """Show the physical effects that a model can have, with their parameters."""
-    from armdyn.effects.catalogue import CATALOGUE, STAGES
-    from armdyn.effects.effect import Effect
-    from armdyn.effects.user import load_effects
-
-    known = (*CATALOGUE.values(), *(load_effects(effects_file) if effects_file is not None else ()))
-
-    def answer(effect: Effect) -> dict[str, Any]:
-        parameters = {
-            f"{effect.name}.{short}": {
-                "unit": q.unit, "null": q.null, "typical": q.typical, "meaning": q.summary, "scope": q.scope,
-                "lower": q.lower if q.lower > float("-inf") else None,
-                "upper": q.upper if q.upper < float("inf") else None,
-            }
-            for short, q in effect.quantities.items()
-        }  # fmt: skip
-        return {
-            "name": effect.name, "acts_on": effect.acts_on, "summary": effect.summary, "source": effect.source,
-            "parameters": parameters,
-        }  # fmt: skip
-
-    if not answered(json_file, lambda: {"schema": "armdyn.effects/1", "effects": [answer(e) for e in known]}):
-        return
-    from rich.text import Text
-
-    console = to_screen()
-    for stage in STAGES:
-        console.print(stage, style="bold")
-        for effect in (e for e in known if e.acts_on == stage):
-            console.print(Text.assemble("  ", (effect.name, "cyan"), f"  {effect.summary}"))
-            for short, q in effect.quantities.items():
-                bounds = f"{q.lower:g} to {q.upper:g}".replace("-inf", "any").replace("inf", "any")
-                console.print(
-                    f"    {effect.name}.{short}  {q.unit}: {q.summary}; typical {q.typical:g}, {bounds}", style="dim"
-                )
-            console.print(f"    {effect.source}", style="dim italic")

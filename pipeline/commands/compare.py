@@ -1,0 +1,53 @@
+"""`armdyn compare`: a model held against recordings."""
+
+import typer
+
+from pipeline.console.inputs import Inputs, checked, stopped_if_wrong
+from pipeline.console.options import (
+    EffectsOption,
+    ExamOption,
+    HeldOutOption,
+    JsonOption,
+    ModelArgument,
+    ReportOption,
+    RunsArgument,
+    TrustOption,
+)
+from pipeline.console.repaired import REPAIRED
+from pipeline.console.screen import command_line, say_report, spinner, write_answer
+
+PANEL = "What a model lacks"
+
+
+def compare(
+    model: ModelArgument,
+    runs: RunsArgument,
+    held_out: HeldOutOption = None,
+    exam: ExamOption = None,
+    effects: EffectsOption = None,
+    report: ReportOption = None,
+    trust_data: TrustOption = False,
+    json_file: JsonOption = None,
+) -> None:
+    """Fit what is free, and say how well the model does and where it fails."""
+    from armdyn.identify.compare import compare as hold_against
+    from armdyn.inspection.plausible import compared_model
+    from pipeline.answers import comparison_answer
+    from pipeline.console.fit_text import say_comparison
+
+    inputs = Inputs(model, runs, held_out, exam, effects, trust_data)
+    inputs.check(report, json_file)
+    with stopped_if_wrong(json_file), spinner() as say:
+        given = inputs.read()
+        say("fitting")
+        found = hold_against(given.study)
+        given.require_plausible(compared_model(given.study.model, found))
+        if report is not None:
+            from pipeline.report.fit import comparison_report
+
+            comparison_report(given.study, found, command_line()).write(report)
+    if write_answer(json_file, lambda: {**comparison_answer(given.study, found), **checked(given)}):
+        say_comparison(found)
+        say_report(report)
+        if not found.explained:
+            typer.echo(f"what is missing: {inputs.command('repair', *REPAIRED)}")

@@ -1,0 +1,55 @@
+"""`armdyn diagnose`: which effect a model lacks."""
+
+import typer
+
+from pipeline.console.inputs import Inputs, checked, stopped_if_wrong
+from pipeline.console.options import (
+    EffectsOption,
+    ExamOption,
+    HeldOutOption,
+    JsonOption,
+    ModelArgument,
+    ReportOption,
+    RunsArgument,
+    TrustOption,
+)
+from pipeline.console.repaired import REPAIRED
+from pipeline.console.screen import command_line, say_report, spinner, write_answer
+
+PANEL = "What a model lacks"
+
+
+def diagnose(
+    model: ModelArgument,
+    runs: RunsArgument,
+    held_out: HeldOutOption = None,
+    exam: ExamOption = None,
+    effects: EffectsOption = None,
+    report: ReportOption = None,
+    trust_data: TrustOption = False,
+    json_file: JsonOption = None,
+) -> None:
+    """Find out which physical effect is missing, with an honest verdict."""
+    from armdyn.identify.diagnose import diagnose as find_missing
+    from armdyn.identify.repair import fitted_model
+    from pipeline.answers import diagnosis_answer
+    from pipeline.console.fit_text import say_diagnosis
+
+    inputs = Inputs(model, runs, held_out, exam, effects, trust_data)
+    inputs.check(report, json_file)
+    with stopped_if_wrong(json_file), spinner() as say:
+        given = inputs.read()
+        found = find_missing(given.study, say)
+        given.require_plausible(fitted_model(given.study, found.search.last))
+        if report is not None:
+            from pipeline.report.repair import diagnosis_report
+
+            diagnosis_report(given.study, found, command_line()).write(report)
+    if write_answer(json_file, lambda: {**diagnosis_answer(given.study, found), **checked(given)}):
+        say_diagnosis(found)
+        say_report(report)
+        moved = all("gripper_x" in run.channels for run in given.study.runs)
+        if found.remedies and given.study.model.base == "pendulum" and moved:
+            typer.echo(f"tell them apart: {inputs.command('next', '--output', 'motion.csv', '--report', 'next.html')}")
+        if found.suspects:
+            typer.echo(f"add it: {inputs.command('repair', *REPAIRED)}")

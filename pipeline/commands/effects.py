@@ -1,0 +1,47 @@
+"""`armdyn effects`: the effects that a model can have."""
+
+from typing import Any
+
+from pipeline.console.options import EffectsOption, JsonOption
+from pipeline.console.screen import to_screen, write_answer
+
+PANEL = "Models"
+
+
+def effects(effects_file: EffectsOption = None, json_file: JsonOption = None) -> None:
+    """Show the physical effects that a model can have, with their parameters."""
+    from armdyn.effects.catalogue import CATALOGUE, STAGES
+    from armdyn.effects.effect import Effect
+    from armdyn.effects.user import load_effects
+
+    known = (*CATALOGUE.values(), *(load_effects(effects_file) if effects_file is not None else ()))
+
+    def answer(effect: Effect) -> dict[str, Any]:
+        parameters = {
+            f"{effect.name}.{short}": {
+                "unit": q.unit, "null": q.null, "typical": q.typical, "meaning": q.summary, "scope": q.scope,
+                "lower": q.lower if q.lower > float("-inf") else None,
+                "upper": q.upper if q.upper < float("inf") else None,
+            }
+            for short, q in effect.quantities.items()
+        }  # fmt: skip
+        return {
+            "name": effect.name, "acts_on": effect.acts_on, "summary": effect.summary, "source": effect.source,
+            "parameters": parameters,
+        }  # fmt: skip
+
+    if not write_answer(json_file, lambda: {"schema": "armdyn.effects/1", "effects": [answer(e) for e in known]}):
+        return
+    from rich.text import Text
+
+    console = to_screen()
+    for stage in STAGES:
+        console.print(stage, style="bold")
+        for effect in (e for e in known if e.acts_on == stage):
+            console.print(Text.assemble("  ", (effect.name, "cyan"), f"  {effect.summary}"))
+            for short, q in effect.quantities.items():
+                bounds = f"{q.lower:g} to {q.upper:g}".replace("-inf", "any").replace("inf", "any")
+                console.print(
+                    f"    {effect.name}.{short}  {q.unit}: {q.summary}; typical {q.typical:g}, {bounds}", style="dim"
+                )
+            console.print(f"    {effect.source}", style="dim italic")

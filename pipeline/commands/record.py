@@ -1,0 +1,53 @@
+"""`armdyn record`: joint states and load cell of a ROS robot as a run."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline.console.options import ArmOption, JsonOption, RosOption
+from pipeline.console.outputs import check_outputs
+from pipeline.console.screen import phase_progress, to_screen, write_answer
+
+PANEL = "Experiments"
+
+
+def record(
+    ros: RosOption,
+    output: Annotated[Path, typer.Option("--output", "--out", help="The run to write (CSV, and TOML beside it).")],
+    seconds: Annotated[float, typer.Option(min=0.1, help="How long [s].")] = 30.0,
+    arm: ArmOption = "baxter",
+    loadcell: Annotated[str | None, typer.Option(help="Serial port of the load cell; none if not given.")] = None,
+    calibration: Annotated[
+        Path | None, typer.Option(help="What 'armdyn loadcell calibrate' wrote; your settings if not given.")
+    ] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Record joint states and load cell of a ROS robot as a run for 'compare' and 'repair'; nothing is commanded."""
+    import urdf
+    from pipeline.ros.record import record_run
+    from pipeline.ros.topics import read_topics, settings_file
+
+    check_outputs(output, json_file)
+    with phase_progress() as progress:
+        run, said = record_run(
+            ros,
+            urdf.load(arm),
+            read_topics(settings_file(arm)),
+            output,
+            seconds,
+            loadcell,
+            calibration,
+            lambda share: progress("recording", share),
+        )
+    answer = {
+        "schema": "armdyn.record/1",
+        "output": str(output),
+        "channels": {name: len(channel) for name, channel in run.channels.items()},
+        "notes": list(said),
+    }
+    if write_answer(json_file, lambda: answer):
+        say = to_screen().print
+        say(f"{output}: {len(run.channels)} channels, {max(map(len, run.channels.values()))} samples", soft_wrap=True)
+        for note in said:
+            say(note, soft_wrap=True, markup=False)

@@ -1,0 +1,74 @@
+"""`armdyn twin`: the simulated Baxter behind Baxter's own topics."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from armdyn.errors import InputError, TaskFailedError
+from pipeline.console.options import JsonOption, RosOption, exactly, parse_hidden
+from pipeline.console.outputs import check_outputs
+from pipeline.console.screen import write_json
+
+PANEL = "Experiments"
+
+
+TWIN_LENGTH = 0.368
+"""m, pivot to the load's centre."""
+
+
+def twin(
+    ros: RosOption,
+    hidden: Annotated[
+        list[str] | None, typer.Option(help="EFFECT or EFFECT=VALUE that the twin has and no model knows.")
+    ] = None,
+    length: Annotated[float, typer.Option(help="True length, pivot to the load's centre [m].")] = TWIN_LENGTH,
+    seed: Annotated[int, typer.Option(help="Of everything random.")] = 0,
+    start: Annotated[
+        str | None, typer.Option(help="Joint positions at the start in rad, separated by commas; else s = 0.")
+    ] = None,
+    calibration: Annotated[
+        Path | None, typer.Option(help="Where to write the calibration of its load cell (TOML), for 'armdyn trial'.")
+    ] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.1, help="End after this long; else with Ctrl-C.")] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """The simulated Baxter behind Baxter's own topics, in real time, its load cell on a pseudo-terminal."""
+    import time
+    from dataclasses import replace
+
+    import numpy as np
+
+    import ik
+    import urdf
+    from pipeline.interrupts import noted_signals
+    from pipeline.robot.settings import PlantSettings
+    from pipeline.ros.topics import read_topics, settings_file
+    from pipeline.ros.twin import Twin
+
+    check_outputs(json_file, calibration)
+    arm = urdf.load("baxter")
+    posture = ik.default_table(arm).posture(0.0).q
+    if start is not None:
+        posture = np.array(exactly(len(arm.joint_names), start, "--start"))
+    if seed < 0:
+        raise InputError(f"--seed {seed}: give a whole number from 0 on")
+    plant = replace(PlantSettings(), length=length)
+    ends: list[int] = []
+    topics = read_topics(settings_file("baxter"))
+    with Twin(ros, arm, topics, posture, plant, parse_hidden(hidden or []), seed) as robot:
+        if calibration is not None:
+            robot.calibration.save(calibration)
+        typer.echo(f"loadcell {robot.port.port}")
+        typer.echo("READY")
+        end = None if seconds is None else time.monotonic() + seconds
+        with noted_signals(ends.append):
+            robot.run(
+                lambda: bool(ends) or robot.bridge.failure is not None or (end is not None and time.monotonic() >= end)
+            )
+        lost = robot.bridge.failure
+        answer = robot.summary()
+    if json_file is not None:
+        write_json(answer, json_file)
+    if lost is not None:
+        raise TaskFailedError(f"{lost}; the twin has ended")

@@ -1,0 +1,47 @@
+"""Files that a command is to write, looked at before anything is computed."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from armdyn.atomic import is_stream
+from armdyn.errors import InputError
+
+
+def check_outputs(*files: Path | None, inputs: Sequence[Path] = ()) -> None:
+    """Refuse early what could not be written at the end, or would destroy what was read.
+
+    Args:
+        files: to be written, None for none and ``-`` for standard output.
+        inputs: recordings and models that are read.
+
+    Raises:
+        InputError: a directory is missing, or is given in place of a file; a file is to be written twice or was read.
+    """
+    taken = {file.resolve(): "an input" for file in inputs}
+    for file in files:
+        if file is None or file == Path("-"):
+            continue
+        if is_stream(file):
+            continue
+        try:
+            target = file.resolve(strict=False)
+            directory = file.is_dir()
+        except (OSError, RuntimeError, ValueError) as error:  # a name too long, links in a circle, a null character
+            raise InputError(f"cannot write {str(file)!r}: {error}; choose another place") from error
+        if target in taken:
+            raise InputError(f"{file} is {taken[target]}: choose another file to write")
+        taken[target] = "also to be written as something else"
+        if directory:
+            raise InputError(f"{file} is a directory: give the file to write")
+        if not target.parent.is_dir():
+            raise InputError(f"cannot write {file}: there is no directory {target.parent}; choose another place")
+
+
+def free_to_write(file: Path, force: bool) -> None:
+    """Refuse to write over what is there, unless that is asked for.
+
+    Raises:
+        InputError: the file is there.
+    """
+    if file.exists() and not force and not is_stream(file):
+        raise InputError(f"{file} is there already: choose another name, or write over it with --force")

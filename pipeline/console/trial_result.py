@@ -1,0 +1,183 @@
+"""What is said of a trial, simulated or real: its result, its report, its exit status; and how a real one is led."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from armdyn.errors import InputError
+from pipeline.console.screen import command_line, phase_progress, to_screen, write_answer, write_json
+
+if TYPE_CHECKING:
+    from pipeline.ros.master import Figures
+    from pipeline.trial import ProtocolSettings, SimulatedTrial, TrialResult
+    from pipeline.trial.real import Asking, Link, RealTrial
+
+
+def say_result(
+    result: "TrialResult",
+    lines: Iterable[str],
+    report: Path | None,
+    known: str = "",
+    note: str = "",
+    pictures: Sequence[Path] = (),
+) -> None:
+    """Print what came of a trial.
+
+    Args:
+        result: its numbers.
+        lines: that stand below its message.
+        report: its file; None where it could not be made.
+        known: what stands before the guess of the length.
+        note: stands below the length.
+        pictures: that were drawn.
+    """
+    say = to_screen().print
+    if result.estimates:
+        say(
+            f"length {result.length_estimate:.4f} m +/- {1e3 * result.length_std:.2f} mm "
+            f"({known}guess {result.length_guess:g} m)"
+        )
+    if note:
+        say(note, markup=False)
+    if result.investigation is not None:
+        for number, stage in enumerate(result.investigation.stages, start=1):
+            say(f"experiment {number}: {stage.diagnosis.sentence}", markup=False)
+        say(result.investigation.sentence, markup=False)
+    say(result.message, style=f"bold {'green' if result.success else 'red'}", markup=False)
+    for line in lines:
+        say(line, soft_wrap=True, markup=False)
+    say(f"{'' if report is None else f'report {report}, '}recording {result.recording}", soft_wrap=True)
+    for drawn in pictures:
+        say(f"picture {drawn}", soft_wrap=True)
+    if result.repair_command is not None:
+        say(f"what the model lacks: {result.repair_command}", soft_wrap=True)
+
+
+def end_with(result: "TrialResult") -> None:
+    """Exit status 128 and the signal that ended a trial, 1 where it did not land."""
+    if result.signal is not None:
+        raise typer.Exit(128 + result.signal)
+    if not result.success:
+        raise typer.Exit(1)
+
+
+def write_report(done: "SimulatedTrial | RealTrial", report: Path) -> str | None:
+    """Write the report; a sentence where what stopped the trial also keeps the report from being made."""
+    try:
+        done.report(command_line()).write(report)
+    except Exception as error:
+        if not done.result.stopped:
+            raise
+        return f"no report: {type(error).__name__}: {' '.join(str(error).split())}"
+    return None
+
+
+def real_trial(
+    settings: "ProtocolSettings",
+    ros: str,
+    arm: str,
+    port: str | None,
+    calibration: Path | None,
+    out: Path,
+    rehearsed: bool,
+    yes: bool,
+    landed: str | None,
+    json_file: Path | None,
+    note: str,
+) -> None:
+    """Run or rehearse a trial on a robot, and tell what came of it and `note`; exit status 1 where it did not land."""
+    from pipeline.trial.real import rehearse, run_real
+
+    link = _link(ros, arm, None if rehearsed else port, calibration)
+    with phase_progress() as progress:
+        asking = _asking(yes, landed, json_file)
+        if rehearsed:
+            figures, farthest = rehearse(settings, link, asking, progress)
+        else:
+            done = run_real(settings, link, asking, out, progress)
+    if rehearsed:
+        _show_rehearsal(figures, farthest, json_file)
+        return
+    _show(done, out, json_file, note)
+    end_with(done.result)
+
+
+def _link(ros: str, arm: str, port: str | None, calibration: Path | None) -> "Link":
+    import urdf
+    from pipeline.loadcell.calibration import Calibration, default_path
+    from pipeline.ros.topics import read_topics, settings_file
+    from pipeline.trial.real import Link
+
+    topics = read_topics(settings_file(arm))
+    used = None if port is None else Calibration.load(calibration or default_path())
+    return Link(ros, urdf.load(arm), topics, port, used)
+
+
+def _asking(yes: bool, landed: str | None, json_file: Path | None) -> "Asking":
+    from pipeline.trial.real import Asking
+
+    if landed not in (None, "yes", "no"):
+        raise InputError(f"--landed {landed}: say 'yes' or 'no', or leave it out to be asked")
+
+    def tell(sentence: str) -> None:
+        typer.echo(sentence, err=json_file == Path("-"))
+
+    def may_move(question: str) -> bool:
+        if yes:
+            tell(question.partition(" Is its space")[0])
+            return True
+        return typer.confirm(question, err=True)
+
+    def has_landed() -> bool:
+        if landed is not None:
+            return landed == "yes"
+        return typer.confirm("Did the load come to rest in the box?", err=True)
+
+    return Asking(tell, may_move, has_landed)
+
+
+def _show(done: "RealTrial", out: Path, json_file: Path | None, note: str) -> None:
+    result = done.result
+    answer: dict[str, Any] = {**result.as_json(), "robot": done.figures.as_json(), "nodes": _nodes(done)}
+    if json_file is not None:
+        write_json(answer, json_file)
+    report = out / "report.html"
+    told = write_report(done, report)
+    if json_file != Path("-"):
+        lines = filter(None, (note, *result.notes, *_timing(done.figures), told))
+        say_result(result, lines, None if told else report)
+
+
+def _show_rehearsal(figures: "Figures", farthest: float, json_file: Path | None) -> None:
+    answer = {"schema": "armdyn.rehearsal/1", "tracking_error": farthest, "robot": figures.as_json()}
+    if write_answer(json_file, lambda: answer):
+        say = to_screen().print
+        say(f"the arm followed the whole line; a joint was at most {farthest:.3f} rad from its command")
+        for note in _timing(figures):
+            say(note, soft_wrap=True, markup=False)
+
+
+def _timing(figures: "Figures") -> list[str]:
+    """What the commands and the states were like, in words."""
+    from pipeline.ros.master import Spread
+
+    told = []
+    for what, values in (
+        ("time between commands", figures.intervals),
+        ("age of the joint states", figures.ages),
+        ("command and back", figures.echoes),
+    ):
+        spread = Spread.of(tuple(values))
+        if spread is not None:
+            told.append(f"{what}: median {spread.milliseconds}")
+    return told
+
+
+def _nodes(done: "RealTrial") -> dict[str, Any]:
+    """Computing time per node, and the cycles that it missed."""
+    return {
+        name: {"steps": t.steps, "mean": t.mean, "longest": t.longest, "late": t.overruns, "skipped": t.skipped}
+        for name, t in done.result.timing.items()
+    }
