@@ -2,10 +2,7 @@
 
 import difflib
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from armdyn.inspection.check import Inspection
+from typing import Any
 
 LONGEST_NAME, MOST_NAMES = 60, 60
 """Characters of a name, and names of a list, that a message shows."""
@@ -49,12 +46,3 @@ class UnknownNameError(InputError):
 
 class TaskFailedError(ArmdynError):
     """The input is sound but the answer is no: infeasible, unreachable, stopped for safety."""
-
-
-class WrongRecordingError(TaskFailedError):
-    """A recording is not what it says it is; `inspection` has all checks."""
-
-    def __init__(self, inspection: "Inspection") -> None:
-        self.inspection = inspection
-        remedy = inspection.wrong[0].remedy
-        super().__init__(inspection.sentence + (f" {remedy}." if remedy else "") + " --trust-data goes on regardless.")

@@ -5,19 +5,17 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 
+from armdyn.document import Column, Document, Section, Table, columns_of
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.parameter import Parameter, Prior, Quantity
 from armdyn.run import Channel, Run
 from armdyn.shown import Shown
 from armdyn.start import Start
-
-if TYPE_CHECKING:
-    from armdyn.notebook import Story
 
 
 @dataclass(frozen=True)
@@ -101,20 +99,14 @@ class Model(Shown):
         values = ", ".join(f"{p.name} {p.value:.4g} {p.unit}" for p in own)
         return f"{self.base}, {values}" if values else self.base
 
-    def _story(self) -> "Story":
-        from armdyn.notebook import model_story
-
-        return model_story(self)
-
-    def plot(self, *runs: Run | str | Path) -> Any:
-        """Recordings and what this model, fitted to them, says: a plotly figure; see `Shown.plot`.
-
-        Raises:
-            InputError: plotly is missing, or a recording cannot be used.
-        """
-        from armdyn.front import compare
-
-        return compare(self, runs).plot()
+    def document(self) -> Document:
+        """Its parameters."""
+        shared = {name: p for name, p in self.parameters.items() if p.scope == "shared"}
+        values = shared.values()
+        columns = [Column("parameter", list(shared)), *columns_of(values, value=".6g")]
+        columns += [Column("std", [p.std for p in values], ".2g"), *columns_of(values, unit="", fitted="")]
+        tables = [Table(columns, name="parameters")]
+        return Document(f"Model: {self.base}", f"{self}.", [Section("Parameters", tables=tables)])
 
     @property
     def start(self) -> Start:

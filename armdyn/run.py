@@ -6,7 +6,7 @@ from datetime import datetime
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,14 +15,12 @@ from armdyn import atomic
 from armdyn.arrays import channels_of, frame_columns
 from armdyn.channels import MIN_SAMPLES, Channel, channel_kind, check_joint_units, in_contract
 from armdyn.csv_run import csv_text, read_csv
+from armdyn.document import Column, Curve, Document, Section, Table, columns_of
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.preparation import Preparation
 from armdyn.shown import Shown
 from armdyn.sidecar import Sidecar, read_sidecar, sidecar_text
 from armdyn.units import Known
-
-if TYPE_CHECKING:
-    from armdyn.notebook import Story
 
 __all__ = ["Channel", "Known", "Run", "read_run", "write_run_csv"]
 
@@ -130,25 +128,49 @@ class Run(Shown):
 
     def __str__(self) -> str:
         """One line: its name, what was measured, how long."""
-        story = self._story()
-        return f"{story.title}: {story.sentence}"
+        document = self.document()
+        return f"{document.title}: {document.verdict}"
 
     __repr__ = __str__
 
-    def _story(self) -> "Story":
-        from armdyn.notebook import run_story
+    def document(self) -> Document:
+        """Its channels, and what was recorded over time: a row for each quantity, a curve for each joint."""
+        channels, quantities = self.channels, dict.fromkeys(name.partition(".")[0] for name in self.channels)
+        seconds = max((float(c.time[-1] - c.time[0]) for c in channels.values()), default=0.0)
+        of_joints = f" of {len(self.joints)} joints" if self.joints else ""
+        described = f"{self.description}. " if self.description else ""
+        values = channels.values()
+        columns = [
+            Column("channel", list(channels)),
+            *columns_of(values, unit=""),
+            Column("samples", [len(c) for c in values]),
+            Column("from [s]", [float(c.time[0]) for c in values]),
+            Column("to [s]", [float(c.time[-1]) for c in values]),
+            Column("lowest", [float(c.value.min()) for c in values]),
+            Column("highest", [float(c.value.max()) for c in values]),
+        ]
+        return Document(
+            f"Run {self.name}",
+            f"{described}{', '.join(quantities) or 'nothing'}{of_joints}, {seconds:.4g} s",
+            [Section("Channels", tables=[Table(columns, name="channels")])],
+            data={"samples": self._samples},
+            curves=self._curves,
+            default="samples",
+        )
 
-        return run_story(self)
+    def _samples(self) -> dict[str, list[Any]]:
+        """A row per time stamp, a column per channel; nan where a channel has no sample."""
+        time = np.unique(np.concatenate([c.time for c in self.channels.values()]))
+        columns: dict[str, list[Any]] = {"time": time.tolist()}
+        for name, c in self.channels.items():
+            column = np.full(len(time), np.nan)
+            column[np.searchsorted(time, c.time)] = c.value
+            columns[f"{name} [{c.unit}]"] = column.tolist()
+        return columns
 
-    def plot(self) -> Any:
-        """What was recorded over time, a row for each quantity, as a plotly figure.
-
-        Raises:
-            InputError: plotly is missing.
-        """
-        from armdyn.notebook import run_figure
-
-        return run_figure(self)
+    def _curves(self) -> list[Curve]:
+        parts = [(*name.partition("."), c) for name, c in self.channels.items()]
+        return [Curve(f"{quantity} [{c.unit}]", joint or quantity, c.time, c.value) for quantity, _, joint, c in parts]
 
     @property
     def recording(self) -> "Run":

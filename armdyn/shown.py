@@ -4,31 +4,31 @@ from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from armdyn.notebook import Story
+    from armdyn.document import Document
 
 
 class Shown(ABC):
     """Base of what a notebook shows."""
 
     @abstractmethod
-    def _story(self) -> "Story":
-        """What there is to show."""
+    def document(self) -> "Document":
+        """Sentences, tables and curves: what there is to show."""
 
     def _repr_html_(self) -> str:
         """A small card for a notebook, without scripts."""
         from armdyn.notebook import card
 
-        return card(self._story())
+        return card(self.document())
 
     def plot(self) -> Any:
         """Measured and predicted over time, per channel, as a plotly figure; of several runs one at a time.
 
         Raises:
-            InputError: plotly is missing.
+            InputError: plotly is missing, or there is nothing to plot: compare a model with runs, and plot that.
         """
         from armdyn.notebook import figure
 
-        return figure(self._story())
+        return figure(self.document())
 
     def to_dataframe(self, what: str = "") -> Any:
         """A table of this as a pandas data frame.
@@ -44,4 +44,4 @@ class Shown(ABC):
         """
         from armdyn.notebook import frame
 
-        return frame(self._story(), what)
+        return frame(self.document(), what)

@@ -5,20 +5,16 @@ Pairs that no motion of the gripper tells apart are named, and why, as far as th
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from armdyn.errors import InputError
+from armdyn.document import Column, Curve, Document, Section, Table
 from armdyn.experiments.design import Designed, Say, designed
 from armdyn.experiments.hypothesis import Experiment, Held, Hypothesis
 from armdyn.experiments.motion import Limits, Motion
 from armdyn.experiments.rivals import Rivals, last_motion
 from armdyn.experiments.separation import Outlook, Rival, beliefs, outlook
 from armdyn.shown import Shown
-
-if TYPE_CHECKING:
-    from armdyn.notebook import Story
 
 INSEPARABLE = 1.0
 """Rise of chi2, after design for it, below which a pair counts as inseparable by motion: far below any margin."""
@@ -148,22 +144,38 @@ class Plan(Shown):
 
     __repr__ = __str__
 
-    def _story(self) -> "Story":
-        from armdyn.notebook import plan_story
+    def document(self) -> Document:
+        """Every experiment with what it promises, what is believed so far, the designed motion over time."""
+        chances = [p.outlook.probability for p in self.proposals]
+        experiments = [
+            Column("experiment", [p.experiment.kind for p in self.proposals]),
+            Column("separation [std]", [p.outlook.separation for p in self.proposals], ".1f"),
+            Column("right verdict", chances, ".0%", shares=chances),
+            Column("what to do", [p.experiment.what for p in self.proposals]),
+        ]
+        promise = (
+            "Separation: root of the rise of chi² when the rival is refitted to what the other predicts, of the two "
+            "that are hardest to tell apart. Right verdict: probability that the diagnosis of all runs then names one "
+            "effect, and the right one."
+        )
+        names = [h.name for h in self.rivals.hypotheses]
+        believed = [Column("may be true", names), Column("belief so far", self.belief, ".0%", shares=self.belief)]
+        tables = [
+            Table(experiments, promise, "experiments"),
+            Table(believed, "From how well each fits the runs so far."),
+        ]
+        if self.inseparable:
+            pairs = [Column("no motion separates", [" / ".join(p.effects) for p in self.inseparable])]
+            tables.append(Table([*pairs, Column("why", [p.why for p in self.inseparable])]))
+        moves = self.motion is not None and self.motion.experiment.run is not None
+        section = Section("Which experiment", self.sentence, tables=tables)
+        return Document("Next experiment", self.sentence, [section], curves=self._curves if moves else None)
 
-        return plan_story(self)
-
-    def plot(self) -> Any:
-        """The designed motion over time, as a plotly figure.
-
-        Raises:
-            InputError: plotly is missing, or no motion is offered.
-        """
-        if self.motion is None or self.motion.experiment.run is None:
-            raise InputError("no motion is offered that tells the rivals apart: see the other experiments")
-        run = self.motion.experiment.run
-        moved = {name: channel for name, channel in run.channels.items() if name.startswith("gripper")}
-        return replace(run, name="motion", channels=moved).plot()
+    def _curves(self) -> list[Curve]:
+        """The designed motion over time."""
+        run = None if self.motion is None else self.motion.experiment.run
+        drawn = None if run is None else run.document().curves
+        return [] if drawn is None else [curve for curve in drawn() if curve.row.startswith("gripper")]
 
     @property
     def sentence(self) -> str:

@@ -1,11 +1,11 @@
 """Hold a model against runs: fit what is free, and say how well it does, how noisy the channels are, where it fails."""
 
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import TYPE_CHECKING
+from functools import cached_property, partial
 
 import numpy as np
 
+from armdyn.document import Document, Level, Section
 from armdyn.identify.explained import Scale
 from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.force_law import opening
@@ -15,13 +15,19 @@ from armdyn.identify.noise import ljung_box
 from armdyn.identify.problem import Problem
 from armdyn.identify.score import ResidualTests, residual_tests
 from armdyn.identify.study import Study
+from armdyn.identify.tables import (
+    channel_table,
+    curves_of,
+    missing_force_columns,
+    parameter_table,
+    place_section,
+    sample_columns,
+)
 from armdyn.identify.uncertainty import uncertainty
 from armdyn.identify.unknown import behaves_like, process_error_share
 from armdyn.identify.unseen import chi2_of
+from armdyn.preparation import of_all_runs, sentence
 from armdyn.shown import Shown
-
-if TYPE_CHECKING:
-    from armdyn.notebook import Story
 
 NOT_WHITE = 0.01
 
@@ -126,10 +132,44 @@ class Comparison(Shown):
     correction: Correction | None = None
     widened: float = 1.0
 
-    def _story(self) -> "Story":
-        from armdyn.notebook import comparison_story
+    def document(self) -> Document:
+        """Its parameters and channels, and where the model fails."""
+        prepared = sentence(of_all_runs(run.preparations for run in self.fit.problem.runs))
+        meaning = {column.name: column.parameter.source for column in self.fit.problem.columns}
+        sections = [
+            Section("Parameters", " ".join(self.remarks), tables=[parameter_table(self.parameters, meaning)]),
+            Section("Channels", tables=[channel_table(self.channels, prepared)]),
+            place_section("Where the model fails", self.places),
+        ]
+        if self.correction is not None:
+            right = parameter_table(self.correction.parameters, meaning)
+            sections += [
+                Section("The right formula", "With it the fit gives:", tables=[replace(right, name="")]),
+                place_section("Where the wrong formula fails for that motion", self.correction.places),
+            ]
+        return Document(
+            "Comparison",
+            self.sentence,
+            sections,
+            Level.GOOD if self.explained else Level.CAUTION,
+            data={
+                "samples": lambda: sample_columns(self.fit),
+                "missing_force": lambda: missing_force_columns(self.missing_force),
+            },
+            curves=partial(curves_of, {"predicted": self.fit}),
+        )
 
-        return comparison_story(self)
+    @property
+    def remarks(self) -> list[str]:
+        """What the standard deviations are worth, what ended on a bound, what was not fitted or not used."""
+        found = [self.how_certain]
+        for name in self.at_bound:
+            found.append(f"{name} ended on its physical bound: it may stand in for something else.")
+        for name in self.undetermined:
+            kept = self.parameters.get(name)
+            holds = "" if kept is None else f", and values that depend on it hold for {kept.value:.4g} {kept.unit}"
+            found.append(f"{name} was not fitted: these runs say nothing about it{holds}.")
+        return [*found, *(f"{text}." for text in self.left_out)]
 
     @cached_property
     def missing_force(self) -> tuple[ForceCurve, ...]:

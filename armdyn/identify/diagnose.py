@@ -1,11 +1,12 @@
 """Which effect is missing, with an honest verdict."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
+from armdyn.document import Document, Level, Section, Table, columns_of
 from armdyn.faults import outlier_sentence
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.choose import LEADS
@@ -20,12 +21,10 @@ from armdyn.identify.search import Progress, Search, Step, repair_step, search
 from armdyn.identify.sentence import Left, Verdict, repair_sentences
 from armdyn.identify.study import Study
 from armdyn.identify.suspects import Suspect
+from armdyn.identify.tables import curves_of, missing_force_columns
 from armdyn.identify.uncertainty import FAR_ABOVE_STATED
 from armdyn.identify.unknown import Unknown, characterise
 from armdyn.shown import Shown
-
-if TYPE_CHECKING:
-    from armdyn.notebook import Story
 
 IDEALISED = 0.97
 """Share of the misfit that the catalogue must explain where what is left is of the size of the noise: its effects are
@@ -61,10 +60,31 @@ class Diagnosis(Shown):
     search: Search
     missing_force: tuple[ForceCurve, ...] = ()
 
-    def _story(self) -> "Story":
-        from armdyn.notebook import diagnosis_story
-
-        return diagnosis_story(self)
+    def document(self) -> Document:
+        """The effects that may be missing with their evidence, then how well the model does as given."""
+        given, steps = self.comparison, self.search.steps
+        candidates = Table(
+            columns_of(self.suspects, effect="", joints="", delta_bic=".1f", p_value=".1e", tied_with=""),
+            "Evidence for each effect; 10 is strong, and counts only where what is left is noise.",
+            "candidates",
+            "Statistics: evidence",
+        )
+        unseen = [
+            f"{name} cannot be seen in these runs: {', '.join(imitators)} does the same."
+            for name, imitators in self.unseen.items()
+        ]
+        evidence = Section("Which effect is missing", " ".join(unseen), tables=[candidates] if self.suspects else [])
+        fits = {"as given": given.fit} | ({"with what is missing": steps[-1].fit} if len(steps) > 1 else {})
+        compared = given.document()
+        return replace(
+            compared,
+            title="Diagnosis",
+            verdict=self.sentence,
+            sections=[evidence, *compared.sections],
+            level=Level.GOOD if self.verdict is Verdict.EXPLAINED else Level.CAUTION,
+            data={**compared.data, "missing_force": lambda: missing_force_columns(self.missing_force)},
+            curves=partial(curves_of, fits),
+        )
 
 
 def diagnose(study: Study, progress: Progress | None = None) -> Diagnosis:

@@ -1,11 +1,13 @@
 """Add what is missing until the runs are explained, and keep every step with its errors."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from armdyn.document import Document, Level, Section
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
 from armdyn.faults import outlier_sentence
@@ -19,14 +21,25 @@ from armdyn.identify.score import residual_tests
 from armdyn.identify.search import Progress, Search, Step, repair_step, search
 from armdyn.identify.sentence import Left, Verdict, repair_sentences
 from armdyn.identify.study import Study
+from armdyn.identify.tables import (
+    curves_of,
+    fall_sentence,
+    link_section,
+    missing_force_columns,
+    step_columns,
+    step_table,
+)
 from armdyn.identify.uncertainty import FAR_ABOVE_STATED, uncertainty
 from armdyn.identify.unknown import Unknown, characterise
+from armdyn.identify.unseen import Judge
 from armdyn.model import Model
 from armdyn.shown import Shown
 
 if TYPE_CHECKING:
     from armdyn.arm.links import LinkChange
-    from armdyn.notebook import Story
+
+MUCH = 0.5
+"""Share of the misfit; a repair that explains more is an improvement, whatever it leaves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,10 +72,40 @@ class Repair(Shown):
     steps: tuple[Step, ...] = ()
     missing_force: tuple[ForceCurve, ...] = ()
 
-    def _story(self) -> "Story":
-        from armdyn.notebook import repair_story
+    def document(self, judges: Sequence[Judge] = (), summaries: Mapping[str, str] | None = None) -> Document:
+        """The error falling, what became of an arm's links, then how well the repaired model does.
 
-        return repair_story(self)
+        Args:
+            judges: whose errors were told besides those of the fitted runs.
+            summaries: what every effect is, by its name; None leaves that out.
+        """
+        steps = step_table(self.path, self.after.scale, judges, summaries or {})
+        falling = Section("The error falling", fall_sentence(self.path, self.after.scale), tables=[steps])
+        fits = {"as given": self.before.fit} | ({"repaired": self.after.fit} if len(self.path) > 1 else {})
+        compared = self.after.document()
+        links = [link_section(self.links)] if self.links else []
+        return replace(
+            compared,
+            title="Repair",
+            verdict=self.sentence,
+            sections=[falling, *links, *compared.sections],
+            level=self.level,
+            data={
+                "steps": lambda: step_columns(self.path, self.after.scale.units),
+                **compared.data,
+                "missing_force": lambda: missing_force_columns(self.missing_force),
+            },
+            curves=partial(curves_of, fits),
+        )
+
+    @property
+    def level(self) -> Level:
+        """Good where only noise is left, improved where much is explained, bad only where the error grew."""
+        if self.verdict is Verdict.EXPLAINED and self.after.widened == 1.0:
+            return Level.GOOD
+        if self.explained < 0.0:
+            return Level.BAD
+        return Level.IMPROVED if self.explained > MUCH else Level.CAUTION
 
 
 def repair(study: Study, progress: Progress | None = None) -> Repair:

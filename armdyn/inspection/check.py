@@ -8,6 +8,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
+from armdyn.errors import TaskFailedError
 from armdyn.inspection.correction import Correction
 from armdyn.run import Run
 
@@ -136,3 +137,12 @@ def by_severity(checks: Sequence[Check]) -> tuple[Check, ...]:
 def amount(value: float) -> str:
     """A number with the digits that matter."""
     return f"{float(np.format_float_positional(value, 3, fractional=False)):g}"
+
+
+class WrongRecordingError(TaskFailedError):
+    """A recording is not what it says it is; `inspection` has all checks."""
+
+    def __init__(self, inspection: "Inspection") -> None:
+        self.inspection = inspection
+        remedy = inspection.wrong[0].remedy
+        super().__init__(inspection.sentence + (f" {remedy}." if remedy else "") + " --trust-data goes on regardless.")

@@ -7,11 +7,11 @@ from armdyn.arm.model import ArmModel
 from armdyn.channels import Channel
 from armdyn.effects.effect import Effect
 from armdyn.effects.user import available
-from armdyn.errors import InputError, WrongRecordingError
+from armdyn.errors import InputError
 from armdyn.identify.prepare import with_distinct_names
 from armdyn.inspection import physics
 from armdyn.inspection.arm import ArmRun
-from armdyn.inspection.check import Check, Inspection, by_severity
+from armdyn.inspection.check import Check, Inspection, WrongRecordingError, by_severity
 from armdyn.inspection.correction import Correction
 from armdyn.inspection.kinematics import consistent, rate_checks
 from armdyn.inspection.pieces import longest_piece

@@ -6,9 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from armdyn.arm.model import ArmModel
-from armdyn.errors import WrongRecordingError
 from armdyn.identify.compare import Comparison
-from armdyn.inspection.check import Check, Inspection, Severity, amount
+from armdyn.inspection.check import Check, Inspection, Severity, WrongRecordingError, amount
 from armdyn.model import Model
 from armdyn.parameter import Parameter
 from armdyn.pendulum.physics import STANDARD_GRAVITY

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
-from armdyn.errors import WrongRecordingError
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import write_answer
 

@@ -8,7 +8,8 @@ from typing import Any
 from nicegui import Client
 
 from armdyn.arm.model import ArmModel
-from armdyn.errors import ArmdynError, InputError, WrongRecordingError
+from armdyn.errors import ArmdynError, InputError
+from armdyn.inspection.check import WrongRecordingError
 from armdyn.quoting import script_json
 from armdyn.run import Run
 from pipeline.console.inputs import Given, Inputs

@@ -81,7 +81,7 @@ def test_a_plot_shows_what_was_measured_and_predicted(results, runs):
 
 
 def test_a_fitted_model_is_plotted_against_recordings(results, runs):
-    assert len(results["fit"].plot(*runs).data) == 4
+    assert len(armdyn.compare(results["fit"], runs).plot().data) == 4
 
 
 def test_data_frames_hold_the_results(results):

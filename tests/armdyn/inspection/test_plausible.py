@@ -7,7 +7,7 @@ from hidden_effects import mistakes
 import armdyn
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
-from armdyn.errors import WrongRecordingError
+from armdyn.inspection.check import WrongRecordingError
 from armdyn.inspection.plausible import implausible, require_plausible
 from armdyn.pendulum.model import pendulum_model
 

@@ -1,0 +1,238 @@
+"""What comparison, diagnosis and repair show alike: their parameters, channels, samples and missing forces."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from armdyn.channels import FloatArray
+from armdyn.document import Column, Columns, Curve, Section, Table, columns_of
+from armdyn.identify.explained import RepairStep, Scale
+from armdyn.identify.fit import Fit
+from armdyn.identify.localise import Place
+from armdyn.identify.missing_force import ForceCurve
+from armdyn.identify.sentence import MOST_JOINTS, totals
+from armdyn.identify.unseen import Judge
+
+if TYPE_CHECKING:
+    from armdyn.arm.links import LinkChange
+
+MOST_PLACES = 6
+"""That a table names; JSON has all."""
+LINK_WORDS = {"mass": "mass", "centre": "centre of mass", "inertia": "inertia", "moment": "mass times centre"}
+"""By what the name of a link's quantity begins with."""
+
+
+def parameter_table(found: Mapping[str, Any], meaning: Mapping[str, str], caption: str = "") -> Table:
+    """Values and standard deviations.
+
+    Args:
+        found: by name, each with `value`, `std`, `unit` and `fitted`.
+        meaning: what each is, by name.
+        caption: a sentence under the table.
+    """
+    values = found.values()
+    columns = [
+        Column("parameter", list(found)),
+        *columns_of(values, value=".6g"),
+        Column("std", [p.std for p in values], ".2g", missing="fixed"),
+        *columns_of(values, unit=""),
+        Column("fitted", [p.fitted for p in values], wide=True),
+        Column("what it is", [meaning.get(name, "") for name in found], wide=True),
+    ]
+    return Table(columns, caption, "parameters")
+
+
+def channel_table(found: Mapping[str, Any], caption: str) -> Table:
+    """How well each channel is predicted.
+
+    Args:
+        found: by name, each with `unit`, `noise_std`, `rmse`, `held_out_rmse`, `exam_rmse`, `chi2_per_sample`, `white`.
+        caption: what was done to the signals.
+    """
+    values = list(found.values())
+    unseen = {"exam_rmse": ".4g"} if any(c.exam_rmse is not None for c in values) else {}
+    columns = [
+        Column("channel", list(found)),
+        *columns_of(values, unit="", noise_std=".3g", rmse=".4g", held_out_rmse=".4g", **unseen),
+        *columns_of(values, chi2_per_sample=".4g"),
+        Column("p of white noise", [c.white for c in values], ".2g", wide=True),
+    ]
+    return Table(columns, caption, "channels")
+
+
+def place_section(title: str, places: Sequence[Place]) -> Section:
+    """The worst places first."""
+    worst = places[:MOST_PLACES]
+    columns = [
+        *columns_of(worst, channel="", run="", against=""),
+        Column("from", [place.start for place in worst], ".3g"),
+        Column("to", [place.end for place in worst], ".3g"),
+        *columns_of(worst, unit="", chi2_per_sample=".3g"),
+    ]
+    return Section(title, "" if worst else "Nowhere more than elsewhere.", tables=[Table(columns)] if worst else [])
+
+
+def _measured(fit: Fit) -> Iterator[tuple[Any, str, FloatArray]]:
+    """Every block of a fit, with the unit of its channel and what was measured, (n,) in that unit."""
+    runs = {run.name: run for run in fit.problem.runs}
+    for block in fit.blocks:
+        source = runs[block.run].channels[block.channel]
+        yield block, source.unit, np.interp(block.time, source.time, source.value)
+
+
+def curves_of(fits: Mapping[str, Fit]) -> Iterator[Curve]:
+    """Measured and predicted, for every run and channel.
+
+    Args:
+        fits: by the name of their curve, the model as given first.
+    """
+    predicted = [{(block.run, block.channel): block for block in fit.blocks} for fit in fits.values()]
+    for block, unit, measured in _measured(next(iter(fits.values()))):
+        row = f"{block.channel} [{unit}]"
+        yield Curve(row, "measured", block.time, measured, block.run, dots=True)
+        for label, blocks in zip(fits, predicted, strict=True):
+            yield Curve(row, label, block.time, measured - blocks[block.run, block.channel].misfit, block.run)
+
+
+def sample_columns(fit: Fit) -> Columns:
+    """A row per sample: what was measured and what is predicted."""
+    columns: dict[str, list[Any]] = {key: [] for key in ("run", "channel", "time", "measured", "predicted")}
+    for block, _, measured in _measured(fit):
+        columns["run"] += [block.run] * len(block.time)
+        columns["channel"] += [block.channel] * len(block.time)
+        columns["time"] += block.time.tolist()
+        columns["measured"] += measured.tolist()
+        columns["predicted"] += (measured - block.misfit).tolist()
+    return columns
+
+
+def missing_force_columns(curves: Sequence[ForceCurve]) -> Columns:
+    """A row per point of every curve."""
+    columns: dict[str, list[Any]] = {key: [] for key in ("run", "joint", "unit", "against", "x_unit")}
+    for key, values in columns.items():
+        for curve in curves:
+            values += [getattr(curve, key)] * len(curve.x)
+    for key in ("x", "as_given", "std", "repaired"):
+        rows = [getattr(curve, key) for curve in curves]
+        columns[key] = [v for c, row in zip(curves, rows, strict=True) for v in (c.x * np.nan if row is None else row)]
+    return columns
+
+
+def step_table(
+    path: Sequence[RepairStep], scale: Scale, judges: Sequence[Judge], summaries: Mapping[str, str]
+) -> Table:
+    """The error falling: a row per step, the error on every kind of runs as a bar.
+
+    Args:
+        path: the model as given first.
+        scale: units of the channels.
+        judges: whose errors were told besides those of the fitted runs.
+        summaries: what every effect is, by its name.
+    """
+    given = path[0]
+    kinds = {"fitted": [step.rmse for step in path]}
+    kinds |= {"held out": [step.held_out_rmse for step in path]} if given.held_out_rmse else {}
+    kinds |= {"exam": [step.exam_rmse for step in path]} if given.exam_rmse else {}
+    units = set(scale.units.values())
+    unit = f" [{next(iter(units))}]" if len(units) == 1 else ""
+    columns = [Column("step", [step_name(step) for step in path])]
+    for kind, errors in kinds.items():
+        texts = [error_text(rmse, scale, bare=bool(unit)) for rmse in errors]
+        columns.append(Column(f"{kind}{unit}", texts, shares=[relative(rmse, errors[0], scale) for rmse in errors]))
+    columns += [
+        Column("χ² per sample", [step.chi2_per_sample for step in path]),
+        Column("BIC", [step.bic for step in path], ".6g"),
+        Column("what it is", ["; ".join(summaries.get(n, "") for n in step.added) for step in path], wide=True),
+    ]
+    if any(step.tied_with for step in path):
+        columns.append(Column("cannot be told from", [step.tied_with for step in path]))
+    caption = "; ".join(judge.value for judge in judges)
+    if len(given.rmse) > len(units):
+        caption = f"errors: root mean square, of several channels the root of their summed squares; {caption}"
+    caption = f"{caption}; χ² per sample: squared error over squared noise, 1 where only noise is left"
+    return Table(columns, f"{caption[:1].upper()}{caption[1:]}.", "steps")
+
+
+def fall_sentence(path: Sequence[RepairStep], scale: Scale) -> str:
+    """From where to where the error fell, on the most independent runs."""
+    steps = len(path) - 1
+    if not steps:
+        return "Nothing was added."
+    kind, name = next(
+        (kind, name)
+        for kind, name in (("exam", "exam_rmse"), ("held out", "held_out_rmse"), ("fitted", "rmse"))
+        if getattr(path[0], name)
+    )
+    first, last = (error_text(getattr(step, name), scale) for step in (path[0], path[-1]))
+    return f"{first} → {last} ({kind}) in {steps} step{'' if steps == 1 else 's'}."
+
+
+def step_columns(path: Sequence[RepairStep], units: Mapping[str, str]) -> Columns:
+    """A row per step, with the errors of every channel."""
+    columns: dict[str, list[Any]] = {
+        "step": [" + ".join(step.added) or "as given" for step in path],
+        "joints": [", ".join(step.joints) for step in path],
+    }
+    for kind, errors in (("rmse", "rmse"), ("held out", "held_out_rmse")):
+        for channel, unit in units.items():
+            values = [getattr(step, errors).get(channel) for step in path]
+            if any(value is not None for value in values):
+                columns[f"{kind} {channel} [{unit}]"] = values
+    return columns | {name: [getattr(step, name) for step in path] for name in ("chi2_per_sample", "bic")}
+
+
+def step_name(step: RepairStep) -> str:
+    """Such as ``+ quadratic_drag + wind (2 joints)``."""
+    text = " ".join(f"+ {name}" for name in step.added) or "as given"
+    return f"{text} ({joint_text(step.joints)})" if step.joints else text
+
+
+def joint_text(joints: Sequence[str]) -> str:
+    """Names of a few joints, the number of many."""
+    return ", ".join(joints) if len(joints) <= MOST_JOINTS else f"{len(joints)} joints"
+
+
+def error_text(rmse: Mapping[str, float], scale: Scale, *, bare: bool = False) -> str:
+    """Root of the channels' summed squares, for each unit; `bare` leaves the unit out."""
+    sums = totals(rmse, scale.units)
+    return ", ".join(f"{v:.4g}" if bare else f"{v:.4g} {unit}" for unit, v in sums.items()) or "–"
+
+
+def relative(rmse: Mapping[str, float], given: Mapping[str, float], scale: Scale) -> float:
+    """Error over that of the model as given; of several units the root mean square of the ratios; 0 without errors."""
+    now, before = totals(rmse, scale.units), totals(given, scale.units)
+    ratios = [now[unit] / before[unit] for unit in now if before.get(unit)]
+    return float(np.sqrt(np.mean(np.square(ratios)))) if ratios else 0.0
+
+
+def link_section(links: Sequence["LinkChange"]) -> Section:
+    """What a repair did to the links of an arm, how much of it the runs determine, and what must not be overlooked."""
+    every = [q for link in links for q in link.quantities]
+    determined = sum(q.determined for q in every)
+    text = f"These runs determine {determined} of {len(every)} values. "
+    if determined < len(every):
+        text += (
+            "Torques tell sums over several links; a value of a single link that is not determined may be wrong "
+            "although the torques are right. "
+        )
+    text += " ".join(f"Look out: {link.warning}." for link in links if link.warning)
+    return Section("Links", text.strip(), tables=[_link_table(link) for link in links])
+
+
+def _link_table(link: "LinkChange") -> Table:
+    found = link.quantities
+    names = [name.partition("_") for name in (q.name for q in found)]
+    columns = [
+        Column(link.joint, [f"{LINK_WORDS[kind]} {axis}".strip() for kind, _, axis in names]),
+        Column("URDF", [q.described for q in found]),
+        # Rounding leaves a tiny number where the exact value is zero.
+        Column("repaired", [q.value if abs(q.value) > 1e-6 * max(q.std, abs(q.described)) else 0.0 for q in found]),
+        *columns_of(found, std=".2g", unit=""),
+        Column("determined", ["yes" if q.determined else "not by these runs" for q in found]),
+    ]
+    caption = (
+        f"The link that {link.joint} moves, with all that is fixed to it, in the frame of that joint; inertia is about "
+        "the centre of mass."
+    )
+    return Table(columns, caption)
