@@ -9,13 +9,13 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
     from armdyn.channels import FloatArray
 
+MOST_ROWS = 15
+"""Of a table on a terminal and in a card; pages and data frames have all."""
 Columns = Mapping[str, Sequence[Any]]
 """Values by name of their column."""
 
@@ -32,6 +32,7 @@ class Column:
         shares: per value, the share that is drawn as a bar behind it, 1 = full; empty for no bars.
         judged: colour the bars by how full they are.
         wide: leave the column out where a table must be narrow, on a terminal and in a card.
+        title: what stands above it; its name with spaces in place of underscores when empty.
     """
 
     name: str
@@ -41,11 +42,12 @@ class Column:
     shares: Sequence[float] = ()
     judged: bool = False
     wide: bool = False
+    title: str = ""
 
     @property
     def heading(self) -> str:
         """What stands above it."""
-        return self.name.replace("_", " ")
+        return self.title or self.name.replace("_", " ")
 
     @property
     def texts(self) -> list[str]:
@@ -55,7 +57,7 @@ class Column:
     def _text(self, value: Any) -> str:
         if value is None:
             return self.missing
-        if isinstance(value, bool | np.bool_):
+        if isinstance(value, bool):
             return "yes" if value else "no"
         if isinstance(value, list | tuple):
             return ", ".join(map(str, value))
@@ -75,7 +77,7 @@ class Table:
         columns: from left to right.
         caption: a sentence under it.
         name: by which a data frame of it is asked for; empty where nobody asks.
-        folded: where given, a page shows the table behind a line with this text, and a terminal does not show it.
+        folded: where given, a page shows the table behind a line with this text.
     """
 
     columns: Sequence[Column]
@@ -120,6 +122,11 @@ class Table:
     def values(self) -> Columns:
         """By name of the column."""
         return {column.name: column.values for column in self.columns}
+
+    @property
+    def narrow(self) -> list[Column]:
+        """The columns that a narrow table shows: those that are not wide and not empty."""
+        return [c for c in self.columns if not c.wide and any(value not in (None, "", (), []) for value in c.values)]
 
     def __len__(self) -> int:
         return len(self.columns[0].values) if self.columns else 0

@@ -3,13 +3,11 @@
 from html import escape
 from typing import Any
 
-from armdyn.document import Document, Level, Table
+from armdyn.document import MOST_ROWS, Document, Level, Table
 from armdyn.errors import InputError, UnknownNameError
 
 MOST_POINTS = 2000
 """Per curve of a figure."""
-MOST_ROWS = 12
-"""Of a table in a card; the others are behind a line."""
 GREY, ORANGE, BLUE, GREEN, VERMILLION = "#7B8794", "#E69F00", "#0072B2", "#009E73", "#D55E00"
 """Okabe and Ito's palette, as in the reports."""
 PALETTE = (BLUE, ORANGE, GREEN, "#CC79A7", VERMILLION, "#56B4E9", "#F0E442", GREY)
@@ -24,8 +22,8 @@ def card(document: Document) -> str:
 
 
 def _html(table: Table) -> str:
-    columns = [c for c in table.columns if not c.wide and any(value not in (None, "", ()) for value in c.values)]
-    if not columns or not len(table):
+    columns = table.narrow
+    if not columns:
         return ""
     header = "".join(f"<th style='text-align:left'>{escape(column.heading)}</th>" for column in columns)
     rows = zip(*(column.texts for column in columns), strict=True)

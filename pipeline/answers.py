@@ -1,12 +1,18 @@
-"""Answers of compare, diagnose, repair and add in the form of the contract."""
+"""Answers in the form of the contract: what compare, diagnose, add, repair and inspect say as JSON.
+
+A field of an answer is the attribute of the result that has its name; where the two differ, it is written out.
+"""
 
 import math
-from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping, Sequence
+from enum import Enum
+from pathlib import Path
+from typing import Any
 
-from armdyn.channels import FloatArray
+import numpy as np
+
 from armdyn.faults import outliers_of
-from armdyn.identify.compare import Comparison, Correction, FittedParameter
+from armdyn.identify.compare import Comparison, Correction
 from armdyn.identify.contribution import contribution
 from armdyn.identify.diagnose import Diagnosis
 from armdyn.identify.explained import RepairStep
@@ -15,12 +21,37 @@ from armdyn.identify.missing_force import ForceCurve
 from armdyn.identify.problem import Problem
 from armdyn.identify.repair import Repair
 from armdyn.identify.study import Study
-from armdyn.identify.suspects import Suspect
 from armdyn.identify.unknown import Unknown
+from armdyn.inspection.check import Check, Inspection
 from armdyn.preparation import of_all_runs
 
-if TYPE_CHECKING:
-    from armdyn.arm.links import LinkChange
+
+def number(value: float | None) -> float | None:
+    """A finite float, or null."""
+    return float(value) if value is not None and math.isfinite(value) else None
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON knows it: no number that is none, enums by their key, tuples and arrays as lists."""
+    if isinstance(value, Mapping):
+        return {name: plain(entry) for name, entry in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [plain(entry) for entry in value]
+    if isinstance(value, Enum):
+        return getattr(value, "key", value.value)
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
+    if isinstance(value, float | np.floating):
+        return number(float(value))
+    return int(value) if isinstance(value, np.integer) else str(value) if isinstance(value, Path) else value
+
+
+def fields(item: Any, names: str, **others: Any) -> dict[str, Any]:
+    """Attributes of an item by their names, separated by spaces, in order; ``name=`` stands for one of `others`."""
+    return {
+        name.removesuffix("="): plain(others[name[:-1]] if name.endswith("=") else getattr(item, name))
+        for name in names.split()
+    }
 
 
 def comparison_answer(study: Study, found: Comparison) -> dict[str, Any]:
@@ -28,8 +59,7 @@ def comparison_answer(study: Study, found: Comparison) -> dict[str, Any]:
     return {
         "schema": "armdyn.comparison/1",
         "model": model_answer(study),
-        "explained": found.explained,
-        "sentence": found.sentence,
+        **fields(found, "explained sentence"),
         **fit_answer(found),
         "correction": _correction(found.correction),
         "missing_force": missing_force_answer(found.missing_force),
@@ -38,15 +68,14 @@ def comparison_answer(study: Study, found: Comparison) -> dict[str, Any]:
 
 def diagnosis_answer(study: Study, found: Diagnosis) -> dict[str, Any]:
     """JSON of `diagnose`."""
+    suspect = "effect joints delta_bic p_value rmse held_out_rmse parameters= tied_with"
     return {
         "schema": "armdyn.diagnosis/1",
         "model": model_answer(study),
-        "verdict": found.verdict.key,
-        "sentence": found.sentence,
+        **fields(found, "verdict sentence"),
         **fit_answer(found.comparison),
-        "candidates": [_suspect(suspect) for suspect in found.suspects],
-        "remedies": list(found.remedies),
-        "cannot_be_seen": {name: list(imitators) for name, imitators in found.unseen.items()},
+        "candidates": [fields(s, suspect, parameters=parameters_answer(s.parameters)) for s in found.suspects],
+        **fields(found, "remedies cannot_be_seen=", cannot_be_seen=found.unseen),
         "unknown": unknown_answer(found.unknown),
         "missing_force": missing_force_answer(found.missing_force),
     }
@@ -56,9 +85,7 @@ def repair_answer(found: Repair) -> dict[str, Any]:
     """JSON of `repair` and `add`."""
     return {
         "schema": "armdyn.repair/1",
-        "verdict": found.verdict.key,
-        "sentence": found.sentence,
-        "explained": number(found.explained),
+        **fields(found, "verdict sentence explained"),
         "effects": [effect.name for effect in found.model.effects],
         **fit_answer(found.after),
         "steps": [step_answer(step) for step in found.path],
@@ -66,6 +93,21 @@ def repair_answer(found: Repair) -> dict[str, Any]:
         "unknown": unknown_answer(found.unknown),
         "missing_force": missing_force_answer(found.missing_force),
     }
+
+
+def inspection_answer(found: Inspection) -> dict[str, Any]:
+    """JSON of `inspect`, and of every command that a recording's mistake has ended."""
+    return {
+        "schema": "armdyn.inspect/1",
+        **fields(found, "usable sentence"),
+        "recording_checks": checks_answer(found.checks),
+    }
+
+
+def checks_answer(checks: Sequence[Check]) -> list[dict[str, Any]]:
+    """The checks of any answer."""
+    names = "kind severity run channels from= to= evidence sentence remedy"
+    return [fields(check, names, **{"from": check.start, "to": check.end}) for check in checks]
 
 
 def history_entries(study: Study, found: Repair) -> list[dict[str, Any]]:
@@ -78,33 +120,23 @@ def history_entries(study: Study, found: Repair) -> list[dict[str, Any]]:
         names["exam"] = [run.name for run in study.exam]
     return [
         {
-            "added": _one_or_list(step.added),
+            "added": _joined(step.added),
             "joints": list(step.joints) or None,
             **names,
-            "rmse": errors(step.rmse),
-            "held_out_rmse": errors(step.held_out_rmse) or None,
-            "exam_rmse": errors(step.exam_rmse) or None,
-            "chi2_per_sample": number(step.chi2_per_sample),
-            "bic": number(step.bic),
-            "contribution": errors(contribution(found.steps[-1].fit, step.added)),
-            "as_given_rmse": errors(found.path[0].rmse) if k == 0 else None,
+            "rmse": plain(step.rmse),
+            "held_out_rmse": plain(step.held_out_rmse) or None,
+            "exam_rmse": plain(step.exam_rmse) or None,
+            **fields(step, "chi2_per_sample bic"),
+            "contribution": plain(contribution(found.steps[-1].fit, step.added)),
+            "as_given_rmse": plain(found.path[0].rmse) if k == 0 else None,
         }
         for k, step in enumerate(found.path[1:])
     ]
 
 
-def link_answer(link: "LinkChange") -> dict[str, Any]:
-    """A link in kg, m and kg m^2, beside the URDF's values."""
-    quantities = {
-        q.name: {
-            "unit": q.unit,
-            "urdf": number(q.described),
-            "value": number(q.value),
-            "std": number(q.std),
-            "determined": q.determined,
-        }
-        for q in link.quantities
-    }
+def link_answer(link: Any) -> dict[str, Any]:
+    """A link in kg, m and kg m^2, beside the URDF's values; see `armdyn.arm.links.LinkChange`."""
+    quantities = {q.name: fields(q, "unit urdf= value std determined", urdf=q.described) for q in link.quantities}
     return {"joint": link.joint, **quantities, "physical": link.physical, "warning": link.warning or None}
 
 
@@ -115,91 +147,59 @@ def model_answer(study: Study) -> dict[str, Any]:
 
 def fit_answer(found: Comparison) -> dict[str, Any]:
     """Parameters, channels and places of one fit."""
+    quality = "unit noise_std rmse held_out_rmse exam_rmse chi2_per_sample whiteness_p_value="
     return {
         "parameters": parameters_answer(found.parameters),
-        "intervals_hold": found.intervals_hold,
-        "std_widened_by": number(found.widened),
-        "at_bound": list(found.at_bound),
-        "not_determined": list(found.undetermined),
-        "left_out": list(found.left_out),
+        **fields(found, "intervals_hold std_widened_by= at_bound", std_widened_by=found.widened),
+        **fields(found, "not_determined= left_out", not_determined=found.undetermined),
         "outliers": outliers_of(found.fit.problem.runs),
-        "channels": {
-            name: {
-                "unit": c.unit,
-                "noise_std": number(c.noise_std),
-                "rmse": number(c.rmse),
-                "held_out_rmse": number(c.held_out_rmse),
-                "exam_rmse": number(c.exam_rmse),
-                "chi2_per_sample": number(c.chi2_per_sample),
-                "whiteness_p_value": number(c.white),
-            }
-            for name, c in found.channels.items()
-        },
+        "channels": {name: fields(c, quality, whiteness_p_value=c.white) for name, c in found.channels.items()},
         "preparation": preparation_answer(found.fit.problem),
         "behaves_like_dynamics": number(found.process_error),
-        "where": [_place(place) for place in found.places],
+        "where": places_answer(found.places),
     }
-
-
-def missing_force_answer(curves: Iterable[ForceCurve]) -> list[dict[str, Any]]:
-    """What a model cannot explain, a curve for each run, joint and quantity that it may depend on."""
-    return [
-        {
-            "run": curve.run,
-            "joint": curve.joint,
-            "unit": curve.unit,
-            "against": curve.against,
-            "x": _row(curve.x),
-            "as_given": _row(curve.as_given),
-            "std": _row(curve.std),
-            "repaired": None if curve.repaired is None else _row(curve.repaired),
-        }
-        for curve in curves
-    ]
-
-
-def _row(values: FloatArray) -> list[float | None]:
-    """Six digits: more than any band is narrow."""
-    return [number(float(f"{value:.6g}")) for value in values]
 
 
 def preparation_answer(problem: Problem) -> dict[str, Any]:
     """Per channel which part of the training runs was compared; empty where nothing was filtered."""
+    names = "cutoff_hz= position_cutoff_hz= rate_hz= samples recorded_rate_hz= recorded left_out"
     return {
-        name: {
-            "cutoff_hz": number(done.cutoff),
-            "position_cutoff_hz": number(done.position_cutoff),
-            "rate_hz": number(done.rate),
-            "samples": done.samples,
-            "recorded_rate_hz": number(done.recorded_rate),
-            "recorded": done.recorded,
-            "left_out": number(done.left_out),
-        }
+        name: fields(
+            done, names, cutoff_hz=done.cutoff, position_cutoff_hz=done.position_cutoff, rate_hz=done.rate,
+            recorded_rate_hz=done.recorded_rate,
+        )
         for name, done in of_all_runs(run.preparations for run in problem.runs).items()
-    }
+    }  # fmt: skip
 
 
-def parameters_answer(parameters: Mapping[str, FittedParameter]) -> dict[str, Any]:
-    """Values, standard deviations and units by name."""
-    return {
-        name: {"value": number(p.value), "std": number(p.std), "unit": p.unit, "fitted": p.fitted}
-        for name, p in parameters.items()
-    }
+def missing_force_answer(curves: Iterable[ForceCurve]) -> list[dict[str, Any]]:
+    """What a model cannot explain, a curve for each run, joint and quantity that it may depend on, in six digits."""
+
+    def short(values: np.ndarray | None) -> list[float] | None:
+        return None if values is None else [float(f"{value:.6g}") for value in values]
+
+    return [
+        fields(curve, "run joint unit against")
+        | {name: plain(short(getattr(curve, name))) for name in ("x", "as_given", "std", "repaired")}
+        for curve in curves
+    ]
+
+
+def parameters_answer(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Values, standard deviations and units by name; see `armdyn.identify.compare.FittedParameter`."""
+    return {name: fields(p, "value std unit fitted") for name, p in parameters.items()}
+
+
+def places_answer(places: Sequence[Place]) -> list[dict[str, Any]]:
+    """Where a model fails."""
+    names = "channel run against from= to= unit chi2_per_sample share"
+    return [fields(place, names, **{"from": place.start, "to": place.end}) for place in places]
 
 
 def step_answer(step: RepairStep) -> dict[str, Any]:
-    """One step of the repair path."""
-    return {
-        "added": _one_or_list(step.added),
-        "joints": list(step.joints),
-        "removed": [],  # the format knows it; a repair only adds
-        "tied_with": list(step.tied_with),
-        "rmse": errors(step.rmse),
-        "held_out_rmse": errors(step.held_out_rmse),
-        "exam_rmse": errors(step.exam_rmse),
-        "chi2_per_sample": number(step.chi2_per_sample),
-        "bic": number(step.bic),
-    }
+    """One step of the repair path; the format knows `removed`, and a repair only adds."""
+    names = "added= joints removed= tied_with rmse held_out_rmse exam_rmse chi2_per_sample bic"
+    return fields(step, names, added=_joined(step.added), removed=[])
 
 
 def unknown_answer(found: Unknown | None) -> dict[str, Any] | None:
@@ -207,24 +207,10 @@ def unknown_answer(found: Unknown | None) -> dict[str, Any] | None:
     if found is None:
         return None
     return {
-        "sentence": found.sentence,
-        "behaves_like_dynamics": number(found.process_error),
-        "terms": [{"channel": t.channel, "expression": t.expression, "share": number(t.share)} for t in found.terms],
-        "frequencies": [
-            {"channel": t.channel, "frequency": number(t.frequency), "amplitude": number(t.amplitude), "unit": t.unit}
-            for t in found.peaks
-        ],
+        **fields(found, "sentence behaves_like_dynamics=", behaves_like_dynamics=found.process_error),
+        "terms": [fields(term, "channel expression share") for term in found.terms],
+        "frequencies": [fields(peak, "channel frequency amplitude unit") for peak in found.peaks],
     }
-
-
-def errors(by_channel: Mapping[str, float]) -> dict[str, float | None]:
-    """Errors by channel."""
-    return {name: number(value) for name, value in by_channel.items()}
-
-
-def number(value: float | None) -> float | None:
-    """A finite float, or null."""
-    return float(value) if value is not None and math.isfinite(value) else None
 
 
 def _correction(found: Correction | None) -> dict[str, Any] | None:
@@ -236,36 +222,10 @@ def _correction(found: Correction | None) -> dict[str, Any] | None:
         "chi2_per_sample": number(found.fit.chi2_per_sample),
         "parameters": parameters_answer(found.parameters),
         "wrong_chi2_per_sample": number(found.wrong.chi2_per_sample),
-        "where": [_place(place) for place in found.places],
+        "where": places_answer(found.places),
     }
 
 
-def _suspect(suspect: Suspect) -> dict[str, Any]:
-    return {
-        "effect": suspect.effect,
-        "joints": list(suspect.joints),
-        "delta_bic": number(suspect.delta_bic),
-        "p_value": number(suspect.p_value),
-        "rmse": errors(suspect.rmse),
-        "held_out_rmse": errors(suspect.held_out_rmse),
-        "parameters": parameters_answer(suspect.parameters),
-        "tied_with": list(suspect.tied_with),
-    }
-
-
-def _place(place: Place) -> dict[str, Any]:
-    return {
-        "channel": place.channel,
-        "run": place.run,
-        "against": place.against,
-        "from": number(place.start),
-        "to": number(place.end),
-        "unit": place.unit,
-        "chi2_per_sample": number(place.chi2_per_sample),
-        "share": number(place.share),
-    }
-
-
-def _one_or_list(names: Iterable[str]) -> Any:
+def _joined(names: Iterable[str]) -> str | None:
     """Null, one name, or several names joined by `` + `` where they only help together."""
     return " + ".join(names) or None

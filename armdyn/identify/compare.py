@@ -137,9 +137,12 @@ class Comparison(Shown):
         prepared = sentence(of_all_runs(run.preparations for run in self.fit.problem.runs))
         meaning = {column.name: column.parameter.source for column in self.fit.problem.columns}
         sections = [
-            Section("Parameters", " ".join(self.remarks), tables=[parameter_table(self.parameters, meaning)]),
-            Section("Channels", tables=[channel_table(self.channels, prepared)]),
-            place_section("Where the model fails", self.places),
+            Section(
+                "Parameters",
+                " ".join(self.remarks),
+                tables=[parameter_table(self.parameters, meaning), channel_table(self.channels, prepared)],
+            ),
+            *([place_section("Where the model fails", self.places)] if self.places else []),
         ]
         if self.correction is not None:
             right = parameter_table(self.correction.parameters, meaning)

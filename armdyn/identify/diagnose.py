@@ -1,12 +1,12 @@
 """Which effect is missing, with an honest verdict."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
-from armdyn.document import Document, Level, Section, Table, columns_of
+from armdyn.document import Document, Level, Section
 from armdyn.faults import outlier_sentence
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.choose import LEADS
@@ -21,7 +21,7 @@ from armdyn.identify.search import Progress, Search, Step, repair_step, search
 from armdyn.identify.sentence import Left, Verdict, repair_sentences
 from armdyn.identify.study import Study
 from armdyn.identify.suspects import Suspect
-from armdyn.identify.tables import curves_of, missing_force_columns
+from armdyn.identify.tables import candidate_table, curves_of, missing_force_columns
 from armdyn.identify.uncertainty import FAR_ABOVE_STATED
 from armdyn.identify.unknown import Unknown, characterise
 from armdyn.shown import Shown
@@ -60,20 +60,16 @@ class Diagnosis(Shown):
     search: Search
     missing_force: tuple[ForceCurve, ...] = ()
 
-    def document(self) -> Document:
-        """The effects that may be missing with their evidence, then how well the model does as given."""
+    def document(self, summaries: Mapping[str, str] | None = None) -> Document:
+        """The effects that may be missing with their evidence, then how well the model does as given.
+
+        Args:
+            summaries: what every effect is, by its name; None leaves that out.
+        """
         given, steps = self.comparison, self.search.steps
-        candidates = Table(
-            columns_of(self.suspects, effect="", joints="", delta_bic=".1f", p_value=".1e", tied_with=""),
-            "Evidence for each effect; 10 is strong, and counts only where what is left is noise.",
-            "candidates",
-            "Statistics: evidence",
-        )
-        unseen = [
-            f"{name} cannot be seen in these runs: {', '.join(imitators)} does the same."
-            for name, imitators in self.unseen.items()
-        ]
-        evidence = Section("Which effect is missing", " ".join(unseen), tables=[candidates] if self.suspects else [])
+        rmse = {name: channel.rmse for name, channel in given.channels.items()}
+        candidates = candidate_table(self.suspects, rmse, given.scale, summaries or {})
+        evidence = Section("Which effect is missing", self._evidence, tables=[candidates] if self.suspects else [])
         fits = {"as given": given.fit} | ({"with what is missing": steps[-1].fit} if len(steps) > 1 else {})
         compared = given.document()
         return replace(
@@ -85,6 +81,22 @@ class Diagnosis(Shown):
             data={**compared.data, "missing_force": lambda: missing_force_columns(self.missing_force)},
             curves=partial(curves_of, fits),
         )
+
+    @property
+    def _evidence(self) -> str:
+        """What the candidates say, and which effects these runs say nothing about."""
+        if not self.suspects:
+            text = "Nothing in the catalogue makes a difference."
+        elif best := self.suspects[0].tied_with:
+            text = f"These runs cannot tell {self.suspects[0].effect} from {', '.join(best)}."
+            text += f" What would: {'; '.join(self.remedies)}." if self.remedies else ""
+        else:
+            text = f"{self.suspects[0].effect} explains most, and nothing ties with it."
+        unseen = (
+            f"{name} cannot be seen in these runs: {', '.join(imitators)} does the same."
+            for name, imitators in self.unseen.items()
+        )
+        return " ".join((text, *unseen))
 
 
 def diagnose(study: Study, progress: Progress | None = None) -> Diagnosis:

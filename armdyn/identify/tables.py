@@ -55,10 +55,10 @@ def channel_table(found: Mapping[str, Any], caption: str) -> Table:
     columns = [
         Column("channel", list(found)),
         *columns_of(values, unit="", noise_std=".3g", rmse=".4g", held_out_rmse=".4g", **unseen),
-        *columns_of(values, chi2_per_sample=".4g"),
+        Column("chi2_per_sample", [c.chi2_per_sample for c in values], title="χ² per sample"),
         Column("p of white noise", [c.white for c in values], ".2g", wide=True),
     ]
-    return Table(columns, caption, "channels")
+    return Table(columns, caption, "channels", "Statistics: noise, errors, χ² per sample, whiteness")
 
 
 def place_section(title: str, places: Sequence[Place]) -> Section:
@@ -68,9 +68,10 @@ def place_section(title: str, places: Sequence[Place]) -> Section:
         *columns_of(worst, channel="", run="", against=""),
         Column("from", [place.start for place in worst], ".3g"),
         Column("to", [place.end for place in worst], ".3g"),
-        *columns_of(worst, unit="", chi2_per_sample=".3g"),
+        *columns_of(worst, unit=""),
+        Column("χ² per sample", [place.chi2_per_sample for place in worst], ".3g"),
     ]
-    return Section(title, "" if worst else "Nowhere more than elsewhere.", tables=[Table(columns)] if worst else [])
+    return Section(title, "" if worst else "It fails nowhere.", tables=[Table(columns)])
 
 
 def _measured(fit: Fit) -> Iterator[tuple[Any, str, FloatArray]]:
@@ -152,6 +153,47 @@ def step_table(
         caption = f"errors: root mean square, of several channels the root of their summed squares; {caption}"
     caption = f"{caption}; χ² per sample: squared error over squared noise, 1 where only noise is left"
     return Table(columns, f"{caption[:1].upper()}{caption[1:]}.", "steps")
+
+
+def candidate_table(
+    found: Sequence[Any], given: Mapping[str, float], scale: Scale, summaries: Mapping[str, str]
+) -> Table:
+    """What every effect would leave of the error if it alone were added, with the evidence for it.
+
+    Args:
+        found: the effects, best first; see `Suspect`.
+        given: by channel, the error of the model as given.
+        scale: units of the channels.
+        summaries: what every effect is, by its name.
+    """
+    values = [
+        ", ".join(f"{name.partition('.')[2]} {p.value:.4g} {p.unit}" for name, p in s.parameters.items())
+        if len(s.joints) <= MOST_JOINTS
+        else f"{len(s.parameters)} values"
+        for s in found
+    ]
+    columns = [
+        Column("effect", [s.effect for s in found]),
+        Column("joints", [joint_text(s.joints) for s in found]),
+        Column("what it is", [summaries.get(s.effect, "") for s in found], wide=True),
+        Column(
+            "error",
+            [error_text(s.rmse, scale) for s in found],
+            shares=[relative(s.rmse, given, scale) for s in found],
+            title="error with it alone",
+        ),
+        Column("held out", [error_text(s.held_out_rmse, scale) for s in found]),
+        Column("its values", values, wide=True),
+        Column("delta_bic", [s.delta_bic for s in found], ".1f", title="ΔBIC"),
+        Column("p_value", [s.p_value for s in found], ".1e", title="p of chance"),
+        Column("tied_with", [", ".join(s.tied_with) for s in found], title="cannot be told from"),
+    ]
+    caption = (
+        f"Error: root mean square over the fitted runs, {error_text(given, scale)} as given"
+        + ("; of several joints the root of their summed squares. " if len(given) > 1 else ". ")
+        + "ΔBIC: evidence for the effect; 10 is strong, and counts only where what is left is noise."
+    )
+    return Table(columns, caption, "candidates")
 
 
 def fall_sentence(path: Sequence[RepairStep], scale: Scale) -> str:

@@ -16,7 +16,7 @@ from pipeline.console.options import (
     RunsArgument,
     TrustOption,
 )
-from pipeline.console.repaired import _conclude
+from pipeline.console.repaired import conclude_repair
 from pipeline.console.screen import spinner
 
 PANEL = "What a model lacks"
@@ -47,4 +47,4 @@ def add(
         say("fitting")
         found = extend(given.study, [wanted])
         given.require_plausible(found.model)
-    _conclude(inputs, given, found, output or model, report, json_file)
+    conclude_repair(inputs, given, found, output or model, report, json_file)

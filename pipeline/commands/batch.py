@@ -8,18 +8,14 @@ import typer
 
 from pipeline.console.options import JsonOption
 from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import command_line, spinner, write_answer
+from pipeline.console.screen import finish, spinner
 
 if TYPE_CHECKING:
     from pipeline.batch.history import History
-    from pipeline.batch.run import Done, Row
+    from pipeline.batch.run import Done
     from pipeline.batch.spec import Spec
 
 PANEL = "What a model lacks"
-
-
-MOST_SHOWN = 5
-"""Bad recordings that are named on the screen; all are in the files."""
 
 
 def batch(
@@ -54,39 +50,16 @@ def batch(
         if not signals:
             say("looking for changes")
             found = history(asked, done.rows)
-            say("writing the report")
-            batch_report(asked, done, found, command_line()).write(folder / "report.html")
     if signals:
         again = shlex.join(["armdyn", "batch", str(spec), "--output", str(output)])
         typer.echo(
             f"{len(done.rows)} of {len(asked.items)} recordings are done and kept; continue with: {again}", err=True
         )
         raise Interrupt(signals[0])
-    if write_answer(json_file, lambda: _answer(asked, done, found)):
-        _say(asked, done, found, output)
-
-
-def _say(spec: "Spec", done: "Done", found: "History", output: Path) -> None:
-    from pipeline.batch.run import ROWS
-    from pipeline.report.batch import summary
-    from pipeline.report.changes import event_sentence
-
-    typer.echo(summary(done, found))
-    for event in found.events:
-        typer.echo(f"  {event_sentence(event, found)}")
-    bad = [row for row in done.rows if row.outcome.problem]
-    for row in bad[:MOST_SHOWN]:
-        typer.echo(f"  could not be used: {_problem(spec, row)}")
-    if len(bad) > MOST_SHOWN:
-        typer.echo(f"  and {len(bad) - MOST_SHOWN} more, see the report")
-    typer.echo(f"rows: {output / ROWS}")
-    typer.echo(f"report: {output / 'report.html'}")
-
-
-def _problem(spec: "Spec", row: "Row") -> str:
-    """With the recording's name, which most messages begin with."""
-    text = row.outcome.problem.replace(str(row.item.run), spec.name(row.item.run))
-    return text if spec.name(row.item.run) in text else f"{spec.name(row.item.run)}: {text}"
+    document = batch_report(asked, done, found)
+    report = output / "report.html"
+    written = [f"rows: {output / ROWS}"]
+    finish(document, lambda: _answer(asked, done, found), json_file, report, lambda: document, written)
 
 
 def _answer(spec: "Spec", done: "Done", found: "History") -> dict[str, Any]:

@@ -7,20 +7,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from armdyn.errors import InputError
-from pipeline.console.options import JsonOption, say_missing_meshes
+from pipeline.console.options import JsonOption, exactly, missing_meshes
 from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import command_line, spinner, write_answer
+from pipeline.console.screen import finish, spinner
 
 if TYPE_CHECKING:
     import urdf
-    from pipeline.motion.feasibility import FeasibilityReport
     from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
 
 PANEL = "Motions of an arm"
-
-
-SHOWN = 10
-"""Violations that are printed; the report and the JSON have them all."""
 
 
 def check(
@@ -60,6 +55,7 @@ def check(
     from pipeline.motion.feasibility import CheckSettings, box_and_table, check_joints, check_line
     from pipeline.motion.feasibility.read import read_trajectory
     from pipeline.motion.trajectory import LineTrajectory
+    from pipeline.report.feasibility import feasibility_document, feasibility_page
 
     mass = _mass(load_mass)
     if robot is not None and urdf_file is not None:
@@ -79,7 +75,11 @@ def check(
             settings = CheckSettings(load_mass=mass, springs=springs, obstacles=obstacles)
             if not (near or isinstance(motion, LineTrajectory)):
                 settings = replace(settings, singular_value=0.0)  # joints that are led one by one race for no tool
-            at = _start(start, arm) if ros is None else _where(ros, robot or "baxter", start, arm)
+            at = (
+                (None if start is None else exactly(len(arm.joint_names), start, "--start", arm.joint_names))
+                if ros is None
+                else _where(ros, robot or "baxter", start, arm)
+            )
             say("checking the motion on the whole arm")
             if isinstance(motion, LineTrajectory):
                 result = check_line(default_table(arm), arm, motion, settings, at=at)
@@ -87,11 +87,14 @@ def check(
                 result = check_joints(arm, motion, settings, line=line if on_line else None, at=at)
     except urdf.UrdfError as error:
         raise InputError(str(error)) from error
-    if report is not None:
-        _write_report(result, trajectory, report)
-    if write_answer(json_file, result.to_json):
-        _print(result, report)
-        say_missing_meshes(arm)
+    title = f"Feasibility of {trajectory.name}"
+    finish(
+        replace(feasibility_document(result, title), notes=missing_meshes(arm)),
+        result.to_json,
+        json_file,
+        report,
+        lambda: feasibility_page(result, title),
+    )
     return 0 if result.feasible else 1
 
 
@@ -124,22 +127,6 @@ def _mass(text: str) -> float:
     return mass
 
 
-def _start(text: str | None, arm: "urdf.Robot") -> "list[float] | None":
-    from urdf.bounds import number
-
-    if text is None:
-        return None
-    try:
-        values = [number(cell) for cell in text.split(",")]
-    except ValueError:
-        values = []
-    if len(values) != len(arm.joint_names):
-        raise InputError(
-            f"--start {text}: give {len(arm.joint_names)} numbers in rad, for {', '.join(arm.joint_names)}"
-        )
-    return values
-
-
 def _where(uri: str, robot: str, start: str | None, arm: "urdf.Robot") -> "list[float]":
     """Where the arm behind a rosbridge is; nothing is sent to it."""
     from pipeline.ros.states import where_is
@@ -149,26 +136,3 @@ def _where(uri: str, robot: str, start: str | None, arm: "urdf.Robot") -> "list[
         raise InputError("--start and --ros: give one of them")
     at = where_is(uri, arm.joint_names, read_topics(settings_file(robot)).joint_states)
     return [float(angle) for angle in at.q]
-
-
-def _write_report(result: "FeasibilityReport", trajectory: Path, file: Path) -> None:
-    from pipeline.report.feasibility import feasibility_page
-
-    feasibility_page(result, f"Feasibility of {trajectory.name}", command_line()).write(file)
-
-
-def _print(result: "FeasibilityReport", report: Path | None) -> None:
-    typer.echo(result.sentence)
-    for violation in result.violations[:SHOWN]:
-        typer.echo(f"  {violation}")
-    if len(result.violations) > SHOWN:
-        typer.echo(f"  ... and {len(result.violations) - SHOWN} more")
-    worst: dict[str, tuple[float, str]] = {}
-    for margin in result.margins:
-        text = f"{margin.joint}: {margin}"
-        worst[margin.limit] = max(worst.get(margin.limit, (-1.0, "")), (margin.used, text))
-    typer.echo("\nclosest to each limit")
-    for limit, (used, text) in worst.items():
-        typer.echo(f"  {limit.replace('_', ' '):18} {100 * used:4.0f} %  {text}")
-    if report is not None:
-        typer.echo(f"\nreport: {report}")

@@ -1,7 +1,8 @@
 """`armdyn compare`: a model held against recordings."""
 
-import typer
+from dataclasses import replace
 
+from armdyn.document import Document, NextStep
 from pipeline.console.inputs import Inputs, checked, stopped_if_wrong
 from pipeline.console.options import (
     EffectsOption,
@@ -14,7 +15,7 @@ from pipeline.console.options import (
     TrustOption,
 )
 from pipeline.console.repaired import REPAIRED
-from pipeline.console.screen import command_line, say_report, spinner, write_answer
+from pipeline.console.screen import finish, spinner
 
 PANEL = "What a model lacks"
 
@@ -33,7 +34,6 @@ def compare(
     from armdyn.identify.compare import compare as hold_against
     from armdyn.inspection.plausible import compared_model
     from pipeline.answers import comparison_answer
-    from pipeline.console.fit_text import say_comparison
 
     inputs = Inputs(model, runs, held_out, exam, effects, trust_data)
     inputs.check(report, json_file)
@@ -42,12 +42,19 @@ def compare(
         say("fitting")
         found = hold_against(given.study)
         given.require_plausible(compared_model(given.study.model, found))
-        if report is not None:
-            from pipeline.report.fit import comparison_report
 
-            comparison_report(given.study, found, command_line()).write(report)
-    if write_answer(json_file, lambda: {**comparison_answer(given.study, found), **checked(given)}):
-        say_comparison(found)
-        say_report(report)
-        if not found.explained:
-            typer.echo(f"what is missing: {inputs.command('repair', *REPAIRED)}")
+    def page() -> Document:
+        from pipeline.report.repair import comparison_report
+
+        return comparison_report(given.study, found)
+
+    document = found.document()
+    if not found.explained:
+        document = replace(document, next_steps=[NextStep("what is missing", inputs.command("repair", *REPAIRED))])
+    finish(
+        document,
+        lambda: {**comparison_answer(given.study, found), **checked(given)},
+        json_file,
+        report,
+        page,
+    )

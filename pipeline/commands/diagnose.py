@@ -1,7 +1,8 @@
 """`armdyn diagnose`: which effect a model lacks."""
 
-import typer
+from dataclasses import replace
 
+from armdyn.document import Document, NextStep
 from pipeline.console.inputs import Inputs, checked, stopped_if_wrong
 from pipeline.console.options import (
     EffectsOption,
@@ -14,7 +15,7 @@ from pipeline.console.options import (
     TrustOption,
 )
 from pipeline.console.repaired import REPAIRED
-from pipeline.console.screen import command_line, say_report, spinner, write_answer
+from pipeline.console.screen import finish, spinner
 
 PANEL = "What a model lacks"
 
@@ -33,7 +34,6 @@ def diagnose(
     from armdyn.identify.diagnose import diagnose as find_missing
     from armdyn.identify.repair import fitted_model
     from pipeline.answers import diagnosis_answer
-    from pipeline.console.fit_text import say_diagnosis
 
     inputs = Inputs(model, runs, held_out, exam, effects, trust_data)
     inputs.check(report, json_file)
@@ -41,15 +41,23 @@ def diagnose(
         given = inputs.read()
         found = find_missing(given.study, say)
         given.require_plausible(fitted_model(given.study, found.search.last))
-        if report is not None:
-            from pipeline.report.repair import diagnosis_report
 
-            diagnosis_report(given.study, found, command_line()).write(report)
-    if write_answer(json_file, lambda: {**diagnosis_answer(given.study, found), **checked(given)}):
-        say_diagnosis(found)
-        say_report(report)
-        moved = all("gripper_x" in run.channels for run in given.study.runs)
-        if found.remedies and given.study.model.base == "pendulum" and moved:
-            typer.echo(f"tell them apart: {inputs.command('next', '--output', 'motion.csv', '--report', 'next.html')}")
-        if found.suspects:
-            typer.echo(f"add it: {inputs.command('repair', *REPAIRED)}")
+    def page() -> Document:
+        from pipeline.report.repair import diagnosis_report
+
+        return diagnosis_report(given.study, found)
+
+    steps = []
+    moved = all("gripper_x" in run.channels for run in given.study.runs)
+    if found.remedies and given.study.model.base == "pendulum" and moved:
+        command = inputs.command("next", "--output", "motion.csv", "--report", "next.html")
+        steps.append(NextStep("tell them apart", command))
+    if found.suspects:
+        steps.append(NextStep("add it", inputs.command("repair", *REPAIRED)))
+    finish(
+        replace(found.document(), verdict=f"{found.verdict.key}: {found.sentence}", next_steps=steps),
+        lambda: {**diagnosis_answer(given.study, found), **checked(given)},
+        json_file,
+        report,
+        page,
+    )

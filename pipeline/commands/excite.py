@@ -1,21 +1,22 @@
 """`armdyn excite`: the motion of an arm to record, so that chosen effects are determined or told apart."""
 
 import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from armdyn.document import MOST_ROWS, NextStep
 from armdyn.errors import InputError
-from pipeline.console.options import JointsOption, JsonOption, ToolOption, names_in, say_missing_meshes
+from pipeline.console.options import JointsOption, JsonOption, ToolOption, missing_meshes, names_in
 from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import command_line, spinner, to_screen, write_answer
+from pipeline.console.screen import finish, spinner
 
 if TYPE_CHECKING:
     from armdyn.arm.model import ArmModel
     from armdyn.effects.effect import Effect
     from armdyn.excitation.goal import Goal
-    from pipeline.motion.excitation import Excitation
 
 PANEL = "Motions of an arm"
 
@@ -77,6 +78,7 @@ def excite(
         from armdyn.csv_run import csv_text
         from pipeline.answers_motion import excitation_answer
         from pipeline.motion.excitation import excitation
+        from pipeline.report.feasibility import excitation_document, excitation_page
 
         say("reading the robot")
         model = arm_model(urdf_file, robot, names_in(joints), tool=tool)
@@ -84,13 +86,19 @@ def excite(
         goal = _goal(model, wanted, rivals, effects_file, rate)
         found = excitation(goal, seconds, random=random, compare=compare, seed=seed, say=say)
     write_text(output, csv_text(found.motion.channels))
-    if report is not None:
-        from pipeline.report.feasibility import excitation_page
-
-        excitation_page(found, command_line()).write(report)
-    if write_answer(json_file, lambda: excitation_answer(found, output)):
-        # `check` takes an arm as its description has it.
-        _print(found, output, report, _robot_options(robot, urdf_file) if joints is None and tool is None else None)
+    # `check` takes an arm as its description has it.
+    known = shlex.join(["--robot", str(robot)] if urdf_file is None else ["--urdf", str(urdf_file)])
+    again = [NextStep("check it again", f"armdyn check {shlex.quote(str(output))} {known}")]
+    notes = missing_meshes(found.goal.columns.arm.robot)
+    document = excitation_document(found, MOST_ROWS, notes)
+    finish(
+        replace(document, next_steps=again if joints is None and tool is None else []),
+        lambda: excitation_answer(found, output),
+        json_file,
+        report,
+        lambda: excitation_page(found),
+        [f"motion: {output}"],
+    )
     return 0
 
 
@@ -137,37 +145,3 @@ def _effects(text: str, option: str, model: "ArmModel", own: "tuple[Effect, ...]
     for effect in found:
         model.with_effect(effect)  # refuses one that this arm cannot have
     return found
-
-
-def _robot_options(robot: str | None, urdf_file: Path | None) -> str:
-    return shlex.join(["--robot", str(robot)] if urdf_file is None else ["--urdf", str(urdf_file)])
-
-
-SHOWN = 20
-"""Unknowns that are printed; of more, the effects with the mean of theirs."""
-
-
-def _print(found: "Excitation", output: Path, report: Path | None, robot: str | None) -> None:
-    from rich.table import Table
-
-    from pipeline.answers_motion import expectation_rows, peak_rows, sentence
-
-    console = to_screen()
-    typer.echo(sentence(found))
-    for header, rows in (expectation_rows(found, SHOWN), peak_rows(found)):
-        table = Table(box=None, pad_edge=False)
-        for k, name in enumerate(header):
-            table.add_column(name, justify="left" if k == 0 else "right")
-        for row in rows:
-            table.add_row(*row)
-        typer.echo("")
-        console.print(table)
-    typer.echo("")
-    for name, why in found.goal.left_out.items():
-        typer.echo(f"taken as known: {name}, {why}")
-    for what in found.goal.inseparable:
-        typer.echo(f"no motion can tell: {what}")
-    say_missing_meshes(found.goal.columns.arm.robot)
-    typer.echo(f"motion: {output}" + (f"\nreport: {report}" if report is not None else ""))
-    if robot is not None:
-        typer.echo(f"check it again: armdyn check {shlex.quote(str(output))} {robot}")

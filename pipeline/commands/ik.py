@@ -1,12 +1,12 @@
 """`armdyn ik`: find a line, build and show SE(3) IK and Jacobian tables of paths and volumes."""
 
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from armdyn.errors import InputError
-from pipeline.console.ik_text import as_settings, found_json, summary, table_json
 from pipeline.console.options import (
     JointsOption,
     JsonOption,
@@ -18,7 +18,7 @@ from pipeline.console.options import (
     tool_rotation,
     which_robot,
 )
-from pipeline.console.screen import write_answer
+from pipeline.console.screen import finish, write_answer
 
 if TYPE_CHECKING:
     from ik import PathTable
@@ -140,10 +140,9 @@ def build(
     json_file: JsonOption = None,
 ) -> None:
     """Build the table of a robot's line, of a path, or of a line that is searched for."""
-    from dataclasses import replace
-
     from ik.build import build_line_table, build_path_table, default_path
     from ik.pathfile import read_path
+    from pipeline.report.ik import ik_document
 
     if search and path is not None:
         raise InputError("--search and --path exclude each other; choose one")
@@ -164,12 +163,9 @@ def build(
     if target is not None:
         table.save(target)
     extra = ({} if target is None else {"file": str(target)}) | ({} if found is None else {"found": found_json(found)})
-    if write_answer(json_file, lambda: table_json(table) | extra):
-        typer.echo(summary(table))
-        if found is not None:
-            typer.echo(as_settings(found))
-        if target is not None:
-            typer.echo(f"written to {target}")
+    written = [] if found is None else [as_settings(found)]
+    written += [] if target is None else [f"written to {target}"]
+    finish(ik_document(table), lambda: table_json(table) | extra, json_file, written=written)
 
 
 @group.command()
@@ -180,6 +176,7 @@ def show(
 ) -> None:
     """Print what a table holds, and plot it."""
     from ik import PathTable
+    from pipeline.report.ik import ik_document, ik_report
     from urdf import UrdfError, known_robots, load
 
     table, arm = PathTable.load(file), None
@@ -189,12 +186,7 @@ def show(
         except UrdfError as error:
             raise InputError(str(error)) from error
         table = PathTable.load(file, arm)
-    if report is not None:
-        from pipeline.report.ik import ik_report
-
-        ik_report(table, arm, command=f"armdyn ik show {file} --report {report}").write(report)
-    if write_answer(json_file, lambda: table_json(table)):
-        typer.echo(summary(table))
+    finish(ik_document(table), lambda: table_json(table), json_file, report, lambda: ik_report(table, arm))
 
 
 def _say(stage: str) -> None:
@@ -219,3 +211,81 @@ def _demand(extent: str, core: str, direction: str, tool_rpy: str | None) -> "De
         raise InputError("--direction: 0,0,0 points nowhere; give another")
     rotation = None if tool_rpy is None else tool_rotation(tool_rpy)
     return Demand(direction=(x, y, z), rotation=rotation, s_min=first, s_max=last, core=(low, high))
+
+
+def table_json(table: "PathTable") -> dict[str, Any]:
+    """The table in the form of the contract; tool poses are the targets of the tool point."""
+    import numpy as np
+    from scipy.spatial.transform import Rotation
+
+    rotation, position = table.path.pose(table.s)
+    low, high = table.torque_acceleration_range(table.s)
+    return {
+        "schema": "armdyn.ik/1",
+        "robot": table.robot_name,
+        "joints": list(table.joint_names),
+        "tool_link": table.tool_frame,
+        "tool_offset": table.tool_offset.tolist(),
+        "s": table.s.tolist(),
+        "q": table.q.tolist(),
+        "dq_ds": table.dq_ds.tolist(),
+        "tool_position": position.T.tolist(),
+        "tool_quaternion": Rotation.from_matrix(np.array(rotation.transpose(2, 0, 1))).as_quat().tolist(),
+        "speed_limit": table.speed_limit.tolist(),
+        "joint_margin": table.joint_margin,
+        "path": table.path.describe(),
+        "acceleration_limit": table.acceleration_limit.tolist(),
+        "torque_acceleration_range": np.stack((low, high), axis=1).tolist(),
+        "torque_share": table.torque_share.tolist(),
+        "margin": table.margin.min(axis=1).tolist(),
+        "manipulability": table.manipulability.tolist(),
+    }
+
+
+def as_settings(found: "Found") -> str:
+    """What was found, as entries of a robot's settings file."""
+    import pinocchio as pin
+
+    line = found.line
+
+    def row(values: Any) -> str:
+        return "[" + ", ".join(f"{value:.10g}" for value in values) + "]"
+
+    return "\n".join(
+        [
+            "",
+            f"# core {found.core_speed:.3f} m/s, whole line {found.whole_speed:.3f} m/s, "
+            f"margin {found.joint_margin:.3f} rad, clearance {found.clearance:.3f} m,",
+            f"# torque at rest {100 * found.torque[0]:.0f} % of a limit, {100 * found.torque[1]:.0f} % with springs",
+            "[line]",
+            f"origin = {row(line.origin)}",
+            f"direction = {row(line.direction)}",
+            f"tool_rpy = {[float(angle) for angle in pin.rpy.matrixToRpy(line.rotation)]}",
+            f"range = {row((line.s_min, line.s_max))}",
+            f"core = {row(line.core)}",
+            f"core_speed = {line.core_speed:g}",
+            "",
+            "[arm]",
+            f"home = {row(found.home)}",
+        ]
+    )
+
+
+def found_json(found: "Found") -> dict[str, Any]:
+    """A line that was found, and what it is worth."""
+    return {
+        "line": {
+            "origin": found.line.origin.tolist(),
+            "direction": found.line.direction.tolist(),
+            "rotation": found.line.rotation.tolist(),
+            "range": [found.line.s_min, found.line.s_max],
+            "core": list(found.line.core),
+            "core_speed": found.line.core_speed,
+        },
+        "home": found.home.tolist(),
+        "core_speed": found.core_speed,
+        "whole_speed": found.whole_speed,
+        "joint_margin": found.joint_margin,
+        "clearance": found.clearance,
+        "torque": list(found.torque),
+    }

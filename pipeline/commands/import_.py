@@ -10,7 +10,7 @@ from armdyn.errors import InputError
 from pipeline.console.inputs import stopped_if_wrong
 from pipeline.console.options import JsonOption, TrustOption
 from pipeline.console.outputs import check_outputs, free_to_write
-from pipeline.console.screen import plain_table, spinner, to_screen, write_answer
+from pipeline.console.screen import plain_table, show, spinner, to_screen, write_answer
 
 if TYPE_CHECKING:
     from armdyn.run import Run
@@ -44,11 +44,11 @@ def import_(
     """Make runs of recordings in other formats."""
     from armdyn.arm.model import arm_model
     from armdyn.inspection.inspect import inspected, require_usable
-    from pipeline.answers_inspection import checks_answer
-    from pipeline.commands.inspecting import say_inspection
+    from pipeline.answers import checks_answer
     from pipeline.imports.conversion import imported
     from pipeline.imports.foreign import read_foreign
     from pipeline.imports.mapping import known_columns, read_map
+    from pipeline.report.inspection import inspection_document
 
     if mapping is not None and guess:
         raise InputError("--map gives a mapping and --guess proposes one: choose one of them")
@@ -78,7 +78,7 @@ def import_(
         written = _write(runs, output, [*files, *([mapping] if mapping else [])], force)
     if write_answer(json_file, lambda: {**_answer(runs, written), "recording_checks": checks_answer(found.checks)}):
         if found.checks:
-            say_inspection(found)
+            show(inspection_document(found))
         _say(runs, written)
 
 

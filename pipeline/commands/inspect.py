@@ -1,15 +1,17 @@
 """`armdyn inspect`: are recordings what they say they are?"""
 
 import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from armdyn.document import NextStep
 from armdyn.errors import InputError
 from pipeline.console.options import EffectsOption, JsonOption, ReportOption
 from pipeline.console.outputs import check_outputs, free_to_write
-from pipeline.console.screen import command_line, plain_table, spinner, to_screen, write_answer
+from pipeline.console.screen import finish, spinner
 
 if TYPE_CHECKING:
     from armdyn.effects.effect import Effect
@@ -17,10 +19,6 @@ if TYPE_CHECKING:
     from armdyn.model import Model
 
 PANEL = "Recordings"
-
-
-SHOWN = {"wrong": "bold red", "suspect": "yellow", "note": "dim"}
-"""How a severity is printed."""
 
 
 def inspect(
@@ -41,7 +39,8 @@ def inspect(
     from armdyn.inspection.check import MODEL
     from armdyn.inspection.inspect import inspected
     from armdyn.run import read_run
-    from pipeline.answers_inspection import inspection_answer
+    from pipeline.answers import inspection_answer
+    from pipeline.report.inspection import inspection_document, inspection_report
 
     model_file = files[0] if files[0].suffix.lower() == ".toml" else None
     run_files = files[1:] if model_file is not None else files
@@ -53,20 +52,25 @@ def inspect(
         model, catalogue = _model(model_file, effects)
         say("looking")
         found = inspected(runs, model, catalogue).naming(model_file or Path(MODEL))
-        if report is not None:
-            from pipeline.report.inspection import inspection_report
-
-            inspection_report(found, command_line()).write(report)
         written = write_fixed(found, fix, force) if fix is not None else []
-    if write_answer(json_file, lambda: inspection_answer(found)):
-        say_inspection(found)
-        if fix is not None:
-            _say_fixed(written, model_file)
-        elif found.corrected():
-            again = ["armdyn", "inspect", *map(str, files), "--fix", "fixed"]
-            typer.echo(f"write corrected copies: {shlex.join(again)}")
-        if report is not None:
-            typer.echo(f"report {report}")
+    steps, lines = [], [f"written to {path}" for path in written]
+    if written:
+        copies = [str(path) for path in written if path.suffix == ".csv"]
+        model_words = [str(model_file)] if model_file is not None else []
+        steps.append(NextStep("next", shlex.join(["armdyn", "inspect", *model_words, *copies])))
+    elif fix is not None:
+        lines.append("nothing to correct in the files")
+    elif found.corrected():
+        again = ["armdyn", "inspect", *map(str, files), "--fix", "fixed"]
+        steps.append(NextStep("write corrected copies", shlex.join(again)))
+    finish(
+        replace(inspection_document(found), next_steps=steps),
+        lambda: inspection_answer(found),
+        json_file,
+        report,
+        lambda: inspection_report(found),
+        lines,
+    )
     if not found.usable:
         raise typer.Exit(1)
 
@@ -80,21 +84,6 @@ def _model(file: Path | None, effects: Path | None) -> "tuple[Model | None, tupl
     own = load_effects(effects, stages=None) if effects is not None else ()
     model = read_model_file(file, own).model
     return model, available(model, own, effects)
-
-
-def say_inspection(found: "Inspection") -> None:
-    """Print all checks, the worst first."""
-    from rich.text import Text
-
-    console = to_screen()
-    console.print(found.sentence, style="bold")
-    if not found.checks:
-        return
-    table = plain_table("", "kind", "run", "what", "remedy")
-    for check in found.checks:
-        key = check.severity.key
-        table.add_row(Text(key, style=SHOWN[key]), check.kind, check.run or "", check.sentence, check.remedy)
-    console.print(table)
 
 
 def write_fixed(found: "Inspection", folder: Path, force: bool) -> list[Path]:
@@ -122,13 +111,3 @@ def write_fixed(found: "Inspection", folder: Path, force: bool) -> list[Path]:
         atomic.write_text(maps[name], correction_text(run, corrected[name]))
         written += [paths[name], maps[name]]
     return written
-
-
-def _say_fixed(written: list[Path], model: Path | None) -> None:
-    if not written:
-        typer.echo("nothing to correct in the files")
-        return
-    for path in written:
-        typer.echo(f"written to {path}")
-    runs = [str(path) for path in written if path.suffix == ".csv"]
-    typer.echo(f"next: {shlex.join(['armdyn', 'inspect', *([str(model)] if model else []), *runs])}")

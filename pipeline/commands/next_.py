@@ -1,7 +1,7 @@
 """`armdyn next`: which experiment tells apart what the runs so far do not."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -16,10 +16,7 @@ from pipeline.console.options import (
     TrustOption,
 )
 from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import command_line, plain_table, say_report, spinner, to_screen, write_answer
-
-if TYPE_CHECKING:
-    from armdyn.experiments.plan import Plan
+from pipeline.console.screen import finish, spinner
 
 PANEL = "What a model lacks"
 
@@ -54,6 +51,7 @@ def next_(
     from pipeline.answers_motion import next_answer
     from pipeline.front import planned, rig_limits
     from pipeline.motion.offered import write_motion
+    from pipeline.report.next_experiment import next_document, next_report
 
     inputs = Inputs(model, runs, held_out, None, effects, trust_data)
     inputs.check(report, json_file)
@@ -71,18 +69,15 @@ def next_(
     written = output if offer is not None else None
     if offer is not None and output is not None:
         write_motion(offer, output)
-    if report is not None:
-        from pipeline.report.next_experiment import next_report
-
-        next_report(made, sentence, command_line(), written if limits is None else None).write(report)
-    if write_answer(json_file, lambda: next_answer(made, verdict, sentence, written)):
-        _say(made, sentence)
-        if written is not None:
-            typer.echo(f"motion {written}")
-            if limits is None:
-                typer.echo(f"check it: armdyn check {written}")
-                typer.echo(f"make it: armdyn trial --motion {written}")
-        say_report(report)
+    document = next_document(made, sentence, written if limits is None else None)
+    finish(
+        document,
+        lambda: next_answer(made, verdict, sentence, written),
+        json_file,
+        report,
+        lambda: next_report(document, made),
+        [] if written is None else [f"motion {written}"],
+    )
 
 
 def harmonics_for(seconds: float) -> None:
@@ -90,18 +85,3 @@ def harmonics_for(seconds: float) -> None:
     from armdyn.experiments.motion import Harmonics, Limits
 
     Harmonics(seconds, Limits())
-
-
-def _say(made: "Plan | None", sentence: str) -> None:
-    console = to_screen()
-    console.print(sentence, markup=False)
-    if made is None:
-        return
-    table = plain_table("experiment", "separation", "right verdict", "what to do")
-    for p in made.proposals:
-        table.add_row(
-            p.experiment.kind, f"{p.outlook.separation:.1f} σ", f"{p.outlook.probability:.0%}", p.experiment.what
-        )
-    console.print(table)
-    for pair in made.inseparable:
-        console.print(f"no motion tells {' from '.join(pair.effects)}: {pair.why}.", markup=False, soft_wrap=True)

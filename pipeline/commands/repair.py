@@ -12,7 +12,7 @@ from pipeline.console.options import (
     RunsArgument,
     TrustOption,
 )
-from pipeline.console.repaired import _conclude
+from pipeline.console.repaired import conclude_repair
 from pipeline.console.screen import spinner
 
 PANEL = "What a model lacks"
@@ -38,4 +38,4 @@ def repair(
         given = inputs.read()
         found = mend(given.study, say)
         given.require_plausible(found.model)
-    _conclude(inputs, given, found, output or model, report, json_file)
+    conclude_repair(inputs, given, found, output or model, report, json_file)

@@ -1,4 +1,4 @@
-"""`armdyn trial` and `armdyn table`: one whole experiment, and the paper's Table I."""
+"""`armdyn trial`: one whole experiment."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -94,7 +94,7 @@ def trial(
         raise InputError("--investigate and --motion: need an estimate; leave out --no-estimation")
     along = _motion(motion) if motion is not None else None
     if robot == "ros":
-        from pipeline.commands.ros import real_trial
+        from pipeline.console.trial_result import real_trial
 
         for option, unused in (("--hidden", hidden), ("--picture", picture)):
             if unused:

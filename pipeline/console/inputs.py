@@ -3,13 +3,14 @@
 import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
 from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import write_answer
+from pipeline.console.screen import finish
 
 if TYPE_CHECKING:
     from armdyn.effects.effect import Effect
@@ -109,21 +110,22 @@ class Given(NamedTuple):
 @contextmanager
 def stopped_if_wrong(json_file: Path | None) -> "Iterator[None]":
     """End a command with exit status 1 where its recordings are not what they say they are; no effect is named."""
+    from armdyn.inspection.check import WrongRecordingError
+
     try:
         yield
     except WrongRecordingError as error:
-        from pipeline.answers_inspection import inspection_answer
-        from pipeline.commands.inspecting import say_inspection
+        from pipeline.answers import inspection_answer
+        from pipeline.report.inspection import inspection_document
 
+        note = "No effect is named while a recording is wrong; --trust-data goes on regardless."
         found = error.inspection
-        if write_answer(json_file, lambda: inspection_answer(found)):
-            say_inspection(found)
-            typer.echo("No effect is named while a recording is wrong; --trust-data goes on regardless.")
+        finish(replace(inspection_document(found), notes=[note]), lambda: inspection_answer(found), json_file)
         raise typer.Exit(1) from error
 
 
 def checked(given: Given) -> dict[str, Any]:
     """What every answer says of its recordings."""
-    from pipeline.answers_inspection import checks_answer
+    from pipeline.answers import checks_answer
 
     return {"recording_checks": checks_answer(given.inspection.checks)}

@@ -1,6 +1,7 @@
 """Arguments and options that several commands have, and what their texts mean."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -77,10 +78,10 @@ def names_in(text: str | None) -> list[str] | None:
     return None if text is None else [name.strip() for name in text.split(",") if name.strip()]
 
 
-def say_missing_meshes(robot: "Robot") -> None:
-    """Print which shapes an arm was loaded without; nothing where it has all of them."""
-    if missing := [defect for defect in robot.defects if defect.startswith("mesh ")]:
-        typer.echo(missing[0] + (f"; and {len(missing) - 1} more" if missing[1:] else ""))
+def missing_meshes(robot: "Robot") -> list[str]:
+    """Which shapes an arm was loaded without, in one line; nothing where it has all of them."""
+    missing = [defect for defect in robot.defects if defect.startswith("mesh ")]
+    return [missing[0] + (f"; and {len(missing) - 1} more" if missing[1:] else "")] if missing else []
 
 
 def choices(robot: "Robot") -> list[str]:
@@ -111,15 +112,18 @@ def numbers(text: str, option: str) -> list[float]:
     return values
 
 
-def exactly(count: int, text: str, option: str) -> list[float]:
-    """So many numbers separated by commas.
+def exactly(count: int, text: str, option: str, names: Sequence[str] = ()) -> list[float]:
+    """So many numbers separated by commas; `names` says what they are.
 
     Raises:
         InputError: one of them is not a number, or there are more or fewer.
     """
     values = numbers(text, option)
     if len(values) != count:
-        raise InputError(f"{option}: '{text}' has {len(values)} numbers; give {count}, separated by commas")
+        whose = f", for {', '.join(names)}" if names else ""
+        raise InputError(
+            f"{option}: '{text}' has {len(values)} numbers; give {count} numbers, separated by commas{whose}"
+        )
     return values
 
 

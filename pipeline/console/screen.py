@@ -5,7 +5,7 @@ import os
 import re
 import shlex
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from io import TextIOWrapper
 from pathlib import Path
@@ -14,11 +14,14 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from armdyn.document import MOST_ROWS
 from armdyn.errors import InputError
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Column, Table
+
+    from armdyn.document import Document
 
 
 PIPED_WIDTH = 140
@@ -38,6 +41,83 @@ def plain_table(*heads: "str | Column") -> "Table":
     from rich.table import Table
 
     return Table(*heads, box=None, header_style="dim")
+
+
+def show(document: "Document") -> None:
+    """Print a document: its verdict, key figures, the sections that have no figure or a table, its notes."""
+    from rich.table import Column
+
+    console = to_screen()
+    console.print(document.verdict, style="bold", soft_wrap=True)
+    for figure in document.key_figures:
+        note = f" ({figure.note})" if figure.note else ""
+        console.print(f"{figure.name}: {figure.value}{note}", soft_wrap=True)
+    for section in document.sections:
+        tables = [table for table in section.tables if len(table)]
+        sentence = "" if section.sentence == document.verdict else section.sentence
+        if not tables and (section.charts or not sentence):
+            continue
+        console.print(f"\n{section.title}", style="bold")
+        if sentence:
+            console.print(sentence, soft_wrap=True)
+        for table in tables:
+            made = plain_table(*(Column(column.heading, overflow="fold") for column in table.narrow))
+            for row in list(zip(*(column.texts for column in table.narrow), strict=True))[:MOST_ROWS]:
+                made.add_row(*row)
+            console.print(made)
+            if len(table) > MOST_ROWS:
+                console.print(f"and {len(table) - MOST_ROWS} more: see the report or the JSON")
+            if table.caption:
+                console.print(table.caption, style="dim")
+    for note in document.notes:
+        console.print(note, style="yellow", soft_wrap=True)
+
+
+def finish(
+    document: "Document",
+    answer: Callable[[], dict[str, Any]],
+    json_file: Path | None,
+    report: Path | None = None,
+    page: "Callable[[], Document] | None" = None,
+    written: Iterable[str] = (),
+) -> None:
+    """End a command: its report where one is asked for, its answer as JSON, or what there is to say on the screen.
+
+    Args:
+        document: for the screen.
+        answer: as JSON.
+        json_file: where that goes; None for nowhere, ``-`` for standard output, where nothing else is printed then.
+        report: HTML file; None for none.
+        page: the document of that file, with figures.
+        written: a sentence for every other file that was written.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    if report is not None and page is not None:
+        save_report(page(), report)
+    if not write_answer(json_file, answer):
+        return
+    show(document)
+    for line in written:
+        typer.echo(line)
+    if report is not None:
+        typer.echo(f"report {report}")
+    for step in document.next_steps:
+        typer.echo(f"{step.what}: {step.command}")
+
+
+def save_report(document: "Document", file: Path) -> None:
+    """Write a document as one HTML page that says by which command it was made.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    from dataclasses import replace
+
+    from pipeline.report.page import write_page
+
+    write_page(replace(document, command=command_line()), file)
 
 
 def any_encoding() -> None:
@@ -156,9 +236,3 @@ def about(seconds: float) -> str:
 def command_line() -> str:
     """The command as it was given, for a report that says how to make it again."""
     return shlex.join(["armdyn", *sys.argv[1:]])
-
-
-def say_report(report: Path | None) -> None:
-    """Print where the report went."""
-    if report is not None:
-        typer.echo(f"report {report}")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from armdyn.errors import InputError
-from pipeline.console.screen import command_line, phase_progress, to_screen, write_answer, write_json
+from pipeline.console.screen import phase_progress, save_report, to_screen, write_answer, write_json
 
 if TYPE_CHECKING:
     from pipeline.ros.master import Figures
@@ -66,7 +66,7 @@ def end_with(result: "TrialResult") -> None:
 def write_report(done: "SimulatedTrial | RealTrial", report: Path) -> str | None:
     """Write the report; a sentence where what stopped the trial also keeps the report from being made."""
     try:
-        done.report(command_line()).write(report)
+        save_report(done.report(), report)
     except Exception as error:
         if not done.result.stopped:
             raise

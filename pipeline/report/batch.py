@@ -8,22 +8,22 @@ from pathlib import Path
 
 import plotly.graph_objects as go
 
+from armdyn.document import Chart, Document, KeyFigure, Level, NextStep, Section, Table
 from armdyn.identify.sentence import totals
 from pipeline.batch.history import History
 from pipeline.batch.run import Done, Row
 from pipeline.batch.spec import Spec
 from pipeline.batch.times import TimeFrom
 from pipeline.report.changes import MOST_ROWS, change_section, hover, time_axes, time_section
-from pipeline.report.page import Chart, KeyFigure, Level, NextStep, Report, Section, Table
 from pipeline.report.theme import RAW, VERMILLION
 
 
-def batch_report(spec: Spec, done: Done, found: History, command: str = "") -> Report:
+def batch_report(spec: Spec, done: Done, found: History) -> Document:
     """The report."""
     bad = [row for row in done.rows if row.outcome.problem]
     explained = verdicts(done.rows).get("explained", 0)
     notes = [times_sentence(done.rows)]
-    return Report(
+    return Document(
         title=f"Batch: {spec.task} for {len(done.rows)} recordings",
         level=Level.CAUTION if found.events or bad or done.left else Level.GOOD,
         verdict=summary(done, found),
@@ -44,7 +44,6 @@ def batch_report(spec: Spec, done: Done, found: History, command: str = "") -> R
             KeyFigure("Not usable", str(len(bad)), "see below" if bad else ""),
         ),
         notes=notes,
-        command=command,
         next_steps=_next_steps(spec, done.rows),
     )
 
@@ -156,14 +155,14 @@ def robot_section(rows: Sequence[Row]) -> Section:
         ])  # fmt: skip
     header = ["robot", "recordings", "explained", "not usable", "time", "effects of the model"]
     caption = "In brackets: recordings in which an effect was added, where it is not all."
-    return Section("Robots", tables=[Table(header, table, caption)])
+    return Section("Robots", tables=[Table.of(header, table, caption)])
 
 
 def bad_section(spec: Spec, bad: Sequence[Row]) -> Section:
     """Recordings that could not be used, each with what to do."""
     rows = [[row.item.robot, spec.name(row.item.run), row.outcome.problem] for row in bad[:MOST_ROWS]]
     sentence = f"{len(bad)} recordings could not be used; none of them stopped the batch."
-    return Section("Not usable", sentence, tables=[Table(["robot", "recording", "what is wrong"], rows)])
+    return Section("Not usable", sentence, tables=[Table.of(["robot", "recording", "what is wrong"], rows)])
 
 
 def _typed(path: Path) -> str:

@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
+from armdyn.document import Chart, Section, Table
 from pipeline.batch.history import DAY, Event, History, between
 from pipeline.batch.run import Row
-from pipeline.report.page import Chart, Section, Table
 from pipeline.report.theme import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RAW, SHADE, SKY, VERMILLION
 
 COLOURS = (BLUE, ORANGE, GREEN, VERMILLION, PURPLE, SKY)
@@ -83,10 +83,10 @@ def _change_tables(history: History) -> list[Table]:
     if steps:
         caption = "Chance: probability of a mark as clear as this one in a batch where nothing changes."
         header = ["robot", "when", "parameter", "before", "after", "unit", "chance"]
-        tables.append(Table(header, steps[:MOST_ROWS], caption))
+        tables.append(Table.of(header, steps[:MOST_ROWS], caption))
     if drifts:
         caption = "Slow changes, such as wear, without a day: best straight line (Theil and Sen)."
-        tables.append(Table(["robot", "parameter", "drift", "unit", "chance"], drifts[:MOST_ROWS], caption))
+        tables.append(Table.of(["robot", "parameter", "drift", "unit", "chance"], drifts[:MOST_ROWS], caption))
     return tables
 
 

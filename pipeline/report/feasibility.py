@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import plotly.graph_objects as go
 
+from armdyn.document import Chart, Document, KeyFigure, Level, Section, Table
 from pipeline.answers_motion import expectation_rows, factor, peak_rows, sentence
 from pipeline.motion.feasibility.verdict import Bounded, FeasibilityReport, Margin
 from pipeline.report.motion import JointTrace, position_section, velocity_section
-from pipeline.report.page import Chart, KeyFigure, Level, Report, Section, Table
 from pipeline.report.theme import BLUE, GREY, LIMIT, LINKED_TIME, ORANGE, TIME_AXIS, number, percent
 
 if TYPE_CHECKING:
@@ -22,9 +22,11 @@ if TYPE_CHECKING:
 
 
 def margin_section(margins: Sequence[Margin]) -> Section:
-    """All limits, the tightest first, and whether every one was kept."""
-    ordered = sorted(margins, key=lambda margin: -margin.used)
-    tightest, broken = ordered[0], sum(margin.used > 1.0 for margin in margins)
+    """Whether every limit was kept: the tightest of each kind, then all others."""
+    by_use = sorted(margins, key=lambda margin: -margin.used)
+    tightest, broken = by_use[0], sum(margin.used > 1.0 for margin in margins)
+    first = {margin.limit: margin for margin in reversed(by_use)}
+    ordered = [m for m in by_use if first[m.limit] is m] + [m for m in by_use if first[m.limit] is not m]
     sentence = (
         f"All {len(margins)} limits were kept; the tightest is the {tightest.limit} of {tightest.joint}, "
         f"of which {percent(tightest.used)} was used."
@@ -40,7 +42,7 @@ def margin_section(margins: Sequence[Margin]) -> Section:
         for m in ordered
     ]
     header = ["limit", "of", "closest", "bound", "unit", "at [s]", "used"]
-    return Section("Limits", sentence, tables=[Table(header, rows, shares=[margin.used for margin in ordered])])
+    return Section("Limits", sentence, tables=[Table.of(header, rows, shares=[margin.used for margin in ordered])])
 
 
 MOST_ROWS = 50
@@ -62,7 +64,7 @@ def violation_section(report: FeasibilityReport) -> Section:
     return Section(
         "Violations",
         f"{len(report.violations)} stretches of the motion break a limit.{more}",
-        tables=[Table(["limit", "of", "at [s]", "value", "bound", "unit"], rows)],
+        tables=[Table.of(["limit", "of", "at [s]", "value", "bound", "unit"], rows)],
     )
 
 
@@ -90,8 +92,19 @@ def used_section(report: FeasibilityReport) -> Section:
     )
 
 
-def feasibility_page(report: FeasibilityReport, title: str, command: str = "") -> Report:
-    """The whole page about one check."""
+def feasibility_document(report: FeasibilityReport, title: str) -> Document:
+    """What there is to say about one check."""
+    margins = [replace(m, limit=_words(m.limit)) for m in report.margins if m.limit != "line" or m.used > 1.0]
+    return Document(
+        title,
+        report.sentence,
+        [violation_section(report), margin_section(margins)],
+        Level.GOOD if report.feasible else Level.BAD,
+    )
+
+
+def feasibility_page(report: FeasibilityReport, title: str) -> Document:
+    """The same with key figures and with the share of each limit over time."""
     tightest = report.tightest
     figures = [KeyFigure("limits looked at", str(len(report.margins)))]
     figures.append(
@@ -105,15 +118,9 @@ def feasibility_page(report: FeasibilityReport, title: str, command: str = "") -
             worst = max(chosen, key=lambda margin: margin.used)
             value = number(worst.value, worst.unit) if limit == "self_collision" else percent(worst.used)
             figures.append(KeyFigure(name, value, worst.joint))
-    margins = [replace(m, limit=_words(m.limit)) for m in report.margins if m.limit != "line" or m.used > 1.0]
-    return Report(
-        title=title,
-        level=Level.GOOD if report.feasible else Level.BAD,
-        verdict=report.sentence,
-        sections=[violation_section(report), used_section(report), margin_section(margins)],
-        key_figures=figures,
-        command=command,
-    )
+    document = feasibility_document(report, title)
+    violations, *others = document.sections
+    return replace(document, sections=[violations, used_section(report), *others], key_figures=figures)
 
 
 def _most_used(bounded: Bounded) -> tuple[NDArray[np.float64], NDArray[np.float64], list[str]]:
@@ -136,8 +143,8 @@ MOST_SAMPLES = 2000
 """Samples per line of a figure."""
 
 
-def expected_section(found: Excitation) -> Section:
-    """What a recording of the motion is expected to tell: a bar per unknown or hidden effect and motion."""
+def expected_section(found: Excitation, most: int) -> Section:
+    """What a recording of the motion is expected to tell, by unknown, or by effect where they are more than `most`."""
     goal = found.goal
     noise = goal.columns.noise
     sentence = (
@@ -145,6 +152,12 @@ def expected_section(found: Excitation) -> Section:
         f"{number(float(noise.min()))} to {number(float(noise.max()))} N m, 0.2 % of each joint's limit; less noise "
         "makes all figures better alike."
     )
+    return Section("What it tells", sentence, tables=[Table.of(*expectation_rows(found, most))])
+
+
+def expected_chart(found: Excitation) -> Chart:
+    """The same as a bar per unknown or hidden effect and motion."""
+    goal = found.goal
     contenders = [("this motion", found.expected, BLUE), ("best random", found.random, GREY)]
     contenders.append(("least condition number", found.conditioned, ORANGE))
     figure = go.Figure(layout={"yaxis": {"type": "log"}, "xaxis": {"tickangle": -45}, "barmode": "group"})
@@ -162,8 +175,7 @@ def expected_section(found: Excitation) -> Section:
         figure.add_bar(x=labels, y=values, name=name, marker={"color": colour})
     title = "separation [standard deviations]" if goal.rivals else "standard deviation / typical size"
     figure.update_layout(height=460, yaxis_title=title)
-    chart = Chart(figure, "Higher is better." if goal.rivals else "Lower is better.")
-    return Section("What it tells", sentence, [chart], [Table(*expectation_rows(found, MOST_UNKNOWNS))])
+    return Chart(figure, "Higher is better." if goal.rivals else "Lower is better.")
 
 
 def motion_section(found: Excitation) -> Section:
@@ -175,33 +187,50 @@ def motion_section(found: Excitation) -> Section:
         f"A Fourier series of {series.harmonics} harmonics over {series.period:.4g} s{again}; it starts and ends "
         "at rest, with a continuous acceleration.",
         tables=[
-            Table(*peak_rows(found), "In rad, s and N m, or m and N for joints that slide; in brackets: of the limit.")
+            Table.of(
+                *peak_rows(found), "In rad, s and N m, or m and N for joints that slide; in brackets: of the limit."
+            )
         ],
     )
 
 
-def excitation_page(found: Excitation, command: str = "") -> Report:
-    """The whole page."""
+def excitation_document(found: Excitation, most: int, notes: Sequence[str] = ()) -> Document:
+    """What the motion is expected to tell, and how it moves the arm.
+
+    Args:
+        found: the motion.
+        most: unknowns that are listed one by one.
+        notes: what else a reader must know.
+    """
+    left_out = [f"taken as known: {name}, {why}" for name, why in found.goal.left_out.items()]
+    hopeless = [f"no motion can tell: {what}" for what in found.goal.inseparable]
+    return Document(
+        f"A motion of {found.goal.columns.arm.robot.name} to record",
+        sentence(found),
+        [expected_section(found, most), motion_section(found)],
+        Level.GOOD,
+        notes=[*left_out, *hopeless, *notes],
+    )
+
+
+def excitation_page(found: Excitation) -> Document:
+    """The same with figures, and with the shares of all limits."""
     motion, limits = found.trajectory, found.goal.columns.arm.robot.limits
     thin = slice(None, None, -(-len(motion) // MOST_SAMPLES))
     trace = JointTrace(
         motion.joint_names, motion.time[thin], motion.q[thin], motion.v[thin], limits.lower, limits.upper,
         limits.velocity,
     )  # fmt: skip
-    margins = [replace(m, limit=m.limit.replace("_", " ")) for m in found.check.margins]
-    notes = [f"Taken as known: {name}, {why}." for name, why in found.goal.left_out.items()]
-    notes += [f"No motion can tell: {what}." for what in found.goal.inseparable]
-    return Report(
-        title=f"A motion of {found.goal.columns.arm.robot.name} to record",
-        level=Level.GOOD,
-        verdict=sentence(found),
+    margins = [replace(m, limit=_words(m.limit)) for m in found.check.margins]
+    document = excitation_document(found, MOST_UNKNOWNS)
+    tells, moves = document.sections
+    return replace(
+        document,
         sections=[
-            expected_section(found), motion_section(found), position_section(trace), velocity_section(trace),
+            replace(tells, charts=[expected_chart(found)]), moves, position_section(trace), velocity_section(trace),
             used_section(found.check), margin_section(margins),
         ],
         key_figures=_key_figures(found),
-        notes=notes,
-        command=command,
     )  # fmt: skip
 
 

@@ -1,18 +1,15 @@
 """What every report about a fit shows: measured and predicted, the residual, the parameters."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 import plotly.graph_objects as go
 
-from armdyn.identify.compare import Comparison
+from armdyn.document import Chart, KeyFigure, Section, Table
 from armdyn.identify.explained import in_percent
 from armdyn.identify.fit import Fit
 from armdyn.identify.study import Study
-from pipeline.report.missing_force import missing_force_sections
-from pipeline.report.overlay import Overlay, Overlays, of_fits, quality
-from pipeline.report.page import Chart, KeyFigure, Level, Report, Section, Table
+from pipeline.report.overlay import Overlay, Overlays, quality
 from pipeline.report.theme import LIMIT, MEASURED, MODEL, full_name, number, quantity_of, short_name
 
 
@@ -42,7 +39,7 @@ def error_section(curves: Sequence[Overlay], steps: int) -> Section:
         "Error: root mean square of measured minus predicted. Explained: share of the measured signal's variation "
         f"about its mean, {kinds[-1]}; below 0 the mean alone would do better."
     )
-    return Section("Errors", tables=[Table(header, rows, caption, bars=bars)])
+    return Section("Errors", tables=[Table.of(header, rows, caption, bars=bars)])
 
 
 BINS = 24
@@ -102,71 +99,6 @@ def _chart(
     return float(np.sum((mean / bound) ** 2)), Chart(
         figure, f"Residual of the {full_name(channel)} against {full_name(against)}.", channel
     )
-
-
-def parameter_section(c: Comparison) -> Section:
-    """Values with their intervals, or the statement that those do not hold; the statistics behind a line."""
-    text = c.how_certain
-    if c.at_bound:
-        text += f" On a physical bound, and pulled beyond it: {', '.join(c.at_bound)}."
-    if c.undetermined:
-        text += f" Not determined by these runs: {', '.join(c.undetermined)}."
-    meaning = {column.name: column.parameter.source for column in c.fit.problem.columns}
-    parameters = [
-        [name, f"{p.value:.6g}", "not fitted" if p.std is None else f"{p.std:.2g}", p.unit, meaning.get(name, "")]
-        for name, p in c.parameters.items()
-    ]
-    statistics = [
-        [full_name(name, q.unit), f"{q.noise_std:.3g} {q.unit}", f"{q.chi2_per_sample:.4g}", f"{q.white:.2g}"]
-        for name, q in c.channels.items()
-    ]
-    tables = [
-        Table(["parameter", "value", "std", "unit", "what it is"], parameters),
-        Table(
-            ["", "noise", "χ² per sample", "p of white noise"],
-            statistics,
-            "χ² per sample: squared error over squared noise, 1 where only noise is left.",
-            folded="Statistics: χ² per sample, whiteness",
-        ),
-    ]
-    return Section("Parameters", " ".join([text, *(f"{left_out}." for left_out in c.left_out)]), tables=tables)
-
-
-def comparison_report(study: Study, found: Comparison, command: str = "") -> Report:
-    """Measured against predicted, where it fails, on what the residual depends, the parameters."""
-    shown = Overlays.of_study(study, [found.fit], ["as given"], found.places)
-    return Report(
-        title="Compare: the model against recordings",
-        level=Level.GOOD if found.explained else Level.CAUTION,
-        verdict=found.sentence,
-        sections=[
-            *missing_force_sections(found.missing_force),
-            shown.section(),
-            *fit_sections(found, shown),
-            *formula_sections(found),
-        ],
-        subtitle=runs_of(study),
-        key_figures=key_figures(shown),
-        command=command,
-    )
-
-
-def fit_sections(found: Comparison, shown: Overlays, whose: str = "this model") -> list[Section]:
-    """What every report about a fit shows below its curves; `whose` fit is `found`."""
-    errors = error_section(shown.curves, len(shown.steps))
-    return [errors, dependence_section(found.fit, whose), parameter_section(found)]
-
-
-def formula_sections(found: Comparison) -> list[Section]:
-    """Where a formula that is known to be wrong fails; nothing where the model has none."""
-    if found.correction is None:
-        return []
-    wrong, places = found.correction.wrong, found.correction.places
-    ranges = [f"{p.against} {p.start:.3g} to {p.end:.3g} {p.unit}" for p in places[:3]]
-    text = "Nothing is fitted here. It fails most at " + "; ".join(ranges) + "." if ranges else "It does not fail."
-    curves = Overlays(of_fits([wrong], places)).section()
-    at_right_motion = replace(curves, title="The wrong formula at the right motion", sentence=text)
-    return [at_right_motion, dependence_section(wrong, "the wrong formula")]
 
 
 def key_figures(shown: Overlays) -> list[KeyFigure]:

@@ -1,12 +1,13 @@
-"""Report of an IK table: is the path usable, how fast, and what limits it."""
+"""Document of an IK table: is the path usable, how fast, and what limits it."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import plotly.graph_objects as go
 
+from armdyn.document import MOST_ROWS, Chart, Column, Document, KeyFigure, Level, Section, Table
 from ik import LinePath, PathTable
-from pipeline.report.page import Chart, KeyFigure, Level, Report, Section, Table
 from pipeline.report.theme import LIMIT, MODEL, REFERENCE
 from urdf import Robot
 
@@ -19,36 +20,69 @@ def core_of(table: PathTable) -> tuple[float, float]:
     return table.path.line.core if isinstance(table.path, LinePath) else (table.path.s_min, table.path.s_max)
 
 
-def ik_report(table: PathTable, robot: Robot | None, command: str = "") -> Report:
-    """The report of a table.
-
-    Args:
-        table: what was built.
-        robot: whose table it is, for the defects of its description; None leaves them out.
-        command: how to make this report again.
-    """
+def ik_document(table: PathTable) -> Document:
+    """Whether the path is usable, how fast, and what limits it, at a few of its nodes."""
     low, high = core_of(table)
     core = float(table.speed_limit_at(np.linspace(low, high, 1001)).min())
     overloaded, helped = table.torque_share.max(axis=0)
     tight = table.joint_margin < TIGHT or overloaded > 1.0
-    kinds = (speed_section, joint_section, margin_section, torque_section, dexterity_section)
-    return Report(
+    path = table.path.describe()["kind"]
+    if isinstance(table.path, LinePath):
+        path = f"{_vector(table.path.line.origin)} m + s {_vector(table.path.line.direction)}"
+    return Document(
         title=f"IK table of {table.robot_name}",
         level=Level.CAUTION if tight else Level.GOOD,
         verdict=f"{table.s[-1] - table.s[0]:.2f} m of {table.path.describe()['kind']}, {core:.2f} m/s in its core, "
         f"every joint at least {table.joint_margin:.2f} rad from its limits, "
         f"holding still takes up to {100 * overloaded:.0f} % of a torque limit.",
-        subtitle=f"{len(table.s)} nodes from s = {table.s[0]:g} to {table.s[-1]:g} m",
+        subtitle=f"{len(table.s)} nodes, {1e3 * (table.s[1] - table.s[0]):g} mm apart, from s = {table.s[0]:g} to "
+        f"{table.s[-1]:g} m",
         key_figures=[
+            KeyFigure("robot", table.robot_name, ", ".join(table.joint_names)),
+            KeyFigure("tool", table.tool_frame, f"point {_vector(table.tool_offset)} m in it"),
+            KeyFigure("path", path, f"s = {table.s[0]:g} to {table.s[-1]:g} m"),
             KeyFigure("core speed", f"{core:.3f} m/s", f"s = {low:g} to {high:g} m"),
             KeyFigure("joint margin", f"{table.joint_margin:.3f} rad"),
             KeyFigure("acceleration", f"{table.acceleration_limit.min():.1f} m/s²", "joints, at full speed, least"),
             KeyFigure("torque at rest", f"{100 * overloaded:.0f} %", f"{100 * helped:.0f} % with springs"),
         ],
-        sections=[section(table) for section in kinds],
-        notes=() if robot is None else robot.defects,
-        command=command,
+        sections=[Section("Along the path", tables=[_node_table(table)])],
     )
+
+
+def ik_report(table: PathTable, robot: Robot | None) -> Document:
+    """The same with figures.
+
+    Args:
+        table: what was built.
+        robot: whose table it is, for the defects of its description; None leaves them out.
+    """
+    kinds = (speed_section, joint_section, margin_section, torque_section, dexterity_section)
+    document = ik_document(table)
+    sections = [*(section(table) for section in kinds), *document.sections]
+    return replace(document, sections=sections, notes=() if robot is None else robot.defects)
+
+
+def _node_table(table: PathTable, most: int = MOST_ROWS) -> Table:
+    """Speed, acceleration, margin, torque and manipulability at nodes that are evenly apart."""
+    s = np.linspace(table.s[0], table.s[-1], most)
+    nodes = [int(np.abs(table.s - at).argmin()) for at in s]
+    low, high = np.array([table.torque_acceleration_range(at) for at in s]).T
+    return Table(
+        [
+            Column("s [m]", s.tolist(), ".3f"),
+            Column("speed [m/s]", [float(table.speed_limit_at(at)) for at in s], ".3f"),
+            Column("acceleration [m/s²]", [float(table.acceleration_limit_at(at)) for at in s], ".2f"),
+            Column("by torque [m/s²]", np.minimum(-low, high).tolist(), ".2f"),
+            Column("margin [rad]", table.margin[nodes].min(axis=1).tolist(), ".3f"),
+            Column("torque", table.torque_share[nodes, 0].tolist(), ".0%"),
+            Column("manipulability", table.manipulability[nodes, 0].tolist(), ".3f"),
+        ]
+    )
+
+
+def _vector(values: np.ndarray) -> str:
+    return "(" + ", ".join(f"{value:g}" for value in values) + ")"
 
 
 def _shares(joints: np.ndarray, names: Sequence[str]) -> str:
@@ -95,7 +129,7 @@ def joint_section(table: PathTable) -> Section:
     return Section(
         "Joint positions",
         charts=[Chart(plain), Chart(figure, "One smooth branch; the dashed lines are the position limits.")],
-        tables=[Table(["joint", "lowest [rad]", "highest [rad]", "margin [rad]", "largest |dq/ds| [rad/m]"], rows)],
+        tables=[Table.of(["joint", "lowest [rad]", "highest [rad]", "margin [rad]", "largest |dq/ds| [rad/m]"], rows)],
     )
 
 

@@ -1,14 +1,15 @@
 """The report of `inspect`: what was found, and every channel over time with its spectrum and its marks."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
-from plotly.subplots import make_subplots
 
 from armdyn.channels import Channel
+from armdyn.document import Chart, Column, Document, Level, Section, Table, columns_of
 from armdyn.inspection.check import Check, Inspection, Severity
 from armdyn.run import Run
-from pipeline.report.page import Chart, Level, Report, Section, Table
+from pipeline.report.overlay import thinned
 from pipeline.report.theme import BLUE, ORANGE, TIME_AXIS
 
 MOST_POINTS = 1500
@@ -17,16 +18,18 @@ HEIGHT = 230
 """Of a channel's picture [px]."""
 
 
-def inspection_report(found: Inspection, command: str = "") -> Report:
-    """The whole page."""
+def inspection_document(found: Inspection) -> Document:
+    """What was found, the worst first."""
     level = Level.BAD if not found.usable else Level.CAUTION if found.of(Severity.SUSPECT) else Level.GOOD
-    return Report(
-        title="Inspection",
-        level=level,
-        verdict=found.sentence,
+    return Document("Inspection", found.sentence, [checks_section(found.checks)] if found.checks else [], level)
+
+
+def inspection_report(found: Inspection) -> Document:
+    """The same with every channel of every recording."""
+    return replace(
+        inspection_document(found),
         sections=[checks_section(found.checks), *(run_section(run, found.checks) for run in found.runs)],
         subtitle=", ".join(run.name for run in found.runs),
-        command=command,
     )
 
 
@@ -34,11 +37,15 @@ def checks_section(checks: Sequence[Check]) -> Section:
     """All checks in a table."""
     if not checks:
         return Section("Checks", "Nothing was found: every channel and every rate is as it should be.")
-    rows = [
-        [c.severity.key, c.kind, c.run or "", ", ".join(c.channels[:4]), _span(c), c.sentence, c.remedy] for c in checks
+    columns = [
+        Column("severity", [c.severity.key for c in checks], title=" "),
+        *columns_of(checks, kind="", run=""),
+        Column("channels", [", ".join(c.channels[:4]) for c in checks], wide=True),
+        Column("from, to [s]", [_span(c) for c in checks], wide=True),
+        Column("what", [c.sentence for c in checks]),
+        *columns_of(checks, remedy=""),
     ]
-    header = ["", "kind", "run", "channels", "from, to [s]", "what", "remedy"]
-    return Section("Checks", "The worst first.", tables=[Table(header, rows)])
+    return Section("Checks", tables=[Table(columns)])
 
 
 def _span(check: Check) -> str:
@@ -56,8 +63,10 @@ def run_section(run: Run, checks: Sequence[Check]) -> Section:
 
 def channel_chart(name: str, channel: Channel, checks: Sequence[Check]) -> Chart:
     """One channel over time, its marks, and its spectrum."""
+    from plotly.subplots import make_subplots
+
     figure = make_subplots(1, 2, column_widths=[0.7, 0.3], horizontal_spacing=0.09)
-    time, value = _few(channel)
+    time, value = thinned(channel, MOST_POINTS)
     figure.add_scatter(
         x=time, y=value, mode="lines", line={"width": 1}, marker={"color": BLUE}, name=name, row=1, col=1
     )
@@ -91,15 +100,3 @@ def spectrum(channel: Channel) -> tuple[np.ndarray, np.ndarray]:
     counts = np.diff(np.append(edges, len(frequency)))
     mean = np.add.reduceat(power[1:], edges) / counts
     return np.add.reduceat(frequency, edges) / counts, np.maximum(mean, 1e-300)
-
-
-def _few(channel: Channel) -> tuple[np.ndarray, np.ndarray]:
-    """The channel, of many samples the extremes of each group."""
-    if len(channel) <= MOST_POINTS:
-        return channel.time, channel.value
-    group = 2 * -(-len(channel) // MOST_POINTS)
-    n = len(channel) // group * group
-    rows = channel.value[:n].reshape(-1, group)
-    first = np.arange(len(rows)) * group
-    places = np.sort(np.concatenate([first + rows.argmin(axis=1), first + rows.argmax(axis=1)]))
-    return channel.time[places], channel.value[places]

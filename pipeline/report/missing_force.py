@@ -7,9 +7,9 @@ import numpy as np
 import plotly.graph_objects as go
 
 from armdyn.channels import FloatArray
+from armdyn.document import Chart, Section
 from armdyn.identify.force_law import QUANTITIES, law
 from armdyn.identify.missing_force import ForceCurve, pooled
-from pipeline.report.page import Chart, Section
 from pipeline.report.theme import BAND, BLUE, GREY, ORANGE, SHADE, SHADE_GIVEN, WIDE, short_name
 
 TITLE = "The missing force"

@@ -8,8 +8,8 @@ import numpy as np
 import plotly.graph_objects as go
 
 from armdyn.channels import FloatArray
+from armdyn.document import Chart, Section, Table
 from pipeline.nodes.scheduler import Timing
-from pipeline.report.page import Chart, Section, Table
 from pipeline.report.theme import (
     ACTUAL,
     GREY,
@@ -314,5 +314,5 @@ def timing_section(nodes: Sequence[Timing]) -> Section:
     return Section(
         "Computing time",
         f"Some steps took longer than their period: {late}." if late else "Every node finished its steps in time.",
-        tables=[Table(["node", "rate", "steps", "mean", "longest", "overruns"], rows)],
+        tables=[Table.of(["node", "rate", "steps", "mean", "longest", "overruns"], rows)],
     )

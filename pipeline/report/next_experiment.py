@@ -1,46 +1,21 @@
 """The report of a plan, what each experiment promises; and of an investigation, what was expected and what came."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import plotly.graph_objects as go
 
+from armdyn.document import Chart, Document, KeyFigure, Level, NextStep, Section, Table
 from armdyn.experiments.hypothesis import Held
 from armdyn.experiments.motion import Motion
 from armdyn.experiments.plan import HOPELESS, Plan, Proposal
 from armdyn.experiments.separation import Rival
-from pipeline.report.page import Chart, KeyFigure, Level, NextStep, Report, Section, Table
 from pipeline.report.theme import ACTUAL, GREY, ORANGE, TIME_AXIS, stacked
 
 if TYPE_CHECKING:
     from pipeline.trial.investigation import Investigation, Stage
-
-
-def plan_section(plan: Plan) -> Section:
-    """Every experiment, best first: promises, beliefs, and pairs that no motion separates."""
-    rows = [
-        [p.experiment.kind, p.experiment.what, f"{p.outlook.separation:.1f}", f"{p.outlook.probability:.0%}"]
-        for p in plan.proposals
-    ]
-    tables = [
-        Table(
-            ["kind", "what to do", "separation [std]", "right verdict"], rows,
-            "Separation: root of the rise of chi² when the rival is refitted to what the other predicts, of the "
-            "two that are hardest to tell apart. Right verdict: probability that the diagnosis of all runs then "
-            "names one effect, and the right one.",
-            bars={3: [p.outlook.probability for p in plan.proposals]},
-        ),
-        Table(
-            ["may be true", "belief so far"],
-            [[h.name, f"{b:.0%}"] for h, b in zip(plan.rivals.hypotheses, plan.belief, strict=True)],
-            "From how well each fits the runs so far.",
-            bars={1: plan.belief},
-        ),
-    ]  # fmt: skip
-    if plan.inseparable:
-        tables.append(Table(["no motion separates", "why"], [[" / ".join(p.effects), p.why] for p in plan.inseparable]))
-    return Section("Which experiment", plan.sentence, tables=tables)
 
 
 def designed_motion_section(plan: Plan, proposal: Proposal, motion: Motion) -> Section:
@@ -80,20 +55,35 @@ def _add_left(figure: go.Figure, truth: Held, rival: Held, readings: np.ndarray,
     )
 
 
-def next_report(plan: Plan | None, sentence: str, command: str, output: Path | None) -> Report:
-    """The report of `armdyn next`.
+def next_document(plan: Plan | None, sentence: str, output: Path | None) -> Document:
+    """What `armdyn next` found.
 
     Args:
         plan: None where nothing is left to be told apart.
         sentence: for a person.
-        command: how to make it again.
         output: the file with a motion that Baxter can make; None where there is none.
     """
-    figures: list[KeyFigure] = []
-    sections: list[Section] = []
     hopeful = plan is None or any(p.outlook.probability > HOPELESS for p in plan.proposals)
+    steps = []
+    if output is not None:
+        steps = [
+            NextStep("check it", f"armdyn check {output}"),
+            NextStep("make it", f"armdyn trial --motion {output}"),
+        ]
+    return replace(
+        Document("", "") if plan is None else plan.document(),
+        title="The next experiment",
+        verdict=sentence,
+        level=Level.GOOD if hopeful else Level.CAUTION,
+        next_steps=steps,
+    )
+
+
+def next_report(document: Document, plan: Plan | None) -> Document:
+    """The same with figures of the designed motion."""
+    figures: list[KeyFigure] = []
+    sections = [*document.sections]
     if plan is not None:
-        sections.append(plan_section(plan))
         if plan.proposals:
             best = plan.proposals[0]
             figures.append(KeyFigure("Best experiment", best.experiment.kind, best.experiment.what))
@@ -105,21 +95,7 @@ def next_report(plan: Plan | None, sentence: str, command: str, output: Path | N
             x, v, a = motion.peaks
             figures.append(KeyFigure("Motion", f"{motion.seconds:g} s", f"peaks {x:.2f} m, {v:.2f} m/s, {a:.1f} m/s²"))
             figures.append(KeyFigure("Effort", f"{motion.effort:.1f} m²/s³", "integral of the squared acceleration"))
-    steps = []
-    if output is not None:
-        steps = [
-            NextStep("Check the motion on the whole arm:", f"armdyn check {output}"),
-            NextStep("Make it:", f"armdyn trial --motion {output}"),
-        ]
-    return Report(
-        title="The next experiment",
-        level=Level.GOOD if hopeful else Level.CAUTION,
-        verdict=sentence,
-        sections=sections,
-        key_figures=tuple(figures),
-        command=command,
-        next_steps=tuple(steps),
-    )
+    return replace(document, sections=sections, key_figures=figures)
 
 
 def investigation_section(found: "Investigation") -> Section:
@@ -147,7 +123,7 @@ def investigation_section(found: "Investigation") -> Section:
         "Expected: standard deviations between the rivals that are hardest to tell apart, and probability of a "
         "right verdict. What came: by how much χ² of the second best effect is larger than that of the best."
     )
-    table = Table(header, [_row(i, stage) for i, stage in enumerate(stages, start=1)], caption)
+    table = Table.of(header, [_row(i, stage) for i, stage in enumerate(stages, start=1)], caption)
     sentence = f"{found.sentence[:1].upper()}{found.sentence[1:]}."
     return Section("What the model lacked", sentence, charts, [table])
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from armdyn.channels import Channel, FloatArray
+from armdyn.document import Section, Widget
 from armdyn.identify.fit import Fit
 from armdyn.identify.localise import Place
 from armdyn.identify.problem import Block
@@ -17,7 +18,6 @@ from armdyn.identify.study import Study
 from armdyn.identify.unseen import Judge
 from armdyn.preparation import of_all_runs, sentence
 from armdyn.run import Run
-from pipeline.report.page import Section, Widget
 from pipeline.report.theme import quantity_of, short_name
 
 MOST_POINTS = 3000

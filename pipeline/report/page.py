@@ -1,121 +1,39 @@
-"""One offline HTML page: sections with figures and tables, a verdict, key figures, and plotly.js once."""
+"""A document as one offline HTML page: a verdict, key figures, sections with figures and tables, and plotly.js once."""
 
 import base64
 import gzip
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from enum import Enum
+from collections.abc import Mapping
 from functools import cache
 from html import escape
 from pathlib import Path
 from string import Template
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from armdyn import __version__, atomic
+from armdyn.document import Chart, Document, KeyFigure, Level, NextStep, Section, Table
 from armdyn.quoting import script_json
 from pipeline.report.theme import DARK, TEMPLATE
 
-if TYPE_CHECKING:
-    import plotly.graph_objects as go
 
-
-@dataclass(frozen=True)
-class Chart:
-    """A figure with what it shows.
-
-    Attributes:
-        figure: made with the roles of `pipeline.report.theme`; it needs no title and no template.
-        caption: a sentence under it.
-        tab: the tab of its section under which it stands; empty where it is always shown.
-    """
-
-    figure: "go.Figure"
-    caption: str = ""
-    tab: str = ""
-
-
-@dataclass(frozen=True)
-class Widget:
-    """A figure that the page's script draws from data as a reader clicks.
-
-    Attributes:
-        html: its controls.
-        data: for the script.
-        height: of the figure [px].
-    """
-
-    html: str
-    data: Mapping[str, Any]
-    height: int
-
-
-@dataclass(frozen=True)
-class Table:
-    """Rows of text.
-
-    Attributes:
-        header: name of each column.
-        rows: one text per column; a column whose cells are all numbers is set to the right.
-        caption: a sentence under it.
-        shares: per row, the share that is drawn as a bar behind the last cell, 1 = full; empty for no bars.
-        bars: the same for other columns, by their number, without a colour that judges.
-        folded: where given, the table is behind a line with this text.
-    """
-
-    header: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    caption: str = ""
-    shares: Sequence[float] = ()
-    bars: Mapping[int, Sequence[float]] = field(default_factory=dict)
-    folded: str = ""
-
-    def html(self) -> str:
-        """The table as HTML, every text escaped."""
-        right = [all(_is_number(row[i]) for row in self.rows) for i in range(len(self.header))]
-        right[-1] = right[-1] and not self.shares
-        right = [number and i not in self.bars for i, number in enumerate(right)]
-        head = "".join(_cell("th", text, number) for text, number in zip(self.header, right, strict=True))
-        body = []
-        for i, row in enumerate(self.rows):
-            cells = [_cell("td", text, number) for text, number in zip(row, right, strict=True)]
-            if self.shares:
-                cells[-1] = _bar(row[-1], self.shares[i])
-            for column, shares in self.bars.items():
-                cells[column] = _bar(row[column], shares[i], judged=False)
-            body.append(f"<tr>{''.join(cells)}</tr>")
-        caption = f"<p class='caption'>{escape(self.caption)}</p>" if self.caption else ""
-        table = f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(body)}</tbody></table>"
-        shown = f"<div class='table'>{table}</div>{caption}"
-        return f"<details><summary>{escape(self.folded)}</summary>{shown}</details>" if self.folded else shown
-
-
-@dataclass(frozen=True)
-class Section:
-    """One part of the page.
-
-    Attributes:
-        title: heading, and the entry in the navigation.
-        sentence: what a person should take from it.
-        charts: its figures.
-        tables: below them.
-        tabs: labels by name of a tab; all sections show the tab that was chosen in one of them.
-        widget: a figure to click through.
-    """
-
-    title: str
-    sentence: str = ""
-    charts: Sequence[Chart] = ()
-    tables: Sequence[Table] = ()
-    tabs: Mapping[str, str] = field(default_factory=dict)
-    widget: Widget | None = None
-
-    @property
-    def anchor(self) -> str:
-        """Name of the section in the page's address."""
-        return "".join(c if c.isalnum() else "-" for c in self.title.lower())
+def table_html(table: Table) -> str:
+    """A table as HTML, every text escaped; a column whose cells are all numbers is set to the right."""
+    columns = []
+    for column in table.columns:
+        texts, right = column.texts, not column.shares and all(map(_is_number, column.texts))
+        cells = [_cell("td", text, right) for text in texts]
+        if column.shares:
+            pairs = zip(texts, column.shares, strict=True)
+            cells = [_bar(text, share, judged=column.judged) for text, share in pairs]
+        columns.append([_cell("th", column.heading, right), *cells])
+    head, *body = ["".join(cells) for cells in zip(*columns, strict=True)]
+    rows = "".join(f"<tr>{row}</tr>" for row in body)
+    caption = f"<p class='caption'>{escape(table.caption)}</p>" if table.caption else ""
+    made = f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
+    shown = f"<div class='table'>{made}</div>{caption}"
+    return f"<details><summary>{escape(table.folded)}</summary>{shown}</details>" if table.folded else shown
 
 
 def _is_number(text: str) -> bool:
@@ -140,102 +58,41 @@ def _bar(text: str, share: float, *, judged: bool = True) -> str:
 _TEMPLATES = Path(__file__).parent / "templates"
 
 
-class Level(Enum):
-    """Colour of the verdict; the value is the word that goes with it for those who see no colours."""
+def page_html(document: Document) -> str:
+    """A document as one HTML file that needs nothing else."""
+    figures: list[dict[str, Any]] = []
+    widgets: list[Mapping[str, Any]] = []
+    sections = "".join(_section(section, figures, widgets) for section in document.sections)
+    level = document.level or Level.CAUTION
+    return _template("page.html").substitute(
+        head=page_head(document.title),
+        title=escape(document.title),
+        subtitle=escape(document.subtitle),
+        level=level.name.lower(),
+        word=escape(level.value),
+        verdict=escape(document.verdict),
+        navigation="".join(f"<a href='#{s.anchor}'>{escape(s.title)}</a>" for s in document.sections),
+        key_figures="".join(map(_key_figure, document.key_figures)),
+        notes="".join(f"<p class='note'>{escape(note)}</p>" for note in document.notes),
+        next_steps="".join(map(_next_step, document.next_steps)),
+        sections=sections,
+        footer=escape(f"armdyn {__version__}" + (f" · {document.command}" if document.command else "")),
+        script=_template("page.js").template,
+        draw=_template("draw.js").template,
+        overlay=_template("overlay.js").template,
+        look=script_json(LOOK),
+        data=packed(script_json({"figures": figures, "widgets": widgets})),
+        plotly=_library(),
+    )
 
-    GOOD = "done"
-    IMPROVED = "improved"
-    CAUTION = "caution"
-    BAD = "failed"
 
+def write_page(document: Document, path: Path | str) -> None:
+    """Write the page in one step.
 
-@dataclass(frozen=True)
-class KeyFigure:
-    """A number in large type.
-
-    Attributes:
-        name: what it is.
-        value: with its unit.
-        note: what to compare it with.
+    Raises:
+        InputError: the file cannot be written.
     """
-
-    name: str
-    value: str
-    note: str = ""
-
-
-@dataclass(frozen=True)
-class NextStep:
-    """What a reader may want to do now.
-
-    Attributes:
-        what: in a few words.
-        command: to be copied.
-    """
-
-    what: str
-    command: str
-
-
-@dataclass(frozen=True)
-class Report:
-    """One HTML file.
-
-    Attributes:
-        title: heading.
-        level: colour of the banner.
-        verdict: the sentence in it.
-        sections: in reading order.
-        subtitle: what was run.
-        key_figures: under the banner.
-        notes: sentences that a reader must know before the sections, such as a warning.
-        command: how to make this report again.
-        next_steps: what to do now, each with the command that does it.
-    """
-
-    title: str
-    level: Level
-    verdict: str
-    sections: Sequence[Section]
-    subtitle: str = ""
-    key_figures: Sequence[KeyFigure] = ()
-    notes: Sequence[str] = ()
-    command: str = ""
-    next_steps: Sequence[NextStep] = ()
-
-    def html(self) -> str:
-        """The whole page."""
-        figures: list[dict[str, Any]] = []
-        widgets: list[Mapping[str, Any]] = []
-        sections = "".join(_section(section, figures, widgets) for section in self.sections)
-        return _template("page.html").substitute(
-            head=page_head(self.title),
-            title=escape(self.title),
-            subtitle=escape(self.subtitle),
-            level=self.level.name.lower(),
-            word=escape(self.level.value),
-            verdict=escape(self.verdict),
-            navigation="".join(f"<a href='#{s.anchor}'>{escape(s.title)}</a>" for s in self.sections),
-            key_figures="".join(map(_key_figure, self.key_figures)),
-            notes="".join(f"<p class='note'>{escape(note)}</p>" for note in self.notes),
-            next_steps="".join(map(_next_step, self.next_steps)),
-            sections=sections,
-            footer=escape(f"armdyn {__version__}" + (f" · {self.command}" if self.command else "")),
-            script=_template("page.js").template,
-            draw=_template("draw.js").template,
-            overlay=_template("overlay.js").template,
-            look=script_json(LOOK),
-            data=packed(script_json({"figures": figures, "widgets": widgets})),
-            plotly=_library(),
-        )
-
-    def write(self, path: Path | str) -> None:
-        """Write the page in one step.
-
-        Raises:
-            InputError: the file cannot be written.
-        """
-        atomic.write_text(Path(path), self.html())
+    atomic.write_text(Path(path), page_html(document))
 
 
 def _section(section: Section, figures: list[dict[str, Any]], widgets: list[Mapping[str, Any]]) -> str:
@@ -252,7 +109,7 @@ def _section(section: Section, figures: list[dict[str, Any]], widgets: list[Mapp
     charts = [_chart(chart, figures) for chart in section.charts]
     # On paper the heading stays with the first figure.
     together = f"<div class='together'>{heading}{''.join(charts[:1])}</div>"
-    tables = "".join(table.html() for table in section.tables)
+    tables = "".join(map(table_html, section.tables))
     return f"<section id='{section.anchor}'>{together}{''.join(charts[1:])}{tables}</section>"
 
 
@@ -299,7 +156,7 @@ def _light(value: Any) -> Any:
 
 
 def _next_step(step: NextStep) -> str:
-    return f"<p class='next'>{escape(step.what)}<code>{escape(step.command)}</code></p>"
+    return f"<p class='next'>{escape(step.what)}:<code>{escape(step.command)}</code></p>"
 
 
 def _key_figure(figure: KeyFigure) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 import numpy as np
 import plotly.graph_objects as go
 
-from pipeline.report.page import Chart, KeyFigure, Level, Report, Section, Table
+from armdyn.document import Chart, Document, KeyFigure, Level, Section, Table
 from pipeline.report.theme import BLUE, GREY, ORANGE, TRUTH, number, percent
 from pipeline.trial.table import TableOne, TableRow
 
@@ -18,13 +18,13 @@ PAPER_STD = 0.0042
 """Standard deviation [m] of the paper's length estimates."""
 
 
-def table_report(table: TableOne, subtitle: str = "", command: str = "") -> Report:
+def table_report(table: TableOne, subtitle: str = "") -> Document:
     """The report of the table."""
     estimates = table.estimates
     as_paper = [_succeeds(row.without) == row.in_paper for row in table.rows]
     learnt = [_succeeds(row.with_estimation) for row in table.rows]
     level = Level.GOOD if all(as_paper) and all(learnt) else Level.CAUTION if all(learnt) else Level.BAD
-    return Report(
+    return Document(
         title="Table I: does learning the length help?",
         level=level,
         verdict=_verdict(table, sum(as_paper), sum(learnt)),
@@ -40,9 +40,9 @@ def table_report(table: TableOne, subtitle: str = "", command: str = "") -> Repo
                 "Spread", number(float(estimates.std()), "m", 2), f"std; {number(PAPER_STD, 'm', 2)} in the paper"
             ),
             KeyFigure("Seeds", str(table.seeds), "per guess"),
+            KeyFigure("Truth", percent(table.covered), "of estimates within 3 of their standard deviations"),
         ),
         notes=[BOX_NOTE],
-        command=command,
     )
 
 
@@ -75,7 +75,7 @@ def success_section(table: TableOne) -> Section:
         f"Share of {table.seeds} seeds that put the load into the box, per first guess of the length "
         f"(the true one is {table.length:.3f} m).",
         [Chart(figure, "Whiskers: 95 % interval of the share for this number of seeds (Wilson 1927).")],
-        [Table(header, [_numbers(row) for row in table.rows])],
+        [Table.of(header, [_numbers(row) for row in table.rows])],
     )
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from armdyn.channels import FloatArray
+from armdyn.document import Chart, Document, KeyFigure, Level, NextStep, Section
 from pipeline.box import Box
 from pipeline.motion.feasibility import Margin
 from pipeline.nodes.scheduler import Timing
@@ -23,7 +24,6 @@ from pipeline.report.motion import (
     timing_section,
     velocity_section,
 )
-from pipeline.report.page import Chart, KeyFigure, Level, NextStep, Report, Section
 from pipeline.report.theme import ACTUAL, BLUE, FAINT, GREY, INK, REFERENCE, Span, number, percent
 
 
@@ -171,9 +171,9 @@ class TrialReportData:
     investigation: Section | None = None
 
 
-def trial_report(data: TrialReportData) -> Report:
+def trial_report(data: TrialReportData) -> Document:
     """The report of one trial; ``trial_report(data).write(path)`` makes the file."""
-    return Report(
+    return Document(
         title="Trial: learn the string, swing the load",
         level=data.level,
         verdict=data.verdict,

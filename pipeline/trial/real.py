@@ -33,7 +33,7 @@ from pipeline.trial.result import TrialResult, kept, recording, result_of
 from pipeline.trial.settings import ProtocolSettings
 
 if TYPE_CHECKING:
-    from pipeline.report.page import Report
+    from armdyn.document import Document
 
 THERE = 5e-3
 """How far from the start posture a joint may be to count as there [rad]."""
@@ -99,7 +99,7 @@ class RealTrial:
     result: TrialResult
     figures: Figures
 
-    def report(self, command: str = "") -> "Report":
+    def report(self, command: str = "") -> "Document":
         """The report; where the load was, nobody knows."""
         from pipeline.trial.report import report_of
 

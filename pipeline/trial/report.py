@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from armdyn.document import Document, Level, NextStep, Section
 from pipeline.report.motion import EstimateTrace, ForceTrace, GripperTrace, JointTrace
 from pipeline.report.next_experiment import investigation_section
-from pipeline.report.page import Level, NextStep, Report, Section
 from pipeline.report.theme import Span
 from pipeline.report.trial import SwingPicture, SwingTrace, TrialReportData, trial_report
 from pipeline.trial.experiment import Experiment
@@ -13,7 +13,7 @@ from pipeline.trial.result import TrialResult
 
 def report_of(
     experiment: Experiment, result: TrialResult, subtitle: str, command: str = "", executed: SwingTrace | None = None
-) -> Report:
+) -> Document:
     """The report of a trial that has run.
 
     Args:
@@ -49,8 +49,8 @@ def _next_steps(result: TrialResult) -> tuple[NextStep, ...]:
     if result.repair_command is None:
         return ()
     return (
-        NextStep("Find what the model lacks:", f"{result.repair_command} --report repair.html"),
-        NextStep("Then try again with what was found:", "armdyn trial --model repaired.toml"),
+        NextStep("Find what the model lacks", f"{result.repair_command} --report repair.html"),
+        NextStep("Then try again with what was found", "armdyn trial --model repaired.toml"),
     )
 
 

@@ -23,7 +23,7 @@ from pipeline.trial.result import TrialResult, kept, recording, result_of
 from pipeline.trial.settings import ProtocolSettings, TrialSettings
 
 if TYPE_CHECKING:
-    from pipeline.report.page import Report
+    from armdyn.document import Document
     from pipeline.report.trial import SwingTrace
 
 
@@ -50,7 +50,7 @@ class SimulatedTrial:
         history, started = self.robot.history(), self.experiment.task.started
         return None if started is None else history.from_time(started)
 
-    def report(self, command: str = "") -> "Report":
+    def report(self, command: str = "") -> "Document":
         """The report, with the true length and the true motion of the load."""
         from pipeline.trial.report import report_of
 

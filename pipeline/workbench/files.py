@@ -280,12 +280,13 @@ def keep(
     Raises:
         InputError: a file cannot be written, or is there.
     """
+    from armdyn.document import NextStep
     from armdyn.identify.repair import add
     from armdyn.model_file import ModelFile, write_model_file
     from pipeline.answers import history_entries
     from pipeline.commands.export import write_export
     from pipeline.console.outputs import check_outputs
-    from pipeline.report.page import NextStep
+    from pipeline.report.page import write_page
     from pipeline.report.repair import repair_report
 
     if model.suffix.lower() != ".toml":
@@ -303,7 +304,7 @@ def keep(
     files, notes = [model, *copied], []
     command = opened._replace(model=model).command("compare", "--report", "compare.html")
     if report is not None:
-        repair_report(study, found, next_steps=[NextStep("hold it against runs:", command)]).write(report)
+        write_page(repair_report(study, found, [NextStep("hold it against runs", command)]), report)
         files.append(report)
     if exported is not None:
         notes = write_export(ModelFile(kept, given.file.description), exported, model.name)

@@ -4,11 +4,12 @@ from collections.abc import Collection, Mapping, Sequence
 from html import escape
 from pathlib import Path
 
+from armdyn.document import Table
 from armdyn.identify.sentence import totals
 from armdyn.inspection.check import Inspection
 from pipeline.commands.export import KINDS
 from pipeline.report.overlay import FITTED, HELD_OUT, quality
-from pipeline.report.page import Table
+from pipeline.report.page import table_html
 from pipeline.report.theme import full_name, number
 from pipeline.workbench.bench import Atom, Bench, Knob, State
 from pipeline.workbench.ranking import Ranking
@@ -179,7 +180,7 @@ def checks_panel(found: Inspection) -> str:
     said = f"<p class='sentence'>{escape(found.sentence)}</p>"
     header = ["", "kind", "run", "what", "remedy"]
     rows = [[c.severity.key, c.kind, c.run or "", c.sentence, c.remedy] for c in found.checks]
-    return said + (Table(header, rows).html() if rows else "")
+    return said + (table_html(Table.of(header, rows)) if rows else "")
 
 
 def kinds_of_export() -> str:

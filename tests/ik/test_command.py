@@ -67,7 +67,7 @@ def test_build_writes_a_table_that_show_reads(run, tmp_path) -> None:
     assert built.exit_code == 0
     assert "core speed" in built.stdout
     shown = run("show", tmp_path / "new.npz")
-    assert "joint margin 0.6" in shown.stdout
+    assert "joint margin: 0.6" in shown.stdout
     assert json.loads((tmp_path / "new.json").read_text())["robot"] == "baxter"
 
 
@@ -96,7 +96,7 @@ def test_a_path_of_ones_own_is_built_shown_and_reported(run, tmp_path) -> None:
     shown = run(
         "show", tmp_path / "circle.npz", "--report", tmp_path / "circle.html", "--json", tmp_path / "circle.json"
     )
-    assert "path         circle" in shown.stdout
+    assert "path: circle" in shown.stdout
     content = json.loads((tmp_path / "circle.json").read_text())
     assert content["path"]["kind"] == "circle"
     assert np.ptp(np.array(content["tool_position"])[:, 0]) == pytest.approx(0.2, abs=1e-6)

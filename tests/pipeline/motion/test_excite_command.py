@@ -12,7 +12,6 @@ SMALL = ("--joints", "right_s0,right_s1,right_e0", "--seconds", "5", "--random",
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """Motion, report and JSON of one small design."""
-    import typer
     from typer.testing import CliRunner
 
     from pipeline.console.app import application

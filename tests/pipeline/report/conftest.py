@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
+from armdyn.document import KeyFigure, Level
 from pipeline.box import Box
 from pipeline.motion.feasibility import Margin
 from pipeline.nodes.scheduler import Timing
 from pipeline.report.motion import EstimateTrace, ForceTrace, GripperTrace, JointTrace
-from pipeline.report.page import KeyFigure, Level
 from pipeline.report.theme import Span
 from pipeline.report.trial import SwingPicture, SwingTrace, TrialReportData
 from pipeline.trial.table import TableOne, TableRow

@@ -16,9 +16,9 @@ from armdyn.identify.compare import compare
 from armdyn.identify.diagnose import diagnose
 from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
-from pipeline.report.fit import comparison_report
 from pipeline.report.overlay import EXAM, FITTED, HELD_OUT, Overlay, Overlays, quality, quantised
-from pipeline.report.repair import diagnosis_report, repair_report
+from pipeline.report.page import page_html, write_page
+from pipeline.report.repair import comparison_report, diagnosis_report, repair_report
 
 HIDDEN = "joint_viscous_friction"
 EFFECTS = [HIDDEN, "torque_offset"]
@@ -44,7 +44,7 @@ def shown(study, found):
 @pytest.fixture(scope="module")
 def page(study, found, tmp_path_factory):
     path = tmp_path_factory.mktemp("page") / "repair.html"
-    repair_report(study, found).write(path)
+    write_page(repair_report(study, found), path)
     return path
 
 
@@ -103,11 +103,11 @@ def test_the_pages_first_numbers_are_explained_torque_and_error_in_newton_metres
 
 def test_a_diagnosis_shows_what_its_effects_would_change_and_folds_the_evidence(study):
     report = diagnosis_report(study, diagnose(study))
-    evidence, overlay = report.sections[1:3]
-    errors, statistics = evidence.tables
-    assert errors.rows[1][0].startswith("joint_viscous_friction")
-    assert errors.bars[2][0] == 1.0 > errors.bars[2][1]
-    assert statistics.folded
+    overlay, evidence = report.sections[1:3]
+    (candidates,) = evidence.tables
+    columns = {column.name: column for column in candidates.columns}
+    assert columns["effect"].values[0] == "joint_viscous_friction"
+    assert 0.0 < columns["error"].shares[0] < 1.0
     assert len(overlay.widget.data["steps"]) > 1
 
 
@@ -152,4 +152,4 @@ def test_the_first_picture_is_the_missing_force(study, found, name):
         assert f"of {chart.tab.removeprefix('tau.')} grows in proportion to the speed, by " in chart.caption
         legend = [trace.name for trace in chart.figure.data if trace.showlegend and trace.name]
         assert legend == ["as given"] if name == "compare" else legend[0] == "as given" and HIDDEN in legend[1]
-    assert made.html().index("The missing force") < made.html().index("Measured and predicted")
+    assert page_html(made).index("The missing force") < page_html(made).index("Measured and predicted")

@@ -6,13 +6,14 @@ from types import SimpleNamespace
 import pytest
 
 from armdyn.arm.links import LinkChange, LinkQuantity
+from armdyn.document import Document, Level
 from armdyn.identify.explained import RepairStep, Scale
+from armdyn.identify.repair import Repair
 from armdyn.identify.sentence import Verdict
+from armdyn.identify.tables import fall_sentence, link_section, step_table
 from armdyn.identify.unseen import Judge
 from pipeline.answers import link_answer
-from pipeline.console.fit_text import say_links
-from pipeline.report.page import Level
-from pipeline.report.repair import RepairPath, link_section, repair_level
+from pipeline.console.screen import show
 
 ZERO = ("centre_x", "centre_y", "centre_z", "inertia_xx", "inertia_xy", "inertia_yy", "inertia_xz", "inertia_yz")
 
@@ -35,19 +36,17 @@ def link(mass, determined):
     ],
 )
 def test_a_repair_that_helps_is_never_failed(verdict, explained, widened, level):
-    assert (
-        repair_level(SimpleNamespace(verdict=verdict, explained=explained, after=SimpleNamespace(widened=widened)))
-        is level
-    )
+    found = SimpleNamespace(verdict=verdict, explained=explained, after=SimpleNamespace(widened=widened))
+    assert Repair.level.fget(found) is level
 
 
 def test_a_link_of_241_kg_does_not_pass_without_a_word(capsys):
     heavy = link(241.0, determined=False)
     expected = "the link of elbow weighs 241 kg in the model (URDF: 7.8 kg), which these runs do not determine"
-    say_links([heavy])
+    show(Document("Repair", "it is done", [link_section([heavy])]))
     shown = " ".join(capsys.readouterr().out.split())
-    assert "241 (not determined by these runs)" in shown
-    assert "0.25 ± 0.01, 0.25 ± 0.01, 0.25 ± 0.01 kg m" in shown
+    assert "mass 7.8 241 3 kg not by these runs" in shown
+    assert "mass times centre z 0.2 0.25 0.01 kg m yes" in shown
     assert f"Look out: {expected}" in shown
     assert expected in link_section([heavy]).sentence
     answer = link_answer(heavy)
@@ -57,27 +56,32 @@ def test_a_link_of_241_kg_does_not_pass_without_a_word(capsys):
 
 def test_what_rounding_left_of_zero_is_zero_and_each_value_says_whether_it_is_determined():
     (table,) = link_section([link(8.0, determined=True)]).tables
-    assert table.rows[0] == ["mass", "7.8", "8", "3", "kg", "yes"]
-    assert table.rows[1] == ["centre of mass x", "0", "0", "0.1", "m", "not by these runs"]
+    rows = list(zip(*(column.texts for column in table.columns), strict=True))
+    assert rows[0] == ("mass", "7.8", "8", "3", "kg", "yes")
+    assert rows[1] == ("centre of mass x", "0", "0", "0.1", "m", "not by these runs")
     assert "4 of 13" in link_section([link(8.0, determined=True)]).sentence
 
 
 def test_the_repair_path_tells_total_errors_and_the_exams():
     given = RepairStep((), (), (), {"tau.a": 3.0, "tau.b": 4.0}, {"tau.a": 6.0, "tau.b": 8.0}, 9.0, 1.0, {"tau.a": 7.0})
     better = replace(given, added=("payload",), rmse={"tau.a": 0.3, "tau.b": 0.4}, held_out_rmse={}, exam_rmse={})
-    section = RepairPath(
-        [given, better],
-        Scale({"tau.a": "N m", "tau.b": "N m"}, {}),
-        (Judge.EXAM, Judge.HELD_OUT),
-        {"payload": "A mass at the tool."},
-    ).section()
-    table, statistics = section.tables
-    assert list(table.header) == ["step", "fitted [N m]", "held out [N m]", "exam [N m]", "what it is"]
-    assert table.rows[0][1:4] == ["5", "10", "7"]
-    assert table.rows[1] == ["+ payload", "0.5", "–", "–", "A mass at the tool."]
-    assert table.bars[1] == pytest.approx([1.0, 0.1])
+    path, scale = [given, better], Scale({"tau.a": "N m", "tau.b": "N m"}, {})
+    table = step_table(path, scale, (Judge.EXAM, Judge.HELD_OUT), {"payload": "A mass at the tool."})
+    columns = {column.heading: column for column in table.columns}
+    assert list(columns) == [
+        "step",
+        "fitted [N m]",
+        "held out [N m]",
+        "exam [N m]",
+        "χ² per sample",
+        "BIC",
+        "what it is",
+    ]
+    rows = list(zip(*(column.texts for column in table.columns), strict=True))
+    assert rows[0][:5] == ("as given", "5", "10", "7", "9")
+    assert rows[1][:4] == ("+ payload", "0.5", "–", "–")
+    assert rows[1][-1] == "A mass at the tool."
+    assert columns["fitted [N m]"].shares == pytest.approx([1.0, 0.1])
     assert "took part in nothing" in table.caption
     assert "took part in choosing" in table.caption
-    assert not table.folded
-    assert statistics.folded
-    assert statistics.rows[0] == ["as given", "9", "1.0"]
+    assert fall_sentence(path, scale) == "7 N m → – (exam) in 1 step."

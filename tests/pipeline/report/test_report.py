@@ -13,9 +13,9 @@ import pytest
 from plotly.offline import get_plotlyjs
 from scipy.stats import binomtest
 
+from armdyn.document import Chart, Document, KeyFigure, Level, NextStep, Section, Table
 from armdyn.errors import InputError
-from pipeline.report import Chart, KeyFigure, Level, Report, Section, Table
-from pipeline.report.page import NextStep, packed
+from pipeline.report.page import packed, page_html, write_page
 from pipeline.report.table import success_interval, table_report
 from pipeline.report.theme import number, percent
 from pipeline.report.trial import TrialReportData, trial_report
@@ -78,7 +78,7 @@ NASTY_SECTION = Section(
     f"Title {NASTY}",
     NASTY,
     [Chart(go.Figure(go.Scatter(x=[0], y=[1], name=NASTY)), NASTY)],
-    [Table([NASTY, "share"], [[NASTY, NASTY]], NASTY, shares=[0.5], folded=NASTY)],
+    [Table.of([NASTY, "share"], [[NASTY, NASTY]], NASTY, shares=[0.5], folded=NASTY)],
     {NASTY: NASTY, "other": "other"},
 )
 
@@ -89,7 +89,7 @@ def report(request, trial_data, table):
 
 
 def test_page_is_one_offline_file_with_the_library_once(report):
-    own = own_part(report.html())
+    own = own_part(page_html(report))
     assert "http:" not in own
     assert "https:" not in own
     assert "default-src 'none'" in own
@@ -97,7 +97,7 @@ def test_page_is_one_offline_file_with_the_library_once(report):
 
 
 def test_every_link_of_the_navigation_leads_to_one_section(report):
-    page = Page(own_part(report.html()))
+    page = Page(own_part(page_html(report)))
     assert len(page.ids) == len(set(page.ids))
     assert {link.removeprefix("#") for link in page.links} <= set(page.ids)
     assert sum(i.startswith("chart-") for i in page.ids) == len(figures(report))
@@ -114,9 +114,9 @@ def test_every_axis_has_a_name_and_a_unit(report):
 
 
 def test_text_of_users_cannot_become_markup():
-    report = Report(NASTY, Level.BAD, NASTY, [NASTY_SECTION], NASTY, [KeyFigure(NASTY, NASTY, NASTY)], [NASTY], NASTY,
-                    [NextStep(NASTY, NASTY)])  # fmt: skip
-    own = own_part(report.html())
+    report = Document(NASTY, NASTY, [NASTY_SECTION], Level.BAD, NASTY, [KeyFigure(NASTY, NASTY, NASTY)], [NASTY],
+                      [NextStep(NASTY, NASTY)], NASTY)  # fmt: skip
+    own = own_part(page_html(report))
     page = Page(own)
     assert page.text.count(NASTY) >= 16
     assert "<script>alert" not in own
@@ -126,7 +126,7 @@ def test_text_of_users_cannot_become_markup():
 
 @pytest.mark.parametrize("level", Level)
 def test_banner_says_the_verdict_in_words_and_colour(level):
-    page = Page(own_part(Report("A", level, "what happened", []).html()))
+    page = Page(own_part(page_html(Document("A", "what happened", [], level))))
     classes = [attributes["class"] for _, attributes in page.elements if attributes.get("role") == "status"]
     assert classes == [f"verdict {level.name.lower()}"]
     assert level.value in page.text
@@ -134,7 +134,7 @@ def test_banner_says_the_verdict_in_words_and_colour(level):
 
 
 def test_trial_report_tells_its_numbers(trial_data):
-    text = Page(own_part(trial_report(trial_data).html())).text
+    text = Page(own_part(page_html(trial_report(trial_data)))).text
     residual = trial_data.force.measured - trial_data.force.predicted
     assert f"{1e3 * np.sqrt(np.mean(residual**2)):.2f} mN rms" in text
     error = np.abs(trial_data.gripper.actual - trial_data.gripper.reference)
@@ -148,7 +148,7 @@ def test_trial_report_tells_its_numbers(trial_data):
 
 def test_a_residual_that_is_not_white_takes_the_interval_back(trial_data):
     data = replace(trial_data, force=replace(trial_data.force, residual_is_white=False))
-    text = Page(own_part(trial_report(data).html())).text
+    text = Page(own_part(page_html(trial_report(data)))).text
     assert "the interval is too narrow and does not hold" in text
     assert "; does not hold, from a guess" in text
 
@@ -156,7 +156,7 @@ def test_a_residual_that_is_not_white_takes_the_interval_back(trial_data):
 def test_broken_limits_are_said_and_marked(trial_data):
     broken = replace(trial_data.margins[2], used=1.25, value=2.5)
     fast = replace(trial_data.joints, velocity=10 * trial_data.joints.velocity)
-    html = own_part(trial_report(replace(trial_data, margins=(*trial_data.margins, broken), joints=fast)).html())
+    html = own_part(page_html(trial_report(replace(trial_data, margins=(*trial_data.margins, broken), joints=fast))))
     assert "Limits broken: 1 of 15; worst the velocity of right_e0, 2.50 rad/s against 2.00 rad/s" in html
     assert "class='share over'" in html
     assert "goes beyond its limit" in html
@@ -164,13 +164,13 @@ def test_broken_limits_are_said_and_marked(trial_data):
 
 def test_parts_that_a_stopped_trial_lacks_are_left_out(trial_data):
     bare = trial_report(TrialReportData(Level.BAD, "load cell unplugged at 0.3 s: the arm came to rest"))
-    assert Page(own_part(bare.html())).ids.count("top") == 1
+    assert Page(own_part(page_html(bare))).ids.count("top") == 1
     assert not bare.sections
     none = np.empty(0)
     estimates = (replace(trial_data.estimates[0], time=none, value=none, std=none),)
     swing = replace(trial_data.swing, executed=None, box=None)
     report = trial_report(TrialReportData(Level.BAD, "stopped", estimates=estimates, swing=swing))
-    text = Page(own_part(report.html())).text
+    text = Page(own_part(page_html(report))).text
     assert "No estimate of the length was made" in text
     assert "The swing was planned and not executed" in text
     assert len(figures(report)) == 1
@@ -210,7 +210,7 @@ def test_joint_panels_show_curve_and_both_limits(trial_data):
 
 
 def test_table_report_says_that_the_box_was_chosen(table):
-    text = Page(own_part(table_report(table).html())).text
+    text = Page(own_part(page_html(table_report(table)))).text
     assert "The paper gives no box. This one was chosen so that the simulation reproduces" in text
     assert "With estimation 9 of 9 guesses succeed" in text
     assert table_report(table).level is Level.GOOD
@@ -254,18 +254,18 @@ def test_shares_are_percent():
 def test_report_is_written_in_one_step(tmp_path, table):
     path = tmp_path / "report.html"
     path.write_text("old")
-    table_report(table).write(path)
+    write_page(table_report(table), path)
     assert path.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
     assert [entry.name for entry in tmp_path.iterdir()] == ["report.html"]
     with pytest.raises(InputError, match="cannot write"):
-        table_report(table).write(tmp_path / "absent" / "report.html")
+        write_page(table_report(table), tmp_path / "absent" / "report.html")
 
 
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="no chromium on this machine to open the page with")
 def test_a_browser_draws_every_figure_without_an_error(tmp_path, trial_data):
     report = trial_report(trial_data)
     path = tmp_path / "report.html"
-    html = report.html().replace("<script>", "<script>onerror = () => { document.title = 'broken'; };", 1)
+    html = page_html(report).replace("<script>", "<script>onerror = () => { document.title = 'broken'; };", 1)
     path.write_text(html, encoding="utf-8")
     command = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=8000", "--dump-dom"]
     dom = subprocess.run([*command, str(path)], capture_output=True, text=True, timeout=60, check=True).stdout
