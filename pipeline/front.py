@@ -38,14 +38,14 @@ def export(model: AnyModel, path: str | Path, *, force: bool = False) -> tuple[s
         InputError: the file is there, its ending is of no kind, or the kind is not for such a model.
         TaskFailedError: the file would lack much of what a repair added.
     """
-    from pipeline.commands.export import held_by, write_export
     from pipeline.console.outputs import free_to_write
+    from pipeline.exports import format_of, write_export
     from pipeline.exports.left_out import left_out
 
     output = Path(path)
     file = ModelFile(model, {}) if isinstance(model, Model) else read_model_file(model)
     free_to_write(output, force)
-    missing = left_out(file, held_by(file.model, output))
+    missing = left_out(file, format_of(output).held(file.model))
     if missing is not None and missing.matters and not force:
         raise TaskFailedError(f"{output}: not written, {missing.sentence}: give force=True to write it all the same")
     return tuple(write_export(file, output, str(file.model.about)))

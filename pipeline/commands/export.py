@@ -1,6 +1,5 @@
 """`armdyn export`: a model for other tools."""
 
-import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,20 +11,9 @@ from pipeline.console.outputs import check_outputs, free_to_write
 from pipeline.console.screen import spinner, write_answer
 
 if TYPE_CHECKING:
-    from armdyn.arm.model import ArmModel
-    from armdyn.model import Model
-    from armdyn.model_file import ModelFile
+    pass
 
 PANEL = "Models"
-
-
-KINDS = {
-    ".urdf": "URDF",
-    ".xml": "MuJoCo model",
-    ".c": "C functions",
-    ".py": "Python functions",
-    ".json": "parameters",
-}
 
 
 def export(
@@ -46,18 +34,19 @@ def export(
     from armdyn import atomic
     from armdyn.effects.user import load_effects
     from armdyn.model_file import read_model_file
+    from pipeline.exports import format_of
     from pipeline.exports.left_out import left_out
 
-    kind = kind_of(output)
+    made = format_of(output)
     check_outputs(output, json_file, inputs=[model])
     free_to_write(output, force)
     with spinner() as say:
         file = read_model_file(model, load_effects(effects, stages=None) if effects is not None else ())
-        missing = left_out(file, held_by(file.model, output))
+        missing = left_out(file, made.held(file.model))
         refused = missing is not None and missing.matters and not force
         say(f"writing {output}")
         try:
-            text, notes = _text(file, output, f"{kind} of {model.name}")
+            text, notes = made.text(file, output, f"{made.kind} of {model.name}")
             if not refused:
                 atomic.write_text(output, text)
         except InputError as error:
@@ -65,103 +54,17 @@ def export(
     answer: dict[str, Any] = {
         "schema": "armdyn.export/1",
         "file": None if refused else str(output),
-        "kind": kind,
+        "kind": made.kind,
         "not_held": notes,
     }
     if missing is not None:
         answer |= {"error": dict(missing.error), "share_of_removed_error": missing.share}
     if write_answer(json_file, lambda: answer):
-        typer.echo(f"{kind} {'not ' * refused}written to {output}")
+        typer.echo(f"{made.kind} {'not ' * refused}written to {output}")
         for note in notes:
             typer.echo(f"  not in it: {note}")
         if missing is not None:
             typer.echo(f"  {missing.sentence}")
-        typer.echo("to write it all the same: --force" if refused else f"next: {_next(file.model, output)}")
+        typer.echo("to write it all the same: --force" if refused else f"next: {made.usage(file.model, output)}")
     if refused:
         raise typer.Exit(1)
-
-
-def held_by(model: "Model", output: Path) -> frozenset[str]:
-    """Names of the effects of a model that a file of this kind holds."""
-    from pipeline.exports.parts import HELD, SENSOR
-
-    every = frozenset(effect.name for effect in model.effects)
-    kinds = {".urdf": HELD["urdf"], ".xml": HELD["mujoco"], ".json": every}
-    return frozenset(kinds.get(output.suffix.lower(), every - SENSOR))
-
-
-def kind_of(output: Path) -> str:
-    """What a file is to be, by the ending of its name.
-
-    Raises:
-        InputError: there is no such kind.
-    """
-    kind = KINDS.get(output.suffix.lower())
-    if kind is None:
-        raise InputError(f"{output}: end its name in {', '.join(KINDS)}, which says what it is to be")
-    return kind
-
-
-def write_export(file: "ModelFile", output: Path, name: str) -> list[str]:
-    """Write a model for other tools; what the format cannot hold.
-
-    Raises:
-        InputError: the format is not for such a model, or the file cannot be written.
-    """
-    from armdyn import atomic
-
-    text, notes = _text(file, output, f"{kind_of(output)} of {name}")
-    atomic.write_text(output, text)
-    return notes
-
-
-def _text(file: "ModelFile", output: Path, about: str) -> tuple[str, list[str]]:
-    """What is written, and what the format cannot hold."""
-    import json
-
-    from armdyn import __version__
-
-    model = file.model
-    match output.suffix.lower():
-        case ".urdf":
-            from pipeline.exports.urdf_file import urdf_text
-
-            return urdf_text(_arm(model, output), output.resolve().parent)
-        case ".xml":
-            from pipeline.exports.mujoco_file import mujoco_text
-
-            return mujoco_text(_arm(model, output))
-        case ".json":
-            from pipeline.exports.json_file import parameters_answer
-
-            return json.dumps(parameters_answer(file), indent=1, allow_nan=False) + "\n", []
-    from pipeline.exports.functions import c_text, functions_of, python_text
-
-    functions, notes = functions_of(model)
-    lines = [f"{about}, by armdyn {__version__}.", *(f"Not in it: {note}." for note in notes)]
-    return (c_text if output.suffix.lower() == ".c" else python_text)(functions, lines), notes
-
-
-def _arm(model: "Model", output: Path) -> "ArmModel":
-    from armdyn.arm.model import ArmModel
-
-    if not isinstance(model, ArmModel):
-        raise InputError(
-            f"{output.suffix} is for arms, and this model's base is '{model.base}': write it as .c, .py or .json"
-        )
-    return model
-
-
-def _next(model: "Model", output: Path) -> str:
-    name = shlex.quote(str(output))
-    match output.suffix.lower():
-        case ".urdf":
-            return f"armdyn new arm M.toml --urdf {name}, or give it to your simulator"
-        case ".xml":
-            return f"python -m mujoco.viewer --mjcf={name}"
-        case ".c":
-            return f"cc -O2 -shared -fPIC {name} -o {shlex.quote(str(output.with_suffix('.so')))} -lm"
-        case ".py":
-            function = "step" if model.base == "pendulum" else "inverse_dynamics"
-            return f"from {output.stem} import {function}"
-    return "its units are in it"

@@ -4,16 +4,22 @@ The C file needs no library: it is CasADi's code, and a function with plain arra
 numpy alone: an operation of CasADi's expression graph per line; its functions take one state or many at once, in rows.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
+from shlex import quote
 
 import casadi as ca
 
+from armdyn import __version__
 from armdyn.arm.model import ArmModel
 from armdyn.errors import InputError
 from armdyn.model import Model
+from armdyn.model_file import ModelFile
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.variational import STATE_SIZE
 from armdyn.quoting import c_comment, python_docstring
+from pipeline.exports.format import Format
 from pipeline.exports.parts import SENSOR, left_over
 
 PENDULUM_SENSOR = "sensor"
@@ -205,3 +211,34 @@ def _instruction(f: ca.Function, k: int, inputs: list[str], results: dict[tuple[
     if template is None:
         raise InputError(f"CasADi's operation {operation} has no line in Python: export the model as .c")
     return f"w{into[0]} = {template.format(*(f'w{i}' for i in out_of))}"
+
+
+def _written(
+    write: Callable[[list[Function], list[str]], str],
+) -> Callable[[ModelFile, Path, str], tuple[str, list[str]]]:
+    """A writer of functions as the text of a format, with what it lacks in a comment."""
+
+    def text(file: ModelFile, _: Path, about: str) -> tuple[str, list[str]]:
+        functions, notes = functions_of(file.model)
+        lines = [f"{about}, by armdyn {__version__}.", *(f"Not in it: {note}." for note in notes)]
+        return write(functions, lines), notes
+
+    return text
+
+
+def _held(model: Model) -> frozenset[str]:
+    return frozenset(effect.name for effect in model.effects) - SENSOR
+
+
+def _compile(_: Model, output: Path) -> str:
+    return f"cc -O2 -shared -fPIC {quote(str(output))} -o {quote(str(output.with_suffix('.so')))} -lm"
+
+
+def _import(model: Model, output: Path) -> str:
+    return f"from {output.stem} import {'step' if model.base == 'pendulum' else 'inverse_dynamics'}"
+
+
+FORMATS = (
+    Format(".c", "C functions", _written(c_text), _held, _compile),
+    Format(".py", "Python functions", _written(python_text), _held, _import),
+)

@@ -1,5 +1,6 @@
 """A model's physical parameters with their standard deviations, as JSON."""
 
+import json
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ from armdyn.arm.model import ArmModel
 from armdyn.arm.rigid import about_centre
 from armdyn.model_file import ModelFile
 from pipeline.answers import number
+from pipeline.exports.format import Format
 from pipeline.exports.parts import parts_of
 
 AXES = ("x", "y", "z")
@@ -56,3 +58,14 @@ def link_answer(link: np.ndarray) -> dict[str, Any]:
         "centre": {"value": dict(zip(AXES, map(number, centre), strict=True)), "unit": "m"},
         "inertia": {"value": {name: number(inertia[at]) for name, at in ENTRIES.items()}, "unit": "kg m^2"},
     }
+
+
+FORMATS = (
+    Format(
+        ".json",
+        "parameters",
+        lambda file, *_: (json.dumps(parameters_answer(file), indent=1, allow_nan=False) + "\n", []),
+        lambda model: frozenset(effect.name for effect in model.effects),
+        lambda *_: "its units are in it",
+    ),
+)

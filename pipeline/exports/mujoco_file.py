@@ -4,6 +4,7 @@ A spring of zero free length between a point of a link and a point of the one be
 joint's angle (Herder, Energy-free Systems, 2001), so that a gravity spring is held to the last digit, as a tendon.
 """
 
+from shlex import quote
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -12,6 +13,7 @@ import pinocchio as pin
 from armdyn.arm.model import ArmModel
 from armdyn.arm.rigid import about_centre, is_physical
 from armdyn.arm.symbolic import joint_axes
+from pipeline.exports.format import Format, arm_of
 from pipeline.exports.parts import HELD, ArmParts, left_over, parts_of
 
 DRY = {"solimpfriction": "0.9999 0.9999 0.001 0.5 2", "solreffriction": "0.004 1"}
@@ -164,3 +166,14 @@ def _quaternion(rotation: np.ndarray) -> str:
 
 def _text(vector: np.ndarray) -> str:
     return " ".join(repr(float(x)) for x in vector)
+
+
+FORMATS = (
+    Format(
+        ".xml",
+        "MuJoCo model",
+        lambda file, output, _: mujoco_text(arm_of(file, output)),
+        lambda _: HELD["mujoco"],
+        lambda _, output: f"python -m mujoco.viewer --mjcf={quote(str(output))}",
+    ),
+)

@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from shlex import quote
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -10,6 +11,7 @@ import pinocchio as pin
 from armdyn.arm.model import ArmModel
 from armdyn.arm.rigid import about_centre, about_origin, is_physical
 from armdyn.errors import InputError
+from pipeline.exports.format import Format, arm_of
 from pipeline.exports.parts import HELD, JointParts, left_over, parts_of
 
 MOUNTING = "armdyn_world"
@@ -177,3 +179,14 @@ def _move_meshes(root: ET.Element, old: Path, new: Path) -> None:
 
 def _text(vector: np.ndarray) -> str:
     return " ".join(repr(float(x)) for x in vector)
+
+
+FORMATS = (
+    Format(
+        ".urdf",
+        "URDF",
+        lambda file, output, _: urdf_text(arm_of(file, output), output.resolve().parent),
+        lambda _: HELD["urdf"],
+        lambda _, output: f"armdyn new arm M.toml --urdf {quote(str(output))}, or give it to your simulator",
+    ),
+)

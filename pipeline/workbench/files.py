@@ -284,8 +284,8 @@ def keep(
     from armdyn.identify.repair import add
     from armdyn.model_file import ModelFile, write_model_file
     from pipeline.answers import history_entries
-    from pipeline.commands.export import write_export
     from pipeline.console.outputs import check_outputs
+    from pipeline.exports import write_export
     from pipeline.report.page import write_page
     from pipeline.report.repair import repair_report
 

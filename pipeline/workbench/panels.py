@@ -7,7 +7,7 @@ from pathlib import Path
 from armdyn.document import Table
 from armdyn.identify.sentence import totals
 from armdyn.inspection.check import Inspection
-from pipeline.commands.export import KINDS
+from pipeline.exports import formats
 from pipeline.report.overlay import FITTED, HELD_OUT, quality
 from pipeline.report.page import table_html
 from pipeline.report.theme import full_name, number
@@ -185,5 +185,7 @@ def checks_panel(found: Inspection) -> str:
 
 def kinds_of_export() -> str:
     """Options of what a model can be written as besides."""
-    options = "".join(f"<option value='{ending}'>{escape(kind)} ({ending})</option>" for ending, kind in KINDS.items())
+    options = "".join(
+        f"<option value='{ending}'>{escape(made.kind)} ({ending})</option>" for ending, made in formats().items()
+    )
     return f"<option value=''>nothing else</option>{options}"

@@ -14,7 +14,7 @@ import pytest
 from armdyn import atomic
 from armdyn.errors import InputError
 from armdyn.run import Run, read_run, write_run_csv
-from pipeline.console.screen import check_outputs
+from pipeline.console.outputs import check_outputs
 
 TEXT = "new\n" * 1000
 

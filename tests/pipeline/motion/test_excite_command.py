@@ -20,9 +20,7 @@ def made(tmp_path_factory):
     files = {name: folder / f"motion.{name}" for name in ("csv", "html", "json")}
     words = ["excite", "--robot", "baxter", "--for", "joint_viscous_friction,payload", *SMALL]
     words += ["--output", files["csv"], "--report", files["html"], "--json", files["json"]]
-    result = CliRunner().invoke(
-        typer.main.get_command(application(["excite"])), list(map(str, words)), standalone_mode=False
-    )
+    result = CliRunner().invoke(application(["excite"]), list(map(str, words)), standalone_mode=False)
     assert result.exception is None
     return files, json.loads(files["json"].read_text()), result.output
 
