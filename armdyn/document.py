@@ -124,9 +124,14 @@ class Table:
         return {column.name: column.values for column in self.columns}
 
     @property
+    def filled(self) -> list[Column]:
+        """The columns in which something stands."""
+        return [c for c in self.columns if any(value not in (None, "", (), []) for value in c.values)]
+
+    @property
     def narrow(self) -> list[Column]:
-        """The columns that a narrow table shows: those that are not wide and not empty."""
-        return [c for c in self.columns if not c.wide and any(value not in (None, "", (), []) for value in c.values)]
+        """Those of a table that must be narrow."""
+        return [column for column in self.filled if not column.wide]
 
     def __len__(self) -> int:
         return len(self.columns[0].values) if self.columns else 0

@@ -20,18 +20,20 @@ if TYPE_CHECKING:
     from armdyn.model import Model
 
 
-def load_effects(path: str | Path, stages: Collection[str] | None = STAGES) -> tuple[Effect, ...]:
+def load_effects(path: str | Path | None, stages: Collection[str] | None = STAGES) -> tuple[Effect, ...]:
     """The effects that a file defines, in their order there.
 
     The file is run as Python: it may do whatever a Python program may.
 
     Args:
-        path: of the file.
+        path: of the file; None for none.
         stages: what effects may act on; anything where it is None.
 
     Raises:
         InputError: it cannot be read or run, defines no effect, or one with a name of the catalogue or on no stage.
     """
+    if path is None:
+        return ()
     path = Path(path)
     rehearse(path, lambda: _try(_load(path, stages), path, stages is not None))
     return _load(path, stages)

@@ -192,7 +192,7 @@ def model_of(path: Path, effects: Path | None) -> "tuple[Model, tuple[Effect, ..
     from armdyn.effects.user import available, load_effects
     from armdyn.model_file import read_model_file
 
-    own = load_effects(effects, stages=None) if effects is not None else ()
+    own = load_effects(effects, stages=None)
     model = read_model_file(path, own).model
     return model, available(model, own, effects)
 

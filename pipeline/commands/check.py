@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from armdyn.errors import InputError
-from pipeline.console.options import JsonOption, exactly, missing_meshes
+from pipeline.console.options import JsonOption, exactly, missing_meshes, one_robot, quantity
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import finish, spinner
 
@@ -57,9 +57,10 @@ def check(
     from pipeline.motion.trajectory import LineTrajectory
     from pipeline.report.feasibility import feasibility_document, feasibility_page
 
-    mass = _mass(load_mass)
-    if robot is not None and urdf_file is not None:
-        raise InputError("a robot is known by its name or by its URDF: give one of --robot and --urdf")
+    mass = quantity(load_mass, "kg", "--load-mass").value
+    if mass < 0.0:
+        raise InputError(f"--load-mass {load_mass}: a mass is not negative")
+    one_robot(robot, urdf_file)
     check_outputs(report, json_file, inputs=[trajectory])
     try:
         with spinner() as say:
@@ -113,18 +114,6 @@ def _starts_on(line: "urdf.Line", motion: "LineTrajectory | JointTrajectory", ar
     aside = arm.tool_pose(motion.q[0]).translation - line.origin
     along = float(np.clip(aside @ line.direction, line.s_min, line.s_max))
     return bool(np.linalg.norm(aside - along * line.direction) < ON_LINE)
-
-
-def _mass(text: str) -> float:
-    from armdyn.units import parse_quantity
-
-    try:
-        mass = parse_quantity(text, "kg").value
-    except InputError as error:
-        raise InputError(f"--load-mass: {error}") from error
-    if mass < 0.0:
-        raise InputError(f"--load-mass {text}: a mass is not negative")
-    return mass
 
 
 def _where(uri: str, robot: str, start: str | None, arm: "urdf.Robot") -> "list[float]":

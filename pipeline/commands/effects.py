@@ -14,7 +14,7 @@ def effects(effects_file: EffectsOption = None, json_file: JsonOption = None) ->
     from armdyn.effects.effect import Effect
     from armdyn.effects.user import load_effects
 
-    known = (*CATALOGUE.values(), *(load_effects(effects_file) if effects_file is not None else ()))
+    known = (*CATALOGUE.values(), *load_effects(effects_file))
 
     def answer(effect: Effect) -> dict[str, Any]:
         parameters = {

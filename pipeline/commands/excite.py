@@ -9,7 +9,7 @@ import typer
 
 from armdyn.document import MOST_ROWS, NextStep
 from armdyn.errors import InputError
-from pipeline.console.options import JointsOption, JsonOption, ToolOption, missing_meshes, names_in
+from pipeline.console.options import JointsOption, JsonOption, ToolOption, missing_meshes, names_in, one_robot
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import finish, spinner
 
@@ -61,8 +61,7 @@ def excite(
     json_file: JsonOption = None,
 ) -> int:
     """Design the motion of an arm that determines chosen effects best, or tells two of them apart."""
-    if (robot is None) == (urdf_file is None):
-        raise InputError("a robot is known by its name or by its URDF: give one of --robot and --urdf")
+    one_robot(robot, urdf_file, needed=True)
     if wanted is not None and rivals is not None:
         raise InputError("a motion determines effects or tells two apart: give one of --for and --rivals")
     _within("--seconds", seconds, SHORTEST, LONGEST, "s")
@@ -112,7 +111,7 @@ def _goal(model: "ArmModel", wanted: str | None, rivals: str | None, effects_fil
     from armdyn.effects.user import load_effects
     from pipeline.front import goal_of
 
-    own = load_effects(effects_file) if effects_file is not None else ()
+    own = load_effects(effects_file)
     if rivals is None:
         return goal_of(model, _effects(wanted, "--for", model, own) if wanted is not None else (), (), rate)
     pair = _effects(rivals, "--rivals", model, own)

@@ -41,7 +41,7 @@ def export(
     check_outputs(output, json_file, inputs=[model])
     free_to_write(output, force)
     with spinner() as say:
-        file = read_model_file(model, load_effects(effects, stages=None) if effects is not None else ())
+        file = read_model_file(model, load_effects(effects, stages=None))
         missing = left_out(file, made.held(file.model))
         refused = missing is not None and missing.matters and not force
         say(f"writing {output}")

@@ -45,8 +45,8 @@ def import_(
     from armdyn.arm.model import arm_model
     from armdyn.inspection.inspect import inspected, require_usable
     from pipeline.answers import checks_answer
+    from pipeline.imports import read_foreign
     from pipeline.imports.conversion import imported
-    from pipeline.imports.foreign import read_foreign
     from pipeline.imports.mapping import known_columns, read_map
     from pipeline.report.inspection import inspection_document
 

@@ -81,7 +81,7 @@ def _model(file: Path | None, effects: Path | None) -> "tuple[Model | None, tupl
 
     if file is None:
         return None, ()
-    own = load_effects(effects, stages=None) if effects is not None else ()
+    own = load_effects(effects, stages=None)
     model = read_model_file(file, own).model
     return model, available(model, own, effects)
 

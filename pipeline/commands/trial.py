@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from armdyn.errors import InputError
-from pipeline.console.options import EffectsOption, JsonOption, parse_hidden
+from pipeline.console.options import EffectsOption, JsonOption, parse_hidden, quantity
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import phase_progress, write_json
 from pipeline.console.trial_result import end_with, say_result, write_report
@@ -87,7 +87,8 @@ def trial(
     held = given is not None and not given.parameters["length"].fitted
     estimate = not (no_estimation or held)
     note = f"{model} holds the length fixed: it was not estimated" if held and not no_estimation else ""
-    weighed, weighed_std = _mass(mass)
+    known = quantity(mass, "kg", "--mass")
+    weighed, weighed_std = known.value, known.std or 0.01 * known.value
     if investigate < 0:
         raise InputError(f"--investigate {investigate}: give the number of experiments, such as 4")
     if (investigate or motion) and not estimate:
@@ -155,23 +156,12 @@ def _motion(file: Path) -> "LineTrajectory":
     return found
 
 
-def _mass(text: str) -> tuple[float, float]:
-    """Value and standard deviation [kg]; 1 % where none is given."""
-    from armdyn.units import parse_quantity
-
-    try:
-        known = parse_quantity(text, "kg")
-    except InputError as error:
-        raise InputError(f"--mass: {error}") from error
-    return known.value, known.std if known.std else 0.01 * known.value
-
-
 def _pendulum(file: Path, effects: Path | None) -> "PendulumModel":
     from armdyn.effects.user import load_effects
     from armdyn.model_file import read_model
     from armdyn.pendulum.model import PendulumModel
 
-    model = read_model(file, load_effects(effects) if effects is not None else ())
+    model = read_model(file, load_effects(effects))
     if not isinstance(model, PendulumModel):
         raise InputError(f"{file}: a trial needs a pendulum; this is a model of base '{model.base}'")
     return model

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from armdyn.errors import InputError
-from pipeline.console.options import EffectsOption, JsonOption
+from pipeline.console.options import EffectsOption, JsonOption, one_robot
 from pipeline.console.outputs import check_outputs, free_to_write
 from pipeline.console.screen import command_line, spinner, write_answer
 
@@ -43,8 +43,7 @@ def view(
     from pipeline.view.reading import scene_of
     from pipeline.view.scene import write_view
 
-    if robot is not None and urdf_file is not None:
-        raise InputError("a robot is known by its name or by its URDF: give one of --robot and --urdf")
+    one_robot(robot, urdf_file)
     page = output or Path(f"{file.resolve().stem}_view.html")
     check_outputs(page, json_file, inputs=[file, *([model] if model else [])])
     free_to_write(page, force or output is None)
@@ -52,7 +51,7 @@ def view(
         say("reading")
         given = None
         if model is not None:
-            given = read_model(model, load_effects(effects, stages=None) if effects is not None else ())
+            given = read_model(model, load_effects(effects, stages=None))
         try:
             chosen = None if robot is None and urdf_file is None else urdf.load(robot or str(urdf_file), meshes=False)
             say("drawing")

@@ -72,7 +72,7 @@ class Inputs(NamedTuple):
         from armdyn.run import read_run
         from armdyn.run_checks import check_run
 
-        own = load_effects(self.effects, stages=None) if self.effects is not None else ()
+        own = load_effects(self.effects, stages=None)
         file = read_model_file(self.model, own)
         catalogue = available(file.model, own, self.effects)
         runs, held_out, exam = (

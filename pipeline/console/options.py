@@ -10,6 +10,7 @@ import typer
 from armdyn.errors import InputError
 
 if TYPE_CHECKING:
+    from armdyn.units import Known
     from urdf import Robot
 
 JsonOption = Annotated[Path | None, typer.Option("--json", help="The answer as JSON; '-' is standard output.")]
@@ -71,6 +72,31 @@ def which_robot(robot: str, urdf_file: Path | None, joints: str | None, tool: st
         return load(robot if urdf_file is None else urdf_file, joints=names_in(joints), tool=tool, meshes=meshes)
     except UrdfError as error:
         raise InputError(str(error).replace("load the robot without its missing meshes", "add --no-meshes")) from error
+
+
+def one_robot(robot: str | None, urdf_file: Path | None, *, needed: bool = False) -> None:
+    """Refuse a robot that is given twice; `needed`: or not at all.
+
+    Raises:
+        InputError: it is.
+    """
+    given = (robot is not None) + (urdf_file is not None)
+    if given > 1 or (needed and not given):
+        raise InputError("a robot is known by its name or by its URDF: give one of --robot and --urdf")
+
+
+def quantity(text: str, unit: str, option: str) -> "Known":
+    """A value of an option with its unit, such as ``"80 g +/- 0.4 g"``, in `unit`.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    from armdyn.units import parse_quantity
+
+    try:
+        return parse_quantity(text, unit)
+    except InputError as error:
+        raise InputError(f"{option}: {error}") from error
 
 
 def names_in(text: str | None) -> list[str] | None:

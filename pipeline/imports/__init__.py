@@ -1,1 +1,39 @@
-"""Recordings that others made, as runs: tables, ROS bags, LeRobot data sets."""
+"""Recordings of others as runs. Each file here that has `READERS` reads more kinds; nothing else lists them."""
+
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from pkgutil import iter_modules
+from typing import TYPE_CHECKING
+
+from armdyn.errors import InputError
+
+if TYPE_CHECKING:
+    from pipeline.imports.foreign import Foreign, Reader
+
+
+@cache
+def readers() -> "tuple[Reader, ...]":
+    """Of every kind of recording."""
+    modules = [import_module(f"{__name__}.{module.name}") for module in iter_modules(__path__)]
+    return tuple(reader for module in modules for reader in getattr(module, "READERS", ()))
+
+
+def read_foreign(path: Path) -> "list[Foreign]":
+    """The recordings in a file or directory; most hold one.
+
+    Raises:
+        InputError: it is of no kind that can be read, or cannot be read.
+    """
+    for reader in readers():
+        if reader.accepts(path):
+            return reader.read(path)
+    folders = [reader for reader in readers() if reader.folder]
+    if path.is_dir():
+        kinds = " nor ".join(f"a {reader.folder} ({reader.marker})" for reader in folders)
+        raise InputError(f"{path}: is a directory, and neither {kinds}: give a recording")
+    endings = ", ".join(ending for reader in readers() for ending in reader.endings)
+    kinds = " or of ".join(f"a {reader.folder}" for reader in folders)
+    raise InputError(
+        f"{path}: '{path.suffix.lower()}' is of no kind that can be read: give {endings}, the directory of {kinds}"
+    )

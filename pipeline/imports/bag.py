@@ -16,7 +16,7 @@ import numpy as np
 from armdyn.bytes_in import check_chunk_sizes, read_bytes
 from armdyn.errors import InputError
 from armdyn.mcap_run import SIDECAR_RECORD
-from pipeline.imports.foreign import MIN_SAMPLES, Column, Foreign
+from pipeline.imports.foreign import MIN_SAMPLES, Column, Foreign, Reader
 from pipeline.imports.joints import AMPERE, IN_AMPERE
 from urdf.bounds import LARGEST_BAG, MIB, MOST_COLUMNS, MOST_ROWS, shown
 
@@ -206,3 +206,6 @@ def messages(path: Path, store: "Typestore", notes: list[str]) -> Iterator[tuple
         yield channel.topic, name, message.log_time, read(message.data, name)
     if unread:
         notes.append(f"messages of another encoding left out: {', '.join(sorted(unread))}")
+
+
+READERS = (Reader(lambda path: [read_bag(path)], (".bag", ".mcap", ".db3"), "ROS 2 bag", "metadata.yaml"),)

@@ -1,6 +1,6 @@
 """A recording as somebody else wrote it, a table, a bag or a data set: columns of numbers, whatever they are called."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -87,42 +87,24 @@ def as_numbers(values: object) -> FloatArray | None:
     return None
 
 
-BAGS = (".bag", ".mcap", ".db3")
+@dataclass(frozen=True)
+class Reader:
+    """Reads one kind of recording.
 
-
-def read_foreign(path: Path) -> list[Foreign]:
-    """The recordings in a file or directory; most hold one.
-
-    Raises:
-        InputError: it is of no kind that can be read, or cannot be read.
+    Attributes:
+        read: the recordings in a file or directory; most hold one.
+        endings: of the files' names.
+        folder: what a directory of this kind is; empty where it is never one.
+        marker: file in such a directory, by which it is known.
     """
-    if path.is_dir():
-        from pipeline.imports.table import is_lerobot, read_lerobot
 
-        if is_lerobot(path):
-            return read_lerobot(path)
-        if (path / "metadata.yaml").is_file():
-            from pipeline.imports.bag import read_bag
+    read: Callable[[Path], list[Foreign]]
+    endings: tuple[str, ...] = ()
+    folder: str = ""
+    marker: str = ""
 
-            return [read_bag(path)]
-        raise InputError(
-            f"{path}: is a directory, and neither a ROS 2 bag (metadata.yaml) nor a LeRobot data set "
-            "(meta/info.json): give a recording"
-        )
-    suffix = path.suffix.lower()
-    if suffix in BAGS:
-        from pipeline.imports.bag import read_bag
-
-        return [read_bag(path)]
-    if suffix in (".parquet", ".pq"):
-        from pipeline.imports.table import read_parquet
-
-        return [read_parquet(path)]
-    if suffix in (".csv", ".tsv", ".txt", ".dat"):
-        from pipeline.imports.table import read_csv_of_any_dialect
-
-        return [read_csv_of_any_dialect(path)]
-    raise InputError(
-        f"{path}: '{suffix}' is of no kind that can be read: give .csv, .tsv, .txt, .parquet, .bag, .mcap, .db3, the "
-        "directory of a ROS 2 bag or of a LeRobot data set"
-    )
+    def accepts(self, path: Path) -> bool:
+        """Whether a file or directory is of this kind."""
+        if path.is_dir():
+            return bool(self.marker) and (path / self.marker).is_file()
+        return path.suffix.lower() in self.endings

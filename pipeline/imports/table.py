@@ -15,7 +15,7 @@ import numpy as np
 from armdyn.bytes_in import read_bytes
 from armdyn.csv_run import cut_off, has_whole_end
 from armdyn.errors import InputError
-from pipeline.imports.foreign import Column, Foreign, as_numbers, labelled
+from pipeline.imports.foreign import Column, Foreign, Reader, as_numbers, labelled
 from urdf.bounds import (
     LARGEST_CONTENT,
     LARGEST_COUNT,
@@ -222,11 +222,6 @@ LARGEST_RATE = 1e5
 _INDEX = re.compile(r"(?P<feature>.+)/(?P<index>\d+)")
 
 
-def is_lerobot(path: Path) -> bool:
-    """Whether a directory is a data set of LeRobot."""
-    return (path / INFO).is_file()
-
-
 def read_lerobot(path: Path) -> list[Foreign]:
     """Every episode of a data set of version 2 (a file per episode) or 3 (many episodes in a file).
 
@@ -289,3 +284,10 @@ def _named(label: str, names: dict[str, list[str]]) -> str:
         return label
     known, index = names[match["feature"]], int(match["index"])
     return f"{match['feature']}/{known[index]}" if index < len(known) else label
+
+
+READERS = (
+    Reader(lambda path: [read_csv_of_any_dialect(path)], (".csv", ".tsv", ".txt", ".dat")),
+    Reader(lambda path: [read_parquet(path)], (".parquet", ".pq")),
+    Reader(read_lerobot, (), "LeRobot data set", "meta/info.json"),
+)

@@ -21,14 +21,14 @@ from pipeline.report.theme import DARK, TEMPLATE
 def table_html(table: Table) -> str:
     """A table as HTML, every text escaped; a column whose cells are all numbers is set to the right."""
     columns = []
-    for column in table.columns:
+    for column in table.filled:
         texts, right = column.texts, not column.shares and all(map(_is_number, column.texts))
         cells = [_cell("td", text, right) for text in texts]
         if column.shares:
             pairs = zip(texts, column.shares, strict=True)
             cells = [_bar(text, share, judged=column.judged) for text, share in pairs]
         columns.append([_cell("th", column.heading, right), *cells])
-    head, *body = ["".join(cells) for cells in zip(*columns, strict=True)]
+    head, *body = [""] if not columns else ["".join(cells) for cells in zip(*columns, strict=True)]
     rows = "".join(f"<tr>{row}</tr>" for row in body)
     caption = f"<p class='caption'>{escape(table.caption)}</p>" if table.caption else ""
     made = f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"

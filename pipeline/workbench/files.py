@@ -198,8 +198,8 @@ def _recording(path: Path, joints: Sequence[str]) -> Dropped:
         return Dropped("run", path, f"{path.name}: {_contents(run)}")
     except InputError as error:
         own = error
+    from pipeline.imports import read_foreign
     from pipeline.imports.conversion import imported
-    from pipeline.imports.foreign import read_foreign
     from pipeline.imports.guess import guessed
     from pipeline.imports.joints import Joints
     from pipeline.imports.mapping import known_columns

@@ -48,8 +48,8 @@ from ik import PathTable
 from ik.pathfile import read_path
 from pipeline.batch.run import Journal
 from pipeline.batch.spec import read_spec
+from pipeline.imports import read_foreign
 from pipeline.imports.conversion import imported
-from pipeline.imports.foreign import read_foreign
 from pipeline.imports.guess import guessed
 from pipeline.imports.joints import Joints
 from pipeline.imports.mapping import known_columns, map_text, read_map

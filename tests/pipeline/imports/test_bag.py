@@ -11,9 +11,9 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from armdyn.errors import InputError
+from pipeline.imports import read_foreign
 from pipeline.imports.bag import read_bag
 from pipeline.imports.conversion import imported
-from pipeline.imports.foreign import read_foreign
 from pipeline.imports.mapping import ColumnMap, Entry, known_columns
 from pipeline.record import Recorder
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from armdyn.run import read_run, write_run_csv
+from pipeline.imports import read_foreign
 from pipeline.imports.conversion import imported
-from pipeline.imports.foreign import read_foreign
 from pipeline.imports.mapping import known_columns
 
 pytest.importorskip("rosbags", reason="bags need rosbags: pip install 'armdyn[ros]'")

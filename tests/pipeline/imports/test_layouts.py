@@ -7,7 +7,7 @@ import pytest
 
 from armdyn.errors import InputError
 from armdyn.units import si_factor
-from pipeline.imports.foreign import read_foreign
+from pipeline.imports import read_foreign
 from pipeline.imports.guess import guessed
 
 from .layouts import LAYOUTS

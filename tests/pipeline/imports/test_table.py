@@ -8,8 +8,8 @@ import pytest
 from pyarrow import parquet
 
 from armdyn.errors import InputError
+from pipeline.imports import read_foreign
 from pipeline.imports.conversion import imported
-from pipeline.imports.foreign import read_foreign
 from pipeline.imports.guess import guessed
 from pipeline.imports.joints import Joints
 from pipeline.imports.mapping import known_columns, map_text, read_map
