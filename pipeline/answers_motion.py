@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipeline.answers import number
+from pipeline.answers import fields, plain
 
 if TYPE_CHECKING:
     from armdyn.experiments.plan import Plan, Proposal
@@ -26,45 +26,37 @@ def next_answer(plan: Plan | None, verdict: str, sentence: str, output: Path | N
         sentence: for a person.
         output: the file with the designed motion; None where it was not written.
     """
-    return {
-        "schema": "armdyn.next/1",
-        "verdict": verdict,
-        "sentence": sentence,
-        "rivals": [h.name for h in plan.rivals.hypotheses] if plan else [],
-        "belief": {h.name: number(b) for h, b in zip(plan.rivals.hypotheses, plan.belief, strict=True)} if plan else {},
-        "experiments": [proposal_answer(p, output) for p in plan.proposals] if plan else [],
-        "inseparable": [{"effects": list(p.effects), "why": p.why} for p in plan.inseparable] if plan else [],
+    answer: dict[str, Any] = {"schema": "armdyn.next/1", "verdict": verdict, "sentence": sentence}
+    if plan is None:
+        return answer | {"rivals": [], "belief": {}, "experiments": [], "inseparable": []}
+    names = [h.name for h in plan.rivals.hypotheses]
+    return answer | {
+        "rivals": names,
+        "belief": plain(dict(zip(names, plan.belief, strict=True))),
+        "experiments": [proposal_answer(p, output) for p in plan.proposals],
+        "inseparable": [fields(p, "effects why") for p in plan.inseparable],
     }
 
 
 def proposal_answer(proposal: Proposal, output: Path | None = None) -> dict[str, Any]:
     """One experiment."""
     e, motion = proposal.experiment, proposal.experiment.motion
-    answer: dict[str, Any] = {
-        "kind": e.kind,
-        "what": e.what,
-        "separation": number(proposal.outlook.separation),
-        "probability": number(proposal.outlook.probability),
-        "output": str(output) if e.kind == "motion" and output is not None else None,
-    }
+    answer = fields(e, "kind what") | fields(proposal.outlook, "separation probability")
+    answer["output"] = str(output) if e.kind == "motion" and output is not None else None
     if motion is not None:
-        x, v, a = motion.peaks
-        answer |= {"seconds": motion.seconds, "effort": motion.effort, "peak": {"x": x, "v": v, "a": a}}
+        answer |= fields(motion, "seconds effort peak=", peak=dict(zip("xva", motion.peaks, strict=True)))
     return answer
 
 
 def investigation_answer(found: Investigation) -> list[dict[str, Any]]:
     """``investigation`` of a trial, an entry per experiment; the first one, which SAC chose, has no `experiment`."""
     return [
-        {
-            "verdict": stage.diagnosis.verdict.key,
-            "sentence": stage.diagnosis.sentence,
-            "candidates": list(stage.candidates),
-            "experiment": None if stage.proposal is None else proposal_answer(stage.proposal),
-            "belief": {name: number(share) for name, share in stage.belief.items()},
-            "gap": number(stage.gap),
-            "residual": number(stage.residual),
-        }
+        fields(stage.diagnosis, "verdict sentence")
+        | fields(
+            stage,
+            "candidates experiment= belief gap residual",
+            experiment=None if stage.proposal is None else proposal_answer(stage.proposal),
+        )
         for stage in found.stages
     ]
 
@@ -161,9 +153,7 @@ def peaks(found: Excitation) -> list[dict[str, Any]]:
 def excitation_answer(found: Excitation, output: Path) -> dict[str, Any]:
     """JSON of `excite`."""
     goal, motion = found.goal, found.trajectory
-    columns = goal.columns
-    hopeless = set(goal.hopeless.tolist())
-    contenders = _contenders(found)
+    columns, hopeless, motions = goal.columns, set(goal.hopeless.tolist()), _contenders(found)
     return {
         "schema": SCHEMA,
         "sentence": sentence(found),
@@ -174,34 +164,16 @@ def excitation_answer(found: Excitation, output: Path) -> dict[str, Any]:
         "rate": columns.rate,
         "samples": len(motion),
         "for": list(dict.fromkeys(columns.unknowns[i].effect for i in goal.wanted)) if not goal.rivals else [],
-        "rivals": list(goal.rivals),
-        "beside": list(goal.beside),
-        "taken_as_known": dict(goal.left_out),
-        "inseparable": list(goal.inseparable),
+        **fields(goal, "rivals beside taken_as_known= inseparable", taken_as_known=goal.left_out),
         "torque_noise": dict(zip(motion.joint_names, columns.noise.tolist(), strict=True)),
         "unknowns": [
-            {
-                "name": columns.unknowns[i].name,
-                "unit": columns.unknowns[i].unit,
-                "typical": columns.unknowns[i].typical,
-                "determined": i not in hopeless,
-                **dict(zip(_NAMES["std"], (None if e is None else float(e.std[k]) for e in contenders), strict=True)),
-            }
+            fields(columns.unknowns[i], "name unit typical determined=", determined=i not in hopeless)
+            | _figures("std", [None if e is None else float(e.std[k]) for e in motions])
             for k, i in enumerate(goal.wanted.tolist())
         ],
         "separations": [
-            {
-                "effect": case.effect,
-                "joint": case.joint or None,
-                "rival": case.rival,
-                **dict(
-                    zip(
-                        _NAMES["separation"],
-                        (None if e is None else e.separations[k] ** 0.5 for e in contenders),
-                        strict=True,
-                    )
-                ),
-            }
+            fields(case, "effect joint= rival", joint=case.joint or None)
+            | _figures("separation", [None if e is None else e.separations[k] ** 0.5 for e in motions])
             for k, case in enumerate(goal.hidden)
         ],
         "random_motions": found.tried,
@@ -213,8 +185,9 @@ def excitation_answer(found: Excitation, output: Path) -> dict[str, Any]:
     }
 
 
-_NAMES = {name: (name, f"random_{name}", f"condition_number_{name}") for name in ("std", "separation")}
-"""Keys of what is expected of this motion, of the best random one, of that with the least condition number."""
+def _figures(name: str, values: Sequence[float | None]) -> dict[str, float | None]:
+    """A figure of this motion, of the best random one and of that with the least condition number."""
+    return dict(zip((name, f"random_{name}", f"condition_number_{name}"), values, strict=True))
 
 
 def _contenders(found: Excitation) -> tuple[Expectation, Expectation | None, Expectation | None]:
