@@ -99,6 +99,8 @@ def finish(
     if not write_answer(json_file, answer):
         return
     show(document)
+    if document.sections:
+        typer.echo("")
     for line in written:
         typer.echo(line)
     if report is not None:
