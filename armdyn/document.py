@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from armdyn.channels import FloatArray
 
 MOST_ROWS = 15
-"""Of a table on a terminal and in a card; pages and data frames have all."""
+"""Of a table in a card, and on a terminal where the table has no name; pages and data frames have all."""
 Columns = Mapping[str, Sequence[Any]]
 """Values by name of their column."""
 

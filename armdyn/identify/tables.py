@@ -182,7 +182,7 @@ def candidate_table(
             shares=[relative(s.rmse, given, scale) for s in found],
             title="error with it alone",
         ),
-        Column("held out", [error_text(s.held_out_rmse, scale) for s in found]),
+        Column("held out", [error_text(s.held_out_rmse, scale) if s.held_out_rmse else None for s in found]),
         Column("its values", values, wide=True),
         Column("delta_bic", [s.delta_bic for s in found], ".1f", title="ΔBIC"),
         Column("p_value", [s.p_value for s in found], ".1e", title="p of chance"),

@@ -62,11 +62,12 @@ def show(document: "Document") -> None:
             console.print(sentence, soft_wrap=True)
         for table in tables:
             made = plain_table(*(Column(column.heading, overflow="fold") for column in table.narrow))
-            for row in list(zip(*(column.texts for column in table.narrow), strict=True))[:MOST_ROWS]:
+            most = len(table) if table.name else MOST_ROWS
+            for row in list(zip(*(column.texts for column in table.narrow), strict=True))[:most]:
                 made.add_row(*row)
             console.print(made)
-            if len(table) > MOST_ROWS:
-                console.print(f"and {len(table) - MOST_ROWS} more: see the report or the JSON")
+            if len(table) > most:
+                console.print(f"and {len(table) - most} more: see the report or the JSON")
             if table.caption:
                 console.print(table.caption, style="dim")
     for note in document.notes:
