@@ -1,12 +1,6 @@
-"""Answers in the form of the contract: what compare, diagnose, add, repair and inspect say as JSON.
+"""Answers in the form of the contract: what compare, diagnose, add, repair and inspect say as JSON."""
 
-A field of an answer is the attribute of the result that has its name; where the two differ, it is written out.
-"""
-
-import math
 from collections.abc import Iterable, Mapping, Sequence
-from enum import Enum
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,34 +18,7 @@ from armdyn.identify.study import Study
 from armdyn.identify.unknown import Unknown
 from armdyn.inspection.check import Check, Inspection
 from armdyn.preparation import of_all_runs
-
-
-def number(value: float | None) -> float | None:
-    """A finite float, or null."""
-    return float(value) if value is not None and math.isfinite(value) else None
-
-
-def plain(value: Any) -> Any:
-    """A value as JSON knows it: no number that is none, enums by their key, tuples and arrays as lists."""
-    if isinstance(value, Mapping):
-        return {name: plain(entry) for name, entry in value.items()}
-    if isinstance(value, list | tuple | np.ndarray):
-        return [plain(entry) for entry in value]
-    if isinstance(value, Enum):
-        return getattr(value, "key", value.value)
-    if isinstance(value, bool | np.bool_):
-        return bool(value)
-    if isinstance(value, float | np.floating):
-        return number(float(value))
-    return int(value) if isinstance(value, np.integer) else str(value) if isinstance(value, Path) else value
-
-
-def fields(item: Any, names: str, **others: Any) -> dict[str, Any]:
-    """Attributes of an item by their names, separated by spaces, in order; ``name=`` stands for one of `others`."""
-    return {
-        name.removesuffix("="): plain(others[name[:-1]] if name.endswith("=") else getattr(item, name))
-        for name in names.split()
-    }
+from pipeline.fields import fields, number, plain
 
 
 def comparison_answer(study: Study, found: Comparison) -> dict[str, Any]:

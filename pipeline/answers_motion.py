@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipeline.answers import fields, plain
+from pipeline.fields import fields, plain
 
 if TYPE_CHECKING:
     from armdyn.experiments.plan import Plan, Proposal

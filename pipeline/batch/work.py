@@ -147,7 +147,7 @@ def _found(job: Job) -> dict[str, Any]:
         }
     else:
         from armdyn.identify.repair import repair
-        from pipeline.answers import number
+        from pipeline.fields import number
 
         repaired = repair(study)
         compared = repaired.after
@@ -161,7 +161,8 @@ def _found(job: Job) -> dict[str, Any]:
 
 
 def _numbers(found: "Comparison") -> dict[str, Any]:
-    from pipeline.answers import fit_answer, number
+    from pipeline.answers import fit_answer
+    from pipeline.fields import number
 
     answer = fit_answer(found)
     of_the_run = {c.name for c in found.fit.problem.columns if c.parameter.scope == "per_run"}

@@ -1,10 +1,10 @@
 """`armdyn arm`: the dynamics of an arm in closed form."""
 
-from collections.abc import Iterable
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from armdyn.document import Column, Document, KeyFigure, Section, Table
 from pipeline.console.options import (
     JointsOption,
     JsonOption,
@@ -15,10 +15,11 @@ from pipeline.console.options import (
     numbers,
     which_robot,
 )
-from pipeline.console.screen import write_answer
+from pipeline.console.screen import finish
 
 if TYPE_CHECKING:
     from armdyn.arm.posture import ArmPosture, Ellipsoid
+    from armdyn.channels import FloatArray
     from urdf import Robot
 
 PANEL = "Motions of an arm"
@@ -56,8 +57,7 @@ def show(
         None if at is None else numbers(at, "--at"),
         None if velocity is None else numbers(velocity, "--velocity"),
     )
-    if write_answer(json_file, lambda: _as_json(arm, posture)):
-        typer.echo(_summary(arm, posture))
+    finish(_document(arm, posture), lambda: _as_json(arm, posture), json_file)
 
 
 def _units(robot: "Robot") -> list[tuple[str, str]]:
@@ -66,90 +66,86 @@ def _units(robot: "Robot") -> list[tuple[str, str]]:
     return [("m", "N") if sliding else ("rad", "N m") for sliding in slides]
 
 
-def _summary(robot: "Robot", posture: "ArmPosture") -> str:
-    rows = [
-        f"robot      {robot.name}, tool {robot.tool_frame}",
-        f"tool at    {_row(posture.tool_position, 4)} m",
-        f"energy     {posture.kinetic_energy:.4g} J kinetic, {posture.potential_energy:.4g} J potential",
-        f"manipulability {posture.manipulability:.3g} (shifting the tool)",
-        "",
-        f"{'joint':>22} {'position':>13} {'margin':>8} {'velocity':>9} {'gravity':>13} {'springs':>8} {'limit':>8}",
+def _document(robot: "Robot", posture: "ArmPosture") -> Document:
+    """What the arm is like at a posture; the regressor is in the JSON."""
+    positions, torques = zip(*_units(robot), strict=True)
+    joints = Table(
+        [
+            Column("joint", robot.joint_names),
+            Column("position", posture.q.tolist(), ".4f"),
+            Column("", positions),
+            Column("margin", posture.margin.tolist(), ".3f"),
+            Column("velocity", posture.v.tolist(), ".3f"),
+            Column("gravity", posture.gravity.tolist(), ".3f"),
+            Column("springs", posture.springs.tolist(), ".2f"),
+            Column("limit", robot.limits.effort.tolist(), ".1f"),
+            Column("", torques),
+        ]
+    )
+    sections = [
+        Section("Joints", tables=[joints]),
+        Section("Inertia M [kg m^2; kg m, kg for sliding joints]", tables=[_matrix(robot, posture.inertia)]),
     ]
-    for j, (name, (angle, torque)) in enumerate(zip(robot.joint_names, _units(robot), strict=True)):
-        rows.append(
-            f"{name:>22} {posture.q[j]:8.4f} {angle:<4} {posture.margin[j]:8.3f} {posture.v[j]:9.3f} "
-            f"{posture.gravity[j]:9.3f} {torque:<3} {posture.springs[j]:8.2f} {robot.limits.effort[j]:8.1f}"
-        )
-    rows += ["", "inertia M [kg m^2; kg m, kg for sliding joints]", *_matrix(posture.inertia)]
     if posture.v.any():
-        rows += ["", "Coriolis C [N m s]", *_matrix(posture.coriolis)]
-    rows += ["", *_ellipsoid("speed of the tool", "m/s", posture.speed)]
-    rows += ["", *_ellipsoid("force at the tool, at rest", "N", posture.force)]
-    rows += ["", f"regressor  {posture.regressor.shape[0]} x {posture.regressor.shape[1]}, in the JSON"]
-    if robot.defects:
-        rows += ["", "defects of the description", *(f"  {defect}" for defect in robot.defects)]
-    return "\n".join(rows)
+        sections.append(Section("Coriolis C [N m s]", tables=[_matrix(robot, posture.coriolis)]))
+    sections.append(_ellipsoid("speed of the tool [m/s]", posture.speed))
+    sections.append(_ellipsoid("force at the tool, at rest [N]", posture.force))
+    x, y, z = posture.tool_position
+    return Document(
+        f"Posture of {robot.name}",
+        f"{robot.name}, tool {robot.tool_frame} at ({x:.4f}, {y:.4f}, {z:.4f}) m",
+        sections,
+        key_figures=[
+            KeyFigure("kinetic energy", f"{posture.kinetic_energy:.4g} J"),
+            KeyFigure("potential energy", f"{posture.potential_energy:.4g} J"),
+            KeyFigure("manipulability", f"{posture.manipulability:.3g}", "shifting the tool"),
+            KeyFigure("regressor", " x ".join(map(str, posture.regressor.shape)), "in the JSON"),
+        ],
+        notes=robot.defects,
+    )
 
 
-def _ellipsoid(title: str, unit: str, ellipsoid: "Ellipsoid") -> list[str]:
-    rows = [f"{title} [{unit}]: semi-axes of the ellipsoid, and largest straight along x, y, z joint by joint"]
-    for length, axis in zip(ellipsoid.lengths, ellipsoid.axes.T, strict=True):
-        rows.append(f"  {length:10.3f} along {_row(axis, 3)}")
-    return [*rows, f"  x {ellipsoid.along[0]:.3f}, y {ellipsoid.along[1]:.3f}, z {ellipsoid.along[2]:.3f}"]
+def _matrix(robot: "Robot", values: "FloatArray") -> Table:
+    """A matrix with a row and a column per joint."""
+    columns = [
+        Column(name, column.tolist(), ".4f", title=name)
+        for name, column in zip(robot.joint_names, values.T, strict=True)
+    ]
+    return Table([Column("", robot.joint_names), *columns])
 
 
-def _row(values: Iterable[float], digits: int) -> str:
-    return "(" + ", ".join(f"{value:.{digits}f}" for value in values) + ")"
-
-
-def _matrix(values: Iterable[Iterable[float]]) -> list[str]:
-    return ["  " + " ".join(f"{value:9.4f}" for value in row) for row in values]
-
-
-LISTED = ("q", "v", "margin", "gravity", "springs", "inertia", "coriolis", "damping")
-"""Of a posture, what stands in the JSON under its own name."""
+def _ellipsoid(title: str, ellipsoid: "Ellipsoid") -> Section:
+    x, y, z = ellipsoid.along
+    axes = [Column(name, row.tolist(), ".3f") for name, row in zip("xyz", ellipsoid.axes, strict=True)]
+    sentence = f"Straight along x {x:.3f}, y {y:.3f}, z {z:.3f}, joint by joint; the semi-axes of the ellipsoid:"
+    table = Table([Column("length", ellipsoid.lengths.tolist(), ".3f"), *axes])
+    return Section(title, sentence, tables=[table])
 
 
 def _as_json(robot: "Robot", posture: "ArmPosture") -> dict[str, Any]:
+    """JSON ``armdyn.arm/1``; infinite values, which JSON has not, become null."""
     from armdyn.arm.posture import PER_LINK
+    from pipeline.fields import fields
 
+    positions, torques = zip(*_units(robot), strict=True)
+    posed = "q v margin gravity springs inertia coriolis damping kinetic_energy potential_energy regressor"
     return {
         "schema": "armdyn.arm/1",
         "robot": robot.name,
         "joints": list(robot.joint_names),
         "units": {
-            "position": [angle for angle, _ in _units(robot)],
-            "torque": [torque for _, torque in _units(robot)],
-            "energy": "J",
-            "speed": "m/s",
-            "force": "N",
+            "position": list(positions), "torque": list(torques), "energy": "J", "speed": "m/s", "force": "N",
         },
         "tool_link": robot.tool_frame,
         "tool_offset": robot.tool_offset.tolist(),
-        "tool_position": posture.tool_position.tolist(),
-        "tool_rotation": posture.tool_rotation.tolist(),
-        **{name: getattr(posture, name).tolist() for name in LISTED},
-        "kinetic_energy": posture.kinetic_energy,
-        "potential_energy": posture.potential_energy,
-        "regressor": posture.regressor.tolist(),
+        **fields(posture, f"tool_position tool_rotation {posed}"),
         "parameter_names": [f"{joint}.{name}" for joint in robot.joint_names for name in PER_LINK],
-        "parameters": posture.parameters.tolist(),
-        "jacobian": posture.jacobian.tolist(),
-        "manipulability": posture.manipulability,
-        "speed_ellipsoid": _ellipsoid_json(posture.speed),
-        "force_ellipsoid": _ellipsoid_json(posture.force),
+        **fields(posture, "parameters jacobian manipulability"),
+        **{
+            f"{name}_ellipsoid": fields(
+                ellipsoid, "axes= lengths along_xyz=", axes=ellipsoid.axes.T, along_xyz=ellipsoid.along
+            )
+            for name, ellipsoid in (("speed", posture.speed), ("force", posture.force))
+        },
         "defects": list(robot.defects),
-    }
-
-
-def _ellipsoid_json(ellipsoid: "Ellipsoid") -> dict[str, Any]:
-    """Infinite values, which JSON has not, become null."""
-
-    def finite(values: Iterable[float]) -> list[float | None]:
-        return [float(value) if value < float("inf") else None for value in values]
-
-    return {
-        "axes": ellipsoid.axes.T.tolist(),
-        "lengths": finite(ellipsoid.lengths),
-        "along_xyz": finite(ellipsoid.along),
-    }
+    }  # fmt: skip

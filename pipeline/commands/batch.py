@@ -63,8 +63,8 @@ def batch(
 
 
 def _answer(spec: "Spec", done: "Done", found: "History") -> dict[str, Any]:
-    from pipeline.answers import number
     from pipeline.batch.history import moment
+    from pipeline.fields import number
     from pipeline.report.batch import verdicts
 
     return {

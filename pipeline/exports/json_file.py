@@ -8,9 +8,9 @@ import numpy as np
 from armdyn.arm.model import ArmModel
 from armdyn.arm.rigid import about_centre
 from armdyn.model_file import ModelFile
-from pipeline.answers import number
 from pipeline.exports.format import Format
 from pipeline.exports.parts import parts_of
+from pipeline.fields import number
 
 AXES = ("x", "y", "z")
 ENTRIES = {"xx": (0, 0), "xy": (0, 1), "xz": (0, 2), "yy": (1, 1), "yz": (1, 2), "zz": (2, 2)}
