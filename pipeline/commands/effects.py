@@ -13,22 +13,16 @@ def effects(effects_file: EffectsOption = None, json_file: JsonOption = None) ->
     from armdyn.effects.catalogue import CATALOGUE, STAGES
     from armdyn.effects.effect import Effect
     from armdyn.effects.user import load_effects
+    from pipeline.fields import fields
 
     known = (*CATALOGUE.values(), *load_effects(effects_file))
 
     def answer(effect: Effect) -> dict[str, Any]:
-        parameters = {
-            f"{effect.name}.{short}": {
-                "unit": q.unit, "null": q.null, "typical": q.typical, "meaning": q.summary, "scope": q.scope,
-                "lower": q.lower if q.lower > float("-inf") else None,
-                "upper": q.upper if q.upper < float("inf") else None,
-            }
-            for short, q in effect.quantities.items()
-        }  # fmt: skip
-        return {
-            "name": effect.name, "acts_on": effect.acts_on, "summary": effect.summary, "source": effect.source,
-            "parameters": parameters,
-        }  # fmt: skip
+        names = "unit null typical meaning= scope lower upper"
+        quantities = {
+            f"{effect.name}.{short}": fields(q, names, meaning=q.summary) for short, q in effect.quantities.items()
+        }
+        return fields(effect, "name acts_on summary source parameters=", parameters=quantities)
 
     if not write_answer(json_file, lambda: {"schema": "armdyn.effects/1", "effects": [answer(e) for e in known]}):
         return

@@ -54,7 +54,7 @@ def show(document: "Document") -> None:
         console.print(f"{figure.name}: {figure.value}{note}", soft_wrap=True)
     for section in document.sections:
         tables = [table for table in section.tables if len(table)]
-        sentence = "" if section.sentence == document.verdict else section.sentence
+        sentence = "" if section.sentence in document.verdict else section.sentence
         if not tables and (section.charts or not sentence):
             continue
         console.print(f"\n{section.title}", style="bold")

@@ -1,5 +1,1 @@
-"""Reports: one offline HTML file with a verdict, key figures and a section per question."""
-
-from armdyn.document import Chart, Document, KeyFigure, Level, Section, Table
-
-__all__ = ["Chart", "Document", "KeyFigure", "Level", "Section", "Table"]
+"""Reports: documents with figures, and the page that shows them as one offline HTML file."""

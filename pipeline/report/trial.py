@@ -172,7 +172,7 @@ class TrialReportData:
 
 
 def trial_report(data: TrialReportData) -> Document:
-    """The report of one trial; ``trial_report(data).write(path)`` makes the file."""
+    """The report of one trial."""
     return Document(
         title="Trial: learn the string, swing the load",
         level=data.level,
