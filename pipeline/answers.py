@@ -1,24 +1,27 @@
 """Answers in the form of the contract: what compare, diagnose, add, repair and inspect say as JSON."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from armdyn.faults import outliers_of
-from armdyn.identify.compare import Comparison, Correction
-from armdyn.identify.contribution import contribution
-from armdyn.identify.diagnose import Diagnosis
-from armdyn.identify.explained import RepairStep
-from armdyn.identify.localise import Place
-from armdyn.identify.missing_force import ForceCurve
-from armdyn.identify.problem import Problem
-from armdyn.identify.repair import Repair
-from armdyn.identify.study import Study
-from armdyn.identify.unknown import Unknown
-from armdyn.inspection.check import Check, Inspection
 from armdyn.preparation import of_all_runs
 from pipeline.fields import fields, number, plain
+
+if TYPE_CHECKING:
+    from armdyn.identify.compare import Comparison, Correction
+    from armdyn.identify.diagnose import Diagnosis
+    from armdyn.identify.explained import RepairStep
+    from armdyn.identify.localise import Place
+    from armdyn.identify.missing_force import ForceCurve
+    from armdyn.identify.problem import Problem
+    from armdyn.identify.repair import Repair
+    from armdyn.identify.study import Study
+    from armdyn.identify.unknown import Unknown
+    from armdyn.inspection.check import Check, Inspection
 
 
 def comparison_answer(study: Study, found: Comparison) -> dict[str, Any]:
@@ -82,6 +85,8 @@ def history_entries(study: Study, found: Repair) -> list[dict[str, Any]]:
 
     `contribution` is the rms, by channel, of what the step's effects do in the repaired model.
     """
+    from armdyn.identify.contribution import contribution
+
     names = {"runs": [run.name for run in study.runs], "held_out": [run.name for run in study.held_out]}
     if study.exam:
         names["exam"] = [run.name for run in study.exam]

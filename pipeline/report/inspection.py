@@ -9,8 +9,7 @@ from armdyn.channels import Channel
 from armdyn.document import Chart, Column, Document, Level, Section, Table, columns_of
 from armdyn.inspection.check import Check, Inspection, Severity
 from armdyn.run import Run
-from pipeline.report.overlay import thinned
-from pipeline.report.theme import BLUE, ORANGE, TIME_AXIS
+from pipeline.report.theme import BLUE, ORANGE, TIME_AXIS, thinned
 
 MOST_POINTS = 1500
 """Samples of a line, the smallest and largest of what lies between them kept."""

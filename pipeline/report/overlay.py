@@ -18,10 +18,8 @@ from armdyn.identify.study import Study
 from armdyn.identify.unseen import Judge
 from armdyn.preparation import of_all_runs, sentence
 from armdyn.run import Run
-from pipeline.report.theme import quantity_of, short_name
+from pipeline.report.theme import MOST_POINTS, quantity_of, short_name, thinned
 
-MOST_POINTS = 3000
-"""Per curve; more makes the page heavy and the picture no clearer."""
 MOST_VALUES = 200_000
 """Of all curves together: about half a megabyte in the page."""
 LEAST_POINTS = 300
@@ -312,19 +310,6 @@ def quantised(values: FloatArray) -> list[Any]:
     step = (high - low) / 65535 or 1.0
     steps = np.round((values - low) / step).astype("<u2")
     return [low, step, base64.b64encode(steps.tobytes()).decode()]
-
-
-def thinned(channel: Channel, most: int = MOST_POINTS) -> tuple[FloatArray, FloatArray]:
-    """Time and value of a signal; of more than `most` samples the extremes of each stretch; they look alike."""
-    time, value = channel.time, channel.value
-    if len(value) > most:
-        width = 2 * -(-len(value) // most)
-        whole = len(value) // width * width
-        stretches = value[:whole].reshape(-1, width)
-        extremes = np.sort([stretches.argmin(axis=1), stretches.argmax(axis=1)], axis=0)
-        kept = np.append((extremes + width * np.arange(len(stretches))).T.ravel(), len(value) - 1)
-        time, value = time[kept], value[kept]
-    return time, value
 
 
 def _finite(value: float) -> float | None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from armdyn.channels import FloatArray
+from armdyn.channels import Channel, FloatArray
 
 # Okabe and Ito's palette: people with any kind of colour vision can tell its colours apart (jfly.uni-koeln.de, 2008).
 BLUE, ORANGE, GREEN, VERMILLION, PURPLE, SKY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9"
@@ -223,3 +223,20 @@ def full_name(channel: str, unit: str = "N m") -> str:
     kind, _, joint = channel.partition(".")
     name = quantity_of(channel, unit)
     return f"{name} of {joint}" if joint and kind in _OF_A_JOINT else name
+
+
+MOST_POINTS = 3000
+"""Per curve; more makes the page heavy and the picture no clearer."""
+
+
+def thinned(channel: Channel, most: int = MOST_POINTS) -> tuple[FloatArray, FloatArray]:
+    """Time and value of a signal; of more than `most` samples the extremes of each stretch; they look alike."""
+    time, value = channel.time, channel.value
+    if len(value) > most:
+        width = 2 * -(-len(value) // most)
+        whole = len(value) // width * width
+        stretches = value[:whole].reshape(-1, width)
+        extremes = np.sort([stretches.argmin(axis=1), stretches.argmax(axis=1)], axis=0)
+        kept = np.append((extremes + width * np.arange(len(stretches))).T.ravel(), len(value) - 1)
+        time, value = time[kept], value[kept]
+    return time, value

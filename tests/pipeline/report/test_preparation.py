@@ -8,7 +8,8 @@ from armdyn.arm.model import arm_model
 from armdyn.identify.study import Study
 from armdyn.preparation import Preparation, of_all_runs, sentence
 from pipeline.answers import preparation_answer
-from pipeline.report.overlay import MOST_POINTS, Overlays, of_fits, thinned
+from pipeline.report.overlay import Overlays, of_fits
+from pipeline.report.theme import MOST_POINTS, thinned
 
 
 @pytest.fixture(scope="module")
