@@ -5,10 +5,9 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from armdyn.channels import MIN_SAMPLES, Channel, channel_kind
-from armdyn.differences import LONGEST_SPAN, normalised_differences
+from armdyn.differences import LONGEST_SPAN, NORMAL_MEDIAN, normalised_differences
 from armdyn.faults import at_the_end, spikes_of
 from armdyn.gaps import GAP, gaps_of
-from armdyn.identify.noise import NORMAL_MEDIAN
 from armdyn.inspection.check import Check, Severity, amount
 from armdyn.run import Run
 from armdyn.smoothing.choice import resolution
