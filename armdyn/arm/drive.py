@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 from scipy.linalg import cho_factor, cho_solve
-from scipy.optimize import least_squares
+from scipy.optimize import nnls
 
 from armdyn.arm.motion import CERTAIN, MeasuredMotion, Motion
 from armdyn.differences import NORMAL_MEDIAN
@@ -36,15 +36,15 @@ FADING = (0.03, 0.06, 0.1, 0.15)
 """rad/s; a friction that fades with the speed is a mixture of those that fade over these."""
 RIDGE = 1e-10
 """Of a column's square; what the motion does not show stays zero."""
-SMOOTHED = 5.0
+SMOOTHED = 6.0
 """Density of a torque's noise below the cut-off over that of what came after the low-pass, amplitudes, the median over
-joints, from which on drives are said to smooth. Generated robots: up to 2 where they do not, 10 where they do."""
+joints, from which on drives are said to smooth. Generated robots: up to 4 where they do not, 10 where they do."""
 AGREEING = 3
 """Joints that must tell: what is left of one is its model's error as often as a low-pass."""
-SLOWEST, FASTEST = 3.0, 40.0
-"""Hz, of cut-offs: what ends below is motion, and what ends above changes nothing that is compared."""
-STARTS = (4.0, 8.0, 16.0)
-"""Hz."""
+SLOWEST, FASTEST = 3.0, 0.2
+"""Range of cut-offs, in Hz and per sampling rate: what ends below is motion, and above there is too little to see."""
+TRIED = 40
+"""Cut-offs in that range."""
 WEIGHTS = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / np.sqrt(70.0)
 """Of a difference of fourth order, which leaves white noise its variance."""
 SHAPE = np.linspace(0.005, 6.0, 1200)
@@ -107,7 +107,8 @@ class _Moved:
     """The motion at a torque's samples, and there torques per inertial parameter; torques often share their stamps."""
 
     def __init__(self, model: pin.Model, motion: MeasuredMotion) -> None:
-        self._model, self._motion, self._last = model, motion, (b"", np.zeros(0))
+        self._model, self._motion = model, motion
+        self._last: tuple[bytes, np.ndarray] = b"", np.zeros(0)
 
     def at(self, time: np.ndarray) -> tuple[Motion, np.ndarray]:
         """The motion at (n,) times, and (n, nj, 10 nj) torques per inertial parameter of the links."""
@@ -141,7 +142,7 @@ def _smoothing(torque: Torque, moved: _Moved, frequencies: np.ndarray) -> tuple[
         return None
     own, smoothed, cutoff = _fitted(apart * step, levels, brought_in)
     below = smoothed / float(np.sqrt(2.0 * cutoff * interval * BANDWIDTH))
-    return below / own, Drive(cutoff, float(np.hypot(own, below)))
+    return below / max(own, np.finfo(float).tiny), Drive(cutoff, float(np.hypot(own, below)))
 
 
 def _unexplained(motion: Motion, regressor: np.ndarray, joint: int, torque: np.ndarray, used: np.ndarray) -> np.ndarray:
@@ -189,26 +190,20 @@ def _passed(frequencies: np.ndarray, spectrum: np.ndarray, apart: float) -> floa
 
 
 def _fitted(apart: np.ndarray, levels: np.ndarray, brought_in: np.ndarray) -> tuple[float, float, float]:
-    """What is beside the smoothed noise, that itself, and the cut-off, Hz.
+    """Standard deviations of what came after the low-pass and of what passed it, and the cut-off, Hz.
 
     Args:
         apart: (h,) s.
         levels: (h,) standard deviations of the differences.
         brought_in: (h,) their variance for the positions' noise.
     """
-
-    def off(logs: np.ndarray) -> np.ndarray:
-        own, smoothed, cutoff = np.exp(logs)
-        return np.asarray(0.5 * np.log(own**2 + smoothed**2 * _shared(cutoff * apart) + brought_in) - np.log(levels))
-
-    first, most = np.log(levels[0]), np.log(levels.max())
-    lower, upper = [first - 3.0, first - 3.0, np.log(SLOWEST)], [most + 1.0, most + 1.0, np.log(FASTEST)]
-    best = min(
-        (least_squares(off, [first - 0.1, most, np.log(f)], bounds=(lower, upper)) for f in STARTS),
-        key=lambda found: float(found.cost),
-    )
-    own, smoothed, cutoff = np.exp(best.x).tolist()
-    return own, smoothed, cutoff
+    cutoffs = np.geomspace(SLOWEST, max(FASTEST / apart[0], SLOWEST), TRIED)
+    variance = levels**2
+    wanted = (variance - brought_in) / variance
+    fits = [nnls(np.column_stack([1.0 / variance, _shared(cutoff * apart) / variance]), wanted) for cutoff in cutoffs]
+    best = int(np.argmin([left for _, left in fits]))
+    own, smoothed = np.sqrt(fits[best][0]).tolist()
+    return own, smoothed, float(cutoffs[best])
 
 
 def _shared(apart: np.ndarray) -> np.ndarray:

@@ -6,7 +6,8 @@ The torque that the positions' noise causes is counted as noise.
 
 Torques are compared up to `STIFF` at least, and up to the end of the torque's own band where that is higher. The band
 is narrower only where the positions are too noisy: their noise, differentiated twice and multiplied by the inertias,
-grows like f^2, and above some frequency it causes more of the predicted torque than there is measured torque.
+grows like f^2, and above some frequency it causes more of the predicted torque than there is measured torque; or where
+the drive smoothed the torque before it was recorded (see `drive`).
 """
 
 from collections.abc import Callable, Mapping
@@ -175,6 +176,7 @@ def prepare(run: Run, model: pin.Model, joints: tuple[str, ...], measured: tuple
             recorded=len(raw),
             left_out=float(np.mean(~known)),
             moving=float(np.mean(np.abs(motion.direction(j, stamps)) >= CERTAIN)),
+            smoothed=drive.cutoff if drive is not None else None,
         )
     for i, joint in enumerate(joints):
         channels |= _smooth_channels(run.channels[f"q.{joint}"], joint, motion.joints[i].curve)
