@@ -8,6 +8,7 @@ from armdyn.channels import Channel
 from armdyn.effects.effect import Effect
 from armdyn.effects.user import available
 from armdyn.errors import InputError, WrongRecordingError
+from armdyn.faults import without_spikes
 from armdyn.identify.prepare import with_distinct_names
 from armdyn.inspection import physics
 from armdyn.inspection.arm import ArmRun
@@ -57,7 +58,7 @@ def checks_of(run: Run, model: Model | None = None, effects: tuple[Effect, ...] 
     still = any(check.kind == "no_motion" for check in found)
     mended = run
     if model is not None and not still:
-        piece = longest_piece(run, LONGEST)
+        piece = longest_piece(without_spikes(run, run.channels), LONGEST)
         told = physics_of(model, consistent(piece), effects)
         found += [replace(check, run=run.name) for check in told]
         for check in told:

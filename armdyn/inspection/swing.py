@@ -6,7 +6,7 @@ with phi, phi' and phi'' from the smoothed angle, or rate, and u from the smooth
 and the sizes of effects, so that one evidence serves pendulums and arms.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -35,6 +35,8 @@ FORCE_UNITS = {"mN": 1e-3, "gram-force": 9.80665e-3, "kgf": 9.80665, "lbf": 4.44
 """N."""
 LATE = (-0.5, -0.4, -0.3, -0.2, -0.15, -0.1, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)
 """s; what is late by less is a delay of a sensor, an effect."""
+LAGS = (0.03, 0.06)
+"""s by which a gripper or a sensor may lag, which is an effect."""
 Motion = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
@@ -110,9 +112,18 @@ class SwingRun:
         given = self._given(Correction(), np.full(len(self.channels), 0.3))
         return independent(given.measured, evidence(given).left, given.least)
 
-    def rough(self, correction: Correction, description: object = None) -> float:
-        """As `sure`: a pendulum has few effects."""
-        return self.sure(correction, description).value
+    def harmless(self) -> tuple[Correction, ...]:
+        """Readings that are no mistake: as they stand, or a little late."""
+        others = [n for n in self.run.channels if n != "gripper_x"] if "gripper_x" in self.run.channels else []
+        late = [set(others), {"load_force"} & set(self.channels)]
+        return (
+            Correction(),
+            *(Correction({n: Reading(n, late=lag) for n in names}) for names in late if names for lag in LAGS),
+        )
+
+    def rough(self, meanings: Sequence[tuple[Correction, object]]) -> np.ndarray:
+        """(h,) as `sure`: a pendulum has few effects."""
+        return np.array([self.sure(*meaning).value for meaning in meanings])
 
     def sure(self, correction: Correction, description: object = None) -> Evidence:
         """Evidence with every effect that there may be."""
@@ -167,7 +178,7 @@ class SwingRun:
                 0.02 * pace * angle**3, 0.05 * pace * np.linspace(-1.0, 1.0, n),
             ]  # fmt: skip
             columns.append(np.column_stack(X))
-            signs.append(np.array([not told, False, True, True, True, False, False, False, False]))
+            signs.append(np.array([not told, False, True, True, True, *([False] * 4)]))
             volume.append(np.log(abs(r.factor)))
             least.append(1e-3 * STANDARD_GRAVITY / length)
         if "load_force" in self.channels:
@@ -184,7 +195,7 @@ class SwingRun:
                 0.03 * mass * STANDARD_GRAVITY * np.sin(angle),
             ]
             columns.append(np.column_stack(X))
-            signs.append(np.array([not weighed, not weighed, False, False]))
+            signs.append(np.array([not weighed, not weighed, *([False] * 2)]))
             volume.append(np.log(abs(r.factor)))
             least.append(1e-3 * mass * STANDARD_GRAVITY)
         width_of = [c.shape[1] for c in columns]
