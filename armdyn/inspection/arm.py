@@ -207,10 +207,6 @@ class ArmRun:
         limit = STRONGER * self.model.arm.robot.limits.effort[self.of_joint, None]
         return BEYOND * np.count_nonzero((np.abs(torques) > limit).mean(axis=-1) > SELDOM, axis=-1)
 
-    def harmless(self) -> tuple[Correction, ...]:
-        """Readings that are no mistake: as they stand; torques that are a little late are among the effects."""
-        return (Correction(),)
-
     def rough(self, meanings: Sequence[Meaning]) -> np.ndarray:
         """(h,) evidence without inertias, springs and payloads, of all meanings at once: a hundredth of the time.
 

@@ -26,6 +26,8 @@ LENGTH_UNITS: Mapping[str, float] = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254}
 QUARTERS: Mapping[str, float] = {"a quarter turn": np.pi / 2, "minus a quarter turn": -np.pi / 2, "half a turn": np.pi}
 LATE = (-0.5, -0.3, -0.2, -0.15, -0.1, 0.1, 0.15, 0.2, 0.3, 0.5)
 """s; what is late by less is a delay of the torque sensor, an effect."""
+LAGS = (0.03, 0.06, 0.09)
+"""s by which a gripper or a sensor may lag, which is an effect."""
 FILTERED = 6.0
 """Nats that a late clock costs: torques of drives are low-passed and late in themselves."""
 TURNED = np.deg2rad(12.0)
@@ -45,6 +47,7 @@ class Hypothesis:
         description: of the arm.
         price: nats that it costs before anything is measured.
         sure: whether the correction is known, rather than taken from the model, which would hide what the model lacks.
+        effect: whether it is no mistake but an effect, so that nothing is told where it explains best.
     """
 
     kind: Kind
@@ -55,6 +58,7 @@ class Hypothesis:
     description: Description = AS_DESCRIBED
     price: float = 0.0
     sure: bool = True
+    effect: bool = False
 
 
 Mistake = Callable[[ArmRun], Iterator[Hypothesis]]
@@ -183,11 +187,12 @@ def zeros(run: ArmRun) -> Iterator[Hypothesis]:
 def clocks(run: ArmRun) -> Iterator[Hypothesis]:
     """Torques stamped by another clock than positions."""
     every = list(run.channels)
-    for late in LATE:
+    for late in (*LAGS, *LATE):
         word = "late" if late > 0.0 else "early"
         yield Hypothesis(
             "clock_shift", tuple(every), f"torques are stamped {abs(late):g} s too {word} against the positions",
             correction=Correction({name: Reading(name, late=late) for name in every}), price=FILTERED,
+            effect=late in LAGS,
         )  # fmt: skip
 
 

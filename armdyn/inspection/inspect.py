@@ -58,7 +58,8 @@ def checks_of(run: Run, model: Model | None = None, effects: tuple[Effect, ...] 
     still = any(check.kind == "no_motion" for check in found)
     mended = run
     if model is not None and not still:
-        piece = longest_piece(without_spikes(run, run.channels), LONGEST)
+        piece = longest_piece(run, LONGEST)
+        piece = without_spikes(piece, piece.channels)
         told = physics_of(model, consistent(piece), effects)
         found += [replace(check, run=run.name) for check in told]
         for check in told:

@@ -77,7 +77,7 @@ def most_probable(run: Modelled) -> tuple[Verdict, ...]:
     near = _foremost(hypotheses, first, stands - HOPELESS, CHOSEN)
     if not near:
         return ()
-    as_is = max((run.sure(right, AS_DESCRIBED) for right in run.harmless()), key=lambda found: found.value)
+    as_is = run.sure(Correction(), AS_DESCRIBED)
     found = _best(run, [(hypotheses[i],) for i in near], as_is.value)
     if found or float(np.median(as_is.share)) < UNEXPLAINED:
         return found
@@ -121,7 +121,8 @@ def _best(run: Modelled, sets: Sequence[tuple[Hypothesis, ...]], as_is: float) -
     best = int(np.argmax(values))
     chosen = sets[best]
     concerned = [k for k, c in enumerate(run.channels) if any(c in h.channels for h in chosen)] or slice(None)
-    if values[best] - as_is < SURE or float(np.mean(found[best].share[concerned])) > EXPLAINED:
+    explained = float(np.mean(found[best].share[concerned])) <= EXPLAINED
+    if values[best] - as_is < SURE or not explained or any(h.effect for h in chosen):
         return ()
     least = max(as_is, run.nothing())
     if values[best] - least < SURE:

@@ -100,11 +100,14 @@ def longest_hold(channel: Channel) -> tuple[int, int] | None:
     steps = np.abs(np.diff(value)[change])
     step = max(JUMP * float(np.median(steps)), JUMP_SHARE * float(np.ptp(value)))
     longest = [k for k in np.argsort(-lengths)[:3] if lengths[k] >= max(FEWEST_STUCK, STUCK * len(value), 8.0 * usual)]
-    noisy = bool(longest) and np.mean(lengths == 1) > 0.9 and least_noise(channel) > 2.0 * resolution(value)
+    shown = 2.0 * resolution(value)
+    noisy = bool(longest) and np.mean(lengths == 1) > 0.9 and least_noise(channel) > shown
     for k in longest:
         first, last = int(edges[k]) + 1, int(edges[k + 1])
         beside = [abs(value[last + 1] - value[last])] if last + 1 < len(value) else []
-        if noisy or any(jump > step for jump in beside):
+        around = np.abs(np.diff(value[max(first - FEWEST_STUCK, 0) : last + 1 + FEWEST_STUCK]))
+        rests = np.median(around[around > 0.0]) <= shown  # an encoder of what rests shows no noise either
+        if (noisy and not rests) or any(jump > step for jump in beside):
             return first, last
     return None
 
@@ -194,20 +197,27 @@ def step_of(channel: Channel) -> tuple[int, float] | None:
     around = channel.time[at - BESIDE + 1 : at + BESIDE + 1]
     if np.diff(around).max() > LONGEST_SPAN * float(np.median(np.diff(channel.time))):
         return None
-    best, size, rough = at, 0.0, 0.0
-    for k in range(max(BESIDE - 1, at - 2), min(n - BESIDE - 1, at + 3)):
-        when = channel.time[k - BESIDE + 1 : k + BESIDE + 1] - channel.time[k]
-        middle = 0.5 * (when[BESIDE - 1] + when[BESIDE])
-        before = np.polyfit(when[:BESIDE], value[k - BESIDE + 1 : k + 1], 2)
-        after = np.polyfit(when[BESIDE:], value[k + 1 : k + BESIDE + 1], 2)
-        step = float(np.polyval(after, middle) - np.polyval(before, middle))
-        left = float(np.std(value[k - BESIDE + 1 : k + 1] - np.polyval(before, when[:BESIDE])))
-        left = max(left, float(np.std(value[k + 1 : k + BESIDE + 1] - np.polyval(after, when[BESIDE:]))))
-        if (best == at and size == 0.0) or left < rough:
-            best, size, rough = k + 1, step, left
-    if abs(size) > max(LOST * usual, LOST * rough, LOST_STEP):
-        return best, size
-    return None
+    places = range(max(BESIDE, at - 2), min(n - BESIDE - 1, at + 3))
+    sizes, roughs = zip(*(_jump(channel.time, value, k) for k in places), strict=True)
+    best = int(np.argmin(roughs))
+    after = places[best] + 1
+    # Where one sample makes the step, it is that sample which is wrong.
+    without = [_jump(*(np.delete(x, i) for x in (channel.time, value)), after - 2 + k)[0]
+               for k, i in enumerate((after - 1, after))]  # fmt: skip
+    size = min((sizes[best], *without), key=abs)
+    return (after, size) if abs(size) > max(LOST * usual, LOST * roughs[best], LOST_STEP) else None
+
+
+def _jump(time: np.ndarray, value: np.ndarray, k: int) -> tuple[float, float]:
+    """How far apart the parabolas are between samples k and k + 1, and what they leave of the samples."""
+    when = time[k - BESIDE + 1 : k + BESIDE + 1] - time[k]
+    middle = 0.5 * (when[BESIDE - 1] + when[BESIDE])
+    ends, left = [], []
+    for t, y in zip(np.split(when, 2), np.split(value[k - BESIDE + 1 : k + BESIDE + 1], 2), strict=True):
+        curve = np.polyfit(t, y, 2)
+        ends.append(float(np.polyval(curve, middle)))
+        left.append(float(np.std(y - np.polyval(curve, t))))
+    return ends[1] - ends[0], max(left)
 
 
 def rates(run: Run) -> Iterator[Check]:

@@ -15,7 +15,7 @@ import numpy as np
 from armdyn.channels import Channel
 from armdyn.inspection.correction import Correction, Reading
 from armdyn.inspection.evidence import Channels, Evidence, evidence, independent
-from armdyn.inspection.hypotheses import DEGREE, LENGTH_UNITS, QUARTERS, Hypothesis, scaled
+from armdyn.inspection.hypotheses import DEGREE, LAGS, LENGTH_UNITS, QUARTERS, Hypothesis, scaled
 from armdyn.model import Model
 from armdyn.pendulum.physics import STANDARD_GRAVITY
 from armdyn.run import Run
@@ -35,8 +35,6 @@ FORCE_UNITS = {"mN": 1e-3, "gram-force": 9.80665e-3, "kgf": 9.80665, "lbf": 4.44
 """N."""
 LATE = (-0.5, -0.4, -0.3, -0.2, -0.15, -0.1, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)
 """s; what is late by less is a delay of a sensor, an effect."""
-LAGS = (0.03, 0.06)
-"""s by which a gripper or a sensor may lag, which is an effect."""
 Motion = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
@@ -111,15 +109,6 @@ class SwingRun:
         """(J,) independent samples per sample."""
         given = self._given(Correction(), np.full(len(self.channels), 0.3))
         return independent(given.measured, evidence(given).left, given.least)
-
-    def harmless(self) -> tuple[Correction, ...]:
-        """Readings that are no mistake: as they stand, or a little late."""
-        others = [n for n in self.run.channels if n != "gripper_x"] if "gripper_x" in self.run.channels else []
-        late = [set(others), {"load_force"} & set(self.channels)]
-        return (
-            Correction(),
-            *(Correction({n: Reading(n, late=lag) for n in names}) for names in late if names for lag in LAGS),
-        )
 
     def rough(self, meanings: Sequence[tuple[Correction, object]]) -> np.ndarray:
         """(h,) as `sure`: a pendulum has few effects."""
@@ -242,11 +231,11 @@ def mistakes(run: SwingRun) -> Iterator[Hypothesis]:
                 correction=scaled(["gripper_x"], factor),
             )  # fmt: skip
         others = [n for n in has if n != "gripper_x"]
-        for late in LATE:
+        for late in (*LAGS, *LATE):
             word = "late" if late > 0.0 else "early"
             yield Hypothesis(
                 "clock_shift", tuple(others), f"what swings is stamped {abs(late):g} s too {word} against gripper_x",
-                correction=Correction({n: Reading(n, late=late) for n in others}), price=2.0,
+                correction=Correction({n: Reading(n, late=late) for n in others}), price=2.0, effect=late in LAGS,
             )  # fmt: skip
     if "load_force" in has:
         force = ["load_force"]
@@ -257,9 +246,10 @@ def mistakes(run: SwingRun) -> Iterator[Hypothesis]:
         yield Hypothesis(
             "torque_sign", tuple(force), "load_force has the wrong sign: a string pulls", correction=scaled(force, -1.0)
         )
-        for late in LATE if run.swing is not None else ():
+        for late in (*LAGS, *LATE) if run.swing is not None else ():
             word = "late" if late > 0.0 else "early"
             yield Hypothesis(
                 "clock_shift", tuple(force), f"load_force is stamped {abs(late):g} s too {word} against the swing",
                 correction=Correction({"load_force": Reading("load_force", late=late)}), price=2.0,
+                effect=late in LAGS,
             )  # fmt: skip
