@@ -16,6 +16,7 @@ from armdyn.arm.rigid import inverse_dynamics
 from armdyn.effects.effect import Effect
 from armdyn.inspection.correction import Correction
 from armdyn.inspection.evidence import FLOOR, Channels, Evidence, evidence, independent
+from armdyn.inspection.kinematics import averages
 from armdyn.run import Run
 
 MOMENTS = 120
@@ -140,13 +141,7 @@ class ArmRun:
 
     def torque(self, channel: str, late: float = 0.0) -> np.ndarray:
         """(n,) averages of a torque around the moments, whose stamps are so much too large."""
-        recorded = self.run.channels[channel]
-        near = max(NEAR, float(np.median(np.diff(recorded.time))))
-        time = self.motion.time + late
-        total = np.concatenate([[0.0], np.cumsum(recorded.value)])
-        first = np.clip(np.searchsorted(recorded.time, time - near), 0, len(recorded.time) - 1)
-        last = np.clip(np.searchsorted(recorded.time, time + near), first + 1, len(recorded.time))
-        return np.asarray((total[last] - total[first]) / (last - first))
+        return averages(self.run.channels[channel], self.motion.time + late, NEAR)
 
     @cached_property
     def measured(self) -> np.ndarray:

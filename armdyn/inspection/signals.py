@@ -1,15 +1,15 @@
 """What a channel alone shows: gaps, glitches, stuck and repeated samples, ends of a range, lost counts, noise."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
 from armdyn.channels import MIN_SAMPLES, Channel, channel_kind
 from armdyn.differences import LONGEST_SPAN, normalised_differences
-from armdyn.faults import at_the_end, spikes_of
+from armdyn.faults import FEW, at_the_end, spikes_of
 from armdyn.gaps import GAP, gaps_of
 from armdyn.identify.noise import NORMAL_MEDIAN
-from armdyn.inspection.check import Check, Severity, amount
+from armdyn.inspection.check import Check, Kind, Severity, amount
 from armdyn.run import Run
 from armdyn.smoothing.choice import resolution
 
@@ -42,6 +42,12 @@ QUIET_THIRD = 0.3853
 STILL = 20.0
 """Times the noise that a motion has at least; and `STILL_SIZE` rad or m."""
 STILL_SIZE = 2e-3
+RANGES: Mapping[str, tuple[float, Kind, str]] = {
+    "rad": (4.0 * np.pi, "angle_unit", "deg"), "rad/s": (60.0, "angle_unit", "deg/s"), "m": (20.0, "scale", "mm"),
+    "m/s": (20.0, "scale", "mm/s"), "N m": (1e4, "torque_unit", "mN m"), "N": (1e4, "torque_unit", "mN"),
+}  # fmt: skip
+"""Two turns, ten turns a second, and what no arm of a laboratory reaches or carries; and the unit that it may be in.
+Asked where no physics asks better."""
 SignalCheck = Callable[[Run], Iterator[Check]]
 
 
@@ -202,8 +208,10 @@ def step_of(channel: Channel) -> tuple[int, float] | None:
     best = int(np.argmin(roughs))
     after = places[best] + 1
     # Where one sample makes the step, it is that sample which is wrong.
-    without = [_jump(*(np.delete(x, i) for x in (channel.time, value)), after - 2 + k)[0]
-               for k, i in enumerate((after - 1, after))]  # fmt: skip
+    without = [
+        _jump(np.delete(channel.time, i), np.delete(value, i), after - 2 + k)[0]
+        for k, i in enumerate((after - 1, after))
+    ]
     size = min((sizes[best], *without), key=abs)
     return (after, size) if abs(size) > max(LOST * usual, LOST * roughs[best], LOST_STEP) else None
 
@@ -281,10 +289,24 @@ def motions(run: Run) -> Iterator[Check]:
 def moves(channel: Channel) -> bool:
     """Whether a position changes by more than its noise."""
     value = channel.value
-    low, high = np.quantile(value, [0.02, 0.98])
+    low, high = np.sort(value)[[min(FEW, len(value) - 1), max(-1 - FEW, -len(value))]]  # but for glitches
     third = normalised_differences(channel.time, value, 3)
     noise = float(np.nanmedian(np.abs(third))) / NORMAL_MEDIAN if np.isfinite(third).any() else 0.0
     return bool(high - low > max(STILL * noise, STILL_SIZE))
+
+
+def ranges(run: Run) -> Iterator[Check]:
+    """Values that nothing has in the unit that the channel names."""
+    for name, channel in run.channels.items():
+        if channel.unit in RANGES:
+            most, kind, unit = RANGES[channel.unit]
+            top = float(np.quantile(np.abs(channel.value), 0.99))
+            if top > most:
+                yield Check(
+                    kind, Severity.SUSPECT, run.name, (name,),
+                    f"{name} reaches {amount(top)} {channel.unit}, more than {amount(most)}: is it in {unit}?",
+                    f"write '{name} [{unit}]' in the header if it is",
+                )  # fmt: skip
 
 
 SIGNAL_CHECKS: tuple[SignalCheck, ...] = (

@@ -16,6 +16,7 @@ from armdyn.channels import Channel
 from armdyn.inspection.correction import Correction, Reading
 from armdyn.inspection.evidence import Channels, Evidence, evidence, independent
 from armdyn.inspection.hypotheses import DEGREE, LAGS, LENGTH_UNITS, QUARTERS, Hypothesis, scaled
+from armdyn.inspection.kinematics import averages
 from armdyn.model import Model
 from armdyn.pendulum.physics import STANDARD_GRAVITY
 from armdyn.run import Run
@@ -78,8 +79,17 @@ class SwingRun:
                 found[name] = smoothed(c.time, c.value, best_smoothing(c.time, c.value, ORDERS[:2]))
         return found
 
+    @cached_property
+    def _kept(self) -> dict[float, Motion]:
+        return {}
+
     def motion(self, late: float) -> Motion:
-        """(n,) angle, rate and acceleration of the angle as recorded, whose stamps are so much too large."""
+        """(n,) angle, rate and acceleration of the angle as recorded, whose stamps are so much too large; kept."""
+        if late not in self._kept:
+            self._kept[late] = self._motion(late)
+        return self._kept[late]
+
+    def _motion(self, late: float) -> Motion:
         time = self.moments + late
         curve = self._curves[self.swing or ""]
         if self.swing == "swing_angle":
@@ -100,8 +110,6 @@ class SwingRun:
 
     def force(self, late: float) -> np.ndarray:
         """(n,) of the load cell as recorded, averaged around the moments."""
-        from armdyn.inspection.kinematics import averages
-
         return averages(self.run.channels["load_force"], self.moments + late)
 
     @cached_property
