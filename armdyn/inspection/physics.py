@@ -124,7 +124,7 @@ def _best(run: Modelled, sets: Sequence[tuple[Hypothesis, ...]], as_is: float) -
     explained = float(np.mean(found[best].share[concerned])) <= EXPLAINED
     if values[best] - as_is < SURE or not explained or any(h.effect for h in chosen):
         return ()
-    least = max(as_is, run.nothing() - SURPRISE)
+    least = max(as_is, run.nothing())
     if values[best] - least < SURE:
         return ()
     lead = values[best] - max([*(v for k, v in enumerate(values) if k != best), as_is])
