@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from armdyn.bytes_in import read_bytes
-from armdyn.csv_run import cut_off, has_whole_end
 from armdyn.errors import InputError
+from armdyn.whole_end import LOOKED_AT, cut_off, is_whole
 from pipeline.imports.foreign import Column, Foreign, as_numbers, labelled
 from urdf.bounds import (
     LARGEST_CONTENT,
@@ -60,7 +60,8 @@ def read_csv_of_any_dialect(path: Path) -> Foreign:
             f"{path}: {len(body)} rows and {len(header)} columns, where {MOST_ROWS} and {MOST_COLUMNS} with names of "
             f"{LONGEST_NAME} letters are the most: cut it"
         )
-    if not text.endswith(("\n", "\r")) and not has_whole_end([separator.join(row) for row in body], separator):
+    cut_short = 0 < len(body[-1]) < len(header)
+    if not text.endswith(("\n", "\r")) and (cut_short or not is_whole([row[-1] for row in body[-LOOKED_AT - 1 :]])):
         column = header[min(len(body[-1]), len(header)) - 1]
         raise InputError(f"{path}: {cut_off(len(body) + 1, body[-1][-1], column)}")
     ragged = [i for i, row in enumerate(body, start=2) if len(row) != len(header)]
