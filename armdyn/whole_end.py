@@ -10,9 +10,9 @@ from itertools import pairwise
 
 from urdf.bounds import shown
 
-ORDINARY = 0.05
-"""Share of the other cells that end as early as the last one, from which it is whole. Of numbers that are written with
-all their digits, 15 to 17, one in ten ends a digit early; what a cut takes away then is of no size."""
+HARMLESS = 1e-6
+"""Share of the usual step from row to row that what is cut away may be worth. Of numbers with all their 15 to 17 digits
+one in ten ends a digit early: whether it was cut there is not to be seen, and of no size."""
 LOOKED_AT = 1000
 """Rows before the last one with which it is compared."""
 _NUMBER = re.compile(r"[-+]?[0-9]*(?P<point>[.,](?P<digits>[0-9]*))?(?P<exponent>[eE][-+]?[0-9]+)?")
@@ -32,18 +32,17 @@ def is_whole(cells: Sequence[str]) -> bool:
     if not numbers:
         return False
     exponents = {len(match["exponent"]) for match in numbers if match["exponent"]}
-    if found["exponent"]:
-        return exponents == {len(found["exponent"])}
-    if found["point"] is None and all(match["point"] is None for match in numbers):
-        return _continues([float(match[0]) for match in numbers], float(last))
-    early = [m for m in numbers if not m["exponent"] and len(m["digits"] or "") <= len(found["digits"] or "")]
-    return len(early) >= max(1.0, ORDINARY * len(numbers))
-
-
-def _continues(before: Sequence[float], last: float) -> bool:
-    """Whether a whole number is no farther from the one before than they are from one another; a cut divides by ten."""
-    steps = [abs(b - a) for a, b in pairwise(before)]
-    return abs(last - before[-1]) <= max(steps, default=0.0)
+    if exponents or found["exponent"]:
+        return exponents == {len(found["exponent"] or "")}
+    values = [float(match[0].replace(",", ".")) for match in (*numbers, found)]
+    steps = sorted(abs(b - a) for a, b in pairwise(values[:-1]))
+    if not any(match["point"] for match in (*numbers, found)):  # a cut divides a whole number by ten
+        return abs(values[-1] - values[-2]) <= max(steps, default=0.0)
+    behind = [len(match["digits"] or "") for match in (*numbers, found)]
+    # Either all have as many digits behind the point, or all have as many that count.
+    counts = [behind, [len(m[0].replace(",", ".").lstrip("+-0.").replace(".", "")) for m in (*numbers, found)]]
+    *before, digits = counts[0 if len(set(behind[:-1])) == 1 else 1]
+    return digits >= max(before) or (bool(steps) and 10.0 ** -behind[-1] <= HARMLESS * steps[len(steps) // 2])
 
 
 def cut_off(row: int, cell: str, column: str) -> str:

@@ -33,7 +33,9 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 
-MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "inf", "-inf"})
+MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-", ".", "?", "inf", "-inf"})
+_WORD = re.compile(r"[^\W\d_]+(?:[ ./-]+[^\W\d_]+)*")
+"""What a device writes in place of a number, such as ``overflow`` or ``no signal``: it is missing, and told."""
 SHOWN = 3
 """Cells that are named where many are wrong."""
 
@@ -83,7 +85,7 @@ def read_csv_of_any_dialect(path: Path) -> Foreign:
                 texts[name] = body[0][i].strip()
             notes.append(f"'{name}' holds text, such as {next(iter(strange.values()))!r}: left out")
             continue
-        odd = [row for row, text in strange.items() if any(map(str.isdigit, text))]
+        odd = [row for row, text in strange.items() if not _WORD.fullmatch(text)]
         odd += np.flatnonzero(np.abs(value) > LARGEST_COUNT).tolist()
         if odd:
             cell = shown(body[odd[0]][i].strip(), 40)
