@@ -50,7 +50,7 @@ def stacked(problem: Problem, blocks: Sequence[Block], values: np.ndarray) -> tu
         for first in range(0, len(block.residual), AT_ONCE):
             part = slice(first, first + AT_ONCE)
             rows = np.column_stack([block.sensitivities[part], block.residual[part]])
-            table = np.linalg.qr(np.vstack([table, rows]), mode="r")
+            table = np.asarray(np.linalg.qr(np.vstack([table, rows]), mode="r"))
     return table[:, -1], table[:, :-1]
 
 
