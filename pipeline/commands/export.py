@@ -1,7 +1,7 @@
 """`armdyn export`: a model for other tools."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -9,9 +9,6 @@ from armdyn.errors import InputError
 from pipeline.console.options import EffectsOption, JsonOption, ModelArgument
 from pipeline.console.outputs import check_outputs, free_to_write
 from pipeline.console.screen import spinner, write_answer
-
-if TYPE_CHECKING:
-    pass
 
 PANEL = "Models"
 
@@ -31,37 +28,32 @@ def export(
     json_file: JsonOption = None,
 ) -> None:
     """Write a model for other tools, and say what the format cannot hold: exit status 1 where that is much."""
-    from armdyn import atomic
     from armdyn.effects.user import load_effects
     from armdyn.model_file import read_model_file
-    from pipeline.exports import format_of
-    from pipeline.exports.left_out import left_out
+    from pipeline.exports import format_of, write_export
 
     made = format_of(output)
     check_outputs(output, json_file, inputs=[model])
     free_to_write(output, force)
     with spinner() as say:
         file = read_model_file(model, load_effects(effects, stages=None))
-        missing = left_out(file, made.held(file.model))
-        refused = missing is not None and missing.matters and not force
         say(f"writing {output}")
         try:
-            text, notes = made.text(file, output, f"{made.kind} of {model.name}")
-            if not refused:
-                atomic.write_text(output, text)
+            written = write_export(file, output, model.name, force=force)
         except InputError as error:
             raise InputError(f"{model}: {error}") from error
+    refused, missing = written.refused, written.missing
     answer: dict[str, Any] = {
         "schema": "armdyn.export/1",
         "file": None if refused else str(output),
         "kind": made.kind,
-        "not_held": notes,
+        "not_held": list(written.notes),
     }
     if missing is not None:
         answer |= {"error": dict(missing.error), "share_of_removed_error": missing.share}
     if write_answer(json_file, lambda: answer):
         typer.echo(f"{made.kind} {'not ' * refused}written to {output}")
-        for note in notes:
+        for note in written.notes:
             typer.echo(f"  not in it: {note}")
         if missing is not None:
             typer.echo(f"  {missing.sentence}")

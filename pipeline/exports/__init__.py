@@ -1,5 +1,6 @@
 """A model for other tools. Each file here that has `FORMATS` adds formats; nothing else lists them."""
 
+from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -12,6 +13,7 @@ from armdyn.errors import InputError
 if TYPE_CHECKING:
     from armdyn.model_file import ModelFile
     from pipeline.exports.format import Format
+    from pipeline.exports.left_out import LeftOut
 
 
 @cache
@@ -33,21 +35,39 @@ def format_of(output: Path) -> "Format":
     return known[output.suffix.lower()]
 
 
-def write_export(file: "ModelFile", output: Path, name: str) -> list[str]:
-    """Write a model for other tools.
+@dataclass(frozen=True)
+class Written:
+    """What became of an export.
+
+    Attributes:
+        refused: whether nothing was written, because the file would lack too much.
+        notes: what the format cannot hold.
+        missing: how much that is; None where it is nothing, or not known.
+    """
+
+    refused: bool
+    notes: tuple[str, ...]
+    missing: "LeftOut | None"
+
+
+def write_export(file: "ModelFile", output: Path, name: str, *, force: bool = False) -> Written:
+    """Write a model for other tools, unless the file would lack much of what a repair found.
 
     Args:
-        file: the model.
-        output: file to write; its ending says what it is.
-        name: of the model, for a comment in the file.
-
-    Returns:
-        A sentence for each thing that the format cannot hold.
+        file: the model, with its history.
+        output: to write; its ending says the format.
+        name: of the model, for the file's first line.
+        force: write it all the same.
 
     Raises:
         InputError: the format is not for such a model, or the file cannot be written.
     """
+    from pipeline.exports.left_out import left_out
+
     made = format_of(output)
+    missing = left_out(file, made.held(file.model))
+    refused = missing is not None and missing.matters and not force
     text, notes = made.text(file, output, f"{made.kind} of {name}")
-    atomic.write_text(output, text)
-    return notes
+    if not refused:
+        atomic.write_text(output, text)
+    return Written(refused, tuple(notes), missing)

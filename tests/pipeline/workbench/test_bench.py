@@ -1,5 +1,6 @@
 """The state of the page without the page: what is foretold at once is what a fit finds."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.identify.study import Study
 from armdyn.model_file import base_pendulum, read_model_file
+from pipeline import exports
 from pipeline.console.inputs import Inputs
 from pipeline.report.overlay import FITTED, HELD_OUT, quality
 from pipeline.workbench import panels
@@ -131,6 +133,20 @@ def test_what_is_kept_is_what_add_writes(files, tmp_path):
     with pytest.raises(InputError, match="is there already"):
         keep(inputs, given, bench, FRICTION, target, writable=writable)
     assert keep(inputs, given, bench, FRICTION, target, writable=writable, over=True).files == (target,)
+
+
+def test_what_lacks_much_of_the_repair_is_not_kept_as_a_file_of_another_tool(files, tmp_path, monkeypatch):
+    """A URDF without the friction that was found: `armdyn export` refuses it, and so does the page."""
+    model, run, held_out = files
+    inputs = Inputs(model, [run], [held_out], None, None)
+    given = inputs.read()
+    known = exports.format_of
+    monkeypatch.setattr(exports, "format_of", lambda output: replace(known(output), held=lambda _: frozenset()))
+    target, exported = tmp_path / "repaired.toml", tmp_path / "repaired.json"
+    kept = keep(inputs, given, Bench(given.study), FRICTION, target, exported=exported, writable=Writable(tmp_path))
+    assert kept.files == (target,)
+    assert not exported.exists()
+    assert any("is not written" in note and "--force" in note for note in kept.notes)
 
 
 def test_panels_escape_what_users_name():
