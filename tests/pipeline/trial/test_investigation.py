@@ -10,6 +10,7 @@ import urdf
 from armdyn.errors import InputError, TaskFailedError
 from pipeline.motion import LineTrajectory
 from pipeline.nodes.scheduler import SimulatedClock, Watchdog
+from pipeline.report.page import write_page
 from pipeline.trial import ProtocolSettings, TrialSettings, simulate
 from pipeline.trial.ending import Ending
 from pipeline.trial.investigation import Stop, ended_before, investigate, questioned
@@ -124,5 +125,5 @@ def test_a_trial_whose_first_experiment_was_stopped_has_a_report(monkeypatch, tm
     trial = simulate(TrialSettings(investigate=2))
     assert not trial.result.success
     assert trial.result.investigation.stop is Stop.INTERRUPTED
-    trial.report().write(tmp_path / "report.html")
+    write_page(trial.report(), tmp_path / "report.html")
     assert "Somebody holds the arm" in (tmp_path / "report.html").read_text()

@@ -9,6 +9,7 @@ from armdyn.errors import InputError, UnknownNameError
 from armdyn.run import read_run
 from pipeline.box import Box
 from pipeline.nodes.task import TaskSettings
+from pipeline.report.page import write_page
 from pipeline.robot.settings import CellFault, FaultAt, PlantSettings
 from pipeline.trial import TrialSettings, run_trial, simulate
 
@@ -77,7 +78,7 @@ def test_the_recording_is_a_run_of_a_hanging_load(learnt):
 
 
 def test_the_report_is_one_file_that_tells_the_verdict(learnt, tmp_path):
-    learnt.report().write(tmp_path / "report.html")
+    write_page(learnt.report(), tmp_path / "report.html")
     page = (tmp_path / "report.html").read_text()
     assert "load came to rest in the box" in page
     assert "The box is not the paper" in page
