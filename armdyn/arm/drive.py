@@ -55,7 +55,7 @@ class Drive(NamedTuple):
     """How a drive smoothed the torque that it stored.
 
     Attributes:
-        cutoff: Hz.
+        cutoff: Hz; infinite where it smoothed nothing.
         noise: standard deviation of white noise, at the recorded rate, as strong as the torque's below the cut-off.
     """
 
@@ -82,7 +82,7 @@ class Torque(NamedTuple):
 def smoothing_drives(
     torques: Mapping[str, Torque], model: pin.Model, motion: MeasuredMotion, frequencies: np.ndarray
 ) -> dict[str, Drive]:
-    """What the drives of an arm did, by channel; none where they smoothed nothing, or too little is there to tell.
+    """What the drives of an arm did, by channel; without those of which there is too little to tell.
 
     Drives of one arm are alike: where most torques show a low-pass, all have it.
 
@@ -92,15 +92,29 @@ def smoothing_drives(
         motion: of all its joints.
         frequencies: (f,) Hz of the torques' spectra.
     """
-    shared, found = _Moved(model, motion), dict[str, tuple[float, Drive]]()
+    shared, found = _Moved(model, motion), dict[str, _Seen]()
     for name, torque in torques.items():
-        one = _smoothing(torque, shared, frequencies)
-        if one is not None:
-            found[name] = one
-    if len(found) < AGREEING or np.median([ratio for ratio, _ in found.values()]) < SMOOTHED:
-        return {}
-    cutoff = float(np.median([drive.cutoff for _, drive in found.values()]))
-    return {name: drive._replace(cutoff=cutoff) for name, (_, drive) in found.items()}
+        seen = _seen(torque, shared, frequencies)
+        if seen is not None:
+            found[name] = seen
+    if len(found) < AGREEING or np.median([one.ratio for one in found.values()]) < SMOOTHED:
+        return {name: Drive(np.inf, one.noise) for name, one in found.items()}
+    cutoff = float(np.median([one.smoothed.cutoff for one in found.values()]))
+    return {name: one.smoothed._replace(cutoff=cutoff) for name, one in found.items()}
+
+
+class _Seen(NamedTuple):
+    """What one torque shows.
+
+    Attributes:
+        noise: standard deviation, if it was not smoothed.
+        smoothed: what its drive did, if it was.
+        ratio: density of the noise below the cut-off over that above, amplitudes.
+    """
+
+    noise: float
+    smoothed: Drive
+    ratio: float
 
 
 class _Moved:
@@ -121,8 +135,8 @@ class _Moved:
         return motion, self._last[1]
 
 
-def _smoothing(torque: Torque, moved: _Moved, frequencies: np.ndarray) -> tuple[float, Drive] | None:
-    """How much more noise there is below a cut-off than after it, and what would have done that."""
+def _seen(torque: Torque, moved: _Moved, frequencies: np.ndarray) -> _Seen | None:
+    """What one torque shows; None where there is too little of it."""
     stamps, joint = torque.stamps, torque.joint
     interval = float((stamps[-1] - stamps[0]) / (len(stamps) - 1))
     every = max(1, int(np.ceil(1.0 / (DENSEST * interval) - 1e-6)))
@@ -138,11 +152,13 @@ def _smoothing(torque: Torque, moved: _Moved, frequencies: np.ndarray) -> tuple[
     residual = _unexplained(motion, regressor[:, joint, 10 * joint :], joint, values, used)
     levels = np.array([_level(residual, used, h) for h in apart])
     brought_in = np.array([_passed(frequencies, torque.spectrum, h * step) for h in apart])
-    if not np.all(levels**2 > brought_in):
+    variance = levels**2
+    if not np.all(variance > brought_in):
         return None
-    own, smoothed, cutoff = _fitted(apart * step, levels, brought_in)
+    own, smoothed, cutoff = _fitted(apart * step, variance, brought_in)
     below = smoothed / float(np.sqrt(2.0 * cutoff * interval * BANDWIDTH))
-    return below / max(own, np.finfo(float).tiny), Drive(cutoff, float(np.hypot(own, below)))
+    noise = float(np.sqrt(variance[0] - brought_in[0]))
+    return _Seen(noise, Drive(cutoff, float(np.hypot(own, below))), below / max(own, np.finfo(float).tiny))
 
 
 def _unexplained(motion: Motion, regressor: np.ndarray, joint: int, torque: np.ndarray, used: np.ndarray) -> np.ndarray:
@@ -189,21 +205,22 @@ def _passed(frequencies: np.ndarray, spectrum: np.ndarray, apart: float) -> floa
     return 2.0 * float(np.trapezoid(spectrum * gain, frequencies))
 
 
-def _fitted(apart: np.ndarray, levels: np.ndarray, brought_in: np.ndarray) -> tuple[float, float, float]:
+def _fitted(apart: np.ndarray, variance: np.ndarray, brought_in: np.ndarray) -> tuple[float, float, float]:
     """Standard deviations of what came after the low-pass and of what passed it, and the cut-off, Hz.
+
+    What is best explained by the lowest cut-off that is tried is motion and passed no low-pass.
 
     Args:
         apart: (h,) s.
-        levels: (h,) standard deviations of the differences.
-        brought_in: (h,) their variance for the positions' noise.
+        variance: (h,) of the differences.
+        brought_in: (h,) of it, what the positions' noise causes.
     """
     cutoffs = np.geomspace(SLOWEST, max(FASTEST / apart[0], SLOWEST), TRIED)
-    variance = levels**2
     wanted = (variance - brought_in) / variance
     fits = [nnls(np.column_stack([1.0 / variance, _shared(cutoff * apart) / variance]), wanted) for cutoff in cutoffs]
     best = int(np.argmin([left for _, left in fits]))
     own, smoothed = np.sqrt(fits[best][0]).tolist()
-    return own, smoothed, float(cutoffs[best])
+    return own, smoothed if best > 0 else 0.0, float(cutoffs[best])
 
 
 def _shared(apart: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from armdyn.arm.drive import Torque, smoothing_drives
+from armdyn.arm.drive import Drive, Torque, smoothing_drives
 from armdyn.arm.motion import CERTAIN, MeasuredMotion, measured_motion
 from armdyn.channels import MIN_SAMPLES, Channel
 from armdyn.errors import InputError
@@ -156,15 +156,16 @@ def prepare(run: Run, model: pin.Model, joints: tuple[str, ...], measured: tuple
         raw, (j, stamps, values, _) = run.channels[name], torques[name]
         choice = best_smoothing(stamps, values)
         cutoff = cutoff_of(stamps, values, choice, brought_in[j])
-        drive = drives.get(name)
-        if drive is not None:
-            cutoff = min(cutoff, WITHIN * drive.cutoff)
+        drive = drives.get(name, Drive(np.inf, choice.noise))
+        smoothed = bool(np.isfinite(drive.cutoff))
+        cutoff = min(cutoff, WITHIN * drive.cutoff)
         known = settled(motion, j, stamps, cutoff)
         time = _thinned(stamps, known, cutoff)
         low = LowPass(Samples(stamps[known], UNDISTORTED / cutoff), cutoff)
         channels[name] = Channel(time, low.curve(values[known])(time)[:, 0], raw.unit)
         # Thinned samples vary too much to show their noise; the recording at its own rate does.
-        sensor = run.noise.get(name) or (drive or choice).noise
+        # Steps of a friction look like noise to a smooth curve; behind a low-pass there is more than the samples show.
+        sensor = run.noise.get(name) or (drive.noise if smoothed else min(drive.noise, choice.noise))
         from_positions = 2.0 * float(np.sum(brought_in[j, cutoff >= FREQUENCIES]) * FREQUENCIES[1])
         noise[name] = float(np.sqrt(low.noise_gain(time) * sensor**2 + from_positions))
         preparations[name] = Preparation(
@@ -176,7 +177,7 @@ def prepare(run: Run, model: pin.Model, joints: tuple[str, ...], measured: tuple
             recorded=len(raw),
             left_out=float(np.mean(~known)),
             moving=float(np.mean(np.abs(motion.direction(j, stamps)) >= CERTAIN)),
-            smoothed=drive.cutoff if drive is not None else None,
+            smoothed=drive.cutoff if smoothed else None,
         )
     for i, joint in enumerate(joints):
         channels |= _smooth_channels(run.channels[f"q.{joint}"], joint, motion.joints[i].curve)
