@@ -12,7 +12,7 @@ from pipeline.commands.which_robot import JointsOption, ToolOption, names_in, sa
 if TYPE_CHECKING:
     from armdyn.arm.model import ArmModel
     from armdyn.effects.effect import Effect
-    from armdyn.excitation.goal import Goal
+    from armdyn.experiments.goal import Goal
     from pipeline.motion.excitation import Excitation
 
 SHORTEST, LONGEST = 2.0, 600.0

@@ -53,6 +53,7 @@ def next_experiment(
     json_file: JsonOption = None,
 ) -> None:
     """Plan the next experiment: how well each kind tells rival effects apart, and the best motion of the gripper."""
+    from armdyn.experiments.gripper import motion_series
     from armdyn.experiments.rivals import undecided
     from pipeline.answers_motion import next_answer
     from pipeline.front import planned, rig_limits
@@ -62,7 +63,7 @@ def next_experiment(
     inputs.check(report, json_file)
     check_outputs(output, inputs=[model, *inputs.recordings])
     limits = rig_limits(travel, speed, acceleration, swing)
-    harmonics_for(seconds)
+    motion_series(seconds)  # refuses a duration that no motion can have, before anything is fitted
     with stopped_if_wrong(json_file), spinner() as say:
         given = inputs.read()
         named = [name.strip() for name in (rivals or "").split(",") if name.strip()]
@@ -86,13 +87,6 @@ def next_experiment(
                 typer.echo(f"check it: armdyn check {written}")
                 typer.echo(f"make it: armdyn trial --motion {written}")
         say_report(report)
-
-
-def harmonics_for(seconds: float) -> None:
-    """Refuse a duration that no motion can have, before anything is fitted."""
-    from armdyn.experiments.motion import Harmonics, Limits
-
-    Harmonics(seconds, Limits())
 
 
 def _say(made: "Plan | None", sentence: str) -> None:

@@ -15,7 +15,7 @@ import urdf
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
-from armdyn.experiments.motion import Limits
+from armdyn.experiments.limits import GripperLimits
 from armdyn.experiments.plan import HOPELESS, Proposal, designed_motion
 from armdyn.experiments.rivals import Rivals, contested, of_diagnosis, refitted
 from armdyn.experiments.separation import MARGIN, beliefs
@@ -40,7 +40,7 @@ MOST = 4
 """Experiments, where the user names no number."""
 SECONDS = 8.0
 """Of a designed motion."""
-LIMITS = Limits(swing=0.5)
+LIMITS = GripperLimits(swing=0.5)
 """A load that swings farther begins to swing across the line as well (on the simulated arm by 0.1 rad in 8 s at 1 rad,
 by 0.05 at 0.6 rad), and no motion along the line brings that to rest."""
 LEAST_STD = 1e-3
