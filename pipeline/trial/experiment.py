@@ -24,7 +24,7 @@ from armdyn.run import Channel
 from ik import LineTable
 from pipeline.interrupts import noted_signals
 from pipeline.loadcell.faults import FaultDetector, FaultLimits
-from pipeline.motion import Gate, LineLimits, LineSmoother, LineState, LineTrajectory
+from pipeline.motion import Gate, LineGate, LineLimits, LineSmoother, LineState, LineTrajectory
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, Swing, check_line
 from pipeline.nodes.beside import Beside, InAProcess
 from pipeline.nodes.drive import LATEST, DriveNode
@@ -149,7 +149,7 @@ class Experiment:
         self.measurement = MeasurementNode(robot, description, recorder, FaultDetector(cell), noise, settings.mass)
         self._beside = InAProcess() if clock.real else Beside()
         self.estimator = EstimatorNode(self.measurement, Estimator(model, noise), recorder, self._beside)
-        gate = Gate(limits, table, description.limits, DT)
+        gate = LineGate(limits, table, Gate(description.joint_names, description.limits))
         smoother = LineSmoother(limits, DT, LineState(begin))
         self.drive = DriveNode(robot, table, smoother, gate, self.measurement, recorder)
         self.sac = SacNode(self.measurement, self.estimator, self.drive)

@@ -10,9 +10,9 @@ from armdyn.errors import TaskFailedError
 from ik import LineTable
 from pipeline.interrupts import noted_signals
 from pipeline.motion import LineTrajectory
+from pipeline.motion.gate import PERIOD
 from pipeline.motion.trajectory import JointTrajectory
 from pipeline.robot.protocol import RobotInterface, Vector
-from pipeline.ros.gate import PERIOD
 from pipeline.trial.ending import sentence_of_signal
 
 JOINT_SPEED = 0.2

@@ -8,10 +8,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import urdf
-from pipeline.motion import LineLimits, LineState
-from pipeline.motion.limits import Gate
+from pipeline.motion import Gate, LineGate, LineLimits, LineState
+from pipeline.motion.gate import FRESH, GAP, NEAR, PERIOD, REST_SPEED, StreamGate
 from pipeline.robot.protocol import JointState
-from pipeline.ros.gate import FRESH, GAP, NEAR, PERIOD, REST_SPEED, CommandGate
 
 LIMITS = urdf.Limits(
     lower=np.array([-1.0, -2.0]),
@@ -42,7 +41,7 @@ asked = st.fixed_dictionaries(
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(st.lists(asked, min_size=1, max_size=60))
 def test_no_stream_of_commands_that_leaves_breaks_a_limit(stream):
-    gate = CommandGate(("a", "b"), LIMITS, TRACKING)
+    gate = StreamGate(("a", "b"), LIMITS, TRACKING)
     sent, at, now = [np.zeros(2)] * 3, -math.inf, 0.0
     for wanted in stream:
         now += wanted["wait"]
@@ -83,7 +82,7 @@ references = st.lists(
 
 @pytest.fixture(scope="module")
 def line_gate(robot, table):
-    return Gate(LineLimits.from_table(table), table, robot.limits, PERIOD)
+    return LineGate(LineLimits.from_table(table), table, Gate(robot.joint_names, robot.limits))
 
 
 @settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])

@@ -7,9 +7,9 @@ import ik
 import urdf
 from armdyn.errors import TaskFailedError
 from pipeline.motion.feasibility import check_joints, check_line
+from pipeline.motion.gate import PERIOD
 from pipeline.record import Recorder
 from pipeline.robot.protocol import ForceSample
-from pipeline.ros.gate import PERIOD
 from pipeline.ros.telemetry import PublishingRecorder, Telemetry
 from pipeline.ros.transitions import DURATION, FARTHEST, Blend
 from pipeline.trial.moves import JOINT_SPEED, LINE_SPEED, along, approach, play, rehearsal
