@@ -175,12 +175,7 @@ class StreamGate(Gate):
 
     What leaves is a sequence of positions, so positions are judged: their first, second and third differences are the
     velocity, acceleration and jerk that the arm sees. Velocities and accelerations that go along as feed-forward are
-    held against the same limits.
-
-    Args:
-        names: of the joints.
-        limits: of the joints.
-        tracking: farthest that a joint may be from its command [rad].
+    held against the same limits. Arguments as for `Gate`.
     """
 
     def __init__(self, names: tuple[str, ...], limits: urdf.Limits, tracking: float = TRACKING) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 import urdf
-from pipeline.motion.brake import Brake
+from pipeline.motion.transitions import Brake
 from pipeline.robot.protocol import ForceSample, JointState, Vector
 from pipeline.robot.settings import CellFault, CellSettings, ReadingSettings, ServoSettings
 

@@ -13,8 +13,8 @@ import urdf
 from armdyn.errors import ArmdynError, InputError, TaskFailedError
 from pipeline.loadcell.cell import LoadCell
 from pipeline.loadcell.faults import Fault
-from pipeline.motion.brake import Brake
 from pipeline.motion.gate import FRESH, PERIOD, StreamGate
+from pipeline.motion.transitions import Blend, Brake
 from pipeline.processes import Closing, PromptThread
 from pipeline.robot.protocol import ForceSample, JointState, Vector
 from pipeline.ros.baxter import Power
@@ -23,7 +23,6 @@ from pipeline.ros.master import Figures, MasterWatch, round_trip
 from pipeline.ros.states import EvenTimes, JointStates
 from pipeline.ros.telemetry import Telemetry
 from pipeline.ros.topics import RosTopics, command_message, point_message, positions_in
-from pipeline.ros.transitions import Blend
 
 LAG = 0.01
 """How far behind now the joints are read [s]: by then the reading of that time has usually arrived."""

@@ -13,7 +13,6 @@ from enum import Enum
 
 import numpy as np
 
-import urdf
 from armdyn.control.task import SwingPlan, SwingState
 from armdyn.errors import ArmdynError
 from armdyn.identify.estimator import Estimator
@@ -21,20 +20,20 @@ from armdyn.identify.least_squares import Outcome
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import GripperPath, run_path
 from armdyn.run import Channel
-from ik import LineTable
 from pipeline.interrupts import noted_signals
-from pipeline.loadcell.faults import FaultDetector, FaultLimits
+from pipeline.loadcell.faults import FaultDetector
 from pipeline.motion import Gate, LineGate, LineLimits, LineSmoother, LineState, LineTrajectory
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, Swing, check_line
 from pipeline.nodes.beside import Beside, InAProcess
 from pipeline.nodes.drive import LATEST, DriveNode
 from pipeline.nodes.learning import EstimatorNode, SacNode
 from pipeline.nodes.measurement import MeasurementNode, channel_units
-from pipeline.nodes.scheduler import Clock, Node, Scheduler, Watchdog
+from pipeline.nodes.scheduler import Node, Scheduler, Watchdog
 from pipeline.nodes.task import DT, TaskNode
 from pipeline.record import Recorder
-from pipeline.robot.protocol import RobotInterface, Vector
+from pipeline.robot.protocol import Vector
 from pipeline.trial.ending import Ending, come_to_rest, sentence_of, sentence_of_signal
+from pipeline.trial.rig import Rig
 from pipeline.trial.settings import ProtocolSettings
 
 REST = 0.5
@@ -105,14 +104,9 @@ class Experiment:
     """One trial on a robot that is given.
 
     Args:
-        robot: what moves and measures.
-        clock: that the nodes run on; it shows the robot's time.
-        description: the arm.
-        table: from its line to its joints.
+        rig: the robot, and what belongs to it.
         recorder: for the channels of `recorded_channels`.
         settings: of the protocol.
-        cell: what is in order for the load cell.
-        landed: whether the load is at rest in the box; asked once, at the end.
         progress: told what is going on.
         begin: where the gripper stands on the line [m].
 
@@ -125,20 +119,15 @@ class Experiment:
 
     def __init__(
         self,
-        robot: RobotInterface,
-        clock: Clock,
-        description: urdf.Robot,
-        table: LineTable,
+        rig: Rig,
         recorder: Recorder,
         settings: ProtocolSettings,
-        *,
-        cell: FaultLimits,
-        landed: Callable[[], bool],
         progress: Progress | None = None,
         begin: float = 0.0,
     ) -> None:
-        self.settings, self.description, self.table = settings, description, table
-        self._robot, self._clock, self._recorder, self._landed = robot, clock, recorder, landed
+        self.settings, self.description, self.table = settings, rig.arm, rig.table
+        robot, clock, description, table = rig.robot, rig.clock(), rig.arm, rig.table
+        self._robot, self._clock, self._recorder, self._landed = robot, clock, recorder, rig.landed
         self._progress = progress or (lambda _what, _share: None)
         self.course = Course()
         limits, model = LineLimits.from_table(table), settings.starting_model()
@@ -146,7 +135,7 @@ class Experiment:
             check = CheckSettings(load_mass=settings.mass)
             check_line(table, description, settings.motion, check).require_feasible("the motion")
         noise = {"load_force": settings.force_noise}
-        self.measurement = MeasurementNode(robot, description, recorder, FaultDetector(cell), noise, settings.mass)
+        self.measurement = MeasurementNode(robot, description, recorder, FaultDetector(rig.cell), noise, settings.mass)
         self._beside = InAProcess() if clock.real else Beside()
         self.estimator = EstimatorNode(self.measurement, Estimator(model, noise), recorder, self._beside)
         gate = LineGate(limits, table, Gate(description.joint_names, description.limits))

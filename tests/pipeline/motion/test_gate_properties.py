@@ -27,7 +27,7 @@ NUMBERS = st.one_of(st.floats(-3.0, 3.0), st.sampled_from([math.nan, math.inf, -
 
 asked = st.fixed_dictionaries(
     {
-        "jerk": st.floats(-2.5, 2.5),  # of the limit, from where the stream is: mostly near what may just be done
+        "jerk": st.one_of(st.sampled_from([0.0, 0.9, -0.9, 1.01]), st.floats(-2.5, 2.5)),  # of the limit
         "other": st.one_of(st.none(), st.none(), st.none(), NUMBERS),  # in place of that, for one joint
         "v": st.one_of(st.none(), st.none(), NUMBERS),
         "a": st.one_of(st.none(), st.none(), NUMBERS),
@@ -42,7 +42,8 @@ asked = st.fixed_dictionaries(
 @given(st.lists(asked, min_size=1, max_size=60))
 def test_no_stream_of_commands_that_leaves_breaks_a_limit(stream):
     gate = StreamGate(("a", "b"), LIMITS, TRACKING)
-    sent, at, now = [np.zeros(2)] * 3, -math.inf, 0.0
+    sent, at, now = [np.zeros(2)] * 3, 0.0, 0.0
+    assert gate.judge(*sent, JointState(now, *sent), now) is None
     for wanted in stream:
         now += wanted["wait"]
         change = np.diff(sent[-3:], n=2, axis=0)[0] + wanted["jerk"] * LIMITS.jerk * PERIOD**3

@@ -3,8 +3,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import urdf
-from pipeline.motion.brake import SHARE, Brake
 from pipeline.motion.gate import PERIOD, TOLERANCE
+from pipeline.motion.transitions import SHARE, Brake
 
 LIMITS = urdf.Limits(
     lower=np.full(2, -3.0),

@@ -1,13 +1,18 @@
-"""The brake: the way to rest of joints that nobody leads any more, on a real arm and on a simulated one."""
+"""Into a motion and out of it: how a stream begins, a way from rest to rest, the brake of joints that nobody leads."""
 
 import numpy as np
 from ruckig import ControlInterface, InputParameter, Result, Ruckig, Trajectory
 
 import urdf
+from pipeline.motion.gate import PERIOD
 from urdf.robot import Array
 
 SHARE = 0.5
 """Of the joints' acceleration and jerk limits with which an arm brakes on its own."""
+FARTHEST = 0.02
+"""How far from where the arm is a stream may begin [rad]: an arm at rest sags under its weight by less than that."""
+DURATION = 0.5
+"""Time in which the difference goes [s]; its peaks are 0.08 rad/s, 0.5 rad/s^2, 10 rad/s^3."""
 
 
 class Brake:
@@ -45,3 +50,41 @@ class Brake:
             return self._rest, np.zeros_like(self._rest), np.zeros_like(self._rest)
         q, v, a = (np.array(x) for x in self._way.at_time(max(time, 0.0)))
         return q, v, a
+
+
+def minimum_jerk(u: Array, duration: float) -> tuple[Array, Array, Array]:
+    """From rest to rest with the least jerk (Flash & Hogan, J. Neuroscience 5, 1985).
+
+    Args:
+        u: shares of the time that have passed, any shape.
+        duration: of the whole motion [s].
+
+    Returns:
+        Share of the way at `u`, its rate [1/s] and its acceleration [1/s^2].
+    """
+    share = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+    speed = 30.0 * u**2 * (1.0 - u) ** 2 / duration
+    acceleration = 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / duration**2
+    return share, speed, acceleration
+
+
+class Blend:
+    """Adds to a stream of commands what makes it begin where the arm is; the addition fades without jerk.
+
+    Args:
+        here: where the arm is (n,) [rad].
+        told: the first command (n,) [rad]. What is farther off than `FARTHEST` stays off, for the gate to refuse.
+    """
+
+    def __init__(self, here: Array, told: Array) -> None:
+        self._offset = np.clip(here - told, -FARTHEST, FARTHEST)
+        self._cycle = 0
+
+    def next(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
+        """The next command (n,) each [rad, rad/s, rad/s^2]."""
+        u = min(self._cycle * PERIOD / DURATION, 1.0)
+        self._cycle += 1
+        if u == 1.0:
+            return q, v, a
+        share, speed, acceleration = minimum_jerk(np.asarray(u), DURATION)
+        return q + (1.0 - share) * self._offset, v - speed * self._offset, a - acceleration * self._offset
