@@ -24,7 +24,7 @@ from pipeline.interrupts import noted_signals
 from pipeline.loadcell.faults import FaultDetector
 from pipeline.motion import Gate, LineGate, LineLimits, LineSmoother, LineState, LineTrajectory
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, Swing, check_line
-from pipeline.nodes.beside import Beside, InAProcess
+from pipeline.nodes.background import BackgroundWorker, ProcessWorker
 from pipeline.nodes.drive import LATEST, DriveNode
 from pipeline.nodes.learning import EstimatorNode, SacNode
 from pipeline.nodes.measurement import MeasurementNode, channel_units
@@ -136,8 +136,8 @@ class Experiment:
             check_line(table, description, settings.motion, check).require_feasible("the motion")
         noise = {"load_force": settings.force_noise}
         self.measurement = MeasurementNode(robot, description, recorder, FaultDetector(rig.cell), noise, settings.mass)
-        self._beside = InAProcess() if clock.real else Beside()
-        self.estimator = EstimatorNode(self.measurement, Estimator(model, noise), recorder, self._beside)
+        self._worker = ProcessWorker() if clock.real else BackgroundWorker()
+        self.estimator = EstimatorNode(self.measurement, Estimator(model, noise), recorder, self._worker)
         gate = LineGate(limits, table, Gate(description.joint_names, description.limits))
         smoother = LineSmoother(limits, DT, LineState(begin))
         self.drive = DriveNode(robot, table, smoother, gate, self.measurement, recorder)
@@ -145,7 +145,7 @@ class Experiment:
         # Without an estimate the planner is the paper's, which knows no box: that is what Table I compares with.
         task = settings.task if settings.estimate or settings.model else replace(settings.task, cautious=False)
         self.task = TaskNode(
-            model, self.drive, limits, self._check, lambda: self.measurement.state.q, task, self._beside
+            model, self.drive, limits, self._check, lambda: self.measurement.state.q, task, self._worker
         )
         nodes: list[Node] = [self.measurement, self.estimator, self.sac, self.task, self.drive]
         each_round = self._come_round if clock.real else None
@@ -173,11 +173,11 @@ class Experiment:
 
     def _begin(self, ended: ExitStack) -> None:
         """On a real clock: what works beside the loop is started while the arm stands."""
-        ended.callback(self._beside.end)
+        ended.callback(self._worker.end)
         if self.watchdog is None:
             return
         self.sac.warm_up()
-        self._beside.start()
+        self._worker.start()
         ended.enter_context(self.watchdog)  # a thread: only now, because the process is a copy of this one
         ended.enter_context(_no_collection())
         self._clock.advance_to(self._clock.time + FRESH)
@@ -188,7 +188,7 @@ class Experiment:
         """At the beginning of every round on a real clock."""
         if self.watchdog is not None:
             self.watchdog.beat()
-        self._beside.collect()
+        self._worker.collect()
 
     def channel(self, name: str) -> Channel:
         """What was recorded of a channel so far."""
@@ -268,7 +268,7 @@ class Experiment:
     def _interrupt(self, number: int) -> None:
         if self.course.interrupted is None:
             self.course.interrupted = number
-            if self._beside.thinking:  # it changes nothing that must be kept whole, and may take seconds
+            if self._worker.thinking:  # it changes nothing that must be kept whole, and may take seconds
                 raise _InterruptedError
 
     def _stopped(self, error: BaseException) -> Ending:
