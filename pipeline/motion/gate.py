@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pipeline.robot.protocol import JointState
 
 PERIOD = 0.01
-"""Time between two commands [s]."""
+"""Control cycle: time between two commands, and step of the planner [s]."""
 FRESH = 0.05
 """Oldest joint state with which a command may be sent [s]."""
 GAP = 0.05

@@ -6,7 +6,7 @@ from contextlib import suppress
 from armdyn.errors import InputError
 from ik import LineTable
 from pipeline.motion import LineGate, LineSmoother, LineState, LineTrajectory
-from pipeline.motion.gate import Refusal, Withheld
+from pipeline.motion.gate import PERIOD, Refusal, Withheld
 from pipeline.nodes.measurement import MeasurementNode
 from pipeline.record import Recorder
 from pipeline.robot.protocol import RobotInterface
@@ -32,7 +32,7 @@ class DriveNode:
     """
 
     name = "drive"
-    period = 0.01
+    period = PERIOD
 
     def __init__(
         self,

@@ -13,6 +13,7 @@ from armdyn.errors import InputError
 from armdyn.pendulum.path import GripperPath, GrowingPath, GrowingRun
 from armdyn.run import Channel
 from pipeline.loadcell.faults import FaultDetector
+from pipeline.motion.gate import PERIOD
 from pipeline.nodes.reading_checks import ForceReadingCheck, JointReadingCheck, Refused
 from pipeline.record import Recorder
 from pipeline.robot.protocol import ForceSample, JointState, RobotInterface
@@ -140,7 +141,7 @@ class MeasurementNode:
     """
 
     name = "measurement"
-    period = 0.01
+    period = PERIOD
 
     def __init__(
         self,

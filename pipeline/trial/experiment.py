@@ -24,12 +24,13 @@ from pipeline.interrupts import noted_signals
 from pipeline.loadcell.faults import FaultDetector
 from pipeline.motion import Gate, LineGate, LineLimits, LineSmoother, LineState, LineTrajectory
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, Swing, check_line
+from pipeline.motion.gate import PERIOD
 from pipeline.nodes.background import BackgroundWorker, ProcessWorker
 from pipeline.nodes.drive import LATEST, DriveNode
 from pipeline.nodes.learning import EstimatorNode, SacNode
 from pipeline.nodes.measurement import MeasurementNode, channel_units
 from pipeline.nodes.scheduler import Node, Scheduler, Watchdog
-from pipeline.nodes.task import DT, TaskNode
+from pipeline.nodes.task import TaskNode
 from pipeline.record import Recorder
 from pipeline.robot.protocol import Vector
 from pipeline.trial.ending import Ending, come_to_rest, sentence_of, sentence_of_signal
@@ -139,7 +140,7 @@ class Experiment:
         self._worker = ProcessWorker() if clock.real else BackgroundWorker()
         self.estimator = EstimatorNode(self.measurement, Estimator(model, noise), recorder, self._worker)
         gate = LineGate(limits, table, Gate(description.joint_names, description.limits))
-        smoother = LineSmoother(limits, DT, LineState(begin))
+        smoother = LineSmoother(limits, PERIOD, LineState(begin))
         self.drive = DriveNode(robot, table, smoother, gate, self.measurement, recorder)
         self.sac = SacNode(self.measurement, self.estimator, self.drive)
         # Without an estimate the planner is the paper's, which knows no box: that is what Table I compares with.
@@ -307,7 +308,7 @@ class Experiment:
 
     def _swing_ends(self) -> bool:
         swing, started = self.task.swing, self.task.started
-        return swing is not None and started is not None and self._clock.time >= started + swing.time[-1] - DT / 2
+        return swing is not None and started is not None and self._clock.time >= started + swing.time[-1] - PERIOD / 2
 
     def _swing_state(self, at: float) -> SwingState:
         """Gripper and load at an instant [s], from the measured path and the latest estimate.
