@@ -9,6 +9,7 @@ import pinocchio as pin
 
 import urdf
 from pipeline.motion.transitions import Brake
+from pipeline.robot.hidden import Stage, terms
 from pipeline.robot.protocol import ForceSample, JointState, Vector
 from pipeline.robot.settings import CellFault, CellSettings, ReadingSettings, ServoSettings
 
@@ -144,7 +145,7 @@ class SimulatedCell:
         step: float,
     ) -> None:
         self._settings, self._hidden, self._rng = settings, hidden, rng
-        self._bias = bias + hidden["sensor_bias"]
+        self._bias, self._terms = bias, terms(hidden, Stage.FORCE)
         self._delay = latency + hidden["sensor_delay"]
         self._every = max(1, round(settings.period / step))
         self._step = step
@@ -181,9 +182,8 @@ class SimulatedCell:
         return arrived
 
     def _sample(self, time: float, force: float) -> None:
-        hidden, settings = self._hidden, self._settings
-        reading = (1.0 + hidden["sensor_gain"]) * force + hidden["sensor_nonlinearity"] * force**2
-        reading += self._bias + hidden["sensor_drift"] * time
+        settings = self._settings
+        reading = force + self._bias + sum(term(force, time) for term in self._terms)
         # The noise is drawn in every case, so that a fault does not change the noise of later samples.
         reading += settings.noise * self._rng.standard_normal()
         if settings.resolution > 0:
@@ -203,7 +203,8 @@ class JointReadings:
     """Turns true joint positions, velocities and torques into what the robot reports."""
 
     def __init__(self, settings: ReadingSettings, hidden: Mapping[str, float], rng: np.random.Generator) -> None:
-        self._settings, self._hidden, self._rng = settings, hidden, rng
+        self._settings, self._lag, self._rng = settings, hidden["gripper_lag"], rng
+        self._terms = terms(hidden, Stage.EFFORT)
 
     def read(self, time: float, q: Vector, v: Vector, a: Vector, tau: Vector) -> JointState:
         """One reading of the joints.
@@ -215,14 +216,12 @@ class JointReadings:
             a: true accelerations (n,) [rad/s^2].
             tau: torques of the motors (n,) [N m].
         """
-        settings, hidden = self._settings, self._hidden
+        settings, lag = self._settings, self._lag
         noise = self._rng.standard_normal((3, len(q)))
         # x' lag + x = reported: what the encoders see leads the arm.
-        lag = hidden["gripper_lag"]
         position = q + lag * v + settings.position_noise * noise[0]
         if settings.resolution > 0:
             position = settings.resolution * np.round(position / settings.resolution)
         velocity = v + lag * a + settings.velocity_noise * noise[1]
-        effort = (1.0 + hidden["torque_gain"]) * tau + hidden["torque_offset"]
-        effort = effort + np.array(settings.effort_noise) * noise[2]
+        effort = tau + sum(term(tau) for term in self._terms) + np.array(settings.effort_noise) * noise[2]
         return JointState(time, position, velocity, effort)

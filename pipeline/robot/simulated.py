@@ -11,6 +11,7 @@ from armdyn.errors import InputError, TaskFailedError
 from pipeline.motion.gate import Gate
 from pipeline.robot.devices import JointReadings, Reference, Servo, SimulatedCell
 from pipeline.robot.forces import JointEffects, LoadForces, LoadString
+from pipeline.robot.hidden import resolve_hidden
 from pipeline.robot.protocol import ForceSample, JointState, Vector
 from pipeline.robot.scene import TIME_STEP, LineFrame, build_scene
 from pipeline.robot.settings import PlantSettings, checked_start
@@ -24,7 +25,6 @@ from pipeline.robot.truth import (
     draw,
     gripper_truth,
     load_truth,
-    resolve_hidden,
     swing_angle,
 )
 
@@ -48,7 +48,7 @@ class SimulatedRobot:
         robot: the arm; its line says where the box stands and which way is along.
         q_start: joint positions at time 0 (n,) [rad].
         settings: load, string, servo, sensors, box.
-        hidden: hidden effects by name (`truth.HIDDEN_EFFECTS`); None stands for the typical value.
+        hidden: hidden effects by name (`hidden.HIDDEN_EFFECTS`); None stands for the typical value.
         seed: of everything that is drawn.
 
     Raises:

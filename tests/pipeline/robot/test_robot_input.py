@@ -5,9 +5,9 @@ import pytest
 
 from armdyn.errors import InputError, TaskFailedError, UnknownNameError
 from pipeline.box import Box
+from pipeline.robot.hidden import HIDDEN_EFFECTS, resolve_hidden
 from pipeline.robot.settings import CellSettings, PlantSettings, ServoSettings
 from pipeline.robot.simulated import SimulatedRobot
-from pipeline.robot.truth import HIDDEN_EFFECTS, resolve_hidden
 
 
 def test_misspelt_hidden_effect_is_answered_with_the_right_name(baxter, q_start):
