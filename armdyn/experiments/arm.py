@@ -23,6 +23,8 @@ FINER = 3
 """Times as many for positions, speeds and accelerations, whose peaks cost little to look for."""
 STEPS = (20, 40, 40, 30, 20, 15)
 """L-BFGS steps of the rounds."""
+STARTS = 3
+"""See `MotionProblem.starts`."""
 NEAR = 0.3
 """Margin of a posture, see `Postures.margin`, from which its distance is watched."""
 DEEPEST = -0.4
@@ -82,6 +84,7 @@ class ArmProblem(MotionProblem):
     postures: Postures
     cuts: Cuts | None = None
     steps: tuple[int, ...] = STEPS
+    starts: int = STARTS
 
     @cached_property
     def grid(self) -> Basis:

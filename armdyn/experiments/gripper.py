@@ -38,6 +38,8 @@ TRIED = 24
 """Random motions, of which the best are carried on."""
 STEPS = (10, 16, 16)
 """L-BFGS steps of the rounds with two hypotheses; more hypotheses share these numbers."""
+STARTS = 2
+"""See `MotionProblem.starts`."""
 FEWEST_STEPS = 10
 """Of a round."""
 SHARPNESS = 4.0
@@ -97,6 +99,8 @@ class GripperProblem(MotionProblem):
     Attributes:
         pairs: that are to be separated; all ordered ones at first.
     """
+
+    starts = STARTS
 
     def __init__(
         self,

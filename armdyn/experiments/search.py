@@ -17,8 +17,6 @@ from scipy.optimize import minimize
 from armdyn.experiments.limits import MotionLimits
 from armdyn.experiments.series import FEWEST_HARMONICS, Basis, Series
 
-STARTS = 2
-"""Random motions, the best of all, from which a search starts; the best one after its first round goes on."""
 STIFFNESS = 0.5
 """Of the first round's penalty: an excess of 5 % at 20 instants costs as much as a standard deviation 1 % larger."""
 HARDER = 3.0
@@ -60,11 +58,13 @@ class MotionProblem(ABC):
         limits: of every axis.
         finer: the series at the instants at which positions, velocities and accelerations are held against the limits.
         steps: L-BFGS steps of the rounds; limits are worked in a little more sharply in each.
+        starts: random motions, the best of all, from which a search starts; the best after its first round goes on.
     """
 
     series: Series
     limits: MotionLimits
     steps: tuple[int, ...]
+    starts: int
 
     @property
     @abstractmethod
@@ -178,9 +178,9 @@ def search(problem: MotionProblem, starts: Sequence[np.ndarray], costs: Sequence
         costs: of each, in the order of `MotionProblem.cost`.
         say: told how far it is.
     """
-    rounds = len(problem.steps) + min(STARTS, len(starts)) - 1
+    rounds = len(problem.steps) + min(problem.starts, len(starts)) - 1
     tried = []
-    for k, i in enumerate(np.argsort(costs)[:STARTS]):
+    for k, i in enumerate(np.argsort(costs)[: problem.starts]):
         x = improved(problem, starts[i], last=1)
         inside = shrunk(problem, x, NEARLY)
         tried.append((np.inf if inside is None else problem.cost(inside), k, x))
