@@ -76,25 +76,33 @@ def test_no_stream_of_commands_that_leaves_breaks_a_limit(stream):
 
 
 references = st.lists(
-    st.tuples(st.floats(-2.0, 2.0), st.one_of(st.none(), st.none(), st.none(), st.tuples(NUMBERS, NUMBERS, NUMBERS))),
+    st.tuples(
+        st.one_of(st.sampled_from([0.0, 0.9, -0.9, 1.01]), st.floats(-2.0, 2.0)),  # of the limit of jerk
+        st.sampled_from([1, 1, 2, 4, 8]),  # times
+        st.one_of(st.none(), st.none(), st.none(), NUMBERS),  # acceleration, whatever position and speed say
+        st.one_of(st.none(), st.none(), st.none(), st.tuples(NUMBERS, NUMBERS, NUMBERS)),
+    ),
     min_size=1,
-    max_size=60,
+    max_size=30,
 )
 
 
-@pytest.fixture(scope="module")
-def line_gate(robot, table):
-    return LineGate(LineLimits.from_table(table), table, Gate(robot.joint_names, robot.limits))
+@pytest.fixture(scope="module", params=["limits of the table", "of a line on which only the joints limit"])
+def line_gate(request, robot, table):
+    generous = LineLimits(np.array([-0.3, 0.55]), np.full(2, 50.0), np.full(2, 500.0), 5e4)
+    limits = LineLimits.from_table(table) if "table" in request.param else generous
+    return LineGate(limits, table, Gate(robot.joint_names, robot.limits))
 
 
 @settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(stream=references, start=st.floats(-0.3, 0.55))
 def test_no_stream_of_references_that_passes_breaks_a_limit_of_line_or_joints(line_gate, robot, table, stream, start):
     limits, last = line_gate.limits, LineState(start)
-    for jerk, other in stream:
+    for jerk, pull, other in ((one[0], one[2], one[3]) for one in stream for _ in range(one[1])):
         j, h = jerk * limits.jerk, PERIOD
         s = last.s + h * last.v + h**2 / 2.0 * last.a + h**3 / 6.0 * j
         reference = LineState(s, last.v + h * last.a + h**2 / 2.0 * j, last.a + h * j)
+        reference = reference if pull is None else reference._replace(a=last.a + 10.0 * pull)
         reference = reference if other is None else LineState(*other)
         measured = table.posture(float(np.clip(last.s, -0.3, 0.55))).q
         if line_gate.check(reference, last, measured) is not None:
