@@ -4,7 +4,7 @@ Rows are counted as a spreadsheet shows them: the header is row 1.
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -25,13 +25,13 @@ from armdyn.channels import (
 )
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.units import si_factor
+from armdyn.whole_end import cut_off, is_whole
 from urdf.bounds import LONGEST_NAME, MOST_COLUMNS, MOST_ROWS, number, shown
 
 SHOWN = 60
 """Characters of a header that a message shows."""
 MISSING = ("", "nan", "-nan", "+nan")
 """Cells of missing samples, in small letters."""
-_END = re.compile(r"[-+]?[0-9]*[.,]([0-9]+)")
 IntArray = npt.NDArray[np.int64]
 _HEADER = re.compile(r"(?P<name>[^\[\]]*?)\s*\[(?P<unit>[^\[\]]*)\]")
 
@@ -162,28 +162,33 @@ def _unit(si: str, written: str) -> tuple[str, float]:
 
 
 BLOCK = 2**20
-"""Characters that are split into lines at a time: a line takes three times as much memory as its text."""
+"""Characters that are split into cells at a time: a cell takes ten times as much memory as its text."""
 
 
 def _numbers(text: str, start: int, names: list[str], *, complete: bool) -> tuple[FloatArray, IntArray]:
     """Cells of the rows from `start` on as numbers (n, c), missing ones as nan; the number of each row (n,)."""
+    header = start
     unfinished = start < len(text) and not text.endswith("\n")  # a finished file ends in a newline
     tables, numbers, row = [np.empty((0, len(names)))], [np.empty(0, dtype=np.int64)], 2
     while start < len(text):
         end = text.find("\n", start + BLOCK) + 1 or len(text)
-        lines = text[start:end].split("\n")
-        if end < len(text) or not unfinished:
-            lines.pop()  # what follows the last newline
-        kept = [i for i, line in enumerate(lines) if line and not line.isspace()]
-        rows = row + np.array(kept, dtype=np.int64)
-        last = unfinished and end == len(text) and bool(kept) and kept[-1] == len(lines) - 1
-        tables.append(_table([lines[i] for i in kept], rows, names, last))
+        block = text[start:end]
+        table = _plain(block, len(names))
+        count = block.count("\n")
+        if table is not None:
+            rows = np.arange(row, row + count)
+        else:
+            table, rows = _looked_through(block, row, names, unfinished and end == len(text))
+        tables.append(table)
         numbers.append(rows)
-        row, start = row + len(lines), end
+        row, start = row + count, end
         if row > MOST_ROWS + 2:
             raise InputError(f"has more than {MOST_ROWS} rows: cut it, or record more slowly")
-        if last and not has_whole_end([line for line in text.split("\n")[1:] if line.strip()]):
-            raise InputError(cut_off(int(rows[-1]), lines[-1].rpartition(",")[2], names[-1]))
+    if unfinished and text[text.rfind("\n") + 1 :].strip():
+        tail = text[max(header, len(text) - BLOCK) :].split("\n")[1 if len(text) - BLOCK > header else 0 :]
+        cells = [line.rpartition(",")[2] for line in tail if line.strip()]
+        if not is_whole(cells):
+            raise InputError(cut_off(row, cells[-1], names[-1]))
     table, found = np.concatenate(tables), np.concatenate(numbers)
     least = 1 if complete else MIN_SAMPLES
     if len(table) < least:
@@ -196,35 +201,46 @@ def _numbers(text: str, start: int, names: list[str], *, complete: bool) -> tupl
     return table, found
 
 
-def _table(lines: list[str], rows: IntArray, names: list[str], unfinished: bool) -> FloatArray:
-    """Cells of some rows as numbers (n, c); `unfinished` says that the last may be cut off."""
-    if not lines:
-        return np.empty((0, len(names)))
-    for row, line in zip(rows.tolist(), lines, strict=True):
-        width = line.count(",") + 1
-        if width < len(names) and unfinished and row == rows[-1]:
-            raise InputError(cut_off(row, line.rpartition(",")[2], names[width - 1]))
-        if width != len(names):
-            raise InputError(f"row {row} has {width} cells where the header has {len(names)}: mend or remove the row")
+def _plain(block: str, width: int) -> FloatArray | None:
+    """Whole rows of so many cells as numbers (n, width); None where anything is not as it mostly is."""
+    if not block.endswith("\n") or not block.isascii() or "_" in block:
+        return None
+    marks = np.frombuffer(block.encode("ascii"), dtype=np.uint8)
+    commas = np.cumsum(marks == ord(","))[marks == ord("\n")]
+    if (np.diff(commas, prepend=0) != width - 1).any():
+        return None
+    cells = block[:-1].replace("\n", ",").split(",")
     try:
-        table = np.loadtxt(map(_with_nan, lines), delimiter=",", comments=None, ndmin=2)
-        if not np.isinf(table).any():
-            return np.asarray(table)
+        if "" in cells:
+            values = np.array([float(cell) if cell else np.nan for cell in cells])
+        else:
+            values = np.fromiter(map(float, cells), dtype=float, count=len(cells))
     except ValueError:
-        pass
-    # Which cell it was takes a slower look.
-    return np.array(
-        [
-            [_number(cell, row, name) for cell, name in zip(line.split(","), names, strict=True)]
-            for row, line in zip(rows.tolist(), lines, strict=True)
-        ]
-    )
+        return None
+    return None if np.isinf(values).any() else values.reshape(-1, width)
 
 
-def _with_nan(line: str) -> str:
-    if ",," in line or line.startswith(",") or line.endswith(","):
-        return ",".join([cell or "nan" for cell in line.split(",")])
-    return line
+def _looked_through(block: str, row: int, names: list[str], unfinished: bool) -> tuple[FloatArray, IntArray]:
+    """As `_plain`, with the numbers (n,) of the rows, the first being `row`; says which cell is wrong.
+
+    Args:
+        block: the rows; those that are blank are left out.
+        row: number of the first.
+        names: of the columns.
+        unfinished: whether the last row may be cut off.
+    """
+    lines = block.split("\n")
+    if not lines[-1]:
+        lines.pop()  # what follows the last newline
+    kept = [(row + i, line) for i, line in enumerate(lines) if line and not line.isspace()]
+    for at, line in kept:
+        width = line.count(",") + 1
+        if width < len(names) and unfinished and at == row + len(lines) - 1:
+            raise InputError(cut_off(at, line.rpartition(",")[2], names[width - 1]))
+        if width != len(names):
+            raise InputError(f"row {at} has {width} cells where the header has {len(names)}: mend or remove the row")
+    table = [[_number(cell, at, name) for cell, name in zip(line.split(","), names, strict=True)] for at, line in kept]
+    return np.array(table).reshape(-1, len(names)), np.array([at for at, _ in kept], dtype=np.int64)
 
 
 def _number(cell: str, row: int, name: str) -> float:
@@ -235,23 +251,6 @@ def _number(cell: str, row: int, name: str) -> float:
         return number(text)
     except ValueError as error:
         raise InputError(f"row {row}, column '{name}': {error}: leave a missing sample's cell empty") from None
-
-
-def has_whole_end(lines: Sequence[str], separator: str = ",") -> bool:
-    """Whether the last number of a text that does not end in a newline is whole: a file may be cut off anywhere.
-
-    It can be told where every row ends in the same number of digits behind a point.
-    """
-    ends = {_END.fullmatch(line.rpartition(separator)[2].strip()) for line in lines}
-    return None not in ends and len({len(match[1]) for match in ends if match is not None}) == 1
-
-
-def cut_off(row: int, cell: str, column: str) -> str:
-    """What is said of a file that ends in the middle of a row, or may do so."""
-    return (
-        f"row {row}, column '{shown(column)}': the file ends at '{shown(cell.strip(), 40)}' without a newline, and may "
-        "be cut off in the middle of a number: copy it again, or end it in a newline"
-    )
 
 
 def _scaled(name: str, unit: str, factor: float, value: FloatArray, rows: IntArray) -> FloatArray:

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+NORMAL_MEDIAN = 0.6745
+"""Median of |x| over the standard deviation, for normal x."""
 LONGEST_SPAN = 1.5
 """Times the usual one, beyond which samples are no neighbours: there is a gap between them."""
 

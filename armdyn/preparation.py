@@ -22,6 +22,8 @@ class Preparation:
         recorded: number of them.
         left_out: share of the recorded samples at which it is not known which way the joint turns.
         moving: share of those at which it is known.
+        smoothed: cut-off of the low-pass through which the drive sent the torque before it was recorded, Hz; None where
+            there was none.
     """
 
     cutoff: float
@@ -32,6 +34,7 @@ class Preparation:
     recorded: int
     left_out: float
     moving: float
+    smoothed: float | None = None
 
 
 def of_all_runs(runs: Iterable[Mapping[str, Preparation]]) -> dict[str, Preparation]:
@@ -55,6 +58,12 @@ def sentence(prepared: Mapping[str, Preparation]) -> str:
         f"second of {_range([p.recorded_rate for p in every])} hold all of that"
     )
     text += f"; {100 * left_out:.2g} % are left out where a joint turns round or rests." if left_out > 0.0 else "."
+    smoothed = [p.smoothed for p in every if p.smoothed is not None]
+    if smoothed:
+        text += (
+            f" The drives smoothed their torques below {_range(smoothed)} Hz before they were recorded: samples beside "
+            "each other show less noise than there is, and only what is well below is compared."
+        )
     still = [channel.partition(".")[2] for channel, done in prepared.items() if done.moving < STILL]
     if still:
         names = " and ".join(part for part in (", ".join(still[:-1]), still[-1]) if part)
@@ -75,6 +84,7 @@ def _together(every: Sequence[Preparation]) -> Preparation:
         recorded=recorded,
         left_out=sum(p.left_out * p.recorded for p in every) / recorded,
         moving=sum(p.moving * p.recorded for p in every) / recorded,
+        smoothed=min((p.smoothed for p in every if p.smoothed is not None), default=None),
     )
 
 

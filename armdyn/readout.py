@@ -45,13 +45,21 @@ class Interpolated(Sampler):
 
     def __init__(self, nodes: np.ndarray, time: np.ndarray, spread: float = 0.0) -> None:
         self.nodes, self._time, self._spread = nodes, time, spread
+        self._prompt: csr_matrix | None = None
 
     def coefficients(self, signals: np.ndarray) -> np.ndarray:
         """See `Sampler.coefficients`."""
         return signals
 
     def matrix(self, delay: float, derivative: int = 0) -> csr_matrix:
-        """See `Sampler.matrix`."""
+        """See `Sampler.matrix`; that of what is not late is kept, since most sensors have no dead time."""
+        if delay or derivative:
+            return self._made(delay, derivative)
+        if self._prompt is None:
+            self._prompt = self._made(0.0, 0)
+        return self._prompt
+
+    def _made(self, delay: float, derivative: int) -> csr_matrix:
         found = self._instants(delay, derivative)
         if not self._spread or derivative:
             return found

@@ -103,6 +103,8 @@ def parse_quantity(text: str, expected: str | None = None) -> Known:
         return Known(value * scale, None, si)
     spread, spread_unit = numbers[1]
     spread_unit = spread_unit or ("1" if expected == "1" else "")
+    if "%" in spread_unit and spread_unit != "%":
+        raise InputError(f"the standard deviation in '{text}' is in '{spread_unit}': write '%' alone, or '{unit}'")
     if not spread_unit:
         raise InputError(f"the standard deviation in '{text}' has no unit: write '{text} {unit}'")
     std = abs(value) * spread / 100 * scale if spread_unit == "%" else spread * si_factor(spread_unit, si)

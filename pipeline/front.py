@@ -39,17 +39,17 @@ def export(model: AnyModel, path: str | Path, *, force: bool = False) -> tuple[s
         InputError: the file is there, its ending is of no kind, or the kind is not for such a model.
         TaskFailedError: the file would lack much of what a repair added.
     """
-    from pipeline.commands.export import held_by, write_export
+    from pipeline.commands.export import write_export
     from pipeline.commands.output import free_to_write
-    from pipeline.exports.left_out import left_out
 
     output = Path(path)
     file = ModelFile(model, {}) if isinstance(model, Model) else read_model_file(model)
     free_to_write(output, force)
-    missing = left_out(file, held_by(file.model, output))
-    if missing is not None and missing.matters and not force:
-        raise TaskFailedError(f"{output}: not written, {missing.sentence}: give force=True to write it all the same")
-    return tuple(write_export(file, output, str(file.model.about)))
+    written = write_export(file, output, str(file.model.about), force=force)
+    if written.refused and written.missing is not None:
+        sentence = written.missing.sentence
+        raise TaskFailedError(f"{output}: not written, {sentence}: give force=True to write it all the same")
+    return written.notes
 
 
 def excite(

@@ -2,12 +2,13 @@
 
 import difflib
 import math
+import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from urdf.bounds import DEEPEST_TABLE, LARGEST, LARGEST_INTEGER, LARGEST_TEXT
+from urdf.bounds import DEEPEST_TABLE, LARGEST, LARGEST_INTEGER, LARGEST_TEXT, shown
 
 
 class TableFileError(ValueError):
@@ -51,11 +52,12 @@ def parse_table(text: str, *, finite: bool = False) -> dict[str, Any]:
         TableFileError: it is not TOML, is nested too deeply, or holds a number that is none.
     """
     try:
-        table = tomllib.loads(text.replace("\r\n", "\n"))
+        table = tomllib.loads(text.replace("\r\n", "\n"), parse_float=_float)
     except RecursionError as error:
         raise TableFileError(_DEEP) from error
     except ValueError as error:  # also a number of 5000 digits
         raise TableFileError(f"is not TOML: {_first_line(error)}: correct it") from error
+    _check_spelling(text)
     for where, value in _leaves(table, ""):
         if isinstance(value, int) and not -LARGEST_INTEGER <= value < LARGEST_INTEGER:
             raise TableFileError(f"{where}: a number of {len(str(abs(value)))} digits: write it shorter, such as 1e20")
@@ -64,6 +66,29 @@ def parse_table(text: str, *, finite: bool = False) -> dict[str, Any]:
         if isinstance(value, float) and math.isfinite(value) and abs(value) > LARGEST:
             raise TableFileError(f"{where} is {value:g}: nothing is larger than {LARGEST:g}; write SI units")
     return table
+
+
+def _float(text: str) -> float:
+    value = float(text)
+    if math.isinf(value) and "inf" not in text:
+        raise ValueError(f"'{shown(text)}' is too large for a number")
+    return value
+
+
+_ODD = re.compile(r"\d_\d|0[xob][0-9a-fA-F]")
+"""What may be a number that TOML allows and `urdf.bounds.number` does not; also part of many names."""
+
+
+def _check_spelling(text: str) -> None:
+    """Refuse `1_000` and `0x10`, as everywhere else: of a hundred people who write them ninety mean something else."""
+    if _ODD.search(text) is None:
+        return
+    import tomlkit
+    from tomlkit.items import Float, Integer
+
+    for where, value in _leaves(tomlkit.parse(text.replace("\r\n", "\n")), ""):
+        if isinstance(value, Integer | Float) and _ODD.search(value.as_string()):
+            raise TableFileError(f"{where} = {value.as_string()[:60]} is not a number: write its decimal digits alone")
 
 
 def check_keys(table: Mapping[str, Any], known: Iterable[str], where: str = "") -> None:

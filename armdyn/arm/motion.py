@@ -1,12 +1,12 @@
 """How an arm moved in a run: positions smoothed with the noise that they have, and differentiated."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from scipy.special import erf
 
+from armdyn.channels import Channel
 from armdyn.errors import InputError
 from armdyn.run import Run
 from armdyn.smoothing import FEWEST, ORDERS, Choice, Curve, Rates, best_smoothing, derivative_noise, smoothed
@@ -118,7 +118,7 @@ def measured_motion(run: Run, joints: tuple[str, ...]) -> MeasuredMotion:
                 "record longer"
             )
         start, end = max(start, float(q.time[0])), min(end, float(q.time[-1]))
-        curves.append(_joint_curve(run, name))
+        curves.append(_joint_curve(q, run.channels.get(f"v.{name}"), run.channels.get(f"a.{name}")))
     if not start < end:
         raise InputError(
             f"{run.source or run.name}: the joints' positions were recorded at different times: record again"
@@ -126,22 +126,15 @@ def measured_motion(run: Run, joints: tuple[str, ...]) -> MeasuredMotion:
     return MeasuredMotion(tuple(curves), start, end)
 
 
-def _joint_curve(run: Run, name: str) -> JointCurve:
-    q = run.channels[f"q.{name}"]
+@lru_cache(maxsize=512)
+def _joint_curve(q: Channel, v: Channel | None, a: Channel | None) -> JointCurve:
+    """By channels, which a run keeps when others of its channels are cleaned."""
     interval = float((q.time[-1] - q.time[0]) / (len(q) - 1))
     choice = best_smoothing(q.time, q.value, ORDERS)
-    curve = smoothed(q.time, q.value, choice, _rates(run, name))
+    rates = [Rates(c.time, c.value, k) for k, c in ((1, v), (2, a)) if c is not None and len(c) >= FEWEST]
+    curve = smoothed(q.time, q.value, choice, rates)
     speed = float(np.sqrt(np.mean(curve(q.time, 1) ** 2)))
     creep = 0.1 * CREEP if q.unit == "m" else CREEP
     noise = max(derivative_noise(choice, interval, 1), SHARPEST * speed, creep)
     moving = np.abs(expected_sign(curve(q.time, 1)[:, 0], noise)) >= CERTAIN
     return JointCurve(curve, choice, interval, noise, bool(np.mean(moving) < 0.5))
-
-
-def _rates(run: Run, name: str) -> Sequence[Rates]:
-    found = []
-    for derivative, kind in ((1, "v"), (2, "a")):
-        channel = run.channels.get(f"{kind}.{name}")
-        if channel is not None and len(channel) >= FEWEST:
-            found.append(Rates(channel.time, channel.value, derivative))
-    return found

@@ -6,7 +6,8 @@ The torque that the positions' noise causes is counted as noise.
 
 Torques are compared up to `STIFF` at least, and up to the end of the torque's own band where that is higher. The band
 is narrower only where the positions are too noisy: their noise, differentiated twice and multiplied by the inertias,
-grows like f^2, and above some frequency it causes more of the predicted torque than there is measured torque.
+grows like f^2, and above some frequency it causes more of the predicted torque than there is measured torque; or where
+the drive smoothed the torque before it was recorded (see `drive`).
 """
 
 from collections.abc import Callable, Mapping
@@ -17,6 +18,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from armdyn.arm.drive import Drive, Torque, smoothing_drives
 from armdyn.arm.motion import CERTAIN, MeasuredMotion, measured_motion
 from armdyn.channels import MIN_SAMPLES, Channel
 from armdyn.errors import InputError
@@ -30,6 +32,8 @@ MARGIN = 0.7
 """Of the frequency where a torque sinks into its noise; the power of the signal is then 16 times that of the noise."""
 HIGHEST_RATE = 125.0
 """Hz at which samples are kept at most: no arm's rigid-body motion is faster."""
+WITHIN = 0.5
+"""Of the cut-off of a drive's own low-pass: there 0.06 of the amplitude is gone."""
 FEWEST = 20
 """Samples of a torque that are left at least, where there were so many."""
 POSTURES = 20
@@ -142,18 +146,26 @@ def prepare(run: Run, model: pin.Model, joints: tuple[str, ...], measured: tuple
     motion = measured_motion(run, joints)
     brought_in = position_noise(model, motion)
     channels, noise, preparations = dict(run.channels), dict(run.noise), {}
+    torques = {}
     for name in measured:
+        run.require_informative(name)
         j = joints.index(name.removeprefix("tau."))
-        raw = run.require_informative(name)
-        stamps, values = _inside(run, name, motion)
+        torques[name] = Torque(j, *_inside(run, name, motion), brought_in[j])
+    drives = smoothing_drives(torques, model, motion, FREQUENCIES)
+    for name in measured:
+        raw, (j, stamps, values, _) = run.channels[name], torques[name]
         choice = best_smoothing(stamps, values)
         cutoff = cutoff_of(stamps, values, choice, brought_in[j])
+        drive = drives.get(name, Drive(np.inf, choice.noise))
+        smoothed = bool(np.isfinite(drive.cutoff))
+        cutoff = min(cutoff, WITHIN * drive.cutoff)
         known = settled(motion, j, stamps, cutoff)
         time = _thinned(stamps, known, cutoff)
         low = LowPass(Samples(stamps[known], UNDISTORTED / cutoff), cutoff)
         channels[name] = Channel(time, low.curve(values[known])(time)[:, 0], raw.unit)
         # Thinned samples vary too much to show their noise; the recording at its own rate does.
-        sensor = run.noise.get(name) or choice.noise
+        # Steps of a friction look like noise to a smooth curve; behind a low-pass there is more than the samples show.
+        sensor = run.noise.get(name) or (drive.noise if smoothed else min(drive.noise, choice.noise))
         from_positions = 2.0 * float(np.sum(brought_in[j, cutoff >= FREQUENCIES]) * FREQUENCIES[1])
         noise[name] = float(np.sqrt(low.noise_gain(time) * sensor**2 + from_positions))
         preparations[name] = Preparation(
@@ -165,6 +177,7 @@ def prepare(run: Run, model: pin.Model, joints: tuple[str, ...], measured: tuple
             recorded=len(raw),
             left_out=float(np.mean(~known)),
             moving=float(np.mean(np.abs(motion.direction(j, stamps)) >= CERTAIN)),
+            smoothed=drive.cutoff if smoothed else None,
         )
     for i, joint in enumerate(joints):
         channels |= _smooth_channels(run.channels[f"q.{joint}"], joint, motion.joints[i].curve)

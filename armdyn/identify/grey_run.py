@@ -1,16 +1,27 @@
 """One run, linear around its measured motion, with kicks between the pieces and glitches weighed down."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from armdyn.identify.estimator import until
 from armdyn.identify.fit import GROSS, NEAR_NOISE
-from armdyn.identify.innovations import Chain, Colour, Gram, Innovations, Rows, chained, combined, filtered, smoothed
+from armdyn.identify.innovations import (
+    Chain,
+    Colour,
+    Gram,
+    Innovations,
+    Rows,
+    blocks,
+    chained,
+    combined,
+    filtered,
+    smoothed,
+)
 from armdyn.identify.noise import quiet_noise
 from armdyn.identify.problem import Problem
-from armdyn.physics.pieces import Linearised, Pieces, Samples, pseudo_inverse
+from armdyn.physics.pieces import Pieces, pseudo_inverse
 from armdyn.physics.simulated import SimulatedModel
 
 HALF = 0.5
@@ -142,17 +153,11 @@ class GreyRun:
         start[:, self.places] += held
         wide = by_start * (LOOSE * self._typical)
         chain = Chain(found.transition, by_unknown, gap, start, wide @ wide.T, kicked @ kicked.T)
+        given = zip(self.channels, self.quiet, weights, strict=True)
         rows = [
-            Rows(_at_rates(found.samples[c], here), len(states), self.places, P, quiet, weight)
-            for c, quiet, weight in zip(self.channels, self.quiet, weights, strict=True)
+            Rows(found.samples.pop(c), len(states), self.places, P, quiet, weight, here) for c, quiet, weight in given
         ]
-        return Around(self, states, found, chain, rows, here)
-
-
-def _at_rates(samples: Samples, here: np.ndarray) -> Samples:
-    """Samples whose derivatives by parameters are those at constant rates; `here` (J, n, q) see `by_definition`."""
-    more = np.einsum("Nn,Nnq->Nq", samples.by_state, here[samples.piece])
-    return replace(samples, by_theta=samples.by_theta + more)
+        return Around(self, states, chain, rows, here)
 
 
 class Around:
@@ -162,12 +167,11 @@ class Around:
         self,
         run: GreyRun,
         states: np.ndarray,
-        found: Linearised,
         chain: Chain,
         rows: Sequence[Rows],
         definition: np.ndarray,
     ) -> None:
-        self.run, self.states, self.found, self.chain, self.rows = run, states, found, chain, rows
+        self.run, self.states, self.chain, self.rows = run, states, chain, rows
         self._definition = definition
         self._grams: dict[tuple[int, Colour], Gram] = {}
         direction = np.sqrt(np.diag(chain.kicked))
@@ -177,31 +181,40 @@ class Around:
             for c in range(len(rows))
         ]
         self.sharpest = int(np.argmax([np.median(t) for t in told]))
-        made = [chain.gap, chain.transition, chain.by_unknown]
-        made += [x for s in found.samples.values() for x in (s.predicted, s.by_state, s.by_theta)]
+        made = [chain.gap, chain.transition, chain.by_unknown, *(one.value for one in rows)]
         self.finite = all(bool(np.isfinite(x).all()) for x in made)
         self.kick_unit = float(1.0 / np.sqrt(max(np.median(told[self.sharpest]), 1e-300)))
 
     def gram(self, channel: int, colour: Colour) -> Gram:
         """Whitened sums of one channel."""
-        self._whiten(channel, [colour])
+        if (channel, colour) not in self._grams:
+            (self._grams[channel, colour],) = self.rows[channel].whitened([colour])
         return self._grams[channel, colour]
-
-    def _whiten(self, channel: int, colours: Iterable[Colour]) -> None:
-        new = [colour for colour in dict.fromkeys(colours) if (channel, colour) not in self._grams]
-        if new:
-            found = self.rows[channel].whitened(new)
-            self._grams |= {(channel, colour): gram for colour, gram in zip(new, found, strict=True)}
 
     def innovations(self, noises: Sequence[Noise], kicks: np.ndarray) -> Innovations:
         """At the colours and levels of C noises, with (K,) sizes of the kicks each."""
-        for c in range(len(self.rows)):
-            self._whiten(c, (noise.colour[c] for noise in noises))
-        found = [
-            combined([self.gram(c, colour) for c, colour in enumerate(noise.colour)], noise.level) for noise in noises
-        ]
-        sums, logs, rows = (list(part) for part in zip(*found, strict=True))
-        return filtered(np.array(sums), np.array(logs), rows[0], self.chain, kicks)
+        return filtered(self._sums(noises, len(kicks)), self.chain, kicks)
+
+    def _sums(self, noises: Sequence[Noise], kicks: int) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
+        """Sums of consecutive pieces at C noises, for `filtered` with so many kicks."""
+        width = self.rows[0].width
+        for pieces in blocks(len(self.states), len(noises) * width * max(width, 2 * len(self.states[0]) * kicks)):
+            grams = [
+                self._whitened(c, list(dict.fromkeys(n.colour[c] for n in noises)), pieces) for c in self._channels
+            ]
+            found = [combined([grams[c][noise.colour[c]] for c in self._channels], noise.level) for noise in noises]
+            sums, logs, rows = (list(part) for part in zip(*found, strict=True))
+            yield np.array(sums), np.array(logs), rows[0]
+
+    def _whitened(self, channel: int, colours: Sequence[Colour], pieces: slice) -> dict[Colour, Gram]:
+        """Sums of one channel and some pieces by colour."""
+        known = {c: self._grams[channel, c].of(pieces) for c in colours if (channel, c) in self._grams}
+        new = [c for c in colours if c not in known]
+        return known | dict(zip(new, self.rows[channel].whitened(new, pieces), strict=True)) if new else known
+
+    @property
+    def _channels(self) -> range:
+        return range(len(self.rows))
 
     def smoothed(self, noise: Noise, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(J, n) states and (J, n) kicks after a (P,) change of the unknowns."""

@@ -15,7 +15,7 @@ Time Series Models and the Kalman Filter, 1989, §3.4). The coloured error begin
 Sources: Kristensen, Madsen & Jorgensen, Automatica 40 (2004) 225; Comput. Chem. Eng. 28 (2004) 1431.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +24,10 @@ from armdyn.physics.pieces import Linearised, Samples
 
 MOST_ROWS = 100
 """Samples of a channel in one piece; where there are more, neighbours are averaged: half a swing has no more to say."""
+AT_ONCE = 2**20
+"""Numbers of an array that is worked with at a time, 8 MB: a long run has thousands of pieces and looks at hundreds of
+noises. Larger is no faster."""
+EVERY = slice(None)
 
 
 @dataclass(frozen=True)
@@ -45,13 +49,17 @@ class Gram:
 
     Attributes:
         sums: (J, n + P + 1, n + P + 1).
-        log_std: sum of the logarithms of the rows' standard deviations over that of the white noise.
-        rows: number of rows.
+        log_std: (J,) sum of the logarithms of the rows' standard deviations over that of the white noise.
+        rows: (J,) number of rows.
     """
 
     sums: np.ndarray
-    log_std: float
-    rows: float
+    log_std: np.ndarray
+    rows: np.ndarray
+
+    def of(self, pieces: slice) -> "Gram":
+        """The sums of these pieces."""
+        return Gram(self.sums[pieces], self.log_std[pieces], self.rows[pieces])
 
 
 class Rows:
@@ -64,23 +72,27 @@ class Rows:
         unknowns: P.
         noise: standard deviation of one sample.
         weight: (N,) variance of each sample over that; larger where a sample is not believed.
+        definition: (J, n, q) how the states at the beginning of the pieces change with the parameters where the motion
+            stays; see `Pieces.by_definition`.
     """
 
     def __init__(
-        self, samples: Samples, pieces: int, columns: np.ndarray, unknowns: int, noise: float, weight: np.ndarray
+        self,
+        samples: Samples,
+        pieces: int,
+        columns: np.ndarray,
+        unknowns: int,
+        noise: float,
+        weight: np.ndarray,
+        definition: np.ndarray,
     ) -> None:
         n = samples.by_state.shape[1]
         N = len(samples.time)
-        width = n + unknowns + 1
-        self.n = n
-        rows = np.zeros((N, width))
-        rows[:, :n] = samples.by_state
-        rows[:, n + columns] += samples.by_theta
-        rows[:, -1] = samples.measured - samples.predicted
+        self.n, self.width = n, n + unknowns + 1
         counts = np.bincount(samples.piece, minlength=pieces)
         group = max(1, -(-int(counts.max(initial=1)) // MOST_ROWS))
-        first = np.concatenate([[0], np.cumsum(counts)])[:-1]
-        place = (np.arange(N) - first[samples.piece]) // group
+        begins = np.concatenate([[0], np.cumsum(counts)])
+        place = (np.arange(N) - begins[samples.piece]) // group
         m = int(place.max(initial=0)) + 1
         key = samples.piece * m + place
         self._row = place, samples.piece
@@ -88,25 +100,39 @@ class Rows:
         total = np.bincount(key, weights=share, minlength=pieces * m)
         mean = np.bincount(key, weights=share * samples.time, minlength=pieces * m) / np.where(total > 0.0, total, 1.0)
         self.time = mean.reshape(pieces, m)
-        self.value = np.zeros((m, pieces, width))
-        order = np.flatnonzero(np.diff(key, prepend=-1))
-        added = np.add.reduceat(rows * share[:, None], order, axis=0) if N else rows
-        kept = key[order]
-        self.value[kept % m, kept // m] = added / total[kept][:, None] / noise
+        self.value = np.zeros((m, pieces, self.width))
+        for some in blocks(pieces, m * group * self.width):
+            inside = slice(begins[some.start], begins[some.stop])
+            by_state, residual = samples.by_state[inside], (samples.measured - samples.predicted)[inside]
+            rows = np.zeros((len(residual), self.width))
+            rows[:, :n], rows[:, -1] = by_state, residual
+            # Derivatives by parameters are those at constant rates: a momentum is a mass times a rate.
+            rows[:, n + columns] += samples.by_theta[inside]
+            rows[:, n + columns] += np.einsum("Nn,Nnq->Nq", by_state, definition[samples.piece[inside]])
+            rows *= share[inside, None]
+            order = np.flatnonzero(np.diff(key[inside], prepend=-1))
+            kept = key[inside][order]
+            added = np.add.reduceat(rows, order, axis=0) if len(order) else rows
+            self.value[kept % m, kept // m] = added * (np.sqrt(group) / (total[kept, None] * noise))
         # A row's white variance is one where all of its samples are believed; averages of few samples have more.
         with np.errstate(divide="ignore"):
             self.white = (group / total).reshape(pieces, m).T
         self.there = (total > 0.0).reshape(pieces, m).T
         self.group = group
         self.noise = noise / np.sqrt(group)
-        self.value *= np.sqrt(group)
         self.count = float(self.there.sum())
 
-    def whitened(self, colours: Sequence[Colour]) -> list[Gram]:
-        """Sums of the rows under white noise and each of several coloured errors."""
-        rows, logs = self._scanned(colours, self.value, self.white)
-        each = rows.transpose(1, 2, 0, 3)
-        return [Gram(own.transpose(0, 2, 1) @ own, float(log), self.count) for own, log in zip(each, logs, strict=True)]
+    def whitened(self, colours: Sequence[Colour], pieces: slice = EVERY) -> list[Gram]:
+        """Sums of the rows of some pieces under white noise and each of several coloured errors."""
+        m, J, width = self.value[:, pieces].shape
+        sums, logs = np.empty((len(colours), J, width, width)), np.empty((len(colours), J))
+        for some in blocks(J, len(colours) * m * width):
+            here = slice(*np.arange(*pieces.indices(self.value.shape[1]))[some][[0, -1]] + [0, 1])
+            rows, logs[:, some] = self._scanned(colours, self.value[:, here], self.white[:, here], here)
+            each = rows.transpose(1, 2, 0, 3)
+            sums[:, some] = each.transpose(0, 1, 3, 2) @ each
+        count = self.there[:, pieces].sum(axis=0).astype(float)
+        return [Gram(own, log, count) for own, log in zip(sums, logs, strict=True)]
 
     def deviates(self, colour: Colour, level: float, moved: np.ndarray, change: np.ndarray) -> np.ndarray:
         """(N,) how far each sample's row is from what the ones before it in its piece let expect, in deviations.
@@ -119,28 +145,36 @@ class Rows:
         """
         left = self.value[:, :, -1] - np.einsum("mjn,jn->mj", self.value[:, :, : self.n], moved)
         left -= self.value[:, :, self.n : -1] @ change
-        rows, _ = self._scanned([colour], left[:, :, None], np.where(self.there, 1.0, self.white))
+        rows, _ = self._scanned([colour], left[:, :, None], np.where(self.there, 1.0, self.white), EVERY)
         return np.abs(rows[:, 0, :, 0])[self._row] / level
 
     def _scanned(
-        self, colours: Sequence[Colour], value: np.ndarray, white: np.ndarray
+        self, colours: Sequence[Colour], value: np.ndarray, white: np.ndarray, pieces: slice
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(m, C, J, w) rows of which each has left what those before it say of it; (C,) sums of log deviations."""
+        """(m, C, J, w) rows of which each has left what those before it say of it; (C, J) sums of log deviations.
+
+        Args:
+            colours: C.
+            value: (m, J, w) rows of the pieces.
+            white: (m, J) their white variance.
+            pieces: which ones these are.
+        """
         m, J, width = value.shape
+        stamps, there = self.time[pieces], self.there[:, pieces]
         ratio, time = (np.array([getattr(c, part) for c in colours])[:, None] for part in ("ratio", "time"))
         rows = np.empty((m, len(colours), J, width))
         error, variance = np.zeros((len(colours), J, width)), np.repeat(ratio, J, axis=1)
-        last, logs = self.time[:, 0], np.zeros(len(colours))
+        last, logs = stamps[:, 0], np.zeros((len(colours), J))
         for k in range(m):
-            on = self.there[k]
-            now = np.where(on, self.time[:, k], last)
+            on = there[k]
+            now = np.where(on, stamps[:, k], last)
             decay = np.exp((last - now) / time)
             error *= decay[:, :, None]
             variance = decay**2 * variance + (1.0 - decay**2) * ratio
             S = variance + np.where(on, white[k], 1.0)
             gap = value[k] - error
             np.multiply(np.where(on, 1.0 / np.sqrt(S), 0.0)[:, :, None], gap, out=rows[k])
-            logs += 0.5 * np.sum(np.log(S[:, on]), axis=1)
+            logs += 0.5 * np.where(on, np.log(S), 0.0)
             gain = np.where(on, variance / S, 0.0)
             error += gain[:, :, None] * gap
             variance *= 1.0 - gain
@@ -148,11 +182,18 @@ class Rows:
         return rows, logs
 
 
+def blocks(count: int, each: int) -> Iterator[slice]:
+    """Slices of `count` things of `each` numbers that are worked with together; see `AT_ONCE`."""
+    size = max(1, AT_ONCE // max(each, 1))
+    for first in range(0, count, size):
+        yield slice(first, min(first + size, count))
+
+
 def combined(grams: Sequence[Gram], levels: Sequence[float]) -> tuple[np.ndarray, float, float]:
     """(J, w, w) sums of several channels with levels of their white noise, the log-determinant's half, and the rows."""
     total = sum(gram.sums / level**2 for gram, level in zip(grams, levels, strict=True))
-    logs = sum(gram.log_std + gram.rows * np.log(level) for gram, level in zip(grams, levels, strict=True))
-    return np.asarray(total), float(logs), float(sum(gram.rows for gram in grams))
+    logs = sum(np.sum(gram.log_std + gram.rows * np.log(level)) for gram, level in zip(grams, levels, strict=True))
+    return np.asarray(total), float(logs), float(sum(np.sum(gram.rows) for gram in grams))
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,48 +247,71 @@ class Innovations:
 
 
 @np.errstate(all="ignore")  # what a divergence has spoilt is no finite evidence
-def filtered(sums: np.ndarray, log_std: np.ndarray, rows: float, chain: Chain, kicks: np.ndarray) -> Innovations:
-    """Leave the states out of (C, J, w, w) sums with (C,) logarithms, at (K,) standard deviations of the kicks."""
-    M, _, eta, after, logs = _forward(sums, chain, kicks)
-    C, K, J, n, width = M.shape
-    phi, cross = sums[:, None, :, :n, :n], sums[:, :, :n, n:]
-    total = sums[:, :, n:, n:].sum(axis=1)[:, None]
-    flat = (C, K, J * n, width)
-    both = np.swapaxes(cross.reshape(C, 1, J * n, width), 2, 3) @ M.reshape(flat)
-    own = np.swapaxes(M.reshape(flat), 2, 3) @ (phi @ M).reshape(flat)
-    gone = np.swapaxes(eta.reshape(flat), 2, 3) @ (after @ eta).reshape(flat)
-    whole = (total - both - np.swapaxes(both, 2, 3) + own - gone).reshape(C * K, width, width)
-    every = (log_std[:, None] + logs).ravel()
-    return Innovations(whole[:, :-1, :-1], whole[:, :-1, -1], whole[:, -1, -1], every, rows)
+def filtered(parts: Iterable[tuple[np.ndarray, np.ndarray, float]], chain: Chain, kicks: np.ndarray) -> Innovations:
+    """Leave the states out of sums, at (K,) standard deviations of the kicks.
+
+    Args:
+        parts: of consecutive pieces (C, b, w, w) sums, (C,) their logarithms and the number of rows; see `combined`.
+        chain: of the run.
+        kicks: (K,).
+    """
+    filter_ = _Filter(chain, kicks)
+    whole: np.ndarray | float = 0.0
+    every: np.ndarray | float = 0.0
+    rows = 0.0
+    for sums, log_std, count in parts:
+        M, _, eta, after, logs = filter_.advanced(sums)
+        C, K, b, n, width = M.shape
+        phi, cross = sums[:, None, :, :n, :n], sums[:, :, :n, n:]
+        total = sums[:, :, n:, n:].sum(axis=1)[:, None]
+        flat = (C, K, b * n, width)
+        both = np.swapaxes(cross.reshape(C, 1, b * n, width), 2, 3) @ M.reshape(flat)
+        own = np.swapaxes(M.reshape(flat), 2, 3) @ (phi @ M).reshape(flat)
+        gone = np.swapaxes(eta.reshape(flat), 2, 3) @ (after @ eta).reshape(flat)
+        whole = whole + (total - both - np.swapaxes(both, 2, 3) + own - gone).reshape(C * K, width, width)
+        every = every + (log_std[:, None] + logs).ravel()
+        rows += count
+    found = np.asarray(whole)
+    return Innovations(found[:, :-1, :-1], found[:, :-1, -1], found[:, -1, -1], np.asarray(every), rows)
 
 
-def _forward(
-    sums: np.ndarray, chain: Chain, kicks: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The filter: (C, K, J, n, P+1) means and (C, K, J, n, n) variances before pieces, and what these say of them."""
-    J, n = chain.gap.shape
-    C, K, width = len(sums), len(kicks), sums.shape[-1] - n
-    M, P = np.empty((C, K, J, n, width)), np.empty((C, K, J, n, n))
-    eta, after = np.empty((C, K, J, n, width)), np.empty((C, K, J, n, n))
-    # The columns' states fall by what the unknowns add to them: the residual is r - X dtheta.
-    mean = np.broadcast_to(chain.start * np.append(-np.ones(width - 1), 1.0), (C, K, n, width))
-    variance = np.broadcast_to(chain.start_variance, (C, K, n, n))
-    noise = kicks[:, None, None] ** 2 * chain.kicked
-    drive = np.concatenate([-chain.by_unknown, chain.gap[:, :, None]], axis=2)
-    logs, one = np.zeros((C, K)), np.eye(n)
-    for j in range(J):
-        phi = sums[:, None, j, :n, :n]
-        M[:, :, j], P[:, :, j] = mean, variance
-        inverse, size = _inverse(one + variance @ phi)
-        now = inverse @ variance
-        now = (now + np.swapaxes(now, 2, 3)) / 2
-        e = sums[:, None, j, :n, n:] - phi @ mean
-        eta[:, :, j], after[:, :, j] = e, now
-        logs += size
-        T = chain.transition[j]
-        mean = T @ (mean + now @ e) + drive[j]
-        variance = T @ now @ T.T + noise
-    return M, P, eta, after, 0.5 * logs
+class _Filter:
+    """The filter, advanced over consecutive pieces; see `filtered`."""
+
+    def __init__(self, chain: Chain, kicks: np.ndarray) -> None:
+        self._chain, self._noise, self._next = chain, kicks[:, None, None] ** 2 * chain.kicked, 0
+        # The columns' states fall by what the unknowns add to them: the residual is r - X dtheta.
+        self._mean = chain.start * np.append(-np.ones(chain.start.shape[1] - 1), 1.0)
+        self._variance = chain.start_variance
+
+    def advanced(self, sums: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Over the next b pieces, of which the sums are (C, b, w, w).
+
+        Returns:
+            (C, K, b, n, P+1) means and (C, K, b, n, n) variances before the pieces, and what these say of them;
+            (C, K) the logarithm of the determinant.
+        """
+        chain, n, here = self._chain, self._chain.gap.shape[1], self._next
+        C, b, K, width = len(sums), sums.shape[1], len(self._noise), sums.shape[-1] - n
+        M, P = np.empty((C, K, b, n, width)), np.empty((C, K, b, n, n))
+        eta, after = np.empty((C, K, b, n, width)), np.empty((C, K, b, n, n))
+        mean, variance = np.broadcast_to(self._mean, (C, K, n, width)), np.broadcast_to(self._variance, (C, K, n, n))
+        drive = np.concatenate([-chain.by_unknown[here : here + b], chain.gap[here : here + b, :, None]], axis=2)
+        logs, one = np.zeros((C, K)), np.eye(n)
+        for j in range(b):
+            phi = sums[:, None, j, :n, :n]
+            M[:, :, j], P[:, :, j] = mean, variance
+            inverse, size = _inverse(one + variance @ phi)
+            now = inverse @ variance
+            now = (now + np.swapaxes(now, 2, 3)) / 2
+            e = sums[:, None, j, :n, n:] - phi @ mean
+            eta[:, :, j], after[:, :, j] = e, now
+            logs += size
+            T = chain.transition[here + j]
+            mean = T @ (mean + now @ e) + drive[j]
+            variance = T @ now @ T.T + self._noise
+        self._mean, self._variance, self._next = mean, variance, here + b
+        return M, P, eta, after, 0.5 * logs
 
 
 def _inverse(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -275,7 +339,7 @@ def smoothed(sums: np.ndarray, chain: Chain, kick: float, change: np.ndarray) ->
         kick: standard deviation.
         change: (P,) of the unknowns.
     """
-    M, P, eta, _, _ = _forward(sums[None], chain, np.array([kick]))
+    M, P, eta, _, _ = _Filter(chain, np.array([kick])).advanced(sums[None])
     weights = np.append(-change, 1.0)
     mean, e, variance = M[0, 0] @ weights, eta[0, 0] @ weights, P[0, 0]
     J, n = mean.shape

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from armdyn.channels import Channel
-from armdyn.differences import normalised_differences
+from armdyn.differences import NORMAL_MEDIAN, normalised_differences
 from armdyn.identify.problem import Block
 
 LAGS = 20
@@ -18,8 +18,6 @@ CLEARLY_LESS = 0.9
 0.9 from sample to sample the ratio is 0.96; for a swing of 0.8 Hz at 20 Hz, a hundred times the noise, it is 0.3."""
 ORDER = 4
 """Highest order of the autoregression that whitens coloured noise."""
-NORMAL_MEDIAN = 0.6745
-"""Median of |x| over the standard deviation, for normal x."""
 FAINTEST = 0.1
 """Share of its stated noise that a channel has at least: an encoder at rest shows none."""
 MOST_LAGS = 50

@@ -28,6 +28,9 @@ ASTRAY = 10.0
 """Kicks, over what one piece tells of a speed, beyond which a motion that only a force shows may be a wrong one."""
 MOST_STEPS, QUICK_STEPS = 30, 10
 """Of a fit, and of one that only ranks a set among others."""
+MOST_PREDICTED = 5_000_000
+"""Samples that a fit with large errors may predict in looking at other places: five seconds. All of them are looked at
+in recordings of up to 37,000 samples, five minutes of a swing; in longer ones fewer, beyond 111,000 none."""
 
 
 def shows_motion(problem: Problem) -> bool:
@@ -178,6 +181,7 @@ def descended(problem: Problem, free: np.ndarray, starts: Iterable[np.ndarray], 
     if found[0].chi2_per_sample > (NEAR_NOISE if others else GROSS):
         found += [_bounded_fit(problem, free, tied, steps) for tied in islice(values, 1)]
     best = min(found, key=_finite_cost)
+    others = min(others, MOST_PREDICTED // (problem.samples * (3 * SKETCHED + MOST_STEPS)))
     if best.chi2_per_sample > GROSS and others:
         # With large errors the kicks' way may have left the best minimum; other places on it are nearer then.
         nearer = sorted(values, key=lambda one: _cost(problem, one))[: 3 * others]

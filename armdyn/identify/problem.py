@@ -201,8 +201,10 @@ class Problem:
             prediction = model.predict(run, self.theta(i, values)[places])
             for channel, rows in prediction.slices.items():
                 noise = self.noise[run.name, channel]
-                sensitivities = np.zeros((rows.stop - rows.start, len(self.columns)))
-                sensitivities[:, self._of_run[i][places]] = prediction.sensitivities[rows] / noise
+                # Column by column: columns of parameters that the model lacks are never touched, and take no memory.
+                sensitivities = np.zeros((rows.stop - rows.start, len(self.columns)), order="F")
+                sensitivities[:, self._of_run[i][places]] = prediction.sensitivities[rows]
+                sensitivities[:, self._of_run[i][places]] /= noise
                 residual = (run.channels[channel].value - prediction.values[rows]) / noise
                 found.append(Block(run.name, channel, prediction.time[rows], residual, sensitivities, noise))
         return found

@@ -17,6 +17,7 @@ from scipy.optimize import brentq
 from scipy.signal import lfilter
 
 from armdyn.channels import FloatArray
+from armdyn.differences import NORMAL_MEDIAN
 
 LEAST_AT_A_SIDE = 4
 """Recordings before and after a step: fewer may be a bad afternoon."""
@@ -27,8 +28,6 @@ ALIKE = 1e-12
 ODD = 3.0
 """Standard deviations from the median of itself and two recordings on either side, beyond which a recording is odd. The
 first one after a step has three of its own kind among these."""
-NORMAL_MEDIAN = 0.6745
-"""Median of the absolute value of a normal deviate."""
 AT_ONCE = 2_000_000
 """Numbers that are simulated at once: 16 MB."""
 GRID = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9])

@@ -18,8 +18,8 @@ SEGMENT = 1.5
 MOSTLY_DYNAMICS, MOSTLY_SENSOR = 0.7, 0.4
 """Process-error shares above and below which it is said whether dynamics or a sensor is to blame."""
 FREQUENCIES = 600
-CHUNK = 200
-"""Frequencies that are looked at together."""
+CHUNK = 2**19
+"""Sines that are computed together."""
 
 
 @dataclass(frozen=True)
@@ -149,10 +149,11 @@ def segments(run: Run) -> list[Run]:
     pieces = []
     for k in range(int((end - begin) / SEGMENT)):
         lower, upper = begin + k * SEGMENT, begin + (k + 1) * SEGMENT
+        inside = {name: slice(*np.searchsorted(c.time, (lower, upper))) for name, c in run.channels.items()}
         channels = {
-            name: Channel(c.time[inside], c.value[inside], c.unit)
+            name: Channel(c.time[inside[name]], c.value[inside[name]], c.unit)
             for name, c in run.channels.items()
-            if np.count_nonzero(inside := (c.time >= lower) & (c.time < upper)) >= 12
+            if inside[name].stop - inside[name].start >= 12
         }
         if len(channels) == len(run.channels):
             pieces.append(Run(f"{run.name}#{k}", channels, {}, run.noise))
@@ -241,8 +242,9 @@ def periodogram(time: np.ndarray, value: np.ndarray, frequencies: np.ndarray) ->
         frequencies: (F,) Hz.
     """
     power = np.empty(len(frequencies))
-    for first in range(0, len(frequencies), CHUNK):
-        part = slice(first, first + CHUNK)
+    together = max(1, CHUNK // len(time))
+    for first in range(0, len(frequencies), together):
+        part = slice(first, first + together)
         phase = 2 * np.pi * np.multiply.outer(frequencies[part], time)
         sine, cosine = np.sin(phase), np.cos(phase)
         s, c = sine @ value, cosine @ value

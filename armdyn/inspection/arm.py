@@ -1,7 +1,9 @@
 """Recordings of an arm against its description: torques at a few moments, in every way in which they may be meant."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -14,6 +16,7 @@ from armdyn.arm.rigid import inverse_dynamics
 from armdyn.effects.effect import Effect
 from armdyn.inspection.correction import Correction
 from armdyn.inspection.evidence import FLOOR, Channels, Evidence, evidence, independent
+from armdyn.inspection.kinematics import averages
 from armdyn.run import Run
 
 MOMENTS = 120
@@ -79,6 +82,25 @@ NOTHING = Description(mass=0.0)
 """A description that says nothing."""
 
 
+Meaning: TypeAlias = tuple[Correction, Description]
+"""How a recording is to be read, and what it is held against."""
+
+
+@dataclass(frozen=True, eq=False)
+class Coarse:
+    """What is asked of the joints at some of the moments.
+
+    Attributes:
+        described: (J, n) torques.
+        columns: (J, n, 4) of offset, frictions and rotor.
+        beyond: nats that positions beyond the joints' limits cost.
+    """
+
+    described: np.ndarray
+    columns: np.ndarray
+    beyond: float
+
+
 @dataclass(frozen=True, eq=False)
 class ArmRun:
     """One recording of an arm at a few moments.
@@ -119,13 +141,7 @@ class ArmRun:
 
     def torque(self, channel: str, late: float = 0.0) -> np.ndarray:
         """(n,) averages of a torque around the moments, whose stamps are so much too large."""
-        recorded = self.run.channels[channel]
-        near = max(NEAR, float(np.median(np.diff(recorded.time))))
-        time = self.motion.time + late
-        total = np.concatenate([[0.0], np.cumsum(recorded.value)])
-        first = np.clip(np.searchsorted(recorded.time, time - near), 0, len(recorded.time) - 1)
-        last = np.clip(np.searchsorted(recorded.time, time + near), first + 1, len(recorded.time))
-        return np.asarray((total[last] - total[first]) / (last - first))
+        return averages(self.run.channels[channel], self.motion.time + late, NEAR)
 
     @cached_property
     def measured(self) -> np.ndarray:
@@ -174,38 +190,46 @@ class ArmRun:
 
     def outside(self, motion: Motion, torques: np.ndarray) -> float:
         """Nats that positions beyond the joints' limits cost, and (J, n) torques that no drive of this arm has."""
+        return self._beyond(motion) + float(self._too_strong(torques))
+
+    def _beyond(self, motion: Motion) -> float:
         limits = self.model.arm.robot.limits
         beyond = (motion.q < limits.lower - MARGIN) | (motion.q > limits.upper + MARGIN)
-        too_strong = np.abs(torques) > STRONGER * limits.effort[self.of_joint, None]
-        joints = np.count_nonzero(beyond.mean(axis=0) > SELDOM) + np.count_nonzero(too_strong.mean(axis=1) > SELDOM)
-        return BEYOND * float(joints)
+        return BEYOND * float(np.count_nonzero(beyond.mean(axis=0) > SELDOM))
 
-    def rough(self, correction: Correction, description: Description = AS_DESCRIBED) -> float:
-        """Evidence without inertias, springs and payloads, which takes a hundredth of the time.
+    def _too_strong(self, torques: np.ndarray) -> np.ndarray:
+        """(...) nats of (..., J, n) torques."""
+        limit = STRONGER * self.model.arm.robot.limits.effort[self.of_joint, None]
+        return BEYOND * np.count_nonzero((np.abs(torques) > limit).mean(axis=-1) > SELDOM, axis=-1)
+
+    def rough(self, meanings: Sequence[Meaning]) -> np.ndarray:
+        """(h,) evidence without inertias, springs and payloads, of all meanings at once: a hundredth of the time.
 
         Every joint has friction, a rotor, an offset and an error of a tenth of its torque.
         """
-        y, volume, source = self.read(correction)
-        weight, y = self.weights[source], y[:, ::COARSE]
-        m, f, X = self._coarse(correction, description)
-        effort = self._effort[self.of_joint]
-        scale = np.maximum(np.mean(y**2, axis=1), (SLIGHT * effort * np.exp(volume)) ** 2)
-        gap = y - f
-        G, slope = X.transpose(0, 2, 1) @ X, np.einsum("jnp,jn->jp", X, gap)
-        variance, used = 0.1 * scale, np.ones((len(y), X.shape[2]), dtype=bool)
+        read = [self.read(correction) for correction, _ in meanings]
+        coarse = [self._coarse(*meaning) for meaning in meanings]
+        y, volume = np.array([r[0][:, ::COARSE] for r in read]), np.array([r[1] for r in read])
+        weight = np.array([self.weights[r[2]] for r in read])
+        X, cost = np.array([c.columns for c in coarse]), np.array([c.beyond for c in coarse])
+        scale = np.maximum(np.mean(y**2, axis=2), (SLIGHT * self._effort[self.of_joint] * np.exp(volume)) ** 2)
+        gap = y - np.array([c.described for c in coarse])
+        turned = np.swapaxes(X, 2, 3)
+        G, slope = turned @ X, (turned @ gap[..., None])[..., 0]
+        variance, used = 0.1 * scale, np.ones(slope.shape, dtype=bool)
         for _ in range(2):
-            kept = used[:, :, None] & used[:, None, :]
-            A = np.where(kept, G / variance[:, None, None], 0.0) + np.eye(X.shape[2])
-            right = np.where(used, slope / variance[:, None], 0.0)
-            theta = np.linalg.solve(A, right[:, :, None])[:, :, 0]
-            used &= (theta >= 0.0) | (np.arange(X.shape[2]) == 0)
-            left = gap - np.einsum("jnp,jp->jn", X, np.where(used, theta, 0.0))
-            variance = np.mean(left**2, axis=1) + FLOOR**2 * scale
-        total = float(np.sum(weight * len(self.motion.time) * (volume - 0.5 * np.log(variance))))
-        return total - self.outside(m, y)
+            kept = used[..., :, None] & used[..., None, :]
+            A = np.where(kept, G / variance[..., None, None], 0.0) + np.eye(X.shape[3])
+            right = np.where(used, slope / variance[..., None], 0.0)
+            theta = np.linalg.solve(A, right[..., None])
+            used &= (theta[..., 0] >= 0.0) | (np.arange(X.shape[3]) == 0)
+            left = gap - (X @ np.where(used[..., None], theta, 0.0))[..., 0]
+            variance = np.mean(left**2, axis=2) + FLOOR**2 * scale
+        total = len(self.motion.time) * np.sum(weight * (volume - 0.5 * np.log(variance)), axis=1)
+        return np.asarray(total - cost - self._too_strong(y))
 
-    def _coarse(self, correction: Correction, description: Description) -> tuple[Motion, np.ndarray, np.ndarray]:
-        """Motion, (J, n) described torques and (J, n, 4) columns at some of the moments; kept, as many share them."""
+    def _coarse(self, correction: Correction, description: Description) -> Coarse:
+        """What is asked of the joints at some of the moments; kept, as many meanings share it."""
         positions = tuple(sorted((n, r) for n, r in correction.readings.items() if n.startswith("q.")))
         key = positions, description
         if key not in self._kept:
@@ -214,11 +238,11 @@ class ArmRun:
             j, effort = self.of_joint, self._effort[self.of_joint]
             rows = [np.full(m.q.shape, 0.05)[:, j], 0.1 * m.v[:, j], 0.1 * m.direction[:, j], 0.01 * m.a[:, j]]
             columns = (np.stack(rows, axis=2) * effort[:, None]).transpose(1, 0, 2)
-            self._kept[key] = m, self.described(m, description), columns
+            self._kept[key] = Coarse(self.described(m, description), columns, self._beyond(m))
         return self._kept[key]
 
     @cached_property
-    def _kept(self) -> dict[object, tuple[Motion, np.ndarray, np.ndarray]]:
+    def _kept(self) -> dict[object, Coarse]:
         return {}
 
     def sure(

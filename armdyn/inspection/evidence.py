@@ -15,7 +15,6 @@ Readings y' = k y are as probable as y times k^n, which is the only difference b
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from armdyn.identify.noise import correlation_time
 
@@ -71,13 +70,35 @@ class Evidence:
 
 
 def evidence(given: Channels) -> Evidence:
-    """The best over `SIZES`."""
+    """The best over `SIZES`, all of which are worked out at once."""
     gap = given.measured - given.described
-    scale = np.sqrt(np.mean(given.measured**2, axis=1))
-    scale = np.maximum(scale, given.least)
-    grams = np.einsum("jnp,jnq->jpq", given.columns, given.columns, optimize=True)
+    scale = np.maximum(np.sqrt(np.mean(given.measured**2, axis=1)), given.least)
+    grams = np.swapaxes(given.columns, 1, 2) @ given.columns
     slopes = np.einsum("jnp,jn->jp", given.columns, gap)
-    return max((_at(given, gap, scale, grams, slopes, size) for size in SIZES), key=lambda found: found.value)
+    size = np.array(SIZES)[:, None]
+    used = np.ones((len(SIZES), given.columns.shape[2]), dtype=bool)
+    variance = np.tile(np.maximum((0.1 * scale) ** 2, 0.01 * np.mean(gap**2, axis=1)), (len(SIZES), 1))
+    left, theta = np.tile(gap, (len(SIZES), 1, 1)), np.zeros(used.shape)
+
+    def spread() -> np.ndarray:
+        """(s, p, p) what the readings say of the sizes beside what is believed of them."""
+        G = np.tensordot(given.weight / variance, grams, axes=1) * used[:, :, None] * used[:, None, :]
+        return np.asarray(np.eye(G.shape[1]) + size[:, :, None] ** 2 * G)
+
+    for _ in range(ROUNDS):
+        pull = size**2 * ((given.weight / variance) @ slopes) * used
+        theta = np.linalg.solve(spread(), pull[:, :, None])[:, :, 0]
+        wrong = given.positive & (theta < 0.0)
+        used &= ~wrong
+        theta = np.where(wrong, 0.0, theta)
+        left = gap - np.moveaxis(given.columns @ theta.T, 2, 0)
+        variance = np.mean(left**2, axis=2) + (FLOOR * scale) ** 2
+    half = np.log(np.diagonal(np.linalg.cholesky(spread()), axis1=1, axis2=2)).sum(axis=1)
+    share = given.weight / variance
+    value = -0.5 * (np.sum(share * np.sum(left**2, axis=2), axis=1) + np.sum((theta / size) ** 2, axis=1)) - half
+    value += gap.shape[1] * np.sum(given.weight * (given.volume - 0.5 * np.log(variance)), axis=1)
+    best = int(np.argmax(value))
+    return Evidence(float(value[best]), left[best], np.mean(left[best] ** 2, axis=1) / scale**2, theta[best])
 
 
 def independent(measured: np.ndarray, left: np.ndarray, least: np.ndarray) -> np.ndarray:
@@ -91,35 +112,3 @@ def independent(measured: np.ndarray, left: np.ndarray, least: np.ndarray) -> np
     moves = np.maximum(np.mean(centred[:, 1:] * centred[:, :-1], axis=1), 0.0)
     floor = FLOOR**2 * np.maximum(np.mean(measured**2, axis=1), least**2)
     return np.asarray(1.0 / measured.shape[1] + np.maximum(alone, SLOWEST) * (moves / (moves + floor)) ** 2)
-
-
-def _at(
-    given: Channels, gap: np.ndarray, scale: np.ndarray, grams: np.ndarray, slopes: np.ndarray, size: float
-) -> Evidence:
-    n = gap.shape[1]
-    used = np.ones(given.columns.shape[2], dtype=bool)
-    variance = np.maximum((0.1 * scale) ** 2, 0.01 * np.mean(gap**2, axis=1))
-    least = (FLOOR * scale) ** 2
-    theta, root = np.zeros(len(used)), np.zeros((0, 0))
-    for _ in range(ROUNDS):
-        share = given.weight / variance
-        G = np.tensordot(share, grams, axes=1)[np.ix_(used, used)]
-        root = np.eye(len(G)) + size**2 * G
-        factor = cho_factor(root, lower=True, check_finite=False)
-        theta = np.zeros(len(used))
-        theta[used] = size**2 * cho_solve(factor, (share @ slopes)[used], check_finite=False)
-        wrong = given.positive & (theta < 0.0)
-        if wrong.any():
-            used &= ~wrong
-            theta[wrong] = 0.0
-        left = gap - given.columns @ theta
-        variance = np.maximum(np.mean(left**2, axis=1), 0.0) + least
-    share = given.weight / variance
-    G = np.tensordot(share, grams, axes=1)[np.ix_(used, used)]
-    factor = cho_factor(np.eye(len(G)) + size**2 * G, lower=True, check_finite=False)
-    half = float(np.sum(np.log(np.diag(factor[0]))))
-    left = gap - given.columns @ theta
-    fit = float(np.sum(share * np.sum(left**2, axis=1)))
-    value = -0.5 * (fit + float(np.sum(theta**2)) / size**2) - half
-    value += float(np.sum(given.weight * n * (given.volume - 0.5 * np.log(variance))))
-    return Evidence(value, left, np.mean(left**2, axis=1) / scale**2, theta)

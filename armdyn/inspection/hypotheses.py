@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from armdyn.inspection.arm import AS_DESCRIBED, ArmRun, Description
-from armdyn.inspection.check import Kind
+from armdyn.inspection.check import MODEL, Kind
 from armdyn.inspection.correction import Correction, Reading
 
 DEGREE = np.pi / 180.0
@@ -26,6 +26,8 @@ LENGTH_UNITS: Mapping[str, float] = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254}
 QUARTERS: Mapping[str, float] = {"a quarter turn": np.pi / 2, "minus a quarter turn": -np.pi / 2, "half a turn": np.pi}
 LATE = (-0.5, -0.3, -0.2, -0.15, -0.1, 0.1, 0.15, 0.2, 0.3, 0.5)
 """s; what is late by less is a delay of the torque sensor, an effect."""
+LAGS = (0.03, 0.06, 0.09)
+"""s by which a gripper or a sensor may lag, which is an effect."""
 FILTERED = 6.0
 """Nats that a late clock costs: torques of drives are low-passed and late in themselves."""
 TURNED = np.deg2rad(12.0)
@@ -45,6 +47,7 @@ class Hypothesis:
         description: of the arm.
         price: nats that it costs before anything is measured.
         sure: whether the correction is known, rather than taken from the model, which would hide what the model lacks.
+        effect: whether it is no mistake but an effect, so that nothing is told where it explains best.
     """
 
     kind: Kind
@@ -55,6 +58,7 @@ class Hypothesis:
     description: Description = AS_DESCRIBED
     price: float = 0.0
     sure: bool = True
+    effect: bool = False
 
 
 Mistake = Callable[[ArmRun], Iterator[Hypothesis]]
@@ -183,11 +187,13 @@ def zeros(run: ArmRun) -> Iterator[Hypothesis]:
 def clocks(run: ArmRun) -> Iterator[Hypothesis]:
     """Torques stamped by another clock than positions."""
     every = list(run.channels)
-    for late in LATE:
+    for late in (*LAGS, *LATE):
         word = "late" if late > 0.0 else "early"
         yield Hypothesis(
-            "clock_shift", tuple(every), f"torques are stamped {abs(late):g} s too {word} against the positions",
+            "clock_shift", tuple(every), f"torques are stamped {abs(late):g} s too {word} against the positions"
+            + (", or are commands, which the drive follows later" if late < 0.0 else ""),
             correction=Correction({name: Reading(name, late=late) for name in every}), price=FILTERED,
+            effect=late in LAGS,
         )  # fmt: skip
 
 
@@ -197,24 +203,25 @@ def mountings(run: ArmRun) -> Iterator[Hypothesis]:
     size = float(np.linalg.norm(g))
     if size == 0.0:
         return
-    found = run.gravity(Correction())
+    axes = [*np.eye(3), *-np.eye(3)]
+    ways, found = list(axes), run.gravity(Correction())
     length = float(np.linalg.norm(found))
-    if length > 0.3 * size:
-        there = found * size / length
-        axes = np.vstack([np.eye(3), -np.eye(3)]) * size
-        nearest = axes[int(np.argmax(axes @ there))]
-        if np.arccos(np.clip(nearest @ there / size**2, -1, 1)) < TURNED:
-            there = nearest + 0.0
-        if np.arccos(np.clip(g @ there / size**2, -1.0, 1.0)) > TURNED:
-            roll, pitch = rolled(there)
-            yield Hypothesis(
-                "gravity_direction", run.channels,
-                f"gravity acts along ({there[0]:.3g}, {there[1]:.3g}, {there[2]:.3g}) m/s^2 in the frame of the base, "
-                "not as described: the arm is mounted on a wall, a ceiling or a slope",
-                f'mount the base in the URDF with rpy="{roll:.4g} {pitch:.4g} 0", or tell the model: '
-                f"'armdyn add MODEL base_tilt RUN... --trust-data' (roll {roll:.3g} rad, pitch {pitch:.3g} rad)",
-                description=Description(gravity=tuple(there.tolist())), price=3.0,
-            )  # fmt: skip
+    if length > 0.3 * size and max(axis @ found for axis in axes) < np.cos(TURNED) * length:
+        ways.append(found / length)
+    for way in ways:
+        if way @ g > np.cos(TURNED) * size:
+            continue
+        there = size * way + 0.0
+        roll, pitch = rolled(there)
+        recording = run.run.source or run.run.name
+        yield Hypothesis(
+            "gravity_direction", run.channels,
+            f"gravity acts along ({there[0]:.3g}, {there[1]:.3g}, {there[2]:.3g}) m/s^2 in the frame of the base, "
+            "not as described: the arm is mounted on a wall, a ceiling or a slope",
+            f'mount the base in the URDF with rpy="{roll:.4g} {pitch:.4g} 0", or tell the model: '
+            f"'armdyn add {MODEL} base_tilt {recording} --trust-data' (roll {roll:.3g} rad, pitch {pitch:.3g} rad)",
+            description=Description(gravity=tuple(there.tolist())), price=3.0,
+        )  # fmt: skip
     yield Hypothesis(
         "gravity_direction", run.channels, "gravity is already taken out of the torques",
         "record the whole measured torque (libfranka: tau_J, not tau_J_d)",

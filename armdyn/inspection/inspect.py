@@ -8,6 +8,7 @@ from armdyn.channels import Channel
 from armdyn.effects.effect import Effect
 from armdyn.effects.user import available
 from armdyn.errors import InputError, WrongRecordingError
+from armdyn.faults import without_spikes
 from armdyn.identify.prepare import with_distinct_names
 from armdyn.inspection import physics
 from armdyn.inspection.arm import ArmRun
@@ -15,7 +16,7 @@ from armdyn.inspection.check import Check, Inspection, by_severity
 from armdyn.inspection.correction import Correction
 from armdyn.inspection.kinematics import consistent, rate_checks
 from armdyn.inspection.pieces import longest_piece
-from armdyn.inspection.signals import SIGNAL_CHECKS
+from armdyn.inspection.signals import SIGNAL_CHECKS, ranges
 from armdyn.inspection.swing import SwingRun
 from armdyn.model import Model
 from armdyn.run import Run
@@ -31,7 +32,7 @@ def inspected(runs: Sequence[Run], model: Model | None = None, effects: Iterable
 
     Args:
         runs: as recorded.
-        model: that they are of; without one only signals are checked, and rates against positions.
+        model: that they are of; without one, signals are checked, units against ranges, and rates against positions.
         effects: that may be missing from the model, which are no mistake of a recording; all that it can have when not
             given.
     """
@@ -56,8 +57,11 @@ def checks_of(run: Run, model: Model | None = None, effects: tuple[Effect, ...] 
     found = [check for look in SIGNAL_CHECKS for check in look(run)]
     still = any(check.kind == "no_motion" for check in found)
     mended = run
+    if not isinstance(model, ArmModel) and (model is None or model.base != "pendulum"):
+        found += ranges(run)
     if model is not None and not still:
         piece = longest_piece(run, LONGEST)
+        piece = without_spikes(piece, piece.channels)
         told = physics_of(model, consistent(piece), effects)
         found += [replace(check, run=run.name) for check in told]
         for check in told:

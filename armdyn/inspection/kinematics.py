@@ -158,9 +158,9 @@ def slopes(channel: Channel, moments: np.ndarray) -> tuple[np.ndarray, float]:
     return (one * tx - t * x) / spread, noise
 
 
-def averages(channel: Channel, moments: np.ndarray) -> np.ndarray:
-    """(n,) averages of a channel around moments."""
-    near = max(NEAR, 1.6 * float(np.median(np.diff(channel.time))))
+def averages(channel: Channel, moments: np.ndarray, near: float = NEAR) -> np.ndarray:
+    """(n,) averages of a channel so many s to either side of moments."""
+    near = max(near, 1.6 * float(np.median(np.diff(channel.time))))
     total = np.concatenate([[0.0], np.cumsum(channel.value)])
     first = np.clip(np.searchsorted(channel.time, moments - near), 0, len(channel.time) - 1)
     last = np.clip(np.searchsorted(channel.time, moments + near), first + 1, len(channel.time))

@@ -72,29 +72,32 @@ def tested(run: Modelled) -> Iterator[Verdict]:
 def most_probable(run: Modelled) -> tuple[Verdict, ...]:
     """The mistake that explains a recording, or the two; none where it is best explained as it stands."""
     hypotheses = [h for mistake in REGISTRY[type(run)] for h in mistake(run)]
-    first = [run.rough(h.correction, h.description) - h.price - SURPRISE for h in hypotheses]
-    stands = run.rough(Correction(), AS_DESCRIBED)
+    looked = run.rough([(Correction(), AS_DESCRIBED), *((h.correction, h.description) for h in hypotheses)])
+    stands, first = float(looked[0]), looked[1:] - np.array([h.price + SURPRISE for h in hypotheses])
     near = _foremost(hypotheses, first, stands - HOPELESS, CHOSEN)
     if not near:
         return ()
     as_is = run.sure(Correction(), AS_DESCRIBED)
-    least = max(as_is.value, run.nothing())
-    found = _best(run, [(hypotheses[i],) for i in near], least, as_is.value)
+    found = _best(run, [(hypotheses[i],) for i in near], as_is.value)
     if found or float(np.median(as_is.share)) < UNEXPLAINED:
         return found
-    pairs, rough = [], []
-    for i in _foremost(hypotheses, first, -np.inf, CHOSEN):
-        for k, second in enumerate(hypotheses):
-            one = hypotheses[i]
-            if one.kind != second.kind and one.description == AS_DESCRIBED == second.description and k != i:
-                pairs.append((one, second))
-                value = run.rough(one.correction.then(second.correction), AS_DESCRIBED)
-                rough.append(value - one.price - second.price - 2.0 * SURPRISE)
+    pairs = [
+        (hypotheses[i], second)
+        for i in _foremost(hypotheses, first, -np.inf, CHOSEN)
+        for k, second in enumerate(hypotheses)
+        if k != i
+        and hypotheses[i].kind != second.kind
+        and hypotheses[i].description == AS_DESCRIBED == second.description
+    ]
+    if not pairs:
+        return ()
+    rough = run.rough([(one.correction.then(second.correction), AS_DESCRIBED) for one, second in pairs])
+    rough = rough - np.array([one.price + second.price + 2.0 * SURPRISE for one, second in pairs])
     order = [i for i in np.argsort(rough)[::-1][:CHOSEN].tolist() if rough[i] > stands - HOPELESS]
-    return _best(run, [pairs[i] for i in order], least, as_is.value)
+    return _best(run, [pairs[i] for i in order], as_is.value)
 
 
-def _foremost(hypotheses: Sequence[Hypothesis], values: Sequence[float], least: float, most: int) -> list[int]:
+def _foremost(hypotheses: Sequence[Hypothesis], values: np.ndarray, least: float, most: int) -> list[int]:
     """Places of the best, few of each kind."""
     near: list[int] = []
     for i in np.argsort(values)[::-1].tolist():
@@ -104,7 +107,7 @@ def _foremost(hypotheses: Sequence[Hypothesis], values: Sequence[float], least: 
     return near
 
 
-def _best(run: Modelled, sets: Sequence[tuple[Hypothesis, ...]], least: float, as_is: float) -> tuple[Verdict, ...]:
+def _best(run: Modelled, sets: Sequence[tuple[Hypothesis, ...]], as_is: float) -> tuple[Verdict, ...]:
     """Verdicts on the best of several sets of mistakes, none where it does not explain the recording."""
     values, found = [], []
     for mistakes_ in sets:
@@ -118,7 +121,11 @@ def _best(run: Modelled, sets: Sequence[tuple[Hypothesis, ...]], least: float, a
     best = int(np.argmax(values))
     chosen = sets[best]
     concerned = [k for k, c in enumerate(run.channels) if any(c in h.channels for h in chosen)] or slice(None)
-    if values[best] - least < SURE or float(np.mean(found[best].share[concerned])) > EXPLAINED:
+    explained = float(np.mean(found[best].share[concerned])) <= EXPLAINED
+    if values[best] - as_is < SURE or not explained or any(h.effect for h in chosen):
+        return ()
+    least = max(as_is, run.nothing())
+    if values[best] - least < SURE:
         return ()
     lead = values[best] - max([*(v for k, v in enumerate(values) if k != best), as_is])
     return tuple(Verdict(h, values[best] - least, lead, found[best]) for h in chosen)

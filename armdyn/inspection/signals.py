@@ -1,15 +1,14 @@
 """What a channel alone shows: gaps, glitches, stuck and repeated samples, ends of a range, lost counts, noise."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
 from armdyn.channels import MIN_SAMPLES, Channel, channel_kind
-from armdyn.differences import LONGEST_SPAN, normalised_differences
-from armdyn.faults import at_the_end, spikes_of
+from armdyn.differences import LONGEST_SPAN, NORMAL_MEDIAN, normalised_differences
+from armdyn.faults import FEW, at_the_end, spikes_of
 from armdyn.gaps import GAP, gaps_of
-from armdyn.identify.noise import NORMAL_MEDIAN
-from armdyn.inspection.check import Check, Severity, amount
+from armdyn.inspection.check import Check, Kind, Severity, amount
 from armdyn.run import Run
 from armdyn.smoothing.choice import resolution
 
@@ -42,6 +41,12 @@ QUIET_THIRD = 0.3853
 STILL = 20.0
 """Times the noise that a motion has at least; and `STILL_SIZE` rad or m."""
 STILL_SIZE = 2e-3
+RANGES: Mapping[str, tuple[float, Kind, str]] = {
+    "rad": (4.0 * np.pi, "angle_unit", "deg"), "rad/s": (60.0, "angle_unit", "deg/s"), "m": (20.0, "scale", "mm"),
+    "m/s": (20.0, "scale", "mm/s"), "N m": (1e4, "torque_unit", "mN m"), "N": (1e4, "torque_unit", "mN"),
+}  # fmt: skip
+"""Two turns, ten turns a second, and what no arm of a laboratory reaches or carries; and the unit that it may be in.
+Asked where no physics asks better."""
 SignalCheck = Callable[[Run], Iterator[Check]]
 
 
@@ -100,11 +105,14 @@ def longest_hold(channel: Channel) -> tuple[int, int] | None:
     steps = np.abs(np.diff(value)[change])
     step = max(JUMP * float(np.median(steps)), JUMP_SHARE * float(np.ptp(value)))
     longest = [k for k in np.argsort(-lengths)[:3] if lengths[k] >= max(FEWEST_STUCK, STUCK * len(value), 8.0 * usual)]
-    noisy = bool(longest) and np.mean(lengths == 1) > 0.9 and least_noise(channel) > 2.0 * resolution(value)
+    shown = 2.0 * resolution(value)
+    noisy = bool(longest) and np.mean(lengths == 1) > 0.9 and least_noise(channel) > shown
     for k in longest:
         first, last = int(edges[k]) + 1, int(edges[k + 1])
         beside = [abs(value[last + 1] - value[last])] if last + 1 < len(value) else []
-        if noisy or any(jump > step for jump in beside):
+        around = np.abs(np.diff(value[max(first - FEWEST_STUCK, 0) : last + 1 + FEWEST_STUCK]))
+        rests = np.median(around[around > 0.0]) <= shown  # an encoder of what rests shows no noise either
+        if (noisy and not rests) or any(jump > step for jump in beside):
             return first, last
     return None
 
@@ -194,20 +202,29 @@ def step_of(channel: Channel) -> tuple[int, float] | None:
     around = channel.time[at - BESIDE + 1 : at + BESIDE + 1]
     if np.diff(around).max() > LONGEST_SPAN * float(np.median(np.diff(channel.time))):
         return None
-    best, size, rough = at, 0.0, 0.0
-    for k in range(max(BESIDE - 1, at - 2), min(n - BESIDE - 1, at + 3)):
-        when = channel.time[k - BESIDE + 1 : k + BESIDE + 1] - channel.time[k]
-        middle = 0.5 * (when[BESIDE - 1] + when[BESIDE])
-        before = np.polyfit(when[:BESIDE], value[k - BESIDE + 1 : k + 1], 2)
-        after = np.polyfit(when[BESIDE:], value[k + 1 : k + BESIDE + 1], 2)
-        step = float(np.polyval(after, middle) - np.polyval(before, middle))
-        left = float(np.std(value[k - BESIDE + 1 : k + 1] - np.polyval(before, when[:BESIDE])))
-        left = max(left, float(np.std(value[k + 1 : k + BESIDE + 1] - np.polyval(after, when[BESIDE:]))))
-        if (best == at and size == 0.0) or left < rough:
-            best, size, rough = k + 1, step, left
-    if abs(size) > max(LOST * usual, LOST * rough, LOST_STEP):
-        return best, size
-    return None
+    places = range(max(BESIDE, at - 2), min(n - BESIDE - 1, at + 3))
+    sizes, roughs = zip(*(_jump(channel.time, value, k) for k in places), strict=True)
+    best = int(np.argmin(roughs))
+    after = places[best] + 1
+    # Where one sample makes the step, it is that sample which is wrong.
+    without = [
+        _jump(np.delete(channel.time, i), np.delete(value, i), after - 2 + k)[0]
+        for k, i in enumerate((after - 1, after))
+    ]
+    size = min((sizes[best], *without), key=abs)
+    return (after, size) if abs(size) > max(LOST * usual, LOST * roughs[best], LOST_STEP) else None
+
+
+def _jump(time: np.ndarray, value: np.ndarray, k: int) -> tuple[float, float]:
+    """How far apart the parabolas are between samples k and k + 1, and what they leave of the samples."""
+    when = time[k - BESIDE + 1 : k + BESIDE + 1] - time[k]
+    middle = 0.5 * (when[BESIDE - 1] + when[BESIDE])
+    ends, left = [], []
+    for t, y in zip(np.split(when, 2), np.split(value[k - BESIDE + 1 : k + BESIDE + 1], 2), strict=True):
+        curve = np.polyfit(t, y, 2)
+        ends.append(float(np.polyval(curve, middle)))
+        left.append(float(np.std(y - np.polyval(curve, t))))
+    return ends[1] - ends[0], max(left)
 
 
 def rates(run: Run) -> Iterator[Check]:
@@ -271,10 +288,24 @@ def motions(run: Run) -> Iterator[Check]:
 def moves(channel: Channel) -> bool:
     """Whether a position changes by more than its noise."""
     value = channel.value
-    low, high = np.quantile(value, [0.02, 0.98])
+    low, high = np.sort(value)[[min(FEW, len(value) - 1), max(-1 - FEW, -len(value))]]  # but for glitches
     third = normalised_differences(channel.time, value, 3)
     noise = float(np.nanmedian(np.abs(third))) / NORMAL_MEDIAN if np.isfinite(third).any() else 0.0
     return bool(high - low > max(STILL * noise, STILL_SIZE))
+
+
+def ranges(run: Run) -> Iterator[Check]:
+    """Values that nothing has in the unit that the channel names."""
+    for name, channel in run.channels.items():
+        if channel.unit in RANGES:
+            most, kind, unit = RANGES[channel.unit]
+            top = float(np.quantile(np.abs(channel.value), 0.99))
+            if top > most:
+                yield Check(
+                    kind, Severity.SUSPECT, run.name, (name,),
+                    f"{name} reaches {amount(top)} {channel.unit}, more than {amount(most)}: is it in {unit}?",
+                    f"write '{name} [{unit}]' in the header if it is",
+                )  # fmt: skip
 
 
 SIGNAL_CHECKS: tuple[SignalCheck, ...] = (

@@ -6,7 +6,7 @@ with phi, phi' and phi'' from the smoothed angle, or rate, and u from the smooth
 and the sizes of effects, so that one evidence serves pendulums and arms.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,7 +15,8 @@ import numpy as np
 from armdyn.channels import Channel
 from armdyn.inspection.correction import Correction, Reading
 from armdyn.inspection.evidence import Channels, Evidence, evidence, independent
-from armdyn.inspection.hypotheses import DEGREE, LENGTH_UNITS, QUARTERS, Hypothesis, scaled
+from armdyn.inspection.hypotheses import DEGREE, LAGS, LENGTH_UNITS, QUARTERS, Hypothesis, scaled
+from armdyn.inspection.kinematics import averages
 from armdyn.model import Model
 from armdyn.pendulum.physics import STANDARD_GRAVITY
 from armdyn.run import Run
@@ -78,8 +79,17 @@ class SwingRun:
                 found[name] = smoothed(c.time, c.value, best_smoothing(c.time, c.value, ORDERS[:2]))
         return found
 
+    @cached_property
+    def _kept(self) -> dict[float, Motion]:
+        return {}
+
     def motion(self, late: float) -> Motion:
-        """(n,) angle, rate and acceleration of the angle as recorded, whose stamps are so much too large."""
+        """(n,) angle, rate and acceleration of the angle as recorded, whose stamps are so much too large; kept."""
+        if late not in self._kept:
+            self._kept[late] = self._motion(late)
+        return self._kept[late]
+
+    def _motion(self, late: float) -> Motion:
         time = self.moments + late
         curve = self._curves[self.swing or ""]
         if self.swing == "swing_angle":
@@ -100,8 +110,6 @@ class SwingRun:
 
     def force(self, late: float) -> np.ndarray:
         """(n,) of the load cell as recorded, averaged around the moments."""
-        from armdyn.inspection.kinematics import averages
-
         return averages(self.run.channels["load_force"], self.moments + late)
 
     @cached_property
@@ -110,9 +118,9 @@ class SwingRun:
         given = self._given(Correction(), np.full(len(self.channels), 0.3))
         return independent(given.measured, evidence(given).left, given.least)
 
-    def rough(self, correction: Correction, description: object = None) -> float:
-        """As `sure`: a pendulum has few effects."""
-        return self.sure(correction, description).value
+    def rough(self, meanings: Sequence[tuple[Correction, object]]) -> np.ndarray:
+        """(h,) as `sure`: a pendulum has few effects."""
+        return np.array([self.sure(*meaning).value for meaning in meanings])
 
     def sure(self, correction: Correction, description: object = None) -> Evidence:
         """Evidence with every effect that there may be."""
@@ -167,7 +175,7 @@ class SwingRun:
                 0.02 * pace * angle**3, 0.05 * pace * np.linspace(-1.0, 1.0, n),
             ]  # fmt: skip
             columns.append(np.column_stack(X))
-            signs.append(np.array([not told, False, True, True, True, False, False, False, False]))
+            signs.append(np.array([not told, False, True, True, True, *([False] * 4)]))
             volume.append(np.log(abs(r.factor)))
             least.append(1e-3 * STANDARD_GRAVITY / length)
         if "load_force" in self.channels:
@@ -184,7 +192,7 @@ class SwingRun:
                 0.03 * mass * STANDARD_GRAVITY * np.sin(angle),
             ]
             columns.append(np.column_stack(X))
-            signs.append(np.array([not weighed, not weighed, False, False]))
+            signs.append(np.array([not weighed, not weighed, *([False] * 2)]))
             volume.append(np.log(abs(r.factor)))
             least.append(1e-3 * mass * STANDARD_GRAVITY)
         width_of = [c.shape[1] for c in columns]
@@ -231,11 +239,11 @@ def mistakes(run: SwingRun) -> Iterator[Hypothesis]:
                 correction=scaled(["gripper_x"], factor),
             )  # fmt: skip
         others = [n for n in has if n != "gripper_x"]
-        for late in LATE:
+        for late in (*LAGS, *LATE):
             word = "late" if late > 0.0 else "early"
             yield Hypothesis(
                 "clock_shift", tuple(others), f"what swings is stamped {abs(late):g} s too {word} against gripper_x",
-                correction=Correction({n: Reading(n, late=late) for n in others}), price=2.0,
+                correction=Correction({n: Reading(n, late=late) for n in others}), price=2.0, effect=late in LAGS,
             )  # fmt: skip
     if "load_force" in has:
         force = ["load_force"]
@@ -246,9 +254,10 @@ def mistakes(run: SwingRun) -> Iterator[Hypothesis]:
         yield Hypothesis(
             "torque_sign", tuple(force), "load_force has the wrong sign: a string pulls", correction=scaled(force, -1.0)
         )
-        for late in LATE if run.swing is not None else ():
+        for late in (*LAGS, *LATE) if run.swing is not None else ():
             word = "late" if late > 0.0 else "early"
             yield Hypothesis(
                 "clock_shift", tuple(force), f"load_force is stamped {abs(late):g} s too {word} against the swing",
                 correction=Correction({"load_force": Reading("load_force", late=late)}), price=2.0,
+                effect=late in LAGS,
             )  # fmt: skip

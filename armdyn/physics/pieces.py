@@ -23,6 +23,8 @@ SHORT = 16
 """Steps per compiled call: pieces are short."""
 NEXT_TO = 3
 """Pieces on which one sample may depend: its own, the one that a sensor remembers, the one that is interpolated to."""
+AT_ONCE = 2**13
+"""Samples whose derivatives are worked with at a time: a few MB."""
 FEWEST_NODES = 4
 """Steps of the shortest piece, so that samples between its nodes can be interpolated."""
 
@@ -238,13 +240,12 @@ class Pieces:
             if j:  # the node where two pieces meet is the later one's
                 own[0, :, 1 + q : at], own[0, :, at + n :] = 0.0, 0.0
         outputs, slopes = simulator.with_impulse(signal[:, :, 0], signal[:, :, 1:], physics, path.dt)
+        count = len(self.channels)
+        signal[:, :count, 0], signal[:, :count, 1:] = outputs, slopes
         by_theta = np.zeros((J, n, len(theta)))
         by_theta[:, :, self.model.places[1]] = by_physics
         join = _Join(transition, by_theta, ends - np.append(states[1:], ends[-1:], axis=0))
-        samples = {
-            c: self._samples(c, np.column_stack([outputs[:, k], slopes[:, k]]), physics, join)
-            for k, c in enumerate(self.channels)
-        }
+        samples = {c: self._samples(c, signal[:, k], physics, join) for k, c in enumerate(self.channels)}
         return Linearised(transition, by_theta, ends, samples)
 
     def _algebra(self, system: System, path: Path, physics: np.ndarray, parameters: int) -> Linearised:
@@ -263,12 +264,17 @@ class Pieces:
             nodes = self._path.start + self._path.dt * np.arange(self.edges[0], self.edges[-1] + 1)
             read = sensor.read(signal, Interpolated(nodes, given.time, self.run.spread.get(channel, 0.0)), physics)
         else:
-            read = self._matrices[channel] @ signal
-        q, n = len(physics), join.gap.shape[1]
-        by_theta = np.zeros((len(read), join.by_theta.shape[2]))
-        by_theta[:, self.model.places[1]] = read[:, 1 : 1 + q]
-        around = read[:, 1 + q :].reshape(len(read), NEXT_TO, n)
-        return join.seen(self._of[channel], given.time, given.value, read[:, 0], around, by_theta)
+            read = None
+        N, q, n, parameters = len(given), len(physics), *join.by_theta.shape[1:]
+        value, by_state, by_theta = np.empty(N), np.empty((N, n)), np.zeros((N, parameters))
+        back = pseudo_inverse(join.transition)
+        for some in (slice(first, first + AT_ONCE) for first in range(0, N, AT_ONCE)):
+            these = self._matrices[channel][some] @ signal if read is None else read[some]
+            by_theta[some, self.model.places[1]] = these[:, 1 : 1 + q]
+            around = these[:, 1 + q :].reshape(len(these), NEXT_TO, n)
+            value[some], by_state[some], more = join.seen(self._of[channel][some], these[:, 0], around, back)
+            by_theta[some] += more
+        return Samples(self._of[channel], given.time, given.value, value, by_state, by_theta)
 
 
 @dataclass(frozen=True, eq=False)
@@ -288,12 +294,10 @@ class _Join:
     def seen(
         self,
         piece: np.ndarray,
-        time: np.ndarray,
-        measured: np.ndarray,
         value: np.ndarray,
         around: np.ndarray,
-        by_theta: np.ndarray,
-    ) -> Samples:
+        back: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Samples as functions of the beginning of their own piece alone.
 
         What a sensor remembers of the piece before is a function of that one's beginning, and what is interpolated
@@ -301,15 +305,15 @@ class _Join:
 
         Args:
             piece: (N,).
-            time: (N,) s.
-            measured: (N,).
             value: (N,) predicted.
             around: (N, NEXT_TO, n) derivatives by the beginnings of pieces, of piece j at j modulo NEXT_TO.
-            by_theta: (N, q) as these stay.
+            back: (J, n, n) inverse of the transitions.
+
+        Returns:
+            (N,) predicted; (N, n) derivatives by the own beginning; (N, q) what is added to those by the parameters.
         """
         rows = np.arange(len(piece))
         own, before, after = (around[rows, (piece + k) % NEXT_TO] for k in (0, -1, 1))
-        back = pseudo_inverse(self.transition)
         last = np.maximum(piece - 1, 0)
         before = np.einsum("Ni,Nij->Nj", np.where(piece[:, None] > 0, before, 0.0), back[last])
         after = np.where(piece[:, None] < len(self.gap) - 1, after, 0.0)
@@ -318,7 +322,7 @@ class _Join:
         more = np.einsum("Ni,Niq->Nq", after, self.by_theta[piece]) - np.einsum(
             "Ni,Niq->Nq", before, self.by_theta[last]
         )
-        return Samples(piece, time, measured, value, by_state, by_theta + more)
+        return value, by_state, more
 
 
 def pseudo_inverse(matrices: np.ndarray) -> np.ndarray:

@@ -150,12 +150,13 @@ class SimulatedModel(Model):
     ) -> Prediction:
         """What the sensors make of a rollout of `channels` along a path, at the stamps of a run."""
         columns, places = self.places
-        nodes = path.start + path.dt * np.arange(len(rollout.outputs))
+        given = path.start, path.dt, len(rollout.outputs)
         physics, parts = theta[places], []
         for row, name in enumerate(channels):
             time = run.channels[name].time
             signal = np.column_stack([rollout.outputs[:, row], rollout.sensitivities[:, row]])
-            read = self.system.sensors[name].read(signal, Interpolated(nodes, time, run.spread.get(name, 0.0)), physics)
+            sampler = _interpolated(*given, run.channels[name], run.spread.get(name, 0.0))
+            read = self.system.sensors[name].read(signal, sampler, physics)
             parts.append((name, time, read[:, 0], read[:, 1:][:, columns]))
         return joined(parts)
 
@@ -169,6 +170,12 @@ class SimulatedModel(Model):
 @lru_cache(maxsize=128)
 def _simulator(system: System, name: str, channels: tuple[str, ...]) -> Simulator:
     return Simulator(system, name, channels)
+
+
+@lru_cache(maxsize=16)
+def _interpolated(start: float, dt: float, size: int, channel: Channel, spread: float) -> Interpolated:
+    """From an even grid to the stamps of a channel: the same in every step of a fit."""
+    return Interpolated(start + dt * np.arange(size), channel.time, spread)
 
 
 def local_motion(channel: Channel, times: np.ndarray, reach: float) -> np.ndarray:

@@ -154,8 +154,9 @@ def run_batch(
         if number % 20 == 0:
             say(f"{number} of {len(spec.items)} recordings looked at")
         model_key = models[item.model]
-        key = keys[item.model, item.run] = key_of(spec.task, model_key, spec.name(item.run), item.run)
-        jobs[key] = Job(key, spec.task, item.model.resolve(), model_key, item.run.resolve(), spec.effects)
+        task = f"{spec.task}, trusted" if spec.trust else spec.task
+        key = keys[item.model, item.run] = key_of(task, model_key, spec.name(item.run), item.run)
+        jobs[key] = Job(key, spec.task, item.model.resolve(), model_key, item.run.resolve(), spec.effects, spec.trust)
     with opened(folder) as journal:
         kept = {key for key, outcome in journal.outcomes.items() if not outcome.passing}
         todo = [job for key, job in jobs.items() if key not in kept]

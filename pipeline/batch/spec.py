@@ -26,7 +26,7 @@ from urdf.table_file import TableFileError, check_keys, read_table
 
 TASKS = ("compare", "repair")
 KEYS: Mapping[str, tuple[str, ...]] = {
-    "": ("task", "effects", "recordings", "time", "changes"),
+    "": ("task", "trust_data", "effects", "recordings", "time", "changes"),
     "[[recordings]]": ("model", "runs", "robot", "times"),
     "[time]": ("from", "form"),
     "[changes]": ("false_alarms",),
@@ -66,6 +66,7 @@ class Spec:
         effects: file with effects of the user's own.
         items: in the order of the SPEC, recordings of one entry by name.
         false_alarms: probability of a marked change in a batch where nothing changes.
+        trust: whether to go on where a recording is not what it says it is.
     """
 
     folder: Path
@@ -73,6 +74,7 @@ class Spec:
     effects: Path | None
     items: tuple[Item, ...]
     false_alarms: float
+    trust: bool = False
 
     def name(self, path: Path) -> str:
         """A path as seen from the SPEC."""
@@ -98,6 +100,9 @@ def _spec(table: Mapping[str, Any], folder: Path) -> Spec:
     task = table.get("task", "compare")
     if task not in TASKS:
         raise UnknownNameError("task", str(task), TASKS)
+    trust = table.get("trust_data", False)
+    if not isinstance(trust, bool):
+        raise InputError(f"trust_data: {trust!r:.40}: write true or false")
     effects = folder / _text(table, "effects") if "effects" in table else None
     clock = _clock(_table(table, "time"))
     changes = _table(table, "changes")
@@ -116,7 +121,7 @@ def _spec(table: Mapping[str, Any], folder: Path) -> Spec:
             items.setdefault((item.model, item.run), item)
             if len(items) > MOST:
                 raise InputError(f"{where}: more than {MOST} recordings: split the batch")
-    return Spec(folder, task, effects, tuple(items.values()), float(rate))
+    return Spec(folder, task, effects, tuple(items.values()), float(rate), trust)
 
 
 def _items(entry: Mapping[str, Any], where: str, folder: Path, clock: Clock) -> Iterator[Item]:

@@ -10,7 +10,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from armdyn.errors import ArmdynError
+from armdyn.errors import ArmdynError, WrongRecordingError
 from urdf.table_file import read_table
 
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ class Job:
         model_key: of the model's content.
         run: the recording's file.
         effects: file with effects of the user's own.
+        trust: whether to go on where the recording is not what it says it is.
     """
 
     key: str
@@ -43,6 +44,7 @@ class Job:
     model_key: str
     run: Path
     effects: Path | None
+    trust: bool = False
 
 
 @dataclasses.dataclass(frozen=True)
@@ -112,6 +114,9 @@ def work(job: Job) -> Outcome:
         began = time.perf_counter()
         try:
             found = _found(job)
+        except WrongRecordingError as error:
+            wrong = error.inspection
+            found = {"problem": f"{wrong.sentence} {wrong.wrong[0].remedy}; trust_data = true goes on regardless"}
         except ArmdynError as error:
             found = {"problem": str(error)}
         except MemoryError:
@@ -128,18 +133,23 @@ def work(job: Job) -> Outcome:
 
 def _found(job: Job) -> dict[str, Any]:
     from armdyn.identify.study import Study
+    from armdyn.inspection.inspect import inspected, require_usable
+    from armdyn.inspection.plausible import compared_model, require_plausible
     from armdyn.run import read_run
     from armdyn.run_checks import check_run
 
     model, catalogue = _model(job.model, job.model_key, job.effects)
     run = read_run(job.run)
     check_run(model, run)
+    if not job.trust:
+        require_usable(inspected([run], model, catalogue).naming(job.model))
     duration = max((float(c.time[-1] - c.time[0]) for c in run.channels.values()), default=0.0)
     study = Study(model, [run], [], catalogue)
     if job.task == "compare":
         from armdyn.identify.compare import compare
 
         compared = compare(study)
+        fitted = compared_model(model, compared)
         answer: dict[str, Any] = {
             "verdict": "explained" if compared.explained else NOT_EXPLAINED,
             "sentence": compared.sentence,
@@ -150,13 +160,15 @@ def _found(job: Job) -> dict[str, Any]:
         from pipeline.answers import number
 
         repaired = repair(study)
-        compared = repaired.after
+        compared, fitted = repaired.after, repaired.model
         answer = {
             "verdict": repaired.verdict.key,
             "sentence": repaired.sentence,
             "explained": number(repaired.explained),
             "effects": tuple(effect.name for effect in repaired.model.effects),
         }
+    if not job.trust:
+        require_plausible(fitted, [run], model)
     return {**answer, **_numbers(compared), "duration": duration}
 
 

@@ -1,6 +1,7 @@
 """`armdyn export`: a model for other tools."""
 
 import shlex
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from armdyn.arm.model import ArmModel
     from armdyn.model import Model
     from armdyn.model_file import ModelFile
+    from pipeline.exports.left_out import LeftOut
 
 KINDS = {
     ".urdf": "URDF",
@@ -43,37 +45,32 @@ def export(
     json_file: JsonOption = None,
 ) -> None:
     """Write a model for other tools, and say what the format cannot hold: exit status 1 where that is much."""
-    from armdyn import atomic
     from armdyn.effects.user import load_effects
     from armdyn.errors import InputError
     from armdyn.model_file import read_model_file
-    from pipeline.exports.left_out import left_out
 
     kind = kind_of(output)
     check_outputs(output, json_file, inputs=[model])
     free_to_write(output, force)
     with spinner() as say:
         file = read_model_file(model, load_effects(effects, stages=None) if effects is not None else ())
-        missing = left_out(file, held_by(file.model, output))
-        refused = missing is not None and missing.matters and not force
         say(f"writing {output}")
         try:
-            text, notes = _text(file, output, f"{kind} of {model.name}")
-            if not refused:
-                atomic.write_text(output, text)
+            written = write_export(file, output, model.name, force=force)
         except InputError as error:
             raise InputError(f"{model}: {error}") from error
+    refused, missing = written.refused, written.missing
     answer: dict[str, Any] = {
         "schema": "armdyn.export/1",
         "file": None if refused else str(output),
         "kind": kind,
-        "not_held": notes,
+        "not_held": list(written.notes),
     }
     if missing is not None:
         answer |= {"error": dict(missing.error), "share_of_removed_error": missing.share}
     if answered(json_file, lambda: answer):
         typer.echo(f"{kind} {'not ' * refused}written to {output}")
-        for note in notes:
+        for note in written.notes:
             typer.echo(f"  not in it: {note}")
         if missing is not None:
             typer.echo(f"  {missing.sentence}")
@@ -105,17 +102,42 @@ def kind_of(output: Path) -> str:
     return kind
 
 
-def write_export(file: "ModelFile", output: Path, name: str) -> list[str]:
-    """Write a model for other tools; what the format cannot hold.
+@dataclass(frozen=True)
+class Written:
+    """What became of an export.
+
+    Attributes:
+        refused: whether nothing was written, because the file would lack too much.
+        notes: what the format cannot hold.
+        missing: how much that is; None where it is nothing, or not known.
+    """
+
+    refused: bool
+    notes: tuple[str, ...]
+    missing: "LeftOut | None"
+
+
+def write_export(file: "ModelFile", output: Path, name: str, *, force: bool = False) -> Written:
+    """Write a model for other tools, unless the file would lack much of what a repair found.
+
+    Args:
+        file: the model, with its history.
+        output: to write; its ending says the format.
+        name: of the model, for the file's first line.
+        force: write it all the same.
 
     Raises:
         InputError: the format is not for such a model, or the file cannot be written.
     """
     from armdyn import atomic
+    from pipeline.exports.left_out import left_out
 
+    missing = left_out(file, held_by(file.model, output))
+    refused = missing is not None and missing.matters and not force
     text, notes = _text(file, output, f"{kind_of(output)} of {name}")
-    atomic.write_text(output, text)
-    return notes
+    if not refused:
+        atomic.write_text(output, text)
+    return Written(refused, tuple(notes), missing)
 
 
 def _text(file: "ModelFile", output: Path, about: str) -> tuple[str, list[str]]:

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from armdyn.bytes_in import read_bytes
-from armdyn.csv_run import cut_off, has_whole_end
 from armdyn.errors import InputError
+from armdyn.whole_end import LOOKED_AT, cut_off, is_whole
 from pipeline.imports.foreign import Column, Foreign, as_numbers, labelled
 from urdf.bounds import (
     LARGEST_CONTENT,
@@ -33,7 +33,9 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 
-MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "inf", "-inf"})
+MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-", ".", "?", "inf", "-inf"})
+_WORD = re.compile(r"[^\W\d_]+(?:[ ./-]+[^\W\d_]+)*")
+"""What a device writes in place of a number, such as ``overflow`` or ``no signal``: it is missing, and told."""
 SHOWN = 3
 """Cells that are named where many are wrong."""
 
@@ -60,7 +62,8 @@ def read_csv_of_any_dialect(path: Path) -> Foreign:
             f"{path}: {len(body)} rows and {len(header)} columns, where {MOST_ROWS} and {MOST_COLUMNS} with names of "
             f"{LONGEST_NAME} letters are the most: cut it"
         )
-    if not text.endswith(("\n", "\r")) and not has_whole_end([separator.join(row) for row in body], separator):
+    cut_short = 0 < len(body[-1]) < len(header)
+    if not text.endswith(("\n", "\r")) and (cut_short or not is_whole([row[-1] for row in body[-LOOKED_AT - 1 :]])):
         column = header[min(len(body[-1]), len(header)) - 1]
         raise InputError(f"{path}: {cut_off(len(body) + 1, body[-1][-1], column)}")
     ragged = [i for i, row in enumerate(body, start=2) if len(row) != len(header)]
@@ -82,7 +85,7 @@ def read_csv_of_any_dialect(path: Path) -> Foreign:
                 texts[name] = body[0][i].strip()
             notes.append(f"'{name}' holds text, such as {next(iter(strange.values()))!r}: left out")
             continue
-        odd = [row for row, text in strange.items() if any(map(str.isdigit, text))]
+        odd = [row for row, text in strange.items() if not _WORD.fullmatch(text)]
         odd += np.flatnonzero(np.abs(value) > LARGEST_COUNT).tolist()
         if odd:
             cell = shown(body[odd[0]][i].strip(), 40)

@@ -7,6 +7,7 @@ other tools.
 import hashlib
 import os
 import re
+import shlex
 import shutil
 import tempfile
 from collections.abc import Sequence
@@ -242,7 +243,7 @@ class Kept:
     Attributes:
         files: in the order in which they were written.
         sentence: of the repair, with its error.
-        notes: what a format cannot hold.
+        notes: what a format cannot hold, and whether it is therefore not written.
         next_step: a command.
     """
 
@@ -292,25 +293,34 @@ def keep(
         raise InputError(f"{model}: end the name of a model file in .toml")
     study = bench.study
     check_outputs(model, report, exported, inputs=opened.recordings)
-    for file in (model, report, exported):
-        if file is not None:
-            writable.check(file, over)
+    for target in (model, report, exported):
+        if target is not None:
+            writable.check(target, over)
     found = add(study, bench.effects_of(effects))
     kept, copied = _with_its_urdf(found.model, model, writable, over)
-    write_model_file(
-        model, ModelFile(kept, given.file.description, (*given.file.history, *history_entries(study, found)))
-    )
-    files, notes = [model, *copied], []
+    file = ModelFile(kept, given.file.description, (*given.file.history, *history_entries(study, found)))
+    write_model_file(model, file)
+    files, notes = [model, *copied], list[str]()
     command = opened._replace(model=model).command("compare", "--report", "compare.html")
     if report is not None:
         repair_report(study, found, next_steps=[NextStep("hold it against runs:", command)]).write(report)
         files.append(report)
     if exported is not None:
-        notes = write_export(ModelFile(kept, given.file.description), exported, model.name)
-        files.append(exported)
-    for file in files:
-        writable.note(file)
+        written = write_export(file, exported, model.name)
+        notes += written.notes
+        if written.missing is not None:
+            notes.append(written.missing.sentence)
+        if written.refused:
+            notes.append(f"{exported} is not written; to write it all the same: {_export(model, exported)} --force")
+        else:
+            files.append(exported)
+    for one in files:
+        writable.note(one)
     return Kept(tuple(files), found.sentence, tuple(notes), command)
+
+
+def _export(model: Path, exported: Path) -> str:
+    return f"armdyn export {shlex.quote(str(model))} --output {shlex.quote(str(exported))}"
 
 
 def _with_its_urdf(found: Model, model: Path, writable: Writable, over: bool) -> tuple[Model, list[Path]]:

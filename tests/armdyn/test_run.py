@@ -340,3 +340,34 @@ def test_a_recording_without_units_is_refused():
         pytest.skip("the recordings in shared/data are not on this machine")
     with pytest.raises(InputError, match="armdyn import"):
         read_run(path)
+
+
+SOUND = {
+    "all digits": [repr(x) for x in (0.1 + 0.01 * np.sin(np.arange(60))).tolist()],
+    "six figures": [f"{x:.6g}" for x in (0.1 + 0.01 * np.sin(np.arange(60))).tolist()],
+    "counts": [str(1000 + round(40 * np.sin(0.3 * k))) for k in range(60)],
+    "zeros and ones": ["01"[k // 30] for k in range(60)],
+    "exponents": [f"{x:.4e}" for x in (0.1 * np.sin(1 + np.arange(60))).tolist()],
+}
+
+
+@pytest.mark.parametrize("kind", SOUND)
+def test_a_sound_file_without_a_last_newline_is_read_and_one_that_is_cut_is_not(recording, kind):
+    cells = SOUND[kind]
+    text = "time [s],load_force [N]\n" + "\n".join(f"{k / 100:.2f},{cell}" for k, cell in enumerate(cells))
+    assert read_run(recording(text)).channel("load_force").value[-1] == float(cells[-1])
+    harmless = 9 if kind == "all digits" else 0
+    for lost in range(1 + harmless, len(cells[-1])):
+        with pytest.raises(InputError, match="row 61, column 'load_force'"):
+            read_run(recording(text[:-lost]))
+    with pytest.raises(InputError, match="copy it again; if that is its whole last row, end it in a newline"):
+        read_run(recording(text[: -len(cells[-1])]))
+
+
+@pytest.mark.parametrize("lost", [1, 2, 3])
+def test_of_a_number_with_all_its_digits_the_last_are_of_no_size(recording, lost):
+    cells = SOUND["all digits"]
+    text = "time [s],load_force [N]\n" + "\n".join(f"{k / 100:.2f},{cell}" for k, cell in enumerate(cells))
+    assert read_run(recording(text[:-lost])).channel("load_force").value[-1] == pytest.approx(
+        float(cells[-1]), rel=1e-11
+    )

@@ -1,7 +1,7 @@
 """Spoiled files of every kind end in an answer or in one line: no traceback, no hang, no gigabytes.
 
-A file that is read badly is kept in ``corpus/<kind>/newest``: hypothesis makes it as small as it can. Give it a name
-and leave it there when the mistake is mended; every later run reads it again and spoils it further.
+A file that is read badly is kept outside the sources, and the failure says where: hypothesis makes it as small as it
+can. Copy it to ``corpus/<kind>/`` when the mistake is mended; every later run reads it again and spoils it further.
 """
 
 import os
@@ -27,7 +27,7 @@ campaign = settings(
 def check(door, data, folder, read=None):
     verdict, said = doors.tried(door, data, Path(folder), read)
     if verdict not in FINE:
-        place = doors.CORPUS / door.name / "newest"
+        place = Path(tempfile.gettempdir(), "armdyn-badly-read", door.name)
         place.parent.mkdir(parents=True, exist_ok=True)
         place.write_bytes(data)
     assert verdict in FINE, f"kept as {place}: {verdict}: {said}"

@@ -11,6 +11,11 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 from websockets.sync.server import serve
 
+from pipeline.ros.telemetry import PHASE
+from pipeline.trial.experiment import Phase
+
+STOP = Phase.STOP.value
+
 
 class Middleman:
     """Listens where a bridge would, and passes on; a fault begins when it is told so.
@@ -21,11 +26,12 @@ class Middleman:
 
     Attributes:
         uri: to be used in place of the bridge's.
+        stopping: when the program said that its arm is coming to rest [s]; None before.
     """
 
     def __init__(self, uri, seed=0):
         self._real, self._random = uri, random.Random(seed)
-        self.fault, self._clients = None, []
+        self.fault, self.stopping, self._clients = None, None, []
         self._server = serve(self._serve, "127.0.0.1", 0, compression=None, max_size=None, close_timeout=0.2)
         self.uri = f"ws://127.0.0.1:{self._server.socket.getsockname()[1]}"
         threading.Thread(target=self._server.serve_forever, daemon=True).start()
@@ -64,6 +70,8 @@ class Middleman:
     def _spoiled(self, text, held):
         """What becomes of a message: messages with the time by which each is late [s]."""
         message = json.loads(text)
+        if message.get("topic") == PHASE and message.get("op") == "publish" and message["msg"]["data"] == STOP:
+            self.stopping = self.stopping or time.monotonic()
         if self.fault is None or message.get("op") != "publish":
             return [(0.0, text)]
         match self.fault:
@@ -101,6 +109,8 @@ class Middleman:
         raise ValueError(self.fault)
 
 
+LATE = {"delays": 0.4, "duplicates": 0.3, "stalls": 1.0}
+"""How late this wire still delivers what was sent before [s]; where nothing is said, at once."""
 FAULTS = ("delays", "duplicates", "exchanges", "loses", "clock", "clock back", "stalls", "garbage", "huge", "restarts")
 
 

@@ -10,6 +10,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from urdf import bounds
+from urdf.table_file import TableFileError, parse_table
 
 SAFETY = Path(__file__).parents[2] / "docs" / "safety.md"
 ROW = re.compile(r"^\| (?P<value>\S+)(?: (?P<unit>MiB|s))? \| .* \| `(?P<name>[A-Z_]+)` \|$", re.MULTILINE)
@@ -44,3 +45,16 @@ def test_what_is_no_number_to_a_person_is_refused(text):
 def test_any_text_is_a_finite_number_or_refused(text):
     with suppress(ValueError):
         assert math.isfinite(bounds.number(text))
+
+
+@pytest.mark.parametrize("text", ["1_000", "1_0.5", "1e1_0", "0x10", "0o17", "0b11", "[1, 1_000]", "{a = 1_000}"])
+def test_numbers_of_a_table_are_decimal_digits(text):
+    with pytest.raises(TableFileError, match="is not a number"):
+        parse_table(f"mass = {text}\n")
+    assert parse_table(f'"link_1_000" = "{text}"\njoint_0_1 = 2.5e3  # 1_000\n')["joint_0_1"] == 2500.0
+
+
+def test_a_number_of_a_table_that_is_too_large_is_not_infinite():
+    with pytest.raises(TableFileError, match="'1e999' is too large"):
+        parse_table("rmse = 1e999\n")
+    assert parse_table("rmse = inf\n")["rmse"] == float("inf")

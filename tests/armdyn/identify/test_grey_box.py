@@ -188,5 +188,5 @@ def test_innovations_at_many_noises_are_those_at_each():
     for c, noise in enumerate(noises):
         sums, logs, rows = combined([around.gram(0, noise.colour[0])], noise.level)
         for k, kick in enumerate(kicks):
-            alone = filtered(sums[None], np.array([logs]), rows, around.chain, np.array([kick]))
+            alone = filtered([(sums[None], np.array([logs]), rows)], around.chain, np.array([kick]))
             assert together.square[2 * c + k] == pytest.approx(alone.square[0], rel=1e-9)

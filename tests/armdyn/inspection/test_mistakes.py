@@ -9,8 +9,9 @@ from hidden_effects import mistakes
 from armdyn.arm.model import arm_model
 from armdyn.inspection.check import Inspection, Severity
 from armdyn.inspection.inspect import inspected
+from armdyn.inspection.signals import longest_hold, step_of
 from armdyn.pendulum.model import pendulum_model
-from armdyn.run import read_run
+from armdyn.run import Channel, read_run
 
 from ..arm.conftest import RECORDINGS
 
@@ -95,6 +96,38 @@ def test_a_mistake_with_a_pendulum_is_named(driven, channels):
     assert inspected([sound.run], model).usable
     for mistake in mistakes.of_pendulums(sound, 3):
         assert_named(mistake, inspected([mistake.run], model))
+
+
+@pytest.mark.parametrize("late", [0.03, 0.05, 0.08])
+@pytest.mark.parametrize("channels", [("swing_angle", "swing_rate"), ("swing_angle", "load_force")])
+def test_a_sensor_that_lags_is_no_late_clock(channels, late):
+    run = mistakes.pendulum("pivot_coulomb_friction", 3, driven=True, channels=channels).run
+    assert inspected([mistakes.late(run, channels, late)], pendulum_model(0.35, 0.1)).usable
+
+
+@pytest.mark.parametrize("name", ["all in degrees", "mN m"])
+def test_without_a_model_units_are_held_against_ranges(made, sound, name):
+    assert_named(made[name], inspected([made[name].run]))
+    assert not inspected([sound.run]).of(Severity.SUSPECT)
+
+
+def test_a_sample_beside_the_others_is_no_lost_count(sound):
+    joint = sound.run.channels["q.panda_joint2"]
+    value = joint.value.copy()
+    value[700] -= 0.1
+    assert step_of(Channel(joint.time, value, joint.unit)) is None
+    value[700:] -= 0.1
+    value[700] += 0.1
+    assert step_of(Channel(joint.time, value, joint.unit)) is not None
+
+
+def test_an_encoder_of_a_joint_that_rests_is_not_stuck(sound):
+    joint = sound.run.channels["q.panda_joint2"]
+    value = np.round(joint.value, 6)
+    value[:40] = value[39]
+    value[40:52] = value[39] + np.cumsum(np.full(12, 1e-6))
+    value[52:] += value[51] - value[52]
+    assert longest_hold(Channel(joint.time, value, joint.unit)) is None
 
 
 def test_without_a_model_rates_tell_their_units(made):

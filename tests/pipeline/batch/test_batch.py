@@ -2,11 +2,14 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from armdyn.run import Channel, read_run, write_run_csv
 from pipeline.batch.run import JOURNAL
+from pipeline.batch.work import Job, work
 from pipeline.trial.folder import own_folder
 
 pq = pytest.importorskip("pyarrow.parquet")
@@ -169,3 +172,17 @@ def test_another_batch_in_the_same_folder_is_refused(armdyn):
         status, _, err = armdyn(*BATCH)
     assert status == 2
     assert "another batch writes to out: wait for it" in err
+
+
+def test_a_recording_that_is_not_what_it_says_has_no_values_unless_it_is_trusted(lab):
+    log = sorted((lab / "robots/robot_00/logs").glob("*.csv"))[0]
+    run = read_run(log)
+    negated = {n: Channel(c.time, -c.value, c.unit) for n, c in run.channels.items() if n.startswith("tau.")}
+    log.unlink()
+    write_run_csv(replace(run, channels={**run.channels, **negated}), log)
+    job = Job("key", "compare", lab / "robots/robot_00/model.toml", "", log, None)
+    wrong = work(job)
+    assert "all torques have the wrong sign" in wrong.problem
+    assert "trust_data" in wrong.problem
+    assert not wrong.verdict
+    assert "sign" not in work(replace(job, trust=True)).problem

@@ -133,6 +133,19 @@ def test_what_is_kept_is_what_add_writes(files, tmp_path):
     assert keep(inputs, given, bench, FRICTION, target, writable=writable, over=True).files == (target,)
 
 
+def test_what_lacks_much_of_the_repair_is_not_kept_as_a_file_of_another_tool(files, tmp_path, monkeypatch):
+    """A URDF without the friction that was found: `armdyn export` refuses it, and so does the page."""
+    model, run, held_out = files
+    inputs = Inputs(model, [run], [held_out], None, None)
+    given = inputs.read()
+    monkeypatch.setattr("pipeline.commands.export.held_by", lambda *_: frozenset())
+    target, exported = tmp_path / "repaired.toml", tmp_path / "repaired.json"
+    kept = keep(inputs, given, Bench(given.study), FRICTION, target, exported=exported, writable=Writable(tmp_path))
+    assert kept.files == (target,)
+    assert not exported.exists()
+    assert any("is not written" in note and "--force" in note for note in kept.notes)
+
+
 def test_panels_escape_what_users_name():
     html = panels.files_panel(None, [(Path("<b>.csv"), True)], ["<i>"])
     assert "<b>.csv" not in html

@@ -1,0 +1,54 @@
+"""Whether a table that does not end in a newline may have been cut off in the middle of its last cell.
+
+What is left of a number is a number, too: nobody can be sure. But a cut leaves a cell that is unlike the others of its
+column: fewer digits, no exponent, a tenth of the value, half a word.
+"""
+
+import re
+from collections.abc import Sequence
+from itertools import pairwise
+
+from urdf.bounds import shown
+
+HARMLESS = 1e-6
+"""Share of the usual step from row to row that what is cut away may be worth. Of numbers with all their 15 to 17 digits
+one in ten ends a digit early: whether it was cut there is not to be seen, and of no size."""
+LOOKED_AT = 1000
+"""Rows before the last one with which it is compared."""
+_NUMBER = re.compile(r"[-+]?[0-9]*(?P<point>[.,](?P<digits>[0-9]*))?(?P<exponent>[eE][-+]?[0-9]+)?")
+
+
+def is_whole(cells: Sequence[str]) -> bool:
+    """Whether the last cell of a column, which ends the file without a newline, is as whole as the others.
+
+    Args:
+        cells: the last ones of the column, as written; the last of them is the one in question.
+    """
+    *others, last = (cell.strip() for cell in cells[-LOOKED_AT - 1 :])
+    found = _NUMBER.fullmatch(last)
+    if found is None or not any(map(str.isdigit, last)):
+        return last in others  # a word, or the empty cell of a missing sample
+    numbers = [match for match in map(_NUMBER.fullmatch, others) if match is not None and match[0]]
+    if not numbers:
+        return False
+    exponents = {len(match["exponent"]) for match in numbers if match["exponent"]}
+    if exponents or found["exponent"]:
+        return exponents == {len(found["exponent"] or "")}
+    values = [float(match[0].replace(",", ".")) for match in (*numbers, found)]
+    steps = sorted(abs(b - a) for a, b in pairwise(values[:-1]))
+    if not any(match["point"] for match in (*numbers, found)):  # a cut divides a whole number by ten
+        return abs(values[-1] - values[-2]) <= max(steps, default=0.0)
+    behind = [len(match["digits"] or "") for match in (*numbers, found)]
+    # Either all have as many digits behind the point, or all have as many that count.
+    counts = [behind, [len(m[0].replace(",", ".").lstrip("+-0.").replace(".", "")) for m in (*numbers, found)]]
+    *before, digits = counts[0 if len(set(behind[:-1])) == 1 else 1]
+    return digits >= max(before) or (bool(steps) and 10.0 ** -behind[-1] <= HARMLESS * steps[len(steps) // 2])
+
+
+def cut_off(row: int, cell: str, column: str) -> str:
+    """What is said of a file that ends in the middle of a row, or may do so."""
+    return (
+        f"row {row}, column '{shown(column)}': the file ends at '{shown(cell.strip(), 40)}' without a newline, and may "
+        "be cut off in the middle of a number: copy it again; if that is its whole last row, end it in a newline "
+        "(echo >> FILE)"
+    )
