@@ -168,7 +168,7 @@ class Sensor:
         """(n, 1 + m) samples of an amplified signal at the sampler's nodes."""
         return self.sampled(sampler.coefficients(self.lagged(signal, theta, sampler.nodes)), sampler, theta)
 
-    def pulled(self, weights: np.ndarray, sampler: Sampler, theta: np.ndarray) -> np.ndarray:
+    def adjoint(self, weights: np.ndarray, sampler: Sampler, theta: np.ndarray) -> np.ndarray:
         """(K,) weights of the quantity at the nodes that give the same sum as (n,) `weights` of the samples.
 
         For a sampler whose coefficients are the signal itself, as `Interpolated`.
@@ -179,9 +179,9 @@ class Sensor:
         e, share = _lag_shares(float(self._function(theta)[0][1, 0]), np.diff(sampler.nodes))
         bands = np.vstack([np.append(0.0, -e), np.ones(len(signal))])
         follows = np.asarray(solve_banded((0, 1), bands, signal, check_finite=False))
-        pulled = np.append(follows[:1], (1.0 - share) * follows[1:])
-        pulled[:-1] += (share - e) * follows[1:]
-        return pulled
+        weighted = np.append(follows[:1], (1.0 - share) * follows[1:])
+        weighted[:-1] += (share - e) * follows[1:]
+        return weighted
 
     def sampled(self, coefficients: np.ndarray, sampler: Sampler, theta: np.ndarray) -> np.ndarray:
         """(n, 1 + m) samples of what (N, 1 + m) coefficients represent."""

@@ -31,8 +31,8 @@ from _hidden_table import generator
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE, find
-from armdyn.excitation.goal import Goal, determining, separating
-from armdyn.excitation.series import Series
+from armdyn.experiments.goal import Goal, determining, separating
+from armdyn.experiments.series import Series
 from armdyn.identify.diagnose import diagnose
 from armdyn.identify.least_squares import LeastSquares, levenberg_marquardt
 from armdyn.identify.study import Study

@@ -27,11 +27,12 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from armdyn.effects.catalogue import CATALOGUE
-from armdyn.experiments.design import designed, within_swing
-from armdyn.experiments.hypothesis import Experiment, Held, Hypothesis
-from armdyn.experiments.motion import Harmonics, Limits, Motion
+from armdyn.experiments.gripper import STEP, GripperProblem, designed, motion_series
+from armdyn.experiments.hypothesis import Experiment, Hypothesis, Motion
+from armdyn.experiments.limits import GripperLimits
 from armdyn.experiments.plan import Proposal, designed_motion, inseparable
 from armdyn.experiments.rivals import Rivals, named
+from armdyn.experiments.search import random_motion as any_motion
 from armdyn.experiments.separation import outlook
 from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.study import Study
@@ -107,10 +108,9 @@ def right(found: Diagnosis, hidden: str) -> bool:
 def random_motion(rivals: Rivals, proposal: Proposal, rng: np.random.Generator) -> Motion:
     """With the peak acceleration of the designed one, within the same limits."""
     assert proposal.experiment.motion is not None
-    limits = Limits(acceleration=float(proposal.experiment.motion.peaks[2]))
-    harmonics = Harmonics(DURATION, limits)
-    helds = [Held(h, proposal.experiment) for h in rivals.hypotheses]
-    return harmonics.motion(within_swing(helds, harmonics, harmonics.random(rng)))
+    limits = GripperLimits(acceleration=float(proposal.experiment.motion.peaks[2]))
+    problem = GripperProblem(rivals.hypotheses, proposal.experiment, motion_series(DURATION), limits, STEP)
+    return problem.motion(any_motion(problem, rng))
 
 
 def case(pair: tuple[str, str], seed: int) -> dict[str, object]:
@@ -186,13 +186,18 @@ def separations(pairs: list[tuple[str, str]]) -> list[dict[str, object]]:
         started = time.process_time()
         found = designed(both, cell, DURATION)
         seconds = time.process_time() - started
-        harmonics, rng = Harmonics(DURATION, Limits()), np.random.default_rng(1)
-        helds = [Held(h, cell.along(found.motion)) for h in both]
+        problem = GripperProblem(both, cell, motion_series(DURATION), GripperLimits(), STEP)
+        rng = np.random.default_rng(1)
         at_random = []
         for _ in range(8):
-            motion = harmonics.motion(within_swing(helds, harmonics, harmonics.random(rng)))
+            motion = problem.motion(any_motion(problem, rng))
             at_random.append(outlook(both, cell.along(motion)).separation ** 2)
-        row = {"pair": "/".join(pair), "random": float(np.median(at_random)), "designed": found.rise, "cpu": seconds}
+        row = {
+            "pair": "/".join(pair),
+            "random": float(np.median(at_random)),
+            "designed": outlook(both, cell.along(found.motion)).separation ** 2,
+            "cpu": seconds,
+        }
         rows.append(row)
     bench.print_table(
         "Smallest rise of chi2 when the rival is refitted, without noise, nothing known from earlier runs",

@@ -26,8 +26,8 @@ from typing import Any
 import numpy as np
 
 from armdyn.run import read_run
+from pipeline.robot.hidden import HIDDEN_EFFECTS
 from pipeline.robot.settings import PlantSettings
-from pipeline.robot.truth import HIDDEN_EFFECTS
 from pipeline.trial import TrialSettings, simulate
 
 tests = str(Path(__file__).resolve().parent.parent / "tests")

@@ -12,8 +12,9 @@ from armdyn.model_file import ModelFile, read_model_file
 if TYPE_CHECKING:
     from armdyn.arm.model import ArmModel
     from armdyn.effects.effect import Effect
-    from armdyn.excitation.goal import Goal
-    from armdyn.experiments.motion import Limits, Motion
+    from armdyn.experiments.goal import Goal
+    from armdyn.experiments.hypothesis import Motion
+    from armdyn.experiments.limits import GripperLimits
     from armdyn.experiments.plan import Plan
     from armdyn.experiments.rivals import Rivals
     from pipeline.motion.excitation import Excitation
@@ -87,7 +88,7 @@ def excite(
 
 def goal_of(model: "ArmModel", wanted: "Sequence[Effect]", rivals: "Sequence[Effect]", rate: float) -> "Goal":
     """What a motion is to do: tell two rivals apart, or determine effects."""
-    from armdyn.excitation.goal import determining, separating
+    from armdyn.experiments.goal import determining, separating
 
     return separating(model, rivals[0], rivals[1], rate) if rivals else determining(model, wanted, rate)
 
@@ -135,21 +136,21 @@ def next_experiment(
 
 def rig_limits(
     travel: float | None, speed: float | None, acceleration: float | None, swing: float | None
-) -> "Limits | None":
+) -> "GripperLimits | None":
     """Limits of a rig of one's own; None where none is given, and the motion is one of Baxter's.
 
     Raises:
         InputError: one is not positive.
     """
-    from armdyn.experiments.motion import Limits
+    from armdyn.experiments.limits import GripperLimits
 
     given = {"travel": travel, "speed": speed, "acceleration": acceleration, "swing": swing}
     known = {name: value for name, value in given.items() if value is not None}
-    return Limits(**known) if known else None
+    return GripperLimits(**known) if known else None
 
 
 def planned(
-    rivals: "Rivals", seconds: float, limits: "Limits | None", seed: int = 0, say: Say | None = None
+    rivals: "Rivals", seconds: float, limits: "GripperLimits | None", seed: int = 0, say: Say | None = None
 ) -> "tuple[Plan, Motion | None]":
     """The plan, and the motion that it offers; of Baxter one that the whole arm can make.
 

@@ -1,1 +1,1 @@
-"""The next experiment: which one tells rival effects apart, how well, and along which motion of the gripper."""
+"""The next experiment: which one tells most, how well, and along which motion of a gripper or of an arm."""

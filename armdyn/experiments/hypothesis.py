@@ -8,8 +8,9 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from armdyn.channels import Channel
-from armdyn.experiments.motion import Harmonics, Motion
+from armdyn.experiments.series import Basis
 from armdyn.pendulum.model import PendulumModel
+from armdyn.pendulum.path import GripperPath
 from armdyn.physics.adjoint import Adjoint
 from armdyn.physics.recorded import halfway, slope
 from armdyn.physics.simulate import Rollout, System
@@ -19,6 +20,44 @@ from armdyn.run import Run
 CHANNELS = ("load_force", "swing_angle")
 START_SPREAD = {"initial_angle": 0.01, "initial_rate": 0.03}
 """rad, rad/s: how far from rest a load hangs that is said to hang at rest."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A motion of the gripper from rest to rest.
+
+    Attributes:
+        time: (K,) s from 0.
+        along: (3, K) position m, velocity m/s, acceleration m/s^2.
+    """
+
+    time: np.ndarray
+    along: np.ndarray
+
+    @property
+    def step(self) -> float:
+        """S between the nodes."""
+        return float(self.time[1] - self.time[0])
+
+    @property
+    def path(self) -> GripperPath:
+        """As the input of a simulation."""
+        return GripperPath(0.0, self.step, *self.along)
+
+    @property
+    def seconds(self) -> float:
+        """How long it takes."""
+        return float(self.time[-1])
+
+    @property
+    def peaks(self) -> np.ndarray:
+        """(3,) largest position, speed and acceleration."""
+        return np.asarray(np.abs(self.along).max(axis=1))
+
+    @property
+    def effort(self) -> float:
+        """Integral of the squared acceleration, m^2/s^3: what SAC and the planner call energy."""
+        return float(np.sum(self.along[2] ** 2) * self.step)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +127,7 @@ class Experiment:
         return Run("experiment", {**gripper, **empty})
 
 
-class Held:
+class PredictedExperiment:
     """A hypothesis in an experiment: predictions over the noise, and what is known of its unknowns beforehand.
 
     Attributes:
@@ -128,7 +167,7 @@ class Held:
         self._known: tuple[bytes, tuple[np.ndarray, np.ndarray]] | None = None
         self._rolled: tuple[bytes, Rollout] | None = None
 
-    def along(self, motion: Motion) -> "Held":
+    def along(self, motion: Motion) -> "PredictedExperiment":
         """The same with another motion."""
         other = copy(self)
         other.experiment, other._known, other._rolled = self.experiment.along(motion), None, None
@@ -199,13 +238,13 @@ class Held:
         return np.asarray(self.rollout(values).outputs[:, CHANNELS.index("load_force")])
 
     def by_coefficients(
-        self, values: np.ndarray, harmonics: Harmonics, readings: np.ndarray, swing: np.ndarray | None = None
+        self, values: np.ndarray, basis: Basis, readings: np.ndarray, swing: np.ndarray | None = None
     ) -> np.ndarray:
-        """(n,) derivative of a weighted sum of readings with respect to the coefficients of the motion.
+        """(size,) derivative of a weighted sum of readings with respect to the coefficients of the motion.
 
         Args:
             values: (m,) of the unknowns.
-            harmonics: of which the motion is made.
+            basis: of which the motion is made, at its nodes.
             readings: (n,) weights of the readings over their noise.
             swing: (K,) weights of the load's angle, beside the readings.
         """
@@ -217,14 +256,14 @@ class Held:
         for i, (channel, weight) in enumerate(self.weights.items()):
             part = readings[i * count : (i + 1) * count] * weight
             sensor = model.system.sensors[channel]
-            outputs[:, CHANNELS.index(channel)] += sensor.pulled(part, sampler, physics)
+            outputs[:, CHANNELS.index(channel)] += sensor.adjoint(part, sampler, physics)
         if swing is not None:
             outputs[:, CHANNELS.index("swing_angle")] += swing
         path = model.driven_by(motion.path, physics)
         adjoint = _adjoint(model.system, model.formulation)
         nodes, middle = adjoint.gradient(path, physics, self.rollout(values).states, outputs)
         lag = model.gripper_lag(physics) if model.system.input_lag is not None else 0.0
-        at_nodes, between = _driving(harmonics, lag)
+        at_nodes, between = _driving(basis, lag)
         jerk = slice(7, 8) if len(nodes) == 8 else slice(0, 0)
         rows = [*nodes[1:4], *nodes[jerk]], [*middle[1:4], *middle[jerk]]
         return (
@@ -239,18 +278,18 @@ def _adjoint(system: System, name: str) -> Adjoint:
 
 
 @lru_cache(maxsize=8)
-def _driving(harmonics: Harmonics, lag: float) -> tuple[np.ndarray, np.ndarray]:
+def _driving(basis: Basis, lag: float) -> tuple[np.ndarray, np.ndarray]:
     """Position, velocity, acceleration and jerk of the string's upper end for each coefficient, one below the other.
 
-    (4 K, n) at the nodes and (4 (K - 1), n) halfway between.
+    (4 K, size) at the nodes and (4 (K - 1), size) halfway between.
     """
-    _, count, size = harmonics.basis.shape
-    basis = harmonics.basis
+    _, count, size = basis.functions.shape
+    rows, step = basis.functions, float(basis.time[1] - basis.time[0])
     if lag > 0.0:
-        basis = np.stack([lagged(rows, lag, harmonics.step)[0] for rows in basis])
-    between = np.asarray(halfway(basis, harmonics.step)).reshape(3, count - 1, size)
-    jerk = slope(basis[2], harmonics.step)
-    return (np.concatenate([*basis, jerk]), np.concatenate([*between, (jerk[1:] + jerk[:-1]) / 2]))
+        rows = np.stack([lagged(part, lag, step)[0] for part in rows])
+    between = np.asarray(halfway(rows, step)).reshape(3, count - 1, size)
+    jerk = slope(rows[2], step)
+    return (np.concatenate([*rows, jerk]), np.concatenate([*between, (jerk[1:] + jerk[:-1]) / 2]))
 
 
 def _root_of_inverse(information: np.ndarray) -> np.ndarray:

@@ -9,10 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armdyn.document import Column, Curve, Document, Section, Table
-from armdyn.experiments.design import Designed, Say, designed
-from armdyn.experiments.hypothesis import Experiment, Held, Hypothesis
-from armdyn.experiments.motion import Limits, Motion
+from armdyn.experiments.gripper import Designed, designed
+from armdyn.experiments.hypothesis import Experiment, Hypothesis, Motion, PredictedExperiment
+from armdyn.experiments.limits import GripperLimits
 from armdyn.experiments.rivals import Rivals, last_motion
+from armdyn.experiments.search import Say
 from armdyn.experiments.separation import Outlook, Rival, beliefs, outlook
 from armdyn.shown import Shown
 
@@ -52,7 +53,7 @@ def inseparable(hypotheses: Sequence[Hypothesis], outlook: Outlook, experiment: 
 
 def _why(first: Hypothesis, second: Hypothesis, experiment: Experiment) -> str:
     """What the second has to change so that it predicts what the first does."""
-    truth, rival = Held(first, experiment), Held(second, experiment)
+    truth, rival = PredictedExperiment(first, experiment), PredictedExperiment(second, experiment)
     rise, best = Rival(rival, truth.predict(truth.start)[0]).refitted()
     whole = float(np.sqrt(rise / max(len(truth.predict(truth.start)[0]), 1)))
     said = (
@@ -70,7 +71,7 @@ def _why(first: Hypothesis, second: Hypothesis, experiment: Experiment) -> str:
     return said
 
 
-def _changes(first: Hypothesis, rival: Held, best: np.ndarray) -> str:
+def _changes(first: Hypothesis, rival: PredictedExperiment, best: np.ndarray) -> str:
     own = {n: p for n, p in rival.hypothesis.model.parameters.items() if p.effect and n not in first.model.names}
     parts = []
     for i, name in enumerate(rival.names):
@@ -210,7 +211,7 @@ class Plan(Shown):
 
 
 def plan(
-    rivals: Rivals, seconds: float = 8.0, limits: Limits | None = None, seed: int = 0, say: Say | None = None
+    rivals: Rivals, seconds: float = 8.0, limits: GripperLimits | None = None, seed: int = 0, say: Say = lambda _: None
 ) -> Plan:
     """Design a motion and hold every other kind of experiment against it.
 
@@ -221,14 +222,13 @@ def plan(
         seed: of everything random.
         say: told how far it is.
     """
-    tell = say or (lambda _: None)
-    moving = designed_motion(rivals, seconds, limits, seed, tell)
+    moving = designed_motion(rivals, seconds, limits, seed, say)
     pairs = inseparable(rivals.hypotheses, moving.outlook, moving.experiment)
     proposals = [moving]
     for experiment in other_kinds(rivals, seconds):
         if not safe(rivals, experiment, limits.swing if limits is not None else np.inf):
             continue
-        tell(f"weighing up: {experiment.kind}")
+        say(f"weighing up: {experiment.kind}")
         proposals.append(Proposal(experiment, outlook(rivals.hypotheses, experiment, seed)))
     return Plan(rivals, tuple(sorted(proposals, key=lambda p: p.rank)), pairs)
 
@@ -243,7 +243,7 @@ def safe(rivals: Rivals, experiment: Experiment, swing: float) -> bool:
     last = experiment.along(last_motion(rivals.last, experiment.motion.seconds))
     plain = replace(last, changed={})
     for hypothesis in rivals.hypotheses:
-        there, before = Held(hypothesis, experiment), Held(hypothesis, plain)
+        there, before = PredictedExperiment(hypothesis, experiment), PredictedExperiment(hypothesis, plain)
         allowed = max(swing, float(np.abs(before.swing(before.start)).max()))
         if not (np.abs(there.swing(there.start)).max() <= allowed and there.tension(there.start).min() > 0.0):
             return False
@@ -251,7 +251,7 @@ def safe(rivals: Rivals, experiment: Experiment, swing: float) -> bool:
 
 
 def designed_motion(
-    rivals: Rivals, seconds: float, limits: Limits | None = None, seed: int = 0, say: Say | None = None
+    rivals: Rivals, seconds: float, limits: GripperLimits | None = None, seed: int = 0, say: Say = lambda _: None
 ) -> Proposal:
     """The motion that tells the rivals apart best; pairs that no motion separates do not count in it."""
     experiment = Experiment("motion", "swing along the designed motion", noise=rivals.noise)

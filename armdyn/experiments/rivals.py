@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armdyn.errors import InputError, UnknownNameError
-from armdyn.experiments.hypothesis import CHANNELS, Hypothesis
-from armdyn.experiments.motion import Motion
+from armdyn.experiments.hypothesis import CHANNELS, Hypothesis, Motion
 from armdyn.experiments.separation import MARGIN
 from armdyn.identify.appraisal import SURE
 from armdyn.identify.candidate import Candidate

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from armdyn.experiments.hypothesis import Experiment, Held, Hypothesis
+from armdyn.experiments.hypothesis import Experiment, Hypothesis, PredictedExperiment
 from armdyn.identify.least_squares import Expansion, descend
 from armdyn.identify.suspects import TIE
 
@@ -40,35 +40,35 @@ STEPS = 12
 class Rival:
     """A hypothesis that is fitted to what another one predicts; also the cost that `descend` minimises."""
 
-    def __init__(self, held: Held, readings: np.ndarray) -> None:
-        self.held, self._readings = held, readings
-        self.lower, self.upper = held.lower, held.upper
+    def __init__(self, predicted: PredictedExperiment, readings: np.ndarray) -> None:
+        self.predicted, self._readings = predicted, readings
+        self.lower, self.upper = predicted.lower, predicted.upper
 
     def evaluate(self, values: np.ndarray) -> Expansion:
         """Half the rise of chi2 around (m,) values of the rival's unknowns."""
-        away = values - self.held.start
+        away = values - self.predicted.start
         with np.errstate(all="ignore"):
-            predicted, slopes = self.held.predict(values)
-            rest = self._readings - predicted
-            cost = 0.5 * float(rest @ rest + away @ self.held.prior @ away)
+            readings, slopes = self.predicted.predict(values)
+            rest = self._readings - readings
+            cost = 0.5 * float(rest @ rest + away @ self.predicted.prior @ away)
         if not np.isfinite(cost):
             return Expansion(np.inf, np.zeros(len(values)), np.eye(len(values)))
-        hessian = slopes.T @ slopes + self.held.prior
-        return Expansion(cost, self.held.prior @ away - slopes.T @ rest, hessian)
+        hessian = slopes.T @ slopes + self.predicted.prior
+        return Expansion(cost, self.predicted.prior @ away - slopes.T @ rest, hessian)
 
     def refitted(self, start: np.ndarray | None = None, steps: int = STEPS) -> tuple[float, np.ndarray]:
         """Rise of chi2 at the rival's best values, and these (m,)."""
-        found = descend(self, self.held.start if start is None else start, most_steps=steps, tolerance=0.02)
+        found = descend(self, self.predicted.start if start is None else start, most_steps=steps, tolerance=0.02)
         return 2.0 * found.at.cost, found.values
 
 
-def linear_separation(truth: Held, rival: Held) -> float:
+def linear_separation(truth: PredictedExperiment, rival: PredictedExperiment) -> float:
     """The rise of chi2 by one linearisation around the rival's present values."""
     difference = truth.predict(truth.start)[0] - rival.predict(rival.start)[0]
     return float(_Around(rival, rival.start).left(difference[:, None])[0])
 
 
-def separation(truth: Held, rival: Held) -> float:
+def separation(truth: PredictedExperiment, rival: PredictedExperiment) -> float:
     """The rise of chi2 when the rival is really refitted, within the bounds of its unknowns."""
     return Rival(rival, truth.predict(truth.start)[0]).refitted()[0]
 
@@ -116,11 +116,11 @@ def outlook(hypotheses: Sequence[Hypothesis], experiment: Experiment, seed: int 
         experiment: that could be made.
         seed: of the outcomes that are drawn.
     """
-    held = [Held(h, experiment) for h in hypotheses]
-    count = len(held)
+    predicted = [PredictedExperiment(h, experiment) for h in hypotheses]
+    count = len(predicted)
     rises, right = np.zeros((count, count)), np.ones(count)
     rng = np.random.default_rng(seed)
-    for i, truth in enumerate(held):
+    for i, truth in enumerate(predicted):
         readings, slopes = truth.predict(truth.start)
         noise = rng.standard_normal((len(readings), DRAWS))
         errors = truth.start[:, None] + truth.spread @ rng.standard_normal((len(truth.start), DRAWS))
@@ -128,7 +128,7 @@ def outlook(hypotheses: Sequence[Hypothesis], experiment: Experiment, seed: int 
         off = noise + slopes @ errors
         own = _Around(truth, truth.start).left(off)
         wins = np.ones(DRAWS, dtype=bool)
-        for j, rival in enumerate(held):
+        for j, rival in enumerate(predicted):
             if i == j:
                 continue
             rises[i, j], best = Rival(rival, readings).refitted()
@@ -147,11 +147,11 @@ class _Around:
     the bounds of the unknowns: friction does not become negative.
     """
 
-    def __init__(self, held: Held, values: np.ndarray) -> None:
-        self._slopes = held.predict(values)[1] * held.typical
-        self._prior = held.prior * np.outer(held.typical, held.typical)
-        self._away = (values - held.start) / held.typical
-        self._room = (held.lower - values) / held.typical, (held.upper - values) / held.typical
+    def __init__(self, predicted: PredictedExperiment, values: np.ndarray) -> None:
+        self._slopes = predicted.predict(values)[1] * predicted.typical
+        self._prior = predicted.prior * np.outer(predicted.typical, predicted.typical)
+        self._away = (values - predicted.start) / predicted.typical
+        self._room = (predicted.lower - values) / predicted.typical, (predicted.upper - values) / predicted.typical
         self._normal = self._slopes.T @ self._slopes + self._prior
         self._normal.flat[:: len(self._normal) + 1] *= 1.0 + LITTLE
         self._normal.flat[:: len(self._normal) + 1] += np.finfo(float).tiny

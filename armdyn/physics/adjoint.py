@@ -56,7 +56,7 @@ class Adjoint:
         if self._impulse:
             impulse = _slope_matrix(K).T @ weights[:, self._force] / path.dt
             if s.impulse_rings is not None:
-                impulse = s.impulse_rings.pulled(impulse, theta, path.dt)
+                impulse = s.impulse_rings.adjoint(impulse, theta, path.dt)
             weights = np.column_stack([weights, impulse])
         padded = -(-K // BLOCK) * BLOCK
         first = padded - K  # from the last node back to the first, behind steps of no length

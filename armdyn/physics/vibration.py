@@ -62,14 +62,14 @@ class Vibration:
             after[:, 1 : 1 + len(theta)] += np.outer(change, by_settings[k])
         return after[:, 0], after[:, 1:]
 
-    def pulled(self, weights: np.ndarray, theta: np.ndarray, dt: float) -> np.ndarray:
+    def adjoint(self, weights: np.ndarray, theta: np.ndarray, dt: float) -> np.ndarray:
         """(K,) weights of the signal that give the same sum as (K,) `weights` of what it becomes."""
         from scipy.signal import lfilter
 
         b, a, *_ = self._numbers(np.asarray(self._settings(theta)[0]), dt)
-        pulled = lfilter(b, a, weights[::-1])[::-1].copy()
-        pulled[0] += weights.sum() - pulled.sum()
-        return np.asarray(pulled)
+        earlier = lfilter(b, a, weights[::-1])[::-1].copy()
+        earlier[0] += weights.sum() - earlier.sum()
+        return np.asarray(earlier)
 
     def _numbers(self, settings: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """(3,) b and a, and their derivatives by 1/w^2 and z, (3, 2) and (2, 2)."""

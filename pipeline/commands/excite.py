@@ -16,7 +16,7 @@ from pipeline.console.screen import finish, spinner
 if TYPE_CHECKING:
     from armdyn.arm.model import ArmModel
     from armdyn.effects.effect import Effect
-    from armdyn.excitation.goal import Goal
+    from armdyn.experiments.goal import Goal
 
 PANEL = "Motions of an arm"
 

@@ -47,6 +47,7 @@ def next_(
     json_file: JsonOption = None,
 ) -> None:
     """Plan the next experiment: how well each kind tells rival effects apart, and the best motion of the gripper."""
+    from armdyn.experiments.gripper import motion_series
     from armdyn.experiments.rivals import undecided
     from pipeline.answers_motion import next_answer
     from pipeline.front import planned, rig_limits
@@ -57,7 +58,7 @@ def next_(
     inputs.check(report, json_file)
     check_outputs(output, inputs=[model, *inputs.recordings])
     limits = rig_limits(travel, speed, acceleration, swing)
-    harmonics_for(seconds)
+    motion_series(seconds)  # refuses a duration that no motion can have, before anything is fitted
     with stopped_if_wrong(json_file), spinner() as say:
         given = inputs.read()
         named = [name.strip() for name in (rivals or "").split(",") if name.strip()]
@@ -78,10 +79,3 @@ def next_(
         lambda: next_report(document, made),
         [] if written is None else [f"motion {written}"],
     )
-
-
-def harmonics_for(seconds: float) -> None:
-    """Refuse a duration that no motion can have, before anything is fitted."""
-    from armdyn.experiments.motion import Harmonics, Limits
-
-    Harmonics(seconds, Limits())

@@ -5,8 +5,9 @@ the line, and reaches the joints through the table of `ik`.
 """
 
 from pipeline.motion.finish import finish_over_box
-from pipeline.motion.limits import Gate, LineLimits
+from pipeline.motion.gate import Gate, LineGate
+from pipeline.motion.limits import LineLimits
 from pipeline.motion.smoother import LineSmoother
 from pipeline.motion.trajectory import LineState, LineTrajectory
 
-__all__ = ["Gate", "LineLimits", "LineSmoother", "LineState", "LineTrajectory", "finish_over_box"]
+__all__ = ["Gate", "LineGate", "LineLimits", "LineSmoother", "LineState", "LineTrajectory", "finish_over_box"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -10,12 +9,12 @@ import numpy as np
 
 import urdf
 from armdyn.errors import TaskFailedError
-from armdyn.excitation.criteria import Criterion, covariance
-from armdyn.excitation.design import STEPS, Design
-from armdyn.excitation.goal import Goal
-from armdyn.excitation.random_motions import random_motion, scaled
-from armdyn.excitation.room import Room
-from armdyn.excitation.series import Motions, Series
+from armdyn.experiments.arm import ArmProblem
+from armdyn.experiments.criteria import covariance
+from armdyn.experiments.goal import Goal
+from armdyn.experiments.limits import MotionLimits
+from armdyn.experiments.search import NEARLY, Say, improved, random_motions, scaled, search, shrunk
+from armdyn.experiments.series import AxisMotion, Series
 from armdyn.run import Channel, Run
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, check_joints
 from pipeline.motion.trajectory import JointTrajectory
@@ -32,7 +31,7 @@ REMEMBERED = 5000
 
 @dataclass(frozen=True, eq=False)
 class FreePostures:
-    """Postures that the check allows; for `armdyn.excitation`.
+    """Postures that the check allows, for the search of a motion.
 
     Attributes:
         robot: the arm.
@@ -60,29 +59,24 @@ class FreePostures:
         """Whether no links touch."""
         return not self._shapes or self._collision.touching(q) is None
 
-    def margins(self, q: Array) -> Array:
-        """(1,) distance between links beyond what is asked for, in units of `FAR`."""
+    def margin(self, q: Array) -> float:
+        """Distance between links beyond what is asked for, in units of `FAR`."""
         if not self._shapes:
-            return np.array([np.inf])
+            return np.inf
         key = q.tobytes()
         if key not in self._known:
             if len(self._known) >= REMEMBERED:
                 self._known.clear()
             self._known[key] = (self._collision.clearance(q).distance - ASKED_MORE * self.clearance) / FAR
-        return np.array([self._known[key]])
+        return self._known[key]
 
 
-STARTS = 3
-"""Random motions, the best of all, from which a search starts; the best one after its first round goes on."""
-NEARLY = 0.02
-"""Share by which a motion may exceed the room: the room leaves 3 to 7 % of each limit."""
 REPAIRS = 4
 """How often a motion that breaks a limit between the instants of its design is designed again with less room."""
 LESS = 0.99
 """Share of the room that is kept beyond what a violation asks for."""
 SMALLER = (1.0, 0.95, 0.9, 0.8, 0.65, 0.5, 0.3)
 """Sizes that are tried at last."""
-Say = Callable[[str], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,96 +170,56 @@ def excitation(
     settings = settings or CheckSettings(singular_value=0.0)  # joints that are led one by one race for no tool
     robot = goal.columns.arm.robot
     postures = FreePostures(robot, settings.clearance)
-    design = Design(goal.columns, Series(seconds), Room.of(robot), postures)
-    starts = _random(design, random, seed, say)
-    informations = [design.information(x) for x in starts]
-    x = _searched(design, goal.criterion, starts, informations, "rounds of the design done", say)
-    best = starts[int(np.argmin([goal.criterion(information)[0] for information in informations]))]
-    x, trajectory, check = _feasible(design, goal.criterion, x, best, settings, say)
+    problem = ArmProblem(goal.columns, goal.criterion, Series(seconds), MotionLimits.of(robot), postures)
+    starts = random_motions(problem, random, np.random.default_rng(seed), say)
+    if not starts:
+        raise TaskFailedError(
+            "no posture was found at which the arm is free and its torques suffice: choose other --joints, or mend the "
+            "limits of its URDF"
+        )
+    informations = [problem.information(x) for x in starts]
+    costs = [goal.criterion(information)[0] for information in informations]
+    best = starts[int(np.argmin(costs))]
+    x, trajectory, check = _feasible(problem, search(problem, starts, costs, say), best, settings, say)
     conditioned = None
     if compare:
         say("designing the motion with the least condition number")
-        other = _searched(design, goal.conditioned, starts, informations, "rounds of its rival done", say)
-        conditioned = expectation(design, goal, _inside(design, other))
+        rival = replace(problem, criterion=goal.conditioned)
+        other = search(rival, starts, [goal.conditioned(information)[0] for information in informations], say)
+        inside = shrunk(rival, other, NEARLY)
+        conditioned = expectation(problem, goal, other if inside is None else inside)
     return Excitation(
         goal=goal,
-        series=design.series,
+        series=problem.series,
         trajectory=trajectory,
         check=check,
-        expected=expectation(design, goal, x),
-        random=expectation(design, goal, best),
+        expected=expectation(problem, goal, x),
+        random=expectation(problem, goal, best),
         conditioned=conditioned,
         tried=len(starts),
-        torque=_torque(design, trajectory),
+        torque=_torque(problem, trajectory),
     )
 
 
-def expectation(design: Design, goal: Goal, x: Array) -> Expectation:
+def expectation(problem: ArmProblem, goal: Goal, x: Array) -> Expectation:
     """What a recording of the motion of (nj, size) coefficients would tell."""
-    information, prior = design.information(x), goal.columns.prior
+    information, prior = problem.information(x), goal.columns.prior
     K = covariance(information, prior)
     std = np.sqrt(np.diag(K))[goal.wanted] * goal.columns.typical[goal.wanted]
     separations = tuple(case.separation(information, prior) for case in goal.hidden)
     return Expectation(x, goal.criterion(information)[0], std, separations)
 
 
-def sampled(design: Design, x: Array) -> JointTrajectory:
+def sampled(problem: ArmProblem, x: Array) -> JointTrajectory:
     """The motion of (nj, size) coefficients at the rate of the recording."""
-    seconds = design.series.seconds
-    time = np.linspace(0.0, seconds, round(seconds * design.columns.rate) + 1)
-    motion = design.series.motion(x, time)
-    return JointTrajectory(time, motion.q, motion.v, motion.a, design.columns.arm.joints)
-
-
-def _random(design: Design, count: int, seed: int, say: Say) -> list[Array]:
-    """Random motions inside the limits.
-
-    Raises:
-        TaskFailedError: there is none.
-    """
-    rng, found = np.random.default_rng(seed), []
-    for k in range(count):
-        x = random_motion(design, rng)
-        if x is not None:
-            found.append(x)
-        say(f"{k + 1} of {count} random motions tried")
-    if not found:
-        raise TaskFailedError(
-            "no posture was found at which the arm is free and its torques suffice: choose other --joints, or mend the "
-            "limits of its URDF"
-        )
-    return found
-
-
-def _searched(
-    design: Design, criterion: Criterion, starts: Sequence[Array], informations: Sequence[Array], what: str, say: Say
-) -> Array:
-    """The best motion found from the best of the starts."""
-    scores = [criterion(information)[0] for information in informations]
-    rounds = len(STEPS) + STARTS - 1
-    tried = []
-    for k, i in enumerate(np.argsort(scores)[:STARTS]):
-        x = design.optimised(starts[i], criterion, 1)
-        tried.append((criterion(design.information(_inside(design, x)))[0], k, x))
-        say(f"{k + 1} of {rounds} {what}")
-    _, _, x = min(tried)
-
-    def count(k: int) -> None:
-        say(f"{STARTS + k} of {rounds} {what}")
-
-    return design.optimised(x, criterion, first=1, done=count)
-
-
-def _inside(design: Design, x: Array) -> Array:
-    """The motion made smaller until its limits hold on the grid, nearly."""
-    for size in np.linspace(1.0, 0.2, 81):
-        if design.excess(scaled(x, size)) <= NEARLY:
-            return scaled(x, size)
-    return x
+    seconds = problem.series.seconds
+    time = np.linspace(0.0, seconds, round(seconds * problem.columns.rate) + 1)
+    motion = problem.series.motion(x, time)
+    return JointTrajectory(time, motion.q, motion.v, motion.a, problem.columns.arm.joints)
 
 
 def _feasible(
-    design: Design, criterion: Criterion, x: Array, best: Array, settings: CheckSettings, say: Say
+    problem: ArmProblem, x: Array, best: Array, settings: CheckSettings, say: Say
 ) -> tuple[Array, JointTrajectory, FeasibilityReport]:
     """The motion after the check, designed again with less room where it breaks a limit.
 
@@ -274,28 +228,29 @@ def _feasible(
     Raises:
         TaskFailedError: it breaks one all the same.
     """
-    robot = design.columns.arm.robot
+    robot = problem.columns.arm.robot
     first = None
     for k in range(REPAIRS + 1):
         say("checking the motion on the whole arm")
-        trajectory = sampled(design, x)
+        trajectory = sampled(problem, x)
         check = check_joints(robot, trajectory, settings)
         if check.feasible:
             return x, trajectory, check
         first = first or check
         if k == REPAIRS:
             break
-        design = _with_less_room(design, check)
+        problem = _with_less_room(problem, check)
         say(f"{k + 1} of {REPAIRS} repairs, as the {check.violations[0]}")
-        x = design.optimised(x, criterion, first=len(STEPS) - 2)
+        x = improved(problem, x, first=len(problem.steps) - 2)
     smaller: list[tuple[float, int, tuple[Array, JointTrajectory, FeasibilityReport]]] = []
     for motion in (x, best):
         for size in SMALLER:
-            trajectory = sampled(design, scaled(motion, size))
+            trajectory = sampled(problem, scaled(motion, size))
             check = check_joints(robot, trajectory, settings)
             if check.feasible:
-                value, _ = criterion(design.information(scaled(motion, size)))
-                smaller.append((value, len(smaller), (scaled(motion, size), trajectory, check)))
+                smaller.append(
+                    (problem.cost(scaled(motion, size)), len(smaller), (scaled(motion, size), trajectory, check))
+                )
                 break
     if smaller:
         return min(smaller)[2]
@@ -303,19 +258,19 @@ def _feasible(
     raise TaskFailedError(f"no feasible motion was found: {first.sentence} Choose other --joints or --seconds")
 
 
-def _with_less_room(design: Design, check: FeasibilityReport) -> Design:
+def _with_less_room(problem: ArmProblem, check: FeasibilityReport) -> ArmProblem:
     """The design with less room where a check found a limit broken."""
-    joints, postures = design.columns.arm.joints, design.postures
+    joints, postures = problem.columns.arm.joints, problem.postures
     assert isinstance(postures, FreePostures)
     for margin in check.margins:
         if margin.margin >= 0.0:
             continue
         if margin.limit in ("position", "velocity", "acceleration", "torque"):
-            design = design.narrower(margin.limit, joints.index(margin.joint), LESS / margin.used)
+            problem = problem.narrower(margin.limit, joints.index(margin.joint), LESS / margin.used)
         elif margin.limit == "self_collision":
             postures = replace(postures, clearance=postures.clearance - 2.0 * margin.margin)
-    return replace(design, postures=postures)
+    return replace(problem, postures=postures)
 
 
-def _torque(design: Design, trajectory: JointTrajectory) -> Array:
-    return design.columns.torque(Motions(trajectory.q, trajectory.v, trajectory.a))
+def _torque(problem: ArmProblem, trajectory: JointTrajectory) -> Array:
+    return problem.columns.torque(AxisMotion(trajectory.q, trajectory.v, trajectory.a))

@@ -10,8 +10,7 @@ import urdf
 from armdyn.atomic import write_text
 from armdyn.channels import Channel
 from armdyn.csv_run import csv_text
-from armdyn.experiments.hypothesis import CHANNELS, Experiment, Held, Hypothesis
-from armdyn.experiments.motion import Motion
+from armdyn.experiments.hypothesis import CHANNELS, Experiment, Hypothesis, Motion, PredictedExperiment
 from armdyn.experiments.plan import HOPELESS, Plan, with_motion
 from ik import LineTable, default_table
 from pipeline.box import Box
@@ -109,8 +108,8 @@ def write_motion(motion: Motion, file: Path) -> None:
 
 
 def _swing(hypothesis: Hypothesis, motion: Motion, radius: float) -> Swing:
-    held = Held(hypothesis, Experiment("motion", "", motion))
-    outputs = held.rollout(held.start).outputs
+    predicted = PredictedExperiment(hypothesis, Experiment("motion", "", motion))
+    outputs = predicted.rollout(predicted.start).outputs
     angle, tension = (outputs[:, CHANNELS.index(name)] for name in ("swing_angle", "load_force"))
     return Swing(motion.time, angle, tension, hypothesis.model.value("length"), radius)
 

@@ -5,8 +5,8 @@ from contextlib import suppress
 
 from armdyn.errors import InputError
 from ik import LineTable
-from pipeline.motion import Gate, LineSmoother, LineState, LineTrajectory
-from pipeline.motion.limits import Refusal
+from pipeline.motion import LineGate, LineSmoother, LineState, LineTrajectory
+from pipeline.motion.gate import PERIOD, Refusal, Withheld
 from pipeline.nodes.measurement import MeasurementNode
 from pipeline.record import Recorder
 from pipeline.robot.protocol import RobotInterface
@@ -32,14 +32,14 @@ class DriveNode:
     """
 
     name = "drive"
-    period = 0.01
+    period = PERIOD
 
     def __init__(
         self,
         robot: RobotInterface,
         table: LineTable,
         smoother: LineSmoother,
-        gate: Gate,
+        gate: LineGate,
         measurement: MeasurementNode,
         recorder: Recorder,
     ) -> None:
@@ -105,7 +105,7 @@ class DriveNode:
             return
         state, refusal = self._checked(now, previous)
         if refusal is not None:
-            self.fault = self.fault or f"motion at {now:.2f} s: {refusal.value}"
+            self.fault = self.fault or f"motion at {now:.2f} s: {refusal.sentence}"
             self.stop()
             self._smoother.reset(previous)
             state = self._smoother.stop()
@@ -129,7 +129,7 @@ class DriveNode:
             try:
                 self._smoother.reset(state)
             except InputError:
-                refusal = Refusal.NO_WAY_TO_REST
+                refusal = Refusal(Withheld.NO_WAY_TO_REST)
         return state, refusal
 
     def _next(self, now: float) -> LineState:

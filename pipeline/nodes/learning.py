@@ -21,7 +21,7 @@ from armdyn.pendulum.path import fixed_path, run_path
 from armdyn.physics.simulate import Rollout
 from armdyn.run import Run
 from pipeline.motion import LineState
-from pipeline.nodes.beside import Beside
+from pipeline.nodes.background import BackgroundWorker
 from pipeline.nodes.drive import DriveNode
 from pipeline.nodes.measurement import MeasurementNode
 from pipeline.record import Recorder
@@ -77,11 +77,11 @@ class EstimatorNode:
         measurement: MeasurementNode,
         estimator: Estimator[PendulumModel],
         recorder: Recorder,
-        beside: Beside | None = None,
+        worker: BackgroundWorker | None = None,
     ) -> None:
         self._measurement, self._estimator, self._recorder = measurement, estimator, recorder
-        self._beside = beside or Beside()
-        self._beside.provide(self.name, self._update)
+        self._worker = worker or BackgroundWorker()
+        self._worker.provide(self.name, self._update)
         self.start: float | None = None
         self.history: list[LengthEstimate] = []
         self.left_out: tuple[str, ...] = ()
@@ -110,12 +110,12 @@ class EstimatorNode:
         """
         if not self._running or self.start is None or now - self.start < FIRST_UPDATE - 1e-9:
             return
-        if self._beside.busy(self.name):
+        if self._worker.busy(self.name):
             return
         self._measurement.update_path()
         run = without_spikes(self._measurement.run(), ("load_force",))
         self.left_out = run.warnings
-        self._beside.ask(self.name, run, lambda found: self._take(now, found))
+        self._worker.ask(self.name, run, lambda found: self._take(now, found))
 
     def _update(self, run: Run) -> _Update:
         """The estimate from all data so far."""

@@ -13,7 +13,8 @@ from armdyn.errors import InputError
 from armdyn.pendulum.path import GripperPath, GrowingPath, GrowingRun
 from armdyn.run import Channel
 from pipeline.loadcell.faults import FaultDetector
-from pipeline.nodes.door import ForceDoor, JointDoor, Refused
+from pipeline.motion.gate import PERIOD
+from pipeline.nodes.reading_checks import ForceReadingCheck, JointReadingCheck, Refused
 from pipeline.record import Recorder
 from pipeline.robot.protocol import ForceSample, JointState, RobotInterface
 
@@ -123,7 +124,7 @@ class _SmoothedPath:
 
 
 class MeasurementNode:
-    """Reads the robot at 100 Hz, and judges every reading at its door.
+    """Reads the robot at 100 Hz, and judges every reading.
 
     The recording is one of a hanging load: once the load is let down (`load_hangs` is False) what is measured goes to
     channels called ``landing.*``, so that the recording can be held against a pendulum as it is; so does what is
@@ -136,11 +137,11 @@ class MeasurementNode:
         fault: a sentence once the load cell or the string has failed, else None.
         state: the latest reading of the joints.
         gripper: the latest coordinate along the line [m].
-        joint_door, force_door: judge the readings, and count those that they refuse.
+        joint_check, force_check: judge the readings, and count those that they refuse.
     """
 
     name = "measurement"
-    period = 0.01
+    period = PERIOD
 
     def __init__(
         self,
@@ -163,15 +164,15 @@ class MeasurementNode:
         self.fault: str | None = None
         weight = GRAVITY * mass
         jump = LARGEST_JUMP * weight + NOISE_JUMP * noise["load_force"]
-        self.joint_door = JointDoor(description.limits)
-        self.force_door = ForceDoor(jump, JUMP_DRIFT * weight, SLACK_FORCE)
+        self.joint_check = JointReadingCheck(description.limits)
+        self.force_check = ForceReadingCheck(jump, JUMP_DRIFT * weight, SLACK_FORCE)
         self.state: JointState = robot.joint_state()
         self.gripper = self._sensor.locate(self.state.q)[0]
 
     @property
     def notes(self) -> tuple[str, ...]:
         """A sentence per kind of reading that was refused."""
-        return self.joint_door.notes + self.force_door.notes
+        return self.joint_check.notes + self.force_check.notes
 
     def step(self, now: float) -> None:
         """Take and record what has arrived and is good."""
@@ -189,12 +190,12 @@ class MeasurementNode:
                 )
                 self.let_down(self._pulled_at)
         self._record_until(now - WAIT)
-        found = self._detector.update(now, [*samples, *self.force_door.failed])
+        found = self._detector.update(now, [*samples, *self.force_check.failed])
         if found is not None and self.load_hangs and self.fault is None:
             self.fault = f"load cell at {now:.2f} s: {found.value}"
         # Nobody needs the load cell once the load is let down; the joints are needed as long as the arm moves.
-        bad_force = self.force_door.fault if self.load_hangs else None
-        self.fault = self.fault or self.joint_door.fault or bad_force
+        bad_force = self.force_check.fault if self.load_hangs else None
+        self.fault = self.fault or self.joint_check.fault or bad_force
 
     def _take_joints(self) -> None:
         """Take and record one reading of the joints; where it is bad, the gripper's path is continued without it."""
@@ -202,10 +203,10 @@ class MeasurementNode:
         try:
             state = self._robot.joint_state()
         except Exception:  # whatever a driver raises: this reading is missing
-            self.joint_door.refuse(Refused.UNREADABLE, now)
+            self.joint_check.refuse(Refused.UNREADABLE, now)
             self._bridge()
             return
-        if self.joint_door.judge(state, now) is not None:
+        if self.joint_check.judge(state, now) is not None:
             self._bridge()
             return
         self.state = state
@@ -222,9 +223,9 @@ class MeasurementNode:
 
     def _bridge(self) -> None:
         """Continue the gripper's path over a missing reading: the path needs a value in every period."""
-        if self._gripper.count and self.joint_door.fault is None:
+        if self._gripper.count and self.joint_check.fault is None:
             time = float(self._gripper.time[self._gripper.count - 1]) + self.period
-            self._append(time, *self._sensor.locate(self.joint_door.bridged(time - self.state.time)))
+            self._append(time, *self._sensor.locate(self.joint_check.bridged(time - self.state.time)))
             self._guessed += 1
 
     def _append(self, time: float, along: float, height: float) -> None:
@@ -248,9 +249,9 @@ class MeasurementNode:
         try:
             samples = self._robot.load_cell()
         except Exception:  # whatever a driver raises: these samples are missing
-            self.force_door.refuse(Refused.UNREADABLE, now)
+            self.force_check.refuse(Refused.UNREADABLE, now)
             return []
-        return self.force_door.judge(samples, now, self.hangs_until)
+        return self.force_check.judge(samples, now, self.hangs_until)
 
     def discard(self) -> None:
         """Leave out what the load cell has measured so far: it waited, and is too old."""

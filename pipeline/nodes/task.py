@@ -16,13 +16,12 @@ from armdyn.pendulum.model import PendulumModel
 from pipeline.box import Box
 from pipeline.motion import LineLimits, LineState, LineTrajectory, finish_over_box
 from pipeline.motion.feasibility import FeasibilityReport
+from pipeline.motion.gate import PERIOD
 from pipeline.motion.reference import smooth_reference
-from pipeline.nodes.beside import Beside
+from pipeline.nodes.background import BackgroundWorker
 from pipeline.nodes.drive import DriveNode
 from pipeline.robot.protocol import Vector
 
-DT = 0.01
-"""Control cycle and step of the variational integrator [s]."""
 PLAN_TOLERANCE = 0.004
 """How far smoothing may move the gripper off its plan [m]; the load then misses its target by about as much."""
 NEAR_WALL = 0.05
@@ -165,14 +164,15 @@ class TaskNode:
         check: Check,
         measured: Callable[[], Vector],
         settings: TaskSettings,
-        beside: Beside | None = None,
+        worker: BackgroundWorker | None = None,
     ) -> None:
         self._drive, self._limits, self._check, self.settings = drive, limits, check, settings
-        self._model, self._measured, self._beside = model, measured, beside or Beside()
+        self._model, self._measured, self._worker = model, measured, worker or BackgroundWorker()
         self._planners = {
-            seconds: TaskPlanner(model, round(seconds / DT), DT) for seconds in (settings.duration, settings.settling)
+            seconds: TaskPlanner(model, round(seconds / PERIOD), PERIOD)
+            for seconds in (settings.duration, settings.settling)
         }
-        self._beside.provide(self.name, self._plan)
+        self._worker.provide(self.name, self._plan)
         self._request: _Request | None = None
         self.swing: SwingPlan | None = None
         self.trajectory: LineTrajectory | None = None
@@ -187,7 +187,7 @@ class TaskNode:
     @property
     def longest_planning(self) -> float:
         """Time that passes before a motion that was asked for begins, at most [s]."""
-        return 0.0 if self._beside.at_once else LONGEST_PLANNING
+        return 0.0 if self._worker.at_once else LONGEST_PLANNING
 
     def step(self, now: float) -> None:
         """Carry out the request, if there is one.
@@ -198,13 +198,13 @@ class TaskNode:
         request = self._request
         if request is None:
             return
-        if self._beside.at_once:
+        if self._worker.at_once:
             self._request = None
             request.due = now
-            self._beside.ask(self.name, request.task(now), lambda planned: self._take(request, planned))
+            self._worker.ask(self.name, request.task(now), lambda planned: self._take(request, planned))
             self._begin(request)
         elif request.ready is None or request.due is None:
-            if not self._beside.busy(self.name) and self._drive.at_rest:
+            if not self._worker.busy(self.name) and self._drive.at_rest:
                 self._ask_ahead(request, now)
         elif now > request.due + self.period / 2:
             request.again()
@@ -217,7 +217,7 @@ class TaskNode:
         if request.tries > TRIES:
             raise TaskFailedError(f"planning took longer than {request.lead / 2:g} s: this computer is too busy")
         request.due = now + request.lead
-        self._beside.ask(self.name, request.task(request.due), lambda planned: self._take(request, planned))
+        self._worker.ask(self.name, request.task(request.due), lambda planned: self._take(request, planned))
 
     def cancel(self) -> None:
         """Forget the request."""
@@ -272,7 +272,9 @@ class TaskNode:
         try:
             trajectory = self._feasible(plan, task.here)
             if task.finish:
-                trajectory = trajectory.then(finish_over_box(trajectory.end, self.settings.finish_x, self._limits, DT))
+                trajectory = trajectory.then(
+                    finish_over_box(trajectory.end, self.settings.finish_x, self._limits, PERIOD)
+                )
         except ArmdynError as error:
             return _Planned(plan, problem=str(error))
         return _Planned(plan, trajectory, self._check(trajectory, plan, model, task.at))
@@ -304,9 +306,9 @@ class TaskNode:
         """The motion within the limits of the line that is nearest to the plan, from what the arm was last told."""
         if not all(np.isfinite(part).all() for part in (plan.x, plan.v, plan.a, plan.load, plan.tension)):
             raise TaskFailedError("the plan holds a NaN or an infinity: check the model and the target")
-        v = np.gradient(plan.x, DT)
-        v[-1] = plan.v[-1] + DT / 2 * plan.a[-1]  # the plan's speeds belong to the middle of each step
-        motion = smooth_reference(plan.x, v, DT, self._limits, start=here)
+        v = np.gradient(plan.x, PERIOD)
+        v[-1] = plan.v[-1] + PERIOD / 2 * plan.a[-1]  # the plan's speeds belong to the middle of each step
+        motion = smooth_reference(plan.x, v, PERIOD, self._limits, start=here)
         missed = np.abs(motion.s - plan.x)
         if not missed.max() <= PLAN_TOLERANCE:
             k = int(missed.argmax())

@@ -8,8 +8,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from armdyn.document import Chart, Document, KeyFigure, Level, NextStep, Section, Table
-from armdyn.experiments.hypothesis import Held
-from armdyn.experiments.motion import Motion
+from armdyn.experiments.hypothesis import Motion, PredictedExperiment
 from armdyn.experiments.plan import HOPELESS, Plan, Proposal
 from armdyn.experiments.separation import Rival
 from pipeline.report.theme import ACTUAL, GREY, ORANGE, TIME_AXIS, stacked
@@ -30,7 +29,7 @@ def designed_motion_section(plan: Plan, proposal: Proposal, motion: Motion) -> S
     hypotheses = plan.rivals.hypotheses
     figure = stacked(["gripper [m]", "swing [rad]", "left by a refit [σ]"], [0.3, 0.3, 0.4], (), 560)
     figure.add_scatter(x=motion.time, y=motion.along[0], name="gripper", **ACTUAL)
-    helds = [Held(h, proposal.experiment) for h in hypotheses]
+    helds = [PredictedExperiment(h, proposal.experiment) for h in hypotheses]
     figure.add_scatter(
         x=motion.time, y=helds[0].swing(helds[0].start), name="swing", yaxis="y2", showlegend=False,
         mode="lines", line={"color": GREY},
@@ -46,7 +45,9 @@ def designed_motion_section(plan: Plan, proposal: Proposal, motion: Motion) -> S
     return Section("The designed motion", sentence, [Chart(figure, caption)])
 
 
-def _add_left(figure: go.Figure, truth: Held, rival: Held, readings: np.ndarray, colour: str) -> None:
+def _add_left(
+    figure: go.Figure, truth: PredictedExperiment, rival: PredictedExperiment, readings: np.ndarray, colour: str
+) -> None:
     _, best = Rival(rival, truth.predict(truth.start)[0]).refitted()
     left = readings - rival.predict(best)[0][: len(readings)]
     time = np.linspace(0.0, 1.0, len(left)) * (truth.experiment.motion.seconds if truth.experiment.motion else 1.0)

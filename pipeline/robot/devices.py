@@ -7,6 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 import pinocchio as pin
 
+import urdf
+from pipeline.motion.transitions import Brake
+from pipeline.robot.hidden import Stage, terms
 from pipeline.robot.protocol import ForceSample, JointState, Vector
 from pipeline.robot.settings import CellFault, CellSettings, ReadingSettings, ServoSettings
 
@@ -19,40 +22,35 @@ class Reference:
 
     Args:
         q: where the arm rests (n,) [rad].
-        acceleration: limit with which it brakes (n,) [rad/s^2].
+        limits: of the joints, with a share of which it brakes.
         hold_after: silence after which it brakes [s].
         extrapolate: whether a command's position is carried on along its velocity until the next one comes.
     """
 
-    def __init__(self, q: Vector, acceleration: Vector, hold_after: float, extrapolate: bool = True) -> None:
-        self._limit, self._hold_after, self._extrapolate = acceleration, hold_after, extrapolate
+    def __init__(self, q: Vector, limits: urdf.Limits, hold_after: float, extrapolate: bool = True) -> None:
+        self._limits, self._hold_after, self._extrapolate = limits, hold_after, extrapolate
         self._start, self._brake_at = 0.0, math.inf
         self._q, self._v, self._a = q.copy(), np.zeros_like(q), np.zeros_like(q)
-        self._brake_from = (self._q, self._v, 0.0)
+        self._brake: Brake | None = None
 
     def command(self, time: float, q: Vector, v: Vector, a: Vector) -> None:
         """Follow position, velocity and acceleration (n,) from `time` [s] on."""
         self._start, self._q, self._v, self._a = time, q.copy(), v.copy(), a.copy()
-        self._brake_at = time + self._hold_after
-        self._brake_from = self._braking(self._brake_at)
+        self._brake_at, self._brake = time + self._hold_after, None
 
     def stop(self, time: float) -> None:
         """Brake from `time` [s] on."""
         if time < self._brake_at:
-            self._brake_from = self._braking(time)
-            self._brake_at = time
+            self._brake_at, self._brake = time, None
 
     def at(self, time: float) -> tuple[Vector, Vector, Vector]:
         """Position, velocity and acceleration (n,) at `time` [s]."""
         if time < self._brake_at:
             return self._extrapolated(time)
-        q, v, duration = self._brake_from
-        if duration <= 0.0:
-            return q, np.zeros_like(q), np.zeros_like(q)
-        elapsed = min(time - self._brake_at, duration)
-        left = 1.0 - elapsed / duration
-        a = -v / duration if left > 0.0 else np.zeros_like(v)
-        return q + v * (elapsed * (1.0 + left) / 2), v * left, a
+        if self._brake is None:
+            q, v, a = self._extrapolated(self._brake_at)
+            self._brake = Brake((q, v, a) if self._extrapolate else (q, 0.0 * v, 0.0 * a), self._limits)
+        return self._brake.at(time - self._brake_at)
 
     def _extrapolated(self, time: float) -> tuple[Vector, Vector, Vector]:
         age = time - self._start
@@ -63,13 +61,6 @@ class Reference:
         v = self._v + self._a * trusted
         q = self._q + self._v * trusted + 0.5 * self._a * trusted**2 + v * (age - trusted)
         return q, v, self._a if age <= TRUST_ACCELERATION else np.zeros_like(v)
-
-    def _braking(self, time: float) -> tuple[Vector, Vector, float]:
-        """Position and velocity at which braking begins, and the time that it takes all joints together."""
-        q, v, _ = self._extrapolated(time)
-        if not self._extrapolate:
-            return q, np.zeros_like(v), 0.0
-        return q, v, float(np.max(np.abs(v) / self._limit))
 
 
 class Servo:
@@ -154,7 +145,7 @@ class SimulatedCell:
         step: float,
     ) -> None:
         self._settings, self._hidden, self._rng = settings, hidden, rng
-        self._bias = bias + hidden["sensor_bias"]
+        self._bias, self._terms = bias, terms(hidden, Stage.FORCE)
         self._delay = latency + hidden["sensor_delay"]
         self._every = max(1, round(settings.period / step))
         self._step = step
@@ -191,9 +182,8 @@ class SimulatedCell:
         return arrived
 
     def _sample(self, time: float, force: float) -> None:
-        hidden, settings = self._hidden, self._settings
-        reading = (1.0 + hidden["sensor_gain"]) * force + hidden["sensor_nonlinearity"] * force**2
-        reading += self._bias + hidden["sensor_drift"] * time
+        settings = self._settings
+        reading = force + self._bias + sum(term(force, time) for term in self._terms)
         # The noise is drawn in every case, so that a fault does not change the noise of later samples.
         reading += settings.noise * self._rng.standard_normal()
         if settings.resolution > 0:
@@ -213,7 +203,8 @@ class JointReadings:
     """Turns true joint positions, velocities and torques into what the robot reports."""
 
     def __init__(self, settings: ReadingSettings, hidden: Mapping[str, float], rng: np.random.Generator) -> None:
-        self._settings, self._hidden, self._rng = settings, hidden, rng
+        self._settings, self._lag, self._rng = settings, hidden["gripper_lag"], rng
+        self._terms = terms(hidden, Stage.EFFORT)
 
     def read(self, time: float, q: Vector, v: Vector, a: Vector, tau: Vector) -> JointState:
         """One reading of the joints.
@@ -225,14 +216,12 @@ class JointReadings:
             a: true accelerations (n,) [rad/s^2].
             tau: torques of the motors (n,) [N m].
         """
-        settings, hidden = self._settings, self._hidden
+        settings, lag = self._settings, self._lag
         noise = self._rng.standard_normal((3, len(q)))
         # x' lag + x = reported: what the encoders see leads the arm.
-        lag = hidden["gripper_lag"]
         position = q + lag * v + settings.position_noise * noise[0]
         if settings.resolution > 0:
             position = settings.resolution * np.round(position / settings.resolution)
         velocity = v + lag * a + settings.velocity_noise * noise[1]
-        effort = (1.0 + hidden["torque_gain"]) * tau + hidden["torque_offset"]
-        effort = effort + np.array(settings.effort_noise) * noise[2]
+        effort = tau + sum(term(tau) for term in self._terms) + np.array(settings.effort_noise) * noise[2]
         return JointState(time, position, velocity, effort)

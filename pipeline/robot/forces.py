@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 import urdf
 from armdyn.errors import InputError
+from pipeline.robot.hidden import Stage, terms
 from pipeline.robot.protocol import Vector
 from pipeline.robot.scene import effort_share
 
@@ -57,18 +58,6 @@ class LoadString:
         return self.pull(data) + self.damping(data)
 
 
-_NEEDS_STATE = (
-    "linear_drag",
-    "quadratic_drag",
-    "pivot_viscous_friction",
-    "pivot_coulomb_friction",
-    "string_elasticity",
-)
-
-STANDSTILL_RATE = 1e-3
-"""Swing rate within which dry friction at the pivot grows to its full value [rad/s]."""
-
-
 class LoadForces:
     """Drag, wind, friction at the pivot and the inner damping of an elastic string.
 
@@ -94,25 +83,22 @@ class LoadForces:
         mass: float,
         length: float,
     ) -> None:
-        self._model, self._data, self._string, self._hidden = model, data, string, hidden
+        self._model, self._data, self._string = model, data, string
         self._load, self._pivot = model.body("load").id, model.site("pivot").id
         self._wind = hidden["wind"] * along
         self._force = data.xfrc_applied[self._load][:3]
         self._force[:] = self._wind
-        self._active = any(hidden[name] != 0.0 for name in _NEEDS_STATE)
+        self._on_load, self._at_pivot = terms(hidden, Stage.LOAD), terms(hidden, Stage.PIVOT)
+        self._active = bool(self._on_load or self._at_pivot or hidden["string_elasticity"])
         self._velocity = np.zeros((2, 6))
-        # A regularised sign is stable where friction cannot reverse the motion within one step.
-        reversal = hidden["pivot_coulomb_friction"] * model.opt.timestep / (mass * length**2)
-        self._standstill = max(STANDSTILL_RATE, 2.0 * reversal)
+        self._reversal = model.opt.timestep / (mass * length**2)
 
     def apply(self) -> None:
         """Set the forces for the state at which MuJoCo stands."""
         if not self._active:
             return
-        hidden = self._hidden
         pivot, load = self._velocities()
-        speed = math.sqrt(load @ load)
-        force = self._wind - (hidden["linear_drag"] + hidden["quadratic_drag"] * speed) * load
+        force = self._wind + sum(term(load) for term in self._on_load)
         if self._string.pull(self._data) > 0.0:
             force = force + self._from_string(load - pivot)
         self._force[:] = force
@@ -124,9 +110,7 @@ class LoadForces:
         string = string / length
         across = relative - (relative @ string) * string
         rate = math.sqrt(across @ across) / length
-        resistance = self._hidden["pivot_viscous_friction"]
-        if rate > 0.0:
-            resistance += self._hidden["pivot_coulomb_friction"] * math.tanh(rate / self._standstill) / rate
+        resistance = sum(term(rate, self._reversal) for term in self._at_pivot)
         force: Vector = self._string.damping(self._data) * string - resistance / length**2 * across
         return force
 
@@ -136,12 +120,6 @@ class LoadForces:
         mujoco.mj_objectVelocity(self._model, self._data, site, self._pivot, self._velocity[0], 0)
         mujoco.mj_objectVelocity(self._model, self._data, body, self._load, self._velocity[1], 0)
         return self._velocity[0, 3:], self._velocity[1, 3:]
-
-
-_VARYING_FRICTION = ("joint_asymmetric_friction", "joint_stribeck_friction", "joint_load_friction")
-
-STRIBECK_SPEED = 0.1
-"""Joint speed over which the excess friction of standstill fades [rad/s]."""
 
 
 class JointEffects:
@@ -168,10 +146,10 @@ class JointEffects:
         hidden: Mapping[str, float],
         dofs: npt.NDArray[np.intp],
     ) -> None:
-        self._model, self._data, self._hidden, self._dofs = model, data, hidden, dofs
+        self._model, self._data, self._dofs = model, data, dofs
         self._share = effort_share(robot)
         self._base = model.dof_frictionloss[dofs].copy()
-        self._varying = any(hidden[name] != 0.0 for name in _VARYING_FRICTION)
+        self._friction = terms(hidden, Stage.JOINTS)
         self._springs: list[tuple[int, float, float]] = []
         strength = hidden["gravity_spring"]
         if strength:
@@ -189,14 +167,7 @@ class JointEffects:
         for dof, sine, cosine in self._springs:
             angle = self._data.qpos[self._model.jnt_qposadr[self._model.dof_jntid[dof]]]
             self._data.qfrc_applied[dof] = sine * np.sin(angle) + cosine * np.cos(angle)
-        if self._varying:
-            self._model.dof_frictionloss[self._dofs] = self._base + self._extra_friction()
-
-    def _extra_friction(self) -> Vector:
-        hidden, share = self._hidden, self._share
-        v = self._data.qvel[self._dofs]
-        extra = hidden["joint_stribeck_friction"] * share * np.exp(-((v / STRIBECK_SPEED) ** 2))
-        extra += hidden["joint_asymmetric_friction"] * share * (v > 0.0)
-        extra += hidden["joint_load_friction"] * np.abs(self._data.qfrc_bias[self._dofs])
-        total: Vector = extra
-        return total
+        if self._friction:
+            v, gravity = self._data.qvel[self._dofs], self._data.qfrc_bias[self._dofs]
+            extra = sum(term(self._share, v, gravity) for term in self._friction)
+            self._model.dof_frictionloss[self._dofs] = self._base + extra

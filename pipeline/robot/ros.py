@@ -13,16 +13,16 @@ import urdf
 from armdyn.errors import ArmdynError, InputError, TaskFailedError
 from pipeline.loadcell.cell import LoadCell
 from pipeline.loadcell.faults import Fault
+from pipeline.motion.gate import FRESH, PERIOD, StreamGate
+from pipeline.motion.transitions import Blend, Brake
 from pipeline.processes import Closing, PromptThread
 from pipeline.robot.protocol import ForceSample, JointState, Vector
 from pipeline.ros.baxter import Power
 from pipeline.ros.bridge import Bridge
-from pipeline.ros.gate import FRESH, PERIOD, CommandGate
 from pipeline.ros.master import Figures, MasterWatch, round_trip
 from pipeline.ros.states import EvenTimes, JointStates
 from pipeline.ros.telemetry import Telemetry
 from pipeline.ros.topics import RosTopics, command_message, point_message, positions_in
-from pipeline.ros.transitions import Blend, Braking
 
 LAG = 0.01
 """How far behind now the joints are read [s]: by then the reading of that time has usually arrived."""
@@ -45,7 +45,7 @@ SDK_SPEED_RATIO = 0.3
 class RosRobot(Closing):
     """An arm behind rosbridge with a load cell on a serial line; use it in a ``with`` block.
 
-    Every command passes one gate (`CommandGate`); what it withholds ends the run: `fault` says why, `command` raises
+    Every command passes one gate (`StreamGate`); what it withholds ends the run: `fault` says why, `command` raises
     it, and nothing is sent any more except what brings the arm to rest. The arm is left enabled and holding.
 
     Args:
@@ -75,7 +75,7 @@ class RosRobot(Closing):
         self.figures = Figures()
         self.telemetry: Telemetry | None = None
         self._states = JointStates(description.joint_names)
-        self._gate = CommandGate(description.joint_names, description.limits)
+        self._gate = StreamGate(description.joint_names, description.limits)
         self._lock = threading.RLock()
         self._ours: deque[tuple[tuple[float, ...], float]] = deque(maxlen=OURS)
         self._ended: str | None = None
@@ -303,12 +303,9 @@ class RosRobot(Closing):
 
     def _brake(self, start: tuple[Vector, Vector, Vector]) -> None:
         """Command the way to rest, cycle by cycle, until it is done, withheld, or a new command comes."""
-        motion = Braking(start, self._description.limits)
-        held = 0
-        due = self.time
-        while held < round(HELD / PERIOD):
-            q, v, a = motion.next()
-            held += motion.done
+        brake, due = Brake(start, self._description.limits), self.time
+        for cycle in range(1, round((brake.duration + HELD) / PERIOD) + 1):
+            q, v, a = brake.at(cycle * PERIOD)
             due += PERIOD
             self.advance(due - self.time)
             with self._lock:

@@ -8,11 +8,13 @@ import numpy as np
 
 import urdf
 from armdyn.errors import InputError, TaskFailedError
+from pipeline.motion.gate import Gate
 from pipeline.robot.devices import JointReadings, Reference, Servo, SimulatedCell
 from pipeline.robot.forces import JointEffects, LoadForces, LoadString
+from pipeline.robot.hidden import resolve_hidden
 from pipeline.robot.protocol import ForceSample, JointState, Vector
 from pipeline.robot.scene import TIME_STEP, LineFrame, build_scene
-from pipeline.robot.settings import PlantSettings, checked_start, checked_vector
+from pipeline.robot.settings import PlantSettings, checked_start
 from pipeline.robot.start import place_at_rest
 from pipeline.robot.truth import (
     GripperTruth,
@@ -23,7 +25,6 @@ from pipeline.robot.truth import (
     draw,
     gripper_truth,
     load_truth,
-    resolve_hidden,
     swing_angle,
 )
 
@@ -32,12 +33,6 @@ IN_BOX_FOR = 0.2
 
 HISTORY_EVERY = 10
 """Steps between two entries of the history."""
-
-COMMAND_TOLERANCE = 1e-3
-"""Share by which a command may exceed a limit, for rounding and for tables between nodes: that of the gate."""
-
-FARTHEST = 0.2
-"""Farthest that a commanded position may be from where the joint is [rad]; Baxter's own server stops there."""
 
 DIVERGED = 1e8
 """Sum of squared velocities [rad^2/s^2, m^2/s^2] that no arm and no load on a string reaches."""
@@ -53,7 +48,7 @@ class SimulatedRobot:
         robot: the arm; its line says where the box stands and which way is along.
         q_start: joint positions at time 0 (n,) [rad].
         settings: load, string, servo, sensors, box.
-        hidden: hidden effects by name (`truth.HIDDEN_EFFECTS`); None stands for the typical value.
+        hidden: hidden effects by name (`hidden.HIDDEN_EFFECTS`); None stands for the typical value.
         seed: of everything that is drawn.
 
     Raises:
@@ -72,6 +67,7 @@ class SimulatedRobot:
         settings = settings or PlantSettings()
         self._robot, self._settings, self._hidden = robot, settings, resolve_hidden(hidden or {})
         q = checked_start(robot, q_start, settings)
+        self._gate = Gate(robot.joint_names, robot.limits)
         plant_rng, cell_rng, reading_rng = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3))
         drawn = draw(settings, len(q), plant_rng)
         mass = drawn.mass
@@ -103,9 +99,7 @@ class SimulatedRobot:
             self._hidden["out_of_plane_swing"],
         )
         servo = settings.servo
-        self._reference = Reference(
-            q, np.asarray(robot.limits.acceleration), servo.hold_after, extrapolate=servo.extrapolate
-        )
+        self._reference = Reference(q, robot.limits, servo.hold_after, extrapolate=servo.extrapolate)
         self._servo = Servo(
             robot.model,
             settings.servo,
@@ -154,23 +148,10 @@ class SimulatedRobot:
             InputError: a wrong length, a value that is not finite, beyond a limit of the joints or far from where the
                 arm is; the arm goes on as before, and brakes when no good command follows.
         """
-        names, limits = ("position", "velocity", "acceleration"), self._robot.limits
-        q, v, a = (checked_vector(x, len(self._dofs), f"command: {n}") for x, n in zip((q, v, a), names, strict=True))
-        most = 1.0 + COMMAND_TOLERANCE
-        for name, beyond in (
-            ("position", (q < limits.lower) | (q > limits.upper)),
-            ("velocity", np.abs(v) > most * limits.velocity),
-            ("acceleration", np.abs(a) > most * limits.acceleration),
-        ):
-            if beyond.any():
-                joint = self.joint_names[int(np.argmax(beyond))]
-                raise InputError(f"command: {name} of {joint} is beyond its limit: stay within the robot's limits")
-        away = np.abs(q - self._data.qpos[self._dofs])
-        if away.max() > FARTHEST:
-            joint = self.joint_names[int(np.argmax(away))]
-            raise InputError(
-                f"command: position of {joint} is {away.max():.2f} rad from where the joint is: start from there"
-            )
+        q, v, a = (np.asarray(x, dtype=float) for x in (q, v, a))
+        refusal = self._gate.check(q, v, a, self._data.qpos[self._dofs])
+        if refusal is not None:
+            raise InputError(refusal.sentence)
         self._reference.command(self.time, q, v, a)
 
     def stop(self) -> None:

@@ -74,13 +74,15 @@ class Telemetry:
 class PublishingRecorder(Recorder):
     """A recorder that also publishes each new estimate."""
 
-    telemetry: Telemetry | None = None
+    def __init__(self, *arguments: Any, telemetry: Telemetry, **settings: Any) -> None:
+        super().__init__(*arguments, **settings)
+        self._telemetry = telemetry
 
     def record(self, channel: str, time: float, value: float) -> None:
         """Take one sample, see `Recorder.record`."""
         super().record(channel, time, value)
-        if self.telemetry is not None and channel == "estimate.length_std":
-            self.telemetry.estimate(float(self.channel("estimate.length").value[-1]), value)
+        if channel == "estimate.length_std":
+            self._telemetry.estimate(float(self.channel("estimate.length").value[-1]), value)
 
 
 def _stamp() -> dict[str, int]:

@@ -13,7 +13,6 @@ from enum import Enum
 
 import numpy as np
 
-import urdf
 from armdyn.control.task import SwingPlan, SwingState
 from armdyn.errors import ArmdynError
 from armdyn.identify.estimator import Estimator
@@ -21,20 +20,21 @@ from armdyn.identify.least_squares import Outcome
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import GripperPath, run_path
 from armdyn.run import Channel
-from ik import LineTable
 from pipeline.interrupts import noted_signals
-from pipeline.loadcell.faults import FaultDetector, FaultLimits
-from pipeline.motion import Gate, LineLimits, LineSmoother, LineState, LineTrajectory
+from pipeline.loadcell.faults import FaultDetector
+from pipeline.motion import Gate, LineGate, LineLimits, LineSmoother, LineState, LineTrajectory
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, Swing, check_line
-from pipeline.nodes.beside import Beside, InAProcess
+from pipeline.motion.gate import PERIOD
+from pipeline.nodes.background import BackgroundWorker, ProcessWorker
 from pipeline.nodes.drive import LATEST, DriveNode
 from pipeline.nodes.learning import EstimatorNode, SacNode
 from pipeline.nodes.measurement import MeasurementNode, channel_units
-from pipeline.nodes.scheduler import Clock, Node, Scheduler, Watchdog
-from pipeline.nodes.task import DT, TaskNode
+from pipeline.nodes.scheduler import Node, Scheduler, Watchdog
+from pipeline.nodes.task import TaskNode
 from pipeline.record import Recorder
-from pipeline.robot.protocol import RobotInterface, Vector
+from pipeline.robot.protocol import Vector
 from pipeline.trial.ending import Ending, come_to_rest, sentence_of, sentence_of_signal
+from pipeline.trial.rig import Rig
 from pipeline.trial.settings import ProtocolSettings
 
 REST = 0.5
@@ -105,14 +105,9 @@ class Experiment:
     """One trial on a robot that is given.
 
     Args:
-        robot: what moves and measures.
-        clock: that the nodes run on; it shows the robot's time.
-        description: the arm.
-        table: from its line to its joints.
+        rig: the robot, and what belongs to it.
         recorder: for the channels of `recorded_channels`.
         settings: of the protocol.
-        cell: what is in order for the load cell.
-        landed: whether the load is at rest in the box; asked once, at the end.
         progress: told what is going on.
         begin: where the gripper stands on the line [m].
 
@@ -125,20 +120,15 @@ class Experiment:
 
     def __init__(
         self,
-        robot: RobotInterface,
-        clock: Clock,
-        description: urdf.Robot,
-        table: LineTable,
+        rig: Rig,
         recorder: Recorder,
         settings: ProtocolSettings,
-        *,
-        cell: FaultLimits,
-        landed: Callable[[], bool],
         progress: Progress | None = None,
         begin: float = 0.0,
     ) -> None:
-        self.settings, self.description, self.table = settings, description, table
-        self._robot, self._clock, self._recorder, self._landed = robot, clock, recorder, landed
+        self.settings, self.description, self.table = settings, rig.arm, rig.table
+        robot, clock, description, table = rig.robot, rig.clock(), rig.arm, rig.table
+        self._robot, self._clock, self._recorder, self._landed = robot, clock, recorder, rig.landed
         self._progress = progress or (lambda _what, _share: None)
         self.course = Course()
         limits, model = LineLimits.from_table(table), settings.starting_model()
@@ -146,17 +136,17 @@ class Experiment:
             check = CheckSettings(load_mass=settings.mass)
             check_line(table, description, settings.motion, check).require_feasible("the motion")
         noise = {"load_force": settings.force_noise}
-        self.measurement = MeasurementNode(robot, description, recorder, FaultDetector(cell), noise, settings.mass)
-        self._beside = InAProcess() if clock.real else Beside()
-        self.estimator = EstimatorNode(self.measurement, Estimator(model, noise), recorder, self._beside)
-        gate = Gate(limits, table, description.limits, DT)
-        smoother = LineSmoother(limits, DT, LineState(begin))
+        self.measurement = MeasurementNode(robot, description, recorder, FaultDetector(rig.cell), noise, settings.mass)
+        self._worker = ProcessWorker() if clock.real else BackgroundWorker()
+        self.estimator = EstimatorNode(self.measurement, Estimator(model, noise), recorder, self._worker)
+        gate = LineGate(limits, table, Gate(description.joint_names, description.limits))
+        smoother = LineSmoother(limits, PERIOD, LineState(begin))
         self.drive = DriveNode(robot, table, smoother, gate, self.measurement, recorder)
         self.sac = SacNode(self.measurement, self.estimator, self.drive)
         # Without an estimate the planner is the paper's, which knows no box: that is what Table I compares with.
         task = settings.task if settings.estimate or settings.model else replace(settings.task, cautious=False)
         self.task = TaskNode(
-            model, self.drive, limits, self._check, lambda: self.measurement.state.q, task, self._beside
+            model, self.drive, limits, self._check, lambda: self.measurement.state.q, task, self._worker
         )
         nodes: list[Node] = [self.measurement, self.estimator, self.sac, self.task, self.drive]
         each_round = self._come_round if clock.real else None
@@ -184,11 +174,11 @@ class Experiment:
 
     def _begin(self, ended: ExitStack) -> None:
         """On a real clock: what works beside the loop is started while the arm stands."""
-        ended.callback(self._beside.end)
+        ended.callback(self._worker.end)
         if self.watchdog is None:
             return
         self.sac.warm_up()
-        self._beside.start()
+        self._worker.start()
         ended.enter_context(self.watchdog)  # a thread: only now, because the process is a copy of this one
         ended.enter_context(_no_collection())
         self._clock.advance_to(self._clock.time + FRESH)
@@ -199,7 +189,7 @@ class Experiment:
         """At the beginning of every round on a real clock."""
         if self.watchdog is not None:
             self.watchdog.beat()
-        self._beside.collect()
+        self._worker.collect()
 
     def channel(self, name: str) -> Channel:
         """What was recorded of a channel so far."""
@@ -279,7 +269,7 @@ class Experiment:
     def _interrupt(self, number: int) -> None:
         if self.course.interrupted is None:
             self.course.interrupted = number
-            if self._beside.thinking:  # it changes nothing that must be kept whole, and may take seconds
+            if self._worker.thinking:  # it changes nothing that must be kept whole, and may take seconds
                 raise _InterruptedError
 
     def _stopped(self, error: BaseException) -> Ending:
@@ -318,7 +308,7 @@ class Experiment:
 
     def _swing_ends(self) -> bool:
         swing, started = self.task.swing, self.task.started
-        return swing is not None and started is not None and self._clock.time >= started + swing.time[-1] - DT / 2
+        return swing is not None and started is not None and self._clock.time >= started + swing.time[-1] - PERIOD / 2
 
     def _swing_state(self, at: float) -> SwingState:
         """Gripper and load at an instant [s], from the measured path and the latest estimate.

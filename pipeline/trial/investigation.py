@@ -15,7 +15,7 @@ import urdf
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
-from armdyn.experiments.motion import Limits
+from armdyn.experiments.limits import GripperLimits
 from armdyn.experiments.plan import HOPELESS, Proposal, designed_motion
 from armdyn.experiments.rivals import Rivals, contested, of_diagnosis, refitted
 from armdyn.experiments.separation import MARGIN, beliefs
@@ -26,21 +26,17 @@ from armdyn.identify.study import Study
 from armdyn.pendulum.model import PendulumModel
 from armdyn.run import Run
 from ik import LineTable
-from pipeline.loadcell.faults import FaultLimits
 from pipeline.motion import LineTrajectory
 from pipeline.motion.offered import offered
-from pipeline.nodes.scheduler import Clock
-from pipeline.record import Recorder
-from pipeline.robot.protocol import RobotInterface
 from pipeline.trial.ending import Ending
-from pipeline.trial.experiment import REST, Experiment, Phase, Progress
+from pipeline.trial.experiment import REST, Experiment, Phase
 from pipeline.trial.settings import ProtocolSettings
 
 MOST = 4
 """Experiments, where the user names no number."""
 SECONDS = 8.0
 """Of a designed motion."""
-LIMITS = Limits(swing=0.5)
+LIMITS = GripperLimits(swing=0.5)
 """A load that swings farther begins to swing across the line as well (on the simulated arm by 0.1 rad in 8 s at 1 rad,
 by 0.05 at 0.6 rad), and no motion along the line brings that to rest."""
 LEAST_STD = 1e-3
@@ -80,27 +76,6 @@ class SwingExperiment(Experiment):
         """What was measured while it learnt; its noise is measured as well, with what the arm adds to the cell's."""
         self.measurement.update_path()
         return replace(self.measurement.run(), name=name, noise={})
-
-
-def swing_of(
-    robot: RobotInterface,
-    clock: Clock,
-    arm: urdf.Robot,
-    table: LineTable,
-    recorder: Recorder,
-    settings: ProtocolSettings,
-    cell: FaultLimits,
-    progress: Progress,
-    place: float,
-) -> tuple[SwingExperiment, Ending]:
-    """One experiment, made and its recording completed; arguments as for `Experiment`, `place` where it begins [m]."""
-    made = SwingExperiment(
-        robot, clock, arm, table, recorder, settings,
-        cell=cell, landed=lambda: True, progress=progress, begin=place,
-    )  # fmt: skip
-    ending = made.run()
-    recorder.close()
-    return made, ending
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,9 +10,10 @@ from armdyn.errors import TaskFailedError
 from ik import LineTable
 from pipeline.interrupts import noted_signals
 from pipeline.motion import LineTrajectory
+from pipeline.motion.gate import PERIOD
 from pipeline.motion.trajectory import JointTrajectory
+from pipeline.motion.transitions import minimum_jerk
 from pipeline.robot.protocol import RobotInterface, Vector
-from pipeline.ros.gate import PERIOD
 from pipeline.trial.ending import sentence_of_signal
 
 JOINT_SPEED = 0.2
@@ -38,7 +39,7 @@ def approach(arm: urdf.Robot, start: Vector, goal: Vector) -> JointTrajectory:
     """
     way = goal - start
     time, u = _beat(float(np.max(np.abs(way))), JOINT_SPEED)
-    share, speed, acceleration = _minimum_jerk(u, float(time[-1]))
+    share, speed, acceleration = minimum_jerk(u, float(time[-1]))
     return JointTrajectory(
         time, start + np.outer(share, way), np.outer(speed, way), np.outer(acceleration, way), arm.joint_names
     )
@@ -55,7 +56,7 @@ def rehearsal(table: LineTable, finish: float) -> LineTrajectory:
     whole: LineTrajectory | None = None
     for first, last in pairwise(stops):
         time, u = _beat(abs(last - first), LINE_SPEED)
-        share, speed, acceleration = ((last - first) * x for x in _minimum_jerk(u, float(time[-1])))
+        share, speed, acceleration = ((last - first) * x for x in minimum_jerk(u, float(time[-1])))
         part = LineTrajectory(time, first + share, speed, acceleration)
         whole = part if whole is None else whole.then(part)
     assert whole is not None, "there are stops"
@@ -106,11 +107,3 @@ def _beat(way: float, fastest: float) -> tuple[Vector, Vector]:
     count = int(np.ceil(duration / PERIOD))
     number = np.arange(count + 1, dtype=float)
     return PERIOD * number, number / count
-
-
-def _minimum_jerk(u: Vector, duration: float) -> tuple[Vector, Vector, Vector]:
-    """Share of the way, its rate and its acceleration at shares `u` of the time (Flash & Hogan 1985)."""
-    share = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
-    speed = 30.0 * u**2 * (1.0 - u) ** 2 / duration
-    acceleration = 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / duration**2
-    return share, speed, acceleration

@@ -4,8 +4,8 @@ import gc
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,15 +25,11 @@ from pipeline.ros.master import Figures
 from pipeline.ros.telemetry import PublishingRecorder, Telemetry
 from pipeline.ros.topics import RosTopics
 from pipeline.trial.ending import Ending
-from pipeline.trial.experiment import Experiment, Progress
-from pipeline.trial.folder import gathered
-from pipeline.trial.investigation import SwingExperiment, after, ended_before, investigate, swing_of
+from pipeline.trial.experiment import Progress
+from pipeline.trial.flow import Trial, perform
 from pipeline.trial.moves import Posture, along, approach, play, rehearsal
-from pipeline.trial.result import TrialResult, kept, recording, result_of
+from pipeline.trial.rig import Rig
 from pipeline.trial.settings import ProtocolSettings
-
-if TYPE_CHECKING:
-    from armdyn.document import Document
 
 THERE = 5e-3
 """How far from the start posture a joint may be to count as there [rad]."""
@@ -82,30 +78,14 @@ class Asking:
 
 
 @dataclass(frozen=True)
-class RealTrial:
-    """A trial that has run on a robot.
+class RealTrial(Trial):
+    """A trial that has run on a robot; where the load was, nobody knows.
 
     Attributes:
-        settings: what it was given.
-        link: how the robot was reached.
-        experiment: the protocol, with everything that was planned and measured.
-        result: what it came to.
         figures: jitter of the commands and ages of the joint states.
     """
 
-    settings: ProtocolSettings
-    link: Link
-    experiment: Experiment
-    result: TrialResult
     figures: Figures
-
-    def report(self, command: str = "") -> "Document":
-        """The report; where the load was, nobody knows."""
-        from pipeline.trial.report import report_of
-
-        c = self.settings
-        subtitle = f"{self.link.arm.name} on {self.link.uri}, load {1e3 * c.mass:g} g"
-        return report_of(self.experiment, self.result, subtitle, command)
 
 
 def run_real(
@@ -134,42 +114,24 @@ def run_real(
         _go_to_start(robot, link.arm, table, c, asking, say)
         _wait_until_calm(robot, c, say)
 
-        def show(what: str, share: float) -> None:
-            telemetry.phase(what)
-            say(what, share)
+        def judged(ending: Ending) -> Ending:
+            if ending.stopped:
+                return ending
+            success = asking.landed()
+            said = f"the load {'came to rest in' if success else 'missed'} the box (as the user said)"
+            return replace(ending, success=success, message=said)
 
-        folder = stack.enter_context(gathered(out))
-        described = f"{link.arm.name} over ROS, load on a string"
-        limits = _cell_limits(link.calibration)
-
-        def swing(of: ProtocolSettings, number: int, place: float) -> tuple[SwingExperiment, Ending]:
-            if number > 1:
-                _wait_until_calm(robot, c, say)
-            name = f"experiment_{number}"
-            with recording(PublishingRecorder, folder, link.arm.joint_names, c, described, name) as kept_there:
-                kept_there.telemetry = telemetry
-                return swing_of(robot, clock, link.arm, table, kept_there, of, limits, show, place)
-
-        found, of = None, c
-        if c.investigate:
-            found = investigate(c, swing, link.arm, table, c.investigate, lambda what: show(what, 0.0))
-            of = after(c, found)
-            if found.ending is None:
-                _wait_until_calm(robot, c, say)
-        with recording(PublishingRecorder, folder, link.arm.joint_names, c, described) as recorder:
-            recorder.telemetry = telemetry
-            experiment = Experiment(
-                robot, clock, link.arm, table, recorder, of,
-                cell=limits, landed=lambda: True, progress=show, begin=found.place if found is not None else 0.0,
-            )  # fmt: skip
-            ending = ended_before(experiment, found) or experiment.run()
-            if not ending.stopped:
-                success = asking.landed()
-                said = f"the load {'came to rest in' if success else 'missed'} the box (as the user said)"
-                ending = replace(ending, success=success, message=said)
-        ending = kept(experiment, ending, recorder, folder)
-        result = result_of(experiment, ending, None, out / recorder.path.name if out else None, found)
-        return RealTrial(c, link, experiment, result, robot.figures)
+        rig = Rig(
+            robot, lambda: clock, link.arm, table, _cell_limits(link.calibration),
+            f"{link.arm.name} over ROS, load on a string",
+            judged=judged,
+            wait_until_calm=lambda: _wait_until_calm(robot, c, say),
+            announce=telemetry.phase,
+            recorder=partial(PublishingRecorder, telemetry=telemetry),
+        )  # fmt: skip
+        experiment, result = perform(rig, c, out, say)
+        subtitle = f"{link.arm.name} on {link.uri}, load {1e3 * c.mass:g} g"
+        return RealTrial(c, subtitle, experiment, result, robot.figures)
 
 
 def rehearse(

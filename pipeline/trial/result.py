@@ -1,11 +1,11 @@
 """What a trial came to and leaves behind: its numbers, the recording, and the model that the robot had."""
 
 import shlex
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -220,22 +220,21 @@ def _largest_angle(experiment: Experiment, span: PhaseSpan) -> float | None:
 
 TRIAL = "trial"
 """Name of the recording of the trial itself."""
-R = TypeVar("R", bound=Recorder)
 
 
 @contextmanager
 def recording(
-    kind: type[R],
+    kind: Callable[..., Recorder],
     folder: Path,
     joints: tuple[str, ...],
     settings: ProtocolSettings,
     description: str,
     name: str = TRIAL,
-) -> Iterator[R]:
+) -> Iterator[Recorder]:
     """The recorder of a trial; what is raised in the block passes on, and the recording is complete all the same.
 
     Args:
-        kind: of recorder.
+        kind: makes a recorder.
         folder: where it goes.
         joints: of the arm.
         settings: whose noise and mass the recording states.

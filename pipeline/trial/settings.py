@@ -11,7 +11,8 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError
 from armdyn.pendulum.model import PendulumModel, pendulum_model
 from pipeline.motion import LineTrajectory
-from pipeline.nodes.task import DT, TaskSettings
+from pipeline.motion.gate import PERIOD
+from pipeline.nodes.task import TaskSettings
 from pipeline.robot.settings import PlantSettings
 
 SHORTEST, LONGEST = 0.05, 2.0
@@ -78,8 +79,8 @@ class ProtocolSettings:
         for name in ("mass", "mass_std", "load_radius", "force_noise", "estimation_time"):
             if not (isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise InputError(f"{name.replace('_', ' ')} {getattr(self, name):g}: give a positive number")
-        if self.motion is not None and not np.allclose(np.diff(self.motion.time), DT, atol=1e-6):
-            raise InputError(f"the motion has no sample every {DT:g} s: write it at the rate of the robot's cycle")
+        if self.motion is not None and not np.allclose(np.diff(self.motion.time), PERIOD, atol=1e-6):
+            raise InputError(f"the motion has no sample every {PERIOD:g} s: write it at the rate of the robot's cycle")
 
     def starting_model(self) -> PendulumModel:
         """The given model, or the bare pendulum, with the nuisances, the weighed mass and the guessed length.

@@ -6,10 +6,11 @@ from scipy.stats import norm
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError
-from armdyn.experiments.design import designed, within_swing
-from armdyn.experiments.hypothesis import Experiment, Held, Hypothesis
-from armdyn.experiments.motion import Harmonics, Limits, Motion
+from armdyn.experiments.gripper import STEP, GripperProblem, designed, motion_series
+from armdyn.experiments.hypothesis import Experiment, Hypothesis, Motion, PredictedExperiment
+from armdyn.experiments.limits import GripperLimits
 from armdyn.experiments.plan import inseparable
+from armdyn.experiments.search import Lagrangian, random_motion
 from armdyn.experiments.separation import MARGIN, Rival, beliefs, linear_separation, outlook, separation
 from armdyn.pendulum.model import pendulum_model
 
@@ -28,34 +29,59 @@ def hypothesis(effect, value=None, **changes):
     return Hypothesis(effect, model, free, information, **changes)
 
 
-def random_experiment(seed, limits=None):
-    harmonics = Harmonics(4.0, limits or Limits(swing=0.5))
-    first = Held(hypothesis("linear_drag"), Experiment("motion", "", harmonics.motion(np.zeros(harmonics.size))))
-    c = within_swing([first], harmonics, harmonics.random(np.random.default_rng(seed)))
-    return Experiment("motion", "", harmonics.motion(c), LOAD_CELL)
+def gripper(effects, seconds=4.0, limits=None, step=STEP):
+    hypotheses = [hypothesis(name) for name in effects]
+    cell = Experiment("motion", "", noise=LOAD_CELL)
+    return GripperProblem(hypotheses, cell, motion_series(seconds), limits or GripperLimits(), step)
 
 
-def test_a_motion_is_the_derivative_of_its_position_and_begins_and_ends_at_rest():
-    harmonics = Harmonics(4.0, Limits(), step=1e-3)
-    x, v, a = harmonics.motion(harmonics.random(np.random.default_rng(0))).along
-    np.testing.assert_allclose(np.gradient(x, 1e-3)[2:-2], v[2:-2], atol=1e-4)
-    np.testing.assert_allclose(np.gradient(v, 1e-3)[2:-2], a[2:-2], atol=5e-3)
+def random_experiment(seed):
+    problem = gripper(["linear_drag"], limits=GripperLimits(swing=0.5))
+    x = random_motion(problem, np.random.default_rng(seed))
+    return Experiment("motion", "", problem.motion(x), LOAD_CELL)
+
+
+def test_a_motion_starts_where_it_is_and_begins_and_ends_at_rest():
+    problem = gripper(["linear_drag"])
+    x, v, a = problem.motion(random_motion(problem, np.random.default_rng(0))).along
     for end in (0, -1):
         np.testing.assert_allclose([x[end], v[end], a[end]], 0.0, atol=1e-12)
 
 
 def test_a_random_motion_reaches_a_limit_and_passes_none():
-    harmonics = Harmonics(8.0, Limits())
+    problem = gripper(["linear_drag", "wind"], 8.0)
     for seed in range(5):
-        used = harmonics.motion(harmonics.random(np.random.default_rng(seed))).peaks / Limits().vector()
-        assert used.max() == pytest.approx(1.0)
+        x = random_motion(problem, np.random.default_rng(seed))
+        used = problem.motion(x).peaks / [0.15, 0.9, 2.0]
+        swings = max(np.abs(p.swing(p.start)).max() for p in problem.along(x))
+        assert max(used.max(), swings) == pytest.approx(1.0, abs=0.03)
+        assert max(used.max(), swings) <= 1.0
+
+
+def test_the_gradient_of_the_search_is_that_of_finite_differences():
+    """Beyond the limits of gripper and swing, with the rivals refitted again at every motion."""
+    problem = gripper(["linear_drag", "pivot_viscous_friction"], limits=GripperLimits(acceleration=1.0, swing=0.2))
+    x = 1.5 * random_motion(problem, np.random.default_rng(1))
+    point, rng, h = x / problem.unit[:, None], np.random.default_rng(0), 1e-4
+
+    def cost(at):
+        lagrangian = Lagrangian(problem.about(at * problem.unit[:, None]), 5.0)
+        for _ in range(4):  # each goes on with the refit
+            found = lagrangian(at)
+        return found
+
+    _, gradient = cost(point)
+    for _ in range(3):
+        direction = rng.standard_normal(point.shape)
+        measured = (cost(point + h * direction)[0] - cost(point - h * direction)[0]) / (2 * h)
+        assert measured == pytest.approx(float(gradient @ direction.ravel()), rel=2e-3, abs=1e-3)
 
 
 def test_linear_and_refitted_separation_agree_where_the_rival_is_near():
     experiment = random_experiment(1)
     near = hypothesis("linear_drag", 0.0050), hypothesis("linear_drag", 0.0052)
     fixed = Hypothesis("held", near[1].model, ("length", "mass"), near[1].information[:2, :2])
-    truth, rival = Held(near[0], experiment), Held(fixed, experiment)
+    truth, rival = PredictedExperiment(near[0], experiment), PredictedExperiment(fixed, experiment)
     assert linear_separation(truth, rival) == pytest.approx(separation(truth, rival), rel=0.05)
 
 
@@ -63,7 +89,7 @@ def test_the_separation_of_a_value_is_its_information_with_the_others_as_nuisanc
     """Two values of one parameter as rivals: lambda = distance^2 / variance."""
     experiment = random_experiment(2)
     whole = hypothesis("linear_drag")
-    held = Held(whole, experiment)
+    held = PredictedExperiment(whole, experiment)
     J = held.predict(held.start)[1]
     covariance = np.linalg.inv(J.T @ J + held.prior + 1e-12 * np.eye(len(J.T)))
     place = whole.free.index("linear_drag.coefficient")
@@ -71,25 +97,29 @@ def test_the_separation_of_a_value_is_its_information_with_the_others_as_nuisanc
     rest = [i for i in range(len(whole.free)) if i != place]
     moved = whole.model.with_values({"linear_drag.coefficient": 0.005 + distance})
     rival = Hypothesis("moved", moved, tuple(whole.free[i] for i in rest), whole.information[np.ix_(rest, rest)])
-    assert separation(held, Held(rival, experiment)) == pytest.approx(distance**2 / covariance[place, place], rel=0.02)
+    assert separation(held, PredictedExperiment(rival, experiment)) == pytest.approx(
+        distance**2 / covariance[place, place], rel=0.02
+    )
 
 
 def test_what_earlier_runs_know_of_the_rival_counts_in_the_separation():
-    experiment = random_experiment(3)
-    truth = Held(hypothesis("pivot_viscous_friction"), experiment)
+    experiment = random_experiment(9)
+    truth = PredictedExperiment(hypothesis("pivot_viscous_friction"), experiment)
     free = hypothesis("linear_drag")
     information = free.information.copy()
     information[2, 2] = 1e-4**-2.0  # its coefficient is known
     knowing = Hypothesis("linear_drag", free.model, free.free, information)
-    assert separation(truth, Held(knowing, experiment)) > 2.0 * separation(truth, Held(free, experiment))
+    assert separation(truth, PredictedExperiment(knowing, experiment)) > 2.0 * separation(
+        truth, PredictedExperiment(free, experiment)
+    )
 
 
 def test_friction_does_not_become_negative_to_imitate():
     """A rival on its bound cannot take up what would need the other sign."""
     experiment = random_experiment(4)
     bare = hypothesis("linear_drag", 0.0)
-    driven = Held(hypothesis("string_creep", 2e-4), experiment)
-    rival = Rival(Held(bare, experiment), driven.predict(driven.start)[0])
+    driven = PredictedExperiment(hypothesis("string_creep", 2e-4), experiment)
+    rival = Rival(PredictedExperiment(bare, experiment), driven.predict(driven.start)[0])
     assert rival.refitted()[1][2] >= 0.0
 
 
@@ -99,14 +129,14 @@ def test_the_probability_is_that_of_simulated_outcomes():
     pair = hypothesis("linear_drag", 0.01), hypothesis("pivot_viscous_friction", 2e-3)
     foretold = outlook(pair, experiment)
     rng = np.random.default_rng(0)
-    helds = [Held(h, experiment) for h in pair]
-    truth = helds[0]
+    both = [PredictedExperiment(h, experiment) for h in pair]
+    truth = both[0]
     wins, count = 0, 60
     for _ in range(count):
         at = truth.start + truth.spread @ rng.standard_normal(len(truth.start))
         at = np.clip(at, truth.lower, truth.upper)
         readings = truth.predict(at)[0] + rng.standard_normal(len(truth.predict(at)[0]))
-        own, other = (Rival(held, readings).refitted(at if held is truth else None)[0] for held in helds)
+        own, other = (Rival(held, readings).refitted(at if held is truth else None)[0] for held in both)
         wins += other - own > MARGIN
     expected = foretold.right[0]
     assert 0.05 < expected < 0.95  # else it would be no test
@@ -118,12 +148,13 @@ def test_the_probability_is_that_of_simulated_outcomes():
 
 def test_a_designed_motion_separates_far_better_than_random_ones_within_the_limits():
     pair = hypothesis("pivot_viscous_friction"), hypothesis("linear_drag")
-    limits = Limits()
+    limits = GripperLimits()
     found = designed(pair, Experiment("motion", "", noise=LOAD_CELL), 5.0, limits)
-    assert found.rise > 10.0 * found.start
-    assert np.all(found.motion.peaks <= limits.vector() * (1.0 + 1e-9))
+    apart = outlook(pair, Experiment("motion", "", found.motion, LOAD_CELL)).separation ** 2
+    assert apart > 10.0 * found.start
+    assert np.all(found.motion.peaks <= [limits.travel, limits.speed, limits.acceleration])
     for h in pair:
-        held = Held(h, Experiment("motion", "", found.motion, LOAD_CELL))
+        held = PredictedExperiment(h, Experiment("motion", "", found.motion, LOAD_CELL))
         assert np.abs(held.swing(held.start)).max() <= limits.swing
         assert held.rollout(held.start).outputs[:, 0].min() > 0.0  # the string stays taut
 
@@ -131,7 +162,7 @@ def test_a_designed_motion_separates_far_better_than_random_ones_within_the_limi
 def test_wind_and_tilt_are_inseparable_by_motion_and_the_reason_is_a_rotation():
     wind = hypothesis("wind", 0.02)
     tilt = hypothesis("path_tilt", -wind.rest_angle)
-    experiment = random_experiment(6)
+    experiment = random_experiment(8)
     pairs = inseparable((wind, tilt), outlook((wind, tilt), experiment), experiment)
     assert [p.effects for p in pairs] == [("wind", "path_tilt")]
     assert "rotation of the frame" in pairs[0].why
@@ -163,9 +194,9 @@ def test_belief_follows_from_the_fit_of_earlier_runs():
 
 def test_a_motion_that_is_too_short_is_refused():
     with pytest.raises(InputError, match="1 s"):
-        Harmonics(1.0, Limits())
+        motion_series(1.0)
     with pytest.raises(InputError, match="travel"):
-        Limits(travel=0.0)
+        GripperLimits(travel=0.0)
 
 
 def test_effort_is_the_integral_of_the_squared_acceleration():

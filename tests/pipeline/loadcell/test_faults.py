@@ -5,9 +5,9 @@ import pytest
 
 from pipeline.loadcell.faults import Fault, FaultDetector, FaultEvent, FaultLimits, implausible_repeats
 from pipeline.robot.devices import SimulatedCell
+from pipeline.robot.hidden import HIDDEN_EFFECTS
 from pipeline.robot.protocol import ForceSample
 from pipeline.robot.settings import CellFault, CellSettings, FaultAt
-from pipeline.robot.truth import HIDDEN_EFFECTS
 
 
 def stream(forces, start=0.0, period=0.01):

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from pipeline.robot.devices import SimulatedCell
+from pipeline.robot.hidden import resolve_hidden
 from pipeline.robot.settings import CellFault, CellSettings, FaultAt, PlantSettings
 from pipeline.robot.simulated import SimulatedRobot
-from pipeline.robot.truth import resolve_hidden
 
 QUIET = {"noise": 0.0, "resolution": 0.0}
 

@@ -3,9 +3,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from pipeline.robot.hidden import resolve_hidden
 from pipeline.robot.scene import build_scene
 from pipeline.robot.settings import PlantSettings, ServoSettings
-from pipeline.robot.truth import resolve_hidden
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
+import urdf
 from pipeline.robot.devices import Reference
 from pipeline.robot.protocol import RobotInterface
 from pipeline.robot.settings import PlantSettings
@@ -81,9 +82,13 @@ def test_command_after_a_stop_moves_again(baxter, q_start, line_motion):
 
 class TestReference:
     limit = np.array([20.0, 40.0])
+    limits = urdf.Limits(
+        lower=np.full(2, -3.0), upper=np.full(2, 3.0), velocity=np.full(2, 4.0), acceleration=limit,
+        jerk=50.0 * limit, effort=np.full(2, 50.0),
+    )  # fmt: skip
 
     def _moving(self):
-        reference = Reference(np.zeros(2), self.limit, 0.1)
+        reference = Reference(np.zeros(2), self.limits, 0.1)
         reference.command(1.0, np.array([0.1, 0.2]), np.array([1.0, -2.0]), np.array([3.0, 0.0]))
         return reference
 
@@ -108,7 +113,7 @@ class TestReference:
         np.testing.assert_allclose(reference.at(1.4)[1], 0.0)
 
     def test_holds_the_start_before_the_first_command(self):
-        q, v, a = Reference(np.array([0.3, 0.4]), self.limit, 0.1).at(100.0)
+        q, v, a = Reference(np.array([0.3, 0.4]), self.limits, 0.1).at(100.0)
         np.testing.assert_array_equal([q, v, a], [[0.3, 0.4], [0.0, 0.0], [0.0, 0.0]])
 
     def test_a_second_stop_changes_nothing(self):

@@ -6,7 +6,7 @@ from ros_wire.wire import Stalls, TracedTwin, Trial, Wire, missing
 
 import urdf
 from armdyn.run import read_run
-from pipeline.ros.gate import PERIOD
+from pipeline.motion.gate import PERIOD
 
 pytestmark = pytest.mark.skipif(missing() is not None, reason=str(missing()))
 

@@ -7,11 +7,11 @@ import ik
 import urdf
 from armdyn.errors import TaskFailedError
 from pipeline.motion.feasibility import check_joints, check_line
+from pipeline.motion.gate import PERIOD
+from pipeline.motion.transitions import DURATION, FARTHEST, Blend
 from pipeline.record import Recorder
 from pipeline.robot.protocol import ForceSample
-from pipeline.ros.gate import PERIOD
 from pipeline.ros.telemetry import PublishingRecorder, Telemetry
-from pipeline.ros.transitions import DURATION, FARTHEST, Blend
 from pipeline.trial.moves import JOINT_SPEED, LINE_SPEED, along, approach, play, rehearsal
 
 
@@ -139,9 +139,8 @@ def test_reference_force_and_phase_are_published(loopback, telemetry):
 
 def test_each_estimate_is_published_when_it_is_recorded(loopback, telemetry, tmp_path):
     channels = {"estimate.length": "m", "estimate.length_std": "m"}
-    with PublishingRecorder(tmp_path / "a.mcap", channels) as recorder:
+    with PublishingRecorder(tmp_path / "a.mcap", channels, telemetry=telemetry) as recorder:
         assert isinstance(recorder, Recorder)
-        recorder.telemetry = telemetry
         recorder.record("estimate.length", 1.0, 0.36)
         recorder.record("estimate.length_std", 1.0, 0.001)
     loopback.wait_for(lambda: loopback.published("/armdyn/estimate"))

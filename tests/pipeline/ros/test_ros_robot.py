@@ -11,8 +11,8 @@ import pipeline.ros.master as master_module
 import pipeline.ros.states as states_module
 import urdf
 from armdyn.errors import InputError, TaskFailedError
+from pipeline.motion.gate import PERIOD
 from pipeline.robot.ros import RosRobot
-from pipeline.ros.gate import PERIOD
 from pipeline.ros.master import Spread
 from pipeline.ros.topics import CommandKind, RosTopics, read_topics, settings_file
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from armdyn.excitation.series import LONGEST_PERIOD, Series
+from armdyn.experiments.series import LONGEST_PERIOD, Series
 
 
 @pytest.fixture

@@ -3,8 +3,8 @@ import pytest
 from hidden_effects import arm as hidden_arm
 
 from armdyn.errors import InputError
-from armdyn.excitation.columns import Columns, present, random_states
-from armdyn.excitation.series import Motions
+from armdyn.experiments.columns import Columns, present, random_states
+from armdyn.experiments.series import AxisMotion
 
 
 def extended(model, effects):
@@ -64,7 +64,7 @@ def test_slopes_are_those_of_finite_differences(shoulder, effects):
         for sign in (1, -1):
             moved = list(parts)
             moved[k] = parts[k] + sign * h * direction
-            ends.append(total(Motions(*moved)))
+            ends.append(total(AxisMotion(*moved)))
         measured = (ends[0] - ends[1]) / (2 * h)
         assert measured == pytest.approx(float(np.sum(gradient * direction)), rel=1e-3)
 

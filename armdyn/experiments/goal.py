@@ -9,9 +9,9 @@ from armdyn.arm.model import ArmModel
 from armdyn.effects.catalogue import find
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, TaskFailedError
-from armdyn.excitation.columns import Columns, present
-from armdyn.excitation.criteria import Conditioned, Criterion, Determined, Hidden, Separated
-from armdyn.excitation.structure import Structure
+from armdyn.experiments.columns import Columns, present
+from armdyn.experiments.criteria import Conditioned, Criterion, Determined, Hidden, Separated
+from armdyn.experiments.structure import Structure
 
 USUAL = ("joint_viscous_friction", "joint_coulomb_friction", "torque_offset", "rotor_inertia", "link_inertia")
 """Effects that every arm may have: unknown beside what is wanted, or wanted themselves where nothing is named."""

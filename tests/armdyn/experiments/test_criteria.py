@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from derivatives import assert_jacobian
 
-from armdyn.excitation.criteria import Conditioned, Determined, Hidden, Separated
+from armdyn.experiments.criteria import Conditioned, Determined, Hidden, Separated
 
 P = 7
 RNG = np.random.default_rng(0)

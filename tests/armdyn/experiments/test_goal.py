@@ -4,8 +4,8 @@ import pytest
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import find
 from armdyn.errors import InputError, TaskFailedError, UnknownNameError
-from armdyn.excitation.goal import determining, separating
-from armdyn.excitation.structure import Structure
+from armdyn.experiments.goal import determining, separating
+from armdyn.experiments.structure import Structure
 
 
 def test_friction_can_be_determined_beside_everything_usual(shoulder, effects):

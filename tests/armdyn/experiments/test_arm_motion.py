@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from armdyn.excitation.columns import random_states
-from armdyn.excitation.criteria import covariance
-from armdyn.excitation.design import Design, _Multipliers, _Objective
-from armdyn.excitation.goal import determining
-from armdyn.excitation.random_motions import random_motion
-from armdyn.excitation.room import Room
-from armdyn.excitation.series import Series
+from armdyn.experiments.arm import ArmProblem
+from armdyn.experiments.columns import random_states
+from armdyn.experiments.criteria import covariance
+from armdyn.experiments.goal import determining
+from armdyn.experiments.limits import MotionLimits
+from armdyn.experiments.search import Lagrangian, improved, random_motion
+from armdyn.experiments.series import Series
 
 
 class OnOneSide:
@@ -19,8 +19,8 @@ class OnOneSide:
     def free(self, q):
         return q[0] < self.bound
 
-    def margins(self, q):
-        return np.array([self.bound - q[0]])
+    def margin(self, q):
+        return self.bound - q[0]
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,8 @@ def goal(shoulder, effects):
 
 @pytest.fixture(scope="module")
 def design(goal):
-    return Design(goal.columns, Series(6.0), Room.of(goal.columns.arm.robot), OnOneSide(0.5))
+    limits = MotionLimits.of(goal.columns.arm.robot)
+    return ArmProblem(goal.columns, goal.criterion, Series(6.0), limits, OnOneSide(0.5))
 
 
 @pytest.fixture(scope="module")
@@ -42,36 +43,36 @@ def start(design):
 
 def test_a_random_motion_is_as_large_as_the_limits_allow(design, start):
     assert -0.05 < design.excess(start) <= 0.0
-    assert all(design.postures.free(q) for q in design.motion(start).q)
+    assert all(design.postures.free(q) for q in design.grid.motion(start).q)
 
 
-def test_the_gradient_of_the_objective_is_that_of_finite_differences(design, goal, start):
-    shapes = [(2, len(design.finer[0]), 3)] * 3
-    held = _Multipliers(5.0, [np.full(s, 1e-3) for s in shapes], np.full((2, len(design.time), 3), 1e-3))
-    objective = _Objective(design, goal.criterion, held, design.cuts(start))
-    point, rng, h = 1.3 * (start / design.unit[:, None]).ravel(), np.random.default_rng(0), 1e-5
+def test_the_gradient_of_the_objective_is_that_of_finite_differences(design, start):
+    near = design.about(start)
+    multipliers = [np.full(c.shape, 1e-3) for c in near.evaluate(start).beyond]
+    objective = Lagrangian(near, 5.0, multipliers)
+    point, rng, h = 1.3 * start / design.unit[:, None], np.random.default_rng(0), 1e-5
     _, gradient = objective(point)
     for _ in range(3):
         direction = rng.standard_normal(point.shape)
         measured = (objective(point + h * direction)[0] - objective(point - h * direction)[0]) / (2 * h)
-        assert measured == pytest.approx(float(gradient @ direction), rel=2e-3)
+        assert measured == pytest.approx(float(gradient @ direction.ravel()), rel=2e-3)
 
 
 def test_a_designed_motion_tells_more_and_stays_inside(design, goal, start):
-    found = design.optimised(start, goal.criterion)
+    found = improved(design, start)
 
     def stds(x):
         return np.sqrt(np.diag(covariance(design.information(x), goal.columns.prior)))[goal.wanted]
 
-    assert goal.criterion(design.information(found))[0] < goal.criterion(design.information(start))[0] - 0.3
+    assert design.cost(found) < design.cost(start) - 0.3
     assert np.exp(np.mean(np.log(stds(start) / stds(found)))) > 1.3
     assert design.excess(found) < 0.02
-    assert design.motion(found).q[:, 0].max() < 0.5 + 0.02
+    assert design.grid.motion(found).q[:, 0].max() < 0.5 + 0.02
 
 
 def test_twice_the_time_has_twice_the_information(goal):
-    room = Room.of(goal.columns.arm.robot)
-    once, twice = (Design(goal.columns, Series(seconds), room, OnOneSide(np.inf)) for seconds in (20.0, 40.0))
+    limits, free = MotionLimits.of(goal.columns.arm.robot), OnOneSide(np.inf)
+    once, twice = (ArmProblem(goal.columns, goal.criterion, Series(t), limits, free) for t in (20.0, 40.0))
     x = np.random.default_rng(0).standard_normal((3, once.series.size))
     assert twice.information(x) == pytest.approx(2.0 * once.information(x))
 

@@ -10,7 +10,7 @@ from armdyn.arm.arm import Arm
 from armdyn.arm.bodies import Stretch
 from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import Motion
-from armdyn.excitation.series import Motions
+from armdyn.experiments.series import AxisMotion
 from armdyn.parameter import Parameter
 
 NOISE = 2e-3
@@ -67,15 +67,15 @@ class Columns:
             [i for i, p in enumerate(self.unknowns) if p.effect == effect and joint in (None, p.joint)], dtype=int
         )
 
-    def at(self, motion: Motions) -> np.ndarray:
+    def at(self, motion: AxisMotion) -> np.ndarray:
         """(n, nj, P) changes of the torques, in units of their noise, by changes of typical size."""
         return self._columns(self._states(motion))
 
-    def torque(self, motion: Motions) -> np.ndarray:
+    def torque(self, motion: AxisMotion) -> np.ndarray:
         """(n, nj) what the motors give for the arm as described, N m or N; damping and springs counted in."""
         return self._torque(self._states(motion))
 
-    def _states(self, motion: Motions) -> Stretch:
+    def _states(self, motion: AxisMotion) -> Stretch:
         slow = CREEP * np.asarray(self.arm.robot.limits.velocity)
         direction = erf(motion.v / (np.sqrt(2.0) * slow))
         apart = np.zeros(len(motion.q))  # no effect here depends on time
@@ -89,13 +89,13 @@ class Columns:
         springs = robot.spring_torque(motion.q, [spring for spring in robot.springs if spring.enabled])
         return states.described + np.asarray(self.arm.model.damping) * motion.v + springs
 
-    def with_slopes(self, motion: Motions) -> "Slopes":
+    def with_slopes(self, motion: AxisMotion) -> "Slopes":
         """Columns and torques, and how they change with positions, velocities and accelerations."""
         n, nj = motion.q.shape
         shifts = np.vstack([np.zeros((1, 3 * nj)), STEP * np.eye(3 * nj)])
         parts = (motion.q, motion.v, motion.a)
         moved = ((part + shifts[:, None, k * nj : (k + 1) * nj]).reshape(-1, nj) for k, part in enumerate(parts))
-        states = self._states(Motions(*moved))
+        states = self._states(AxisMotion(*moved))
         columns = self._columns(states).reshape(1 + 3 * nj, n, nj, -1)
         torque = self._torque(states).reshape(1 + 3 * nj, n, nj)
         return Slopes(columns[0], torque[0], columns[1:], torque[1:])
@@ -156,11 +156,11 @@ PROBED = 50
 """Random states at which an unknown that changes no torque is taken to act through another one."""
 
 
-def random_states(arm: Arm, count: int) -> Motions:
+def random_states(arm: Arm, count: int) -> AxisMotion:
     """States all over the arm's limits, (count, nj), always the same."""
     rng, limits = np.random.default_rng(0), arm.robot.limits
     shape = (count, len(arm.joints))
     lower, upper = (np.clip(bound, -2.0 * np.pi, 2.0 * np.pi) for bound in (limits.lower, limits.upper))
     q = rng.uniform(lower, upper, shape)
     v, a = (rng.uniform(-1.0, 1.0, shape) * np.asarray(x) for x in (limits.velocity, limits.acceleration))
-    return Motions(q, v, a)
+    return AxisMotion(q, v, a)

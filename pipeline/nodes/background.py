@@ -20,7 +20,7 @@ Work = Callable[[Any], Any]
 Then = Callable[[Any], None]
 
 
-class Beside:
+class BackgroundWorker:
     """Where long work is done: here at once, in the loop, which is right where no time passes meanwhile.
 
     Attributes:
@@ -66,7 +66,7 @@ class Beside:
         """Do no more; results that are not taken are lost."""
 
 
-class InAProcess(Beside):
+class ProcessWorker(BackgroundWorker):
     """Does the work in a process that begins as a copy of this one, so that the loop goes on meanwhile.
 
     Arguments and results are copied, and must be such that they can be pickled; what the work changes in its objects
@@ -87,21 +87,21 @@ class InAProcess(Beside):
         self._process: multiprocessing.process.BaseProcess | None = None
 
     def provide(self, name: str, work: Work) -> None:
-        """See `Beside`."""
+        """See `BackgroundWorker`."""
         self._work[name], self._then[name] = work, []
 
     def start(self) -> None:
-        """See `Beside`."""
+        """See `BackgroundWorker`."""
         context = multiprocessing.get_context("fork")
         self._connection, other = context.Pipe()
         self._process = context.Process(
-            target=_serve, args=(self._connection, other, self._work), name="armdyn beside", daemon=True
+            target=_serve, args=(self._connection, other, self._work), name="armdyn background", daemon=True
         )
         self._process.start()
         other.close()
 
     def ask(self, name: str, argument: Any, then: Then) -> None:
-        """See `Beside`."""
+        """See `BackgroundWorker`."""
         if self._connection is None:
             raise RuntimeError("start the process before it is asked")
         self._then[name].append(then)
@@ -111,11 +111,11 @@ class InAProcess(Beside):
             raise _gone() from error
 
     def busy(self, name: str) -> bool:
-        """See `Beside`."""
+        """See `BackgroundWorker`."""
         return bool(self._then[name])
 
     def collect(self) -> None:
-        """See `Beside`."""
+        """See `BackgroundWorker`."""
         if self._connection is None:
             return
         try:
@@ -129,7 +129,7 @@ class InAProcess(Beside):
             raise _gone() from error
 
     def end(self) -> None:
-        """See `Beside`."""
+        """See `BackgroundWorker`."""
         if self._process is not None and self._connection is not None:
             self._connection.close()
             self._process.kill()

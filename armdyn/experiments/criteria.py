@@ -84,11 +84,21 @@ class Hidden:
 
         The Schur complement F_AA - F_AB (F_BB + Lambda_B)^-1 F_BA.
         """
-        everything = np.concatenate([self.own, self.fitted])
-        F, size = information[np.ix_(everything, everything)], len(self.own)
-        K = covariance(F[size:, size:], prior[self.fitted])
-        complement = F[:size, :size] - F[:size, size:] @ K @ F[size:, :size]
-        return np.asarray(self.directions.T @ complement @ self.directions)
+        return self.refitted(
+            information, covariance(information[np.ix_(self.fitted, self.fitted)], prior[self.fitted])
+        )[0]
+
+    def refitted(self, information: np.ndarray, K: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(k, k) L, and (len(own) + len(fitted), k) the changes of all these unknowns, the refit included.
+
+        Args:
+            information: (P, P) F.
+            K: covariance of the fitted unknowns alone.
+        """
+        onto = K @ information[np.ix_(self.fitted, self.own)]  # what is fitted per change of the hidden effect
+        complement = information[np.ix_(self.own, self.own)] - information[np.ix_(self.own, self.fitted)] @ onto
+        changes = np.vstack([np.eye(len(self.own)), -onto]) @ self.directions
+        return np.asarray(self.directions.T @ complement @ self.directions), changes
 
     def separation(self, information: np.ndarray, prior: np.ndarray) -> float:
         """Smallest rise of chi2 after the refit, over all changes of typical size that can be told."""
@@ -119,16 +129,13 @@ class Separated:
         known: dict[bytes, np.ndarray] = {}  # an effect's joints mostly have the same to be fitted in their place
         for case in self.hidden:
             everything = np.concatenate([case.own, case.fitted])
-            F, size = information[np.ix_(everything, everything)], len(case.own)
             key = case.fitted.tobytes()
             if key not in known:
-                known[key] = covariance(F[size:, size:], self.prior[case.fitted])
-            onto = known[key] @ F[size:, :size]  # what is fitted per change of the hidden effect
-            L = case.directions.T @ (F[:size, :size] - F[:size, size:] @ onto) @ case.directions
+                known[key] = covariance(information[np.ix_(case.fitted, case.fitted)], self.prior[case.fitted])
+            L, T = case.refitted(information, known[key])
             inverse = np.linalg.inv(L + FAINT * np.eye(len(L)))
             total += float(np.trace(inverse))
-            # dL = T' dF T with T = (1; -onto) directions, as the best refit does not change in first order.
-            T = np.vstack([np.eye(size), -onto]) @ case.directions
+            # dL = T' dF T, as the best refit does not change in first order.
             slopes[np.ix_(everything, everything)] -= T @ inverse @ inverse @ T.T
         return float(np.log(total)), slopes / total
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from armdyn.errors import InputError, TaskFailedError
-from pipeline.nodes.beside import Beside, InAProcess
+from pipeline.nodes.background import BackgroundWorker, ProcessWorker
 
 
 class Counter:
@@ -20,27 +20,27 @@ class Counter:
         return self.count, os.getpid(), 2.0 * np.asarray(values)
 
 
-def collected(beside, done, patience=20.0):
+def collected(worker, done, patience=20.0):
     end = monotonic() + patience
     while not done and monotonic() < end:
-        beside.collect()
+        worker.collect()
         sleep(0.002)
     return done
 
 
 @pytest.fixture
 def process():
-    beside = InAProcess()
-    yield beside
-    beside.end()
+    worker = ProcessWorker()
+    yield worker
+    worker.end()
 
 
 def test_at_once_is_done_before_it_returns():
-    beside, counter, found = Beside(), Counter(), []
-    beside.provide("double", counter.work)
-    beside.ask("double", [1.0], found.append)
+    worker, counter, found = BackgroundWorker(), Counter(), []
+    worker.provide("double", counter.work)
+    worker.ask("double", [1.0], found.append)
     assert found[0][:2] == (1, os.getpid())
-    assert not beside.busy("double")
+    assert not worker.busy("double")
 
 
 def test_another_process_works_and_remembers(process):
@@ -71,7 +71,7 @@ def raised(error):
     ("error", "says"),
     [
         (InputError("a sentence of ours"), "^a sentence of ours$"),
-        (np.linalg.LinAlgError("singular"), r"odd failed: LinAlgError: singular \(test_beside.py, line"),
+        (np.linalg.LinAlgError("singular"), r"odd failed: LinAlgError: singular \(test_background.py, line"),
         (SystemExit(0), "SystemExit"),
     ],
 )

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import qr
 
-from armdyn.excitation.columns import Columns, random_states
+from armdyn.experiments.columns import Columns, random_states
 
 STATES = 300
 """Random states that stand for all; each gives a row per joint, many times the unknowns."""

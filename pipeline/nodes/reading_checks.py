@@ -1,4 +1,4 @@
-"""The door of measurement: every reading is judged before anything is computed from it.
+"""Checks of readings: every one is judged before anything is computed from it.
 
 A single bad reading is left out and counted; the motion goes on. What lasts is a fault, and ends the trial.
 """
@@ -42,7 +42,7 @@ class Refused(Enum):
     SPIKE = "is a spike"
 
 
-class Door:
+class ReadingCheck:
     """Counts what is refused, and says when that is more than can be bridged.
 
     Args:
@@ -61,7 +61,7 @@ class Door:
         self.refused: Counter[Refused] = Counter()
         self.fault: str | None = None
 
-    def let_in(self) -> None:
+    def accept(self) -> None:
         """Note a good reading."""
         self._seen_good = True
         self._level = max(0.0, self._level - FORGIVEN)
@@ -85,7 +85,7 @@ class Door:
         )
 
 
-class JointDoor(Door):
+class JointReadingCheck(ReadingCheck):
     """Judges the readings of the joints."""
 
     def __init__(self, limits: urdf.Limits) -> None:
@@ -98,7 +98,7 @@ class JointDoor(Door):
         why = self._why_not(state, now)
         if why is None:
             self._last = state
-            self.let_in()
+            self.accept()
         else:
             self.refuse(why, now)
         return why
@@ -134,7 +134,7 @@ class JointDoor(Door):
         return position
 
 
-class ForceDoor(Door):
+class ForceReadingCheck(ReadingCheck):
     """Judges the samples of the load cell.
 
     Samples that jump are held back. Where the force comes back within `PATIENCE` samples they were spikes; where it
@@ -205,7 +205,7 @@ class ForceDoor(Door):
 
     def _take(self, sample: ForceSample) -> ForceSample:
         self._last = sample
-        self.let_in()
+        self.accept()
         return sample
 
     def _why_not(self, sample: ForceSample, now: float) -> Refused | None:

@@ -1,6 +1,6 @@
-r"""Periodic, band-limited motions of joints that start and end at rest.
+r"""Periodic, band-limited motions that start and end at rest, of the joints of an arm or of a gripper on its line.
 
-A finite Fourier series per joint (Swevers, Ganseman, Tükel, De Schutter & Van Brussel, IEEE T-RA 13(5), 1997),
+A finite Fourier series per axis (Swevers, Ganseman, Tükel, De Schutter & Van Brussel, IEEE T-RA 13(5), 1997),
 
     q(t) = c + \sum_{h=1}^{H} a_h \sin(h w t) + b_h \cos(h w t),   w = 2 \pi / P,
 
@@ -16,7 +16,8 @@ import numpy as np
 from scipy.linalg import null_space
 
 BAND = 1.0
-"""Hz, the highest frequency of a position: arms follow it, and it is far below the 10 Hz at which their links bend."""
+"""Hz, the highest frequency of a joint's position: arms follow it, and it is far below the 10 Hz at which their links
+bend."""
 FEWEST_HARMONICS = 4
 """Two of each kind are left where both conditions of rest are met; a very short motion then leaves the band."""
 LONGEST_PERIOD = 20.0
@@ -24,8 +25,8 @@ LONGEST_PERIOD = 20.0
 
 
 @dataclass(frozen=True, eq=False)
-class Motions:
-    """Positions and derivatives of all joints at some times; all (n, nj).
+class AxisMotion:
+    """Positions and derivatives of all axes at some times; all (n, axes).
 
     Attributes:
         q: rad or m.
@@ -38,20 +39,48 @@ class Motions:
     a: np.ndarray
 
 
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """The functions of a series at some instants, of which a motion is a linear combination.
+
+    Attributes:
+        time: (n,) s.
+        functions: (3, n, size) for position, velocity and acceleration.
+    """
+
+    time: np.ndarray
+    functions: np.ndarray
+
+    def motion(self, x: np.ndarray) -> AxisMotion:
+        """The motion of (axes, size) coefficients."""
+        return AxisMotion(*(functions @ x.T for functions in self.functions))
+
+    def gradient(self, by_q: np.ndarray, by_v: np.ndarray, by_a: np.ndarray) -> np.ndarray:
+        """(axes, size) derivatives of a number by the coefficients, from the (n, axes) ones by the motion."""
+        first, second, third = self.functions
+        return np.asarray(by_q.T @ first + by_v.T @ second + by_a.T @ third)
+
+
 @dataclass(frozen=True)
 class Series:
-    """The functions of time of which a joint's position is made.
+    """The functions of time of which the position of an axis is made.
 
     Attributes:
         seconds: of the whole motion.
+        band: highest frequency, Hz.
+        longest_period: s; a longer motion repeats a period.
+        from_start: whether positions are counted from where the motion starts; the centre then plays no part.
     """
 
     seconds: float
+    band: float = BAND
+    longest_period: float = LONGEST_PERIOD
+    from_start: bool = False
 
     @property
     def repeats(self) -> int:
         """How often the period is run through."""
-        return ceil(self.seconds / LONGEST_PERIOD - 1e-9)
+        return ceil(self.seconds / self.longest_period - 1e-9)
 
     @property
     def period(self) -> float:
@@ -61,11 +90,11 @@ class Series:
     @property
     def harmonics(self) -> int:
         """H."""
-        return max(FEWEST_HARMONICS, int(BAND * self.period + 1e-9))
+        return max(FEWEST_HARMONICS, int(self.band * self.period + 1e-9))
 
     @property
     def size(self) -> int:
-        """Coefficients of a joint: the centre, H - 1 of the sines, H - 1 of the cosines."""
+        """Coefficients of an axis: the centre, H - 1 of the sines, H - 1 of the cosines."""
         return 2 * self.harmonics - 1
 
     @cached_property
@@ -87,11 +116,18 @@ class Series:
         sines, cosines = self._free
         scale = w**derivative
         centre = np.full((len(time), 1), float(derivative == 0))
-        return np.hstack([centre, (scale * np.sin(phase)) @ sines, (scale * np.cos(phase)) @ cosines])
+        values = np.hstack([centre, (scale * np.sin(phase)) @ sines, (scale * np.cos(phase)) @ cosines])
+        if self.from_start and derivative == 0:
+            values -= np.concatenate([[1.0], np.zeros(sines.shape[1]), cosines.sum(axis=0)])
+        return values
 
-    def motion(self, coefficients: np.ndarray, time: np.ndarray) -> Motions:
-        """The motion at (n,) s of (nj, size) coefficients, rad or m."""
-        return Motions(*(self.functions(time, k) @ coefficients.T for k in range(3)))
+    def at(self, time: np.ndarray) -> Basis:
+        """The functions and their derivatives at (n,) s."""
+        return Basis(time, np.stack([self.functions(time, k) for k in range(3)]))
+
+    def motion(self, coefficients: np.ndarray, time: np.ndarray) -> AxisMotion:
+        """The motion at (n,) s of (axes, size) coefficients, rad or m."""
+        return self.at(time).motion(coefficients)
 
     def low(self, harmonics: int) -> np.ndarray:
         """(size, size) projection of coefficients onto series with so few harmonics; the centre stays."""

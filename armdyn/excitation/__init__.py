@@ -1,1 +1,0 @@
-"""Motions of an arm that tell as much as possible about chosen effects."""

@@ -1,0 +1,238 @@
+"""The gate: nothing is sent to joints that has not passed it, whether they are real, simulated, or led along a line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+import urdf
+from pipeline.motion.limits import LineLimits
+from pipeline.motion.trajectory import LineState
+from urdf.robot import Array
+
+if TYPE_CHECKING:
+    from ik import LineTable
+    from pipeline.robot.protocol import JointState
+
+PERIOD = 0.01
+"""Control cycle: time between two commands, and step of the planner [s]."""
+FRESH = 0.05
+"""Oldest joint state with which a command may be sent [s]."""
+GAP = 0.05
+"""Silence after which a stream of commands is a new one [s]."""
+NEAR = 1e-6
+"""How far from where the arm is a stream may begin [rad]: for rounding. A step would break every limit."""
+TOLERANCE = 1e-3
+"""Share by which a limit may be exceeded, for rounding and for tables between nodes."""
+TRACKING = 0.2
+"""Farthest that a joint may be from its command [rad]: Baxter's own server stops there."""
+REST_SPEED = 1e-3
+"""Commanded speed below which a stream is at rest [rad/s]."""
+
+
+class Withheld(Enum):
+    """Why a command was not sent; the value says it to a person, with what to do."""
+
+    NOT_A_NUMBER = "a command holds a NaN or an infinity, it is not finite: look at the node that made it"
+    WRONG_NUMBER = "a command has the wrong number of joints: look at the node that made it"
+    NO_STATE = "no joint state has arrived: is the robot on, and is this its topic?"
+    STALE = "the newest joint state is too old: check the network, the bridge and the robot"
+    POSITION = "a joint would leave its range: choose a nearer target"
+    VELOCITY = "a joint would be faster than its limit: slow the motion down"
+    ACCELERATION = "a joint would accelerate more than its limit: smooth the motion"
+    JERK = "a joint would jerk more than its limit: smooth the motion"
+    TRACKING = "the arm is not where it was told to be: something holds it, it is not enabled, or it starts elsewhere"
+    ELSEWHERE = "a motion would begin away from where the arm is: move it there first"
+    GAP = "the commands paused while the arm moved: check the load of this computer"
+    OFF_THE_LINE = "the reference leaves the line that the table covers: move the target inwards"
+    LINE_SPEED = "the reference is faster along the line than the joints can follow there: smooth it"
+    LINE_ACCELERATION = "the reference accelerates more along the line than the joints can follow there: smooth it"
+    JUMP = "the reference does not follow from the one before it: smooth it, or start it from where the arm is"
+    NO_WAY_TO_REST = "the reference cannot be brought to rest within the limits: slow down earlier"
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """Why, which joint, and by how much."""
+
+    why: Withheld
+    detail: str = ""
+
+    @property
+    def sentence(self) -> str:
+        """For a person."""
+        return f"{self.why.value}{f' ({self.detail})' if self.detail else ''}"
+
+
+class Gate:
+    """Judges one command by itself: form, limits of the joints, and whether the arm is where it was told to be.
+
+    Args:
+        names: of the joints.
+        limits: of the joints.
+        tracking: farthest that a joint may be from its command [rad].
+    """
+
+    def __init__(self, names: tuple[str, ...], limits: urdf.Limits, tracking: float = TRACKING) -> None:
+        self._names, self._limits, self._tracking = names, limits, tracking
+
+    def check(self, q: Array, v: Array, a: Array, measured: Array | None = None) -> Refusal | None:
+        """The first limit that a command breaks; None where it may be sent.
+
+        Args:
+            q: positions (n,) [rad].
+            v: velocities (n,) [rad/s].
+            a: accelerations (n,) [rad/s^2].
+            measured: positions of the joints now (n,) [rad]; None where they are not watched.
+        """
+        refusal = self._form(q, v, a) or self._beyond(q, v, a)
+        return refusal if refusal is not None or measured is None else self._follows(q, measured)
+
+    def _form(self, q: Array, v: Array, a: Array) -> Refusal | None:
+        if any(np.shape(x) != (len(self._names),) for x in (q, v, a)):
+            return Refusal(Withheld.WRONG_NUMBER, f"{np.size(q)} of {len(self._names)} joints")
+        if not all(np.isfinite(x).all() for x in (q, v, a)):
+            return Refusal(Withheld.NOT_A_NUMBER)
+        return None
+
+    def _follows(self, q: Array, measured: Array) -> Refusal | None:
+        return self._most(Withheld.TRACKING, np.abs(q - measured), np.full(len(q), self._tracking), "rad")
+
+    def _beyond(self, q: Array, v: Array, a: Array) -> Refusal | None:
+        limits, more = self._limits, 1.0 + TOLERANCE
+        outside = (q < limits.lower) | (q > limits.upper)
+        if np.any(outside):
+            joint = int(np.argmax(outside))
+            return Refusal(Withheld.POSITION, f"{self._names[joint]}: {q[joint]:.4g} rad")
+        return self._most(Withheld.VELOCITY, np.abs(v), more * limits.velocity, "rad/s") or self._most(
+            Withheld.ACCELERATION, np.abs(a), more * limits.acceleration, "rad/s^2"
+        )
+
+    def _most(self, why: Withheld, value: Array, bound: Array, unit: str) -> Refusal | None:
+        """A refusal where a value exceeds its bound or is no number, naming the joint that exceeds it most."""
+        if np.all(value <= bound):
+            return None
+        joint = int(np.argmax(value / bound))
+        return Refusal(why, f"{self._names[joint]}: {value[joint]:.3g} of {bound[joint]:.3g} {unit}")
+
+
+@dataclass(frozen=True)
+class LineGate:
+    """Judges the next reference on the line: by the limits along it, and by the gate of the joints that it leads.
+
+    Attributes:
+        limits: along the line.
+        table: from the line to the joints.
+        joints: their gate.
+    """
+
+    limits: LineLimits
+    table: LineTable
+    joints: Gate
+
+    def check(
+        self, reference: LineState, previous: LineState | None = None, measured: Array | None = None
+    ) -> Refusal | None:
+        """The first limit that the reference breaks; None where it may be sent.
+
+        Args:
+            reference: of the next cycle.
+            previous: that of the cycle before, from which it must follow; None at the start of a motion.
+            measured: joint positions now (n,); None where they are not watched [rad].
+        """
+        if not reference.is_finite:
+            return Refusal(Withheld.NOT_A_NUMBER)
+        more = 1.0 + TOLERANCE
+        s, v, a = reference
+        if not self.limits.s_min - 1e-9 <= s <= self.limits.s_max + 1e-9:
+            return Refusal(Withheld.OFF_THE_LINE, f"s = {s:.4g} m")
+        if abs(v) > more * self.limits.speed_at(s):
+            return Refusal(Withheld.LINE_SPEED, f"{v:.3g} m/s")
+        if abs(a) > more * self.limits.acceleration_at(s):
+            return Refusal(Withheld.LINE_ACCELERATION, f"{a:.3g} m/s^2")
+        if previous is not None and not self._follows(reference, previous):
+            return Refusal(Withheld.JUMP)
+        s = min(max(s, float(self.table.s[0])), float(self.table.s[-1]))
+        return self.joints.check(*self.table.joint_motion(s, v, a), measured)
+
+    def _follows(self, reference: LineState, previous: LineState) -> bool:
+        """Whether two references belong to one motion whose jerk is bounded."""
+        h, jerk = PERIOD, (1.0 + TOLERANCE) * self.limits.jerk
+        s, v, a = (now - before for now, before in zip(reference, previous, strict=True))
+        # Within one cycle of bounded jerk, from the Taylor series about its beginning.
+        return (
+            abs(a) <= jerk * h + 1e-9
+            and abs(v - previous.a * h) <= jerk * h**2 / 2.0 + 1e-9
+            and abs(s - previous.v * h - previous.a * h**2 / 2.0) <= jerk * h**3 / 6.0 + 1e-9
+        )
+
+
+class StreamGate(Gate):
+    """Judges the next command against the ones before it and against where the arm is now.
+
+    What leaves is a sequence of positions, so positions are judged: their first, second and third differences are the
+    velocity, acceleration and jerk that the arm sees. Velocities and accelerations that go along as feed-forward are
+    held against the same limits. Arguments as for `Gate`.
+    """
+
+    def __init__(self, names: tuple[str, ...], limits: urdf.Limits, tracking: float = TRACKING) -> None:
+        super().__init__(names, limits, tracking)
+        self._last: list[Array] = []
+        self._sent = -np.inf
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the last two commands were the same posture."""
+        return len(self._last) < 2 or bool(np.all(np.abs(self._last[-1] - self._last[-2]) <= REST_SPEED * PERIOD))
+
+    def begins(self, now: float) -> bool:
+        """Whether the next command begins a stream, from rest [s]."""
+        return not self._last or (now - self._sent > GAP and self.at_rest)
+
+    def judge(self, q: Array, v: Array, a: Array, state: JointState | None, now: float) -> Refusal | None:
+        """Why a command must not be sent; None where it may, and it is then counted as sent.
+
+        Args:
+            q: positions (n,) [rad].
+            v: velocities (n,) [rad/s].
+            a: accelerations (n,) [rad/s^2].
+            state: the newest reading of the joints.
+            now: [s], on the clock of the state.
+        """
+        refusal = self._form(q, v, a) or self._arm(q, state, now) or self._beginning(q, v, state, now)
+        refusal = refusal or self._continued(q, v, a)
+        if refusal is None:
+            self._last = [*self._last[-2:], np.array(q, dtype=float)] if self._last else [np.array(q, dtype=float)] * 3
+            self._sent = now
+        return refusal
+
+    def _arm(self, q: Array, state: JointState | None, now: float) -> Refusal | None:
+        """Is it known where the arm is, and is it there?"""
+        if state is None:
+            return Refusal(Withheld.NO_STATE)
+        age = now - state.time
+        if not age <= FRESH:
+            return Refusal(Withheld.STALE, f"{1e3 * age:.0f} ms")
+        return self._follows(q, state.q)
+
+    def _beginning(self, q: Array, v: Array, state: JointState | None, now: float) -> Refusal | None:
+        """A stream begins at rest where the arm is; one that paused while the arm moved does not go on."""
+        if not self.begins(now):
+            late = now - self._sent
+            return None if late <= GAP else Refusal(Withheld.GAP, f"{1e3 * late:.0f} ms")
+        self._last = []
+        assert state is not None, "the state was judged before"
+        moving = self._most(Withheld.ELSEWHERE, np.abs(v), np.full(len(q), REST_SPEED), "rad/s")
+        return moving or self._most(Withheld.ELSEWHERE, np.abs(q - state.q), np.full(len(q), NEAR), "rad")
+
+    def _continued(self, q: Array, v: Array, a: Array) -> Refusal | None:
+        """Do the positions, which are what the arm sees, keep the limits with what goes along as feed-forward?"""
+        path = np.array([*self._last[-3:], q]) if self._last else np.array([q] * 4)
+        velocity, acceleration, jerk = (
+            np.abs(np.diff(path, n=order, axis=0)[-1]) / PERIOD**order for order in (1, 2, 3)
+        )
+        refusal = self._beyond(q, np.maximum(velocity, np.abs(v)), np.maximum(acceleration, np.abs(a)))
+        return refusal or self._most(Withheld.JERK, jerk, (1.0 + TOLERANCE) * self._limits.jerk, "rad/s^3")

@@ -1,0 +1,91 @@
+"""The flow of a whole trial on any robot: experiments that find out what the model lacks, if wanted, then the swing."""
+
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pipeline.record import Recorder
+from pipeline.trial.ending import Ending
+from pipeline.trial.experiment import Experiment, Progress
+from pipeline.trial.folder import gathered
+from pipeline.trial.investigation import SwingExperiment, after, ended_before, investigate
+from pipeline.trial.result import TRIAL, TrialResult, kept, recording, result_of
+from pipeline.trial.rig import Rig
+from pipeline.trial.settings import ProtocolSettings
+
+if TYPE_CHECKING:
+    from armdyn.document import Document
+    from pipeline.report.trial import SwingTrace
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A trial that has run.
+
+    Attributes:
+        settings: what it was given.
+        subtitle: what was run, for the report.
+        experiment: the protocol, with everything that was planned and measured.
+        result: what it came to.
+    """
+
+    settings: ProtocolSettings
+    subtitle: str
+    experiment: Experiment
+    result: TrialResult
+
+    def report(self, command: str = "") -> "Document":
+        """The report; of a simulated trial with the true motion of the load."""
+        from pipeline.trial.report import report_of
+
+        return report_of(self.experiment, self.result, self.subtitle, command, executed=self._executed())
+
+    def _executed(self) -> "SwingTrace | None":
+        """The swing as it was; None where nobody saw it."""
+        return None
+
+
+def perform(
+    rig: Rig, settings: ProtocolSettings, out: Path | None, progress: Progress
+) -> tuple[Experiment, TrialResult]:
+    """One whole trial; what it leaves behind is written.
+
+    Args:
+        rig: the robot.
+        settings: of the protocol.
+        out: directory for recordings and model; None keeps nothing.
+        progress: told what is going on.
+    """
+
+    def tell(what: str, share: float = 0.0) -> None:
+        rig.announce(what)
+        progress(what, share)
+
+    with gathered(out) as folder:
+
+        def recorded(name: str = TRIAL) -> AbstractContextManager[Recorder]:
+            return recording(rig.recorder, folder, rig.arm.joint_names, settings, rig.described, name)
+
+        def swing(of: ProtocolSettings, number: int, place: float) -> tuple[SwingExperiment, Ending]:
+            if number > 1:
+                rig.wait_until_calm()
+            with recorded(f"experiment_{number}") as recorder:
+                made = SwingExperiment(
+                    rig, recorder, of, lambda what, _share: tell(f"experiment {number}: {what}"), place
+                )
+                ending = made.run()
+                recorder.close()
+            return made, ending
+
+        found, of = None, settings
+        if settings.investigate:
+            found = investigate(settings, swing, rig.arm, rig.table, settings.investigate, tell)
+            of = after(settings, found)
+            if found.ending is None:
+                rig.wait_until_calm()
+        with recorded() as recorder:
+            experiment = Experiment(rig, recorder, of, tell, 0.0 if found is None else found.place)
+            ending = ended_before(experiment, found) or rig.judged(experiment.run())
+        ending = kept(experiment, ending, recorder, folder)
+        return experiment, result_of(experiment, ending, rig.length, out / recorder.path.name if out else None, found)

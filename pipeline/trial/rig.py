@@ -1,0 +1,45 @@
+"""A robot that is ready for a trial, with everything that belongs to it: what a driver gives and the trial runs on."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import urdf
+from ik import LineTable
+from pipeline.loadcell.faults import FaultLimits
+from pipeline.nodes.scheduler import Clock
+from pipeline.record import Recorder
+from pipeline.robot.protocol import RobotInterface
+from pipeline.trial.ending import Ending
+
+
+@dataclass(frozen=True)
+class Rig:
+    """A robot, simulated or real, at the start posture with its load at rest.
+
+    Attributes:
+        robot: what moves and measures.
+        clock: makes the clock that an experiment's nodes run on; it shows the robot's time.
+        arm: its description.
+        table: from its line to its joints.
+        cell: what is in order for the load cell.
+        described: a line about it, for the recordings.
+        length: true length of the string [m]; None where nobody knows it.
+        landed: whether the load is at rest in the box, asked once at the end of the protocol.
+        judged: what a person adds to how a trial ended, once the arm holds.
+        wait_until_calm: waits between two experiments until the load hangs still.
+        announce: told what goes on, for others to see.
+        recorder: makes a recorder.
+    """
+
+    robot: RobotInterface
+    clock: Callable[[], Clock]
+    arm: urdf.Robot
+    table: LineTable
+    cell: FaultLimits
+    described: str
+    length: float | None = None
+    landed: Callable[[], bool] = lambda: True
+    judged: Callable[[Ending], Ending] = lambda ending: ending
+    wait_until_calm: Callable[[], None] = lambda: None
+    announce: Callable[[str], None] = lambda _what: None
+    recorder: Callable[..., Recorder] = Recorder

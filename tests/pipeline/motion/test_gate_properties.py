@@ -1,0 +1,121 @@
+"""Whatever is asked of the gates, no stream of commands that leaves them breaks a limit."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import urdf
+from pipeline.motion import Gate, LineGate, LineLimits, LineState
+from pipeline.motion.gate import FRESH, GAP, NEAR, PERIOD, REST_SPEED, StreamGate
+from pipeline.robot.protocol import JointState
+
+LIMITS = urdf.Limits(
+    lower=np.array([-1.0, -2.0]),
+    upper=np.array([1.0, 2.0]),
+    velocity=np.array([1.5, 4.0]),
+    acceleration=np.array([20.0, 40.0]),
+    jerk=np.array([1000.0, 2000.0]),
+    effort=np.array([50.0, 15.0]),
+)
+TRACKING = 0.2
+MORE = 1.001
+"""The share for rounding that both gates allow."""
+NUMBERS = st.one_of(st.floats(-3.0, 3.0), st.sampled_from([math.nan, math.inf, -math.inf, 1e300, 0.0]))
+
+asked = st.fixed_dictionaries(
+    {
+        "jerk": st.one_of(st.sampled_from([0.0, 0.9, -0.9, 1.01]), st.floats(-2.5, 2.5)),  # of the limit
+        "other": st.one_of(st.none(), st.none(), st.none(), NUMBERS),  # in place of that, for one joint
+        "v": st.one_of(st.none(), st.none(), NUMBERS),
+        "a": st.one_of(st.none(), st.none(), NUMBERS),
+        "wait": st.sampled_from([PERIOD] * 12 + [0.03, 0.049, 0.051, 0.5]),
+        "age": st.sampled_from([0.0] * 9 + [0.04, 0.06, math.nan]),
+        "times": st.sampled_from([1, 1, 2, 4, 8]),
+        "behind": st.sampled_from([0.0] * 8 + [0.01, 0.19, 0.21, math.nan]),
+    }
+)
+
+
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(st.lists(asked, min_size=1, max_size=30))
+def test_no_stream_of_commands_that_leaves_breaks_a_limit(stream):
+    gate = StreamGate(("a", "b"), LIMITS, TRACKING)
+    sent, at, now = [np.zeros(2)] * 3, 0.0, 0.0
+    assert gate.judge(*sent, JointState(now, *sent), now) is None
+    for wanted in (one for one in stream for _ in range(one["times"])):
+        now += wanted["wait"]
+        change = np.diff(sent[-3:], n=2, axis=0)[0] + wanted["jerk"] * LIMITS.jerk * PERIOD**3
+        q = 2.0 * sent[-1] - sent[-2] + change
+        if wanted["other"] is not None:
+            q = np.array([wanted["other"], q[1]])
+        v, a = np.zeros(2), np.zeros(2)
+        v[0], a[1] = (0.0 if wanted[name] is None else wanted[name] for name in ("v", "a"))
+        a *= 20.0
+        state = JointState(now - wanted["age"], sent[-1] + [wanted["behind"], 0.0], np.zeros(2), np.zeros(2))
+        standing = np.all(np.abs(sent[-1] - sent[-2]) <= REST_SPEED * PERIOD)
+        if gate.judge(q, v, a, state, now) is not None:
+            continue
+        assert np.isfinite([q, v, a]).all()
+        assert wanted["age"] <= FRESH
+        assert np.all(np.abs(q - state.q) <= TRACKING)
+        assert np.all((q >= LIMITS.lower) & (q <= LIMITS.upper))
+        assert np.all(np.abs(v) <= MORE * LIMITS.velocity)
+        assert np.all(np.abs(a) <= MORE * LIMITS.acceleration)
+        if now - at > GAP:
+            assert standing  # a motion that paused does not go on
+            assert np.all(np.abs(q - state.q) <= NEAR)
+            assert np.all(np.abs(v) <= REST_SPEED)
+            sent = [q] * 3
+        sent = [*sent[-3:], q]
+        for order, bound in ((1, LIMITS.velocity), (2, LIMITS.acceleration), (3, LIMITS.jerk)):
+            assert np.all(np.abs(np.diff(sent, n=order, axis=0)[-1]) / PERIOD**order <= MORE * bound + 1e-6)
+        at = now
+
+
+references = st.lists(
+    st.tuples(
+        st.one_of(st.sampled_from([0.0, 0.9, -0.9, 1.01]), st.floats(-2.0, 2.0)),  # of the limit of jerk
+        st.sampled_from([1, 1, 2, 4, 8]),  # times
+        st.one_of(st.none(), st.none(), st.none(), NUMBERS),  # acceleration, whatever position and speed say
+        st.one_of(st.none(), st.none(), st.none(), st.tuples(NUMBERS, NUMBERS, NUMBERS)),
+    ),
+    min_size=1,
+    max_size=30,
+)
+
+
+@pytest.fixture(scope="module", params=["limits of the table", "of a line on which only the joints limit"])
+def line_gate(request, robot, table):
+    generous = LineLimits(np.array([-0.3, 0.55]), np.full(2, 50.0), np.full(2, 500.0), 5e4)
+    limits = LineLimits.from_table(table) if "table" in request.param else generous
+    return LineGate(limits, table, Gate(robot.joint_names, robot.limits))
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(stream=references, start=st.floats(-0.3, 0.55))
+def test_no_stream_of_references_that_passes_breaks_a_limit_of_line_or_joints(line_gate, robot, table, stream, start):
+    limits, last = line_gate.limits, LineState(start)
+    for jerk, pull, other in ((one[0], one[2], one[3]) for one in stream for _ in range(one[1])):
+        j, h = jerk * limits.jerk, PERIOD
+        s = last.s + h * last.v + h**2 / 2.0 * last.a + h**3 / 6.0 * j
+        reference = LineState(s, last.v + h * last.a + h**2 / 2.0 * j, last.a + h * j)
+        reference = reference if pull is None else reference._replace(a=last.a + 10.0 * pull)
+        reference = reference if other is None else LineState(*other)
+        measured = table.posture(float(np.clip(last.s, -0.3, 0.55))).q
+        if line_gate.check(reference, last, measured) is not None:
+            continue
+        assert reference.is_finite
+        assert limits.s_min - 1e-9 <= reference.s <= limits.s_max + 1e-9
+        assert abs(reference.v) <= MORE * limits.speed_at(reference.s)
+        assert abs(reference.a) <= MORE * limits.acceleration_at(reference.s)
+        assert abs(reference.a - last.a) <= MORE * limits.jerk * PERIOD + 1e-9
+        at = float(np.clip(reference.s, limits.s_min, limits.s_max))
+        q, v, a = table.joint_motion(at, reference.v, reference.a)
+        assert np.all((q >= robot.limits.lower) & (q <= robot.limits.upper))
+        assert np.all(np.abs(v) <= MORE * robot.limits.velocity)
+        assert np.all(np.abs(a) <= MORE * robot.limits.acceleration)
+        assert np.all(np.abs(measured - q) <= TRACKING)
+        last = reference

@@ -1,0 +1,43 @@
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import urdf
+from pipeline.motion.gate import PERIOD, TOLERANCE
+from pipeline.motion.transitions import SHARE, Brake
+
+LIMITS = urdf.Limits(
+    lower=np.full(2, -3.0),
+    upper=np.full(2, 3.0),
+    velocity=np.array([1.5, 4.0]),
+    acceleration=np.array([20.0, 40.0]),
+    jerk=np.array([1000.0, 2000.0]),
+    effort=np.array([50.0, 15.0]),
+)
+share = st.floats(-1.0, 1.0)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.tuples(share, share), st.tuples(share, share))
+def test_every_joint_comes_to_rest_with_bounded_acceleration_and_jerk(speeds, pulls):
+    start = np.zeros(2), np.array(speeds) * LIMITS.velocity, np.array(pulls) * LIMITS.acceleration
+    brake = Brake(start, LIMITS)
+    for given_, found in zip(start, brake.at(0.0), strict=True):
+        assert np.allclose(found, given_, atol=1e-9)
+    time = np.arange(0.0, brake.duration + 0.05, PERIOD)
+    q, v, a = (np.array(part) for part in zip(*(brake.at(t) for t in time), strict=True))
+    assert brake.duration < 1.0
+    assert np.all(v[-1] == 0.0)
+    assert np.all(a[-1] == 0.0)
+    assert np.array_equal(q[-1], brake.at(1e3)[0])
+    assert np.all(np.abs(a) <= np.maximum(SHARE * LIMITS.acceleration, np.abs(start[2])) + 1e-9)
+    assert np.all(np.abs(np.diff(a, axis=0)) / PERIOD <= (SHARE + TOLERANCE) * LIMITS.jerk)
+    within = np.abs(v[:-1]).max(axis=0, initial=0.0) * PERIOD + 1e-6
+    assert np.all(np.abs(np.diff(q, axis=0)) <= within + 0.5 * LIMITS.acceleration * PERIOD**2)
+
+
+def test_an_arm_that_stands_stays_where_it_is():
+    brake = Brake((np.array([0.3, -0.2]), np.zeros(2), np.zeros(2)), LIMITS)
+    assert brake.duration == 0.0
+    for time in (0.0, 0.01, 5.0):
+        assert np.array_equal(brake.at(time), [[0.3, -0.2], [0.0, 0.0], [0.0, 0.0]])
