@@ -189,11 +189,22 @@ class Sensor:
         samples = np.asarray(sampler.matrix(delay) @ coefficients)
         return self.moved(samples, coefficients[:, 0], sampler, theta)
 
-    def moved(self, samples: np.ndarray, coefficients: np.ndarray, sampler: Sampler, theta: np.ndarray) -> np.ndarray:
-        """The samples, with the derivatives by the dead time added; `coefficients` (N,) of the quantity."""
+    def moved(
+        self,
+        samples: np.ndarray,
+        coefficients: np.ndarray,
+        sampler: Sampler,
+        theta: np.ndarray,
+        delay: float | None = None,
+    ) -> np.ndarray:
+        """The samples, with the derivatives by the dead time added; `coefficients` (N,) of the quantity.
+
+        Where these hold the dead time already, `delay` is 0.
+        """
         if not self.delays:
             return samples
-        return self._with(samples, 2, -(sampler.matrix(self.delay(theta), 1) @ coefficients), theta)
+        at = self.delay(theta) if delay is None else delay
+        return self._with(samples, 2, -(sampler.matrix(at, 1) @ coefficients), theta)
 
     def _with(self, signal: np.ndarray, setting: int, slope: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """The signal with the chain rule of a setting, by which its quantity has this slope."""

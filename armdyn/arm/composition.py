@@ -21,7 +21,7 @@ from armdyn.errors import InputError
 from armdyn.readout import Sensor
 
 INPUTS = ("time", "position", "velocity", "acceleration", "direction", "load", "inner q", "inner v", "inner a")
-LOAD = INPUTS.index("load")
+DIRECTION, LOAD = INPUTS.index("direction"), INPUTS.index("load")
 
 
 class Term:

@@ -8,8 +8,8 @@ import numpy as np
 
 from armdyn.arm.arm import Arm
 from armdyn.arm.bodies import OF_BASE, Bodies, Stretch
-from armdyn.arm.composition import LOAD, JointFunctions, Term
-from armdyn.arm.motion import measured_motion
+from armdyn.arm.composition import DIRECTION, LOAD, JointFunctions, Term
+from armdyn.arm.motion import MeasuredMotion, measured_motion
 from armdyn.arm.prepared import PreparedRun, interior, prepare, settled
 from armdyn.arm.rigid import described_parameters
 from armdyn.faults import without_spikes
@@ -56,11 +56,20 @@ class _Reduction:
         reduce: linear map of (n, m) signals at the stamps to (N, m).
         stretch: the motion at the stamps.
         joint: index of the joint whose torque is predicted.
+        earlier: what gives joints' inputs and other signals at the stamps as they were before; as they are if None.
     """
 
-    def __init__(self, reduce: Callable[[np.ndarray], np.ndarray], stretch: Stretch, joint: int) -> None:
+    def __init__(
+        self,
+        reduce: Callable[[np.ndarray], np.ndarray],
+        stretch: Stretch,
+        joint: int,
+        earlier: "_Earlier | None" = None,
+    ) -> None:
         self.reduce = reduce
         self._stretch, self._joint = stretch, joint
+        self.inputs = cache(stretch.inputs if earlier is None else earlier.inputs)
+        self.signal: Callable[[np.ndarray], np.ndarray] = (lambda s: s) if earlier is None else earlier.signal
         self.link = cache(lambda link: reduce(stretch.regressor[:, joint, link]))
         # Not a method: large arrays in a circle of references would stay until Python looks for circles.
         self.weight = cache(lambda link: _reduced_weight(reduce, stretch.gravity_regressor[:, joint, link]))
@@ -79,6 +88,37 @@ class _Reduction:
         return self.reduce(np.einsum("nlkp,lp->nk", self._stretch.gravity_regressor[:, self._joint], weights))
 
 
+class _Earlier:
+    """What drove the joints some time before each stamp, where the motion is known at any time.
+
+    A dry friction changes its sign between two stamps: of what was sampled and is then moved, nobody knows where.
+
+    Args:
+        stretch: the motion at the stamps.
+        motion: at any time.
+        delay: s.
+    """
+
+    def __init__(self, stretch: Stretch, motion: MeasuredMotion, delay: float) -> None:
+        self._stretch, self._motion = stretch, motion
+        time = stretch.motion.time
+        self._time = np.clip(time - delay, time[0], time[-1])
+        self._after = np.clip(np.searchsorted(time, self._time), 1, len(time) - 1)
+        before = time[self._after - 1]
+        self._share = (self._time - before) / (time[self._after] - before)
+
+    def signal(self, at_stamps: np.ndarray) -> np.ndarray:
+        """(n, ...) of a smooth signal, linear between the stamps."""
+        share = self._share.reshape(-1, *[1] * (at_stamps.ndim - 1))
+        return (1.0 - share) * at_stamps[self._after - 1] + share * at_stamps[self._after]
+
+    def inputs(self, joint: int) -> np.ndarray:
+        """(9, n) inputs of a joint's functions."""
+        found = self.signal(self._stretch.inputs(joint).T).T
+        found[DIRECTION] = self._motion.direction(joint, self._time)
+        return found
+
+
 def _reduced_weight(reduce: Callable[[np.ndarray], np.ndarray], columns: np.ndarray) -> np.ndarray:
     """(N, 3, 4) of (n, 3, 4) torques per gravity and per mass and first moment of a link."""
     return reduce(columns.reshape(len(columns), -1)).reshape(-1, *columns.shape[1:])
@@ -91,11 +131,12 @@ class ChannelPredictor:
         stretch: the motion at the stamps of the channel.
         sampler: from there to the samples.
         joint: index of the joint.
+        motion: at any time; None where nothing is read late.
     """
 
-    def __init__(self, stretch: Stretch, sampler: Sampler, joint: int) -> None:
-        self._stretch, self._sampler, self._joint = stretch, sampler, joint
-        self._inputs = cache(stretch.inputs)
+    def __init__(self, stretch: Stretch, sampler: Sampler, joint: int, motion: MeasuredMotion | None = None) -> None:
+        self._stretch, self._sampler, self._joint, self._motion = stretch, sampler, joint, motion
+        self._late: tuple[float, _Reduction] | None = None
         self._coefficients = _Reduction(sampler.coefficients, stretch, joint)
         # Without lag and delay the samples are all that is asked for: a few of them for many coefficients.
         on_time = sampler.matrix(0.0)
@@ -122,14 +163,33 @@ class ChannelPredictor:
             whole = self._total(self._coefficients, *given).value if sensor.delays else total.value
             read = sensor.moved(total.block, whole, self._sampler, own)
         else:
-            total = self._total(self._coefficients, *given)
+            total = self._total(self._coefficients, *given, of_joints=False)
+            at_joints = self._total(self._read_late(sensor.delay(own)), *given, of_bodies=False)
             read = sensor.sampled(total.block, self._sampler, own)
+            on_time = np.asarray(self._sampler.matrix(0.0) @ at_joints.block)
+            read += sensor.moved(on_time, at_joints.value, self._sampler, own, 0.0)
         return read[:, 0], {i: read[:, columns] for i, columns in total.columns.items()}
 
+    def _read_late(self, delay: float) -> _Reduction:
+        """Coefficients of what acted in the joints before each stamp."""
+        if self._late is None or self._late[0] != delay:
+            if self._motion is None:
+                raise ValueError("a torque that is read late needs the motion at any time")
+            earlier = _Earlier(self._stretch, self._motion, delay)
+            self._late = delay, _Reduction(self._sampler.coefficients, self._stretch, self._joint, earlier)
+        return self._late[1]
+
     def _total(
-        self, reduced: "_Reduction", functions: Sequence[JointFunctions], theta: Sequence[np.ndarray], bodies: Bodies
+        self,
+        reduced: _Reduction,
+        functions: Sequence[JointFunctions],
+        theta: Sequence[np.ndarray],
+        bodies: Bodies,
+        *,
+        of_bodies: bool = True,
+        of_joints: bool = True,
     ) -> Signal:
-        """The sensor's reading without lag and delay."""
+        """The sensor's reading without lag and delay: what rigid bodies ask for, and what acts in the joints."""
         j, own = self._joint, functions[self._joint]
         outer = [
             i for i in range(len(functions)) if self._stretch.parent(i) == j and not functions[i].inner_torque.empty
@@ -140,20 +200,25 @@ class ChannelPredictor:
         if bodies.gravity is not None:
             widths[OF_BASE] = bodies.derivatives[OF_BASE].shape[1]
         total = Signal(len(reduced.described), widths)
-        total.value += reduced.described
-        for term in own.torque:
-            self._add(total, term, j, theta[j], bodies, reduced)
-        for i in carried:
-            columns = reduced.link(i)
-            total.value += columns @ bodies.links[i]
-            total.by(i)[:] += columns @ bodies.derivatives[i]
-        if bodies.gravity is not None:
-            self._add_gravity(total, carried, bodies, bodies.gravity, reduced)
-        for i in outer:
-            self._add(total, functions[i].inner_torque, i, theta[i], bodies, reduced)
+        if of_bodies:
+            total.value += reduced.described
+        if of_joints:
+            for term in own.torque:
+                self._add(total, term, j, theta[j], bodies, reduced)
+        if of_bodies:
+            for i in carried:
+                columns = reduced.link(i)
+                total.value += columns @ bodies.links[i]
+                total.by(i)[:] += columns @ bodies.derivatives[i]
+            if bodies.gravity is not None:
+                self._add_gravity(total, carried, bodies, bodies.gravity, reduced)
+        if of_joints:
+            for i in outer:
+                self._add(total, functions[i].inner_torque, i, theta[i], bodies, reduced)
         total.block = own.sensor.amplified(total.block, theta[j])
         total.value = total.block[:, 0]
-        self._add(total, own.offset, j, theta[j], bodies, reduced)
+        if of_joints:
+            self._add(total, own.offset, j, theta[j], bodies, reduced)
         return total
 
     def _add_gravity(
@@ -177,7 +242,7 @@ class ChannelPredictor:
         if term.empty:
             return
         if term not in reduced.linear:
-            reduced.linear[term] = reduced.reduce(term.columns(self._inputs(joint), len(theta)))
+            reduced.linear[term] = reduced.reduce(term.columns(reduced.inputs(joint), len(theta)))
         own = total.by(joint)
         for column, i in zip(reduced.linear[term].T, term.linear, strict=True):
             # One after the other, so that one more with a factor of zero changes no digit.
@@ -201,17 +266,17 @@ class ChannelPredictor:
         last = reduced.rests.get(term)
         if last is not None and last.key == key:
             return last
-        inputs = self._inputs(joint)
+        inputs = reduced.inputs(joint)
         if changes:
             inputs = inputs.copy()
-            inputs[LOAD] += self._stretch.rigid(joint, bodies)
+            inputs[LOAD] += reduced.signal(self._stretch.rigid(joint, bodies))
         rest = term.rest(inputs, theta)
         per_load, slopes = rest[:, -1:], {}
         if per_load.any():
             for i in carried:  # ten columns for a link, however many parameters it has
-                slopes[i] = reduced.reduce(per_load * self._stretch.by_link(joint, i, bodies))
+                slopes[i] = reduced.reduce(per_load * reduced.signal(self._stretch.by_link(joint, i, bodies)))
             if term.loaded and bodies.gravity is not None:
-                slopes[OF_BASE] = reduced.reduce(per_load * self._stretch.per_gravity(joint, bodies))
+                slopes[OF_BASE] = reduced.reduce(per_load * reduced.signal(self._stretch.per_gravity(joint, bodies)))
         found = _Rest(key, reduced.reduce(rest[:, :-1]), slopes)
         reduced.rests[term] = found
         return found
@@ -230,15 +295,16 @@ def predictor_of(arm: Arm, run: Run, channel: Channel, name: str) -> ChannelPred
     """What predicts the samples of a torque channel called `name`; filtered as the run was, where it was."""
     joint = arm.joints.index(name.removeprefix("tau."))
     sampler: Sampler
+    motion = measured_motion(run.recording, arm.joints)
     if run.recording is not run:
         stretch = _stretch(run.recording, arm, name, True)
         stamps, cutoff = stretch.motion.time, run.preparations[name].cutoff
-        known = settled(measured_motion(run.recording, arm.joints), joint, stamps, cutoff)
+        known = settled(motion, joint, stamps, cutoff)
         sampler = LowPassed(stamps, cutoff, channel.time, known)
     else:
         stretch = _stretch(run, arm, name, False)
         sampler = Interpolated(channel.time, channel.time)
-    return ChannelPredictor(stretch, sampler, joint)
+    return ChannelPredictor(stretch, sampler, joint, motion)
 
 
 @lru_cache(maxsize=64)
