@@ -85,7 +85,12 @@ def _added(appraiser: Summed, now: Appraisal, firm: Sequence[Candidate], refused
 def _better(appraiser: Summed, now: Appraisal, options: Iterable[Appraisal], refused: Refused) -> list[Appraisal]:
     """Those that are worth more, carry over, and whose further values explain enough."""
     worth = [o for o in options if o.worth > now.worth and frozenset(o.effects) not in refused]
-    return [o for o in worth if o.carries_over(now) and appraiser.useful(o, now)]
+    return [o for o in worth if _carries_over(appraiser, o, now) and appraiser.useful(o, now)]
+
+
+def _carries_over(appraiser: Summed, after: Appraisal, before: Appraisal) -> bool:
+    """Whether other runs are predicted better, and none of them worse, but where what came is sure without them."""
+    return after.carries_over(before) or (after.transfer > before.transfer and appraiser.surely(after, before))
 
 
 def best_set(appraiser: Summed, now: Appraisal, options: Sequence[Appraisal]) -> Appraisal:

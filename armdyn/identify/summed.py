@@ -148,6 +148,16 @@ class Summed(Appraiser):
             weight[mine] /= max(len(np.unique(self.sums.run[mine])), 1)
         return weight
 
+    def surely(self, more: Appraisal, fewer: Appraisal) -> bool:
+        """Whether a set explains more of the training runs than an imitation could, where few effects may explain all.
+
+        Then no run that the others predict badly speaks against it: of what they hardly show they tell little.
+        """
+        if not self._sparse:
+            return False
+        before, after = (self._evidence.log_likelihood(one.errors) for one in (fewer, more))
+        return bool(np.maximum(after - before - self._evidence.imitable, 0.0).sum() >= more.price - fewer.price)
+
     def useful(self, more: Appraisal, fewer: Appraisal) -> bool:
         """Whether the further values of a set explain enough beside what `fewer` explain, or most of what these leave.
 
@@ -157,10 +167,8 @@ class Summed(Appraiser):
         """
         if self.limited == 0.0:
             return True
-        if self._sparse:
-            before, after = (self._evidence.log_likelihood(one.errors) for one in (fewer, more))
-            if np.maximum(after - before - self._evidence.imitable, 0.0).sum() >= more.price - fewer.price:
-                return True
+        if self.surely(more, fewer):
+            return True
         had = int(np.sum(fewer.free) - np.sum(self._always))
         further = int(np.sum(more.free) - np.sum(fewer.free))
         expected = (self.of(()).overall - fewer.overall) / max(had, 1) ** 2
