@@ -60,7 +60,7 @@ def test_at_the_noise_the_worth_decides():
 )
 def test_beside_one_strong_effect_a_second_is_wanted_that_explains_most_of_what_is_left(left, values, wanted):
     given, strong = Plain(overall=100.0), Plain(overall=10.0, free=np.ones(1))
-    appraiser = Plain(limited=0.9, _sparse=False, _always=np.zeros(1), of={(): given}.get)
+    appraiser = Plain(limited=0.9, surely=lambda *_: False, _always=np.zeros(1), of={(): given}.get)
     assert Summed.useful(appraiser, Plain(overall=left, free=np.ones(1 + values)), strong) is wanted
 
 
