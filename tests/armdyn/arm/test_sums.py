@@ -97,9 +97,8 @@ def test_an_effect_that_the_model_has_on_one_joint_is_found_on_another():
     assert (kept.value, kept.fitted) == (1.0, False)
 
 
-@pytest.mark.parametrize(
-    ("robot", "name"), [("baxter", "gravity_spring"), pytest.param("ur5", "payload", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("robot", "name"), [("baxter", "gravity_spring"), ("ur5", "payload")])
 def test_what_dominates_is_named_where_everything_is_a_little_wrong(robot, name):
     case = imperfect(robot, name, 0)
     model = arm_model(robot=robot)
