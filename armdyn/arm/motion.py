@@ -51,6 +51,8 @@ class JointCurve:
         interval: between its samples, s.
         speed_noise: by how much its smoothed velocity is off, as far as friction is concerned, rad/s or m/s.
         stands: whether it stands still for most of the recording.
+        turns: (k,) s, where its smoothed velocity changes sign.
+        moves: (k + 1,) bool, whether between two turns it is seen to move: smoothed positions swing after a quick stop.
     """
 
     curve: Curve
@@ -58,13 +60,15 @@ class JointCurve:
     interval: float
     speed_noise: float
     stands: bool
+    turns: np.ndarray
+    moves: np.ndarray
 
-    def direction(self, velocity: np.ndarray) -> np.ndarray:
-        """(n,) expected sign of (n,) velocities; one that is not known is none where the joint stands most of the time.
+    def direction(self, time: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """(n,) expected sign of (n,) velocities at (n,) times; if unknown, none where the joint mostly stands.
 
         What a joint at rest is held by is no friction that a motion shows.
         """
-        expected = expected_sign(velocity, self.speed_noise)
+        expected = expected_sign(velocity, self.speed_noise) * self.moves[np.searchsorted(self.turns, time)]
         return np.where(np.abs(expected) < CERTAIN, 0.0, expected) if self.stands else expected
 
 
@@ -80,13 +84,13 @@ class MeasuredMotion:
         """The motion at (n,) times; outside the recording the arm is where it was at its end."""
         inside = np.clip(time, self.start, self.end)
         q, v, a = (np.column_stack([j.curve(inside, k)[:, 0] for j in self.joints]) for k in range(3))
-        ways = [j.direction(v[:, i]) for i, j in enumerate(self.joints)]
+        ways = [j.direction(inside, v[:, i]) for i, j in enumerate(self.joints)]
         return Motion(time, q, v, a, np.column_stack(ways))
 
     def direction(self, joint: int, time: np.ndarray) -> np.ndarray:
         """(n,) expected sign of one joint's velocity at (n,) times."""
-        path = self.joints[joint]
-        return path.direction(path.curve(np.clip(time, self.start, self.end), 1)[:, 0])
+        path, inside = self.joints[joint], np.clip(time, self.start, self.end)
+        return path.direction(inside, path.curve(inside, 1)[:, 0])
 
 
 def expected_sign(velocity: np.ndarray, noise: float) -> np.ndarray:
@@ -133,8 +137,32 @@ def _joint_curve(q: Channel, v: Channel | None, a: Channel | None) -> JointCurve
     choice = best_smoothing(q.time, q.value, ORDERS)
     rates = [Rates(c.time, c.value, k) for k, c in ((1, v), (2, a)) if c is not None and len(c) >= FEWEST]
     curve = smoothed(q.time, q.value, choice, rates)
-    speed = float(np.sqrt(np.mean(curve(q.time, 1) ** 2)))
+    position, velocity = curve(q.time)[:, 0], curve(q.time, 1)[:, 0]
+    speed = float(np.sqrt(np.mean(velocity**2)))
     creep = 0.1 * CREEP if q.unit == "m" else CREEP
     noise = max(derivative_noise(choice, interval, 1), SHARPEST * speed, creep)
-    moving = np.abs(expected_sign(curve(q.time, 1)[:, 0], noise)) >= CERTAIN
-    return JointCurve(curve, choice, interval, noise, bool(np.mean(moving) < 0.5))
+    stands = bool(np.mean(np.abs(expected_sign(velocity, noise)) >= CERTAIN) < 0.5)
+    turns = np.flatnonzero(np.diff(velocity > 0.0)) + 1
+    moves = _moves(q.value, position, np.concatenate([[0], turns]), choice.noise)
+    return JointCurve(curve, choice, interval, noise, stands, q.time[turns], moves)
+
+
+def _moves(recorded: np.ndarray, smoothed: np.ndarray, begins: np.ndarray, noise: float) -> np.ndarray:
+    """(k,) bool, whether a joint is seen to move in each of k stretches of a recording.
+
+    It goes further than the noise of one sample, and the recorded positions go the same way: the slope of their
+    regression on the smoothed ones has a sign that is certain.
+
+    Args:
+        recorded: (n,) positions.
+        smoothed: (n,) positions.
+        begins: (k,) index of the first sample of each stretch.
+        noise: standard deviation of recorded positions.
+    """
+    counts = np.diff(np.append(begins, len(smoothed)))
+    means = (np.add.reduceat(values, begins) / counts for values in (recorded, smoothed))
+    own, way = (values - np.repeat(m, counts) for values, m in zip((recorded, smoothed), means, strict=True))
+    along, square = np.add.reduceat(own * way, begins), np.add.reduceat(way**2, begins)
+    seen = expected_sign(along, noise * np.sqrt(square) + np.finfo(float).tiny) >= CERTAIN
+    way_there = np.abs(smoothed[np.append(begins[1:], len(smoothed)) - 1] - smoothed[begins])
+    return seen & (way_there > noise)

@@ -7,12 +7,13 @@ from hidden_effects.arm import JOINTS, generate
 from scipy.ndimage import gaussian_filter1d
 
 from armdyn.arm.motion import measured_motion
-from armdyn.arm.prepared import settled
+from armdyn.arm.prepared import interior, settled
 
 
 def test_a_turning_joint_leaves_out_the_samples_of_which_nobody_knows_the_sign():
     run = generate(None, 1.0, 0)
-    motion, time = measured_motion(run, JOINTS), run.channels["tau.right_e0"].time
+    motion, torque = measured_motion(run, JOINTS), run.channels["tau.right_e0"]
+    time = torque.time[interior(torque, motion)]
     left_out = ~settled(motion, JOINTS.index("right_e0"), time, 10.0)
     speed = np.abs(motion.joints[JOINTS.index("right_e0")].curve(time, 1)[:, 0])
     assert 0 < left_out.mean() < 0.02
@@ -51,3 +52,17 @@ def test_rests_are_left_out_of_a_joint_that_moves_but_not_of_one_that_hardly_doe
     assert stands.joints[joint].stands
     assert np.mean(settled(stands, joint, time, 10.0)[inside]) > 0.9
     assert np.mean(stands.direction(joint, time[inside]) == 0.0) > 0.9
+
+
+def test_after_a_quick_stop_nobody_knows_a_sign():
+    run, joint = generate(None, 1.0, 0), JOINTS.index("right_e0")
+    q = run.channels["q.right_e0"]
+    stop = 0.5 * float(q.time[0] + q.time[-1])
+    before = np.minimum(q.time - stop, 0.0)
+    braked = np.where(before > -0.1, -2.0 * before**2, 0.02 + 0.4 * (before + 0.1) - 0.04)  # from 0.4 rad/s in 0.1 s
+    ramp = braked + 2e-4 * np.random.default_rng(0).standard_normal(len(q))  # rad
+    stopped = replace(run, channels={**run.channels, "q.right_e0": replace(q, value=ramp)})
+    motion = measured_motion(stopped, JOINTS)
+    swings = motion.joints[joint].curve(q.time, 1)[:, 0]
+    assert np.min(swings[q.time > stop]) < -3.0 * motion.joints[joint].speed_noise  # the smoothed velocity overshoots
+    assert np.min(motion.direction(joint, q.time)[q.time > stop]) > -0.99
