@@ -163,6 +163,6 @@ def _moves(recorded: np.ndarray, smoothed: np.ndarray, begins: np.ndarray, noise
     means = (np.add.reduceat(values, begins) / counts for values in (recorded, smoothed))
     own, way = (values - np.repeat(m, counts) for values, m in zip((recorded, smoothed), means, strict=True))
     along, square = np.add.reduceat(own * way, begins), np.add.reduceat(way**2, begins)
-    seen = expected_sign(along, noise * np.sqrt(square) + np.finfo(float).tiny) >= CERTAIN
+    seen = expected_sign(along / np.maximum(noise * np.sqrt(square), np.finfo(float).tiny), 1.0) >= CERTAIN
     way_there = np.abs(smoothed[np.append(begins[1:], len(smoothed)) - 1] - smoothed[begins])
     return seen & (way_there > noise)
