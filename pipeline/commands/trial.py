@@ -48,21 +48,24 @@ def trial(
     ] = None,
     picture: Annotated[bool, typer.Option("--picture", help="Render the swing: swing.png and swing.gif.")] = False,
     mass: Annotated[str, typer.Option(help="Of the load, as weighed.")] = "80 g +/- 0.8 g",
-    robot: Annotated[str, typer.Option(help="'simulated', or 'ros': a robot behind rosbridge.")] = "simulated",
+    robot: Annotated[
+        str, typer.Option(help="'simulated', or a driver and where the robot is: ros:ws://HOST:9090, its rosbridge.")
+    ] = "simulated",
     ros: Annotated[str | None, typer.Option("--ros", help="With --robot ros: its rosbridge, ws://HOST:9090.")] = None,
     arm: Annotated[
-        str, typer.Option("--arm", help="With --robot ros: a known arm, or a settings file with a table for ROS.")
+        str,
+        typer.Option("--arm", help="With a real robot: a known arm, or a settings file with its driver's table."),
     ] = "baxter",
-    loadcell: Annotated[str | None, typer.Option(help="With --robot ros: serial port of the load cell.")] = None,
+    loadcell: Annotated[str | None, typer.Option(help="With a real robot: serial port of the load cell.")] = None,
     calibration: Annotated[
         Path | None, typer.Option(help="Of the load cell, by 'armdyn loadcell calibrate'; your settings if not given.")
     ] = None,
     rehearse: Annotated[
-        bool, typer.Option("--rehearse", help="With --robot ros: only move along the line, slowly, without a load.")
+        bool, typer.Option("--rehearse", help="With a real robot: only move along the line, slowly, without a load.")
     ] = False,
-    yes: Annotated[bool, typer.Option("--yes", help="With --robot ros: move without asking, for scripts.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="With a real robot: move without asking, for scripts.")] = False,
     landed: Annotated[
-        str | None, typer.Option(help="With --robot ros: whether the load landed, 'yes' or 'no'; else you are asked.")
+        str | None, typer.Option(help="With a real robot: whether the load landed, 'yes' or 'no'; else you are asked.")
     ] = None,
     investigate: Annotated[
         int,
@@ -94,23 +97,21 @@ def trial(
     if (investigate or motion) and not estimate:
         raise InputError("--investigate and --motion: need an estimate; leave out --no-estimation")
     along = _motion(motion) if motion is not None else None
-    if robot == "ros":
+    if robot != "simulated":
         from pipeline.console.trial_result import real_trial
 
         for option, unused in (("--hidden", hidden), ("--picture", picture)):
             if unused:
-                raise InputError(f"{option}: only the simulated robot has it; leave it out, or leave out --robot ros")
-        if ros is None:
+                raise InputError(f"{option}: only the simulated robot has it; leave it out, or leave out --robot")
+        if robot == "ros" and ros is None:
             raise InputError("--robot ros: say where it is: --ros ws://HOST:9090")
         protocol = ProtocolSettings(
             length_guess=guess, estimate=estimate, model=given, mass=weighed, mass_std=weighed_std,
             motion=along, investigate=investigate,
         )  # fmt: skip
         with own_folder(out, Path("out/trial")) as folder:
-            real_trial(protocol, ros, arm, loadcell, calibration, folder, rehearse, yes, landed, json_file, note)
+            real_trial(protocol, robot, ros, arm, loadcell, calibration, folder, rehearse, yes, landed, json_file, note)
         return
-    if robot != "simulated":
-        raise InputError(f"--robot {robot}: choose 'simulated' or 'ros'")
     for option, text in (("--ros", ros), ("--loadcell", loadcell), ("--landed", landed), ("--rehearse", rehearse)):
         if text:
             raise InputError(f"{option}: needs --robot ros")

@@ -10,7 +10,7 @@ from armdyn.errors import InputError
 from pipeline.console.screen import phase_progress, save_report, to_screen, write_answer, write_json
 
 if TYPE_CHECKING:
-    from pipeline.ros.master import Figures
+    from pipeline.robot.link import LinkStatistics
     from pipeline.trial import ProtocolSettings, SimulatedTrial, TrialResult
     from pipeline.trial.real import Asking, Link, RealTrial
 
@@ -76,7 +76,8 @@ def write_report(done: "SimulatedTrial | RealTrial", report: Path) -> str | None
 
 def real_trial(
     settings: "ProtocolSettings",
-    ros: str,
+    robot: str,
+    address: str | None,
     arm: str,
     port: str | None,
     calibration: Path | None,
@@ -90,7 +91,7 @@ def real_trial(
     """Run or rehearse a trial on a robot, and tell what came of it and `note`; exit status 1 where it did not land."""
     from pipeline.trial.real import rehearse, run_real
 
-    link = _link(ros, arm, None if rehearsed else port, calibration)
+    link = _link(robot, address, arm, None if rehearsed else port, calibration)
     with phase_progress() as progress:
         asking = _asking(yes, landed, json_file)
         if rehearsed:
@@ -104,15 +105,17 @@ def real_trial(
     end_with(done.result)
 
 
-def _link(ros: str, arm: str, port: str | None, calibration: Path | None) -> "Link":
+def _link(robot: str, address: str | None, arm: str, port: str | None, calibration: Path | None) -> "Link":
     import urdf
     from pipeline.loadcell.calibration import Calibration, default_path
-    from pipeline.ros.topics import read_topics, settings_file
+    from pipeline.robot.drivers import driver_at
     from pipeline.trial.real import Link
 
-    topics = read_topics(settings_file(arm))
+    driver, where = driver_at(robot, address)
+    description = urdf.load(arm)
+    connect = driver.reach(where, arm, description)
     used = None if port is None else Calibration.load(calibration or default_path())
-    return Link(ros, urdf.load(arm), topics, port, used)
+    return Link(where, connect, description, port, used)
 
 
 def _asking(yes: bool, landed: str | None, json_file: Path | None) -> "Asking":
@@ -150,7 +153,7 @@ def _show(done: "RealTrial", out: Path, json_file: Path | None, note: str) -> No
         say_result(result, lines, None if told else report)
 
 
-def _show_rehearsal(figures: "Figures", farthest: float, json_file: Path | None) -> None:
+def _show_rehearsal(figures: "LinkStatistics", farthest: float, json_file: Path | None) -> None:
     answer = {"schema": "armdyn.rehearsal/1", "tracking_error": farthest, "robot": figures.as_json()}
     if write_answer(json_file, lambda: answer):
         say = to_screen().print
@@ -159,9 +162,9 @@ def _show_rehearsal(figures: "Figures", farthest: float, json_file: Path | None)
             say(note, soft_wrap=True, markup=False)
 
 
-def _timing(figures: "Figures") -> list[str]:
+def _timing(figures: "LinkStatistics") -> list[str]:
     """What the commands and the states were like, in words."""
-    from pipeline.ros.master import Spread
+    from pipeline.robot.link import Spread
 
     told = []
     for what, values in (

@@ -1,9 +1,14 @@
 """The interface of a robot, simulated or real."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol, Self
 
 from urdf.robot import Array
+
+if TYPE_CHECKING:
+    from pipeline.record import Recorder
+    from pipeline.robot.link import LinkStatistics
 
 Vector = Array
 
@@ -72,4 +77,45 @@ class RobotInterface(Protocol):
 
     def load_cell(self) -> list[ForceSample]:
         """Readings of the load cell received since the last call, oldest first."""
+        ...
+
+
+class RealRobot(RobotInterface, Protocol):
+    """An arm that goes on by itself, reached over some link; use it in a ``with`` block.
+
+    At its end the arm stands, enabled and holding. Commands pass a gate of its own, see `pipeline.motion.gate`.
+
+    Attributes:
+        figures: what was measured of the link.
+    """
+
+    figures: "LinkStatistics"
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(self, *_raised: object) -> None: ...
+
+    def prepare(self) -> None:
+        """Enable the arm; nothing moves.
+
+        Raises:
+            InputError: it cannot be enabled.
+        """
+        ...
+
+    def newest_state(self) -> JointState:
+        """The newest reading as it arrived, dated on our clock.
+
+        Raises:
+            TaskFailedError: no state has arrived.
+        """
+        ...
+
+    def announce(self, phase: str) -> None:
+        """Show others what goes on, where the robot has a way to."""
+        ...
+
+    @property
+    def recorder(self) -> "Callable[..., Recorder]":
+        """Makes a recorder of a trial; `Recorder`, or one that also shows others what it records."""
         ...

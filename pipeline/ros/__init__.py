@@ -2,5 +2,5 @@
 
 Nothing is imported here: ``pipeline.ros.bridge`` (the connection), ``pipeline.ros.topics`` (which topics a robot has),
 ``pipeline.ros.twin`` (a simulated Baxter on the other side) are imported by name. The robot itself is
-``pipeline.robot.ros``, what may be sent to it ``pipeline.motion.gate``.
+``pipeline.robot.drivers.ros``, what may be sent to it ``pipeline.motion.gate``.
 """

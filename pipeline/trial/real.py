@@ -1,10 +1,9 @@
-"""A trial on an arm behind ROS: checks everything that can be checked, asks, moves there, and runs the protocol."""
+"""A trial on a real arm: checks everything that can be checked, asks, moves there, and runs the protocol."""
 
 import gc
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,10 +19,9 @@ from pipeline.motion.feasibility import CheckSettings, box_and_table, check_join
 from pipeline.nodes.measurement import GRAVITY
 from pipeline.nodes.scheduler import RealClock
 from pipeline.processes import ask_for_real_time
-from pipeline.robot.ros import RosRobot
-from pipeline.ros.master import Figures
-from pipeline.ros.telemetry import PublishingRecorder, Telemetry
-from pipeline.ros.topics import RosTopics
+from pipeline.robot.drivers import Connect
+from pipeline.robot.link import LinkStatistics
+from pipeline.robot.protocol import RealRobot
 from pipeline.trial.ending import Ending
 from pipeline.trial.experiment import Progress
 from pipeline.trial.flow import Trial, perform
@@ -48,16 +46,16 @@ class Link:
     """How the robot is reached.
 
     Attributes:
-        uri: of its rosbridge.
-        arm: the arm behind it.
-        topics: what it is called.
+        address: where it is.
+        connect: to it.
+        arm: its description.
         port: serial port of the load cell; None where there is none.
         calibration: of the load cell; None where there is none.
     """
 
-    uri: str
+    address: str
+    connect: Connect
     arm: urdf.Robot
-    topics: RosTopics
     port: str | None = None
     calibration: Calibration | None = None
 
@@ -85,7 +83,7 @@ class RealTrial(Trial):
         figures: jitter of the commands and ages of the joint states.
     """
 
-    figures: Figures
+    figures: LinkStatistics
 
 
 def run_real(
@@ -105,9 +103,7 @@ def run_real(
     table = ik.default_table(link.arm, progress=lambda stage: say(stage, 0.0))
     with ExitStack() as stack:
         cell = stack.enter_context(LoadCell(link.port, link.calibration, clock=lambda: clock.time))
-        robot = stack.enter_context(RosRobot(link.uri, link.arm, link.topics, cell, lambda: clock.time))
-        telemetry = Telemetry(robot.bridge, robot.joint_names)
-        robot.telemetry = telemetry
+        robot = stack.enter_context(link.connect(cell, lambda: clock.time))
         _be_punctual(asking)
         _tell_link(robot, asking)
         _require_force(robot, c)
@@ -123,20 +119,20 @@ def run_real(
 
         rig = Rig(
             robot, lambda: clock, link.arm, table, _cell_limits(link.calibration),
-            f"{link.arm.name} over ROS, load on a string",
+            f"{link.arm.name} and a load on a string",
             judged=judged,
             wait_until_calm=lambda: _wait_until_calm(robot, c, say),
-            announce=telemetry.phase,
-            recorder=partial(PublishingRecorder, telemetry=telemetry),
+            announce=robot.announce,
+            recorder=robot.recorder,
         )  # fmt: skip
         experiment, result = perform(rig, c, out, say)
-        subtitle = f"{link.arm.name} on {link.uri}, load {1e3 * c.mass:g} g"
+        subtitle = f"{link.arm.name} on {link.address}, load {1e3 * c.mass:g} g"
         return RealTrial(c, subtitle, experiment, result, robot.figures)
 
 
 def rehearse(
     settings: ProtocolSettings, link: Link, asking: Asking, progress: Progress | None = None
-) -> tuple[Figures, float]:
+) -> tuple[LinkStatistics, float]:
     """Move along the whole line slowly, without the load; nothing is learnt.
 
     Returns:
@@ -152,7 +148,7 @@ def rehearse(
     motion = rehearsal(table, settings.task.finish_x)
     check_line(table, link.arm, motion, CheckSettings()).require_feasible("the rehearsal")
     total, farthest = float(motion.time[-1]), 0.0
-    with RosRobot(link.uri, link.arm, link.topics, None, lambda: clock.time) as robot:
+    with link.connect(None, lambda: clock.time) as robot:
         _be_punctual(asking)
         _tell_link(robot, asking)
         _go_to_start(robot, link.arm, table, settings, asking, say, "moves slowly along its whole line")
@@ -175,12 +171,12 @@ def _be_punctual(asking: Asking) -> None:
         asking.tell("this program runs with ordinary priority: close others, or allow real time (docs/robot.md)")
 
 
-def _tell_link(robot: RosRobot, asking: Asking) -> None:
-    assert robot.figures.round_trip is not None, "it is measured at the start"
-    asking.tell(f"round trip to the robot's master: median {robot.figures.round_trip.milliseconds}")
+def _tell_link(robot: RealRobot, asking: Asking) -> None:
+    if robot.figures.round_trip is not None:
+        asking.tell(f"round trip to the robot: median {robot.figures.round_trip.milliseconds}")
 
 
-def _require_force(robot: RosRobot, c: ProtocolSettings) -> None:
+def _require_force(robot: RealRobot, c: ProtocolSettings) -> None:
     """The load hangs on the load cell, and the load cell shows its weight."""
     weight, seen = GRAVITY * c.mass, _forces(robot, CALM_TIME, OPEN_CELL)
     if not len(seen):
@@ -193,7 +189,7 @@ def _require_force(robot: RosRobot, c: ProtocolSettings) -> None:
         )
 
 
-def _forces(robot: RosRobot, seconds: float, patience: float) -> np.ndarray:
+def _forces(robot: RealRobot, seconds: float, patience: float) -> np.ndarray:
     """(n,) forces of so many seconds from the first sample on [N]; empty where none comes in time [s]."""
     forces: list[float] = []
     end = robot.time + patience
@@ -207,7 +203,7 @@ def _forces(robot: RosRobot, seconds: float, patience: float) -> np.ndarray:
 
 
 def _go_to_start(
-    robot: RosRobot,
+    robot: RealRobot,
     arm: urdf.Robot,
     table: ik.LineTable,
     c: ProtocolSettings,
@@ -240,7 +236,7 @@ def _go_to_start(
     robot.advance(0.5)
 
 
-def _wait_until_calm(robot: RosRobot, c: ProtocolSettings, say: Progress) -> None:
+def _wait_until_calm(robot: RealRobot, c: ProtocolSettings, say: Progress) -> None:
     """The load must hang still before anything is learnt from it."""
     end = robot.time + CALM_PATIENCE
     spread = np.inf

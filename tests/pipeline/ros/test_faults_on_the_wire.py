@@ -20,7 +20,7 @@ from ros_wire.wire import TracedTwin, Trial, Wire, missing, suspend
 import urdf
 from armdyn.run import read_run
 from pipeline.motion.gate import GAP, PERIOD
-from pipeline.robot.ros import REPEATED
+from pipeline.robot.drivers.ros import REPEATED
 from pipeline.ros.bridge import Bridge
 from pipeline.ros.topics import read_topics, settings_file
 

@@ -131,6 +131,7 @@ def trial(monkeypatch, capsys, *arguments):
         (("--loadcell", "COM3"), "--loadcell: needs --robot ros"),
         (("--robot", "ros", "--ros", "ws://127.0.0.1:1"), "give --loadcell PORT, or rehearse"),
         (("--robot", "ros", "--ros", "ws://127.0.0.1:1", "--rehearse"), "no rosbridge answers there"),
+        (("--robot", "ros:ws://127.0.0.1:1", "--rehearse"), "no rosbridge answers there"),
         (("--robot", "ros", "--ros", "ws://127.0.0.1:1", "--hidden", "wind"), "only the simulated robot has it"),
         (("--robot", "ros", "--ros", "ws://127.0.0.1:1", "--rehearse", "--landed", "maybe"), "say 'yes' or 'no'"),
         (("--robot", "ros", "--ros", "ws://127.0.0.1:1", "--rehearse", "--arm", "panda"), "there is no table"),
@@ -143,3 +144,25 @@ def test_what_cannot_be_used_is_one_line_and_status_2(monkeypatch, capsys, tmp_p
     assert code == 2
     assert says in said
     assert said.strip().count("\n") == 0
+
+
+def test_a_file_is_a_driver(monkeypatch, capsys, tmp_path):
+    from pipeline.robot import drivers
+
+    (tmp_path / "mine.py").write_text(
+        "from armdyn.errors import InputError\nfrom pipeline.robot.drivers import Driver\n\n\n"
+        "def reach(address, arm, description):\n"
+        "    raise InputError(f'{address}: {arm} with {len(description.joint_names)} joints is not there')\n\n\n"
+        "DRIVER = Driver('mine', 'its host', reach)\n"
+    )
+    monkeypatch.setattr(drivers, "__path__", [*drivers.__path__, str(tmp_path)])
+    drivers.drivers.cache_clear()
+    monkeypatch.chdir(tmp_path)
+    try:
+        assert trial(monkeypatch, capsys, "trial", "--robot", "mine:10.0.0.2", "--rehearse") == (
+            2,
+            "armdyn: 10.0.0.2: baxter with 7 joints is not there\n",
+        )
+        assert "--robot mine:ADDRESS, its host" in trial(monkeypatch, capsys, "trial", "--robot", "mine")[1]
+    finally:
+        drivers.drivers.cache_clear()

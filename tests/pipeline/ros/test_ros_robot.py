@@ -6,14 +6,14 @@ import time
 import numpy as np
 import pytest
 
-import pipeline.robot.ros as ros_module
+import pipeline.robot.drivers.ros as ros_module
 import pipeline.ros.master as master_module
 import pipeline.ros.states as states_module
 import urdf
 from armdyn.errors import InputError, TaskFailedError
 from pipeline.motion.gate import PERIOD
-from pipeline.robot.ros import RosRobot
-from pipeline.ros.master import Spread
+from pipeline.robot.drivers.ros import RosRobot
+from pipeline.robot.link import Spread
 from pipeline.ros.topics import CommandKind, RosTopics, read_topics, settings_file
 
 TOPICS = read_topics(settings_file("baxter"))

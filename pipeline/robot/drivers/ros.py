@@ -1,10 +1,11 @@
-"""An arm behind rosbridge as `pipeline.robot.protocol` sees it: Baxter, or any that a settings file describes."""
+"""An arm behind rosbridge as `RealRobot`: Baxter, or any that a settings file describes."""
 
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,13 +17,16 @@ from pipeline.loadcell.faults import Fault
 from pipeline.motion.gate import FRESH, PERIOD, StreamGate
 from pipeline.motion.transitions import Blend, Brake
 from pipeline.processes import Closing, PromptThread
+from pipeline.record import Recorder
+from pipeline.robot.drivers import Connect, Driver
+from pipeline.robot.link import LinkStatistics
 from pipeline.robot.protocol import ForceSample, JointState, Vector
 from pipeline.ros.baxter import Power
 from pipeline.ros.bridge import Bridge
-from pipeline.ros.master import Figures, MasterWatch, round_trip
+from pipeline.ros.master import MasterWatch, round_trip
 from pipeline.ros.states import EvenTimes, JointStates
-from pipeline.ros.telemetry import Telemetry
-from pipeline.ros.topics import RosTopics, command_message, point_message, positions_in
+from pipeline.ros.telemetry import PublishingRecorder, Telemetry
+from pipeline.ros.topics import RosTopics, command_message, point_message, positions_in, read_topics, settings_file
 
 LAG = 0.01
 """How far behind now the joints are read [s]: by then the reading of that time has usually arrived."""
@@ -57,7 +61,7 @@ class RosRobot(Closing):
 
     Attributes:
         figures: what was measured.
-        telemetry: told what is commanded and measured, for others to see; None where nobody is.
+        telemetry: told what is commanded and measured, for others to see; None without a load cell.
 
     Raises:
         InputError: no bridge, no joint states, or somebody else commands the arm.
@@ -72,7 +76,7 @@ class RosRobot(Closing):
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._description, self._topics, self._cell, self._clock = description, topics, cell, clock
-        self.figures = Figures()
+        self.figures = LinkStatistics()
         self.telemetry: Telemetry | None = None
         self._states = JointStates(description.joint_names)
         self._gate = StreamGate(description.joint_names, description.limits)
@@ -92,6 +96,8 @@ class RosRobot(Closing):
         except BaseException:
             self.bridge.close()
             raise
+        if cell is not None:
+            self.telemetry = Telemetry(self.bridge, self.joint_names)
         self._braker = PromptThread(self._brake_when_told, "braking")
         self._braker.start()
 
@@ -204,6 +210,16 @@ class RosRobot(Closing):
             self.telemetry.load_force(samples)
         return samples
 
+    def announce(self, phase: str) -> None:
+        """See `RealRobot.announce`."""
+        if self.telemetry is not None:
+            self.telemetry.phase(phase)
+
+    @property
+    def recorder(self) -> Callable[..., Recorder]:
+        """See `RealRobot.recorder`."""
+        return Recorder if self.telemetry is None else partial(PublishingRecorder, telemetry=self.telemetry)
+
     def close(self) -> None:
         """Stop, wait until the arm stands, restore the robot's own settings, and end the connection."""
         if self.bridge.failure is None:
@@ -313,3 +329,11 @@ class RosRobot(Closing):
                     return
                 if self._send(q, v, a, self._states.latest) is not None:
                     return
+
+
+def _reach(address: str, arm: str, description: urdf.Robot) -> Connect:
+    topics = read_topics(settings_file(arm))
+    return lambda cell, clock: RosRobot(address, description, topics, cell, clock)
+
+
+DRIVER = Driver("ros", "its rosbridge, ws://HOST:9090", _reach)

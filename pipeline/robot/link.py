@@ -1,0 +1,74 @@
+"""How well a robot is reached: delays and intervals, measured while it runs."""
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How some quantity was spread, in its own unit.
+
+    Attributes:
+        count: values.
+        median: half are below it.
+        p95: 95 % are below it.
+        p99: 99 % are below it.
+        worst: the largest.
+    """
+
+    count: int
+    median: float
+    p95: float
+    p99: float
+    worst: float
+
+    @classmethod
+    def of(cls, values: Iterable[float]) -> "Spread | None":
+        """Of some values; None where there are none."""
+        array = np.array(list(values))
+        if not array.size:
+            return None
+        median, p95, p99 = np.percentile(array, [50, 95, 99])
+        return cls(array.size, float(median), float(p95), float(p99), float(array.max()))
+
+    def as_json(self, digits: int = 5) -> dict[str, float]:
+        """For the answer of a command."""
+        return {name: round(value, digits) for name, value in vars(self).items()}
+
+    @property
+    def milliseconds(self) -> str:
+        """In words, of times in s."""
+        return f"{1e3 * self.median:.1f} ms, 99 % {1e3 * self.p99:.1f} ms, worst {1e3 * self.worst:.1f} ms"
+
+
+@dataclass
+class LinkStatistics:
+    """What is measured while it runs.
+
+    Attributes:
+        round_trip: of messages before the first motion [s]; None before it was measured.
+        intervals: between two commands of one stream [s].
+        ages: of the newest joint state when a command was sent [s].
+        echoes: from sending a command to seeing it on its topic [s].
+        commands: sent.
+    """
+
+    round_trip: Spread | None = None
+    intervals: deque[float] = field(default_factory=lambda: deque(maxlen=100_000))
+    ages: deque[float] = field(default_factory=lambda: deque(maxlen=100_000))
+    echoes: deque[float] = field(default_factory=lambda: deque(maxlen=100_000))
+    commands: int = 0
+
+    def as_json(self) -> dict[str, Any]:
+        """Spread of each [s]."""
+        spreads = {"command_interval": self.intervals, "state_age": self.ages, "command_echo": self.echoes}
+        found = {name: Spread.of(tuple(values)) for name, values in spreads.items()}
+        return {
+            "commands": self.commands,
+            "round_trip": self.round_trip.as_json() if self.round_trip else None,
+            **{name: spread.as_json() if spread else None for name, spread in found.items()},
+        }
