@@ -125,8 +125,7 @@ def feasibility_page(report: FeasibilityReport, title: str) -> Document:
 
 def _most_used(bounded: Bounded) -> tuple[NDArray[np.float64], NDArray[np.float64], list[str]]:
     """Time, largest share used by any column, and which column it is; thinned without losing the peaks."""
-    shares = bounded.shares()
-    used, column = shares.max(axis=1), shares.argmax(axis=1)
+    used, column = bounded.used.max(axis=1), bounded.used.argmax(axis=1)
     chunk = -(-used.size // MOST_POINTS)
     starts = np.arange(0, used.size, chunk)
     peaks = np.array([start + int(np.argmax(used[start : start + chunk])) for start in starts])
