@@ -45,9 +45,9 @@ _MODULES = {
 }  # fmt: skip
 """Where each name is defined."""
 __all__ = [
-    "CATALOGUE", "Comparison", "Diagnosis", "Discovery", "Effect", "InputError", "Inspection", "Model", "Repair", "Run", "arm",
-    "compare", "diagnose", "discover", "effect", "effects", "excite", "export", "fit", "inspect", "load_effects", "next_experiment",
-    "pendulum", "quantity", "read_model", "read_run", "repair",
+    "CATALOGUE", "Comparison", "Diagnosis", "Discovery", "Effect", "InputError", "Inspection", "Model", "Repair", "Run",
+    "arm", "compare", "diagnose", "discover", "effect", "effects", "excite", "export", "fit", "inspect", "load_effects",
+    "next_experiment", "pendulum", "quantity", "read_model", "read_run", "repair",
 ]  # fmt: skip
 
 

@@ -109,8 +109,8 @@ class Discovery(Shown):
             if not self.leaves_something:
                 return "Nothing is missing: what is left is noise."
             return (
-                "Something is missing, and no formula and no curve over what this model knows explains it: it may be the "
-                "force of another body, or depend on what was not recorded. Record what it may depend on as well."
+                "Something is missing, and no formula and no curve over what this model knows explains it: it may be "
+                "the force of another body, or depend on what was not recorded. Record what it may depend on as well."
             )
         parts = [one.sentence for one in self.findings]
         text = f"Found {'; '.join(parts)}. It explains {in_percent(self.explains)} of the misfit"

@@ -51,8 +51,10 @@ def one_sided(site: Site, v: Variable, speed: Variable, places: int, dry: str | 
             where = {"place": _place(v, place, places)}
             step = f"(1 {sign} ca.tanh(({v.name} - place) / {STEEP[v.unit]:g})) / 2"
             says = f"friction only {side} a certain {v.name}"
-            yield _single(site, "one-sided rub", says, (v, speed), f"-{speed.name} * {step}", [(speed, 1)], where,
-                          size="coefficient", positive=True, scale=speed.size, name=f"rub_{side}_{v.name}_{i}")  # fmt: skip
+            yield _single(
+                site, "one-sided rub", says, (v, speed), f"-{speed.name} * {step}", [(speed, 1)], where,
+                size="coefficient", positive=True, scale=speed.size, name=f"rub_{side}_{v.name}_{i}",
+            )  # fmt: skip
             if dry is not None:
                 rubbing = Site(site.stage, site.unit, dry, site.typical, site.joint)
                 yield _single(rubbing, "one-sided rub", f"dry {says}", (v,), step, [], where, size="friction",
