@@ -142,12 +142,13 @@ class Chart:
     """A figure with what it shows.
 
     Attributes:
-        figure: made with the roles of `pipeline.report.theme`; it needs no title and no template.
+        figure: of plotly, or its data and layout; made with the roles of `pipeline.report.theme`, it needs no title
+            and no template.
         caption: a sentence under it.
         tab: the tab of its section under which it stands; empty where it is always shown.
     """
 
-    figure: "go.Figure"
+    figure: "go.Figure | Mapping[str, Any]"
     caption: str = ""
     tab: str = ""
 

@@ -115,23 +115,36 @@ def _section(section: Section, figures: list[dict[str, Any]], widgets: list[Mapp
 
 def tabs_html(tabs: Mapping[str, str], anchor: str) -> str:
     """Radio buttons that choose what is shown, in this and in other sections; none where there is nothing to choose."""
-    if len(tabs) < 2:
+    return pills("tabs", "Show", f"tab-{anchor}", {f"data-tab='{escape(name)}'": text for name, text in tabs.items()})
+
+
+def pills(kind: str, legend: str, name: str, options: Mapping[str, str]) -> str:
+    """Radio buttons in a row; none where there is nothing to choose.
+
+    Args:
+        kind: class of the row.
+        legend: what they choose.
+        name: that the buttons share.
+        options: text of each button, by its HTML attributes.
+    """
+    if len(options) < 2:
         return ""
     buttons = "".join(
-        f"<label><input type='radio' name='tab-{anchor}' data-tab='{escape(name)}'><span>{escape(label)}</span></label>"
-        for name, label in tabs.items()
+        f"<label><input type='radio' name='{name}' {attributes}><span>{escape(text)}</span></label>"
+        for attributes, text in options.items()
     )
-    return f"<fieldset class='pills tabs'><legend>Show</legend>{buttons}</fieldset>"
+    return f"<fieldset class='pills {kind}'><legend>{legend}</legend>{buttons}</fieldset>"
 
 
 def _chart(chart: Chart, figures: list[dict[str, Any]]) -> str:
-    figure = _light(json.loads(chart.figure.to_json()))
+    whole = chart.figure if isinstance(chart.figure, Mapping) else json.loads(chart.figure.to_json())
+    figure = _light({"data": whole["data"], "layout": dict(whole["layout"])})
     figure["layout"].pop("template", None)
     height = figure["layout"].get("height", 360)
     place = f"<div class='chart' id='chart-{len(figures)}' style='height: {height}px'></div>"
     if (figure["layout"].get("meta") or {}).get("wide"):
         place = f"<div class='wide'>{place}</div>"
-    figures.append({"data": figure["data"], "layout": figure["layout"]})
+    figures.append(figure)
     html = place + (f"<p class='caption'>{escape(chart.caption)}</p>" if chart.caption else "")
     return f"<div data-of='{escape(chart.tab)}'>{html}</div>" if chart.tab else html
 

@@ -13,7 +13,7 @@ from armdyn.inspection.check import WrongRecordingError
 from armdyn.quoting import script_json
 from armdyn.run import Run
 from pipeline.console.inputs import Given, Inputs
-from pipeline.report.missing_force import missing_force_pictures
+from pipeline.report.missing_force import missing_force_charts
 from pipeline.report.overlay import Overlays, changed
 from pipeline.report.page import LOOK, tabs_html
 from pipeline.view.motion import arm_scene, joint_motion, swing_of, swing_scene
@@ -97,7 +97,7 @@ class Tab:
             self._points = overlays.points
             widget = overlays.widget()
             chart = f"<div class='chart' style='height: {widget.height}px'></div><p class='caption'></p>"
-            html = f"{tabs_html(overlays.tabs(), 'bench')}<form class='widget'>{widget.html}{chart}</form>"
+            html = f"{tabs_html(overlays.tabs, 'bench')}<form class='widget'>{widget.html}{chart}</form>"
             self._run(f"armdynBench.open({script_json({'html': html, 'data': widget.data, 'look': LOOK})})")
             self._panel("errors", panels.errors_panel(state))
             self._panel("knobs", panels.knobs_panel(state))
@@ -128,8 +128,8 @@ class Tab:
         await asyncio.sleep(FIRST)
         if asked != self._asked:
             return
-        made = asyncio.to_thread(lambda: missing_force_pictures(bench.missing_force(state), AS_TICKED))
-        shown = {picture.tab: {"figure": picture.figure, "caption": picture.caption} for picture in await made}
+        made = asyncio.to_thread(lambda: missing_force_charts(bench.missing_force(state), AS_TICKED))
+        shown = {chart.tab: {"figure": chart.figure, "caption": chart.caption} for chart in await made}
         if asked == self._asked:
             self._run(f"armdynBench.missing({script_json(shown)})")
 
