@@ -106,9 +106,9 @@ def _figure_over_time(name: str, history: History) -> go.Figure:
             line={"color": RAW, "width": 1}, marker={"color": RAW, "size": 4},
         )  # fmt: skip
     for robot, colour in zip(changed, COLOURS, strict=False):
-        series, line = history.series[robot, name], {"color": colour, "width": 1.5}
+        of, line = history.series[robot, name], {"color": colour, "width": 1.5}
         rows = history.rows[robot, name]
-        _add_points(figure, robot, rows, 1e3 * series.time, series.value, colour, mode="lines+markers", line=line)
+        _add_points(figure, robot, rows, 1e3 * of.time, of.value, colour, mode="lines+markers", line=line)
     return figure
 
 
