@@ -86,7 +86,7 @@ def _visuals(robot: Robot) -> tuple[list[list[Mesh]], int]:
     for link in links:
         frame = model.frames[model.getFrameId(link.name, pin.FrameType.BODY)]
         for visual in link.visuals:
-            parts = _shape(visual.geometry, robot.urdf_path, folders)
+            parts = None if visual.geometry is None else _shape(visual.geometry, robot.urdf_path, folders)
             missing += parts is None
             material, origin = visual.material, np.eye(4) if visual.origin is None else visual.origin
             given = None if material is None else material.color or colours.get(material.name)
@@ -97,9 +97,7 @@ def _visuals(robot: Robot) -> tuple[list[list[Mesh]], int]:
     return found, missing
 
 
-def _shape(
-    geometry: yourdfpy.Geometry | None, urdf_path: Path, folders: tuple[Path, ...]
-) -> list[trimesh.Trimesh] | None:
+def _shape(geometry: yourdfpy.Geometry, urdf_path: Path, folders: tuple[Path, ...]) -> list[trimesh.Trimesh] | None:
     """What a visual shows, in the frame of its origin; None where its mesh cannot be read."""
     try:
         if geometry.box is not None:
