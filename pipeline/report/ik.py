@@ -7,27 +7,22 @@ import numpy as np
 import plotly.graph_objects as go
 
 from armdyn.document import MOST_ROWS, Chart, Column, Document, KeyFigure, Level, Section, Table
-from ik import LinePath, PathTable
+from ik import PathTable
 from pipeline.report.theme import LIMIT, MODEL, REFERENCE
-from urdf import Robot
+from urdf import Line, Robot
 
 TIGHT = 0.1
 """rad to a joint limit below which a table is called tight."""
 
 
-def core_of(table: PathTable) -> tuple[float, float]:
-    """The stretch on which speed matters most: a line's core, all of another path."""
-    return table.path.line.core if isinstance(table.path, LinePath) else (table.path.s_min, table.path.s_max)
-
-
 def ik_document(table: PathTable) -> Document:
     """Whether the path is usable, how fast, and what limits it, at a few of its nodes."""
-    low, high = core_of(table)
+    low, high = table.path.core
     core = float(table.speed_limit_at(np.linspace(low, high, 1001)).min())
     overloaded, helped = table.torque_share.max(axis=0)
     kind = path = table.path.describe()["kind"]
-    if isinstance(table.path, LinePath):
-        path = f"{_vector(table.path.line.origin)} m + s {_vector(table.path.line.direction)}"
+    if isinstance(table.path, Line):
+        path = f"{_vector(table.path.origin)} m + s {_vector(table.path.direction)}"
     extent = f"s = {table.s[0]:g} to {table.s[-1]:g} m"
     return Document(
         title=f"IK table of {table.robot_name}",
@@ -90,7 +85,7 @@ def _shares(joints: np.ndarray, names: Sequence[str]) -> str:
 
 def _speed_section(table: PathTable) -> Section:
     """How fast the tool may move, and which joint limits the speed where."""
-    slowest = np.abs(table.dq_ds / table.velocity_limits).argmax(axis=1)
+    slowest = np.abs(table.dq_ds / table.limits.velocity).argmax(axis=1)
     speed = _along_path(table, "speed limit [m/s]")
     speed.add_scatter(x=table.s, y=table.speed_limit, name="speed", **MODEL)
     by_joints = [table.acceleration_limit_at(table.s, 0.0 * table.s), table.acceleration_limit]
@@ -115,7 +110,7 @@ def _speed_section(table: PathTable) -> Section:
 def _joint_sections(table: PathTable) -> list[Section]:
     """Where the joints are in their range, how far from its ends, and what it takes to hold them."""
     names, q = table.joint_names, table.q
-    middle, half = (table.lower + table.upper) / 2, (table.upper - table.lower) / 2
+    middle, half = (table.limits.lower + table.limits.upper) / 2, (table.limits.upper - table.limits.lower) / 2
     fastest = np.abs(table.dq_ds).max(axis=0)
     extremes = Table([
         Column("joint", names),
@@ -126,9 +121,9 @@ def _joint_sections(table: PathTable) -> list[Section]:
     ])  # fmt: skip
     share = _along_path(table, "share of the range [-1, 1]", names, (q - middle) / half, (-1.0, 1.0))
     margin = _along_path(table, "distance to the limit [rad]", names, table.margin, (0.0,))
-    torque = _along_path(table, "share of the torque limit", names, table.torque.gravity / table.effort_limits)
+    torque = _along_path(table, "share of the torque limit", names, table.torque.gravity / table.limits.effort)
     helped = np.flatnonzero(table.torque.springs.any(axis=0))
-    with_springs = (table.torque.gravity + table.torque.springs) / table.effort_limits
+    with_springs = (table.torque.gravity + table.torque.springs) / table.limits.effort
     for joint in helped:
         torque.add_scatter(x=table.s, y=with_springs[:, joint], name=f"{names[joint]} with its springs", **REFERENCE)
     _add_bounds(torque, table, (-1.0, 1.0))
