@@ -11,10 +11,11 @@ import casadi as ca
 import numpy as np
 from scipy.optimize import brentq
 
+from armdyn.effects.catalogue import natural_order
 from armdyn.effects.effect import Effect, effect
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.parameter import Parameter
-from armdyn.pendulum.composition import STAGES, compose, natural_order
+from armdyn.pendulum.composition import STAGES, Composition
 from armdyn.pendulum.dynamics import Dynamics, derive_dynamics
 from armdyn.pendulum.path import GripperPath, TrailingPath, run_path, trailing
 from armdyn.pendulum.physics import STANDARD_GRAVITY, Tension
@@ -157,7 +158,7 @@ class PendulumModel(SimulatedModel):
 
     def gripper_lag(self, physics: np.ndarray) -> float:
         """Time by which the string's upper end trails the measured gripper, s; `physics` as `physics_theta`."""
-        return float(self.system.timing(physics)[2])
+        return 0.0 if self.system.input_lag is None else float(self.system.input_lag(physics))
 
     def swing_at_the_end(self, path: GripperPath) -> tuple[float, float, float]:
         """Speed of the string's upper end (m/s), angle (rad) and rate (rad/s) after a path, with the present values."""
@@ -214,26 +215,24 @@ class PendulumModel(SimulatedModel):
 
 @lru_cache(maxsize=64)
 def _dynamics(effects: tuple[Effect, ...]) -> Dynamics:
-    return derive_dynamics(compose(effects))
+    return derive_dynamics(Composition(effects))
 
 
 @lru_cache(maxsize=256)
 def _cost(effect: Effect) -> int:
     """How much an effect adds to every step of a simulation: 2 for further states, 1 for further inputs, else 0."""
-    composition = compose([effect])
-    if composition.crosses or composition.remembers:
-        return 2
-    return int(composition.yields or composition.gripper_lag is not None)
+    with_it = Composition([effect])
+    return 2 if with_it.crosses or with_it.remembers else int(with_it.yields or with_it.trails)
 
 
 @lru_cache(maxsize=64)
 def _planar(effects: tuple[Effect, ...]) -> Dynamics:
-    return derive_dynamics(compose(effects), planar=True)
+    return derive_dynamics(Composition(effects), planar=True)
 
 
 @lru_cache(maxsize=64)
 def _variational(effects: tuple[Effect, ...]) -> VariationalStep:
-    return derive_variational(compose(effects))
+    return derive_variational(Composition(effects))
 
 
 def pendulum_model(length: float, mass: float, effects: Iterable[Effect] = ()) -> PendulumModel:

@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 
 from armdyn.channels import MIN_SAMPLES
+from armdyn.effects.catalogue import natural_order
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.parameter import Parameter
 from armdyn.physics.definition import Physics
-from armdyn.physics.formulation import Formulation, formulated, ordered
+from armdyn.physics.formulation import Formulation, formulated
 from armdyn.physics.recorded import RecordedInputs, recorded_inputs
 from armdyn.physics.simulated import REACH, SimulatedModel, local_motion, measured_start
 from armdyn.run import Channel, Run
@@ -81,7 +82,7 @@ class PhysicsModel(SimulatedModel):
     def system(self) -> Formulation:
         """See `SimulatedModel`."""
         starts = set(self.start_names)
-        return formulated(self.physics, ordered(self.effects), tuple(n for n in self.names if n not in starts))
+        return formulated(self.physics, natural_order(self.effects), tuple(n for n in self.names if n not in starts))
 
     @property
     def start(self) -> Start:
