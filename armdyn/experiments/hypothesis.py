@@ -39,7 +39,7 @@ class Motion:
         """S between the nodes."""
         return float(self.time[1] - self.time[0])
 
-    @property
+    @cached_property
     def path(self) -> GripperPath:
         """As the input of a simulation."""
         return GripperPath(0.0, self.step, *self.along)

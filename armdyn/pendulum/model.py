@@ -17,10 +17,11 @@ from armdyn.errors import InputError, UnknownNameError
 from armdyn.parameter import Parameter
 from armdyn.pendulum.composition import STAGES, Composition
 from armdyn.pendulum.dynamics import Dynamics, derive_dynamics
-from armdyn.pendulum.path import GripperPath, TrailingPath, run_path, trailing
+from armdyn.pendulum.path import GripperPath, run_path, trailing
 from armdyn.pendulum.physics import STANDARD_GRAVITY, Tension
 from armdyn.pendulum.start import PendulumStart
 from armdyn.pendulum.variational import VariationalStep, derive_variational
+from armdyn.physics.recorded import Path
 from armdyn.physics.simulated import REACH, SimulatedModel, local_motion, main_period
 from armdyn.run import Channel, Run
 from armdyn.start import Start
@@ -79,7 +80,7 @@ class PendulumModel(SimulatedModel):
         else:
             return None
         path = run_path(run)
-        speed = np.interp(times, path.start + path.dt * np.arange(len(path.v)), path.v)
+        speed = np.interp(times, path.time, path.v)
         return np.column_stack([motion[:, 0], motion[:, 1] - speed / length * np.cos(motion[:, 0])])
 
     def shown_against(
@@ -89,7 +90,7 @@ class PendulumModel(SimulatedModel):
         del speed
         length, mass = (float(theta[self.names.index(name)]) for name in ("length", "mass"))
         path = run_path(run)
-        v, a = (np.interp(time, path.start + path.dt * np.arange(len(path.x)), x) for x in (path.v, path.a))
+        v, a = (np.interp(time, path.time, x) for x in (path.v, path.a))
         angle = motion[:, 0]
         rate = motion[:, 1] + v / length * np.cos(angle)
         pull = mass * (STANDARD_GRAVITY * np.cos(angle) + length * rate**2 + a * np.sin(angle))
@@ -152,7 +153,7 @@ class PendulumModel(SimulatedModel):
             raise InputError("the load of this model does not come to rest below the gripper: check its effects")
         return float(brentq(moment, -STEEPEST, STEEPEST, xtol=1e-12))
 
-    def driven_by(self, path: GripperPath, physics: np.ndarray) -> GripperPath | TrailingPath:
+    def driven_by(self, path: GripperPath, physics: np.ndarray) -> Path:
         """The path of the string's upper end where the gripper's was recorded; see `SimulatedModel`."""
         return path if self.system.input_lag is None else trailing(path, self.gripper_lag(physics))
 
@@ -164,8 +165,7 @@ class PendulumModel(SimulatedModel):
         """Speed of the string's upper end (m/s), angle (rad) and rate (rad/s) after a path, with the present values."""
         physics, dynamics = self.physics_theta(), self.system
         state = self.rollout(path, self.theta(), channels=("load_force",)).states[-1]
-        nodes, _ = self.driven_by(path, physics).rows(with_jerk=True)
-        motion = nodes[: dynamics.inputs, -1]
+        motion = self.driven_by(path, physics).nodes[: dynamics.inputs, -1]
         return float(motion[2]), float(state[0]), float(dynamics.rate(state, motion, physics))
 
     def path(self, run: Run) -> GripperPath:
@@ -197,7 +197,7 @@ class PendulumModel(SimulatedModel):
         reduced = self.without_null_effects(values)
         channels = ("swing_angle", "swing_rate")
         outputs = reduced.rollout(path, np.array([values[name] for name in reduced.names]), channels).outputs
-        time = np.asarray(path.start + path.dt * np.arange(len(path.x)), dtype=np.float64)
+        time = path.time
         found = {
             "swing_angle": Channel(time, outputs[:, 0], "rad"),
             "swing_rate": Channel(time, outputs[:, 1], "rad/s"),

@@ -18,7 +18,7 @@ from armdyn.errors import InputError, UnknownNameError
 from armdyn.parameter import Parameter
 from armdyn.physics.definition import Physics
 from armdyn.physics.formulation import Formulation, formulated
-from armdyn.physics.recorded import RecordedInputs, recorded_inputs
+from armdyn.physics.recorded import Path, recorded_inputs
 from armdyn.physics.simulated import REACH, SimulatedModel, local_motion, measured_start
 from armdyn.run import Channel, Run
 from armdyn.start import Start
@@ -170,7 +170,7 @@ class PhysicsModel(SimulatedModel):
             return None
         return np.column_stack([found[name] for name in self.physics.states])
 
-    def path(self, run: Run) -> RecordedInputs:
+    def path(self, run: Run) -> Path:
         """See `SimulatedModel`."""
         return _recorded(run, self.physics)
 
@@ -276,5 +276,5 @@ def _remembers(physics: Physics, effect: Effect) -> bool:
 
 
 @lru_cache(maxsize=64)
-def _recorded(run: Run, physics: Physics) -> RecordedInputs:
+def _recorded(run: Run, physics: Physics) -> Path:
     return recorded_inputs(run, physics.inputs, physics.outputs, physics.step)

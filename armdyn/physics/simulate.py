@@ -71,7 +71,7 @@ class Rollout(NamedTuple):
 
 def evaluated(system: System, path: Path, theta: np.ndarray, channels: tuple[str, ...]) -> Rollout:
     """The outputs of a system without states, which is algebra at every node; for the arguments see `Simulator`."""
-    nodes, _ = path.rows(with_jerk=False)
+    nodes, _ = path.rows(system.inputs)
     at, K = _algebra(system), nodes.shape[1]
     values, slopes = (np.asarray(a) for a in at.map(K)(nodes, np.repeat(theta[:, None], K, axis=1)))
     rows = [system.outputs.index(name) for name in channels]
@@ -124,7 +124,7 @@ class Simulator:
 
     def integrated(self, path: Path, theta: np.ndarray, *start: float) -> Rollout:
         """As `rollout`; the impulse, where there is one, is a last output, since its slope needs neighbours."""
-        nodes, middle = path.rows(with_jerk=self._dynamics.impulse_adds_to is not None)
+        nodes, middle = path.rows(self._dynamics.inputs)
         rows, starts = len(nodes), self._dynamics.starts
         K, m, n = nodes.shape[1], self.parameters + starts, self._dynamics.states
         padded = -(-K // self._block) * self._block
