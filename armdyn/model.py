@@ -15,7 +15,6 @@ from armdyn.errors import InputError, UnknownNameError
 from armdyn.parameter import Parameter, Prior, Quantity
 from armdyn.run import Channel, Run
 from armdyn.shown import Shown
-from armdyn.start import Start
 
 
 @dataclass(frozen=True)
@@ -108,10 +107,29 @@ class Model(Shown):
         tables = [Table(columns, name="parameters")]
         return Document(f"Model: {self.base}", f"{self}.", [Section("Parameters", tables=tables)])
 
-    @property
-    def start(self) -> Start:
-        """How to find the state at the start of a run."""
-        return Start()
+    def guess_start(self, run: Run) -> Mapping[str, float]:
+        """First guesses of the parameters that are one value per run: the state at the start of a simulated motion."""
+        del run
+        return {}
+
+    def possible_starts(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
+        """States at the start of a run from each of which a fit is tried; empty where a fit converges from anywhere.
+
+        Args:
+            run: a recording.
+            theta: (p,) parameter values.
+        """
+        del run, theta
+        return ()
+
+    def start_window(self, theta: np.ndarray) -> float:
+        """Length of a run, s, that is long enough to choose among the possible starts; `theta` (p,)."""
+        del theta
+        return np.inf
+
+    def pieces(self, run: Run) -> Sequence[Run]:
+        """The run, or the parts of it each of which has a start of its own."""
+        return (run,)
 
     @property
     def linear(self) -> "Linear | None":

@@ -1,6 +1,6 @@
 """The pendulum as a model: what a load cell and an angle sensor should have read in a run."""
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path as File
@@ -19,12 +19,11 @@ from armdyn.pendulum.composition import STAGES, Composition
 from armdyn.pendulum.dynamics import Dynamics, derive_dynamics
 from armdyn.pendulum.path import GripperPath, run_path, trailing
 from armdyn.pendulum.physics import STANDARD_GRAVITY, Tension
-from armdyn.pendulum.start import PendulumStart
+from armdyn.pendulum.start import phase_plane, pieces, rates_near, seen_from_rest
 from armdyn.pendulum.variational import VariationalStep, derive_variational
 from armdyn.physics.recorded import Path
-from armdyn.physics.simulated import REACH, SimulatedModel, local_motion, main_period
+from armdyn.physics.simulated import REACH, SimulatedModel, local_motion, main_period, measured_start
 from armdyn.run import Channel, Run
-from armdyn.start import Start
 
 KEYS = ("tension",)
 """Keys of a model file that belong to this base."""
@@ -117,13 +116,31 @@ class PendulumModel(SimulatedModel):
 
         What goes round and round has no period that its angle shows.
         """
-        seen, small = run.channels.get("swing_angle") or run.channels.get("swing_rate"), self.start.stretch(theta)
+        seen, small = run.channels.get("swing_angle") or run.channels.get("swing_rate"), self.start_window(theta)
         return small if seen is None else min(main_period(seen), SLOWEST * small)
 
-    @property
-    def start(self) -> Start:
-        """See `Model.start`."""
-        return PendulumStart(self.value("length"), self.names.index("length"))
+    def guess_start(self, run: Run) -> Mapping[str, float]:
+        """See `Model.guess_start`: angle and rate where an angle was measured."""
+        if "swing_angle" not in run.channels:
+            return {}
+        return seen_from_rest(run, self.value("length"), [measured_start(run.channels["swing_angle"])])[0]
+
+    def possible_starts(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
+        """See `Model.possible_starts`: orbits in the phase plane, near the measured angle where there is one."""
+        length = float(theta[self.names.index("length")])
+        plane = phase_plane(length)
+        if "swing_angle" in run.channels:
+            angle, rate = measured_start(run.channels["swing_angle"])
+            plane = np.array([(angle, rate + change) for change in rates_near(length)])
+        return seen_from_rest(run, length, plane)
+
+    def start_window(self, theta: np.ndarray) -> float:
+        """See `Model.start_window`: a period of small swings."""
+        return float(2 * np.pi * np.sqrt(theta[self.names.index("length")] / STANDARD_GRAVITY))
+
+    def pieces(self, run: Run) -> Sequence[Run]:
+        """See `start.pieces`."""
+        return pieces(run)
 
     @cached_property
     def formulation(self) -> str:
