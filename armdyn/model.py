@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -57,21 +57,6 @@ class Bend:
     function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
-class Linear(Protocol):
-    """A model whose predictions are linear in most unknowns: one expansion foretells what any set of effects does."""
-
-    def bend(self, names: Sequence[str], theta: np.ndarray) -> Bend | None:
-        """How predictions depend on the parameters `names` where that is not linear but simple; None elsewhere.
-
-        Predictions are linear in an arm's inertial parameters, but not in a payload's place, nor in the factor that
-        keeps a link's parameters those of a body.
-
-        Args:
-            names: of one effect's parameters on one joint.
-            theta: (p,) values around which.
-        """
-
-
 @dataclass(frozen=True, repr=False)
 class Model(Shown):
     """Base class of `PendulumModel` and `ArmModel`.
@@ -83,6 +68,9 @@ class Model(Shown):
 
     effects: tuple[Effect, ...]
     parameters: Mapping[str, Parameter]
+
+    linear = False
+    """Whether predictions are linear in most unknowns: one expansion then says what any set of effects does."""
 
     def __str__(self) -> str:
         """One line: the base, its values, its effects."""
@@ -131,9 +119,17 @@ class Model(Shown):
         """The run, or the parts of it each of which has a start of its own."""
         return (run,)
 
-    @property
-    def linear(self) -> "Linear | None":
-        """The model as one that is linear in most unknowns; None where it is not."""
+    def bend(self, names: Sequence[str], theta: np.ndarray) -> Bend | None:
+        """How predictions depend on the parameters `names` where that is not linear but simple; None elsewhere.
+
+        Predictions are linear in an arm's inertial parameters, but not in a payload's place, nor in the factor that
+        keeps a link's parameters those of a body.
+
+        Args:
+            names: of one effect's parameters on one joint.
+            theta: (p,) values around which.
+        """
+        del names, theta
         return None
 
     @property
