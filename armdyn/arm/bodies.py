@@ -97,14 +97,14 @@ class Stretch:
 
     def per_gravity(self, joint: int, bodies: Bodies) -> np.ndarray:
         """(n, 3) torque on a joint per component of gravity, of the links that there are."""
-        columns = self._described_per_gravity[joint]
+        columns = self.described_per_gravity[joint]
         for i, change in bodies.links.items():
             if change[:4].any():
                 columns = columns + self.gravity_regressor[:, joint, i] @ change[:4]
         return columns
 
     @cached_property
-    def _described_per_gravity(self) -> np.ndarray:
+    def described_per_gravity(self) -> np.ndarray:
         """(nj, n, 3) torques per component of gravity of the arm as described."""
         weights = described_parameters(self.model)[:, :4].ravel()
         by_joint = self.gravity_regressor.transpose(1, 0, 3, 2, 4)
