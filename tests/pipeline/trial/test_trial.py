@@ -39,7 +39,7 @@ def test_a_wrong_guess_is_corrected_and_the_load_lands(learnt, off_target):
     assert abs(result.length_estimate - 0.368) < 2e-3  # one standard deviation is 0.3 mm
     assert result.estimates[-1].std < 1e-3
     assert result.minimum_tension > 0.1  # 0.30
-    assert result.peak.x < 0.2  # 0.08
+    assert result.peak["x"] < 0.2  # 0.08
 
 
 def test_json_holds_what_the_contract_names(learnt):
