@@ -154,7 +154,7 @@ def result_of(
         cycle_seconds=float(np.mean(cycles)) if cycles else 0.0,
         stopped=ending.stopped,
         recording=recording,
-        signal=experiment.course.interrupted,
+        signal=experiment.interrupted,
         missed_cycles=cycle.skipped,
         notes=experiment.measurement.notes + experiment.estimator.left_out + (late if cycle.skipped else ()),
         investigation=investigation,

@@ -135,14 +135,6 @@ def test_a_service_that_fails_or_is_silent_is_named(loopback, bridge):
         bridge.call("/nobody", patience=0.05)
 
 
-def test_remarks_of_the_bridge_are_kept(loopback, bridge, until):
-    bridge.publish(TOPIC, {"data": 1.0})
-    loopback.wait_for(lambda: loopback.requests)
-    loopback.say({"op": "status", "level": "error", "msg": "unknown type"})
-    until(lambda: bridge.remarks)
-    assert list(bridge.remarks) == ["error: unknown type"]
-
-
 def test_closing_twice_is_fine_and_ends_the_thread(loopback):
     bridge = Bridge(loopback.uri)
     bridge.close()
