@@ -45,6 +45,9 @@ def test_what_is_foretold_of_an_arm_is_what_a_refit_finds(bench):
         assert np.abs(before.residuals[1] - after.residuals[1]).max() < 0.5 * noise
         assert np.array_equal(before.residuals[0], after.residuals[0])
     assert not foretold.stale
+    nothing = bench.foretold([])
+    assert all(np.array_equal(curve.residuals[0], curve.residuals[1]) for curve in nothing.curves)
+    assert dict(nothing.knobs) == {}
 
 
 def test_it_says_where_the_model_fails_until_only_noise_is_left(bench):
@@ -70,12 +73,6 @@ def test_the_missing_force_as_ticked_is_flat_when_what_is_hidden_is_ticked(bench
         assert now == pytest.approx(0.5 * given, rel=0.2)
 
 
-def test_nothing_ticked_is_the_model_as_given(bench):
-    state = bench.foretold([])
-    assert all(np.array_equal(curve.residuals[0], curve.residuals[1]) for curve in state.curves)
-    assert dict(state.knobs) == {}
-
-
 def test_turning_a_parameter_predicts_with_it(bench):
     fitted = bench.fitted(FRICTION)
     name = f"{HIDDEN}.coefficient[right_s0]"
@@ -90,9 +87,6 @@ def test_turning_a_parameter_predicts_with_it(bench):
         assert (changed > a.noise) == (a.channel == "tau.right_s0")
     with pytest.raises(UnknownNameError, match="length"):
         bench.by_hand(FRICTION, {"length": 1.0})
-
-
-def test_an_effect_that_is_not_there_is_a_sentence(bench):
     with pytest.raises(UnknownNameError, match=r"did you mean .joint_viscous_friction:right"):
         bench.foretold([Atom(HIDDEN, "right_s9")])
 
@@ -113,13 +107,13 @@ def test_a_pendulums_hidden_drag_is_foretold_and_then_fitted():
     assert {"length", "mass", "quadratic_drag.coefficient"} <= set(fitted.knobs)
 
 
-def test_what_is_kept_is_what_add_writes(files, tmp_path):
+def test_what_is_kept_is_what_add_writes(files, tmp_path, monkeypatch):
     model, run, held_out = files
     inputs = Inputs(model, [run], [held_out], None, None)
     given = inputs.read()
     bench = Bench(given.study)
-    target, writable = tmp_path / "repaired.toml", Writable(tmp_path)
-    report, exported = tmp_path / "repaired.html", tmp_path / "repaired.json"
+    target, report, exported = (tmp_path / f"repaired.{kind}" for kind in ("toml", "html", "json"))
+    writable = Writable(tmp_path)
     kept = keep(inputs, given, bench, FRICTION, target, report, exported, writable=writable)
     assert kept.files == (target, report, exported)
     assert HIDDEN in kept.sentence
@@ -132,18 +126,11 @@ def test_what_is_kept_is_what_add_writes(files, tmp_path):
         assert parameter.value == pytest.approx(fitted[name].parameter.value, rel=1e-3)
     with pytest.raises(InputError, match="is there already"):
         keep(inputs, given, bench, FRICTION, target, writable=writable)
-    assert keep(inputs, given, bench, FRICTION, target, writable=writable, over=True).files == (target,)
 
-
-def test_what_lacks_much_of_the_repair_is_not_kept_as_a_file_of_another_tool(files, tmp_path, monkeypatch):
-    """A URDF without the friction that was found: `armdyn export` refuses it, and so does the page."""
-    model, run, held_out = files
-    inputs = Inputs(model, [run], [held_out], None, None)
-    given = inputs.read()
-    known = exports.format_of
+    # A format without the friction that was found: `armdyn export` refuses it, and so does the page.
+    known, exported = exports.format_of, tmp_path / "poor.json"
     monkeypatch.setattr(exports, "format_of", lambda output: replace(known(output), held=lambda _: frozenset()))
-    target, exported = tmp_path / "repaired.toml", tmp_path / "repaired.json"
-    kept = keep(inputs, given, Bench(given.study), FRICTION, target, exported=exported, writable=Writable(tmp_path))
+    kept = keep(inputs, given, bench, FRICTION, target, exported=exported, writable=writable, over=True)
     assert kept.files == (target,)
     assert not exported.exists()
     assert any("is not written" in note and "--force" in note for note in kept.notes)
@@ -153,8 +140,9 @@ def test_panels_escape_what_users_name():
     html = panels.files_panel(None, [(Path("<b>.csv"), True)], ["<i>"])
     assert "<b>.csv" not in html
     assert "&lt;i&gt;" in html
-    assert panels.short_joints(["right_s0", "right_w2"]) == {"right_s0": "s0", "right_w2": "w2"}
-    assert panels.short_joints(["shoulder_pan_joint", "elbow_joint"]) == {
-        "shoulder_pan_joint": "shoulder_pan", "elbow_joint": "elbow",
-    }  # fmt: skip
-    assert panels.short_joints(["a_b"]) == {"a_b": "a_b"}
+    for names, short in (
+        (["right_s0", "right_w2"], ["s0", "w2"]),
+        (["shoulder_pan_joint", "elbow_joint"], ["shoulder_pan", "elbow"]),
+        (["a_b"], ["a_b"]),
+    ):
+        assert panels.short_joints(names) == dict(zip(names, short, strict=True))
