@@ -13,7 +13,7 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.study import Study
 from armdyn.model_file import ModelFile, write_model_file
 from armdyn.run import write_run_csv
-from pipeline.workbench.bench import Bench
+from pipeline.workbench.bench import Workbench
 
 HIDDEN = "joint_viscous_friction"
 RIVALS = ("joint_coulomb_friction", "torque_offset", "payload")
@@ -28,7 +28,7 @@ def recordings():
 @pytest.fixture(scope="package")
 def bench(recordings):
     catalogue = [CATALOGUE[name] for name in (HIDDEN, *RIVALS)]
-    return Bench(Study(arm_model(robot="baxter"), recordings[:1], recordings[1:], catalogue))
+    return Workbench(Study(arm_model(robot="baxter"), recordings[:1], recordings[1:], catalogue))
 
 
 @pytest.fixture(scope="package")

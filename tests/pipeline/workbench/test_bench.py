@@ -16,7 +16,7 @@ from pipeline import exports
 from pipeline.console.inputs import Inputs
 from pipeline.report.overlay import FITTED, HELD_OUT, quality
 from pipeline.workbench import panels
-from pipeline.workbench.bench import Atom, Bench
+from pipeline.workbench.bench import Atom, Workbench
 from pipeline.workbench.files import Writable, keep
 
 from .conftest import HIDDEN, RIVALS
@@ -31,21 +31,21 @@ def error(state, kind=FITTED):
 def test_the_hidden_effect_leaves_less_than_any_other(bench):
     left = {}
     for name in (HIDDEN, *RIVALS):
-        left[name] = error(bench.foretold([atom for atom in bench.atoms if atom.effect == name]), HELD_OUT)
+        left[name] = error(bench.predict([atom for atom in bench.atoms if atom.effect == name]), HELD_OUT)
     assert min(left, key=left.get) == HIDDEN
     assert left[HIDDEN] < 0.2 * error(bench.opening, HELD_OUT)
 
 
 def test_what_is_foretold_of_an_arm_is_what_a_refit_finds(bench):
     atoms = [*FRICTION, Atom("payload", "right_w2")]
-    foretold, fitted = bench.foretold(atoms), bench.fitted(atoms)
+    foretold, fitted = bench.predict(atoms), bench.refit(atoms)
     assert (foretold.how, fitted.how) == ("foretold", "fitted")
     for before, after in zip(foretold.curves, fitted.curves, strict=True):
         noise = before.noise
         assert np.abs(before.residuals[1] - after.residuals[1]).max() < 0.5 * noise
         assert np.array_equal(before.residuals[0], after.residuals[0])
     assert not foretold.stale
-    nothing = bench.foretold([])
+    nothing = bench.predict([])
     assert all(np.array_equal(curve.residuals[0], curve.residuals[1]) for curve in nothing.curves)
     assert dict(nothing.knobs) == {}
 
@@ -54,7 +54,7 @@ def test_it_says_where_the_model_fails_until_only_noise_is_left(bench):
     text = panels.errors_panel(bench.opening)
     assert "Fails most: torque of" in text
     assert f"v.{bench.opening.places[0].channel.partition('.')[2]}" in text  # a friction depends on the speed
-    before, after = (sum(place.chi2_per_sample for place in bench.fitted(e).places) for e in ([], FRICTION))
+    before, after = (sum(place.chi2_per_sample for place in bench.refit(e).places) for e in ([], FRICTION))
     assert after < 0.05 * before
 
 
@@ -65,19 +65,19 @@ def test_the_missing_force_as_ticked_is_flat_when_what_is_hidden_is_ticked(bench
         return {c.joint: (np.ptp(c.as_given), None if c.repaired is None else np.ptp(c.repaired)) for c in mine}
 
     assert all(now is None for _, now in sizes(bench.opening).values())
-    for state in (bench.foretold(FRICTION), bench.fitted(FRICTION)):
+    for state in (bench.predict(FRICTION), bench.refit(FRICTION)):
         assert set(sizes(state)) == set(JOINTS)
         assert all(now < 0.2 * given for given, now in sizes(state).values())
-    half = {name: 0.5 * knob.parameter.value for name, knob in bench.fitted(FRICTION).knobs.items()}
-    for given, now in sizes(bench.by_hand(FRICTION, half)).values():
+    half = {name: 0.5 * knob.parameter.value for name, knob in bench.refit(FRICTION).knobs.items()}
+    for given, now in sizes(bench.with_values(FRICTION, half)).values():
         assert now == pytest.approx(0.5 * given, rel=0.2)
 
 
 def test_turning_a_parameter_predicts_with_it(bench):
-    fitted = bench.fitted(FRICTION)
+    fitted = bench.refit(FRICTION)
     name = f"{HIDDEN}.coefficient[right_s0]"
     value = fitted.knobs[name].parameter.value
-    same, off = (bench.by_hand(FRICTION, {name: value * factor}) for factor in (1.0, 0.5))
+    same, off = (bench.with_values(FRICTION, {name: value * factor}) for factor in (1.0, 0.5))
     for a, b in zip(fitted.curves, same.curves, strict=True):
         assert np.allclose(a.residuals[1], b.residuals[1], atol=1e-6)
     assert off.knobs[name].parameter.value == pytest.approx(0.5 * value)
@@ -86,19 +86,19 @@ def test_turning_a_parameter_predicts_with_it(bench):
         changed = np.abs(a.residuals[1] - b.residuals[1]).max()
         assert (changed > a.noise) == (a.channel == "tau.right_s0")
     with pytest.raises(UnknownNameError, match="length"):
-        bench.by_hand(FRICTION, {"length": 1.0})
+        bench.with_values(FRICTION, {"length": 1.0})
     with pytest.raises(UnknownNameError, match=r"did you mean .joint_viscous_friction:right"):
-        bench.foretold([Atom(HIDDEN, "right_s9")])
+        bench.predict([Atom(HIDDEN, "right_s9")])
 
 
 def test_a_pendulums_hidden_drag_is_foretold_and_then_fitted():
     rng = np.random.default_rng(3)
     runs = [record(f"{i}.csv", Setup(duration=6.0, hidden={"quadratic_drag": 0.02}), rng) for i in range(2)]
     effects = ("quadratic_drag", "sensor_bias", "string_elasticity")
-    bench = Bench(Study(base_pendulum(), runs[:1], runs[1:], [CATALOGUE[name] for name in effects]))
-    foretold = {name: bench.foretold([Atom(name)]) for name in effects}
+    bench = Workbench(Study(base_pendulum(), runs[:1], runs[1:], [CATALOGUE[name] for name in effects]))
+    foretold = {name: bench.predict([Atom(name)]) for name in effects}
     assert min(effects, key=lambda name: error(foretold[name])) == "quadratic_drag"
-    fitted = bench.fitted([Atom("quadratic_drag")])
+    fitted = bench.refit([Atom("quadratic_drag")])
     assert not fitted.stale
     assert foretold["quadratic_drag"].stale  # a held-out pendulum has a start of its own to fit
     for kind in (FITTED, HELD_OUT):  # what is left is the sensor's noise of 3 mN
@@ -111,7 +111,7 @@ def test_what_is_kept_is_what_add_writes(files, tmp_path, monkeypatch):
     model, run, held_out = files
     inputs = Inputs(model, [run], [held_out], None, None)
     given = inputs.read()
-    bench = Bench(given.study)
+    bench = Workbench(given.study)
     target, report, exported = (tmp_path / f"repaired.{kind}" for kind in ("toml", "html", "json"))
     writable = Writable(tmp_path)
     kept = keep(inputs, given, bench, FRICTION, target, report, exported, writable=writable)
@@ -121,7 +121,7 @@ def test_what_is_kept_is_what_add_writes(files, tmp_path, monkeypatch):
     written = read_model_file(target)
     assert [effect.name for effect in written.model.effects] == [HIDDEN]
     assert written.history[-1]["added"] == HIDDEN
-    fitted = bench.fitted(FRICTION).knobs
+    fitted = bench.refit(FRICTION).knobs
     for name, parameter in written.model.parameters.items():
         assert parameter.value == pytest.approx(fitted[name].parameter.value, rel=1e-3)
     with pytest.raises(InputError, match="is there already"):

@@ -16,13 +16,13 @@ from armdyn.run import read_run
 from pipeline.workbench.files import (
     PREFIX,
     Writable,
-    is_passing,
+    is_temporary,
     new_folder,
     pendulum,
     place_for,
+    read_dropped,
     remove_abandoned,
     remove_folders,
-    taken_in,
 )
 
 
@@ -35,14 +35,14 @@ def folder():
 def test_a_run_a_foreign_recording_and_a_urdf_become_what_they_are(folder, files):
     own, foreign, arm = folder / "a.csv", folder / "log.csv", folder / "ur5.urdf"
     own.write_bytes(files[1].read_bytes())
-    found = taken_in(own)
+    found = read_dropped(own)
     assert (found.kind, found.path) == ("run", own)
     assert "of 7 joints, 6.0 s" in found.said
 
     time = np.arange(200) * 0.01
     rows = [f"{1000 * t:.0f},{30 * np.sin(t):.3f},{5 * np.cos(t):.3f}" for t in time]
     foreign.write_text("timestamp_ms,joint1_pos,joint1_torque\n" + "\n".join(rows) + "\n")
-    found = taken_in(foreign, ["elbow"])
+    found = read_dropped(foreign, ["elbow"])
     assert found.kind == "run"
     assert "joint1_pos as q.elbow" in found.said
     q = read_run(found.path).channels["q.elbow"]
@@ -50,10 +50,10 @@ def test_a_run_a_foreign_recording_and_a_urdf_become_what_they_are(folder, files
     assert q.time[-1] == pytest.approx(1.99)
 
     arm.write_bytes(urdf.load("ur5", meshes=False).urdf_path.read_bytes())
-    found = taken_in(arm)
+    found = read_dropped(arm)
     assert found.kind == "model"
     assert len(read_model(found.path).joints) == 6
-    assert is_passing(arm)
+    assert is_temporary(arm)
 
 
 def test_a_pendulum_is_started_with_what_is_known(folder):
@@ -75,7 +75,7 @@ def test_a_pendulum_is_started_with_what_is_known(folder):
 def test_what_cannot_be_used_is_one_sentence(folder, name, content):
     (folder / name).write_bytes(content)
     with pytest.raises(InputError, match=r"^[^\n]+$"):
-        taken_in(folder / name)
+        read_dropped(folder / name)
 
 
 @pytest.mark.parametrize("name", ["../../etc/passwd.csv", "..\\..\\x.csv", "/tmp/x.csv", "a\0b.csv", ".."])
