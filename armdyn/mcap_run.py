@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from armdyn.bytes_in import check_chunk_sizes, read_bytes
-from armdyn.channels import LARGEST, Channel, channel_unit, first_implausible, in_contract
+from armdyn.channels import Channel, SampleError, channel_unit, in_contract
 from armdyn.errors import InputError
 from armdyn.sidecar import Sidecar, parse_sidecar
 
@@ -154,11 +154,7 @@ def _channel(name: str, samples: _Samples) -> Channel:
     if not in_contract(name):
         return Channel(time, value, samples.unit)  # recorded beside the run, in a unit of its own
     unit, factor = channel_unit(name, samples.unit)
-    channel = Channel(time, value if factor == 1.0 else value * factor, unit)
-    beyond = first_implausible(unit, channel.value)
-    if beyond is not None:
-        raise InputError(
-            f"{channel.value[beyond]:.6g} {unit} at {channel.time[beyond]:.3f} s is beyond {LARGEST[unit]:g} {unit}: "
-            "check its unit and the sensor"
-        )
-    return channel
+    try:
+        return Channel(time, value if factor == 1.0 else value * factor, unit)
+    except SampleError as error:
+        raise InputError(f"at {time[error.index]:.3f} s: {error.said}") from error

@@ -135,11 +135,8 @@ class Run(Shown):
 
     def document(self) -> Document:
         """Its channels, and what was recorded over time: a row for each quantity, a curve for each joint."""
-        channels, quantities = self.channels, dict.fromkeys(name.partition(".")[0] for name in self.channels)
-        seconds = max((float(c.time[-1] - c.time[0]) for c in channels.values()), default=0.0)
-        of_joints = f" of {len(self.joints)} joints" if self.joints else ""
+        channels, values = self.channels, self.channels.values()
         described = f"{self.description}. " if self.description else ""
-        values = channels.values()
         columns = [
             Column("channel", list(channels)),
             *columns_of(values, unit=""),
@@ -151,12 +148,20 @@ class Run(Shown):
         ]
         return Document(
             f"Run {self.name}",
-            f"{described}{', '.join(quantities) or 'nothing'}{of_joints}, {seconds:.4g} s",
+            f"{described}{self.summary}",
             [Section("Channels", tables=[Table(columns, name="channels")])],
             data={"samples": self._samples},
             curves=self._curves,
             default="samples",
         )
+
+    @property
+    def summary(self) -> str:
+        """What was recorded of how many joints, and for how long: ``"q, tau of 6 joints, 12.5 s"``."""
+        quantities = dict.fromkeys(name.partition(".")[0] for name in self.channels)
+        seconds = max((float(c.time[-1] - c.time[0]) for c in self.channels.values()), default=0.0)
+        of_joints = f" of {len(self.joints)} joints" if self.joints else ""
+        return f"{', '.join(quantities) or 'nothing'}{of_joints}, {seconds:.4g} s"
 
     def _samples(self) -> dict[str, list[Any]]:
         """A row per time stamp, a column per channel; nan where a channel has no sample."""

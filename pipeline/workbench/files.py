@@ -302,7 +302,7 @@ def keep(
     file = ModelFile(kept, given.file.description, (*given.file.history, *history_entries(study, found)))
     write_model_file(model, file)
     files, notes = [model, *copied], list[str]()
-    command = opened._replace(model=model).command("compare", "--report", "compare.html")
+    command = replace(opened, model=model).command("compare", "--report", "compare.html")
     if report is not None:
         write_page(repair_report(study, found, [NextStep("hold it against runs", command)]), report)
         files.append(report)

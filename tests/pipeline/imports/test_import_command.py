@@ -28,7 +28,7 @@ def test_guess_then_import_makes_a_run_that_can_be_read(armdyn, table):
     assert "--map runs/map.toml" in out
     status, out, _ = armdyn("import", table, "--output", "runs", "--map", "runs/map.toml", "--json", "answer.json")
     assert status == 0
-    assert "runs/log.csv: q, v, tau of 1 joints, 3.0 s, 100 samples per second" in out
+    assert "runs/log.csv: q, v, tau of 1 joints, 2.99 s, 100 samples per second" in out
     assert "next: armdyn new arm M.toml --urdf ROBOT.urdf" in out
     run = read_run("runs/log.csv")
     assert run.joints == ("joint_1",)
