@@ -246,7 +246,5 @@ def found_json(found: "Found") -> dict[str, Any]:
     """A line that was found, and what it is worth."""
     from pipeline.fields import fields
 
-    line = fields(
-        found.line, "origin direction rotation range= core core_speed", range=(found.line.s_min, found.line.s_max)
-    )
-    return {"line": line, **fields(found, "home core_speed whole_speed joint_margin clearance torque")}
+    numbers = fields(found, "home core_speed whole_speed joint_margin clearance torque")
+    return {"line": found.line.describe(), **numbers}

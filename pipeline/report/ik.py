@@ -7,28 +7,23 @@ import numpy as np
 import plotly.graph_objects as go
 
 from armdyn.document import MOST_ROWS, Chart, Column, Document, KeyFigure, Level, Section, Table
-from ik import LinePath, PathTable
+from ik import PathTable
 from pipeline.report.theme import LIMIT, MODEL, REFERENCE
-from urdf import Robot
+from urdf import Line, Robot
 
 PATH_AXIS = "path coordinate s [m]"
 TIGHT = 0.1  # rad to a joint limit below which a table is called tight
 
 
-def core_of(table: PathTable) -> tuple[float, float]:
-    """The stretch on which speed matters most: a line's core, all of another path."""
-    return table.path.line.core if isinstance(table.path, LinePath) else (table.path.s_min, table.path.s_max)
-
-
 def ik_document(table: PathTable) -> Document:
     """Whether the path is usable, how fast, and what limits it, at a few of its nodes."""
-    low, high = core_of(table)
+    low, high = table.path.core
     core = float(table.speed_limit_at(np.linspace(low, high, 1001)).min())
     overloaded, helped = table.torque_share.max(axis=0)
     tight = table.joint_margin < TIGHT or overloaded > 1.0
     path = table.path.describe()["kind"]
-    if isinstance(table.path, LinePath):
-        path = f"{_vector(table.path.line.origin)} m + s {_vector(table.path.line.direction)}"
+    if isinstance(table.path, Line):
+        path = f"{_vector(table.path.origin)} m + s {_vector(table.path.direction)}"
     return Document(
         title=f"IK table of {table.robot_name}",
         level=Level.CAUTION if tight else Level.GOOD,
@@ -92,7 +87,7 @@ def _shares(joints: np.ndarray, names: Sequence[str]) -> str:
 
 def speed_section(table: PathTable) -> Section:
     """How fast the tool may move, and which joint limits the speed where."""
-    slowest = np.abs(table.dq_ds / table.velocity_limits).argmax(axis=1)
+    slowest = np.abs(table.dq_ds / table.limits.velocity).argmax(axis=1)
     speed = _along_path("speed limit [m/s]")
     speed.add_scatter(x=table.s, y=table.speed_limit, name="speed", **MODEL)
     acceleration = _along_path("acceleration [m/s²]")
@@ -117,7 +112,7 @@ def speed_section(table: PathTable) -> Section:
 def joint_section(table: PathTable) -> Section:
     """Where the joints are, as they are and as shares of their range, and their extremes."""
     plain, figure = _along_path("joint position [rad]"), _along_path("share of the range [-1, 1]")
-    middle, half = (table.lower + table.upper) / 2, (table.upper - table.lower) / 2
+    middle, half = (table.limits.lower + table.limits.upper) / 2, (table.limits.upper - table.limits.lower) / 2
     margin, rows = table.margin.min(axis=0), []
     for joint, name in enumerate(table.joint_names):
         q = table.q[:, joint]
@@ -147,11 +142,11 @@ def torque_section(table: PathTable) -> Section:
     """What it takes to hold the arm along the path, and what the springs change."""
     figure = _along_path("share of the torque limit")
     for joint, name in enumerate(table.joint_names):
-        share = table.torque.gravity[:, joint] / table.effort_limits[joint]
+        share = table.torque.gravity[:, joint] / table.limits.effort[joint]
         figure.add_scatter(x=table.s, y=share, name=name, mode="lines")
     helped = [int(joint) for joint in np.flatnonzero(table.torque.springs.any(axis=0))]
     for joint in helped:
-        share = (table.torque.gravity + table.torque.springs)[:, joint] / table.effort_limits[joint]
+        share = (table.torque.gravity + table.torque.springs)[:, joint] / table.limits.effort[joint]
         figure.add_scatter(x=table.s, y=share, name=f"{table.joint_names[joint]} with its springs", **REFERENCE)
     _add_bounds(figure, table, -1.0, 1.0)
     sentence = "Gravity alone, as a share of each joint's limit."
