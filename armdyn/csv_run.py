@@ -17,8 +17,8 @@ from armdyn.channels import (
     in_contract,
     name_and_unit,
 )
-from armdyn.delimited import Delimited, IntArray, header_of, parse_delimited, read_text
-from armdyn.errors import InputError, UnknownNameError
+from armdyn.delimited import Delimited, IntArray, header_of, labels_of, parse_delimited, read_text
+from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.units import si_factor
 from urdf.bounds import number, shown
 
@@ -49,8 +49,8 @@ def read_csv(path: Path, units: Mapping[str, str] | None = None) -> dict[str, Ch
         for separator, name in ((";", "semicolons"), ("\t", "tabs")):
             if separator in header and "," not in header:
                 raise InputError(f"columns are separated by {name}: save it with commas and decimal points")
-        table = parse_delimited(text)
-        return _channels(table, _columns(table.labels, units), complete=units is not None)
+        columns = _columns(labels_of(header, ","), units)
+        return _channels(parse_delimited(text), columns, complete=units is not None)
     except UnknownNameError as error:
         strange = f"; if it is another program's: {proposal}" if units is None else ""
         raise InputError(f"{path}: {error}{strange}") from error
@@ -99,12 +99,10 @@ def _columns(labels: tuple[str, ...], units: Mapping[str, str] | None) -> dict[s
         choices = channel_units(name, where="column") if units is None else (units[name],)
         if not written:
             raise InputError(f"column '{name}' has no unit: write it as '{name} [{choices[0]}]'")
-        try:
+        with at(f"column '{name}'"):
             columns[name] = (
                 channel_unit(name, written) if units is None else (choices[0], si_factor(written, choices[0]))
             )
-        except InputError as error:
-            raise InputError(f"column '{name}': {error}") from error
     if "time" not in columns:
         raise InputError("no 'time' column: add one named 'time [s]'")
     if len(columns) < 2:

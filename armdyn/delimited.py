@@ -73,6 +73,23 @@ def separator_of(header: str) -> str:
     return next((separator for separator in (";", "\t", ",") if separator in header), " ")
 
 
+def labels_of(header: str, separator: str) -> tuple[str, ...]:
+    """The cells of a header.
+
+    Raises:
+        InputError: there are too many, or one is too long or does not show.
+    """
+    labels = tuple(cell.strip() for _, cells in _split(header, separator) for cell in cells)
+    if len(labels) > MOST_COLUMNS:
+        raise InputError(f"has {len(labels)} columns where {MOST_COLUMNS} are the most: leave some out")
+    for place, label in enumerate(labels, start=1):
+        if len(label) > LONGEST_NAME or not label.isprintable():
+            raise InputError(
+                f"column {place} '{shown(label)}': a name has at most {LONGEST_NAME} printable letters: rename it"
+            )
+    return labels
+
+
 def parse_delimited(
     text: str, separator: str = ",", missing: Collection[str] = MISSING, *, decimal_comma: bool = False
 ) -> Delimited:
@@ -91,14 +108,7 @@ def parse_delimited(
     header = header_of(text)
     start = text.find(header) + len(header) + 1
     row = text.count("\n", 0, start) + (start > len(text)) + 1
-    labels = tuple(cell.strip() for cell in _split(header, separator)[0][1])
-    if len(labels) > MOST_COLUMNS:
-        raise InputError(f"has {len(labels)} columns where {MOST_COLUMNS} are the most: leave some out")
-    for place, label in enumerate(labels, start=1):
-        if len(label) > LONGEST_NAME or not label.isprintable():
-            raise InputError(
-                f"column {place} '{shown(label)}': a name has at most {LONGEST_NAME} printable letters: rename it"
-            )
+    labels = labels_of(header, separator)
     unfinished = start < len(text) and not text.endswith("\n")  # a finished file ends in a newline
     size = len(text) if '"' in text else BLOCK  # a cell in quotes may hold line breaks
     tables, rows = [np.empty((0, len(labels)))], [np.empty(0, dtype=np.int64)]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from armdyn.errors import InputError
+from armdyn.errors import InputError, at
 
 if TYPE_CHECKING:
     from armdyn.units import Known
@@ -123,10 +123,8 @@ def quantity(text: str, unit: str, option: str) -> "Known":
     """
     from armdyn.units import parse_quantity
 
-    try:
+    with at(option):
         return parse_quantity(text, unit)
-    except InputError as error:
-        raise InputError(f"{option}: {error}") from error
 
 
 def names_in(text: str | None) -> list[str] | None:

@@ -7,10 +7,10 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from armdyn.errors import InputError
+from armdyn.errors import InputError, at
+from armdyn.toml_file import read_toml
 from pipeline.robot.protocol import Vector
 from urdf.loader import SETTINGS, known_robots
-from urdf.table_file import TableFileError, read_table
 
 
 class CommandKind(Enum):
@@ -73,18 +73,11 @@ def read_topics(file: Path) -> RosTopics:
     Raises:
         InputError: it is missing, or an entry has the wrong form.
     """
-    try:
-        table = read_table(file)[1].get("ros")
-    except FileNotFoundError as error:
-        raise InputError(f"{file}: there is no such file; give a robot's settings file") from error
-    except TableFileError as error:
-        raise InputError(f"{file}: {error}") from error
+    table = read_toml(file, "; give a robot's settings file").get("ros")
     if not isinstance(table, dict):
         raise InputError(f"{file}: there is no table [ros]; see urdf/robots/baxter.toml for an example")
-    try:
+    with at(f"{file}: [ros]"):
         return _from_table(table)
-    except InputError as error:
-        raise InputError(f"{file}: [ros]: {error}") from error
 
 
 def _from_table(table: dict[str, Any]) -> RosTopics:

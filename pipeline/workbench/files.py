@@ -176,12 +176,9 @@ def _arm_of(path: Path) -> Dropped:
 def _toml(path: Path) -> Dropped:
     from armdyn.model_file import read_model_file
     from armdyn.sidecar import read_sidecar
-    from urdf.table_file import TableFileError, read_table
+    from armdyn.toml_file import read_toml
 
-    try:
-        table = read_table(path)[1]
-    except TableFileError as error:
-        raise InputError(f"{path.name}: {error}") from error
+    table = read_toml(path)
     if "base" in table:
         model: Model = read_model_file(path).model
         effects = ", ".join(effect.label for effect in model.effects)
