@@ -166,7 +166,8 @@ def _say(runs: "list[Run]", written: list[Path]) -> None:
     for run, path in zip(runs, written, strict=True):
         longest = max(run.channels.values(), key=len)
         rate = (len(longest) - 1) / max(float(longest.time[-1] - longest.time[0]), 1e-9)
-        typer.echo(f"{path}: {run.summary}, {rate:.4g} samples per second")
+        seconds = max(float(c.time[-1]) for c in run.channels.values())
+        typer.echo(f"{path}: {run.summary}, {seconds:.1f} s, {rate:.4g} samples per second")
         for note in run.warnings:
             typer.echo(f"  {note}")
     compare = f"then: armdyn compare M.toml {shlex.join(map(str, written[:3]))}"

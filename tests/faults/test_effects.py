@@ -58,6 +58,8 @@ BAD = {
     "exit in the function": (effect_text("sys.exit(0)"), "sys.exit"),
     "exit in the file": ("sys.exit(0)\n", "ends the program"),
     "exit without status": ("raise SystemExit\n", "ends the program"),
+    "unknown import": ("import nothing_of_this_name\n", "nothing_of_this_name"),
+    "no Python": ("def f(:\n", "SyntaxError"),
     "no quantity": (
         "@effect('own', acts_on='load', summary='', source='')\ndef own(load, c=1): ...\n",
         "needs a default",
@@ -77,6 +79,16 @@ def test_a_bad_effect_is_one_line_with_its_place_and_status_two(tmp_path, monkey
     assert len([line for line in err.splitlines() if line.startswith("armdyn:")]) == 1
     assert said in err
     assert "mine.py, line " in err
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [("x = 1\n", "defines no effect"), (effect_text(GOOD, acts_on="lod"), "acts on 'lod': choose one of")],
+)
+def test_a_file_without_an_effect_of_any_stage_is_refused(tmp_path, text, said):
+    (tmp_path / "mine.py").write_text(HEAD + text)
+    with pytest.raises(InputError, match=said):
+        load_effects(tmp_path / "mine.py")
 
 
 @pytest.mark.parametrize("name", [name for name, item in CATALOGUE.items() if item.acts_on in STAGES])
