@@ -98,17 +98,23 @@ class AroundMotion:
                 other[j] = np.clip(np.median(shown[name]), problem.lower[j], problem.upper[j])
         if np.any(np.abs(other - values) > UNLIKE * np.abs(values)):
             options = [*options, other]
-        # Each option may cut pieces of the runs, which all of them share: only then do states fit the pieces.
-        begun = [self.box.begin(option) for option in options]
         found = list[tuple[np.ndarray, Point]]()
-        for option, point in zip(options, begun, strict=True):
-            fits = all(len(s) == len(run.pieces) for s, run in zip(point.states, self.box.runs, strict=True))
-            begin = point if fits else self.box.begin(option)
-            base = self.box.told(begin, wanted)
-            found.append((base, self.box.settled(base, begin)))
+        for k, option in enumerate(options):
+            found.append(self._settled_from(option, wanted))
             if not self.measured and self.box.largest_kick(found[-1][1]) < ASTRAY:
                 break  # nothing says that the motion may be another one
+            # An option may cut pieces of the runs, which all of them share: states of the others fit them no more.
+            for j in range(k):
+                states = zip(found[j][1].states, self.box.runs, strict=True)
+                if any(len(s) != len(run.pieces) for s, run in states):
+                    found[j] = self._settled_from(options[j], wanted)
         return max(found, key=lambda one: one[1].evidence)
+
+    def _settled_from(self, option: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, Point]:
+        """Those of (P,) `wanted` unknowns that the runs tell, and the runs settled with them from (P,) values."""
+        begin = self.box.begin(option)
+        base = self.box.told(begin, wanted)
+        return base, self.box.settled(base, begin)
 
     def settled(self, free: np.ndarray, like: np.ndarray | None = None) -> Point:
         """The runs settled with (P,) `free` unknowns, other effects at null; from the most similar set that was.
@@ -124,6 +130,11 @@ class AroundMotion:
         if key not in self._settled:
             self._settled[key] = free, self._unstuck(free, self.box.settled(free, self._near(free), wide=0))
         return self._settled[key][1]
+
+    def settled_point(self, free: np.ndarray) -> Point | None:
+        """Where the runs were settled with (P,) `free` unknowns; None where they were not."""
+        found = self._settled.get(free.tobytes())
+        return None if found is None else found[1]
 
     def _unstuck(self, free: np.ndarray, point: Point) -> Point:
         """A settled point, or a better one where a force is followed anew with its values.
