@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from armdyn.effects.effect import Effect, effect
     from armdyn.effects.user import load_effects
     from armdyn.errors import InputError
-    from armdyn.front import compare, diagnose, fit, inspect, repair
+    from armdyn.front import compare, diagnose, discover, fit, inspect, repair
     from armdyn.identify.compare import Comparison
     from armdyn.identify.diagnose import Diagnosis
     from armdyn.identify.repair import Repair
@@ -37,6 +37,7 @@ _MODULES = {
     "load_effects": "armdyn.effects.user", "InputError": "armdyn.errors", "quantity": "armdyn.parameter",
     "Run": "armdyn.run", "read_run": "armdyn.run", "Model": "armdyn.model", "read_model": "armdyn.model_file",
     "fit": "armdyn.front", "inspect": "armdyn.front", "compare": "armdyn.front", "diagnose": "armdyn.front",
+    "discover": "armdyn.front", "Discovery": "armdyn.discovery.result",
     "repair": "armdyn.front", "Inspection": "armdyn.inspection.check", "Comparison": "armdyn.identify.compare",
     "Diagnosis": "armdyn.identify.diagnose", "Repair": "armdyn.identify.repair",
     # Not of the science, which imports nothing of `pipeline`: looked up there when a user asks for them.
@@ -44,9 +45,9 @@ _MODULES = {
 }  # fmt: skip
 """Where each name is defined."""
 __all__ = [
-    "CATALOGUE", "Comparison", "Diagnosis", "Effect", "InputError", "Inspection", "Model", "Repair", "Run", "arm",
-    "compare", "diagnose", "effect", "effects", "excite", "export", "fit", "inspect", "load_effects", "next_experiment",
-    "pendulum", "quantity", "read_model", "read_run", "repair",
+    "CATALOGUE", "Comparison", "Diagnosis", "Discovery", "Effect", "InputError", "Inspection", "Model", "Repair", "Run",
+    "arm", "compare", "diagnose", "discover", "effect", "effects", "excite", "export", "fit", "inspect", "load_effects",
+    "next_experiment", "pendulum", "quantity", "read_model", "read_run", "repair",
 ]  # fmt: skip
 
 

@@ -4,6 +4,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TypeAlias, TypeVar
 
+from armdyn.discovery.discover import discover as _discover
+from armdyn.discovery.result import Discovery
 from armdyn.effects.effect import Effect
 from armdyn.effects.user import available
 from armdyn.identify import compare as _compare
@@ -125,6 +127,32 @@ def repair(
     study = study_of(model, runs, held_out, effects, exam, trust_data)
     found = _repair.repair(study)
     return _plausible(study, found.model, found, trust_data)
+
+
+def discover(
+    model: AnyModel,
+    runs: Runs,
+    held_out: Runs = (),
+    effects: Iterable[Effect] | None = None,
+    *,
+    trust_data: bool = False,
+) -> Discovery:
+    """Find a formula for the force that the model lacks; `Discovery.write` makes a file of effects of it.
+
+    Args:
+        model: or its file.
+        runs: recordings to fit, or their files.
+        held_out: recordings that take part in choosing the formula, never in a fit.
+        effects: that are known already; the catalogue and the base's own where it is not given.
+        trust_data: go on where recordings are not what they say they are.
+
+    Raises:
+        InputError: something cannot be read or compared, or there are no terms for such a model.
+        WrongRecordingError: see `inspect`.
+    """
+    study = study_of(model, runs, held_out, effects, trust_data=trust_data)
+    known = available(study.model) if effects is None else tuple(effects)
+    return _discover(study.model, study.runs, study.held_out, known)
 
 
 def _plausible(study: Study, model: Model, found: Answer, trust_data: bool) -> Answer:

@@ -13,10 +13,7 @@ from scipy.interpolate import CubicSpline
 
 import urdf
 from ik import build_line_table, default_table
-from ik.chain import Chain
-from ik.path import LinePath
-from ik.plan import plan_branch
-from ik.selfmotion import Goal
+from ik.plan import Planner
 from ik.solver import Solver
 
 LINE_TARGETS = 1000
@@ -185,20 +182,19 @@ def batch_of_many(robot: urdf.Robot) -> dict[str, float]:
 def race_line(robot: urdf.Robot, others: dict[str, Solve], count: int, rounds: int) -> dict[str, dict[str, object]]:
     """Targets along the line; peers start each from the posture before, armdyn takes its planned branch."""
     targets = line_targets(robot, count)
-    line, chain = robot.line, Chain.of(robot)
-    path, s = LinePath(line), np.linspace(line.s_min, line.s_max, count)
-    goal = Goal(line.core, line.core_speed)
-    branch, coarse, guess = plan_branch(robot, chain, path, goal)
-    course = CubicSpline(coarse, guess)
+    line, planner = robot.line, Planner(robot, robot.line)
+    s, chain = np.linspace(line.s_min, line.s_max, count), planner.chain
+    branch, guess = planner.plan()
+    course = CubicSpline(planner.s, guess)
     whole = timed_build(robot)
 
     def planned_first() -> np.ndarray:
-        branch, coarse, guess = plan_branch(robot, chain, path, goal)
-        return branch.solve(chain, path, s, CubicSpline(coarse, guess)(s)).q
+        branch, guess = planner.plan()
+        return branch.solve(chain, line, s, CubicSpline(planner.s, guess)(s))[0]
 
     first = default_table(robot).posture(line.s_min).q
     contenders: dict[str, OneByOne | Batch] = {
-        "armdyn": Batch(lambda: branch.solve(chain, path, s, course(s)).q),
+        "armdyn": Batch(lambda: branch.solve(chain, line, s, course(s))[0]),
         "armdyn, plan counted": Batch(planned_first),
     }
     for name, solve in others.items():

@@ -2,14 +2,13 @@
 
 from ik.build import build_line_table, build_path_table, default_table
 from ik.errors import StaleTableError, UnreachableError
-from ik.path import CirclePath, LinePath, Path, SplinePath
+from ik.path import CirclePath, Path, SplinePath
 from ik.pathfile import read_path
 from ik.table import JointMotion, LineTable, PathTable, Posture
 
 __all__ = [
     "CirclePath",
     "JointMotion",
-    "LinePath",
     "LineTable",
     "Path",
     "PathTable",

@@ -14,34 +14,22 @@ The best smooth branch near a given one follows from a short sequence of convex 
 """
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import NamedTuple
 
 import clarabel
 import numpy as np
 from numpy.polynomial import chebyshev
 from scipy import sparse
 
-from ik.chain import Chain, shortened
+from ik.chain import POSE, Chain, shortened
 from ik.path import Path
-from ik.selfmotion import Goal
 from urdf import Limits
 from urdf.robot import Array
 
 TOLERANCE = 1e-12  # m and rad; what double precision lets Newton's method reach on a metre-sized arm
 ITERATIONS = 30
 LONGEST_STEP = 0.3  # rad or m per iteration; Newton's method is trusted no further
-
-
-@dataclass(frozen=True)
-class Solution:
-    """Postures on a branch.
-
-    Attributes:
-        q: postures, (k, n) [rad or m].
-        residual: largest entry of what is left of each equation, (k,) [m or rad].
-    """
-
-    q: Array
-    residual: Array
 
 
 @dataclass(frozen=True)
@@ -63,18 +51,15 @@ class Branch:
     def basis(self, s: Array, derivative: int = 0) -> Array:
         """Chebyshev polynomials at s, or one of their derivatives by s: (k, degree + 1)."""
         terms = self.coefficients.shape[1]
-        scale = (2.0 / (self.s_max - self.s_min)) ** derivative
+        scale = 2.0 / (self.s_max - self.s_min)
         derived = chebyshev.chebder(np.eye(terms), derivative, axis=0)
-        return scale * chebyshev.chebvander(self._scaled(s), len(derived) - 1) @ derived
+        return scale**derivative * chebyshev.chebvander(scale * (s - self.s_min) - 1.0, len(derived) - 1) @ derived
 
     def height(self, s: Array, derivative: int = 0) -> Array:
         """The polynomial h or one of its derivatives by s: (k, r)."""
         return self.basis(s, derivative) @ self.coefficients.T
 
-    def _scaled(self, s: Array) -> Array:
-        return (2.0 * s - self.s_min - self.s_max) / (self.s_max - self.s_min)
-
-    def solve(self, chain: Chain, path: Path, s: Array, guess: Array) -> Solution:
+    def solve(self, chain: Chain, path: Path, s: Array, guess: Array) -> tuple[Array, Array]:
         """Newton's method on the square system, for all coordinates at once.
 
         Args:
@@ -82,6 +67,9 @@ class Branch:
             path: where the tool should be.
             s: path coordinates, (k,) [m].
             guess: postures to start from, (k, n).
+
+        Returns:
+            Postures, (k, n) [rad or m], and the largest entry of what is left of each equation, (k,) [m or rad].
         """
         rotation, position = path.pose(s)
         height = self.height(s)
@@ -95,7 +83,7 @@ class Branch:
             if np.all((residual < TOLERANCE) | ((residual < 1e2 * TOLERANCE) & (residual >= previous))):
                 break
             q += shortened(_solve(self.matrix(chain.jacobian(motion)), error), LONGEST_STEP)
-        return Solution(q, residual)
+        return q, residual
 
     def matrix(self, jacobian: Array) -> Array:
         """A = [J; W] for a Jacobian of shape (6, n, k): (k, n, n)."""
@@ -129,27 +117,36 @@ def _solve(matrix: Array, right: Array) -> Array:
     return np.asarray(np.linalg.solve(matrix, right.T[:, :, None])[:, :, 0], dtype=np.float64)
 
 
+MARGIN = 0.53  # rad or m to keep from every joint limit
+MARGIN_WEIGHT = 10.0  # s of traverse time that a radian of missing margin is worth
+CORE_WEIGHT = 3000.0  # m; time that one part of missing speed on the core is worth
 CURVATURE = 3e-3  # m^2 s: cost of bending; it keeps accelerations small and costs little speed
 ROUNDS = 40
 ENOUGH = 1e-5  # s of traverse time
+TRUST, LARGEST_TRUST, SMALLEST_TRUST = 0.2, 0.4, 1e-4  # rad or m by which h may change in one round
 
 
-@dataclass(frozen=True)
-class _State:
+def in_core(path: Path, s: Array) -> Array:
+    """1 where coordinates (k,) [m] belong to the core of a path, else 0."""
+    low, high = path.core
+    return ((s >= low - 1e-9) & (s <= high + 1e-9)).astype(np.float64)
+
+
+class _Candidate(NamedTuple):
+    """A branch, its postures (k, n) at the nodes with two derivatives, how h lifts them, (k, n, r), and its cost."""
+
     branch: Branch
     q: Array
     rate: Array
     bending: Array
-    lift: Array  # dq/dh, (k, n, r)
+    lift: Array
     cost: float
 
 
-def refine(
-    chain: Chain, limits: Limits, path: Path, goal: Goal, branch: Branch, s: Array, q: Array
-) -> tuple[Branch, Array]:
+def refine(chain: Chain, limits: Limits, path: Path, branch: Branch, s: Array, q: Array) -> tuple[Branch, Array]:
     r"""Change the polynomial h so that the path can be travelled faster.
 
-    Minimises the traverse time at full speed plus bending and the goal's own terms,
+    Minimises the traverse time at full speed plus bending, missing speed on the core and missing joint margin,
 
         \int \max_j |q_j'| / v_j  ds + CURVATURE/2 \int |q'' / v|^2 ds + penalties,
 
@@ -158,8 +155,7 @@ def refine(
     Args:
         chain: the arm.
         limits: of its joints.
-        path: where the tool is.
-        goal: what to optimise for.
+        path: where the tool is, its core, and the speed asked of that.
         branch: where to start.
         s: evenly spaced coordinates, (k,) [m].
         q: postures near the branch, (k, n).
@@ -167,48 +163,49 @@ def refine(
     Returns:
         The branch and its postures at s, (k, n).
     """
-    best = _state(chain, limits, path, goal, branch, s, q)
+    best = _assess(chain, limits, path, branch, s, q)
     if best is None or len(branch.weights) == 0:
         return branch, q
-    trust = 0.2
+    trust = TRUST
     for _ in range(ROUNDS):
-        change = _propose(limits, goal, best, s, trust)
-        candidate = replace(best.branch, coefficients=best.branch.coefficients + change)
-        state = _state(chain, limits, path, goal, candidate, s, best.q)
-        if state is None or state.cost >= best.cost:
+        change = _best_change(limits, path, best, s, trust)
+        proposed = replace(best.branch, coefficients=best.branch.coefficients + change)
+        candidate = _assess(chain, limits, path, proposed, s, best.q)
+        if candidate is None or candidate.cost >= best.cost:
             trust *= 0.3
-            if trust < 1e-4:
+            if trust < SMALLEST_TRUST:
                 break
             continue
-        gained, best, trust = best.cost - state.cost, state, min(0.4, 2.0 * trust)
+        gained, best, trust = best.cost - candidate.cost, candidate, min(LARGEST_TRUST, 2.0 * trust)
         if gained < ENOUGH:
             break
     return best.branch, best.q
 
 
-def _state(chain: Chain, limits: Limits, path: Path, goal: Goal, branch: Branch, s: Array, q: Array) -> _State | None:
-    solution = branch.solve(chain, path, s, q)
-    if solution.residual.max() > 1e-9:
+def _assess(chain: Chain, limits: Limits, path: Path, branch: Branch, s: Array, q: Array) -> _Candidate | None:
+    """The branch solved from postures near it, with its cost; None where it cannot be solved."""
+    q, residual = branch.solve(chain, path, s, q)
+    if residual.max() > 1e-9:
         return None
     step = s[1] - s[0]
-    rate, bending, jacobian = branch.derivatives(chain, path, s, solution.q)
+    rate, bending, jacobian = branch.derivatives(chain, path, s, q)
     slowness = np.abs(rate / limits.velocity).max(axis=1)
-    missing = np.maximum(0.0, slowness - 1.0 / goal.core_speed)[goal.in_core(s)].sum()
-    cost = step * (slowness.sum() + goal.core_weight * missing)
+    missing = np.maximum(0.0, slowness - 1.0 / path.core_speed) @ in_core(path, s)
+    cost = step * (slowness.sum() + CORE_WEIGHT * missing)
     cost += step * CURVATURE / 2 * ((bending / limits.velocity) ** 2).sum()
-    cost += goal.margin_weight * max(0.0, goal.margin - float(limits.margin(solution.q).min()))
-    lift = np.asarray(np.linalg.inv(branch.matrix(jacobian.transpose(1, 2, 0)))[:, :, 6:], dtype=np.float64)
-    return _State(branch, solution.q, rate, bending, lift, float(cost))
+    cost += MARGIN_WEIGHT * max(0.0, MARGIN - float(limits.margin(q).min()))
+    lift = np.asarray(np.linalg.inv(branch.matrix(jacobian.transpose(1, 2, 0)))[:, :, POSE:], dtype=np.float64)
+    return _Candidate(branch, q, rate, bending, lift, float(cost))
 
 
-def _propose(limits: Limits, goal: Goal, state: _State, s: Array, trust: float) -> Array:
+def _best_change(limits: Limits, path: Path, now: _Candidate, s: Array, trust: float) -> Array:
     """Change of the coefficients, (r, degree + 1), that is best to first order within the trust region."""
-    rows, degree = state.branch.coefficients.shape
-    nodes, joints = state.q.shape
+    rows, degree = now.branch.coefficients.shape
+    nodes, joints = now.q.shape
     step = s[1] - s[0]
-    basis, slopes, bends = (state.branch.basis(s, derivative) for derivative in range(3))
+    basis, slopes, bends = (now.branch.basis(s, derivative) for derivative in range(3))
     # dq = L dh, hence dq' = L dh' + L' dh and so on, with L = dq/dh.
-    lift = state.lift
+    lift = now.lift
     lift_slope = np.gradient(lift, step, axis=0)
     lift_bend = np.gradient(lift_slope, step, axis=0)
 
@@ -220,56 +217,42 @@ def _propose(limits: Limits, goal: Goal, state: _State, s: Array, trust: float) 
     speed = limits.velocity[:, None, None]
     first = effect((lift, slopes), (lift_slope, basis)) / speed
     second = effect((lift, bends), (2 * lift_slope, slopes), (lift_bend, basis)) / speed
-    slope, bend = state.rate.T / speed[:, 0], state.bending.T / speed[:, 0]
-    core = goal.in_core(s)
+    slope, bend = now.rate.T / speed[:, 0], now.bending.T / speed[:, 0]
+    heights = np.einsum("kd,rp->rkpd", basis, np.eye(rows)).reshape(rows, nodes, rows * degree)
+    core = np.flatnonzero(in_core(path, s))
     # Unknowns: coefficients, slowness per node, missing slowness per node of the core, missing margin.
-    sizes = (rows * degree, nodes, int(core.sum()), 1)
-    blocks: list[tuple[tuple[Array | None, ...], Array]] = []
-    unit = np.eye(nodes)
+    ends = np.cumsum([rows * degree, nodes, len(core), 1])
+    change, slow, missing, margin = (slice(start, end) for start, end in pairwise([0, *ends]))
+    blocks, bounds = [], []
+
+    def at_most(bound: Array, *parts: tuple[slice, Array | float]) -> None:
+        block = np.zeros((len(bound), ends[-1]))
+        for columns, values in parts:
+            block[:, columns] = values
+        blocks.append(sparse.csr_matrix(block))
+        bounds.append(bound)
+
     for joint in range(joints):
         for sign in (1.0, -1.0):
-            blocks.append(((sign * first[joint], -unit, None, None), -sign * slope[joint]))
-        for sign, bound in ((1.0, limits.lower[joint]), (-1.0, limits.upper[joint])):
-            room = sign * (state.q[:, joint] - bound) - goal.margin
-            blocks.append(((-sign * moves[joint], None, None, -np.ones((nodes, 1))), room))
-    blocks.append(((None, unit[core], -np.eye(sizes[2]), None), np.full(sizes[2], 1.0 / goal.core_speed)))
-    blocks.append(((None, None, -np.eye(sizes[2]), None), np.zeros(sizes[2])))
-    blocks.append(((None, None, None, -np.eye(1)), np.zeros(1)))
-    for row in range(rows):
-        reach = np.zeros((nodes, rows, degree))
-        reach[:, row] = basis
+            at_most(-sign * slope[joint], (change, sign * first[joint]), (slow, -np.eye(nodes)))
+            limit = limits.upper[joint] if sign > 0 else limits.lower[joint]
+            room = sign * (limit - now.q[:, joint])
+            at_most(room - MARGIN, (change, sign * moves[joint]), (margin, -1.0))
+    wanted = np.full(len(core), 1.0 / path.core_speed)
+    at_most(wanted, (slow, np.eye(nodes)[core]), (missing, -np.eye(len(core))))
+    at_most(np.zeros(len(core)), (missing, -np.eye(len(core))))
+    at_most(np.zeros(1), (margin, -1.0))
+    for height in heights:
         for sign in (1.0, -1.0):
-            blocks.append(((sign * reach.reshape(nodes, -1), None, None, None), np.full(nodes, trust)))
-    constraints = sparse.vstack([_row(parts, sizes) for parts, _ in blocks])
-    quadratic = CURVATURE * step * np.einsum("jka,jkb->ab", second, second) + 1e-9 * np.eye(sizes[0])
-    linear = np.concatenate(
-        (
-            CURVATURE * step * np.einsum("jka,jk->a", second, bend),
-            np.full(sizes[1], step),
-            np.full(sizes[2], goal.core_weight * step),
-            np.full(1, goal.margin_weight),
-        )
-    )
-    padding = sparse.csc_matrix((sum(sizes[1:]), sum(sizes[1:])))
+            at_most(np.full(nodes, trust), (change, sign * height))
+    quadratic = np.zeros((ends[-1], ends[-1]))
+    quadratic[change, change] = CURVATURE * step * np.einsum("jka,jkb->ab", second, second) + 1e-9 * np.eye(ends[0])
+    linear = np.empty(ends[-1])
+    linear[change] = CURVATURE * step * np.einsum("jka,jk->a", second, bend)
+    linear[slow], linear[missing], linear[margin] = step, CORE_WEIGHT * step, MARGIN_WEIGHT
     settings = clarabel.DefaultSettings()
     settings.verbose = False
-    bounds = np.concatenate([bound for _, bound in blocks])
-    solver = clarabel.DefaultSolver(
-        sparse.csc_matrix(sparse.triu(sparse.block_diag((quadratic, padding)))),
-        linear,
-        sparse.csc_matrix(constraints),
-        bounds,
-        [clarabel.NonnegativeConeT(len(bounds))],
-        settings,
-    )
-    return np.array(solver.solve().x)[: sizes[0]].reshape(rows, degree)
-
-
-def _row(parts: tuple[Array | None, ...], sizes: tuple[int, ...]) -> sparse.csr_matrix:
-    height = next(part.shape[0] for part in parts if part is not None)
-    return sparse.hstack(
-        [
-            sparse.csr_matrix((height, size)) if part is None else sparse.csr_matrix(part)
-            for part, size in zip(parts, sizes, strict=True)
-        ]
-    )
+    constraints, bound = sparse.csc_matrix(sparse.vstack(blocks)), np.concatenate(bounds)
+    cone = [clarabel.NonnegativeConeT(len(bound))]
+    solver = clarabel.DefaultSolver(sparse.csc_matrix(np.triu(quadratic)), linear, constraints, bound, cone, settings)
+    return np.array(solver.solve().x)[change].reshape(rows, degree)

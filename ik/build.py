@@ -10,19 +10,14 @@ from scipy.interpolate import CubicSpline
 
 from armdyn.cache import cache_directory, entry_name
 from armdyn.errors import InputError
-from ik.branch import Branch
-from ik.chain import Chain
 from ik.errors import UnreachableError
-from ik.path import LinePath, Path
-from ik.pathfile import UNASKED
-from ik.plan import plan_free
-from ik.selfmotion import Goal
-from ik.solver import survey
+from ik.misses import find_misses
+from ik.path import Path
+from ik.plan import Planner
 from ik.table import LineTable, PathTable
 from ik.tablefile import FORMAT
 from ik.torque import PathTorque
 from urdf import CollisionModel, Line, Robot
-from urdf.robot import Array
 
 SPACING = 0.0005  # m between nodes: fourth-order differences of the nodes then agree with q' to 1e-9
 SURVEYED = 86  # targets looked at when a path cannot be followed
@@ -44,12 +39,11 @@ def build_line_table(
         UnreachableError: a target on the line cannot be reached; the message says which, how far off and why.
         InputError: the arm has too few joints to hold a tool.
     """
-    line = line or robot.line
-    return LineTable(**_content(robot, LinePath(line), Goal(line.core, line.core_speed), spacing, progress))
+    return LineTable(**_content(robot, line or robot.line, spacing, progress))
 
 
 def build_path_table(robot: Robot, path: Path, spacing: float = SPACING, progress: Progress | None = None) -> PathTable:
-    """Plan the branch along any smooth path in SE(3) and solve it at every node; a line gives a `LineTable`.
+    """Plan the branch along any smooth path in SE(3) and solve it at every node.
 
     Args:
         robot: the arm.
@@ -61,23 +55,23 @@ def build_path_table(robot: Robot, path: Path, spacing: float = SPACING, progres
         UnreachableError: a target on the path cannot be reached; the message says which, how far off and why.
         InputError: the arm has too few joints to hold a tool.
     """
-    if isinstance(path, LinePath):
-        return build_line_table(robot, path.line, spacing, progress)
-    # No stretch matters more than another: the path is made as fast as possible all along.
-    goal = Goal((path.s_min, path.s_max), UNASKED)
-    return PathTable(**_content(robot, path, goal, spacing, progress))
+    return PathTable(**_content(robot, path, spacing, progress))
 
 
-def _content(robot: Robot, path: Path, goal: Goal, spacing: float, progress: Progress | None) -> dict[str, Any]:
+def _content(robot: Robot, path: Path, spacing: float, progress: Progress | None) -> dict[str, Any]:
     """Everything that a table holds."""
     say = progress or (lambda _: None)
-    chain = Chain.of(robot)
     say("planning the branch")
-    branch, coarse, guess = _plan(robot, chain, path, goal)
+    collisions = CollisionModel(robot)
+    planner = Planner(robot, path, collisions)
+    try:
+        branch, guess = planner.plan()
+    except UnreachableError as error:
+        raise UnreachableError(_why_not(robot, path, collisions, str(error))) from error
     say("solving the nodes")
     s = np.linspace(path.s_min, path.s_max, max(8, round((path.s_max - path.s_min) / spacing)) + 1)
-    solution = branch.solve(chain, path, s, CubicSpline(coarse, guess)(s))
-    rate, bending, jacobian = branch.derivatives(chain, path, s, solution.q)
+    q, _ = branch.solve(planner.chain, path, s, CubicSpline(planner.s, guess)(s))
+    rate, bending, jacobian = branch.derivatives(planner.chain, path, s, q)
     return {
         "robot_name": robot.name,
         "joint_names": robot.joint_names,
@@ -85,36 +79,26 @@ def _content(robot: Robot, path: Path, goal: Goal, spacing: float, progress: Pro
         "tool_offset": robot.tool_offset,
         "path": path,
         "s": s,
-        "q": solution.q,
+        "q": q,
         "dq_ds": rate,
         "d2q_ds2": bending,
         "jacobian": jacobian,
-        "lower": robot.limits.lower,
-        "upper": robot.limits.upper,
-        "velocity_limits": robot.limits.velocity,
-        "acceleration_limits": robot.limits.acceleration,
-        "effort_limits": robot.limits.effort,
-        "torque": PathTorque.of(robot, solution.q, rate, bending),
+        "limits": robot.limits,
+        "torque": PathTorque.of(robot, q, rate, bending),
         "fingerprint": robot.fingerprint,
     }
 
 
-def _plan(robot: Robot, chain: Chain, path: Path, goal: Goal) -> tuple[Branch, Array, Array]:
-    """The best branch within the limits that touches nothing, or the reason why there is none."""
-    collisions = CollisionModel(robot)
-    try:
-        return plan_free(robot, chain, path, goal, collisions)
-    except UnreachableError as error:
-        why = str(error)
-    misses = survey(robot, path, np.linspace(path.s_min, path.s_max, SURVEYED), collisions)
+def _why_not(robot: Robot, path: Path, collisions: CollisionModel, planned: str) -> str:
+    """Why a path cannot be followed: targets that cannot be held, or what the plan said."""
+    misses = find_misses(robot, path, np.linspace(path.s_min, path.s_max, SURVEYED), collisions)
     if misses:
-        raise UnreachableError(
+        return (
             f"robot '{robot.name}': {len(misses)} of {SURVEYED} targets on the path cannot be held; "
-            f"{misses[0].sentence}; move or shorten the path",
-            misses,
+            f"{misses[0].sentence}; move or shorten the path"
         )
-    raise UnreachableError(
-        f"robot '{robot.name}': every target on the path can be held, but not on one smooth course: {why}; "
+    return (
+        f"robot '{robot.name}': every target on the path can be held, but not on one smooth course: {planned}; "
         "move or shorten the path, or choose another home posture"
     )
 

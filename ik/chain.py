@@ -159,26 +159,8 @@ def cross(a: Array, b: Array) -> Array:
     return np.stack((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx), axis=-2)
 
 
-def least_motion(jacobian: Array, error: Array, damping: float | Array, longest: float) -> Array:
-    r"""Smallest joint motion that takes an error away, $J^T (J J^T + \lambda I)^{-1} e$, scaled down where it is long.
-
-    Args:
-        jacobian: (k, 6, n).
-        error: (k, 6) [m and rad].
-        damping: lambda, one or (k,).
-        longest: largest entry of a step [rad or m].
-
-    Returns:
-        (k, n) [rad or m].
-    """
-    transposed = jacobian.transpose(0, 2, 1)
-    normal = jacobian @ transposed
-    normal[:, np.arange(POSE), np.arange(POSE)] += np.reshape(damping, (-1, 1))
-    return shortened((transposed @ np.linalg.solve(normal, error[:, :, None]))[:, :, 0], longest)
-
-
 def shortened(step: Array, longest: float) -> Array:
-    """Steps (k, n) scaled down to a largest entry."""
+    """Steps (k, n), each scaled down so that its largest entry is at most `longest`."""
     return step * np.minimum(1.0, longest / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
 
 

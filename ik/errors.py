@@ -1,11 +1,6 @@
 """What can go wrong between a path and a table."""
 
-from typing import TYPE_CHECKING
-
 from armdyn.errors import InputError, TaskFailedError
-
-if TYPE_CHECKING:
-    from ik.solver import Miss
 
 
 class StaleTableError(InputError):
@@ -13,13 +8,4 @@ class StaleTableError(InputError):
 
 
 class UnreachableError(TaskFailedError):
-    """A path that the arm cannot follow.
-
-    Args:
-        message: what, where and what to do.
-        misses: the targets that cannot be held, where single targets are to blame.
-    """
-
-    def __init__(self, message: str, misses: "tuple[Miss, ...]" = ()) -> None:
-        self.misses = misses
-        super().__init__(message)
+    """A path that the arm cannot follow: the message says where, why and what to do."""

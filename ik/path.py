@@ -1,18 +1,17 @@
-"""Paths of the tool point in SE(3), as functions of one coordinate s: line, circle, spline."""
+"""Paths of the tool point in SE(3), as functions of one coordinate s; `urdf.Line` is the straight one."""
 
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline, make_interp_spline
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from armdyn.errors import InputError
-from urdf import Line
 from urdf.robot import Array, read_only
 
 LONGEST = 20.0  # m of path; no arm on a fixed base follows a longer one
+UNASKED = 1e-3  # m/s, slower than any arm: no speed is asked of the core
 
 
 class Path(Protocol):
@@ -25,6 +24,14 @@ class Path(Protocol):
     @property
     def s_max(self) -> float:
         """Last coordinate [m]."""
+
+    @property
+    def core(self) -> tuple[float, float]:
+        """The stretch on which speed matters most [m]."""
+
+    @property
+    def core_speed(self) -> float:
+        """Speed asked of the core [m/s]."""
 
     def pose(self, s: Array) -> tuple[Array, Array]:
         """Orientations (3, 3, k) and positions (3, k) [m] of the tool."""
@@ -39,50 +46,21 @@ class Path(Protocol):
         """What `ik.pathfile.path_of` makes the same path from: numbers, lists and texts only."""
 
 
-@dataclass(frozen=True)
-class LinePath:
-    """A straight path of one orientation."""
+class _WithoutCore:
+    """A path none of whose stretches matters more than another."""
 
-    line: Line
-
-    @property
-    def s_min(self) -> float:
-        """First coordinate [m]."""
-        return self.line.s_min
+    s_min: float
+    s_max: float
+    core_speed = UNASKED
 
     @property
-    def s_max(self) -> float:
-        """Last coordinate [m]."""
-        return self.line.s_max
-
-    def pose(self, s: Array) -> tuple[Array, Array]:
-        """Orientations (3, 3, k) and positions (3, k) [m] of the tool."""
-        return np.broadcast_to(self.line.rotation[:, :, None], (3, 3, len(s))), self.line.position(s).T
-
-    def twist(self, s: Array) -> Array:
-        """Velocity of the tool per unit of s, (6, k) [1, rad/m]."""
-        return np.concatenate((np.outer(self.line.direction, np.ones_like(s)), np.zeros((3, len(s)))))
-
-    def twist_rate(self, s: Array) -> Array:
-        """Derivative of the twist by s, (6, k) [1/m, rad/m^2]: none."""
-        return np.zeros((6, len(s)))
-
-    def describe(self) -> dict[str, Any]:
-        """The line's numbers."""
-        line = self.line
-        return {
-            "kind": "line",
-            "origin": line.origin.tolist(),
-            "direction": line.direction.tolist(),
-            "rotation": line.rotation.tolist(),
-            "range": [line.s_min, line.s_max],
-            "core": list(line.core),
-            "core_speed": line.core_speed,
-        }
+    def core(self) -> tuple[float, float]:
+        """All of the path [m]."""
+        return self.s_min, self.s_max
 
 
 @dataclass(frozen=True)
-class CirclePath:
+class CirclePath(_WithoutCore):
     """A circle or a part of one, by its arc length; s = 0 where it starts.
 
     Attributes:
@@ -147,9 +125,9 @@ class CirclePath:
             "follow": self.follow,
         }
 
-    def _directions(self, s: ArrayLike) -> tuple[Array, Array]:
+    def _directions(self, s: Array) -> tuple[Array, Array]:
         """Unit vectors outwards and along the circle, (3, k) each."""
-        angle = np.asarray(s) / self.radius
+        angle = s / self.radius
         across = np.cross(self.normal, self.start)
         cosine, sine = np.cos(angle), np.sin(angle)
         return (
@@ -164,7 +142,7 @@ NEWTON = 4  # steps from a linear guess to rounding
 
 
 @dataclass(frozen=True)
-class SplinePath:
+class SplinePath(_WithoutCore):
     """Position by a quintic spline (cubic through fewer than six points), orientation by a cubic rotation spline.
 
     The spline's own parameter u runs along the chords between the points; the path's coordinate s is the arc length,
@@ -173,10 +151,14 @@ class SplinePath:
     Attributes:
         points: tool positions to pass through, (m, 3) [m].
         rotations: tool orientations there, (m, 3, 3); all equal for a fixed one.
+        s_min: 0.
+        s_max: length of the path [m].
     """
 
     points: Array
     rotations: Array
+    s_min: float = field(init=False, default=0.0)
+    s_max: float = field(init=False)
     _position: BSpline = field(init=False, repr=False, compare=False)
     _turning: RotationSpline | None = field(init=False, repr=False, compare=False)
     _u: Array = field(init=False, repr=False, compare=False)
@@ -200,16 +182,7 @@ class SplinePath:
         u = np.linspace(0.0, knots[-1], CELLS * (count - 1) + 1)
         object.__setattr__(self, "_u", u)
         object.__setattr__(self, "_s", np.concatenate(([0.0], np.cumsum(self._length(u[:-1], u[1:])))))
-
-    @property
-    def s_min(self) -> float:
-        """First coordinate [m]: 0."""
-        return 0.0
-
-    @property
-    def s_max(self) -> float:
-        """Length of the path [m]."""
-        return float(self._s[-1])
+        object.__setattr__(self, "s_max", float(self._s[-1]))
 
     def pose(self, s: Array) -> tuple[Array, Array]:
         """Orientations (3, 3, k) and positions (3, k) [m] of the tool."""

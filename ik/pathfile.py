@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from armdyn.errors import InputError, UnknownNameError
-from ik.path import LONGEST, CirclePath, LinePath, Path, SplinePath
+from ik.path import LONGEST, UNASKED, CirclePath, Path, SplinePath
 from urdf import Line, UrdfError
 from urdf.robot import Array, rotation_of
 from urdf.table_file import TableFileError, check_keys, read_table
@@ -20,7 +20,6 @@ LARGEST = 100.0
 """m; what is farther is in another unit."""
 MOST_POINTS = 1000
 """Of a spline."""
-UNASKED = 1e-3  # m/s, slower than any arm: no speed is asked of the core
 
 
 def read_path(file: str | File) -> Path:
@@ -36,21 +35,16 @@ def read_path(file: str | File) -> Path:
     source = File(file)
     try:
         _, content = read_table(source, finite=True)
-    except FileNotFoundError as error:
-        raise InputError(f"{source}: cannot be read (no such file); give the path of a path file") from error
-    except TableFileError as error:
-        raise InputError(f"{source}: {error}") from error
-    try:
         check_keys(content, KEYS)
         return path_of(content)
+    except FileNotFoundError as error:
+        raise InputError(f"{source}: cannot be read (no such file); give the path of a path file") from error
     except KeyError as error:
         raise InputError(f"{source}: entry {error} is missing; see docs/ik.md for examples") from error
-    except TableFileError as error:
+    except (TableFileError, InputError) as error:
         raise InputError(f"{source}: {error}") from error
     except (TypeError, ValueError, AttributeError, OverflowError, UrdfError) as error:
         raise InputError(f"{source}: an entry has the wrong form ({error}); see docs/ik.md for examples") from error
-    except InputError as error:
-        raise InputError(f"{source}: {error}") from error
 
 
 def path_of(content: dict[str, Any]) -> Path:
@@ -96,16 +90,14 @@ def _path_of(content: dict[str, Any]) -> Path:
         )
     first, last = map(float, content["range"])
     low, high = map(float, content.get("core", (first, last)))
-    return LinePath(
-        Line(
-            origin=_vector(content["origin"]),
-            direction=_unit(content["direction"]),
-            rotation=rotation,
-            s_min=first,
-            s_max=last,
-            core=(low, high),
-            core_speed=float(content.get("core_speed", UNASKED)),
-        )
+    return Line(
+        origin=_vector(content["origin"]),
+        direction=_unit(content["direction"]),
+        rotation=rotation,
+        s_min=first,
+        s_max=last,
+        core=(low, high),
+        core_speed=float(content.get("core_speed", UNASKED)),
     )
 
 

@@ -1,161 +1,178 @@
 """From a path to the branch of postures along it that keeps within the joint limits and touches nothing."""
 
-from collections.abc import Callable
-
 import numpy as np
 
-from ik.branch import Branch, refine
-from ik.chain import Chain
+from ik.branch import CORE_WEIGHT, MARGIN, MARGIN_WEIGHT, Branch, in_core, refine
+from ik.chain import POSE, Chain
 from ik.errors import UnreachableError
 from ik.path import Path
-from ik.selfmotion import Goal, best_sequence, null_space, project, trace
-from ik.solver import Solver
+from ik.solver import TOLERANCE, Solver, descend
 from urdf import CollisionModel, Robot
 from urdf.robot import Array
 
 SPACING = 0.01  # m between the nodes of the plan
 COARSE = 5  # nodes of the plan per node of the global search
 DEGREE = 9  # of the polynomial that picks the branch; more gains no speed and bends more
-REACHED = 1e-9  # m and rad
+STEP = 0.02  # rad along the self-motion
+LONGEST = 3.2  # rad of self-motion to either side: about half a turn of the elbow
 
 
-def plan_branch(
-    robot: Robot, chain: Chain, path: Path, goal: Goal, allowed: Callable[[Array], bool] | None = None
-) -> tuple[Branch, Array, Array]:
-    """The branch on which the path can be travelled fastest.
+class Planner:
+    """Plans the branch on which a path can be travelled fastest.
 
     The home posture is carried along the path; where the arm has one spare joint, dynamic programming over its
     self-motion finds the global course; a polynomial takes it over and is refined.
 
     Args:
-        robot: the arm.
-        chain: the same, for many postures at once.
-        path: where the tool should be.
-        goal: what to optimise the branch for.
-        allowed: says whether a posture (n,) may be used; None allows all.
-
-    Returns:
-        The branch, coordinates s, (k,) [m], and postures on it, (k, n).
-
-    Raises:
-        UnreachableError: no smooth course leads along the whole path.
-    """
-    nodes = COARSE * max(4, round((path.s_max - path.s_min) / SPACING / COARSE)) + 1
-    s = np.linspace(path.s_min, path.s_max, nodes)
-    q = carry_along(robot, chain, path, s)
-    if chain.joints == 7:
-        coarse = np.arange(0, nodes, COARSE)
-        postures, valid = trace(chain, path, s[coarse], q[coarse])
-        if allowed is not None:
-            for step, node in np.argwhere(valid):
-                valid[step, node] = allowed(postures[step, node])
-        course = best_sequence(robot.limits, goal, s[coarse], postures, valid)
-        if course is None:
-            raise UnreachableError(f"no course from s = {path.s_min:g} to {path.s_max:g} m is free all the way")
-        guess = np.array([np.interp(s, s[coarse], course[:, joint]) for joint in range(chain.joints)]).T
-        q, _ = project(chain, *path.pose(s), guess)
-    branch, q = refine(chain, robot.limits, path, goal, fit_branch(chain, s, q), s, q)
-    return branch, s, q
-
-
-def fit_branch(chain: Chain, s: Array, q: Array) -> Branch:
-    """The branch that runs closest to given postures.
-
-    Args:
-        chain: the arm.
-        s: coordinates, (k,) [m].
-        q: postures, (k, n).
-    """
-    null = null_space(chain.jacobian(chain.motion(q)))
-    # The directions that all null spaces share most: the leading eigenvectors of their mean projector.
-    mean = np.einsum("kir,kjr->ij", null, null) / len(s)
-    weights = np.linalg.eigh(mean)[1][:, ::-1][:, : chain.joints - 6].T
-    empty = Branch(weights, np.zeros((len(weights), DEGREE + 1)), float(s[0]), float(s[-1]))
-    coefficients = np.linalg.lstsq(empty.basis(s), q @ weights.T, rcond=None)[0].T
-    return Branch(weights, coefficients, float(s[0]), float(s[-1]))
-
-
-def carry_along(robot: Robot, chain: Chain, path: Path, s: Array) -> Array:
-    """Postures along a path, each the nearest to the one before, starting near home where s is nearest to 0.
-
-    Joint limits are left to what follows: the self-motion can still lead back within them.
-
-    Args:
         robot: the arm and its home posture.
-        chain: the same, for many postures at once.
         path: where the tool should be.
-        s: coordinates, (k,) [m].
+        collisions: what the arm must not touch; None leaves collisions out.
 
-    Raises:
-        UnreachableError: a target cannot be reached from its neighbour.
-    """
-    rotation, position = path.pose(s)
-    postures = np.empty((len(s), chain.joints))
-    start = int(np.abs(s).argmin())
-    postures[start] = _start(robot, chain, rotation[:, :, [start]], position[:, [start]], float(s[start]))
-    for nodes, back in ((range(start + 1, len(s)), -1), (range(start - 1, -1, -1), 1)):
-        for node in nodes:
-            guess = postures[[node + back]]
-            q, error = project(chain, rotation[:, :, [node]], position[:, [node]], guess, 8)
-            if error[0] > REACHED:
-                raise UnreachableError(f"the arm cannot follow to s = {s[node]:.3f} m")
-            postures[node] = q[0]
-    return postures
-
-
-def _start(robot: Robot, chain: Chain, rotation: Array, position: Array, s: float) -> Array:
-    """The posture at one target that is nearest to home, (n,)."""
-    q, error = project(chain, rotation, position, robot.home[None], 30)
-    if error[0] < REACHED and robot.limits.margin(q[0]).min() > 0:
-        return np.asarray(q[0])
-    found = Solver(robot).postures(rotation[:, :, 0], position[:, 0])
-    if not len(found):
-        raise UnreachableError(f"the arm cannot reach s = {s:.3f} m")
-    return np.asarray(found[np.abs(found - robot.home).max(axis=1).argmin()])
-
-
-def plan_free(
-    robot: Robot, chain: Chain, path: Path, goal: Goal, collisions: CollisionModel
-) -> tuple[Branch, Array, Array]:
-    """Plan a branch, and plan it again around collisions where the best one touches something.
-
-    Args:
-        robot: the arm and its home posture.
-        chain: the same, for many postures at once.
-        path: where the tool should be.
-        goal: what to optimise the branch for.
-        collisions: what the arm must not touch.
-
-    Returns:
-        The branch, coordinates s, (k,) [m], and postures on it, (k, n).
-
-    Raises:
-        UnreachableError: there is none; the message is the reason, as the end of a sentence.
+    Attributes:
+        s: coordinates of the plan, (k,) [m].
     """
 
-    def free(q: Array) -> bool:
-        return collisions.touching(q) is None
+    def __init__(self, robot: Robot, path: Path, collisions: CollisionModel | None = None) -> None:
+        self.robot, self.path, self.collisions = robot, path, collisions
+        self.chain = Chain.of(robot)
+        nodes = COARSE * max(4, round((path.s_max - path.s_min) / SPACING / COARSE)) + 1
+        self.s = np.linspace(path.s_min, path.s_max, nodes)
 
-    # Collision checks of every sampled posture are slow: they are made only where the best branch touches something.
-    for allowed in (None, free):
-        branch, s, q = plan_branch(robot, chain, path, goal, allowed)
-        why = objection(robot, collisions, s, q)
-        if not why:
-            return branch, s, q
-        if chain.joints != 7:  # without a spare joint there is only one branch
-            break
-    raise UnreachableError(why)
+    def plan(self) -> tuple[Branch, Array]:
+        """The branch, and postures on it at the coordinates `s`, (k, n).
 
+        Raises:
+            UnreachableError: there is none; the message is the reason, as the end of a sentence.
+        """
+        carried = self._carry_along()
+        if self.chain.joints != POSE + 1:  # without a spare joint there is only one branch
+            branch, q = self._refined(carried)
+            why = self._objection(q)
+        else:
+            coarse = slice(None, None, COARSE)
+            postures, valid = self._self_motion(self.s[coarse], carried[coarse])
+            branch, q = self._refined(self._course(postures, valid))
+            why = self._objection(q)
+            # Collision checks of all these postures are slow: made only where the best branch touches something.
+            if why and self.collisions is not None:
+                for step, node in np.argwhere(valid):
+                    valid[step, node] = self.collisions.touching(postures[step, node]) is None
+                branch, q = self._refined(self._course(postures, valid))
+                why = self._objection(q)
+        if why:
+            raise UnreachableError(why)
+        return branch, q
 
-def objection(robot: Robot, collisions: CollisionModel, s: Array, q: Array) -> str:
-    """What is wrong with postures (k, n) along a path, or nothing."""
-    margin = robot.limits.margin(q)
-    if margin.min() < 0:
-        node, joint = divmod(int(margin.argmin()), margin.shape[1])
-        beyond = f"{-margin[node, joint]:.3f} rad or m beyond its limit"
-        return f"at s = {s[node]:.3f} m joint '{robot.joint_names[joint]}' would be {beyond}"
-    for at, posture in zip(s, q, strict=True):
-        touching = collisions.touching(posture)
-        if touching is not None:
-            return f"at s = {at:.3f} m {touching[0]} would touch {touching[1]}"
-    return ""
+    def _carry_along(self) -> Array:
+        """Postures (k, n), each the nearest to the one before, starting near home where s is nearest to 0.
+
+        Joint limits are left to what follows: the self-motion can still lead back within them.
+        """
+        rotation, position = self.path.pose(self.s)
+        count = len(self.s)
+        postures = np.empty((count, self.chain.joints))
+        start = int(np.abs(self.s).argmin())
+
+        def reach(node: int, guess: Array, iterations: int) -> tuple[Array, bool]:
+            target = rotation[:, :, [node]], position[:, [node]]
+            q, error = descend(self.chain, None, *target, guess[None], iterations=iterations)
+            return q[0], bool(np.abs(error).max() < TOLERANCE)
+
+        postures[start], reached = reach(start, self.robot.home, 31)
+        if not reached or self.robot.limits.margin(postures[start]).min() <= 0:
+            found = Solver(self.robot).postures(rotation[:, :, start], position[:, start])
+            if not len(found):
+                raise UnreachableError(f"the arm cannot reach s = {self.s[start]:.3f} m")
+            postures[start] = found[np.abs(found - self.robot.home).max(axis=1).argmin()]
+        for nodes, back in ((range(start + 1, count), -1), (range(start - 1, -1, -1), 1)):
+            for node in nodes:
+                postures[node], reached = reach(node, postures[node + back], 9)
+                if not reached:
+                    raise UnreachableError(f"the arm cannot follow to s = {self.s[node]:.3f} m")
+        return postures
+
+    def _self_motion(self, s: Array, q: Array) -> tuple[Array, Array]:
+        """Walk along the self-motion of an arm with one spare joint, from one posture (k, n) per coordinate (k,).
+
+        Returns:
+            Postures, (m, k, n), and which of them hold the tool in place, (m, k).
+        """
+        target = self.path.pose(s)
+        reference = self._spare_motions(q)[:, :, 0]
+        # Equal signs along the path, so that equal steps give similar postures.
+        for node in range(1, len(s)):
+            if reference[node] @ reference[node - 1] < 0:
+                reference[node] *= -1
+        sides = []
+        for sign in (-1.0, 1.0):
+            here, direction = q, sign * reference
+            walked, good = [here], [np.full(len(s), True)]
+            for _ in range(int(LONGEST / STEP)):
+                here, error = descend(self.chain, None, *target, here + STEP * direction, iterations=3)
+                turned = self._spare_motions(here)[:, :, 0]
+                direction = turned * np.where((turned * direction).sum(axis=1) < 0, -1.0, 1.0)[:, None]
+                walked.append(here)
+                good.append(good[-1] & (np.abs(error).max(axis=0) < 1e-6))
+            sides.append((np.array(walked), np.array(good)))
+        (left, left_good), (right, right_good) = sides
+        return np.concatenate((left[:0:-1], right)), np.concatenate((left_good[:0:-1], right_good))
+
+    def _course(self, postures: Array, valid: Array) -> Array:
+        """The quickest way through sampled postures by dynamic programming, (k, n): no local optimum.
+
+        The cost of a step is the time that the slowest joint needs for it, plus what missing speed on the core and
+        missing margin cost.
+
+        Args:
+            postures: candidates at every coarse node, (m, c, n).
+            valid: which of them may be used, (m, c).
+        """
+        limits, s = self.robot.limits, self.s[::COARSE]
+        margin = limits.margin(postures).min(axis=2)
+        entry = np.where(valid & (margin > 0), MARGIN_WEIGHT * np.maximum(0.0, MARGIN - margin), np.inf)
+        step = np.diff(s)
+        total, chosen = step.mean() * entry[:, 0], []
+        core = CORE_WEIGHT * in_core(self.path, (s[1:] + s[:-1]) / 2)
+        for node in range(1, len(s)):
+            moved = np.abs(postures[None, :, node] - postures[:, None, node - 1]) / limits.velocity
+            slowness = moved.max(axis=2) / step[node - 1]
+            missing = np.maximum(0.0, slowness - 1.0 / self.path.core_speed)
+            reach = total[:, None] + step[node - 1] * (slowness + core[node - 1] * missing)
+            chosen.append(reach.argmin(axis=0))
+            total = reach.min(axis=0) + step[node - 1] * entry[:, node]
+        if not np.isfinite(total.min()):
+            raise UnreachableError(f"no course from s = {s[0]:g} to {s[-1]:g} m is free all the way")
+        index = [int(total.argmin())]
+        for choice in reversed(chosen):
+            index.append(int(choice[index[-1]]))
+        course = postures[index[::-1], np.arange(len(s))]
+        guess = np.array([np.interp(self.s, s, course[:, joint]) for joint in range(self.chain.joints)]).T
+        return descend(self.chain, None, *self.path.pose(self.s), guess, iterations=5)[0]
+
+    def _refined(self, q: Array) -> tuple[Branch, Array]:
+        """The branch that runs closest to postures (k, n), refined, and its postures, (k, n)."""
+        null = self._spare_motions(q)
+        # The directions that all null spaces share most: the leading eigenvectors of their mean projector.
+        mean = np.einsum("kir,kjr->ij", null, null) / len(q)
+        weights = np.linalg.eigh(mean)[1][:, ::-1][:, : self.chain.joints - POSE].T
+        empty = Branch(weights, np.zeros((len(weights), DEGREE + 1)), self.path.s_min, self.path.s_max)
+        coefficients = np.linalg.lstsq(empty.basis(self.s), q @ weights.T, rcond=None)[0].T
+        branch = Branch(weights, coefficients, self.path.s_min, self.path.s_max)
+        return refine(self.chain, self.robot.limits, self.path, branch, self.s, q)
+
+    def _spare_motions(self, q: Array) -> Array:
+        """Orthonormal joint motions that leave the tool where it is, (k, n, n - 6), at postures (k, n)."""
+        jacobian = self.chain.jacobian(self.chain.motion(q)).transpose(2, 0, 1)
+        return np.linalg.svd(jacobian)[2][:, POSE:, :].transpose(0, 2, 1)
+
+    def _objection(self, q: Array) -> str:
+        """What is wrong with postures (k, n) along the path, or nothing."""
+        margin = self.robot.limits.margin(q)
+        if margin.min() < 0:
+            node, joint = divmod(int(margin.argmin()), margin.shape[1])
+            beyond = f"{-margin[node, joint]:.3f} rad or m beyond its limit"
+            return f"at s = {self.s[node]:.3f} m joint '{self.robot.joint_names[joint]}' would be {beyond}"
+        for at, posture in zip(self.s, q, strict=True):
+            if self.collisions is not None and (touching := self.collisions.touching(posture)):
+                return f"at s = {at:.3f} m {touching[0]} would touch {touching[1]}"
+        return ""

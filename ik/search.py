@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from armdyn.errors import InputError
+from ik.branch import in_core
 from ik.chain import Chain
 from ik.errors import UnreachableError
-from ik.path import LONGEST, LinePath
-from ik.plan import plan_free
-from ik.selfmotion import Goal
+from ik.path import LONGEST
+from ik.plan import Planner
 from ik.solver import Solver
 from ik.torque import PathTorque
 from urdf import CollisionModel, Line, Robot
@@ -194,33 +194,29 @@ class _Search:
     def judge(self, origin: Array, home: Array, core_speed: float) -> Found | None:
         """Speed, margin and score of a line for a requested speed on its core; None where it cannot be followed."""
         line = self.line(origin, core_speed)
-        path, goal = LinePath(line), Goal(line.core, line.core_speed)
+        planner = Planner(replace(self.robot, home=home), line, self.collisions)
         try:
-            branch, s, q = plan_free(replace(self.robot, home=home), self.chain, path, goal, self.collisions)
+            branch, q = planner.plan()
         except UnreachableError:
             return None
-        rate, bending, _ = branch.derivatives(self.chain, path, s, q)
-        limits = self.robot.limits
-        hold = PathTorque.of(self.robot, q, rate, bending)
-        without, helped = (
-            float((np.abs(hold.torque(0.0, 0.0, springs)) / limits.effort).max()) for springs in (False, True)
-        )
-        if max(without, helped) > 1.0:
+        s, limits = planner.s, self.robot.limits
+        rate, bending, _ = branch.derivatives(self.chain, line, s, q)
+        without, helped = PathTorque.of(self.robot, q, rate, bending).shares_at_rest(limits.effort)
+        torque = float(without.max()), float(helped.max())
+        if max(torque) > 1.0:
             return None
         speed = 1.0 / np.abs(rate / limits.velocity).max(axis=1)
-        core, whole, margin = float(speed[goal.in_core(s)].min()), float(speed.min()), float(limits.margin(q).min())
+        core, whole = float(speed[in_core(line, s) > 0].min()), float(speed.min())
+        margin = float(limits.margin(q).min())
         score = (core + WHOLE * whole) * min(1.0, margin / WANTED_MARGIN)
-        centre = q[int(np.abs(s).argmin())]
-        return Found(line, centre, core, whole, margin, float("nan"), (without, helped), score)
+        return Found(line, q[int(np.abs(s).argmin())], core, whole, margin, float("nan"), torque, score)
 
     def settle(self, best: Found) -> Found:
         """Ask for a little less than the best speed, and measure how close the arm comes to anything."""
         origin, home = np.round(best.line.origin, 4), np.round(best.home, 3)
         core_speed = float(np.floor(1e3 * KEPT * best.core_speed) / 1e3)
         found = self.judge(origin, home, core_speed) or best._replace(line=self.line(best.line.origin, core_speed))
-        path = LinePath(found.line)
-        goal = Goal(found.line.core, core_speed)
-        _, _, q = plan_free(replace(self.robot, home=home), self.chain, path, goal, self.collisions)
+        _, q = Planner(replace(self.robot, home=home), found.line, self.collisions).plan()
         clearance = min(self.collisions.clearance(posture).distance for posture in q)
         return found._replace(home=home, clearance=clearance)
 

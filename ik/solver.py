@@ -1,25 +1,89 @@
-"""Inverse kinematics of many unrelated targets at once, and why an arm cannot hold its tool at one."""
+"""Inverse kinematics of many targets at once: descent from a guess, and from the nearest of many random postures."""
 
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from armdyn.errors import InputError
-from ik.chain import Chain, least_motion
-from ik.path import Path
-from urdf import CollisionModel, Robot
+from ik.chain import POSE, Chain, shortened
+from urdf import Limits, Robot
 from urdf.robot import Array
 
+TOLERANCE = 1e-9  # m and rad
+ITERATIONS = 20
+LONGEST_STEP = 0.6  # rad or m
+PATIENCE = 4  # steps after which a target that is still further off than `hopeless` is given up
 LIBRARY = 10_000  # random postures to start from; more cost more to search than they save in iterations
 SEED = 1_618_033  # of the library; unusual, so that no test or user draws its targets from the same seed
 STARTS = 32  # nearest of them tried in turn
-ITERATIONS = 20
-TOLERANCE = 1e-9  # m and rad
-LONGEST_STEP = 0.6  # rad or m
 REACH_SCALE = 0.5  # m that count as much as a radian when postures are compared
+
+
+def descend(
+    chain: Chain,
+    limits: Limits | None,
+    rotation: Array,
+    position: Array,
+    q: Array,
+    *,
+    tolerance: float = TOLERANCE,
+    iterations: int = ITERATIONS,
+    hopeless: float = np.inf,
+) -> tuple[Array, Array]:
+    r"""Damped least squares (Levenberg-Marquardt) from one guess per target; targets that are met leave the batch.
+
+    Each iteration takes the smallest joint motion that removes the error e,
+
+        \delta q = J^T (J J^T + \lambda I)^{-1} e,    \lambda = min(0.01, 0.01 |e|^2),
+
+    where the columns of joints that stand at a limit and would leave it are zero. Error-proportional damping keeps
+    the quadratic convergence (Sugihara 2011, IEEE Transactions on Robotics 27(5)).
+
+    Args:
+        chain: the arm.
+        limits: which the joints must keep; None lets them turn freely.
+        rotation: orientations of the tool, (3, 3, k) or one for all, (3, 3, 1).
+        position: positions of the tool point, (3, k) [m].
+        q: guesses, (k, n) [rad or m].
+        tolerance: error per component at which a target is met [m and rad].
+        iterations: evaluations of the error; steps are one fewer.
+        hopeless: error above which a target is given up after `PATIENCE` steps [m and rad].
+
+    Returns:
+        Postures, (k, n), and what each misses its target by, (6, k) [m and rad].
+    """
+    q = q.copy() if limits is None else np.clip(q, limits.lower, limits.upper)
+    final, errors = q.copy(), np.full((POSE, len(q)), np.inf)
+    active = np.arange(len(q))
+    for step in range(iterations):
+        motion = chain.motion(q)
+        error = motion.error(rotation, position)
+        final[active], errors[:, active] = q, error
+        size = np.abs(error).max(axis=0)
+        going = size >= tolerance
+        if step >= PATIENCE:
+            going &= size < hopeless
+        if not going.any() or step == iterations - 1:
+            break
+        jacobian = chain.jacobian(motion)
+        if not going.all():
+            active, q, error, jacobian = active[going], q[going], error[:, going], jacobian[:, :, going]
+            position = position[:, going]
+            rotation = rotation if rotation.shape[2] == 1 else rotation[:, :, going]
+        rows = jacobian.transpose(2, 0, 1)
+        if limits is not None:
+            pull = (error.T[:, None, :] @ rows)[:, 0]
+            held = ((q <= limits.lower) & (pull < 0)) | ((q >= limits.upper) & (pull > 0))
+            rows = np.where(held[:, None, :], 0.0, rows)
+        columns = rows.transpose(0, 2, 1)
+        normal = rows @ columns
+        normal[:, np.arange(POSE), np.arange(POSE)] += (1e-2 * np.minimum(1.0, (error**2).sum(axis=0)) + 1e-12)[:, None]
+        q = q + shortened((columns @ np.linalg.solve(normal, error.T[:, :, None]))[:, :, 0], LONGEST_STEP)
+        if limits is not None:
+            q = np.clip(q, limits.lower, limits.upper)
+    return final, errors
 
 
 @dataclass(frozen=True)
@@ -40,27 +104,18 @@ class Answers:
 
 
 class Solver:
-    r"""Damped least squares (Levenberg-Marquardt) from the nearest of many random postures, within joint limits.
-
-    Each iteration takes the step
-
-        \delta q = J^T (J J^T + \lambda I)^{-1} e,    \lambda = min(0.01, 0.01 |e|^2),
-
-    where columns of joints that stand at a limit and would leave it are zero. Error-proportional damping keeps
-    the quadratic convergence (Sugihara 2011, IEEE Transactions on Robotics 27(5)).
+    """Solves targets from the nearest of many random postures, and from the next nearest where that fails.
 
     Args:
         robot: the arm.
-        seed: of the random postures.
         limited: whether joints must stay within their limits.
     """
 
-    def __init__(self, robot: Robot, seed: int = SEED, limited: bool = True) -> None:
+    def __init__(self, robot: Robot, limited: bool = True) -> None:
         self.chain = Chain.of(robot)
-        self._lower, self._upper = robot.limits.lower, robot.limits.upper
-        self._limited = limited
-        rng = np.random.default_rng(seed)
-        self._library = rng.uniform(self._lower, self._upper, (LIBRARY, self.chain.joints))
+        self._limits = robot.limits if limited else None
+        rng = np.random.default_rng(SEED)
+        self._library = rng.uniform(robot.limits.lower, robot.limits.upper, (LIBRARY, self.chain.joints))
         motion = self.chain.motion(self._library)
         self._tree = cKDTree(_features(motion.rotation, motion.position))
 
@@ -87,18 +142,19 @@ class Solver:
         nearest = np.empty((len(position), starts), dtype=np.intp)
         nearest[:, :1] = self._tree.query(features, k=[1])[1]
         best = np.empty((len(position), self.chain.joints))
-        errors = np.full((6, len(position)), np.inf)
-        open_targets = np.arange(len(position))
+        errors = np.full((POSE, len(position)), np.inf)
+        unsolved = np.arange(len(position))
         for start in range(starts):
             if start == 1:  # few targets get this far; looking for more starting postures costs as much as a descent
-                nearest[open_targets, 1:] = self._tree.query(features[open_targets], k=np.arange(2, starts + 1))[1]
-            guess = self._library[nearest[open_targets, start]]
-            q, error = self._descend(turned[:, :, open_targets], placed[:, open_targets], guess, tolerance)
-            better = _size(error) < _size(errors[:, open_targets])
-            chosen = open_targets[better]
-            best[chosen], errors[:, chosen] = q[better], error[:, better]
-            open_targets = open_targets[np.abs(errors[:, open_targets]).max(axis=0) >= tolerance]
-            if not len(open_targets):
+                nearest[unsolved, 1:] = self._tree.query(features[unsolved], k=np.arange(2, starts + 1))[1]
+            guess = self._library[nearest[unsolved, start]]
+            q, error = descend(
+                self.chain, self._limits, turned[:, :, unsolved], placed[:, unsolved], guess, tolerance=tolerance
+            )
+            better = (error**2).sum(axis=0) < (errors[:, unsolved] ** 2).sum(axis=0)
+            best[unsolved[better]], errors[:, unsolved[better]] = q[better], error[:, better]
+            unsolved = unsolved[np.abs(errors[:, unsolved]).max(axis=0) >= tolerance]
+            if not len(unsolved):
                 break
         return Answers(
             q=best,
@@ -118,162 +174,13 @@ class Solver:
         Returns:
             Those that reached it, (m, n) with m from 0 to starts, from the nearest start on.
         """
-        turned = np.repeat(np.asarray(rotation)[:, :, None], starts, axis=2)
-        placed = np.repeat(np.asarray(position)[:, None], starts, axis=1)
-        nearest = self._tree.query(_features(turned[:, :, :1], placed[:, :1])[0], k=starts)[1]
-        q, error = self._descend(turned, placed, self._library[nearest], TOLERANCE)
+        turned, placed = np.asarray(rotation)[:, :, None], np.asarray(position)[:, None]
+        nearest = self._tree.query(_features(turned, placed)[0], k=starts)[1]
+        guess = self._library[nearest]
+        q, error = descend(self.chain, self._limits, turned, np.repeat(placed, starts, axis=1), guess)
         return q[np.abs(error).max(axis=0) < TOLERANCE]
-
-    def descend(self, rotation: Array, position: Array, q: Array) -> tuple[Array, Array]:
-        """Postures from one guess per target.
-
-        Args:
-            rotation: orientations of the tool, (k, 3, 3).
-            position: positions of the tool point, (k, 3) [m].
-            q: guesses, (k, n).
-
-        Returns:
-            Postures, (k, n), and the largest component of what each misses its target by, (k,) [m or rad].
-        """
-        start = np.clip(q, self._lower, self._upper) if self._limited else q
-        turned, placed = np.ascontiguousarray(rotation.transpose(1, 2, 0)), np.ascontiguousarray(position.T)
-        found, error = self._descend(turned, placed, start, TOLERANCE)
-        return found, np.abs(error).max(axis=0)
-
-    def _descend(self, rotation: Array, position: Array, q: Array, tolerance: float) -> tuple[Array, Array]:
-        """Iterate until every target is met or the patience is over; met targets leave the batch."""
-        final, errors = q.copy(), np.full((6, len(q)), np.inf)
-        active = np.arange(len(q))
-        for _ in range(ITERATIONS):
-            motion = self.chain.motion(q)
-            error = motion.error(rotation, position)
-            final[active], errors[:, active] = q, error
-            going = np.abs(error).max(axis=0) >= tolerance
-            if not going.any():
-                break
-            jacobian = self.chain.jacobian(motion)
-            if not going.all():
-                active, q, error, jacobian = active[going], q[going], error[:, going], jacobian[:, :, going]
-                rotation, position = rotation[:, :, going], position[:, going]
-            q = self._step(q, error, jacobian.transpose(2, 0, 1))
-        return final, errors
-
-    def _step(self, q: Array, error: Array, jacobian: Array) -> Array:
-        if self._limited:
-            pull = (error.T[:, None, :] @ jacobian)[:, 0]
-            held = ((q <= self._lower) & (pull < 0)) | ((q >= self._upper) & (pull > 0))
-            jacobian = np.where(held[:, None, :], 0.0, jacobian)
-        damping = 1e-2 * np.minimum(1.0, (error**2).sum(axis=0)) + 1e-12
-        step = least_motion(jacobian, error.T, damping, LONGEST_STEP)
-        return np.clip(q + step, self._lower, self._upper) if self._limited else q + step
 
 
 def _features(rotation: Array, position: Array) -> Array:
     """Points (k, 9) whose distances tell how different two poses are."""
     return np.concatenate((position / REACH_SCALE, rotation[:, 0], rotation[:, 2])).T
-
-
-def _size(error: Array) -> Array:
-    return (error**2).sum(axis=0)
-
-
-POSTURES = 64  # tried per target before it is said to be in collision
-ALL_STARTS = 200  # starting postures that a search without joint limits may use
-
-
-class Reason(Enum):
-    """Why a target is missed; the value is the end of a sentence."""
-
-    REACH = "it is beyond the arm's reach"
-    LIMIT = "a joint would pass its limit"
-    COLLISION = "the arm would touch something"
-
-
-@dataclass(frozen=True)
-class Miss:
-    """A target that cannot be held.
-
-    Attributes:
-        name: of the target, such as ``"s = 0.550 m"``.
-        position: of the tool point, (3,) [m].
-        reason: why.
-        distance: how far off the tool point stays within the joint limits [m]; 0 for a collision.
-        angle: how far the tool stays turned away [rad]; 0 for a collision.
-        detail: which joint or which links, as the end of a sentence.
-    """
-
-    name: str
-    position: Array
-    reason: Reason
-    distance: float
-    angle: float
-    detail: str
-
-    @property
-    def sentence(self) -> str:
-        """Which target, how far off and why."""
-        where = ", ".join(f"{value:.3f}" for value in self.position)
-        off = f" by {1e3 * self.distance:.1f} mm and {1e3 * self.angle:.0f} mrad" if self.distance or self.angle else ""
-        return f"the target {self.name} at ({where}) m is missed{off}: {self.detail}"
-
-
-def survey(robot: Robot, path: Path, s: Array, collisions: CollisionModel | None = None) -> tuple[Miss, ...]:
-    """Look at targets along a path one by one, each with its own best posture.
-
-    Args:
-        robot: the arm.
-        path: where the tool should be.
-        s: path coordinates, (k,) [m].
-        collisions: what the arm must not touch; None leaves collisions out.
-
-    Returns:
-        The targets that cannot be held, in the order of s.
-    """
-    rotation, position = path.pose(s)
-    names = [f"s = {value:.3f} m" for value in s]
-    return explain(robot, rotation.transpose(2, 0, 1), position.T, names, collisions)
-
-
-def explain(
-    robot: Robot, rotation: Array, position: Array, names: list[str], collisions: CollisionModel | None = None
-) -> tuple[Miss, ...]:
-    """Which targets cannot be held, how far off the arm stays, and why.
-
-    Args:
-        robot: the arm.
-        rotation: orientations of the tool, (k, 3, 3).
-        position: positions of the tool point, (k, 3) [m].
-        names: what to call each target.
-        collisions: what the arm must not touch; None leaves collisions out.
-    """
-    solver = Solver(robot)
-    answers = solver.solve(rotation, position)
-    missed = np.flatnonzero(~answers.reached)
-    free = Solver(robot, limited=False).solve(rotation[missed], position[missed], starts=ALL_STARTS)
-    misses: dict[int, Miss] = {}
-    for index, reached, q in zip(missed.tolist(), free.reached, free.q, strict=True):
-        reason = Reason.LIMIT if reached else Reason.REACH
-        detail = _beyond(robot, q) if reached else reason.value
-        off = float(answers.distance[index]), float(answers.angle[index])
-        misses[index] = Miss(names[index], position[index], reason, *off, detail)
-    if collisions is not None:
-        for index in np.flatnonzero(answers.reached).tolist():
-            touching = collisions.touching(answers.q[index])
-            if touching is not None and not _free_posture(solver, rotation[index], position[index], collisions):
-                detail = f"{touching[0]} would touch {touching[1]} in every posture that was tried"
-                misses[index] = Miss(names[index], position[index], Reason.COLLISION, 0.0, 0.0, detail)
-    return tuple(misses[index] for index in sorted(misses))
-
-
-def _beyond(robot: Robot, q: Array) -> str:
-    """Which joint of a posture is furthest beyond its limits, whole turns apart, and by how much."""
-    middle = (robot.limits.lower + robot.limits.upper) / 2
-    turned = middle + np.remainder(q - middle + np.pi, 2 * np.pi) - np.pi
-    margin = robot.limits.margin(turned)
-    joint = int(margin.argmin())
-    return f"joint '{robot.joint_names[joint]}' would pass its limit by {-margin[joint]:.3f} rad"
-
-
-def _free_posture(solver: Solver, rotation: Array, position: Array, collisions: CollisionModel) -> bool:
-    """Whether some posture at a target touches nothing."""
-    return any(collisions.touching(q) is None for q in solver.postures(rotation, position, POSTURES))

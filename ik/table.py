@@ -1,38 +1,33 @@
 """The table of a path: postures, their derivatives, Jacobians and limits, with exact lookup between nodes."""
 
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path as File
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from armdyn.errors import InputError
 from ik.errors import StaleTableError
-from ik.path import LinePath, Path
+from ik.path import Path
 from ik.pathfile import path_of
-from ik.tablefile import REBUILD, check_arrays, check_path, check_robot, read_arrays, reading, write_arrays
+from ik.tablefile import REBUILD, check_motion, check_robot, check_shapes, read_arrays, reading, write_arrays
 from ik.torque import PathTorque
-from urdf import Line, Robot
+from urdf import Limits, Line, Robot, UrdfError
 from urdf.robot import Array, read_only
 
 LOOKUP_SLACK = 1e-9  # m beyond the ends that rounding may ask for
 
-ARRAYS = (
-    "tool_offset",
-    "s",
-    "q",
-    "dq_ds",
-    "d2q_ds2",
-    "jacobian",
-    "lower",
-    "upper",
-    "velocity_limits",
-    "acceleration_limits",
-    "effort_limits",
+NODES = ("s", "q", "dq_ds", "d2q_ds2", "jacobian")
+LIMITS = ("lower", "upper", "velocity", "acceleration", "jerk", "effort")
+TORQUES = ("inertial", "centrifugal", "damping", "gravity", "springs")
+SHAPES = (
+    {"tool_offset": "3", "s": "k", "jacobian": "k6n"}
+    | dict.fromkeys(("q", "dq_ds", "d2q_ds2", *TORQUES), "kn")
+    | dict.fromkeys(LIMITS, "n")
 )
-TORQUES = tuple(item.name for item in fields(PathTorque))
+"""Arrays of a table's file, each with its axes: k nodes, n joints."""
 
 
 class Posture(NamedTuple):
@@ -66,11 +61,7 @@ class PathTable:
         dq_ds: their first derivatives, (k, n) [rad/m].
         d2q_ds2: their second derivatives, (k, n) [rad/m^2].
         jacobian: of the tool point in base axes, linear rows first, (k, 6, n).
-        lower: position limits of the joints, (n,) [rad or m].
-        upper: the same, (n,).
-        velocity_limits: of the joints, (n,) [rad/s].
-        acceleration_limits: of the joints, (n,) [rad/s^2].
-        effort_limits: of the joints, (n,) [N m].
+        limits: of the joints.
         torque: what motion takes from the joints' torques at the nodes.
         fingerprint: of the robot and its settings.
         joint_margin: smallest distance of any joint to its position limits over the path [rad or m].
@@ -88,11 +79,7 @@ class PathTable:
     dq_ds: Array
     d2q_ds2: Array
     jacobian: Array
-    lower: Array
-    upper: Array
-    velocity_limits: Array
-    acceleration_limits: Array
-    effort_limits: Array
+    limits: Limits
     torque: PathTorque
     fingerprint: str
     joint_margin: float = field(init=False)
@@ -100,14 +87,13 @@ class PathTable:
     acceleration_limit: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        for name in ARRAYS:
+        for name in ("tool_offset", *NODES):
             object.__setattr__(self, name, read_only(getattr(self, name)))
-        margin = min(float((self.q - self.lower).min()), float((self.upper - self.q).min()))
-        object.__setattr__(self, "joint_margin", margin)
-        object.__setattr__(self, "speed_limit", read_only(self._speed(self.dq_ds)))
-        object.__setattr__(
-            self, "acceleration_limit", read_only(self._acceleration(self.dq_ds, self.d2q_ds2, self.speed_limit))
-        )
+        object.__setattr__(self, "joint_margin", float(self.margin.min()))
+        speed = read_only(self._speed(self.dq_ds))
+        object.__setattr__(self, "speed_limit", speed)
+        acceleration = self._acceleration(self.dq_ds, self.d2q_ds2, speed)
+        object.__setattr__(self, "acceleration_limit", read_only(acceleration))
 
     def posture(self, s: ArrayLike) -> Posture:
         """Postures between nodes by quintic Hermite interpolation, which meets q, q' and q'' at every node.
@@ -174,12 +160,12 @@ class PathTable:
             v: speed there [m/s], a scalar or of the same shape.
             springs: whether the robot's springs help.
         """
-        return self.torque.at(self.s, self._on_table(s)).acceleration_range(self.effort_limits, v, springs)
+        return self.torque.at(self.s, self._on_table(s)).acceleration_range(self.limits.effort, v, springs)
 
     @cached_property
     def margin(self) -> Array:
         """Distance of each joint to its nearer position limit at the nodes, (k, n) [rad or m]."""
-        return read_only(np.minimum(self.q - self.lower, self.upper - self.q))
+        return read_only(self.limits.margin(self.q))
 
     @cached_property
     def manipulability(self) -> Array:
@@ -194,23 +180,22 @@ class PathTable:
     @cached_property
     def torque_share(self) -> Array:
         """Largest share of a torque limit that holding still takes at the nodes, without and with springs, (k, 2)."""
-        shares = [np.abs(self.torque.torque(0.0, 0.0, springs)) / self.effort_limits for springs in (False, True)]
-        return read_only(np.stack([share.max(axis=1) for share in shares], axis=1))
+        return read_only(np.stack(self.torque.shares_at_rest(self.limits.effort), axis=1))
 
     def _on_table(self, s: ArrayLike) -> Array:
         at = np.asarray(s, dtype=np.float64)
         first, last = self.s[0], self.s[-1]
-        if not np.all((at >= first - LOOKUP_SLACK) & (at <= last + LOOKUP_SLACK)):
-            flat = at.ravel()
-            wrong = flat[~((flat >= first - LOOKUP_SLACK) & (flat <= last + LOOKUP_SLACK))][0]
+        inside = (at >= first - LOOKUP_SLACK) & (at <= last + LOOKUP_SLACK)
+        if not np.all(inside):
+            wrong = at.ravel()[~inside.ravel()][0]
             raise InputError(f"line coordinate {wrong:g} m is not on the table, which covers {first:g} to {last:g} m")
         return at
 
     def _speed(self, dq_ds: Array) -> Array:
-        return 1.0 / np.max(np.abs(dq_ds) / self.velocity_limits, axis=-1)
+        return 1.0 / np.max(np.abs(dq_ds) / self.limits.velocity, axis=-1)
 
     def _acceleration(self, dq_ds: Array, d2q_ds2: Array, speed: Array) -> Array:
-        left = np.maximum(0.0, self.acceleration_limits - np.abs(d2q_ds2) * np.square(speed)[..., None])
+        left = np.maximum(0.0, self.limits.acceleration - np.abs(d2q_ds2) * np.square(speed)[..., None])
         return np.min(left / np.maximum(np.abs(dq_ds), 1e-12), axis=-1)
 
     def save(self, path: str | File) -> None:
@@ -226,8 +211,8 @@ class PathTable:
             "path": self.path.describe(),
             "fingerprint": self.fingerprint,
         }
-        arrays = {name: getattr(self, name) for name in ARRAYS}
-        write_arrays(File(path), about, arrays | {name: getattr(self.torque, name) for name in TORQUES})
+        arrays = {name: getattr(self, name) for name in ("tool_offset", *NODES)}
+        write_arrays(File(path), about, arrays | asdict(self.limits) | asdict(self.torque))
 
     @classmethod
     def load(cls, path: str | File, robot: Robot | None = None) -> Self:
@@ -243,44 +228,44 @@ class PathTable:
         """
         source = File(path)
         with reading(source):
-            about, arrays = read_arrays(source, (*ARRAYS, *TORQUES))
-            path_of_table = path_of(about["path"])
+            about, arrays = read_arrays(source, SHAPES)
+            if issubclass(cls, LineTable) and about["path"]["kind"] != "line":
+                raise StaleTableError(f"{source}: the table of a {about['path']['kind']}, not of a line; {REBUILD}")
+            if robot is not None and about["robot"] != robot.name:
+                of = about["robot"]
+                raise StaleTableError(f"{source}: the table is of robot '{of}', not '{robot.name}'; {REBUILD}")
+            if robot is not None and about["fingerprint"] != robot.fingerprint:
+                raise StaleTableError(
+                    f"{source}: the URDF or the settings of '{robot.name}' have changed since; {REBUILD}"
+                )
             try:
-                check_arrays(arrays, len(about["joints"]))
-                check_path(arrays, path_of_table)
-            except InputError as error:
+                check_shapes(arrays, SHAPES, len(about["joints"]))
+                table = cls(
+                    robot_name=about["robot"],
+                    joint_names=tuple(about["joints"]),
+                    tool_frame=about["tool_frame"],
+                    tool_offset=arrays["tool_offset"],
+                    path=path_of(about["path"]),
+                    **{name: arrays[name] for name in NODES},
+                    limits=Limits(**{name: arrays[name] for name in LIMITS}),
+                    torque=PathTorque(**{name: arrays[name] for name in TORQUES}),
+                    fingerprint=about["fingerprint"],
+                )
+                check_motion(table)
+                if robot is not None:
+                    check_robot(table, robot)
+            except (InputError, UrdfError) as error:
                 raise StaleTableError(f"{source}: {error}; {REBUILD}") from error
-            content: dict[str, Any] = {
-                "robot_name": about["robot"],
-                "joint_names": tuple(about["joints"]),
-                "tool_frame": about["tool_frame"],
-                "path": path_of_table,
-                "torque": PathTorque(**{name: arrays.pop(name) for name in TORQUES}),
-                "fingerprint": about["fingerprint"],
-                **arrays,
-            }
-        kind, name = about["path"]["kind"], about["robot"]
-        if issubclass(cls, LineTable) and kind != "line":
-            raise StaleTableError(f"{source}: the table of a {kind}, not of a line; {REBUILD}")
-        if robot is not None and name != robot.name:
-            raise StaleTableError(f"{source}: the table is of robot '{name}', not '{robot.name}'; {REBUILD}")
-        if robot is not None and about["fingerprint"] != robot.fingerprint:
-            raise StaleTableError(f"{source}: the URDF or the settings of '{robot.name}' have changed since; {REBUILD}")
-        if robot is not None:
-            try:
-                check_robot(arrays, path_of_table, robot)
-            except InputError as error:
-                raise StaleTableError(f"{source}: {error}; {REBUILD}") from error
-        return cls(**content)
+        return table
 
 
 @dataclass(frozen=True)
 class LineTable(PathTable):
     """The table of a straight line of one orientation."""
 
-    path: LinePath
+    path: Line
 
     @property
     def line(self) -> Line:
         """Where the tool point moves."""
-        return self.path.line
+        return self.path

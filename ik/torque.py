@@ -119,6 +119,11 @@ class PathTorque:
         torque = self.inertial * acceleration + self.centrifugal * speed**2 + self.damping * speed + self.gravity
         return torque + self.springs if springs else torque
 
+    def shares_at_rest(self, effort: Array) -> tuple[Array, Array]:
+        """Largest share of a torque limit (n,) [N m] that holding still takes, without and with springs, (k,) each."""
+        without, helped = (np.abs(self.torque(0.0, 0.0, springs)) / effort for springs in (False, True))
+        return without.max(axis=1), helped.max(axis=1)
+
     def acceleration_range(self, effort: Array, v: ArrayLike, springs: bool = False) -> tuple[Array, Array]:
         """Lowest and highest acceleration [m/s^2] that the motors can give, (k,) each.
 

@@ -13,7 +13,7 @@ from pipeline.fields import fields, plain
 
 if TYPE_CHECKING:
     from armdyn.experiments.plan import Plan, Proposal
-    from pipeline.motion.excitation import Excitation, Expectation
+    from pipeline.motion.excitation import Excitation
     from pipeline.trial.investigation import Investigation
 
 
@@ -61,79 +61,62 @@ def investigation_answer(found: Investigation) -> list[dict[str, Any]]:
     ]
 
 
-SCHEMA = "armdyn.excite/1"
-Rows = tuple[Sequence[str], list[list[str]]]
-"""Header and cells."""
+def separations(found: Excitation) -> np.ndarray:
+    """(k, 3) standard deviations by which each case of two rivals stands out; columns as in `of_each_motion`."""
+    return np.sqrt(of_each_motion(found, "separations"))
+
+
+def of_each_motion(found: Excitation, what: str) -> np.ndarray:
+    """(k, 3) an attribute (k,) of `Expectation`: this motion's, the best random one's, the least condition number's.
+
+    Columns of motions that were not made are nan.
+    """
+    motions = (found.expected, found.random, found.conditioned)
+    own = np.asarray(getattr(found.expected, what))
+    return np.column_stack([own * np.nan if motion is None else getattr(motion, what) for motion in motions])
+
+
+def determined(found: Excitation) -> np.ndarray:
+    """Positions, among the wanted unknowns, of those that some motion determines."""
+    return np.flatnonzero(~np.isin(found.goal.wanted, found.goal.hopeless))
+
+
+def gains(found: Excitation, chosen: Sequence[int] | np.ndarray | None = None) -> list[float]:
+    """How many times smaller standard deviations are than with the best random motion, and the least condition number.
+
+    Args:
+        found: the motion.
+        chosen: positions of the wanted unknowns whose geometric mean is taken; all that can be determined if not given.
+    """
+    std = of_each_motion(found, "std")[determined(found) if chosen is None else chosen]
+    return np.exp(np.log(std[:, 1:] / std[:, :1]).mean(axis=0)).tolist() if len(std) else [math.nan, math.nan]
 
 
 def sentence(found: Excitation) -> str:
     """What the motion is expected to do, beside others, in one or two sentences."""
     goal, seconds = found.goal, f"{found.trajectory.time[-1]:g} s"
+    others = (f"the best of {found.tried} random motions", "the motion of the least condition number")
+    made = [name for name, motion in zip(others, (found.random, found.conditioned), strict=True) if motion is not None]
     if goal.rivals:
-        smallest = [None if e is None else min(e.separations) ** 0.5 for e in _contenders(found)]
-        text = (
+        own, *smallest = separations(found).min(axis=0).tolist()
+        beside = " and".join(f" {_short(s)} with {name}" for s, name in zip(smallest, made, strict=False))
+        return (
             f"{seconds} that tell {goal.rivals[0]} from {goal.rivals[1]}: whichever of both is there, at its typical "
-            f"size, stands out by {_figure(smallest[0])} standard deviations at least, against"
+            f"size, stands out by {_short(own)} standard deviations at least, against{beside}."
         )
-        return text + _beside(found, [None if s is None else _figure(s) for s in smallest[1:]], " {} with {}") + "."
-    names = _listed([*dict.fromkeys(goal.columns.unknowns[i].effect for i in goal.wanted)])
-    factors = [None if other is None else _figure(factor(found, other)) for other in (found.random, found.conditioned)]
-    text = f"{seconds} that determine {names}: their standard deviations are"
-    return text + _beside(found, factors, " {} times smaller than with {}") + " (geometric mean)."
+    *names, last = dict.fromkeys(goal.columns.unknowns[i].effect for i in goal.wanted)
+    listed = f"{', '.join(names)} and {last}" if names else last
+    times = zip(gains(found), made, strict=False)
+    beside = " and".join(f" {_short(gain)} times smaller than with {name}" for gain, name in times)
+    return f"{seconds} that determine {listed}: their standard deviations are{beside} (geometric mean)."
 
 
-def factor(found: Excitation, other: Expectation, unknowns: Sequence[int] | None = None) -> float:
-    """How many times smaller the standard deviations are than those of another motion: geometric mean."""
-    chosen = _determined(found) if unknowns is None else np.asarray(unknowns, dtype=int)
-    if not len(chosen):
-        return math.nan
-    return float(np.exp(np.mean(np.log(other.std[chosen] / found.expected.std[chosen]))))
-
-
-def expectation_rows(found: Excitation, most: int) -> Rows:
-    """What is expected of this motion and of others, by unknown, or by effect where they are more than `most`."""
-    goal = found.goal
-    if goal.rivals:
-        header = ["if there is", "standard deviations from the rival", "best random", "least condition number"]
-        rows = []
-        for k, case in enumerate(goal.hidden):
-            where = f" on {case.joint}" if case.joint else ""
-            values = [None if e is None else e.separations[k] ** 0.5 for e in _contenders(found)]
-            rows.append([f"{case.effect}{where}", *map(_cell, values)])
-        return _shown(found, header, rows)
-    unknowns, determined = goal.columns.unknowns, _determined(found)
-    if len(goal.wanted) > most:
-        header = ["effect (mean of its unknowns)", "unknowns", "random / this", "condition number / this"]
-        rows = []
-        for name in dict.fromkeys(unknowns[i].effect for i in goal.wanted):
-            own = [k for k in determined if unknowns[goal.wanted[k]].effect == name]
-            ratios = [None if e is None else factor(found, e, own) for e in (found.random, found.conditioned)]
-            rows.append([name, str(len(own)), *map(_cell, ratios)])
-        return _shown(found, header, rows)
-    header = ["unknown", "standard deviation", "best random", "least condition number"]
-    rows = []
-    for k, i in enumerate(goal.wanted):
-        p = unknowns[i]
-        cells = [None if e is None else float(e.std[k]) for e in _contenders(found)]
-        if k not in determined:
-            rows.append([p.name, "no motion tells", "", ""])
-            continue
-        rows.append([p.name, f"{_cell(cells[0])} {p.unit}", *map(_cell, cells[1:])])
-    return _shown(found, header, rows)
-
-
-def peak_rows(found: Excitation) -> Rows:
-    """How far, how fast and how strongly every joint moves, with the shares of its limits."""
-    header = ["joint", "from", "to", "speed", "acceleration", "torque"]
-    rows = []
-    for peak in peaks(found):
-        cells = [f"{peak[name]['value']:.3g} ({100 * peak[name]['share']:.0f} %)" for name in header[3:]]
-        rows.append([peak["joint"], f"{peak['lowest']:.3g}", f"{peak['highest']:.3g}", *cells])
-    return header, rows
+def _short(value: float) -> str:
+    return "–" if not math.isfinite(value) else f"{value:.2g}" if value < 10 else f"{value:.0f}"
 
 
 def peaks(found: Excitation) -> list[dict[str, Any]]:
-    """By joint: the range of its positions, and its largest speed, acceleration and torque."""
+    """By joint: the range of its positions, and its largest speed, acceleration and torque, with shares of limits."""
     motion, limits = found.trajectory, found.goal.columns.arm.robot.limits
     rows = []
     for i, joint in enumerate(motion.joint_names):
@@ -152,10 +135,17 @@ def peaks(found: Excitation) -> list[dict[str, Any]]:
 
 def excitation_answer(found: Excitation, output: Path) -> dict[str, Any]:
     """JSON of `excite`."""
-    goal, motion = found.goal, found.trajectory
-    columns, hopeless, motions = goal.columns, set(goal.hopeless.tolist()), _contenders(found)
+    goal, motion, columns = found.goal, found.trajectory, found.goal.columns
+    wanted = [columns.unknowns[i] for i in goal.wanted]
+    hopeless = np.isin(goal.wanted, goal.hopeless).tolist()
+    std = zip(wanted, hopeless, of_each_motion(found, "std"), strict=True)
+    apart = zip(goal.hidden, separations(found), strict=True)
+
+    def figures(name: str, row: np.ndarray) -> dict[str, Any]:
+        return dict(zip((name, f"random_{name}", f"condition_number_{name}"), plain(row), strict=True))
+
     return {
-        "schema": SCHEMA,
+        "schema": "armdyn.excite/1",
         "sentence": sentence(found),
         "output": str(output),
         "robot": columns.arm.robot.name,
@@ -163,18 +153,16 @@ def excitation_answer(found: Excitation, output: Path) -> dict[str, Any]:
         "seconds": float(motion.time[-1]),
         "rate": columns.rate,
         "samples": len(motion),
-        "for": list(dict.fromkeys(columns.unknowns[i].effect for i in goal.wanted)) if not goal.rivals else [],
+        "for": [] if goal.rivals else list(dict.fromkeys(unknown.effect for unknown in wanted)),
         **fields(goal, "rivals beside taken_as_known= inseparable", taken_as_known=goal.left_out),
         "torque_noise": dict(zip(motion.joint_names, columns.noise.tolist(), strict=True)),
         "unknowns": [
-            fields(columns.unknowns[i], "name unit typical determined=", determined=i not in hopeless)
-            | _figures("std", [None if e is None else float(e.std[k]) for e in motions])
-            for k, i in enumerate(goal.wanted.tolist())
+            fields(unknown, "name unit typical determined=", determined=not lost) | figures("std", row)
+            for unknown, lost, row in std
         ],
         "separations": [
-            fields(case, "effect joint= rival", joint=case.joint or None)
-            | _figures("separation", [None if e is None else e.separations[k] ** 0.5 for e in motions])
-            for k, case in enumerate(goal.hidden)
+            fields(case, "effect joint= rival", joint=case.joint or None) | figures("separation", row)
+            for case, row in apart
         ],
         "random_motions": found.tried,
         "peaks": peaks(found),
@@ -183,42 +171,3 @@ def excitation_answer(found: Excitation, output: Path) -> dict[str, Any]:
         "check": found.check.sentence,
         "defects": list(columns.arm.robot.defects),
     }
-
-
-def _figures(name: str, values: Sequence[float | None]) -> dict[str, float | None]:
-    """A figure of this motion, of the best random one and of that with the least condition number."""
-    return dict(zip((name, f"random_{name}", f"condition_number_{name}"), values, strict=True))
-
-
-def _contenders(found: Excitation) -> tuple[Expectation, Expectation | None, Expectation | None]:
-    return found.expected, found.random, found.conditioned
-
-
-def _determined(found: Excitation) -> np.ndarray:
-    """Positions, among the wanted unknowns, of those that some motion determines."""
-    return np.flatnonzero(~np.isin(found.goal.wanted, found.goal.hopeless))
-
-
-def _beside(found: Excitation, figures: Sequence[str | None], form: str) -> str:
-    """The other motions in words, each with its figure."""
-    names = (f"the best of {found.tried} random motions", "the motion of the least condition number")
-    return " and".join(form.format(f, n) for f, n in zip(figures, names, strict=True) if f is not None)
-
-
-def _shown(found: Excitation, header: list[str], rows: list[list[str]]) -> Rows:
-    """Without the column of a motion that was not asked for."""
-    if found.conditioned is not None:
-        return header, rows
-    return header[:-1], [row[:-1] for row in rows]
-
-
-def _figure(value: float | None) -> str:
-    return "–" if value is None or not math.isfinite(value) else f"{value:.2g}" if value < 10 else f"{value:.0f}"
-
-
-def _cell(value: float | None) -> str:
-    return "–" if value is None or not math.isfinite(value) else f"{value:.3g}"
-
-
-def _listed(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

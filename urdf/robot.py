@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -112,6 +113,30 @@ class Line:
     def position(self, s: ArrayLike) -> Array:
         """Targets of the tool point [m]: (3,) for a scalar, (k, 3) for k line coordinates [m]."""
         return self.origin + np.multiply.outer(np.asarray(s, dtype=np.float64), self.direction)
+
+    def pose(self, s: Array) -> tuple[Array, Array]:
+        """Orientations (3, 3, k) and positions (3, k) [m] of the tool at line coordinates (k,) [m]."""
+        return np.broadcast_to(self.rotation[:, :, None], (3, 3, len(s))), self.position(s).T
+
+    def twist(self, s: Array) -> Array:
+        """Velocity of the tool per unit of s, linear rows first, (6, k) [1, rad/m]."""
+        return np.repeat(np.concatenate((self.direction, np.zeros(3)))[:, None], len(s), axis=1)
+
+    def twist_rate(self, s: Array) -> Array:
+        """Derivative of the twist by s, (6, k) [1/m, rad/m^2]: none."""
+        return np.zeros((6, len(s)))
+
+    def describe(self) -> dict[str, Any]:
+        """The numbers of the line, from which `ik.pathfile.path_of` makes it again."""
+        return {
+            "kind": "line",
+            "origin": self.origin.tolist(),
+            "direction": self.direction.tolist(),
+            "rotation": self.rotation.tolist(),
+            "range": [self.s_min, self.s_max],
+            "core": list(self.core),
+            "core_speed": self.core_speed,
+        }
 
 
 @dataclass(frozen=True)

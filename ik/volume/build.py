@@ -6,18 +6,15 @@ from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from armdyn.errors import InputError, TaskFailedError
-from ik.chain import Chain
 from ik.children import worker_pool
 from ik.cluster import dask_client
-from ik.volume.grid import Block, BlockSolver, Grid, Solved, Status
+from ik.volume.blocks import BlockSolver, Solved
+from ik.volume.grid import Block, Grid
 from ik.volume.skeleton import build_skeleton
 from ik.volume.store import VolumeTable
-from urdf import CollisionModel, Robot
+from urdf import Robot
 
 RESTARTS = 3  # of a pool whose worker died
 RETRIES = 3  # of a block whose dask worker died
@@ -159,49 +156,22 @@ def build_volume(
     if processes < 1:
         raise InputError(f"volume: {processes} processes cannot work; give 1 or more")
     target, started = Path(path), clock()
-    extra: dict[str, Any] = {"collisions": collisions}
-    touching = CollisionModel(robot)
     if target.exists():
-        table = VolumeTable.open(target, robot, extra)
+        table = VolumeTable.open(target, robot, collisions)
     else:
-        skeleton = build_skeleton(robot, grid.coarse(), lambda q: touching.touching(q) is None)
-        table = VolumeTable.create(target, robot, grid, skeleton, extra)
+        table = VolumeTable.create(target, robot, grid, build_skeleton(robot, grid.coarse()), collisions)
     if table.grid.describe() != grid.describe():
         raise InputError(f"{target}: holds a volume of other targets; choose another directory, or remove it")
-    solver = BlockSolver(Chain.of(robot), robot.limits.lower, robot.limits.upper, grid, table.skeleton)
-    if collisions:
-        solver = CheckedSolver(**vars(solver), robot=robot)
+    solver = BlockSolver(robot, grid, table.skeleton, collisions)
     blocks = table.missing()
-    left = sum(int(np.prod([stop - start for start, stop in block.ranges])) for block in blocks)
+    left = sum(grid.positions(block)[..., 0].size for block in blocks)
     resumed = done = grid.targets - left
     if progress is not None:
         progress(done, grid.targets)
     answers = in_processes(solver, blocks, processes) if scheduler is None else on_cluster(solver, blocks, scheduler)
     for block, solved in answers:
-        table.write(block, solved.q, solved.status)
+        table.write(block, solved)
         done += solved.status.size
         if progress is not None:
             progress(done, grid.targets)
     return VolumeReport(table, left, resumed, clock() - started)
-
-
-@dataclass(frozen=True)
-class CheckedSolver(BlockSolver):
-    """A block solver that also looks for collisions.
-
-    Attributes:
-        robot: the arm.
-    """
-
-    robot: Robot
-
-    def __call__(self, block: Any) -> Solved:
-        """Postures of a block; those at which the arm touches something keep their posture and say so."""
-        solved = super().__call__(block)
-        touching = CollisionModel(self.robot)
-        status = solved.status.copy()
-        for index in np.argwhere(status == Status.REACHED):
-            at = tuple(index)
-            if touching.touching(solved.q[at]) is not None:
-                status[at] = Status.TOUCHING
-        return Solved(solved.q, status)

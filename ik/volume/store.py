@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from armdyn.errors import InputError
 from ik.errors import StaleTableError
+from ik.volume.blocks import Solved
 from ik.volume.grid import BLOCK, Block, Grid, Status
 from urdf import Robot
 from urdf.robot import Array
@@ -21,8 +22,8 @@ if TYPE_CHECKING:
     import zarr
 
 
-FORMAT = 2  # raise it when a change of the code makes other volumes out of the same robot
-_REMOVE = "remove it and build it again with 'armdyn ik volume'"
+FORMAT = 3  # raise it when a change of the code makes other volumes out of the same robot
+REMOVE = "remove it and build it again with 'armdyn ik volume'"
 MISSING = "volumes need zarr: run 'pip install armdyn[volume]'"
 
 
@@ -38,8 +39,7 @@ class VolumeTable:
         q: postures, (m, x, y, z, n) [rad or m], read from disk where they are indexed; nan where unreachable.
         status: what became of each target, (m, x, y, z), see `Status`.
         skeleton: postures on the coarse grid from which the blocks were seeded.
-        done: which blocks are finished, (m, blocks along x, y, z).
-        digests: of each finished block's postures and status, of the same shape.
+        digests: of each finished block's postures and status, (m, blocks along x, y, z); 0 where it is not done.
     """
 
     path: Path
@@ -49,11 +49,10 @@ class VolumeTable:
     q: "zarr.Array[Any]"
     status: "zarr.Array[Any]"
     skeleton: Array
-    done: "zarr.Array[Any]"
     digests: "zarr.Array[Any]"
 
     @classmethod
-    def create(cls, path: Path, robot: Robot, grid: Grid, skeleton: Array, extra: dict[str, Any]) -> Self:
+    def create(cls, path: Path, robot: Robot, grid: Grid, skeleton: Array, collisions: bool) -> Self:
         """Make an empty volume.
 
         Args:
@@ -61,56 +60,51 @@ class VolumeTable:
             robot: the arm.
             grid: the targets.
             skeleton: postures on the coarse grid, (m, x, y, z, n).
-            extra: settings that a volume which is continued must share.
+            collisions: whether touching postures are marked.
 
         Raises:
             InputError: zarr is missing, or the directory cannot be written.
             StaleTableError: what is there is no such volume.
         """
         zarr = _zarr()
-        shape = (len(grid.rotations), *grid.counts)
-        edges = tuple(min(BLOCK, count) for count in grid.counts)
-        blocks = tuple(-(-count // BLOCK) for count in grid.counts)
+        joints, edges = len(robot.joint_names), tuple(min(BLOCK, count) for count in grid.counts)
         # Made beside and renamed: whatever happens, a directory of this name is a volume that can be continued.
         unfinished = path.with_name(f".armdyn-{os.getpid()}-{secrets.token_hex(6)}.tmp")
         try:
             group = zarr.create_group(unfinished)
-            group.create_array(
-                "q", shape=(*shape, len(robot.joint_names)), chunks=(1, *edges, len(robot.joint_names)),
-                dtype="float64", fill_value=float("nan"),
-            )  # fmt: skip
-            group.create_array("status", shape=shape, chunks=(1, *edges), dtype="uint8", fill_value=0)
-            group.create_array("done", shape=(shape[0], *blocks), chunks=(1, 1, 1, 1), dtype="uint8", fill_value=0)
-            group.create_array("digests", shape=(shape[0], *blocks), chunks=(1, 1, 1, 1), dtype="uint64", fill_value=0)
+            for name, shape, chunks, kind, empty in (
+                ("q", (*grid.shape, joints), (1, *edges, joints), "float64", float("nan")),
+                ("status", grid.shape, (1, *edges), "uint8", 0),
+                ("digests", grid.blocks, (1, 1, 1, 1), "uint64", 0),
+            ):
+                group.create_array(name, shape=shape, chunks=chunks, dtype=kind, fill_value=empty)
             group.create_array("skeleton", data=skeleton)
             group.attrs["armdyn"] = {
                 "format": FORMAT,
                 "robot": robot.name,
                 "joints": list(robot.joint_names),
-                "tool_frame": robot.tool_frame,
-                "tool_offset": robot.tool_offset.tolist(),
                 "fingerprint": robot.fingerprint,
                 "grid": grid.describe(),
-                "extra": extra,
+                "collisions": collisions,
                 "skeleton": _digest(skeleton),
             }
             unfinished.rename(path)
         except (OSError, ValueError) as error:  # a name with a null character is a ValueError
             shutil.rmtree(unfinished, ignore_errors=True)
             if path.exists():  # made by another process since the caller looked
-                return cls.open(path, robot, extra)
+                return cls.open(path, robot, collisions)
             why = getattr(error, "strerror", None) or error
             raise InputError(f"{path}: cannot be written ({why}); choose another directory") from error
         return cls.open(path, robot)
 
     @classmethod
-    def open(cls, path: str | Path, robot: Robot | None = None, extra: dict[str, Any] | None = None) -> Self:
+    def open(cls, path: str | Path, robot: Robot | None = None, collisions: bool | None = None) -> Self:
         """Open a volume.
 
         Args:
             path: the zarr directory.
             robot: whose volume it must be; None accepts any.
-            extra: settings that it must have been built with; None accepts any.
+            collisions: whether touching postures must be marked in it; None accepts both.
 
         Raises:
             InputError: zarr is missing, or there is no such directory.
@@ -118,14 +112,13 @@ class VolumeTable:
                 what was written.
         """
         zarr, source = _zarr(), Path(path)
-        rebuild = _REMOVE
         if not source.is_dir():
             raise InputError(f"{source}: there is no such volume; build it with 'armdyn ik volume'")
         try:
             group = zarr.open_group(source, mode="r+")
             about = group.attrs["armdyn"]
             if about["format"] != FORMAT:
-                raise StaleTableError(f"{source}: another version of armdyn wrote it; {rebuild}")
+                raise StaleTableError(f"{source}: another version of armdyn wrote it; {REMOVE}")
             table = cls(
                 path=source,
                 robot_name=about["robot"],
@@ -134,34 +127,32 @@ class VolumeTable:
                 q=group["q"],
                 status=group["status"],
                 skeleton=np.asarray(group["skeleton"][:]),
-                done=group["done"],
                 digests=group["digests"],
             )
             table._check(about["skeleton"])
         except (StaleTableError, KeyboardInterrupt):
             raise
         except Exception as error:  # damaged files surface as a dozen exceptions of zarr, json and its compressors
-            raise StaleTableError(f"{source}: not an IK volume, or damaged; {rebuild}") from error
+            raise StaleTableError(f"{source}: not an IK volume, or damaged; {REMOVE}") from error
         if robot is not None and about["robot"] != robot.name:
-            raise StaleTableError(f"{source}: the volume is of '{about['robot']}', not '{robot.name}'; {rebuild}")
+            raise StaleTableError(f"{source}: the volume is of '{about['robot']}', not '{robot.name}'; {REMOVE}")
         if robot is not None and about["fingerprint"] != robot.fingerprint:
-            raise StaleTableError(f"{source}: the URDF or the settings of '{robot.name}' have changed; {rebuild}")
-        if extra is not None and about["extra"] != extra:
-            raise StaleTableError(f"{source}: it was built with {about['extra']}, not with {extra}; {rebuild}")
+            raise StaleTableError(f"{source}: the URDF or the settings of '{robot.name}' have changed; {REMOVE}")
+        if collisions is not None and about["collisions"] != collisions:
+            built, wanted = ("with" if checked else "without" for checked in (about["collisions"], collisions))
+            raise StaleTableError(f"{source}: it was built {built} '--collisions', not {wanted}; {REMOVE}")
         return table
 
-    def write(self, block: Block, q: Array, status: NDArray[np.uint8]) -> None:
+    def write(self, block: Block, solved: Solved) -> None:
         """Write a block; it counts as done only when all of it is on disk.
 
         Raises:
             InputError: the disk is full, or the directory was removed.
         """
-        at, place = (block.rotation, *block.slices), _place(block)
+        place = self.grid.place(block)
         try:
-            self.q[at] = q
-            self.status[at] = status
-            self.digests[place] = _digest(q, status)
-            self.done[place] = 1
+            self.q[place], self.status[place] = solved.q, solved.status
+            self.digests[block] = _digest(*solved)
         except OSError as error:
             raise InputError(
                 f"{self.path}: cannot be written ({error.strerror or error}); make room and run the same command again "
@@ -174,24 +165,21 @@ class VolumeTable:
         Raises:
             StaleTableError: one of them differs.
         """
-        shape, joints = (len(self.grid.rotations), *self.grid.counts), len(self.joint_names)
-        blocks = (shape[0], *(-(-count // BLOCK) for count in self.grid.counts))
-        expected = {"q": (*shape, joints), "status": shape, "done": blocks, "digests": blocks}
+        grid = self.grid
+        expected = {"q": (*grid.shape, len(self.joint_names)), "status": grid.shape, "digests": grid.blocks}
         wrong = next((name for name, size in expected.items() if getattr(self, name).shape != size), None)
         if wrong is None and _digest(self.skeleton) != skeleton:
             wrong = "skeleton"
         if wrong is not None:
-            raise StaleTableError(f"{self.path}: '{wrong}' is damaged; {_REMOVE}")
-        done, digests = np.asarray(self.done[:]), np.asarray(self.digests[:])
-        for block in self.grid.blocks():
-            at, place = (block.rotation, *block.slices), _place(block)
-            if done[place] and digests[place] != _digest(np.asarray(self.q[at]), np.asarray(self.status[at])):
-                raise StaleTableError(f"{self.path}: the block {place} is damaged; {_REMOVE}")
+            raise StaleTableError(f"{self.path}: '{wrong}' is damaged; {REMOVE}")
+        for block, digest in np.ndenumerate(np.asarray(self.digests[:])):
+            place = grid.place(block)
+            if digest and digest != _digest(np.asarray(self.q[place]), np.asarray(self.status[place])):
+                raise StaleTableError(f"{self.path}: the block {block} is damaged; {REMOVE}")
 
     def missing(self) -> list[Block]:
         """Blocks that are not done."""
-        done = np.asarray(self.done[:])
-        return [block for block in self.grid.blocks() if not done[_place(block)]]
+        return [block for block, digest in np.ndenumerate(np.asarray(self.digests[:])) if not digest]
 
     def nearest(self, position: ArrayLike, rotation: int = 0) -> Array:
         """Postures of the targets nearest to positions, (k, n) for positions (k, 3) [m]; nan where unreachable.
@@ -204,8 +192,7 @@ class VolumeTable:
             InputError: a position is outside the volume by more than half a step, or there is no such orientation.
         """
         points = np.atleast_2d(np.asarray(position, dtype=np.float64))
-        step = (self.grid.high - self.grid.low) / (np.array(self.grid.counts) - 1)
-        place = (points - self.grid.low) / step
+        place = self.grid.steps(points)
         if not 0 <= rotation < len(self.grid.rotations):
             raise InputError(f"volume: orientation {rotation} is none of its {len(self.grid.rotations)}")
         if not np.all((place >= -0.5) & (place <= np.array(self.grid.counts) - 0.5)):
@@ -233,18 +220,12 @@ class VolumeTable:
         return jumps / max(1, pairs)
 
 
-def _place(block: Block) -> tuple[int, int, int, int]:
-    """Where a block is among the blocks."""
-    x, y, z = (start // BLOCK for start, _ in block.ranges)
-    return block.rotation, x, y, z
-
-
 def _digest(*arrays: Array | NDArray[np.uint8]) -> int:
-    """A number of 63 bits that other numbers hardly have."""
+    """A number of 63 bits, never 0, that other numbers hardly have."""
     digest = hashlib.blake2b(digest_size=8)
     for values in arrays:
         digest.update(np.ascontiguousarray(values).tobytes())
-    return int.from_bytes(digest.digest(), "big") >> 1
+    return int.from_bytes(digest.digest(), "big") >> 1 | 1
 
 
 def _zarr() -> Any:

@@ -77,7 +77,7 @@ def excite(
         from armdyn.csv_run import csv_text
         from pipeline.answers_motion import excitation_answer
         from pipeline.motion.excitation import excitation
-        from pipeline.report.feasibility import excitation_document, excitation_page
+        from pipeline.report.excitation import excitation_document, excitation_page
 
         say("reading the robot")
         model = arm_model(urdf_file, robot, names_in(joints), tool=tool)

@@ -274,14 +274,7 @@ def as_settings(found: "Found") -> str:
 def found_json(found: "Found") -> dict[str, Any]:
     """A line that was found, and what it is worth."""
     return {
-        "line": {
-            "origin": found.line.origin.tolist(),
-            "direction": found.line.direction.tolist(),
-            "rotation": found.line.rotation.tolist(),
-            "range": [found.line.s_min, found.line.s_max],
-            "core": list(found.line.core),
-            "core_speed": found.line.core_speed,
-        },
+        "line": found.line.describe(),
         "home": found.home.tolist(),
         "core_speed": found.core_speed,
         "whole_speed": found.whole_speed,

@@ -182,5 +182,5 @@ def _render(done: "SimulatedTrial", out: Path, show: Callable[[str, float], None
         def drawn(count: int, total: int, name: str = file.name) -> None:
             show(f"{name}: {count} of {total} drawn", count / total)
 
-        render_swing(done.experiment.description, done.plant, history, file, progress=drawn)
+        render_swing(done.experiment.description, done.robot.settings, history, file, progress=drawn)
     return files

@@ -12,7 +12,7 @@ from pipeline.console.screen import phase_progress, save_report, to_screen, writ
 if TYPE_CHECKING:
     from pipeline.robot.link import LinkStatistics
     from pipeline.trial import ProtocolSettings, SimulatedTrial, TrialResult
-    from pipeline.trial.real import Asking, Link, RealTrial
+    from pipeline.trial.real import Link, OperatorPrompts, RealTrial
 
 
 def say_result(
@@ -93,11 +93,11 @@ def real_trial(
 
     link = _link(robot, address, arm, None if rehearsed else port, calibration)
     with phase_progress() as progress:
-        asking = _asking(yes, landed, json_file)
+        prompts = _prompts(yes, landed, json_file)
         if rehearsed:
-            figures, farthest = rehearse(settings, link, asking, progress)
+            figures, farthest = rehearse(settings, link, prompts, progress)
         else:
-            done = run_real(settings, link, asking, out, progress)
+            done = run_real(settings, link, prompts, out, progress)
     if rehearsed:
         _show_rehearsal(figures, farthest, json_file)
         return
@@ -118,8 +118,8 @@ def _link(robot: str, address: str | None, arm: str, port: str | None, calibrati
     return Link(where, connect, description, port, used)
 
 
-def _asking(yes: bool, landed: str | None, json_file: Path | None) -> "Asking":
-    from pipeline.trial.real import Asking
+def _prompts(yes: bool, landed: str | None, json_file: Path | None) -> "OperatorPrompts":
+    from pipeline.trial.real import OperatorPrompts
 
     if landed not in (None, "yes", "no"):
         raise InputError(f"--landed {landed}: say 'yes' or 'no', or leave it out to be asked")
@@ -138,18 +138,18 @@ def _asking(yes: bool, landed: str | None, json_file: Path | None) -> "Asking":
             return landed == "yes"
         return typer.confirm("Did the load come to rest in the box?", err=True)
 
-    return Asking(tell, may_move, has_landed)
+    return OperatorPrompts(tell, may_move, has_landed)
 
 
 def _show(done: "RealTrial", out: Path, json_file: Path | None, note: str) -> None:
     result = done.result
-    answer: dict[str, Any] = {**result.as_json(), "robot": done.figures.as_json(), "nodes": _nodes(done)}
+    answer: dict[str, Any] = {**result.as_json(), "robot": done.robot.statistics.as_json(), "nodes": _nodes(done)}
     if json_file is not None:
         write_json(answer, json_file)
     report = out / "report.html"
     told = write_report(done, report)
     if json_file != Path("-"):
-        lines = filter(None, (note, *result.notes, *_timing(done.figures), told))
+        lines = filter(None, (note, *result.notes, *_timing(done.robot.statistics), told))
         say_result(result, lines, None if told else report)
 
 

@@ -20,6 +20,29 @@ Work = Callable[[Any], Any]
 Then = Callable[[Any], None]
 
 
+LONGEST_MESSAGE = 300
+"""Characters of a foreign message that are shown; some hold whole matrices."""
+
+
+def sentence_of(error: BaseException, failed: str) -> str:
+    """What happened, in one line.
+
+    Our own errors already say what to do. Of any other, the kind, its message and the place in the code are given:
+    that is what whoever mends it needs.
+
+    Args:
+        error: what was raised.
+        failed: such as ``"the estimator node failed at 1.20 s"``.
+    """
+    said = " ".join(str(error).split())
+    said = said if len(said) <= LONGEST_MESSAGE else said[:LONGEST_MESSAGE] + " ..."
+    if isinstance(error, ArmdynError):
+        return said
+    frames = traceback.extract_tb(error.__traceback__)
+    place = f" ({frames[-1].filename.rpartition('/')[2]}, line {frames[-1].lineno})" if frames else ""
+    return f"{failed}: {type(error).__name__}{': ' if said else ''}{said}{place}"
+
+
 class BackgroundWorker:
     """Where long work is done: here at once, in the loop, which is right where no time passes meanwhile.
 
@@ -50,9 +73,8 @@ class BackgroundWorker:
             self.thinking = False
         then(result)
 
-    def busy(self, name: str) -> bool:
+    def busy(self, name: str) -> bool:  # noqa: ARG002
         """Whether work of this name was asked for and is not done."""
-        del name
         return False
 
     def collect(self) -> None:
@@ -154,15 +176,5 @@ def _serve(ours: Connection, connection: Connection, work: dict[str, Work]) -> N
             try:
                 answer = pickle.dumps((name, work[name](argument), None))
             except BaseException as error:
-                answer = pickle.dumps((name, None, _sentence(name, error)))
+                answer = pickle.dumps((name, None, sentence_of(error, f"the {name} failed")))
             connection.send_bytes(answer)
-
-
-def _sentence(name: str, error: BaseException) -> str:
-    """What was raised: an exception of a foreign kind may not survive the copy."""
-    said = " ".join(str(error).split())
-    if isinstance(error, ArmdynError):
-        return said
-    frames = traceback.extract_tb(error.__traceback__)
-    place = f" ({frames[-1].filename.rpartition('/')[2]}, line {frames[-1].lineno})" if frames else ""
-    return f"the {name} failed: {type(error).__name__}{': ' if said else ''}{said[:300]}{place}"

@@ -1,7 +1,6 @@
-"""One loop that runs every node at its own rate, in order, on a simulated or a real clock; and its watchdog."""
+"""One loop that runs every node at its own rate, in order, on the robot's clock; and its watchdog."""
 
 import threading
-import time as wall
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -20,68 +19,6 @@ UNSTEADY = 1e-3
 
 class ClockError(TaskFailedError):
     """The loop stood still, or its clock jumped: commands no longer follow from one another."""
-
-
-class Clock(Protocol):
-    """Where the time comes from."""
-
-    @property
-    def real(self) -> bool:
-        """Whether time, and with it the arm, goes on while this program computes.
-
-        Then long work is done beside the loop, and a watchdog stops an arm whose loop hangs. On a simulated clock
-        nothing moves meanwhile: how long a computation takes changes no result.
-        """
-        ...
-
-    @property
-    def time(self) -> float:
-        """Time since the start [s]."""
-        ...
-
-    def advance_to(self, time: float) -> None:
-        """Let the time come."""
-        ...
-
-
-class SimulatedClock:
-    """The time of a simulated robot, which moves only while this clock is advanced."""
-
-    real = False
-
-    def __init__(self, robot: RobotInterface) -> None:
-        self._robot = robot
-
-    @property
-    def time(self) -> float:
-        """Simulated time [s]."""
-        return self._robot.time
-
-    def advance_to(self, time: float) -> None:
-        """Compute what happens until then."""
-        remaining = time - self._robot.time
-        if remaining > 1e-9:
-            self._robot.advance(remaining)
-
-
-class RealClock:
-    """Monotonic time of this computer from the clock's creation on."""
-
-    real = True
-
-    def __init__(self) -> None:
-        self._start = wall.monotonic()
-
-    @property
-    def time(self) -> float:
-        """Time since the start [s]."""
-        return wall.monotonic() - self._start
-
-    def advance_to(self, time: float) -> None:
-        """Sleep until then; a time that has passed costs nothing."""
-        remaining = time - self.time
-        if remaining > 0:
-            wall.sleep(remaining)
 
 
 class Node(Protocol):
@@ -135,13 +72,13 @@ class Timing:
 
 
 class Scheduler:
-    """Runs nodes on a clock; nodes that are due at the same time run in the given order.
+    """Runs nodes on the clock of a robot; nodes that are due at the same time run in the given order.
 
     A node that is late is run once, as soon as possible; steps whose time has passed meanwhile are skipped and counted,
     so that a slow node cannot pile up work.
 
     Args:
-        clock: simulated or real.
+        robot: whose clock shows the time, and which lets it pass: it computes, or waits.
         nodes: in the order in which data flow.
         patience: how long the loop may stand still now [s]; asked before every wait and every round. None where
             lateness is only counted.
@@ -154,7 +91,7 @@ class Scheduler:
 
     def __init__(
         self,
-        clock: Clock,
+        robot: RobotInterface,
         nodes: Sequence[Node],
         patience: Callable[[], float] | None = None,
         each_round: Callable[[], None] | None = None,
@@ -162,7 +99,7 @@ class Scheduler:
         for node in nodes:
             if not node.period > 0:
                 raise InputError(f"node '{node.name}' has a period of {node.period} s: it must be positive")
-        self._clock, self._nodes = clock, tuple(nodes)
+        self._robot, self._nodes = robot, tuple(nodes)
         self._patience, self._each_round = patience, each_round
         self.begin()
         self.running = nodes[0].name
@@ -170,7 +107,7 @@ class Scheduler:
 
     def begin(self) -> None:
         """The first steps are due now; where it is not called, they are from the scheduler's creation on."""
-        self._seen = self._clock.time
+        self._seen = self._robot.time
         self._start = {node.name: self._seen for node in self._nodes}
         self._count = {node.name: 0 for node in self._nodes}
 
@@ -187,14 +124,14 @@ class Scheduler:
         Raises:
             ClockError: the loop stood still for too long, or the clock jumped; only where `patience` is given.
         """
-        end = self._clock.time + longest
+        end = self._robot.time + longest
         while not until():
             due = min(self._due(node) for node in self._nodes)
             if due > end + 1e-9:
-                self._clock.advance_to(end)
+                self._wait_until(end)
                 return until()
             with self._watched("waiting", until=due):
-                self._clock.advance_to(due)
+                self._wait_until(due)
             with self._watched("the nodes"):
                 if self._each_round is not None:
                     self._each_round()
@@ -203,6 +140,12 @@ class Scheduler:
                         self._step(node)
         return True
 
+    def _wait_until(self, time: float) -> None:
+        """Let the time come [s]; one that has passed costs nothing."""
+        remaining = time - self._robot.time
+        if remaining > 1e-9:
+            self._robot.advance(remaining)
+
     @contextmanager
     def _watched(self, what: str, until: float = -inf) -> Iterator[None]:
         """The clock must run on to about `until` [s], and not have jumped since it was last looked at."""
@@ -210,11 +153,11 @@ class Scheduler:
             yield
             return
         patience = self._patience()
-        self._require_steady("pausing", self._clock.time - self._seen, patience)
-        self._seen = self._clock.time
+        self._require_steady("pausing", self._robot.time - self._seen, patience)
+        self._seen = self._robot.time
         yield
-        self._require_steady(what, self._clock.time - max(until, self._seen), patience)
-        self._seen = self._clock.time
+        self._require_steady(what, self._robot.time - max(until, self._seen), patience)
+        self._seen = self._robot.time
 
     def _require_steady(self, what: str, late: float, patience: float) -> None:
         # In this form a time that is not a number is a fault, too.
@@ -229,7 +172,7 @@ class Scheduler:
 
     def _step(self, node: Node) -> None:
         due, timing = self._due(node), self.timing[node.name]
-        late = self._clock.time - due
+        late = self._robot.time - due
         self.running = node.name
         begun = perf_counter()
         node.step(due)
@@ -240,7 +183,7 @@ class Scheduler:
         if took > node.period or late > node.period:
             timing.overruns += 1
         self._count[node.name] += 1
-        behind = (self._clock.time - self._due(node)) / node.period
+        behind = (self._robot.time - self._due(node)) / node.period
         behind = int(behind) if isfinite(behind) else 0
         if behind > 0:
             timing.skipped += behind

@@ -27,7 +27,7 @@ def designed_motion_section(plan: Plan, proposal: Proposal, motion: Motion) -> S
             f"along the median of the random motions with the same limits that the design began with, by {random:.2g}."
         )
     hypotheses = plan.rivals.hypotheses
-    figure = stacked(["gripper [m]", "swing [rad]", "left by a refit [σ]"], [0.3, 0.3, 0.4], (), 560)
+    figure = stacked({"gripper [m]": 0.3, "swing [rad]": 0.3, "left by a refit [σ]": 0.4}, 560)
     figure.add_scatter(x=motion.time, y=motion.along[0], name="gripper", **ACTUAL)
     helds = [PredictedExperiment(h, proposal.experiment) for h in hypotheses]
     figure.add_scatter(

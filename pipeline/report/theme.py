@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -83,57 +82,8 @@ WIDE = {"wide": True}
 """Layout meta of a figure of many panels, which is scrolled rather than squeezed on a narrow screen."""
 
 
-@dataclass(frozen=True)
-class Span:
-    """A stretch of time, shaded in every figure over time.
-
-    Attributes:
-        name: such as ``"estimate"``; empty for none.
-        start: [s].
-        end: [s].
-    """
-
-    name: str
-    start: float
-    end: float
-
-
-def phase_marks(phases: Sequence[Span]) -> dict[str, list[dict[str, Any]]]:
-    """Shapes and labels that show the phases across the whole height of a figure over time.
-
-    Returns:
-        Layout entries ``shapes`` and ``annotations``.
-    """
-    shapes: list[dict[str, Any]] = []
-    labels: list[dict[str, Any]] = []
-    for i, phase in enumerate(phases):
-        if i % 2 == 0:
-            shapes.append(
-                {
-                    "type": "rect",
-                    "xref": "x",
-                    "yref": "paper",
-                    "x0": phase.start,
-                    "x1": phase.end,
-                    "y0": 0,
-                    "y1": 1,
-                    "fillcolor": PALE,
-                    "line": {"width": 0},
-                    "layer": "below",
-                }
-            )
-        labels.append(
-            {
-                "text": phase.name,
-                "xref": "x",
-                "yref": "paper",
-                "x": (phase.start + phase.end) / 2,
-                "y": 1,
-                "yanchor": "bottom",
-                "font": {"size": 11, "color": GREY},
-            }
-        )
-    return {"shapes": shapes, "annotations": labels}
+Phases = Sequence[tuple[str, float, float]]
+"""Named stretches of time, each with start and end [s], shaded in every figure over time."""
 
 
 _SMALL = {"m": "mm", "m/s": "mm/s", "N": "mN", "s": "ms", "rad": "mrad", "N m": "mN m"}
@@ -160,27 +110,33 @@ def _significant(value: float, digits: int) -> str:
     return f"{value:.{min(decimals, 12)}f}"
 
 
-def stacked(rows: Sequence[str], heights: Sequence[float], phases: Sequence[Span], height: int) -> go.Figure:
-    """An empty figure with one row per vertical axis.
+def stacked(rows: Mapping[str, float], height: int, phases: Phases = ()) -> go.Figure:
+    """An empty figure over time with panels below each other.
 
     Args:
-        rows: title of each vertical axis, with its unit, from the top.
-        heights: share of each row; they add up to 1.
-        phases: shaded behind all rows.
-        height: [px].
+        rows: from the top, the title of each vertical axis with its unit, and its share of the height; they sum to 1.
+        height: of the figure [px].
+        phases: shaded and named behind all panels.
     """
-    gap = 0.06
-    inner = 1.0 - gap * (len(rows) - 1)
-    layout: dict[str, Any] = {"height": height, "meta": LINKED_TIME, **phase_marks(phases)}
+    gap, top = 0.06, 1.0
+    layout: dict[str, Any] = {"height": height, "meta": LINKED_TIME}
+    for i, (title, share) in enumerate(rows.items()):
+        bottom = max(0.0, top - share * (1.0 - gap * (len(rows) - 1)))
+        layout[f"yaxis{i + 1 if i else ''}"] = {"title": {"text": title}, "domain": [bottom, top], "anchor": "x"}
+        top = bottom - gap
     layout["xaxis"] = {"title": {"text": TIME_AXIS}, "anchor": f"y{len(rows) if len(rows) > 1 else ''}"}
     if phases:  # the same stretch of time in every figure
-        layout["xaxis"] |= {"range": [phases[0].start, phases[-1].end]}
-    top = 1.0
-    for i, (title, share) in enumerate(zip(rows, heights, strict=True), start=1):
-        bottom = max(0.0, top - share * inner)
-        layout[f"yaxis{i if i > 1 else ''}"] = {"title": {"text": title}, "domain": [bottom, top], "anchor": "x"}
-        top = bottom - gap
-    return go.Figure(layout=layout)
+        layout["xaxis"]["range"] = [phases[0][1], phases[-1][2]]
+    figure = go.Figure(layout=layout)
+    for i, (name, start, end) in enumerate(phases):
+        label = {"text": name, "font": {"size": 11, "color": GREY}, "x": (start + end) / 2, "y": 1}
+        figure.add_annotation(label, xref="x", yref="paper", yanchor="bottom")
+        if i % 2 == 0:
+            figure.add_shape(
+                type="rect", xref="x", yref="paper", x0=start, x1=end, y0=0, y1=1, fillcolor=PALE, line_width=0,
+                layer="below",
+            )  # fmt: skip
+    return figure
 
 
 def add_band(

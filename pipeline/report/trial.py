@@ -1,34 +1,38 @@
-"""The report of one trial: what was learnt, how well the arm followed, how the load swung, and the verdict."""
+"""How a trial went, section by section: the swing, the estimate, the load cell against the model, gripper and nodes."""
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import plotly.graph_objects as go
 
 from armdyn.channels import FloatArray
-from armdyn.document import Chart, Document, KeyFigure, Level, NextStep, Section
+from armdyn.document import Chart, Section, Table
 from pipeline.box import Box
-from pipeline.motion.feasibility import Margin
+from pipeline.nodes.learning import LengthEstimate
 from pipeline.nodes.scheduler import Timing
-from pipeline.report.feasibility import margin_section
-from pipeline.report.motion import (
-    EstimateTrace,
-    ForceTrace,
-    GripperTrace,
-    JointTrace,
-    estimate_section,
-    force_section,
-    gripper_section,
-    position_section,
-    timing_section,
-    velocity_section,
+from pipeline.report.theme import (
+    ACTUAL,
+    BLUE,
+    FAINT,
+    GREY,
+    INK,
+    MEASURED,
+    MODEL,
+    ORANGE,
+    REFERENCE,
+    TRUTH,
+    Phases,
+    add_band,
+    number,
+    stacked,
 )
-from pipeline.report.theme import ACTUAL, BLUE, FAINT, GREY, INK, REFERENCE, Span, number, percent
+
+SNAPSHOTS = 9
+"""Positions of the string that are drawn."""
 
 
-@dataclass(frozen=True)
-class SwingTrace:
+class SwingTrace(NamedTuple):
     """Gripper and load in the vertical plane of the line during the swing.
 
     Attributes:
@@ -44,45 +48,44 @@ class SwingTrace:
     load_z: FloatArray
 
 
-@dataclass(frozen=True)
-class SwingPicture:
-    """The planned swing and what became of it.
+def swing_section(planned: SwingTrace, executed: SwingTrace | None, box: Box | None, radius: float) -> Section:
+    """Paths of gripper and load, with snapshots of the string, to scale.
 
-    Attributes:
+    Args:
         planned: from the optimiser.
-        executed: as measured or simulated; None where the swing was not run.
+        executed: as it was; None where nobody saw it.
         box: None where there is none.
-        load_radius: [m].
-        snapshots: how many positions of the string are drawn.
+        radius: of the load [m].
     """
-
-    planned: SwingTrace
-    executed: SwingTrace | None
-    box: Box | None
-    load_radius: float = 0.014
-    snapshots: int = 9
-
-
-def swing_section(swing: SwingPicture) -> Section:
-    """Paths of gripper and load, with snapshots of the string, to scale."""
-    shown = swing.executed or swing.planned
+    shown = executed or planned
     figure = go.Figure(layout={"height": 520, "hovermode": "closest"})
-    _add_strings(figure, shown, swing.snapshots, swing.load_radius)
-    if swing.box is not None:
-        _add_box(figure, swing.box)
-    figure.add_scatter(
-        x=shown.gripper_x, y=0 * shown.gripper_x, name="gripper", mode="lines", line={"color": INK, "width": 3}
-    )
-    if swing.executed is not None:
-        figure.add_scatter(x=swing.executed.load_x, y=swing.executed.load_z, name="load, executed", **ACTUAL)
-    figure.add_scatter(x=swing.planned.load_x, y=swing.planned.load_z, name="load, planned", **REFERENCE)
-    figure.update_layout(
-        xaxis={"title": {"text": "along the line [m]"}},
-        yaxis={"title": {"text": "height over the line [m]"}, "scaleanchor": "x"},
-    )
-    kind = "executed" if swing.executed is not None else "planned"
-    caption = f"To scale. Thin lines: the string at {swing.snapshots} equally spaced times, {kind}."
-    return Section("Swing", _missed(swing.planned, swing.executed), [Chart(figure, caption)])
+    times = np.linspace(shown.time[0], shown.time[-1], SNAPSHOTS)
+    gripper, x, z = (np.interp(times, shown.time, path) for path in shown[1:])
+    ends = np.full((2, SNAPSHOTS, 3), np.nan)  # of each string, and a gap in the line
+    ends[:, :, :2] = [np.column_stack([gripper, x]), np.column_stack([0 * z, z])]
+    thin = {"color": GREY, "width": 1}
+    figure.add_scatter(x=ends[0].ravel(), y=ends[1].ravel(), name="string", mode="lines", line=thin, hoverinfo="skip")
+    for i in range(SNAPSHOTS):
+        disc = {"x0": x[i] - radius, "x1": x[i] + radius, "y0": z[i] - radius, "y1": z[i] + radius}
+        opacity = 0.25 + 0.6 * i / (SNAPSHOTS - 1)
+        figure.add_shape(type="circle", **disc, line=thin, fillcolor=BLUE, opacity=opacity, layer="below")
+    if box is not None:
+        near, far = box.near_wall, box.near_wall + box.width
+        rim, floor = -box.rim, -box.rim - box.height
+        figure.add_scatter(
+            x=[near, near, far, far], y=[rim, floor, floor, rim], name="box", mode="lines",
+            line={"color": INK, "width": 4}, fill="toself", fillcolor=FAINT,
+        )  # fmt: skip
+    rail = {"color": INK, "width": 3}
+    figure.add_scatter(x=shown.gripper_x, y=0 * shown.gripper_x, name="gripper", mode="lines", line=rail)
+    if executed is not None:
+        figure.add_scatter(x=executed.load_x, y=executed.load_z, name="load, executed", **ACTUAL)
+    figure.add_scatter(x=planned.load_x, y=planned.load_z, name="load, planned", **REFERENCE)
+    figure.update_xaxes(title_text="along the line [m]")
+    figure.update_yaxes(title_text="height over the line [m]", scaleanchor="x")
+    kind = "executed" if executed is not None else "planned"
+    caption = f"To scale. Thin lines: the string at {SNAPSHOTS} equally spaced times, {kind}."
+    return Section("Swing", _missed(planned, executed), [Chart(figure, caption)])
 
 
 def _missed(planned: SwingTrace, executed: SwingTrace | None) -> str:
@@ -92,143 +95,107 @@ def _missed(planned: SwingTrace, executed: SwingTrace | None) -> str:
     end = float(planned.time[-1])
     if executed.time[-1] < end:
         return f"The swing was stopped after {executed.time[-1] - executed.time[0]:.2f} s, before the plan's end."
-    across = np.interp(end, executed.time, executed.load_x) - planned.load_x[-1]
-    up = np.interp(end, executed.time, executed.load_z) - planned.load_z[-1]
+    across = float(np.interp(end, executed.time, executed.load_x) - planned.load_x[-1])
+    up = float(np.interp(end, executed.time, executed.load_z) - planned.load_z[-1])
     return (
         f"Where the plan ends the load was {number(float(np.hypot(across, up)), 'm', 2)} from its planned place "
-        f"({number(float(across), 'm', 2)} along the line, {number(float(up), 'm', 2)} up)."
+        f"({number(across, 'm', 2)} along the line, {number(up, 'm', 2)} up)."
     )
 
 
-def _add_strings(figure: go.Figure, trace: SwingTrace, count: int, radius: float) -> None:
-    """The string as one broken line, and the load as discs of its true size."""
-    times = np.linspace(trace.time[0], trace.time[-1], count)
-    gripper, x, z = (np.interp(times, trace.time, path) for path in (trace.gripper_x, trace.load_x, trace.load_z))
-    gap = np.full(count, np.nan)
-    line: dict[str, Any] = {"color": GREY, "width": 1}
-    figure.add_scatter(
-        x=np.stack([gripper, x, gap], axis=1).ravel(),
-        y=np.stack([0 * z, z, gap], axis=1).ravel(),
-        name="string",
-        mode="lines",
-        line=line,
-        hoverinfo="skip",
-    )
-    for i in range(count):
-        disc = {"type": "circle", "x0": x[i] - radius, "x1": x[i] + radius, "y0": z[i] - radius, "y1": z[i] + radius}
-        figure.add_shape(**disc, line=line, fillcolor=BLUE, opacity=0.25 + 0.6 * i / max(count - 1, 1), layer="below")
+def estimate_section(
+    estimates: Sequence[LengthEstimate], guess: float, truth: float | None, phases: Phases = ()
+) -> Section:
+    """The string's length as it was learnt, with its interval and the truth.
 
-
-def _add_box(figure: go.Figure, box: Box) -> None:
-    near, far = box.near_wall, box.near_wall + box.width
-    rim, floor = -box.rim, -box.rim - box.height
-    figure.add_scatter(
-        x=[near, near, far, far],
-        y=[rim, floor, floor, rim],
-        name="box",
-        mode="lines",
-        line={"color": INK, "width": 4},
-        fill="toself",
-        fillcolor=FAINT,
-    )
-
-
-@dataclass(frozen=True)
-class TrialReportData:
-    """Everything the report of one trial shows; a part that is None or empty is left out.
-
-    Attributes:
-        level: colour of the verdict.
-        verdict: what happened, in a sentence.
-        subtitle: robot, load, seed, hidden effects.
-        command: how to run this trial again.
-        phases: named stretches of time.
-        notes: sentences to read first, such as warnings.
-        key_figures: numbers beside those that follow from the other parts.
-        estimates: the parameters learnt, the length first.
-        force, gripper, swing, joints: recordings of the trial.
-        margins: to the limits; the tightest need not come first.
-        nodes: computing times.
-        next_steps: what to do now.
-        investigation: what the robot found out before the swing.
+    Args:
+        estimates: every update of the estimator, at least one.
+        guess: length at the start [m].
+        truth: true length [m]; None where nobody knows it.
+        phases: of the trial.
     """
-
-    level: Level
-    verdict: str
-    subtitle: str = ""
-    command: str = ""
-    phases: tuple[Span, ...] = ()
-    notes: tuple[str, ...] = ()
-    key_figures: tuple[KeyFigure, ...] = ()
-    estimates: tuple[EstimateTrace, ...] = ()
-    force: ForceTrace | None = None
-    gripper: GripperTrace | None = None
-    swing: SwingPicture | None = None
-    joints: JointTrace | None = None
-    margins: tuple[Margin, ...] = ()
-    nodes: tuple[Timing, ...] = ()
-    next_steps: tuple[NextStep, ...] = ()
-    investigation: Section | None = None
-
-
-def trial_report(data: TrialReportData) -> Document:
-    """The report of one trial."""
-    return Document(
-        title="Trial: learn the string, swing the load",
-        level=data.level,
-        verdict=data.verdict,
-        sections=_sections(data),
-        subtitle=data.subtitle,
-        key_figures=(*_key_figures(data), *data.key_figures),
-        notes=data.notes,
-        command=data.command,
-        next_steps=data.next_steps,
-    )
+    time, value, std = np.array([(e.time, e.value, e.std) for e in estimates]).T
+    text = f"The length was learnt as {value[-1]:.4f} m ± {number(std[-1], 'm', 2)} "
+    text += f"after {len(time)} updates from a guess of {number(guess, 'm')}"
+    text += "." if truth is None else f"; it is {truth:.4f} m."
+    figure = stacked({"length [m]": 0.6, "error [mm]": 0.4}, 460, phases)
+    add_band(figure, time, value, 2 * std, "± 2 std")
+    figure.add_scatter(x=time, y=value, name="estimate", **{**MODEL, "mode": "lines+markers"})
+    dashed = {"color": ORANGE, "width": 1.5, "dash": "dash"}
+    figure.add_scatter(x=time[[0, -1]], y=[guess] * 2, name="guess", mode="lines", line=dashed)
+    figure.add_scatter(x=time, y=1e3 * std, name="std", yaxis="y2", mode="lines", line={"color": GREY})
+    if truth is not None:
+        figure.add_scatter(x=time[[0, -1]], y=[truth] * 2, name="truth", **TRUTH)
+        diamonds = {"color": INK, "size": 6, "symbol": "diamond"}
+        error = 1e3 * np.abs(value - truth)
+        figure.add_scatter(x=time, y=error, name="|error|", yaxis="y2", mode="markers", marker=diamonds)
+    # The first intervals are wide; the axis follows the estimates instead.
+    shown = [*value, guess, *([] if truth is None else [truth])]
+    pad = 0.25 * (max(shown) - min(shown)) or 0.1 * max(shown)
+    figure.update_layout(yaxis={"range": [min(shown) - pad, max(shown) + pad]}, yaxis2={"type": "log", "dtick": 1})
+    below = "standard deviation reported" + (" and error made" if truth is not None else "")
+    caption = f"Above: length with two standard deviations. Below, on a logarithmic scale: {below}."
+    return Section("Estimate", text, [Chart(figure, caption)])
 
 
-def _sections(data: TrialReportData) -> list[Section]:
-    sections: list[Section] = []
-    if data.swing is not None:
-        sections.append(swing_section(data.swing))
-    if data.investigation is not None:
-        sections.append(data.investigation)
-    if data.estimates:
-        white = data.force.residual_is_white if data.force is not None else None
-        sections.append(estimate_section(data.estimates, data.phases, white))
-    if data.force is not None:
-        sections.append(force_section(data.force, data.phases))
-    if data.gripper is not None:
-        sections.append(gripper_section(data.gripper, data.phases))
-    if data.joints is not None:
-        sections += [position_section(data.joints), velocity_section(data.joints)]
-    if data.margins:
-        sections.append(margin_section(data.margins))
-    if data.nodes:
-        sections.append(timing_section(data.nodes))
-    return sections
+def force_section(
+    time: FloatArray, measured: FloatArray, predicted: FloatArray, noise: float, phases: Phases = ()
+) -> Section:
+    """Force measured and predicted, and what is left between them, against the noise.
 
-
-def _key_figures(data: TrialReportData) -> list[KeyFigure]:
-    figures = []
-    doubt = "; does not hold" if data.force is not None and data.force.residual_is_white is False else ""
-    for trace in data.estimates[:1]:
-        if trace.value.size:
-            spread, guess = number(trace.std[-1], trace.unit, 2), number(trace.guess, trace.unit)
-            value = f"{trace.value[-1]:.4f} {trace.unit}"
-            figures.append(KeyFigure(f"Estimated {trace.name}", value, f"± {spread}{doubt}, from a guess of {guess}"))
-            if trace.truth is not None:
-                error = trace.value[-1] - trace.truth
-                note = f"{abs(error) / trace.std[-1]:.1f} reported standard deviations" if trace.std[-1] > 0 else ""
-                figures.append(KeyFigure("Error", number(error, trace.unit, 2), note))
-    if data.force is not None:
-        least = float(np.nanmin(data.force.measured))
-        figures.append(
-            KeyFigure("Least tension", number(least, "N"), "the string went slack" if least <= 0.0 else "taut")
+    Args:
+        time: (n,) [s].
+        measured: (n,) [N].
+        predicted: (n,) [N], of the model with the final estimate; nan where it was not run.
+        noise: standard deviation of the load cell [N].
+        phases: of the trial.
+    """
+    residual = measured - predicted
+    sentence = "The model was not run against the load cell."
+    if np.isfinite(residual).any():
+        rms = float(np.sqrt(np.nanmean(residual**2)))
+        sentence = (
+            f"With the final estimate the model misses the measured tension by {number(rms, 'N')} rms, "
+            f"{rms / noise:.2f} times the sensor's noise of {number(noise, 'N')}."
         )
-    if data.gripper is not None:
-        error = float(np.sqrt(np.nanmean((data.gripper.actual - data.gripper.reference) ** 2)))
-        figures.append(KeyFigure("Gripper error", number(error, "m", 2), "rms along the line"))
-    if data.margins:
-        tightest = max(data.margins, key=lambda margin: margin.used)
-        figures.append(KeyFigure("Tightest limit", percent(tightest.used), f"{tightest.limit}, {tightest.joint}"))
-    return figures
+    figure = stacked({"tension [N]": 0.62, "residual [mN]": 0.38}, 440, phases)
+    figure.add_scatter(x=time, y=measured, name="measured", **MEASURED)
+    figure.add_scatter(x=time, y=predicted, name="predicted", **MODEL)
+    add_band(figure, time, 0 * time, np.full(time.shape, 2e3 * noise), "± 2 std of the noise", axis="y2")
+    figure.add_scatter(x=time, y=1e3 * residual, yaxis="y2", name="residual", showlegend=False, **MEASURED)
+    caption = "Residual: measured minus predicted. A right model leaves 95 % of the points in the band."
+    return Section("Load cell", sentence, [Chart(figure, caption)])
+
+
+def gripper_section(time: FloatArray, reference: FloatArray, actual: FloatArray, phases: Phases = ()) -> Section:
+    """Reference and actual position of the gripper along the line, (n,) [m], and the error between them."""
+    error = actual - reference
+    sentence = "The gripper did not move."
+    if np.isfinite(error).any():
+        worst = int(np.nanargmax(np.abs(error)))
+        sentence = (
+            f"The gripper follows its reference to {number(float(np.sqrt(np.nanmean(error**2))), 'm', 2)} rms; the "
+            f"largest error is {number(abs(error[worst]), 'm', 2)} at {time[worst]:.2f} s."
+        )
+    figure = stacked({"along the line [m]": 0.62, "error [mm]": 0.38}, 420, phases)
+    figure.add_scatter(x=time, y=actual, name="actual", **ACTUAL)
+    figure.add_scatter(x=time, y=reference, name="reference", **REFERENCE)
+    figure.add_scatter(x=time, y=1e3 * error, yaxis="y2", name="error", showlegend=False, **ACTUAL)
+    return Section("Gripper", sentence, [Chart(figure, "Error: actual minus reference, the lag of the arm included.")])
+
+
+def timing_section(nodes: Sequence[Timing]) -> Section:
+    """Computing time of every node, and whether a step took longer than its period."""
+    late = ", ".join(f"{node.name} {node.overruns} of {node.steps} times" for node in nodes if node.overruns)
+    rows = [
+        [
+            node.name, "once" if node.period is None else f"{1 / node.period:.4g} Hz", str(node.steps),
+            number(node.mean, "s", 2), number(node.longest, "s", 2), str(node.overruns),
+        ]
+        for node in nodes
+    ]  # fmt: skip
+    return Section(
+        "Computing time",
+        f"Some steps took longer than their period: {late}." if late else "Every node finished its steps in time.",
+        tables=[Table.of(["node", "rate", "steps", "mean", "longest", "overruns"], rows)],
+    )

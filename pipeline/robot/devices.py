@@ -11,7 +11,8 @@ import urdf
 from pipeline.motion.transitions import Brake
 from pipeline.robot.hidden import Stage, terms
 from pipeline.robot.protocol import ForceSample, JointState, Vector
-from pipeline.robot.settings import CellFault, CellSettings, ReadingSettings, ServoSettings
+from pipeline.robot.scene import TIME_STEP
+from pipeline.robot.settings import CellSettings, ReadingSettings, ServoSettings
 
 TRUST_ACCELERATION = 0.02
 """How long a command's acceleration is extrapolated [s]: two command periods; its velocity lasts until the hold."""
@@ -71,87 +72,64 @@ class Servo:
     integrator had settled there.
 
     Args:
-        model: nominal arm.
+        robot: the nominal arm, whose effort limits are the motors'.
         settings: gains and filter.
         reference: commanded motion.
         rest_torque: motor torque that holds the arm at the start (n,) [N m].
-        limit: largest torque of each motor (n,) [N m].
         encoder_lead: time by which the encoders lead the joints [s].
-        step: time between two calls [s].
     """
 
     def __init__(
-        self,
-        model: pin.Model,
-        settings: ServoSettings,
-        reference: Reference,
-        rest_torque: Vector,
-        limit: Vector,
-        encoder_lead: float,
-        step: float,
+        self, robot: urdf.Robot, settings: ServoSettings, reference: Reference, rest_torque: Vector, encoder_lead: float
     ) -> None:
-        self._model, self._data = model, model.createData()
+        self._model, self._data, self._limit = robot.model, robot.model.createData(), np.asarray(robot.limits.effort)
         self._kp, self._kd = np.array(settings.stiffness), np.array(settings.damping)
-        self._lead, self._limit, self._reference = encoder_lead, limit, reference
-        self._gain = 1.0 - math.exp(-step / settings.filter_time) if settings.filter_time > 0 else 1.0
+        self._lead, self._reference = encoder_lead, reference
+        self._gain = _share_per_step(settings.filter_time)
         q, v, a = reference.at(0.0)
-        self._constant = rest_torque - self._inverse_dynamics(q, v, a)
-        self._filtered = self._wanted(0.0)
+        self._constant = rest_torque - pin.rnea(self._model, self._data, q, v, a)
+        self.driven = self._wanted(0.0)
 
     def drive(self, time: float) -> Vector:
         """The part of the torque that depends on the reference, ``Kp q_f + Kd v_f + f_f`` (n,) [N m], one step on."""
-        self._filtered = self._filtered + self._gain * (self._wanted(time) - self._filtered)
-        return self._filtered
-
-    @property
-    def driven(self) -> Vector:
-        """What `drive` gave last (n,) [N m]."""
-        return self._filtered
+        self.driven = self.driven + self._gain * (self._wanted(time) - self.driven)
+        return self.driven
 
     def torque(self, q: Vector, v: Vector) -> Vector:
         """Torque of the motors (n,) [N m] at joint positions and velocities (n,) [rad, rad/s]."""
-        total = self._filtered - self._kp * (q + self._lead * v) - self._kd * v
+        total = self.driven - self._kp * (q + self._lead * v) - self._kd * v
         return np.clip(total, -self._limit, self._limit)
 
     def _wanted(self, time: float) -> Vector:
         q, v, a = self._reference.at(time)
-        wanted: Vector = self._kp * q + self._kd * v + self._inverse_dynamics(q, v, a) + self._constant
-        return wanted
+        return np.asarray(self._kp * q + self._kd * v + pin.rnea(self._model, self._data, q, v, a) + self._constant)
 
-    def _inverse_dynamics(self, q: Vector, v: Vector, a: Vector) -> Vector:
-        torque: Vector = pin.rnea(self._model, self._data, q, v, a)
-        return torque
+
+def _share_per_step(time_constant: float) -> float:
+    """Share of the way to its input that a first-order filter goes in one step of the physics."""
+    return 1.0 - math.exp(-TIME_STEP / time_constant) if time_constant > 0 else 1.0
 
 
 class SimulatedCell:
     """Samples the string tension at a fixed period and delivers the samples with a latency.
 
     Args:
-        settings: noise, resolution, range, faults.
+        settings: noise, resolution, range.
         hidden: value of every effect.
         bias: zero error [N].
         latency: time from the force to the reception of its sample, sensor_delay not counted [s].
         rng: source of the noise.
-        step: time between two calls of `feel` [s].
     """
 
     def __init__(
-        self,
-        settings: CellSettings,
-        hidden: Mapping[str, float],
-        bias: float,
-        latency: float,
-        rng: np.random.Generator,
-        step: float,
+        self, settings: CellSettings, hidden: Mapping[str, float], bias: float, latency: float, rng: np.random.Generator
     ) -> None:
         self._settings, self._hidden, self._rng = settings, hidden, rng
         self._bias, self._terms = bias, terms(hidden, Stage.FORCE)
         self._delay = latency + hidden["sensor_delay"]
-        self._every = max(1, round(settings.period / step))
-        self._step = step
-        self._gain = 1.0 - math.exp(-step / hidden["sensor_lag"]) if hidden["sensor_lag"] > 0 else 1.0
+        self._every = max(1, round(settings.period / TIME_STEP))
+        self._gain = _share_per_step(hidden["sensor_lag"])
         self._felt: float | None = None
-        self._last = 0.0
         self._on_the_way: deque[ForceSample] = deque()
 
     @property
@@ -172,7 +150,7 @@ class SimulatedCell:
         along_axis += self._hidden["cross_axis_sensitivity"] * tension * math.sin(swing_angle)
         self._felt = along_axis if self._felt is None else self._felt + self._gain * (along_axis - self._felt)
         if steps % self._every == 0:
-            self._sample(steps * self._step, self._felt)
+            self._sample(steps * TIME_STEP, self._felt)
 
     def received(self, now: float) -> list[ForceSample]:
         """Samples that arrived up to `now` [s] and were not handed out yet."""
@@ -184,19 +162,11 @@ class SimulatedCell:
     def _sample(self, time: float, force: float) -> None:
         settings = self._settings
         reading = force + self._bias + sum(term(force, time) for term in self._terms)
-        # The noise is drawn in every case, so that a fault does not change the noise of later samples.
         reading += settings.noise * self._rng.standard_normal()
         if settings.resolution > 0:
             reading = settings.resolution * round(reading / settings.resolution)
-        active = {f.fault for f in settings.faults if time >= f.time}
-        if CellFault.UNPLUGGED in active:
-            return
-        if CellFault.FROZEN in active:
-            reading = self._last
-        elif CellFault.SATURATED in active:
-            reading = settings.full_scale
-        self._last = min(max(reading, -settings.full_scale), settings.full_scale)
-        self._on_the_way.append(ForceSample(time + self._delay, self._last))
+        reading = min(max(reading, -settings.full_scale), settings.full_scale)
+        self._on_the_way.append(ForceSample(time + self._delay, reading))
 
 
 class JointReadings:

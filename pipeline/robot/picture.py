@@ -14,7 +14,7 @@ from PIL import Image
 import urdf
 from armdyn.errors import InputError
 from pipeline.robot.protocol import Vector
-from pipeline.robot.scene import LineFrame, add_box, add_load, add_string, freeze_other_joints
+from pipeline.robot.scene import LineFrame, add_box, add_load, add_string, arm_only
 from pipeline.robot.settings import PlantSettings
 from pipeline.robot.truth import History
 from urdf.find import locate_mesh
@@ -31,11 +31,7 @@ def build_picture_scene(robot: urdf.Robot, settings: PlantSettings, size: tuple[
         settings: load, string and box.
         size: width and height of the largest picture [pixels].
     """
-    root = ET.fromstring(robot.urdf_xml)
-    for link in root.iter("link"):
-        for shape in link.findall("collision"):
-            link.remove(shape)
-    freeze_other_joints(root, robot.joint_names)
+    root = arm_only(robot, keep=("visual",))
     assets = _converted_meshes(root, robot)
     options = ET.SubElement(ET.SubElement(root, "mujoco"), "compiler")
     options.set("discardvisual", "false")

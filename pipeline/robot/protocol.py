@@ -86,10 +86,10 @@ class RealRobot(RobotInterface, Protocol):
     At its end the arm stands, enabled and holding. Commands pass a gate of its own, see `pipeline.motion.gate`.
 
     Attributes:
-        figures: what was measured of the link.
+        statistics: what was measured of the link.
     """
 
-    figures: "LinkStatistics"
+    statistics: "LinkStatistics"
 
     def __enter__(self) -> Self: ...
 

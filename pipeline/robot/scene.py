@@ -158,7 +158,7 @@ def build_scene(
     Returns:
         The compiled model, at MuJoCo's own zero posture.
     """
-    spec = mujoco.MjSpec.from_string(_arm_only(robot))
+    spec = mujoco.MjSpec.from_string(ET.tostring(arm_only(robot), encoding="unicode"))
     line = LineFrame.of(robot)
     _set_options(spec, line, hidden["path_tilt"])
     tool = spec.body(robot.tool_frame)
@@ -187,23 +187,19 @@ def build_scene(
     return model
 
 
-def _arm_only(robot: urdf.Robot) -> str:
-    """URDF text without shapes, in which only the arm's joints move: the rest stands at zero."""
+def arm_only(robot: urdf.Robot, keep: tuple[str, ...] = ()) -> ET.Element:
+    """URDF with shapes of the kinds to `keep` only, in which only the arm's joints move: the rest stands at zero."""
     root = ET.fromstring(robot.urdf_xml)
     for link in root.iter("link"):
-        for shape in link.findall("visual") + link.findall("collision"):
-            link.remove(shape)
-    freeze_other_joints(root, robot.joint_names)
-    return ET.tostring(root, encoding="unicode")
-
-
-def freeze_other_joints(root: ET.Element, joint_names: tuple[str, ...]) -> None:
-    """Make every joint of a URDF that is not named a fixed one."""
+        for kind in {"visual", "collision"}.difference(keep):
+            for shape in link.findall(kind):
+                link.remove(shape)
     for joint in root.findall("joint"):
-        if joint.get("name") not in joint_names:
+        if joint.get("name") not in robot.joint_names:
             joint.set("type", "fixed")
             for mimic in joint.findall("mimic"):
                 joint.remove(mimic)
+    return root
 
 
 def _set_options(spec: mujoco.MjSpec, line: LineFrame, tilt: float) -> None:

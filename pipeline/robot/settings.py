@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass, field, replace
-from enum import Enum
 
 import numpy as np
 import numpy.typing as npt
@@ -12,21 +11,20 @@ from armdyn.errors import InputError
 from pipeline.box import Box
 from pipeline.robot.protocol import Vector
 
-
-class CellFault(Enum):
-    """Faults of the simulated load cell."""
-
-    UNPLUGGED = "no sample arrives any more"
-    FROZEN = "the last sample is repeated"
-    SATURATED = "the reading stands at full scale"
+NOT_NEGATIVE = (0.0, math.inf)
+POSITIVE = (1e-3, math.inf)
 
 
-@dataclass(frozen=True)
-class FaultAt:
-    """A load cell fault and the time at which it sets in [s]."""
-
-    fault: CellFault
-    time: float
+def _check(settings: object, **ranges: tuple[float, float]) -> None:
+    """Refuse a setting, or one number of several, that is not finite or outside its range; None stands for no value."""
+    for name, (lower, upper) in ranges.items():
+        value = getattr(settings, name)
+        for number in () if value is None else np.atleast_1d(value):
+            if not (math.isfinite(number) and lower <= number <= upper):
+                raise InputError(
+                    f"{type(settings).__name__}.{name} is {number:g}: give a finite value of at least {lower:g}"
+                    + (f" and at most {upper:g}" if upper < math.inf else "")
+                )
 
 
 @dataclass(frozen=True)
@@ -53,8 +51,8 @@ class ServoSettings:
     extrapolate: bool = True
 
     def __post_init__(self) -> None:
-        _require_finite(self, ("stiffness", "damping", "armature", "friction"), at_least=0.0)
-        _require_finite(self, ("filter_time", "hold_after"), at_least=0.0)
+        names = ("stiffness", "damping", "armature", "friction", "filter_time", "hold_after")
+        _check(self, **dict.fromkeys(names, NOT_NEGATIVE))
 
 
 @dataclass(frozen=True)
@@ -74,7 +72,7 @@ class ReadingSettings:
     effort_noise: tuple[float, ...] = (0.08, 0.08, 0.08, 0.08, 0.03, 0.03, 0.03)
 
     def __post_init__(self) -> None:
-        _require_finite(self, ("resolution", "position_noise", "velocity_noise", "effort_noise"), at_least=0.0)
+        _check(self, **dict.fromkeys(("resolution", "position_noise", "velocity_noise", "effort_noise"), NOT_NEGATIVE))
 
 
 @dataclass(frozen=True)
@@ -90,7 +88,6 @@ class CellSettings:
         bias_spread: see `bias` [N].
         latency: from the force to the reception of its sample [s]; drawn evenly from 0 to `latency_up_to` where None.
         latency_up_to: see `latency` [s].
-        faults: what breaks, and when.
     """
 
     period: float = 0.01
@@ -101,16 +98,11 @@ class CellSettings:
     bias_spread: float = 0.01
     latency: float | None = None
     latency_up_to: float = 0.02
-    faults: tuple[FaultAt, ...] = ()
 
     def __post_init__(self) -> None:
-        _require_finite(self, ("noise", "resolution", "bias_spread", "latency_up_to"), at_least=0.0)
-        _require_finite(self, ("period",), at_least=1e-3)
-        _require_finite(self, ("full_scale",), at_least=1e-3)
-        if self.latency is not None:
-            _require_finite(self, ("latency",), at_least=0.0)
-        if self.bias is not None:
-            _require_finite(self, ("bias",))
+        names = ("noise", "resolution", "bias_spread", "latency", "latency_up_to")
+        _check(self, **dict.fromkeys(names, NOT_NEGATIVE))
+        _check(self, period=POSITIVE, full_scale=POSITIVE, bias=(-math.inf, math.inf))
 
 
 @dataclass(frozen=True)
@@ -144,9 +136,8 @@ class PlantSettings:
     box: Box | None = field(default_factory=Box)
 
     def __post_init__(self) -> None:
-        _require_finite(self, ("length", "mass", "load_radius"), at_least=1e-3)
-        _require_finite(self, ("mass_spread", "inertia_spread"), at_least=0.0, at_most=0.5)
-        _require_finite(self, ("start_angle",), at_least=-math.pi / 2, at_most=math.pi / 2)
+        _check(self, length=POSITIVE, mass=POSITIVE, load_radius=POSITIVE, mass_spread=(0.0, 0.5))
+        _check(self, inertia_spread=(0.0, 0.5), start_angle=(-math.pi / 2, math.pi / 2))
         if self.length <= self.load_radius:
             raise InputError(
                 f"PlantSettings.length is {self.length:g} m: it must exceed load_radius, {self.load_radius:g} m"
@@ -165,52 +156,23 @@ class PlantSettings:
         )
 
 
-def _require_finite(
-    settings: object, names: tuple[str, ...], at_least: float = -math.inf, at_most: float = math.inf
-) -> None:
-    for name in names:
-        value = getattr(settings, name)
-        for number in value if isinstance(value, tuple) else (value,):
-            if not (math.isfinite(number) and at_least <= number <= at_most):
-                raise InputError(
-                    f"{type(settings).__name__}.{name} is {number:g}: give a finite value of at least {at_least:g}"
-                    + (f" and at most {at_most:g}" if at_most < math.inf else "")
-                )
-
-
-def checked_vector(values: npt.ArrayLike, joints: int, what: str) -> Vector:
-    """A copy of a joint vector (n,).
-
-    Raises:
-        InputError: not a vector of that length, or not finite.
-    """
-    vector = np.array(values, dtype=float)
-    if vector.shape != (joints,):
-        raise InputError(f"{what} has the shape {vector.shape}: give one value for each of the {joints} joints")
-    if not np.isfinite(vector).all():
-        raise InputError(f"{what} of joint {int(np.argmin(np.isfinite(vector)))} is not finite: give numbers")
-    return vector
-
-
 def checked_start(robot: urdf.Robot, q_start: npt.ArrayLike, settings: PlantSettings) -> Vector:
     """Start posture (n,) [rad], within the limits of a robot for which the settings have a value per joint.
 
     Raises:
         InputError: which joint is beyond its limit, or which setting has the wrong number of values.
     """
-    joints = len(robot.joint_names)
-    servo, readings = settings.servo, settings.readings
-    per_joint = {
-        "servo.stiffness": servo.stiffness,
-        "servo.damping": servo.damping,
-        "servo.armature": servo.armature,
-        "servo.friction": servo.friction,
-        "readings.effort_noise": readings.effort_noise,
-    }
-    for name, values in per_joint.items():
-        if len(values) != joints:
-            raise InputError(f"PlantSettings.{name} has {len(values)} values: robot '{robot.name}' has {joints} joints")
-    q = checked_vector(q_start, joints, "start posture")
+    q, joints, servo = np.array(q_start, dtype=float), len(robot.joint_names), settings.servo
+    for name, values in (
+        ("PlantSettings.servo.stiffness", servo.stiffness),
+        ("PlantSettings.servo.damping", servo.damping),
+        ("PlantSettings.servo.armature", servo.armature),
+        ("PlantSettings.servo.friction", servo.friction),
+        ("PlantSettings.readings.effort_noise", settings.readings.effort_noise),
+        ("the start posture", q),
+    ):
+        if np.shape(values) != (joints,):
+            raise InputError(f"{name} has {np.size(values)} values: robot '{robot.name}' has {joints} joints")
     for name, angle, lower, upper in zip(robot.joint_names, q, robot.limits.lower, robot.limits.upper, strict=True):
         if not lower <= angle <= upper:
             raise InputError(f"start posture: {name} is {angle:.4g} rad, its limits are {lower:.4g} to {upper:.4g} rad")

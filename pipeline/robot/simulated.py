@@ -10,23 +10,12 @@ import urdf
 from armdyn.errors import InputError, TaskFailedError
 from pipeline.motion.gate import Gate
 from pipeline.robot.devices import JointReadings, Reference, Servo, SimulatedCell
-from pipeline.robot.forces import JointEffects, LoadForces, LoadString
 from pipeline.robot.hidden import resolve_hidden
+from pipeline.robot.plant import JointEffects, LoadForces, LoadString, Plant, PlantTruth, place_at_rest
 from pipeline.robot.protocol import ForceSample, JointState, Vector
-from pipeline.robot.scene import TIME_STEP, LineFrame, build_scene
+from pipeline.robot.scene import TIME_STEP
 from pipeline.robot.settings import PlantSettings, checked_start
-from pipeline.robot.start import place_at_rest
-from pipeline.robot.truth import (
-    GripperTruth,
-    History,
-    LoadTruth,
-    MotionLog,
-    PlantTruth,
-    draw,
-    gripper_truth,
-    load_truth,
-    swing_angle,
-)
+from pipeline.robot.truth import GripperTruth, History, LoadTruth, gripper_truth, load_truth, swing_angle
 
 IN_BOX_FOR = 0.2
 """How long the load must have been in the box without a break to count as landed [s]."""
@@ -39,7 +28,7 @@ DIVERGED = 1e8
 
 
 class SimulatedRobot:
-    """A robot arm with a load on a string, as `protocol.Robot` sees it; it starts hanging at rest at time 0.
+    """A robot arm with a load on a string, as `RobotInterface` sees it; it starts hanging at rest at time 0.
 
     The arm follows the commands with a lag, because its servo is soft, its joints rub and its links are heavier or
     lighter than the URDF says. The same seed and the same calls give the same motion and readings to the last bit.
@@ -64,62 +53,29 @@ class SimulatedRobot:
         hidden: Mapping[str, float | None] | None = None,
         seed: int = 0,
     ) -> None:
-        settings = settings or PlantSettings()
-        self._robot, self._settings, self._hidden = robot, settings, resolve_hidden(hidden or {})
+        settings, self._hidden = settings or PlantSettings(), resolve_hidden(hidden or {})
         q = checked_start(robot, q_start, settings)
-        self._gate = Gate(robot.joint_names, robot.limits)
         plant_rng, cell_rng, reading_rng = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3))
-        drawn = draw(settings, len(q), plant_rng)
-        mass = drawn.mass
-
-        self._line = LineFrame.of(robot)
-        self._model = build_scene(robot, settings, self._hidden, mass, drawn.link_scale)
-        self._data, self._observed = mujoco.MjData(self._model), mujoco.MjData(self._model)
-        self._dofs = np.array([self._model.joint(name).dofadr[0] for name in robot.joint_names])
-        self._pivot = self._data.site_xpos[self._model.site("pivot").id]
-        self._load = self._data.xpos[self._model.body("load").id]
-
-        self._string = LoadString(self._model, mass)
-        self._load_forces = LoadForces(
-            self._model, self._data, self._string, self._hidden, self._line.along, mass, settings.length
-        )
-        self._joint_effects = JointEffects(self._model, self._data, robot, self._hidden, self._dofs)
-        self._data.qpos[self._dofs] = q
+        self._robot, self._gate = robot, Gate(robot.joint_names, robot.limits)
+        plant = self._plant = Plant(robot, settings, self._hidden, plant_rng)
+        self._data, self._observed = plant.data, mujoco.MjData(plant.model)
+        self._string = LoadString(plant)
+        self._load_forces, self._joint_effects = LoadForces(plant, self._string), JointEffects(plant)
+        self._data.qpos[plant.dofs] = q
         self._joint_effects.apply()
-        pull = mass * self._model.opt.gravity + self._hidden["wind"] * self._line.along
-        start = place_at_rest(
-            self._model,
-            self._data,
-            self._string,
-            self._dofs,
-            q,
-            settings,
-            self._line.along,
-            pull,
-            self._hidden["out_of_plane_swing"],
-        )
-        servo = settings.servo
+        rest_torque = place_at_rest(plant, self._string, q)
+        servo, lead = settings.servo, self._hidden["gripper_lag"]
         self._reference = Reference(q, robot.limits, servo.hold_after, extrapolate=servo.extrapolate)
-        self._servo = Servo(
-            robot.model,
-            settings.servo,
-            self._reference,
-            start.torque,
-            np.asarray(robot.limits.effort),
-            self._hidden["gripper_lag"],
-            TIME_STEP,
-        )
-        self._cell = SimulatedCell(settings.cell, self._hidden, drawn.bias, drawn.latency, cell_rng, TIME_STEP)
+        self._servo = Servo(robot, servo, self._reference, rest_torque, lead)
+        self._cell = SimulatedCell(settings.cell, self._hidden, plant.bias, plant.latency, cell_rng)
         self._readings = JointReadings(settings.readings, self._hidden, reading_rng)
         self._reading: JointState | None = None
+        present = {name: value for name, value in self._hidden.items() if value}
         self._truth = PlantTruth(
-            **vars(drawn),
-            length=settings.length,
-            string_length=start.string_length,
-            hidden={name: value for name, value in self._hidden.items() if value},
+            plant.mass, plant.bias, plant.latency, plant.link_scale, settings.length, self._string.length, present
         )
-        self._steps, self._steps_in_box, self._tension, self._observed_at = 0, 0, 0.0, -1
-        self._until, self._log = 0.0, MotionLog()
+        self._steps, self._steps_in_box, self._observed_at, self._until = 0, 0, -1, 0.0
+        self._log: list[tuple[float, Vector, Vector, Vector, float]] = []
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -130,6 +86,11 @@ class SimulatedRobot:
     def time(self) -> float:
         """Simulated time [s]."""
         return self._steps * TIME_STEP
+
+    @property
+    def settings(self) -> PlantSettings:
+        """What it was built from."""
+        return self._plant.settings
 
     @property
     def truth(self) -> PlantTruth:
@@ -149,7 +110,7 @@ class SimulatedRobot:
                 arm is; the arm goes on as before, and brakes when no good command follows.
         """
         q, v, a = (np.asarray(x, dtype=float) for x in (q, v, a))
-        refusal = self._gate.check(q, v, a, self._data.qpos[self._dofs])
+        refusal = self._gate.check(q, v, a, self._data.qpos[self._plant.dofs])
         if refusal is not None:
             raise InputError(refusal.sentence)
         self._reference.command(self.time, q, v, a)
@@ -175,8 +136,8 @@ class SimulatedRobot:
     def joint_state(self) -> JointState:
         """Joint positions, velocities and motor torques as measured now; asked twice, the same reading."""
         if self._reading is None or self._reading.time != self.time:
-            q, v = self._data.qpos[self._dofs], self._data.qvel[self._dofs]
-            a = self._data.qacc[self._dofs]
+            dofs = self._plant.dofs
+            q, v, a = self._data.qpos[dofs], self._data.qvel[dofs], self._data.qacc[dofs]
             self._reading = self._readings.read(self.time, q, v, a, self._servo.torque(q, v))
         return self._reading
 
@@ -191,58 +152,57 @@ class SimulatedRobot:
     def gripper_truth(self) -> GripperTruth:
         """True motion of the string's upper end, for reports and verification only."""
         self._observe()
-        return gripper_truth(self._model, self._observed, self._line, self.time)
+        return gripper_truth(self._plant, self._observed, self.time)
 
     def load_truth(self) -> LoadTruth:
         """True motion of the load and pull of the string, for reports and verification only."""
         self._observe()
-        tension = self._string.tension(self._observed)
-        return load_truth(self._model, self._observed, self._line, self.time, tension)
+        return load_truth(self._plant, self._observed, self._string, self.time)
 
     def history(self) -> History:
         """True motion since time 0 every 10 ms, for reports and pictures only."""
-        return self._log.history(len(self._dofs))
+        time, q, pivot, load, tension = zip(*self._log, strict=True) if self._log else ((), (), (), (), ())
+        rows = np.reshape(q, (-1, len(self.joint_names)))
+        return History(np.array(time), rows, np.reshape(pivot, (-1, 3)), np.reshape(load, (-1, 3)), np.array(tension))
 
     def _step(self) -> None:
-        model, data = self._model, self._data
+        plant, data = self._plant, self._data
         creep = self._hidden["string_creep"]
         if creep:
             self._string.length = self._truth.string_length + creep * self.time
-        mujoco.mj_step1(model, data)
+        mujoco.mj_step1(plant.model, data)
         data.ctrl[:] = self._servo.drive(self.time)
         self._load_forces.apply()
         self._joint_effects.apply()
-        q = data.qpos[self._dofs]
-        mujoco.mj_step2(model, data)
+        q = data.qpos[plant.dofs]
+        mujoco.mj_step2(plant.model, data)
         # This bound is far below MuJoCo's own of 1e10, at which MuJoCo would write a log file into the user's folder.
         if not data.qvel @ data.qvel < DIVERGED:
             raise TaskFailedError(
                 f"the simulation diverged at {self.time:.3f} s: a hidden effect or a gain is too large for 1 ms steps"
             )
         # Positions and tension still belong to the beginning of the step.
-        self._tension = self._string.tension(data)
-        angle = swing_angle(self._load - self._pivot, self._line.along) if self._cell.feels_direction else 0.0
-        self._cell.feel(self._steps, self._tension, angle)
+        tension = self._string.tension(data)
+        angle = swing_angle(plant.load - plant.pivot, plant.line.along) if self._cell.feels_direction else 0.0
+        self._cell.feel(self._steps, tension, angle)
         self._steps_in_box = self._steps_in_box + 1 if self._load_is_inside() else 0
         if self._steps % HISTORY_EVERY == 0:
-            self._log.add(self.time, q, self._pivot.copy(), self._load.copy(), self._tension)
+            self._log.append((self.time, q, plant.pivot.copy(), plant.load.copy(), tension))
         self._steps += 1
 
     def _observe(self) -> None:
         """Evaluate MuJoCo at the present state in a copy, so that looking at it changes nothing."""
         if self._observed_at == self._steps:
             return
-        mujoco.mj_copyData(self._observed, self._model, self._data)
+        mujoco.mj_copyData(self._observed, self._plant.model, self._data)
         self._observed.ctrl[:] = self._servo.driven
-        mujoco.mj_forward(self._model, self._observed)
+        mujoco.mj_forward(self._plant.model, self._observed)
         self._observed_at = self._steps
 
     def _load_is_inside(self) -> bool:
-        box = self._settings.box
-        if box is None:
+        box, line = self.settings.box, self._plant.line
+        above = float(self._plant.load[2] - line.origin[2])
+        if box is None or above > -box.rim:
             return False
-        above = float(self._load[2] - self._line.origin[2])
-        if above > -box.rim:
-            return False
-        offset = self._load - self._line.origin
-        return box.contains(float(offset @ self._line.along), float(offset @ self._line.across), above)
+        offset = self._plant.load - line.origin
+        return box.contains(float(offset @ line.along), float(offset @ line.across), above)

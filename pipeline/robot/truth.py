@@ -1,65 +1,12 @@
-"""What only the simulation knows: what was drawn, and the true motion.
+"""The true motion of gripper, load and arm, which only the simulation knows: for reports and verification."""
 
-Reports and verification see it; the controller never gets it.
-"""
-
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
+from pipeline.robot.plant import LoadString, Plant
 from pipeline.robot.protocol import Vector
-from pipeline.robot.scene import LineFrame
-from pipeline.robot.settings import PlantSettings
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """One draw of the plant.
-
-    Attributes:
-        mass: true mass of the load [kg].
-        bias: zero error of the load cell [N].
-        latency: of the load cell [s].
-        link_scale: factor on mass and inertia of the link behind each joint (n,).
-    """
-
-    mass: float
-    bias: float
-    latency: float
-    link_scale: Vector
-
-
-def draw(settings: PlantSettings, joints: int, rng: np.random.Generator) -> Drawn:
-    """Draw a plant. Values that the settings fix are drawn too and not used, so that the other draws stay the same."""
-    spread = settings.inertia_spread
-    link_scale = 1.0 + rng.uniform(-spread, spread, joints)
-    mass = settings.mass * (1.0 + settings.mass_spread * rng.standard_normal())
-    bias = settings.cell.bias_spread * rng.standard_normal()
-    latency = rng.uniform(0.0, settings.cell.latency_up_to)
-    link_scale.setflags(write=False)
-    return Drawn(
-        mass=float(mass),
-        bias=float(bias) if settings.cell.bias is None else settings.cell.bias,
-        latency=float(latency) if settings.cell.latency is None else settings.cell.latency,
-        link_scale=link_scale,
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlantTruth(Drawn):
-    """What was drawn or hidden.
-
-    Attributes:
-        length: from the string's upper end to the load's centre, hanging at rest [m].
-        string_length: the same for the string without pull [m].
-        hidden: value of every effect that is there.
-    """
-
-    length: float
-    string_length: float
-    hidden: Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -134,62 +81,37 @@ class History:
         return History(self.time[kept], self.q[kept], self.pivot[kept], self.load[kept], self.tension[kept])
 
 
-class MotionLog:
-    """Collects the history."""
-
-    def __init__(self) -> None:
-        self._times: list[float] = []
-        self._tensions: list[float] = []
-        self._vectors: list[tuple[Vector, Vector, Vector]] = []
-
-    def add(self, time: float, q: Vector, pivot: Vector, load: Vector, tension: float) -> None:
-        """Remember one moment; the vectors are kept, not copied."""
-        self._times.append(time)
-        self._tensions.append(tension)
-        self._vectors.append((q, pivot, load))
-
-    def history(self, joints: int) -> History:
-        """All that was remembered, for an arm with that many joints."""
-        q, pivot, load = (np.array([v[i] for v in self._vectors]).reshape(-1, n) for i, n in enumerate((joints, 3, 3)))
-        return History(np.array(self._times), q, pivot, load, np.array(self._tensions))
-
-
 def swing_angle(string: Vector, along: Vector) -> float:
     """Angle of the string (3,), from pivot to load, from the vertical in the plane of line and vertical [rad]."""
     return float(np.arctan2(-(string @ along), -string[2]))
 
 
-def gripper_truth(model: mujoco.MjModel, data: mujoco.MjData, line: LineFrame, time: float) -> GripperTruth:
-    """Motion of the string's upper end at the state that MuJoCo last evaluated."""
-    site = model.site("pivot").id
-    velocity, acceleration = np.zeros(6), np.zeros(6)
-    mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_SITE, site, velocity, 0)
-    mujoco.mj_rnePostConstraint(model, data)
-    mujoco.mj_objectAcceleration(model, data, mujoco.mjtObj.mjOBJ_SITE, site, acceleration, 0)
+def gripper_truth(plant: Plant, data: mujoco.MjData, time: float) -> GripperTruth:
+    """Motion of the string's upper end at a state that MuJoCo has evaluated."""
+    site, acceleration, line = plant.model.site("pivot").id, np.zeros(6), plant.line
+    v, _ = plant.velocities(data)
+    mujoco.mj_rnePostConstraint(plant.model, data)
+    mujoco.mj_objectAcceleration(plant.model, data, mujoco.mjtObj.mjOBJ_SITE, site, acceleration, 0)
     # MuJoCo accelerates the world upwards instead of pulling everything down.
-    a = acceleration[3:] + model.opt.gravity
-    position, v = data.site_xpos[site].copy(), velocity[3:]
+    a = acceleration[3:] + plant.model.opt.gravity
+    position = data.site_xpos[site].copy()
     return GripperTruth(time, position, v, a, line.coordinate(position), float(v @ line.along), float(a @ line.along))
 
 
-def load_truth(model: mujoco.MjModel, data: mujoco.MjData, line: LineFrame, time: float, tension: float) -> LoadTruth:
-    """Motion of load and string at the state that MuJoCo last evaluated."""
-    site, body = mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtObj.mjOBJ_BODY
-    at_pivot, at_load = np.zeros(6), np.zeros(6)
-    mujoco.mj_objectVelocity(model, data, site, model.site("pivot").id, at_pivot, 0)
-    mujoco.mj_objectVelocity(model, data, body, model.body("load").id, at_load, 0)
-    position = data.body("load").xpos.copy()
-    string = position - data.site("pivot").xpos
-    relative = at_load[3:] - at_pivot[3:]
-    x, z = -float(string @ line.along), -float(string[2])
+def load_truth(plant: Plant, data: mujoco.MjData, string: LoadString, time: float) -> LoadTruth:
+    """Motion of load and string at a state that MuJoCo has evaluated."""
+    at_pivot, at_load = plant.velocities(data)
+    position, line = data.body("load").xpos.copy(), plant.line
+    reach, relative = position - data.site("pivot").xpos, at_load - at_pivot
+    x, z = -float(reach @ line.along), -float(reach[2])
     vx, vz = -float(relative @ line.along), -float(relative[2])
     return LoadTruth(
         time=time,
         position=position,
-        velocity=at_load[3:],
-        distance=float(np.linalg.norm(string)),
-        swing_angle=swing_angle(string, line.along),
+        velocity=at_load,
+        distance=float(np.linalg.norm(reach)),
+        swing_angle=swing_angle(reach, line.along),
         swing_rate=(vx * z - x * vz) / (x * x + z * z),
-        out_of_plane_angle=float(np.arctan2(string @ line.across, np.hypot(x, z))),
-        tension=tension,
+        out_of_plane_angle=float(np.arctan2(reach @ line.across, np.hypot(x, z))),
+        tension=string.tension(data),
     )

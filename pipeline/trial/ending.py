@@ -1,12 +1,10 @@
 """How a trial ends: the arm comes to rest, whatever has happened, and why is told in one sentence for a person."""
 
 import signal
-import traceback
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 
-from armdyn.errors import ArmdynError
 from pipeline.nodes.drive import DriveNode
 from pipeline.nodes.measurement import MeasurementNode
 from pipeline.robot.protocol import RobotInterface
@@ -91,34 +89,6 @@ def _brake(
             drive.step(robot.time)
     except Exception as error:
         failed.append(f"braking failed as well ({type(error).__name__}: {error}), so the robot stopped on its own")
-
-
-LONGEST_MESSAGE = 300
-"""Characters of a foreign message that are shown; some hold whole matrices."""
-
-
-def sentence_of(error: BaseException, where: str, time: float) -> str:
-    """What happened, in one line.
-
-    Our own errors already say what to do. Of any other, the kind, its message and the place in the code are given:
-    that is what whoever mends it needs.
-
-    Args:
-        error: what was raised.
-        where: what was running, such as ``"the estimator node"``.
-        time: when [s].
-    """
-    if isinstance(error, ArmdynError):
-        return _one_line(str(error))
-    frames = traceback.extract_tb(error.__traceback__)
-    place = f" ({frames[-1].filename.rpartition('/')[2]}, line {frames[-1].lineno})" if frames else ""
-    said = _one_line(str(error))
-    return f"{where} failed at {time:.2f} s: {type(error).__name__}{': ' if said else ''}{said}{place}"
-
-
-def _one_line(text: str) -> str:
-    line = " ".join(text.split())
-    return line if len(line) <= LONGEST_MESSAGE else line[:LONGEST_MESSAGE] + " ..."
 
 
 _SENTENCES = {

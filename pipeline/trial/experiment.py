@@ -25,7 +25,7 @@ from pipeline.loadcell.faults import FaultDetector
 from pipeline.motion import Gate, LineGate, LineLimits, LineSmoother, LineState, LineTrajectory
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, Swing, check_line
 from pipeline.motion.gate import PERIOD
-from pipeline.nodes.background import BackgroundWorker, ProcessWorker
+from pipeline.nodes.background import BackgroundWorker, ProcessWorker, sentence_of
 from pipeline.nodes.drive import LATEST, DriveNode
 from pipeline.nodes.learning import EstimatorNode, SacNode
 from pipeline.nodes.measurement import MeasurementNode, channel_units
@@ -33,7 +33,7 @@ from pipeline.nodes.scheduler import Node, Scheduler, Watchdog
 from pipeline.nodes.task import TaskNode
 from pipeline.record import Recorder
 from pipeline.robot.protocol import Vector
-from pipeline.trial.ending import Ending, come_to_rest, sentence_of, sentence_of_signal
+from pipeline.trial.ending import Ending, come_to_rest, sentence_of_signal
 from pipeline.trial.rig import Rig
 from pipeline.trial.settings import ProtocolSettings
 
@@ -127,8 +127,8 @@ class Experiment:
         begin: float = 0.0,
     ) -> None:
         self.settings, self.description, self.table = settings, rig.arm, rig.table
-        robot, clock, description, table = rig.robot, rig.clock(), rig.arm, rig.table
-        self._robot, self._clock, self._recorder, self._landed = robot, clock, recorder, rig.landed
+        robot, description, table = rig.robot, rig.arm, rig.table
+        self._robot, self._real, self._recorder, self._landed = robot, rig.real, recorder, rig.landed
         self._progress = progress or (lambda _what, _share: None)
         self.course = Course()
         limits, model = LineLimits.from_table(table), settings.starting_model()
@@ -137,7 +137,7 @@ class Experiment:
             check_line(table, description, settings.motion, check).require_feasible("the motion")
         noise = {"load_force": settings.force_noise}
         self.measurement = MeasurementNode(robot, description, recorder, FaultDetector(rig.cell), noise, settings.mass)
-        self._worker = ProcessWorker() if clock.real else BackgroundWorker()
+        self._worker = ProcessWorker() if rig.real else BackgroundWorker()
         self.estimator = EstimatorNode(self.measurement, Estimator(model, noise), recorder, self._worker)
         gate = LineGate(limits, table, Gate(description.joint_names, description.limits))
         smoother = LineSmoother(limits, PERIOD, LineState(begin))
@@ -149,9 +149,9 @@ class Experiment:
             model, self.drive, limits, self._check, lambda: self.measurement.state.q, task, self._worker
         )
         nodes: list[Node] = [self.measurement, self.estimator, self.sac, self.task, self.drive]
-        each_round = self._come_round if clock.real else None
-        self.scheduler = Scheduler(clock, nodes, lambda: THINKING if self.drive.standing else LATEST, each_round)
-        self.watchdog = Watchdog(self.drive.halt, lambda: not self.drive.standing, LATEST) if clock.real else None
+        each_round = self._come_round if rig.real else None
+        self.scheduler = Scheduler(robot, nodes, lambda: THINKING if self.drive.standing else LATEST, each_round)
+        self.watchdog = Watchdog(self.drive.halt, lambda: not self.drive.standing, LATEST) if rig.real else None
 
     def run(self) -> Ending:
         """The whole protocol; the arm is at rest when it returns, and also when it is left by a second Ctrl-C."""
@@ -168,7 +168,7 @@ class Experiment:
             try:
                 self.measurement.finish()
             except Exception as error:
-                said = sentence_of(error, "completing the recording", self._clock.time)
+                said = sentence_of(error, "completing the recording failed")
                 ending = replace(ending, message=f"{ending.message}; {said}")
             return ending
 
@@ -181,7 +181,7 @@ class Experiment:
         self._worker.start()
         ended.enter_context(self.watchdog)  # a thread: only now, because the process is a copy of this one
         ended.enter_context(_no_collection())
-        self._clock.advance_to(self._clock.time + FRESH)
+        self._robot.advance(FRESH)
         self.measurement.discard()
         self.scheduler.begin()
 
@@ -208,7 +208,7 @@ class Experiment:
             self._settle()
         self.task.throw(self.estimator.model, self.estimator.start, self.measurement.expect_touch)
         self._run(Phase.SWING, 0.7, self.task.longest_planning + c.task.duration + 1.0, self._swing_ends)
-        self.measurement.let_down(self._clock.time)
+        self.measurement.let_down(self._robot.time)
         self._run(Phase.FINISH, 0.9, 3.0, lambda: self.task.idle)
         self._run(Phase.LOOK, 0.95, LOOK)
         return self._landed()
@@ -216,9 +216,9 @@ class Experiment:
     def _learn(self) -> None:
         """Move so that the load cell tells the length: as SAC chooses, or along the motion that was given."""
         c = self.settings
-        self.estimator.begin(self._clock.time)
+        self.estimator.begin(self._robot.time)
         if c.motion is None:
-            self.sac.begin(self._clock.time)
+            self.sac.begin(self._robot.time)
             self._run(Phase.LEARN, 0.05, c.estimation_time, self._certain, may_expire=True)
             self.sac.end()
         else:
@@ -246,9 +246,9 @@ class Experiment:
     ) -> None:
         """Run the nodes for a phase: without a condition for its whole time, else at most that long."""
         self._progress(phase.value, share)
-        start = self._clock.time
+        start = self._robot.time
         done = self.scheduler.run(lambda: self._reason() is not None or (until is not None and until()), longest)
-        self.course.phases.append(PhaseSpan(phase, start, self._clock.time))
+        self.course.phases.append(PhaseSpan(phase, start, self._robot.time))
         reason = self._reason()
         if reason is not None:
             raise _StopError(reason)
@@ -258,7 +258,7 @@ class Experiment:
     def _reason(self) -> str | None:
         """Why the trial must stop now."""
         if self.course.interrupted is not None:
-            return f"{sentence_of_signal(self.course.interrupted)} at {self._clock.time:.2f} s"
+            return f"{sentence_of_signal(self.course.interrupted)} at {self._robot.time:.2f} s"
         return self.measurement.fault or self.drive.fault or self._recorder.failure or self._watched
 
     @property
@@ -275,17 +275,19 @@ class Experiment:
     def _stopped(self, error: BaseException) -> Ending:
         """The arm comes to rest first; then it is told why."""
         interrupted = self._reason() if isinstance(error, _InterruptedError) else None
-        reason = interrupted or sentence_of(error, f"the {self.scheduler.running} node", self._clock.time)
+        reason = interrupted or sentence_of(
+            error, f"the {self.scheduler.running} node failed at {self._robot.time:.2f} s"
+        )
         with suppress(Exception):
             self._progress(Phase.STOP.value, 0.9)
-        start = self._clock.time
+        start = self._robot.time
         self.task.cancel()
         self.estimator.end()
         also = [self._watched] if self._watched and self._watched not in reason else []
         failed = come_to_rest(
             self.drive, self.measurement, self._robot, self.watchdog.beat if self.watchdog is not None else None
         )
-        self.course.phases.append(PhaseSpan(Phase.STOP, start, self._clock.time))
+        self.course.phases.append(PhaseSpan(Phase.STOP, start, self._robot.time))
         message = "; ".join([reason, *also, *failed])
         return Ending(False, message, True)
 
@@ -293,7 +295,7 @@ class Experiment:
         c, history = self.settings, self.estimator.history
         if not history or self.estimator.start is None:
             return False
-        return history[-1].std < c.enough and self._clock.time - self.estimator.start >= c.least_estimation_time
+        return history[-1].std < c.enough and self._robot.time - self.estimator.start >= c.least_estimation_time
 
     def _require_estimate(self) -> None:
         history = self.estimator.history
@@ -308,7 +310,7 @@ class Experiment:
 
     def _swing_ends(self) -> bool:
         swing, started = self.task.swing, self.task.started
-        return swing is not None and started is not None and self._clock.time >= started + swing.time[-1] - PERIOD / 2
+        return swing is not None and started is not None and self._robot.time >= started + swing.time[-1] - PERIOD / 2
 
     def _swing_state(self, at: float) -> SwingState:
         """Gripper and load at an instant [s], from the measured path and the latest estimate.
@@ -318,7 +320,7 @@ class Experiment:
         model, here, begun = self.estimator.model, self.drive.state, self.estimator.start or 0.0
         self.measurement.update_path()
         path = run_path(self.measurement.run())
-        path = _waiting(path, at - begun) if self._clock.real else path
+        path = _waiting(path, at - begun) if self._real else path
         speed, angle, rate = model.swing_at_the_end(path)
         # With a lag the string's upper end is behind the gripper and has another speed.
         lag = model.gripper_lag(model.physics_theta())

@@ -1,9 +1,12 @@
 """The flow of a whole trial on any robot: experiments that find out what the model lacks, if wanted, then the swing."""
 
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+import numpy as np
 
 from pipeline.record import Recorder
 from pipeline.trial.ending import Ending
@@ -17,10 +20,13 @@ from pipeline.trial.settings import ProtocolSettings
 if TYPE_CHECKING:
     from armdyn.document import Document
     from pipeline.report.trial import SwingTrace
+    from pipeline.robot.truth import History
+
+R = TypeVar("R")
 
 
 @dataclass(frozen=True)
-class Trial:
+class Trial(Generic[R]):
     """A trial that has run.
 
     Attributes:
@@ -28,12 +34,16 @@ class Trial:
         subtitle: what was run, for the report.
         experiment: the protocol, with everything that was planned and measured.
         result: what it came to.
+        robot: that moved.
+        history: the true motion, of a simulated robot; None where nobody knows it.
     """
 
     settings: ProtocolSettings
     subtitle: str
     experiment: Experiment
     result: TrialResult
+    robot: R
+    history: "Callable[[], History] | None" = None
 
     def report(self, command: str = "") -> "Document":
         """The report; of a simulated trial with the true motion of the load."""
@@ -41,9 +51,22 @@ class Trial:
 
         return report_of(self.experiment, self.result, self.subtitle, command, executed=self._executed())
 
+    def swing_history(self) -> "History | None":
+        """What really happened from the swing on; None where there was none, or nobody knows it."""
+        started = self.experiment.task.started
+        return None if self.history is None or started is None else self.history().from_time(started)
+
     def _executed(self) -> "SwingTrace | None":
-        """The swing as it was; None where nobody saw it."""
-        return None
+        from pipeline.report.trial import SwingTrace
+
+        history, line = self.swing_history(), self.experiment.description.line
+        if history is None:
+            return None
+        gripper, load = (
+            np.asarray((points - line.origin) @ line.direction) for points in (history.pivot, history.load)
+        )
+        time = history.time - (self.experiment.task.started or 0.0)
+        return SwingTrace(time, gripper, load, history.load[:, 2] - line.origin[2])
 
 
 def perform(

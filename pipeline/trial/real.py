@@ -2,9 +2,10 @@
 
 import gc
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from time import monotonic
 
 import numpy as np
 
@@ -17,7 +18,6 @@ from pipeline.loadcell.faults import FaultLimits, implausible_repeats
 from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS
 from pipeline.motion.feasibility import CheckSettings, box_and_table, check_joints, check_line
 from pipeline.nodes.measurement import GRAVITY
-from pipeline.nodes.scheduler import RealClock
 from pipeline.processes import ask_for_real_time
 from pipeline.robot.drivers import Connect
 from pipeline.robot.link import LinkStatistics
@@ -61,7 +61,7 @@ class Link:
 
 
 @dataclass(frozen=True)
-class Asking:
+class OperatorPrompts:
     """What a person is told and asked.
 
     Attributes:
@@ -75,19 +75,11 @@ class Asking:
     landed: Callable[[], bool]
 
 
-@dataclass(frozen=True)
-class RealTrial(Trial):
-    """A trial that has run on a robot; where the load was, nobody knows.
-
-    Attributes:
-        figures: jitter of the commands and ages of the joint states.
-    """
-
-    figures: LinkStatistics
+RealTrial = Trial[RealRobot]
 
 
 def run_real(
-    settings: ProtocolSettings, link: Link, asking: Asking, out: Path | None, progress: Progress | None = None
+    settings: ProtocolSettings, link: Link, prompts: OperatorPrompts, out: Path | None, progress: Progress
 ) -> RealTrial:
     """One whole trial on a robot.
 
@@ -95,43 +87,36 @@ def run_real(
         InputError: something is not in order before the first motion.
         TaskFailedError: the person said no, or the arm did not come to the start posture.
     """
-    say = progress or (lambda _what, _share: None)
     if link.port is None or link.calibration is None:
         raise InputError("a trial needs the load cell: give --loadcell PORT, or rehearse without it (--rehearse)")
     c = replace(settings, force_noise=link.calibration.noise)
-    clock = RealClock()
-    table = ik.default_table(link.arm, progress=lambda stage: say(stage, 0.0))
-    with ExitStack() as stack:
-        cell = stack.enter_context(LoadCell(link.port, link.calibration, clock=lambda: clock.time))
-        robot = stack.enter_context(link.connect(cell, lambda: clock.time))
-        _be_punctual(asking)
-        _tell_link(robot, asking)
+    table = ik.default_table(link.arm, progress=lambda stage: progress(stage, 0.0))
+
+    def judged(ending: Ending) -> Ending:
+        if ending.stopped:
+            return ending
+        success = prompts.landed()
+        said = f"the load {'came to rest in' if success else 'missed'} the box (as the user said)"
+        return replace(ending, success=success, message=said)
+
+    with _connected(link, prompts) as robot:
         _require_force(robot, c)
-        _go_to_start(robot, link.arm, table, c, asking, say)
-        _wait_until_calm(robot, c, say)
-
-        def judged(ending: Ending) -> Ending:
-            if ending.stopped:
-                return ending
-            success = asking.landed()
-            said = f"the load {'came to rest in' if success else 'missed'} the box (as the user said)"
-            return replace(ending, success=success, message=said)
-
+        _go_to_start(robot, link.arm, table, c, prompts, progress)
+        _wait_until_calm(robot, c, progress)
         rig = Rig(
-            robot, lambda: clock, link.arm, table, _cell_limits(link.calibration),
-            f"{link.arm.name} and a load on a string",
+            robot, True, link.arm, table, _cell_limits(link.calibration), f"{link.arm.name} and a load on a string",
             judged=judged,
-            wait_until_calm=lambda: _wait_until_calm(robot, c, say),
+            wait_until_calm=lambda: _wait_until_calm(robot, c, progress),
             announce=robot.announce,
             recorder=robot.recorder,
         )  # fmt: skip
-        experiment, result = perform(rig, c, out, say)
+        experiment, result = perform(rig, c, out, progress)
         subtitle = f"{link.arm.name} on {link.address}, load {1e3 * c.mass:g} g"
-        return RealTrial(c, subtitle, experiment, result, robot.figures)
+        return Trial(c, subtitle, experiment, result, robot)
 
 
 def rehearse(
-    settings: ProtocolSettings, link: Link, asking: Asking, progress: Progress | None = None
+    settings: ProtocolSettings, link: Link, prompts: OperatorPrompts, progress: Progress
 ) -> tuple[LinkStatistics, float]:
     """Move along the whole line slowly, without the load; nothing is learnt.
 
@@ -142,16 +127,12 @@ def rehearse(
         InputError: something is not in order before the first motion.
         TaskFailedError: the person said no, or the arm did not follow.
     """
-    say = progress or (lambda _what, _share: None)
-    clock = RealClock()
-    table = ik.default_table(link.arm, progress=lambda stage: say(stage, 0.0))
+    table = ik.default_table(link.arm, progress=lambda stage: progress(stage, 0.0))
     motion = rehearsal(table, settings.task.finish_x)
     check_line(table, link.arm, motion, CheckSettings()).require_feasible("the rehearsal")
     total, farthest = float(motion.time[-1]), 0.0
-    with link.connect(None, lambda: clock.time) as robot:
-        _be_punctual(asking)
-        _tell_link(robot, asking)
-        _go_to_start(robot, link.arm, table, settings, asking, say, "moves slowly along its whole line")
+    with _connected(link, prompts) as robot:
+        _go_to_start(robot, link.arm, table, settings, prompts, progress, "moves slowly along its whole line")
 
         def watched() -> Iterator[Posture]:
             nonlocal farthest
@@ -159,21 +140,30 @@ def rehearse(
                 farthest = max(farthest, float(np.max(np.abs(robot.newest_state().q - posture[0]))))
                 yield posture
 
-        play(robot, watched(), total, lambda share: say("rehearsal", share))
-        return robot.figures, farthest
+        play(robot, watched(), total, lambda share: progress("rehearsal", share))
+        return robot.statistics, farthest
 
 
-def _be_punctual(asking: Asking) -> None:
-    """This process serves a robot now: no pauses to look through what was loaded, and real-time priority if granted."""
-    gc.collect()
-    gc.freeze()  # what was loaded stays; looking through it again and again would stop a motion for 50 ms
-    if not ask_for_real_time():
-        asking.tell("this program runs with ordinary priority: close others, or allow real time (docs/robot.md)")
+@contextmanager
+def _connected(link: Link, prompts: OperatorPrompts) -> Iterator[RealRobot]:
+    """The robot, with its load cell where there is one, on one clock; this process serves it from now on."""
+    begun = monotonic()
 
+    def clock() -> float:
+        return monotonic() - begun
 
-def _tell_link(robot: RealRobot, asking: Asking) -> None:
-    if robot.figures.round_trip is not None:
-        asking.tell(f"round trip to the robot: median {robot.figures.round_trip.milliseconds}")
+    with ExitStack() as stack:
+        cell = None
+        if link.port is not None and link.calibration is not None:
+            cell = stack.enter_context(LoadCell(link.port, link.calibration, clock=clock))
+        robot = stack.enter_context(link.connect(cell, clock))
+        gc.collect()
+        gc.freeze()  # what was loaded stays; looking through it again and again would stop a motion for 50 ms
+        if not ask_for_real_time():
+            prompts.tell("this program runs with ordinary priority: close others, or allow real time (docs/robot.md)")
+        if robot.statistics.round_trip is not None:
+            prompts.tell(f"round trip to the robot: median {robot.statistics.round_trip.milliseconds}")
+        yield robot
 
 
 def _require_force(robot: RealRobot, c: ProtocolSettings) -> None:
@@ -207,7 +197,7 @@ def _go_to_start(
     arm: urdf.Robot,
     table: ik.LineTable,
     c: ProtocolSettings,
-    asking: Asking,
+    prompts: OperatorPrompts,
     say: Progress,
     then: str = "swings the load",
 ) -> None:
@@ -223,7 +213,7 @@ def _go_to_start(
                 f"the way to the start posture is not free: {checked.sentence} Move the arm by hand nearer to it"
             )
     first = f"goes to its start posture, {away:.2f} rad away, in {motion.time[-1]:.0f} s, then " if away > THERE else ""
-    if not asking.may_move(f"The arm now {first}{then}. Is its space free, and a hand on the emergency stop?"):
+    if not prompts.may_move(f"The arm now {first}{then}. Is its space free, and a hand on the emergency stop?"):
         raise TaskFailedError("nothing was moved")
     robot.prepare()
     here = robot.newest_state().q

@@ -1,12 +1,22 @@
-"""What the report of a trial is told."""
+"""The report of one trial: what was learnt, how well the arm followed, how the load swung, and the verdict."""
+
+from collections.abc import Sequence
 
 import numpy as np
 
-from armdyn.document import Document, Level, NextStep, Section
-from pipeline.report.motion import EstimateTrace, ForceTrace, GripperTrace, JointTrace
+from armdyn.channels import FloatArray
+from armdyn.document import Document, KeyFigure, Level, NextStep, Section
+from pipeline.report.feasibility import joint_sections, margin_section
 from pipeline.report.next_experiment import investigation_section
-from pipeline.report.theme import Span
-from pipeline.report.trial import SwingPicture, SwingTrace, TrialReportData, trial_report
+from pipeline.report.theme import number, percent
+from pipeline.report.trial import (
+    SwingTrace,
+    estimate_section,
+    force_section,
+    gripper_section,
+    swing_section,
+    timing_section,
+)
 from pipeline.trial.experiment import Experiment
 from pipeline.trial.result import TrialResult
 
@@ -14,7 +24,7 @@ from pipeline.trial.result import TrialResult
 def report_of(
     experiment: Experiment, result: TrialResult, subtitle: str, command: str = "", executed: SwingTrace | None = None
 ) -> Document:
-    """The report of a trial that has run.
+    """The report of a trial that has run; what a stopped trial did not come to is left out.
 
     Args:
         experiment: that has run.
@@ -23,25 +33,50 @@ def report_of(
         command: how to run it again.
         executed: the swing as it was; None where nobody saw it.
     """
-    feasibility = experiment.task.feasibility
-    return trial_report(
-        TrialReportData(
-            level=Level.GOOD if result.success else Level.BAD,
-            verdict=result.message[:1].upper() + result.message[1:],
-            subtitle=subtitle,
-            command=command,
-            phases=tuple(Span(span.phase.value, span.start, span.end) for span in experiment.course.phases),
-            notes=_notes(experiment, result),
-            estimates=(_estimate(result),) if result.estimates else (),
-            force=_force(experiment),
-            gripper=_gripper(experiment),
-            swing=_swing(experiment, executed),
-            joints=_joints(experiment),
-            margins=feasibility.margins if feasibility else (),
-            nodes=tuple(result.timing.values()),
-            next_steps=_next_steps(result),
-            investigation=_investigation(result),
-        )
+    sections: list[Section] = []
+    figures = _estimate_figures(result)
+    phases = [(span.phase.value, span.start, span.end) for span in experiment.course.phases]
+    plan, settings, investigation = experiment.task.swing, experiment.settings, result.investigation
+    if plan is not None:
+        planned = SwingTrace(plan.time, plan.x, plan.load[:, 0], plan.load[:, 1])
+        sections.append(swing_section(planned, executed, settings.task.box, settings.load_radius))
+    if investigation is not None and investigation.stages:
+        sections.append(investigation_section(investigation))
+    if result.estimates:
+        sections.append(estimate_section(result.estimates, result.length_guess, result.length_true, phases))
+    force = experiment.channel("load_force")
+    if len(force) > 1:
+        sections.append(force_section(force.time, force.value, _predicted(experiment), settings.force_noise, phases))
+        least = float(np.nanmin(force.value))
+        taut = "taut" if least > 0.0 else "the string went slack"
+        figures.append(KeyFigure("Least tension", number(least, "N"), taut))
+    reference, actual = experiment.channel("reference.x"), experiment.channel("gripper_x")
+    if len(reference) and len(actual):  # else it ended before it began
+        wanted = np.interp(actual.time, reference.time, reference.value)
+        sections.append(gripper_section(actual.time, wanted, actual.value, phases))
+        error = float(np.sqrt(np.nanmean((actual.value - wanted) ** 2)))
+        figures.append(KeyFigure("Gripper error", number(error, "m", 2), "rms along the line"))
+    names, limits = experiment.description.joint_names, experiment.description.limits
+    time = experiment.channel(f"q.{names[0]}").time
+    if len(time):
+        q, v = (np.column_stack([experiment.channel(f"{kind}.{name}").value for name in names]) for kind in "qv")
+        sections += joint_sections(names, time, q, v, limits)
+    if experiment.task.feasibility and (margins := experiment.task.feasibility.margins):
+        sections.append(margin_section(margins))
+        tightest = max(margins, key=lambda margin: margin.used)
+        figures.append(KeyFigure("Tightest limit", percent(tightest.used), f"{tightest.limit}, {tightest.joint}"))
+    if result.timing:
+        sections.append(timing_section(list(result.timing.values())))
+    return Document(
+        title="Trial: learn the string, swing the load",
+        level=Level.GOOD if result.success else Level.BAD,
+        verdict=result.message[:1].upper() + result.message[1:],
+        sections=sections,
+        subtitle=subtitle,
+        key_figures=figures,
+        notes=_notes(experiment, result),
+        command=command,
+        next_steps=_next_steps(result),
     )
 
 
@@ -54,65 +89,32 @@ def _next_steps(result: TrialResult) -> tuple[NextStep, ...]:
     )
 
 
-def _investigation(result: TrialResult) -> Section | None:
-    found = result.investigation
-    return investigation_section(found) if found is not None and found.stages else None
-
-
-def _notes(experiment: Experiment, result: TrialResult) -> tuple[str, ...]:
+def _notes(experiment: Experiment, result: TrialResult) -> Sequence[str]:
     notes = ["The box is not the paper's, which gives none: it was chosen so that the paper's table comes out."]
     if not experiment.settings.estimate:
         notes.append("Nothing was learnt in this trial: the swing was planned with the guess.")
-    notes += [note[:1].upper() + note[1:] + "." for note in result.notes]
-    return tuple(notes)
+    return [*notes, *(note[:1].upper() + note[1:] + "." for note in result.notes)]
 
 
-def _estimate(result: TrialResult) -> EstimateTrace:
-    return EstimateTrace(
-        name="length",
-        unit="m",
-        time=np.array([e.time for e in result.estimates]),
-        value=np.array([e.value for e in result.estimates]),
-        std=np.array([e.std for e in result.estimates]),
-        guess=result.length_guess,
-        truth=result.length_true,
-    )
+def _estimate_figures(result: TrialResult) -> list[KeyFigure]:
+    if not result.estimates:
+        return []
+    last, truth = result.estimates[-1], result.length_true
+    note = f"± {number(last.std, 'm', 2)}, from a guess of {number(result.length_guess, 'm')}"
+    figures = [KeyFigure("Estimated length", f"{last.value:.4f} m", note)]
+    if truth is not None:
+        apart = f"{abs(last.value - truth) / last.std:.1f} reported standard deviations" if last.std > 0 else ""
+        figures.append(KeyFigure("Error", number(last.value - truth, "m", 2), apart))
+    return figures
 
 
-def _force(experiment: Experiment) -> ForceTrace | None:
-    """Measured force, and what the model with the last estimate says along the measured path."""
-    recorded = experiment.channel("load_force")
-    if len(recorded) < 2:
-        return None
+def _predicted(experiment: Experiment) -> FloatArray:
+    """What the model with the last estimate says of every measured force along the measured path; nan before that."""
+    recorded, start = experiment.channel("load_force"), experiment.estimator.start
     predicted = np.full(len(recorded), np.nan)
-    start = experiment.estimator.start
     if start is not None:
         model = experiment.estimator.model
         values = model.predict(experiment.measurement.run(), model.theta()).values
         first = int(np.searchsorted(recorded.time, start - 1e-9))
         predicted[first:] = values[: len(recorded) - first]
-    return ForceTrace(recorded.time, recorded.value, predicted, noise=experiment.settings.force_noise)
-
-
-def _gripper(experiment: Experiment) -> GripperTrace | None:
-    reference, actual = experiment.channel("reference.x"), experiment.channel("gripper_x")
-    if not (len(reference) and len(actual)):  # ended before it began
-        return None
-    return GripperTrace(actual.time, np.interp(actual.time, reference.time, reference.value), actual.value)
-
-
-def _swing(experiment: Experiment, executed: SwingTrace | None) -> SwingPicture | None:
-    plan, settings = experiment.task.swing, experiment.settings
-    if plan is None:
-        return None
-    planned = SwingTrace(plan.time, plan.x, plan.load[:, 0], plan.load[:, 1])
-    return SwingPicture(planned, executed, settings.task.box, settings.load_radius)
-
-
-def _joints(experiment: Experiment) -> JointTrace | None:
-    names, limits = experiment.description.joint_names, experiment.description.limits
-    time = experiment.channel(f"q.{names[0]}").time
-    if not len(time):
-        return None
-    position, velocity = (np.column_stack([experiment.channel(f"{k}.{n}").value for n in names]) for k in "qv")
-    return JointTrace(names, time, position, velocity, limits.lower, limits.upper, limits.velocity)
+    return predicted

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import urdf
 from ik import LineTable
 from pipeline.loadcell.faults import FaultLimits
-from pipeline.nodes.scheduler import Clock
 from pipeline.record import Recorder
 from pipeline.robot.protocol import RobotInterface
 from pipeline.trial.ending import Ending
@@ -17,8 +16,9 @@ class Rig:
     """A robot, simulated or real, at the start posture with its load at rest.
 
     Attributes:
-        robot: what moves and measures.
-        clock: makes the clock that an experiment's nodes run on; it shows the robot's time.
+        robot: what moves and measures; its clock is the one that an experiment's nodes run on.
+        real: whether time, and with it the arm, goes on while this program computes. Then long work is done beside the
+            loop, and a watchdog stops an arm whose loop hangs. Else how long a computation takes changes no result.
         arm: its description.
         table: from its line to its joints.
         cell: what is in order for the load cell.
@@ -32,7 +32,7 @@ class Rig:
     """
 
     robot: RobotInterface
-    clock: Callable[[], Clock]
+    real: bool
     arm: urdf.Robot
     table: LineTable
     cell: FaultLimits

@@ -13,9 +13,8 @@ from armdyn.errors import InputError
 from armdyn.quoting import script_json
 from pipeline.console.inputs import Inputs
 from pipeline.workbench import files, panels
+from pipeline.workbench.background import Desk, Search
 from pipeline.workbench.bench import Atom
-from pipeline.workbench.desk import Desk
-from pipeline.workbench.ranking import Ranking, Search
 from pipeline.workbench.tab import OpenDesk, Tab, scene_of_run
 from urdf.bounds import LARGEST_UPLOAD
 from urdf.loader import known_robots
@@ -65,7 +64,7 @@ class Page(Tab):
         await self._tick([*(a for a in self._ticked if a != atom), *([atom] if args["on"] else [])])
 
     async def _every(self, args: dict[str, Any]) -> None:
-        mine = [atom for atom in self._opened().atoms if atom.effect == args["effect"]]
+        mine = [atom for atom in self._opened().bench.atoms if atom.effect == args["effect"]]
         rest = [atom for atom in self._ticked if atom not in mine]
         await self._tick(rest if set(mine) <= set(self._ticked) else [*rest, *mine], told=False)
 
@@ -79,7 +78,7 @@ class Page(Tab):
 
     async def _tick(self, effects: list[Atom], *, told: bool = True) -> None:
         """Show at once what these effects would do, then what they do."""
-        bench = self._opened()
+        bench = self._opened().bench
         self._ticked, self._values = tuple(effects), {}
         if not told:
             self._run(f"armdynBench.ticks({script_json([atom.label for atom in effects])})")
@@ -99,12 +98,12 @@ class Page(Tab):
             await self._show_missing_force(fitted)
 
     async def _knob(self, args: dict[str, Any]) -> None:
-        bench = self._opened()
+        desk, _, bench = self._opened()
         self._values[str(args["name"])] = float(args["value"])
         self._asked += 1
         try:
             values = dict(self._values)
-            state = await self._desk_open().do(lambda: bench.by_hand(self._ticked, values))
+            state = await desk.do(lambda: bench.by_hand(self._ticked, values))
             self._show(state, knobs=False)
         finally:
             self._run("armdynBench.turned()")
@@ -114,40 +113,36 @@ class Page(Tab):
         await self._tick(list(self._ticked))
 
     async def _look(self, _: dict[str, Any]) -> None:
-        self._opened()
-        if self._search is not None:
-            self._search.stop()
-        loop, here = asyncio.get_running_loop(), self._desk_open()
+        desk, _given, bench = self._opened()
+        self._stop_search()
+        loop = asyncio.get_running_loop()
 
-        def told(kind: str, what: object) -> None:  # from another thread
+        def tell(kind: str, what: Any) -> None:  # from another thread
             if not loop.is_closed():
-                loop.call_soon_threadsafe(self._heard, here, kind, what)
+                loop.call_soon_threadsafe(self._heard, desk, kind, what)
 
         self._panel("ranking", "<p class='busy' id='progress'>starting the search</p>")
         self._run("armdynBench.show('stop', true)")
-        labels = [effect.label for effect in self._opened().effects_of(self._ticked)]
-        self._search = Search(here.inputs, labels, told)
+        labels = [effect.label for effect in bench.effects_of(self._ticked)]
+        self._search = Search(desk.inputs, labels, tell)
 
-    def _heard(self, asked: Desk, kind: str, what: object) -> None:
+    def _heard(self, asked: Desk, kind: str, what: Any) -> None:
         if asked is not self._desk:
             return
         if kind == "progress":
-            self._panel("progress", escape(str(what)))
+            self._panel("progress", escape(what))
             return
         self._run("armdynBench.show('stop', false)")
-        if isinstance(what, Ranking):
-            self._panel("ranking", panels.ranking_panel(what, what.units))
-        else:
-            self._panel("ranking", f"<p class='caption'>{escape(str(what))}</p>")
+        done = panels.ranking_panel(what) if kind == "done" else f"<p class='caption'>{escape(what)}</p>"
+        self._panel("ranking", done)
 
     async def _stop(self, _: dict[str, Any]) -> None:
-        if self._search is not None:
-            self._search.stop()
+        self._stop_search()
         self._run("armdynBench.show('stop', false)")
         self._panel("ranking", "<p class='caption'>The search was stopped.</p>")
 
     async def _scene(self, args: dict[str, Any]) -> None:
-        bench, name, ticked = self._opened(), args.get("run"), self._ticked
+        bench, name, ticked = self._opened().bench, args.get("run"), self._ticked
         scene = await self._working("drawing in 3-D", lambda: scene_of_run(bench, ticked, name).data())
         self._run(f"armdynBench.scene({script_json(scene)})")
 
@@ -172,7 +167,7 @@ class Page(Tab):
         await self._reopen()
 
     async def _dropped(self, event: events.MultiUploadEventArguments) -> None:
-        joints = tuple(getattr(self._bench.study.model, "joints", ())) if self._bench else ()
+        joints = tuple(getattr(self._open.bench.study.model, "joints", ())) if self._open else ()
         problems = []
         # A model first: its joints name the columns of recordings.
         for file in sorted(event.files, key=lambda file: not file.name.lower().endswith((".urdf", ".xml", ".toml"))):
@@ -194,19 +189,18 @@ class Page(Tab):
             self._say("; ".join(problems))
 
     async def _keep(self, args: dict[str, Any]) -> None:
-        bench, given = self._opened(), self._given
-        assert given is not None  # it was opened together with the bench
+        desk, given, bench = self._opened()
         if not self._ticked:
             raise InputError("nothing is ticked: the model is as given; tick an effect first")
         model = Path(str(args["model"]).strip() or "repaired.toml").expanduser()
         report = model.with_suffix(".html") if args["report"] else None
         ending = str(args["export"])
         exported = model.with_suffix(ending) if ending else None
-        opened, ticked, over = self._desk_open().inputs, self._ticked, bool(args["over"])
+        ticked, over = self._ticked, bool(args["over"])
         kept = await self._working(
             "fitting and writing",
             lambda: files.keep(
-                opened, given, bench, ticked, model, report, exported, writable=self._writable, over=over
+                desk.inputs, given, bench, ticked, model, report, exported, writable=self._writable, over=over
             ),
         )
         self._kept = model

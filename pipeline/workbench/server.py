@@ -21,7 +21,7 @@ from pipeline.interrupts import Interrupt, leave, noted_signals
 from pipeline.report.page import report_style, widget_scripts
 from pipeline.view.scene import scene_script, scene_style, three_js
 from pipeline.workbench import files
-from pipeline.workbench.desk import Desk, key_of
+from pipeline.workbench.background import Desk, key_of
 from pipeline.workbench.guard import FIELD, Guard
 from pipeline.workbench.page import TEMPLATES, Page
 

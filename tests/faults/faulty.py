@@ -81,6 +81,26 @@ class BadJoints(Through):
         return self.spoil(state) if self.active else state
 
 
+class Unplugged(Through):
+    """No sample of the load cell arrives any more."""
+
+    def load_cell(self):
+        return [s for s in self.robot.load_cell() if not self.active]
+
+
+class Frozen(Through):
+    """The load cell repeats its last sample."""
+
+    last = 0.0
+
+    def load_cell(self):
+        samples = self.robot.load_cell()
+        if self.active:
+            return [ForceSample(s.time, self.last) for s in samples]
+        self.last = samples[-1].force if samples else self.last
+        return samples
+
+
 class Stale(Through):
     """The joints' reading does not change any more."""
 

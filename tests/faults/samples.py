@@ -156,13 +156,13 @@ def mcap(rng: random.Random | None = None) -> bytes:
 
 @cache
 def _table() -> tuple[dict[str, object], dict[str, np.ndarray]]:
-    from ik.table import ARRAYS, TORQUES
+    from ik.table import SHAPES
     from ik.tablefile import read_arrays
 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "t.npz"
         default_table(urdf.load("baxter")).save(path)
-        about, arrays = read_arrays(path, (*ARRAYS, *TORQUES))
+        about, arrays = read_arrays(path, SHAPES)
     return {key: value for key, value in about.items() if key != "format"}, arrays
 
 

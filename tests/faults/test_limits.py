@@ -10,7 +10,7 @@ import ik
 import urdf
 from armdyn.errors import InputError
 from ik import tablefile
-from ik.table import ARRAYS, TORQUES
+from ik.table import SHAPES
 from ik.tablefile import digest_of, read_arrays, write_arrays
 from ik.volume import Grid, VolumeTable, build_volume
 
@@ -83,14 +83,14 @@ def saved(baxter, tmp_path_factory) -> Path:
 
 def rewritten(saved: Path, target: Path, change) -> None:
     """The table with other numbers and a digest that fits them."""
-    about, arrays = read_arrays(saved, (*ARRAYS, *TORQUES))
+    about, arrays = read_arrays(saved, SHAPES)
     arrays = {name: values.copy() for name, values in arrays.items()}
     change(arrays)
     write_arrays(target, {key: value for key, value in about.items() if key != "format"}, arrays)
 
 
 def larger(arrays) -> None:
-    arrays["velocity_limits"] *= 100.0
+    arrays["velocity"] *= 100.0
 
 
 def upside_down(arrays) -> None:
@@ -128,14 +128,14 @@ def shorter(arrays) -> None:
 
 
 def integers(arrays) -> None:
-    arrays["effort_limits"] = arrays["effort_limits"].astype(np.int64)
+    arrays["effort"] = arrays["effort"].astype(np.int64)
 
 
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (larger, "'velocity_limits' differs from that of 'baxter'"),
-        (upside_down, "'lower' is not below 'upper'"),
+        (larger, "'velocity' differs from that of 'baxter'"),
+        (upside_down, "the position limits of a joint are no range"),
         (nan, "'q' holds a number that is none"),
         (backwards, "'s' does not grow evenly"),
         (uneven, "'s' does not grow evenly"),
@@ -143,7 +143,7 @@ def integers(arrays) -> None:
         (slow_everywhere, "do not follow the path"),
         (elsewhere, "m away from the path"),
         (shorter, "'q' has the shape"),
-        (integers, "'effort_limits' holds int64"),
+        (integers, "'effort' holds int64"),
     ],
 )
 def test_a_table_that_cannot_be_right_is_refused_whatever_its_digest(saved, baxter, tmp_path, change, said) -> None:
@@ -155,7 +155,7 @@ def test_a_table_that_cannot_be_right_is_refused_whatever_its_digest(saved, baxt
 
 
 def test_a_table_of_another_path_is_refused(saved, tmp_path) -> None:
-    about, arrays = read_arrays(saved, (*ARRAYS, *TORQUES))
+    about, arrays = read_arrays(saved, SHAPES)
     about["path"]["direction"] = [1.0, 0.0, 0.0]
     write_arrays(tmp_path / "table.npz", {key: value for key, value in about.items() if key != "format"}, arrays)
     with pytest.raises(ik.StaleTableError, match="do not follow the path"):
@@ -202,7 +202,7 @@ def test_a_volume_with_one_flipped_bit_is_refused(volume, baxter, tmp_path, arra
             VolumeTable.open(copy, baxter)
 
 
-@pytest.mark.parametrize("array", ["q", "status", "skeleton", "digests", "done"])
+@pytest.mark.parametrize("array", ["q", "status", "skeleton", "digests"])
 @pytest.mark.parametrize("all_of_it", [True, False])
 def test_a_volume_without_an_array_or_its_numbers_is_refused_or_built_on(volume, baxter, tmp_path, array, all_of_it):
     copy = tmp_path / "copy"
@@ -210,7 +210,7 @@ def test_a_volume_without_an_array_or_its_numbers_is_refused_or_built_on(volume,
     for path in files(copy, array):
         if all_of_it or path.name != "zarr.json":
             path.unlink()
-    if array == "done" and not all_of_it:  # nothing is lost: it counts as not done yet
+    if array == "digests" and not all_of_it:  # nothing is lost: it counts as not done yet
         assert len(VolumeTable.open(copy, baxter).missing()) == 1
         return
     with pytest.raises(ik.StaleTableError, match="damaged"):

@@ -7,15 +7,9 @@ import pytest
 from faults.faulty import AT_REST, Hangs, InRealTime
 
 from armdyn.run import read_run
-from pipeline.nodes.scheduler import SimulatedClock, Watchdog
+from pipeline.nodes.scheduler import Watchdog
 from pipeline.trial import TrialSettings, simulate
 from pipeline.trial.experiment import Phase
-
-
-class RobotClock(SimulatedClock):
-    """The time of a robot that goes on by itself."""
-
-    real = True
 
 
 def stands(robot, patience=5.0):
@@ -29,7 +23,7 @@ def stands(robot, patience=5.0):
 def test_a_watchdog_stops_an_arm_whose_loop_hangs(tmp_path):
     for _ in range(5):
         robot = Hangs(0.7)
-        trial = simulate(TrialSettings(estimation_time=2.0, out=tmp_path), through=robot.around, clock=RobotClock)
+        trial = simulate(TrialSettings(estimation_time=2.0, out=tmp_path), through=robot.around, real=True)
         assert stands(robot)
         robot.leave()
         assert trial.result.stopped
@@ -60,7 +54,7 @@ class TripsOnce(Watchdog):
 def test_what_the_watchdog_stopped_does_not_go_on(monkeypatch):
     """Time is simulated, so that nothing else is late."""
     monkeypatch.setattr("pipeline.trial.experiment.Watchdog", TripsOnce)
-    trial = simulate(TrialSettings(estimation_time=5.0), clock=RobotClock)
+    trial = simulate(TrialSettings(estimation_time=5.0), real=True)
     assert trial.result.message == "the watchdog stopped the arm"
     assert trial.experiment.span(Phase.LEARN).end < 1.5
 
@@ -69,7 +63,7 @@ def test_what_the_watchdog_stopped_does_not_go_on(monkeypatch):
 def test_a_whole_trial_on_a_real_clock_lands_or_says_why_not(tmp_path):
     for _ in range(3):
         robot = InRealTime()
-        trial = simulate(TrialSettings(out=tmp_path), through=robot.around, clock=RobotClock)
+        trial = simulate(TrialSettings(out=tmp_path), through=robot.around, real=True)
         assert stands(robot)
         robot.leave()
         if not trial.result.stopped:

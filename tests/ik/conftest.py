@@ -1,13 +1,26 @@
+from collections.abc import Callable
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
 import pytest
 import yourdfpy
 
 import ik
 import urdf
 
+ROBOTS = ("baxter", "ur5", "panda", "talos_arm")
+
 
 @pytest.fixture(scope="session")
 def baxter() -> urdf.Robot:
     return urdf.load("baxter")
+
+
+@pytest.fixture(scope="session", params=ROBOTS)
+def robot(request) -> urdf.Robot:
+    """Each known arm in turn."""
+    return urdf.load(request.param)
 
 
 @pytest.fixture(scope="session")
@@ -16,6 +29,58 @@ def table(baxter: urdf.Robot) -> ik.LineTable:
 
 
 @pytest.fixture(scope="session")
-def yourdf(baxter: urdf.Robot) -> yourdfpy.URDF:
-    """The unmended URDF in a library that shares no code with Pinocchio."""
-    return yourdfpy.URDF.load(str(baxter.urdf_path), load_meshes=False)
+def tables(table: ik.LineTable) -> Callable[[urdf.Robot], ik.LineTable]:
+    """The table of a known arm's own line, built once."""
+    built = {"baxter": table}
+    return lambda robot: built.get(robot.name) or built.setdefault(robot.name, ik.build_line_table(robot))
+
+
+@pytest.fixture(scope="session")
+def tool_poses() -> Callable[[urdf.Robot, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """Rotations (k, 3, 3) and positions (k, 3) of the tool point by the unmended URDF in yourdfpy, not Pinocchio."""
+    models: dict[str, yourdfpy.URDF] = {}
+
+    def poses(robot: urdf.Robot, postures: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if robot.name not in models:
+            models[robot.name] = yourdfpy.URDF.load(str(robot.urdf_path), load_meshes=False)
+        model, rotations, positions = models[robot.name], [], []
+        for q in postures:
+            model.update_cfg(dict(zip(robot.joint_names, q, strict=True)))
+            pose = model.get_transform(robot.tool_frame, model.base_link)
+            rotations.append(pose[:3, :3])
+            positions.append(pose[:3, 3] + pose[:3, :3] @ robot.tool_offset)
+        return np.array(rotations), np.array(positions)
+
+    return poses
+
+
+@pytest.fixture(scope="session")
+def plant(robot: urdf.Robot) -> mujoco.MjModel:
+    """Each known arm in MuJoCo."""
+    return in_mujoco(robot)
+
+
+@pytest.fixture(scope="session")
+def baxter_plant(baxter: urdf.Robot) -> mujoco.MjModel:
+    return in_mujoco(baxter)
+
+
+def in_mujoco(robot: urdf.Robot) -> mujoco.MjModel:
+    """The arm's mended URDF in MuJoCo without shapes, every other joint fixed, with the URDF's damping."""
+    root = ElementTree.fromstring(robot.urdf_xml)
+    for link in root.findall("link"):
+        for shape in [*link.findall("visual"), *link.findall("collision")]:
+            link.remove(shape)
+        inertial = link.find("inertial")
+        if inertial is not None and float(inertial.find("mass").get("value")) == 0.0:
+            link.remove(inertial)
+    for joint in root.findall("joint"):
+        if joint.get("name") not in robot.joint_names:
+            joint.set("type", "fixed")
+            for mimic in joint.findall("mimic"):
+                joint.remove(mimic)
+    compiler = {"fusestatic": "false", "balanceinertia": "false", "boundmass": "0", "boundinertia": "0"}
+    ElementTree.SubElement(ElementTree.SubElement(root, "mujoco"), "compiler", compiler)
+    model = mujoco.MjModel.from_xml_string(ElementTree.tostring(root, encoding="unicode"))
+    model.dof_frictionloss[:] = 0.0  # dry friction has no place in Pinocchio's algorithms
+    return model

@@ -1,50 +1,18 @@
 """Pinocchio's model of every known arm against MuJoCo, and the closed form that users see against both."""
 
-from xml.etree import ElementTree
-
 import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
 
-import urdf
 from armdyn.arm.posture import arm_posture
 from armdyn.errors import InputError
 
 STATES = 200
-ROBOTS = ("baxter", "ur5", "panda", "talos_arm")
-
-
-def in_mujoco(robot: urdf.Robot) -> mujoco.MjModel:
-    """The arm's URDF in MuJoCo without shapes, every other joint fixed, with the URDF's damping."""
-    root = ElementTree.fromstring(robot.urdf_xml)
-    for link in root.findall("link"):
-        for shape in [*link.findall("visual"), *link.findall("collision")]:
-            link.remove(shape)
-        inertial = link.find("inertial")
-        if inertial is not None and float(inertial.find("mass").get("value")) == 0.0:
-            link.remove(inertial)
-    for joint in root.findall("joint"):
-        if joint.get("name") not in robot.joint_names:
-            joint.set("type", "fixed")
-            for mimic in joint.findall("mimic"):
-                joint.remove(mimic)
-    compiler = {"fusestatic": "false", "balanceinertia": "false", "boundmass": "0", "boundinertia": "0"}
-    ElementTree.SubElement(ElementTree.SubElement(root, "mujoco"), "compiler", compiler)
-    plant = mujoco.MjModel.from_xml_string(ElementTree.tostring(root, encoding="unicode"))
-    plant.dof_frictionloss[:] = 0.0  # dry friction has no place in Pinocchio's algorithms
-    return plant
-
-
-@pytest.fixture(scope="module", params=ROBOTS)
-def arm(request):
-    robot = urdf.load(request.param)
-    return robot, in_mujoco(robot)
 
 
 @pytest.fixture(scope="module")
-def states(arm):
-    robot, _ = arm
+def states(robot):
     rng, joints = np.random.default_rng(11), robot.model.nv
     limits = robot.limits
     q = rng.uniform(limits.lower, limits.upper, (STATES, joints))
@@ -55,20 +23,7 @@ def relative(one: np.ndarray, other: np.ndarray) -> float:
     return float(np.abs(one - other).max() / np.abs(other).max())
 
 
-def test_tool_poses_agree(arm, states) -> None:
-    robot, plant = arm
-    data = mujoco.MjData(plant)
-    for q in states[0]:
-        data.qpos[:] = q
-        mujoco.mj_kinematics(plant, data)
-        tool, pose = data.body(robot.tool_frame), robot.tool_pose(q)
-        rotation = tool.xmat.reshape(3, 3)
-        assert np.abs(tool.xpos + rotation @ robot.tool_offset - pose.translation).max() < 1e-12
-        assert np.abs(rotation - pose.rotation).max() < 1e-12
-
-
-def test_torques_agree_with_the_same_damping(arm, states) -> None:
-    robot, plant = arm
+def test_torques_agree_with_the_same_damping(robot, plant, states) -> None:
     data, own = mujoco.MjData(plant), robot.model.createData()
     for q, v, a in zip(states[0], *states[1], strict=True):
         data.qpos[:], data.qvel[:], data.qacc[:] = q, v, a
@@ -77,8 +32,7 @@ def test_torques_agree_with_the_same_damping(arm, states) -> None:
         assert relative(torque, data.qfrc_inverse) < 1e-10
 
 
-def test_accelerations_agree_with_the_same_damping(arm, states) -> None:
-    robot, plant = arm
+def test_accelerations_agree_with_the_same_damping(robot, plant, states) -> None:
     data, own = mujoco.MjData(plant), robot.model.createData()
     for q, v, share in zip(states[0], states[1][0], states[1][1], strict=True):
         torque = 0.3 * robot.limits.effort * np.sign(share)
@@ -88,8 +42,7 @@ def test_accelerations_agree_with_the_same_damping(arm, states) -> None:
         assert relative(own_answer, data.qacc) < 1e-10
 
 
-def test_the_closed_form_is_mujocos_equation_of_motion(arm, states) -> None:
-    robot, plant = arm
+def test_the_closed_form_is_mujocos_equation_of_motion(robot, plant, states) -> None:
     data, full = mujoco.MjData(plant), np.zeros((plant.nv, plant.nv))
     for q, v in zip(states[0][:20], states[1][0], strict=False):
         shown = arm_posture(robot, q, v)
@@ -112,8 +65,7 @@ def test_the_closed_form_is_mujocos_equation_of_motion(arm, states) -> None:
         assert shown.potential_energy - rest.potential_energy == pytest.approx(before - data.energy[0], abs=1e-9)
 
 
-def test_gravity_is_the_gradient_of_the_potential_energy(arm) -> None:
-    robot, _ = arm
+def test_gravity_is_the_gradient_of_the_potential_energy(robot) -> None:
     step = 1e-6
     for joint, expected in enumerate(arm_posture(robot).gravity):
         moved = [robot.home + side * step * np.eye(len(robot.home))[joint] for side in (1, -1)]

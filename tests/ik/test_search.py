@@ -1,47 +1,11 @@
-"""Lines that were searched for: on other arms, with the promises that the search makes."""
+"""Searching a line: what the search promises."""
 
 import numpy as np
 import pytest
-import yourdfpy
 
 import ik
 import urdf
 from ik.search import Demand, search_line, upright_rotation
-
-OTHERS = ("ur5", "panda", "talos_arm")
-
-
-@pytest.fixture(scope="module", params=OTHERS)
-def other(request):
-    robot = urdf.load(request.param)
-    return robot, ik.build_line_table(robot)
-
-
-def test_tools_of_other_arms_are_on_their_lines_between_nodes_by_yourdfpy(other) -> None:
-    robot, table = other
-    model = yourdfpy.URDF.load(str(robot.urdf_path), load_meshes=False)
-    s = np.random.default_rng(3).uniform(robot.line.s_min, robot.line.s_max, 20)
-    for at, q in zip(s, table.posture(s).q, strict=True):
-        model.update_cfg(dict(zip(robot.joint_names, q, strict=True)))
-        pose = model.get_transform(robot.tool_frame, model.base_link)
-        assert np.abs(pose[:3, 3] - robot.line.position(at)).max() < 1e-9
-        assert np.abs(pose[:3, :3] - robot.line.rotation).max() < 1e-8
-
-
-def test_derivatives_of_other_arms_agree_with_differences_of_fourth_order(other) -> None:
-    _, table = other
-    step, q = table.s[1] - table.s[0], table.q
-    differences = (8 * (q[3:-1] - q[1:-3]) - (q[4:] - q[:-4])) / (12 * step)
-    assert np.abs(differences - table.dq_ds[2:-2]).max() < 1e-8
-
-
-def test_lines_found_keep_what_the_settings_say_of_them(other) -> None:
-    robot, table = other
-    assert table.speed_limit_at(np.linspace(*robot.line.core, 301)).min() >= robot.line.core_speed
-    assert table.joint_margin > 0.45
-    assert table.torque_share.max() < 1.0
-    collisions = urdf.CollisionModel(robot)
-    assert all(collisions.touching(q) is None for q in table.q[::40])
 
 
 @pytest.mark.slow

@@ -60,7 +60,7 @@ class RosRobot(Closing):
         clock: our clock [s], the one that the load cell uses.
 
     Attributes:
-        figures: what was measured.
+        statistics: what was measured.
         telemetry: told what is commanded and measured, for others to see; None without a load cell.
 
     Raises:
@@ -76,7 +76,7 @@ class RosRobot(Closing):
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._description, self._topics, self._cell, self._clock = description, topics, cell, clock
-        self.figures = LinkStatistics()
+        self.statistics = LinkStatistics()
         self.telemetry: Telemetry | None = None
         self._states = JointStates(description.joint_names)
         self._gate = StreamGate(description.joint_names, description.limits)
@@ -242,8 +242,8 @@ class RosRobot(Closing):
     def _begin(self) -> None:
         bridge, topics = self.bridge, self._topics
         bridge.subscribe(topics.joint_states, "sensor_msgs/JointState", self._states.take)
-        bridge.subscribe(topics.command, topics.kind.value, self._take_echo, every=True)
-        bridge.advertise(topics.command, topics.kind.value)
+        bridge.subscribe(topics.command, topics.type.value, self._take_echo, every=True)
+        bridge.advertise(topics.command, topics.type.value)
         for topic, kind in (
             (topics.feed_forward, "trajectory_msgs/JointTrajectoryPoint"),
             (topics.timeout, "std_msgs/Float64"),
@@ -255,7 +255,7 @@ class RosRobot(Closing):
         self._power = None if topics.enabling is None else Power(bridge, topics.enabling)
         self._states.first(topics.joint_states)
         self._master = MasterWatch(bridge)
-        self.figures.round_trip = round_trip(bridge)
+        self.statistics.round_trip = round_trip(bridge)
         self.advance(advertised + REPEATED - self.time)
         if self._foreign:
             raise InputError(f"another program sends commands on {topics.command}: end it first")
@@ -285,10 +285,10 @@ class RosRobot(Closing):
             self.bridge.publish(self._topics.command, command_message(self._topics, self.joint_names, q, v, a))
         except ArmdynError as error:
             return str(error)
-        self.figures.commands += 1
-        self.figures.ages.append(now - state.time)
+        self.statistics.commands += 1
+        self.statistics.ages.append(now - state.time)
         if self._sent_at is not None and now - self._sent_at < 10 * PERIOD:
-            self.figures.intervals.append(now - self._sent_at)
+            self.statistics.intervals.append(now - self._sent_at)
         self._sent, self._sent_at = (q, v, a), now
         if self.telemetry is not None:
             self.telemetry.reference(q, v)
@@ -296,10 +296,10 @@ class RosRobot(Closing):
 
     def _take_echo(self, message: Any, now: float) -> None:
         """A command on its topic: ours, or somebody else's."""
-        positions = positions_in(message, self._topics.kind)
+        positions = positions_in(message, self._topics.type)
         for ours, sent_at in tuple(self._ours)[::-1]:
             if ours == positions:
-                self.figures.echoes.append(now - sent_at)
+                self.statistics.echoes.append(now - sent_at)
                 return
         self._foreign = True
 

@@ -7,7 +7,7 @@ from pipeline.loadcell.faults import Fault, FaultDetector, FaultEvent, FaultLimi
 from pipeline.robot.devices import SimulatedCell
 from pipeline.robot.hidden import HIDDEN_EFFECTS
 from pipeline.robot.protocol import ForceSample
-from pipeline.robot.settings import CellFault, CellSettings, FaultAt
+from pipeline.robot.settings import CellSettings
 
 
 def stream(forces, start=0.0, period=0.01):
@@ -103,22 +103,26 @@ def test_a_cell_without_noise_may_stand_still():
 
 
 @pytest.mark.parametrize(
-    ("broken", "expected", "within"),
+    ("spoil", "expected", "within"),
     [
-        (CellFault.UNPLUGGED, Fault.SILENT, 0.25),
-        (CellFault.FROZEN, Fault.FROZEN, 0.15),
-        (CellFault.SATURATED, Fault.SATURATED, 0.05),
+        (lambda _sample, _last: [], Fault.SILENT, 0.25),
+        (lambda sample, last: [ForceSample(sample.time, last)], Fault.FROZEN, 0.15),
+        (lambda sample, _last: [ForceSample(sample.time, 9.80665)], Fault.SATURATED, 0.05),
     ],
 )
-def test_the_same_detector_finds_the_faults_of_the_simulated_cell(broken, expected, within):
-    settings = CellSettings(faults=(FaultAt(broken, 2.0),))
-    hidden = dict.fromkeys(HIDDEN_EFFECTS, 0.0)
-    cell = SimulatedCell(settings, hidden, 0.01, 0.013, np.random.default_rng(2), 0.001)
+def test_the_same_detector_finds_the_faults_of_the_simulated_cell(spoil, expected, within):
+    settings, rng = CellSettings(), np.random.default_rng(2)
+    cell = SimulatedCell(settings, dict.fromkeys(HIDDEN_EFFECTS, 0.0), 0.01, 0.013, rng)
     detector = FaultDetector(FaultLimits.of(settings.noise, settings.resolution, settings.full_scale))
-    found = None
+    found, last = None, 0.0
     for step in range(3000):
         cell.feel(step, 0.785 + 0.05 * math.sin(0.01 * step), 0.0)
-        fault = detector.update(step * 0.001, cell.received(step * 0.001))
+        samples = cell.received(step * 0.001)
+        if step >= 2000:
+            samples = [each for sample in samples for each in spoil(sample, last)]
+        elif samples:
+            last = samples[-1].force
+        fault = detector.update(step * 0.001, samples)
         if fault is not None:
             found = (fault, step * 0.001)
             break

@@ -49,7 +49,7 @@ def page(study, found, tmp_path_factory):
 
 
 def test_every_run_joint_and_step_has_the_error_of_the_path(study, found, shown):
-    totals = shown.data()["totals"]
+    totals = shown.totals()
     widgets = [section.widget for section in repair_report(study, found).sections if section.widget is not None]
     assert widgets[0].data["totals"] == totals
     for i, step in enumerate(found.path):
@@ -144,12 +144,12 @@ def test_the_first_picture_is_the_missing_force(study, found, name):
     assert first.title == "The missing force"
     assert set(first.tabs) == {f"tau.{joint}" for joint in JOINTS}
     for chart in first.charts:
-        layout = chart.figure.to_dict()["layout"]
+        layout = chart.figure["layout"]
         titles = [layout[f"xaxis{i}"]["title"]["text"] for i in ("", 2, 3, 4, 5)]
         assert titles[0] == "speed [rad/s]"
         assert titles[-1] == "time [s]"
         assert layout["yaxis"]["title"]["text"] == "missing torque [N m]"
         assert f"of {chart.tab.removeprefix('tau.')} grows in proportion to the speed, by " in chart.caption
-        legend = [trace.name for trace in chart.figure.data if trace.showlegend and trace.name]
+        legend = [t["name"] for t in chart.figure["data"] if t["showlegend"] and "name" in t]
         assert legend == ["as given"] if name == "compare" else legend[0] == "as given" and HIDDEN in legend[1]
     assert page_html(made).index("The missing force") < page_html(made).index("Measured and predicted")

@@ -13,12 +13,15 @@ import pytest
 from plotly.offline import get_plotlyjs
 from scipy.stats import binomtest
 
-from armdyn.document import Chart, Document, KeyFigure, Level, NextStep, Section, Table
+from armdyn.document import Chart, Column, Document, KeyFigure, Level, NextStep, Section, Table
 from armdyn.errors import InputError
-from pipeline.report.page import packed, page_html, write_page
+from pipeline.report.feasibility import joint_sections, margin_section
+from pipeline.report.page import packed, page_html, table_html, write_page
 from pipeline.report.table import success_interval, table_report
 from pipeline.report.theme import number, percent
-from pipeline.report.trial import TrialReportData, trial_report
+from pipeline.report.trial import SNAPSHOTS, SwingTrace, swing_section
+
+from .conftest import JOINTS
 
 NASTY = "</script><script>alert('x')</script> & <b>$title</b>"
 VOID = {"meta", "br", "input"}
@@ -78,14 +81,15 @@ NASTY_SECTION = Section(
     f"Title {NASTY}",
     NASTY,
     [Chart(go.Figure(go.Scatter(x=[0], y=[1], name=NASTY)), NASTY)],
-    [Table.of([NASTY, "share"], [[NASTY, NASTY]], NASTY, shares=[0.5], folded=NASTY)],
+    [Table([Column(NASTY, [NASTY]), Column("share", [NASTY], shares=[0.5])], NASTY, folded=NASTY)],
     {NASTY: NASTY, "other": "other"},
 )
 
 
-@pytest.fixture(params=["trial", "table"])
-def report(request, trial_data, table):
-    return trial_report(trial_data) if request.param == "trial" else table_report(table)
+@pytest.fixture(params=["trial_report", "table"])
+def report(request):
+    made = request.getfixturevalue(request.param)
+    return made if isinstance(made, Document) else table_report(made)
 
 
 def test_page_is_one_offline_file_with_the_library_once(report):
@@ -133,80 +137,54 @@ def test_banner_says_the_verdict_in_words_and_colour(level):
     assert "what happened" in page.text
 
 
-def test_trial_report_tells_its_numbers(trial_data):
-    text = Page(own_part(page_html(trial_report(trial_data)))).text
-    residual = trial_data.force.measured - trial_data.force.predicted
-    assert f"{1e3 * np.sqrt(np.mean(residual**2)):.2f} mN rms" in text
-    error = np.abs(trial_data.gripper.actual - trial_data.gripper.reference)
-    assert f"the largest error is {1e3 * error.max():.1f} mm at {trial_data.gripper.time[error.argmax()]:.2f} s" in text
-    assert f"{trial_data.estimates[0].value[-1]:.4f} m" in text
-    assert "what is left is white" in text
+def test_trial_report_tells_its_numbers(trial, trial_report):
+    text = Page(own_part(page_html(trial_report))).text
+    assert f"{1e3 * np.sqrt(np.mean((trial.measured - trial.force) ** 2)):.2f} mN rms" in text
+    error = np.abs(trial.actual - trial.reference)
+    assert f"the largest error is {1e3 * error.max():.1f} mm at {trial.time[error.argmax()]:.2f} s" in text
+    assert f"The length was learnt as {trial.estimates[-1].value:.4f} m" in text
     assert "tightest is the velocity of right_s1, of which 94 % was used" in text
     assert "SAC 2 of 120 times" in text
     assert "load_force: 3 samples were left out" in text
 
 
-def test_a_residual_that_is_not_white_takes_the_interval_back(trial_data):
-    data = replace(trial_data, force=replace(trial_data.force, residual_is_white=False))
-    text = Page(own_part(page_html(trial_report(data)))).text
-    assert "the interval is too narrow and does not hold" in text
-    assert "; does not hold, from a guess" in text
+def test_broken_limits_are_said_and_marked(trial):
+    broken = replace(trial.margins[2], used=1.25, value=2.5)
+    limits = margin_section([*trial.margins, broken])
+    assert limits.sentence.startswith("Limits broken: 1 of 15; worst the velocity of right_e0, 2.50 rad/s against 2.00")
+    assert "class='share over'" in table_html(limits.tables[0])
+    _, speeds = joint_sections(JOINTS, trial.time, trial.q, 10 * trial.v, trial.limits)
+    assert "goes beyond its limit" in speeds.sentence
 
 
-def test_broken_limits_are_said_and_marked(trial_data):
-    broken = replace(trial_data.margins[2], used=1.25, value=2.5)
-    fast = replace(trial_data.joints, velocity=10 * trial_data.joints.velocity)
-    html = own_part(page_html(trial_report(replace(trial_data, margins=(*trial_data.margins, broken), joints=fast))))
-    assert "Limits broken: 1 of 15; worst the velocity of right_e0, 2.50 rad/s against 2.00 rad/s" in html
-    assert "class='share over'" in html
-    assert "goes beyond its limit" in html
+@pytest.mark.parametrize(
+    ("end", "sentence"),
+    [(0, "planned and not executed"), (100, "stopped after 0.99 s"), (None, "from its planned place")],
+)
+def test_it_is_said_how_far_a_swing_came(trial, end, sentence):
+    executed = SwingTrace(*(path[:end] for path in trial.executed)) if end != 0 else None
+    assert sentence in swing_section(trial.planned, executed, None, 0.014).sentence
 
 
-def test_parts_that_a_stopped_trial_lacks_are_left_out(trial_data):
-    bare = trial_report(TrialReportData(Level.BAD, "load cell unplugged at 0.3 s: the arm came to rest"))
-    assert Page(own_part(page_html(bare))).ids.count("top") == 1
-    assert not bare.sections
-    none = np.empty(0)
-    estimates = (replace(trial_data.estimates[0], time=none, value=none, std=none),)
-    swing = replace(trial_data.swing, executed=None, box=None)
-    report = trial_report(TrialReportData(Level.BAD, "stopped", estimates=estimates, swing=swing))
-    text = Page(own_part(page_html(report))).text
-    assert "No estimate of the length was made" in text
-    assert "The swing was planned and not executed" in text
-    assert len(figures(report)) == 1
-
-
-def test_a_swing_that_was_stopped_is_called_so(trial_data):
-    cut = {name: getattr(trial_data.swing.executed, name)[:100] for name in ("time", "gripper_x", "load_x", "load_z")}
-    swing = replace(trial_data.swing, executed=replace(trial_data.swing.executed, **cut))
-    assert "stopped after 0.99 s" in trial_report(replace(trial_data, swing=swing)).sections[0].sentence
-
-
-def test_swing_is_drawn_to_scale_with_the_string_at_its_length(trial_data):
-    (figure,) = (chart.figure for chart in trial_report(trial_data).sections[0].charts)
+def test_swing_is_drawn_to_scale_with_the_string_at_its_length(trial_report):
+    (figure,) = (chart.figure for chart in trial_report.section("Swing").charts)
     assert figure.layout.yaxis.scaleanchor == "x"
     (string,) = (trace for trace in figure.data if trace.name == "string")
     ends = np.column_stack([string.x, string.y]).reshape(-1, 3, 2)
     lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    assert len(lengths) == trial_data.swing.snapshots
+    assert len(lengths) == SNAPSHOTS
     np.testing.assert_allclose(lengths, 0.368, rtol=1e-2)
 
 
-def test_joint_panels_show_curve_and_both_limits(trial_data):
-    joints = trial_data.joints
-    (figure,) = (
-        chart.figure
-        for section in trial_report(trial_data).sections
-        if section.title == "Joint positions"
-        for chart in section.charts
-    )
-    assert len(figure.data) == 3 * len(joints.names)
-    for i in range(len(joints.names)):
+def test_joint_panels_show_curve_and_both_limits(trial, trial_report):
+    (figure,) = (chart.figure for chart in trial_report.section("Joint positions").charts)
+    assert len(figure.data) == 3 * len(JOINTS)
+    for i, (lower, upper) in enumerate(zip(trial.limits.lower, trial.limits.upper, strict=True)):
         curve, low, high = figure.data[3 * i : 3 * i + 3]
-        np.testing.assert_array_equal(curve.y, joints.position[:, i])
-        assert (low.y[0], high.y[0]) == (joints.lower[i], joints.upper[i])
+        np.testing.assert_array_equal(curve.y, trial.q[:, i])
+        assert (low.y[0], high.y[0]) == (lower, upper)
         bottom, top = figure.layout[curve.yaxis.replace("y", "yaxis")].range
-        assert bottom < joints.lower[i] < joints.upper[i] < top
+        assert bottom < lower < upper < top
 
 
 def test_table_report_says_that_the_box_was_chosen(table):
@@ -262,12 +240,11 @@ def test_report_is_written_in_one_step(tmp_path, table):
 
 
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="no chromium on this machine to open the page with")
-def test_a_browser_draws_every_figure_without_an_error(tmp_path, trial_data):
-    report = trial_report(trial_data)
-    path = tmp_path / "report.html"
-    html = page_html(report).replace("<script>", "<script>onerror = () => { document.title = 'broken'; };", 1)
-    path.write_text(html, encoding="utf-8")
+def test_a_browser_draws_every_figure_without_an_error(tmp_path, trial_report):
+    html = page_html(trial_report).replace("<script>", "<script>onerror = () => { document.title = 'broken'; };", 1)
+    (tmp_path / "report.html").write_text(html, encoding="utf-8")
     command = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=8000", "--dump-dom"]
-    dom = subprocess.run([*command, str(path)], capture_output=True, text=True, timeout=60, check=True).stdout
-    assert "<title>broken" not in dom
-    assert len(re.findall(r'id="chart-\d+" class="chart|class="chart js-plotly-plot"', dom)) == len(figures(report))
+    done = subprocess.run([*command, tmp_path / "report.html"], capture_output=True, text=True, timeout=60, check=True)
+    assert "<title>broken" not in done.stdout
+    drawn = re.findall(r'id="chart-\d+" class="chart|class="chart js-plotly-plot"', done.stdout)
+    assert len(drawn) == len(figures(trial_report))

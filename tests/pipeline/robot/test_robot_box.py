@@ -36,8 +36,8 @@ def test_load_passing_through_the_opening_is_not_in_the_box(still_pendulum):
     plant = still_pendulum(0.6)
     inside = SimulatedRobot(
         plant._robot,
-        plant._data.qpos[plant._dofs],
-        replace(plant._settings, box=replace(AROUND_THE_LOAD, rim=0.366, near_wall=-0.5, width=1.0)),
+        plant._data.qpos[plant._plant.dofs],
+        replace(plant.settings, box=replace(AROUND_THE_LOAD, rim=0.366, near_wall=-0.5, width=1.0)),
     )
     seen = []
     for _ in range(300):

@@ -3,8 +3,7 @@ import pytest
 
 from pipeline.robot.devices import SimulatedCell
 from pipeline.robot.hidden import resolve_hidden
-from pipeline.robot.settings import CellFault, CellSettings, FaultAt, PlantSettings
-from pipeline.robot.simulated import SimulatedRobot
+from pipeline.robot.settings import CellSettings
 
 QUIET = {"noise": 0.0, "resolution": 0.0}
 
@@ -12,7 +11,7 @@ QUIET = {"noise": 0.0, "resolution": 0.0}
 def _samples(tension, seconds=2.0, hidden=None, latency=0.0, bias=0.0, angle=0.0, **settings):
     """Time of reception and reading of every sample of a cell that feels tension(t) and angle."""
     rng = np.random.default_rng(1)
-    cell = SimulatedCell(CellSettings(**{**QUIET, **settings}), resolve_hidden(hidden or {}), bias, latency, rng, 1e-3)
+    cell = SimulatedCell(CellSettings(**{**QUIET, **settings}), resolve_hidden(hidden or {}), bias, latency, rng)
     for step in range(round(seconds * 1000)):
         cell.feel(step, tension(step * 1e-3), angle)
     received = cell.received(seconds)
@@ -35,7 +34,7 @@ def test_samples_are_stamped_at_reception():
 
 
 def test_samples_on_the_way_are_not_handed_out_and_none_is_handed_out_twice():
-    cell = SimulatedCell(CellSettings(**QUIET), resolve_hidden({}), 0.0, 0.025, np.random.default_rng(0), 1e-3)
+    cell = SimulatedCell(CellSettings(**QUIET), resolve_hidden({}), 0.0, 0.025, np.random.default_rng(0))
     for step in range(51):
         cell.feel(step, 1.0, 0.0)
     assert [s.time for s in cell.received(0.05)] == pytest.approx([0.025, 0.035, 0.045])
@@ -58,30 +57,6 @@ def test_reading_stays_within_full_scale():
     _, force = _samples(lambda t: 20.0 * np.sin(6.0 * t), full_scale=9.8)
     assert force.max() == 9.8
     assert force.min() == -9.8
-
-
-class TestFaults:
-    def test_unplugged_cell_sends_nothing_more(self):
-        time, _ = _samples(wave, faults=(FaultAt(CellFault.UNPLUGGED, 0.5),))
-        assert time.max() == pytest.approx(0.49)
-
-    def test_frozen_cell_repeats_its_last_reading(self):
-        time, force = _samples(wave, noise=5e-3, faults=(FaultAt(CellFault.FROZEN, 0.5),))
-        assert len(np.unique(force[time > 0.485])) == 1
-        assert len(np.unique(force[time < 0.485])) > 40
-
-    def test_saturated_cell_reads_full_scale(self):
-        time, force = _samples(wave, full_scale=5.0, faults=(FaultAt(CellFault.SATURATED, 0.5),))
-        assert (force[time > 0.495] == 5.0).all()
-        assert (force[time < 0.495] < 1.0).all()
-
-    def test_fault_of_a_whole_robot_shows_in_its_samples(self, baxter, q_start):
-        settings = PlantSettings(cell=CellSettings(faults=(FaultAt(CellFault.UNPLUGGED, 0.3),)))
-        plant = SimulatedRobot(baxter, q_start, settings)
-        plant.advance(0.4)
-        assert plant.load_cell()
-        plant.advance(0.4)
-        assert plant.load_cell() == []
 
 
 class TestHiddenEffects:

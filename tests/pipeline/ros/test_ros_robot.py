@@ -119,7 +119,7 @@ def stream(robot, cycles, speed=0.0, start=0.0):
 
 def sent(robot):
     """Positions of joint s0 in all commands that arrived at the bridge."""
-    robot.arm.loopback.wait_for(lambda: len(robot.arm.loopback.published(TOPICS.command)) == robot.figures.commands)
+    robot.arm.loopback.wait_for(lambda: len(robot.arm.loopback.published(TOPICS.command)) == robot.statistics.commands)
     return np.array([m["command"][0] for m in robot.arm.loopback.published(TOPICS.command)])
 
 
@@ -164,7 +164,7 @@ def test_stop_brakes_within_the_limits_and_holds(robot, until):
 
 def test_a_refused_command_is_not_sent_and_ends_the_run(robot, until):
     stream(robot, 60, speed=0.5)
-    before = robot.figures.commands
+    before = robot.statistics.commands
     with pytest.raises(TaskFailedError, match="faster than its limit"):
         robot.command(POSTURE + 0.1, np.zeros(7), np.zeros(7))
     until(lambda: not robot._braking.is_set())
@@ -187,7 +187,7 @@ def test_states_that_stop_coming_end_the_run_and_nothing_resumes(robot, until):
 
     with pytest.raises(TaskFailedError, match="joint state is too old"):
         go_on()
-    count = robot.figures.commands
+    count = robot.statistics.commands
     robot.arm.silent = False
     robot.advance(0.1)
     until(lambda: not robot._braking.is_set())
@@ -204,16 +204,16 @@ def test_a_command_waits_for_a_state_that_is_late_and_goes_after_it(robot, monke
         robot.arm.step(PERIOD)
         robot.command(q + k * PERIOD * v, v, np.zeros(7))
     robot.arm.step(2 * PERIOD)  # the newest state is 60 ms old now
-    count = robot.figures.commands
+    count = robot.statistics.commands
     waiting = threading.Thread(target=lambda: robot.command(q + 5 * PERIOD * v, v, np.zeros(7)))
     waiting.start()
     waiting.join(0.1)
     assert waiting.is_alive()
-    assert robot.figures.commands == count  # none leaves without a young state
+    assert robot.statistics.commands == count  # none leaves without a young state
     robot.arm.silent = False
     robot.arm.say()
     waiting.join(10.0)
-    assert robot.figures.commands == count + 1
+    assert robot.statistics.commands == count + 1
     assert robot.fault is None
 
 
@@ -278,12 +278,12 @@ def test_a_stream_that_would_begin_elsewhere_is_refused(robot):
     robot.advance(PERIOD)
     with pytest.raises(TaskFailedError, match="away from where the arm is"):
         stream(robot, 1)
-    assert robot.figures.commands == 0
+    assert robot.statistics.commands == 0
 
 
 def test_echoes_of_our_commands_are_timed_and_are_nobody_elses(robot, until):
     stream(robot, 30)
-    until(lambda: len(robot.figures.echoes) == 30)
+    until(lambda: len(robot.statistics.echoes) == 30)
     assert robot.fault is None
 
 
@@ -356,7 +356,7 @@ def test_other_controllers_need_a_settings_file_only(arm, baxter, kind, until):
         robot.prepare()
         robot.command(POSTURE, np.zeros(7), np.zeros(7))
         arm.loopback.wait_for(lambda: arm.loopback.published("/controller/command"))
-        until(lambda: robot.figures.echoes)
+        until(lambda: robot.statistics.echoes)
         assert robot.fault is None
     message = arm.loopback.published("/controller/command")[0]
     if kind is CommandKind.ARRAY:

@@ -9,17 +9,11 @@ import ik
 import urdf
 from armdyn.errors import InputError, TaskFailedError
 from pipeline.motion import LineTrajectory
-from pipeline.nodes.scheduler import SimulatedClock, Watchdog
+from pipeline.nodes.scheduler import Watchdog
 from pipeline.report.page import write_page
 from pipeline.trial import ProtocolSettings, TrialSettings, simulate
 from pipeline.trial.ending import Ending
 from pipeline.trial.investigation import Stop, ended_before, investigate, questioned
-
-
-class RobotClock(SimulatedClock):
-    """The time of a robot that goes on by itself."""
-
-    real = True
 
 
 @pytest.mark.slow  # two experiments, their diagnoses and a design: half a minute
@@ -65,7 +59,7 @@ class Asleep(Watchdog):
 def test_on_a_real_clock_the_arm_stands_while_the_recordings_are_thought_over(monkeypatch):
     """Plans are made ahead and beside the loop, as on a robot; time is simulated, so that nothing is late."""
     monkeypatch.setattr("pipeline.trial.experiment.Watchdog", Asleep)
-    trial = simulate(TrialSettings(hidden={"pivot_viscous_friction": None}, seed=2, investigate=3), clock=RobotClock)
+    trial = simulate(TrialSettings(hidden={"pivot_viscous_friction": None}, seed=2, investigate=3), real=True)
     found = trial.result.investigation
     assert found is not None
     assert found.stop is Stop.NAMED

@@ -4,24 +4,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from faults.faulty import BadForce, Frozen, Unplugged, with_force
 
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.run import read_run
 from pipeline.box import Box
 from pipeline.nodes.task import TaskSettings
 from pipeline.report.page import write_page
-from pipeline.robot.settings import CellFault, FaultAt, PlantSettings
+from pipeline.robot.settings import PlantSettings
 from pipeline.trial import TrialSettings, run_trial, simulate
 
 
 @pytest.fixture(scope="module")
 def learnt(tmp_path_factory):
     return simulate(TrialSettings(length_guess=0.448, seed=3, out=tmp_path_factory.mktemp("trial")))
-
-
-def with_fault(fault, at=2.0):
-    plant = PlantSettings()
-    return replace(plant, cell=replace(plant.cell, faults=(FaultAt(fault, at),)))
 
 
 def stopped_within_limits(trial):
@@ -130,13 +126,13 @@ def test_estimation_converges_from_far_away(guess, off_target):
 @pytest.mark.parametrize(
     ("fault", "says"),
     [
-        (CellFault.UNPLUGGED, "no sample"),
-        (CellFault.FROZEN, "repeated"),
-        (CellFault.SATURATED, "end of the cell's range"),
+        (Unplugged, "no sample"),
+        (Frozen, "repeated"),
+        (lambda at: BadForce(with_force(lambda _force: 9.80665), at), "end of the cell's range"),
     ],
 )
 def test_a_failing_load_cell_stops_the_arm_and_keeps_the_recording(fault, says, tmp_path):
-    trial = simulate(TrialSettings(plant=with_fault(fault), out=tmp_path))
+    trial = simulate(TrialSettings(out=tmp_path), through=fault(2.0).around)
     result = trial.result
     assert not result.success
     assert result.stopped

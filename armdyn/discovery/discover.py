@@ -1,0 +1,193 @@
+"""Discover: a formula for the missing force, chosen by the same evidence as effects of the catalogue.
+
+Every candidate term is an effect. A study of the catalogue's effects and of the terms together is searched as a repair
+is: terms are fitted inside the model, held-out runs take part in choosing, and the price of a set grows with the number
+of effects that were tried. What wins is a formula, or the name of an effect that the catalogue has already.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+
+from armdyn.discovery.pendulum import pendulum_curves, pendulum_terms
+from armdyn.discovery.result import Discovery, Finding
+from armdyn.discovery.source import effects_of_terms
+from armdyn.discovery.term import Term
+from armdyn.effects.effect import Effect
+from armdyn.errors import InputError
+from armdyn.identify.candidate import Candidate
+from armdyn.identify.compare import FittedParameter, fitted_parameters
+from armdyn.identify.diagnose import IDEALISED, explained_share
+from armdyn.identify.fit import Fit, channel_rmse
+from armdyn.identify.missing_force import between
+from armdyn.identify.score import residual_tests
+from armdyn.identify.search import Progress, Search, Step, search
+from armdyn.identify.study import Study
+from armdyn.model import Model
+from armdyn.run import Run
+
+PREFIX = "discovered"
+"""Of the names of what was discovered."""
+BASES: dict[str, tuple[Callable[[Fit], Iterator[Term]], Callable[[Fit], Iterator[Term]]]] = {
+    "pendulum": (pendulum_terms, pendulum_curves)
+}
+"""By base: its terms, and its curves."""
+
+
+def discover(
+    model: Model,
+    runs: Sequence[Run],
+    held_out: Sequence[Run],
+    catalogue: Sequence[Effect],
+    progress: Progress | None = None,
+) -> Discovery:
+    """Find a formula for what a model lacks.
+
+    Args:
+        model: as given.
+        runs: to fit.
+        held_out: take part in choosing.
+        catalogue: effects that are known; what one of them explains as well bears its name.
+        progress: is told every step.
+
+    Raises:
+        InputError: there are no terms for such a model.
+    """
+    if model.base not in BASES:
+        raise InputError(f"discover knows no terms for the base '{model.base}': give a pendulum or an arm")
+    say = progress or (lambda _: None)
+    say("fitting the model as it is")
+    bare = Study(model, runs, held_out, ())
+    first = bare.first()
+    given = Search((Step((), (), bare.present, first, residual_tests(first, [])),))
+    if not given.last.tests.fails:
+        return _concluded(bare, given, {}, {})
+    formulas, curves = BASES[model.base]
+    terms = _named(model, catalogue, formulas(first))
+    study, found = _searched(model, runs, held_out, catalogue, terms, say)
+    if not _is_whole(study, found):
+        smooth = _named(model, catalogue, curves(first))
+        other, drawn = _searched(model, runs, held_out, catalogue, smooth, say)
+        if other.squared_error(drawn.last.fit) < LEAVES * study.squared_error(found.last.fit):
+            study, found, terms = other, drawn, smooth
+    return _concluded(study, found, terms, {e.name: e for e in catalogue})
+
+
+LEAVES = 0.7
+"""Of the squared error above the noise that a formula leaves, what a curve must leave at most to be told instead."""
+
+
+def _named(model: Model, catalogue: Sequence[Effect], terms: Iterator[Term]) -> dict[str, Term]:
+    """Terms by names that no effect has."""
+    taken = {e.name for e in (*model.effects, *catalogue)}
+    found: dict[str, Term] = {}
+    for term in terms:
+        name = f"{PREFIX}_{term.name}"
+        while name in taken:
+            name += "_more"
+        taken.add(name)
+        found[name] = term.named(name)
+    return found
+
+
+def _searched(
+    model: Model,
+    runs: Sequence[Run],
+    held_out: Sequence[Run],
+    catalogue: Sequence[Effect],
+    terms: dict[str, Term],
+    say: Progress,
+) -> tuple[Study, Search]:
+    study = Study(model, runs, held_out, [*catalogue, *effects_of_terms(list(terms.values()))])
+    return study, search(study, say)
+
+
+def _is_whole(study: Study, found: Search) -> bool:
+    """Whether nothing is left, or nothing that matters."""
+    start, last = found.steps[0], found.last
+    return not last.tests.fails or (len(found.steps) > 1 and explained_share(study, start, last) > IDEALISED)
+
+
+def _concluded(study: Study, found: Search, terms: dict[str, Term], known: dict[str, Effect]) -> Discovery:
+    """What a search found, in formulas."""
+    start, last = found.steps[0], found.last
+    values = fitted_parameters(study, last.fit)
+    findings, before = list[Finding](), 0.0
+    held_out = study.held_out_blocks(last.fit)
+    for step in found.steps[1:]:
+        share = explained_share(study, start, step)
+        for candidate in step.added:
+            if candidate not in last.effects:
+                continue
+            findings.append(_finding(study, candidate, step, terms, known, values, share - before))
+        before = share
+    return Discovery(
+        findings=tuple(_distinct(findings)),
+        before=start.fit.rmse(),
+        after=last.fit.rmse(),
+        held_out_rmse=channel_rmse(held_out) if held_out else {},
+        noise={b.channel: b.noise for b in last.fit.blocks},
+        units={channel: study.unit(channel) for channel in last.fit.rmse()},
+        explains=explained_share(study, start, last) if len(found.steps) > 1 else 0.0,
+        leaves_something=last.tests.fails,
+        judged=bool(held_out),
+        runs=tuple(run.name for run in study.runs),
+        held_out=tuple(run.name for run in study.held_out),
+        missing_force=between(start.fit, last.fit if len(found.steps) > 1 else None),
+    )
+
+
+def _finding(
+    study: Study,
+    candidate: Candidate,
+    step: Step,
+    terms: dict[str, Term],
+    known: dict[str, Effect],
+    values: Mapping[str, FittedParameter],
+    share: float,
+) -> Finding:
+    """One effect of a step."""
+    own = {n.split(".", 1)[1]: values[n] for n in values if n.startswith(f"{candidate.effect}.")}
+    term = terms.get(candidate.effect)
+    tied = [c.effect for c in step.tied]
+    same = [name for name in tied if name in known]
+    rivals = dict.fromkeys(
+        _formula(name, terms, known)
+        for name in tied
+        if term is None or name not in terms or terms[name].kind != term.kind
+    )
+    effect = study.effects[candidate.effect]
+    if term is not None:
+        term = term.at({name: own[name].value for name in term.constants if name in own})
+    return Finding(
+        effect=candidate.effect,
+        joint=candidate.joints[0] if candidate.joints else None,
+        acts_on=effect.acts_on,
+        kind=candidate.effect if term is None else term.kind,
+        says=effect.summary.rstrip("."),
+        formula=_formula(candidate.effect, terms, known),
+        values=own,
+        explains=share,
+        known_as=candidate.effect if term is None else next(iter(same), None),
+        rivals=tuple(rivals),
+        term=term,
+    )
+
+
+def _formula(name: str, terms: dict[str, Term], known: dict[str, Effect]) -> str:
+    if name in terms:
+        return terms[name].formula
+    text = (known[name].function.__doc__ or known[name].summary).strip().split("\n")[0]
+    return f"{name}: {text}".rstrip(".")
+
+
+def _distinct(findings: Sequence[Finding]) -> Iterator[Finding]:
+    """Findings with names of their own that say what they are: ``discovered_stop``, ``discovered_stop_2``."""
+    count: dict[str, int] = {}
+    for one in findings:
+        if one.term is None:
+            yield one
+            continue
+        stem = f"{PREFIX}_{one.term.kind.replace(' ', '_').replace('-', '_')}"
+        count[stem] = count.get(stem, 0) + 1
+        name = stem if count[stem] == 1 else f"{stem}_{count[stem]}"
+        yield replace(one, effect=name, term=one.term.named(name))

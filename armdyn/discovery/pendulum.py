@@ -1,0 +1,75 @@
+"""Terms that a pendulum may lack: torques on the string, forces on the load, a rail that is not straight."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from armdyn.discovery import shapes
+from armdyn.discovery.term import Site, Term, Variable
+from armdyn.identify.fit import Fit
+
+GRAVITY = 9.81
+SHARE = 0.02
+"""Of the load's weight: typical size of a force that is missing."""
+RUB, STOP, MAGNET = 4, 6, 8
+"""Places on a grid: half the distance of neighbours is within what a fit finds from there."""
+DRY = "string.with_dry_torque({})"
+
+
+def pendulum_terms(fit: Fit) -> Iterator[Term]:
+    """Every formula that the runs of a fit of the bare model may show."""
+    string, load, rail, v = _sites(fit)
+    yield from _of_string(string, v["angle"], v["speed"], v["time"])
+    if v["along"].span > 0.0:
+        yield from shapes.magnets(load, v["position"], MAGNET)
+        for n in (1, 2, 3):
+            yield shapes.power(rail, v["along"], n, "rail", "the rail is not level along the way")
+
+
+def pendulum_curves(fit: Fit) -> Iterator[Term]:
+    """Smooth curves over what a force may depend on."""
+    string, load, rail, v = _sites(fit)
+    yield shapes.curve(string, v["angle"])
+    yield shapes.curve(string, v["speed"])
+    if v["along"].span > 0.0:
+        yield shapes.curve(load, v["position"])
+        yield shapes.curve(rail, v["along"])
+
+
+def _sites(fit: Fit) -> tuple[Site, Site, Site, dict[str, Variable]]:
+    """String, load and rail, and what forces there may depend on, with the ranges of the runs."""
+    problem = fit.problem
+    values = [
+        dict(zip(problem.model.names, problem.theta(i, fit.values), strict=True)) for i in range(len(problem.runs))
+    ]
+    mass, length = values[0]["mass"], values[0]["length"]
+    seen: dict[str, list[np.ndarray]] = {}
+    for i, run in enumerate(problem.runs):
+        states = problem.model.covariates(run, problem.theta(i, fit.values))
+        angle = run.channels.get("swing_angle") or states["swing_angle"]
+        time, rate = states["swing_rate"].time, states["swing_rate"].value
+        along = states["gripper_x"].value if "gripper_x" in states else np.zeros(len(time))
+        at = np.interp(time, angle.time, angle.value)
+        found = {"angle": at, "speed": rate, "time": time - time[0], "along": along}
+        for name, value in {**found, "position": along - length * np.sin(at)}.items():
+            seen.setdefault(name, []).append(value)
+    samples = {name: np.concatenate(parts) for name, parts in seen.items()}
+    torque = SHARE * mass * GRAVITY * length
+    string = Site("string", "N m", "string.with_torque({})", torque)
+    load = Site("load", "N", "load.with_force(ca.vertcat({}, 0, 0))", torque / length)
+    rail = Site("gripper", "m", "gripper.with_position(gripper.position + ca.vertcat(0, 0, {}))", 0.1 * SHARE * length)
+    of = {"angle": ("string.angle", "rad"), "speed": ("string.rate", "rad/s"), "time": ("string.time", "s"),
+          "position": ("load.position[0]", "m"), "along": ("gripper.x", "m")}  # fmt: skip
+    return string, load, rail, {name: Variable(name, *what, samples[name]) for name, what in of.items()}
+
+
+def _of_string(string: Site, angle: Variable, rate: Variable, time: Variable) -> Iterator[Term]:
+    yield shapes.power(string, rate, 3, "cubic drag", "drag with the cube of the speed")
+    yield shapes.power(string, angle, 2, "crooked spring", "a torque with the square of the angle")
+    yield shapes.power(string, angle, 3, "flexure", "a spring that stiffens with the cube of the angle")
+    yield shapes.product(string, "damping by angle", "damping that grows with the angle", (angle, 2), (rate, 1))
+    yield from shapes.stops(string, angle, STOP)
+    yield from shapes.one_sided(string, angle, rate, RUB, DRY)
+    yield from shapes.fading(string, rate, {"narrow": 0.1 * rate.size, "wide": 0.4 * rate.size}, "sticky seal",
+                             "dry friction that is largest near standstill", DRY)  # fmt: skip
+    yield from shapes.warming(string, rate, time, DRY)

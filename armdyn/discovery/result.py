@@ -1,0 +1,218 @@
+"""What was discovered: formulas with values and evidence, the file of effects that holds them, what a reader sees."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from armdyn import atomic
+from armdyn.discovery.source import file_text, paragraph
+from armdyn.discovery.term import Term
+from armdyn.document import Document, Level, Section, Table
+from armdyn.effects.user import load_effects
+from armdyn.errors import InputError
+from armdyn.identify.compare import FittedParameter
+from armdyn.identify.explained import in_percent
+from armdyn.identify.missing_force import ForceCurve, pooled
+from armdyn.identify.tables import missing_force_columns
+from armdyn.shown import Shown
+
+SHARE_SURE = 0.5
+"""Of the misfit: what explains less is no law but a part of one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """One law.
+
+    Attributes:
+        effect: its name.
+        joint: of an arm; None for every other base.
+        acts_on: the stage.
+        kind: of the law in a word or two; the effect's name where it is of the catalogue.
+        says: what it does.
+        formula: for a person.
+        values: by short name of its parameters.
+        explains: share of the misfit that it explains beside those before it.
+        known_as: effect of the catalogue that it is, or that does as well; None where there is none.
+        rivals: formulas of another kind that these runs cannot tell from it.
+        term: it as an effect of a file; None where the catalogue has it.
+    """
+
+    effect: str
+    joint: str | None
+    acts_on: str
+    kind: str
+    says: str
+    formula: str
+    values: Mapping[str, FittedParameter]
+    explains: float
+    known_as: str | None
+    rivals: tuple[str, ...]
+    term: Term | None
+
+    @property
+    def label(self) -> str:
+        """The effect as `armdyn add` takes it."""
+        return f"{self.effect}:{self.joint}" if self.joint else self.effect
+
+    @property
+    def sentence(self) -> str:
+        """The formula with its values."""
+        values = ", ".join(f"{name} = {_number(v)}" for name, v in self.values.items() if not name.startswith("value_"))
+        at = f"{self.joint}: " if self.joint else ""
+        return f"{at}{self.formula}" + (f" with {values}" if values else "")
+
+
+@dataclass(frozen=True, eq=False)
+class Discovery(Shown):
+    """What was found.
+
+    Attributes:
+        findings: laws, what explains most first; empty where nothing was found.
+        before: rms error by channel of the model as given.
+        after: with everything found.
+        held_out_rmse: on held-out runs, or on runs predicted from the others; empty of a single run.
+        noise: standard deviation by channel.
+        units: by channel.
+        explains: share of the misfit that all of it explains.
+        leaves_something: whether more than noise is left.
+        judged: whether a run that took no part in the fit was predicted.
+        runs: names of the runs that were fitted.
+        held_out: of those held out.
+        missing_force: before and after.
+    """
+
+    findings: tuple[Finding, ...]
+    before: Mapping[str, float]
+    after: Mapping[str, float]
+    held_out_rmse: Mapping[str, float]
+    noise: Mapping[str, float]
+    units: Mapping[str, str]
+    explains: float
+    leaves_something: bool
+    judged: bool
+    runs: tuple[str, ...]
+    held_out: tuple[str, ...]
+    missing_force: tuple[ForceCurve, ...] = ()
+
+    @property
+    def new(self) -> tuple[Finding, ...]:
+        """Those that no catalogue has."""
+        return tuple(one for one in self.findings if one.term is not None)
+
+    @property
+    def sentence(self) -> str:
+        """For a person."""
+        if not self.findings:
+            if not self.leaves_something:
+                return "Nothing is missing: what is left is noise."
+            return (
+                "Something is missing, and no formula and no curve over what this model knows explains it: it may be "
+                "the force of another body, or depend on what was not recorded. Record what it may depend on as well."
+            )
+        parts = [one.sentence for one in self.findings]
+        text = f"Found {'; '.join(parts)}. It explains {in_percent(self.explains)} of the misfit"
+        text += (
+            "." if self.judged else ", in the one recording that it was fitted to: hold another one out to believe it."
+        )
+        known = [
+            f"{o.formula.split(' = ')[0]} is {o.known_as} of the catalogue as well" for o in self.new if o.known_as
+        ]
+        rivals = [r for one in self.findings for r in one.rivals]
+        text += f" {'; '.join(known)}." if known else ""
+        text += f" These runs cannot tell it from {'; '.join(dict.fromkeys(rivals))}." if rivals else ""
+        text += " More than noise is left." if self.leaves_something and self.explains < 0.99 else ""
+        return text
+
+    def file_text(self) -> str:
+        """The file of effects, with its evidence in the docstrings.
+
+        Raises:
+            InputError: nothing was discovered.
+        """
+        if not self.new:
+            raise InputError("nothing was discovered that the catalogue lacks, so there is no effect to write")
+        evidence = {one.effect: self._evidence(one) for one in self.new}
+        return file_text(
+            "Discovered by armdyn: what the model lacked, as effects.", [o.term for o in self.new if o.term], evidence
+        )
+
+    def write(self, path: Path | str) -> None:
+        """Write the file of effects, and read it as a user's file is read.
+
+        Raises:
+            InputError: nothing was discovered, or the file cannot be written.
+        """
+        path = Path(path)
+        atomic.write_text(path, self.file_text())
+        load_effects(path)
+
+    @staticmethod
+    def _values(one: Finding) -> str:
+        return ", ".join(f"{name} = {_number(value)}" for name, value in one.values.items())
+
+    def _evidence(self, one: Finding) -> str:
+        """Of a docstring: the values, what they explain, the data of the picture."""
+        fitted = "\n".join(f"{name} = {_number(value)}" for name, value in one.values.items())
+        error = ", ".join(
+            f"{channel} {self.before[channel]:.3g} to {self.after[channel]:.3g} {self.units[channel]}"
+            for channel in self.after
+        )
+        text = f"Fitted to {', '.join(self.runs)}" + (
+            f", chosen with {', '.join(self.held_out)}" if self.held_out else ""
+        )
+        text += f": it explains {in_percent(one.explains)} of the misfit; rms error {error}"
+        if self.held_out_rmse:
+            text += "; of runs not fitted " + ", ".join(
+                f"{c} {v:.3g} {self.units[c]}" for c, v in self.held_out_rmse.items()
+            )
+        if one.rivals:
+            text += f". These runs cannot tell it from {'; '.join(one.rivals)}"
+        parts = [paragraph(f"{text}."), paragraph(fitted)]
+        drawn = _curve_of(one, self.missing_force)
+        if drawn is not None:
+            points = ", ".join(f"{x:.3g}: {y:.3g}" for x, y in zip(drawn.x, drawn.as_given, strict=True))
+            parts.append(
+                paragraph(f"The missing force, {drawn.unit}, over the {drawn.against}, {drawn.x_unit}:\n{points}")
+            )
+        return "\n\n".join(parts)
+
+    def document(self) -> Document:
+        """The laws with their values, then the errors."""
+        laws = [
+            [o.formula, o.label, self._values(o), in_percent(o.explains), o.known_as or "", "; ".join(o.rivals)]
+            for o in self.findings
+        ]
+        missing = float("nan")
+        errors = [
+            [c, self.units[c], self.noise[c], self.before[c], self.after[c], self.held_out_rmse.get(c, missing)]
+            for c in self.after
+        ]
+        found = Table.of(["formula", "effect", "values", "explains", "known as", "as good"], laws)
+        error = Table.of(["channel", "unit", "noise", "as given", "with it", "not fitted"], errors)
+        sections = [Section("What was found", tables=[found])] if laws else []
+        sections.append(Section("Errors", "Root mean square.", tables=[error]))
+        level = Level.CAUTION if self.leaves_something and self.explains < SHARE_SURE else Level.GOOD
+        return Document(
+            "Discover",
+            self.sentence,
+            sections,
+            level,
+            data={"missing_force": lambda: missing_force_columns(self.missing_force)},
+        )
+
+
+def _curve_of(one: Finding, curves: Sequence[ForceCurve]) -> ForceCurve | None:
+    """The drawn missing force over the variable that a law depends on."""
+    names = [] if one.term is None else [v.name for v in one.term.variables]
+    mine = [c for c in pooled(curves) if c.joint == one.joint]
+    return next((c for name in names for c in mine if c.against == name), None)
+
+
+def _number(value: FittedParameter) -> str:
+    text = f"{value.value:.4g}"
+    if value.std is not None and np.isfinite(value.std) and value.std > 0.0:
+        text += f" ± {value.std:.2g}"
+    return f"{text} {value.unit}".removesuffix(" 1")

@@ -1,0 +1,167 @@
+"""Shapes that a force may have over one variable or two, as terms at a site, with the grids where places are sought."""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from armdyn.discovery.term import Constant, Site, Term, Variable
+from armdyn.discovery.units import over
+
+CURVE_VALUES = 7
+"""Of a smooth curve: fewer cannot follow a magnet's pull and release, and each further one has a price."""
+STEEP: Mapping[str, float] = {"rad": 0.01, "m": 3e-3}
+"""Over which a step goes from nothing to all, by the unit of its variable: samples resolve no sharper one. The same in
+every recording, so that equations that were compiled once serve them all."""
+Shapes = Iterator[Term]
+
+
+def power(site: Site, v: Variable, n: int, kind: str, says: str) -> Term:
+    """The force k v^n."""
+    return _single(site, kind, says, (v,), v.name if n == 1 else f"{v.name}**{n}", [(v, n)])
+
+
+def product(site: Site, kind: str, says: str, *parts: tuple[Variable, int]) -> Term:
+    """The force k v^n w^m."""
+    shape = " * ".join(v.name if n == 1 else f"{v.name}**{n}" for v, n in parts)
+    return _single(site, kind, says, tuple(v for v, _ in parts), shape, parts)
+
+
+def stops(site: Site, v: Variable, places: int) -> Shapes:
+    """Springs k max(0, v - place) beyond places above the middle, k min(0, v - place) beyond those below."""
+    for i, place in enumerate(_between(v, places)):
+        where = {"place": _place(v, place, places)}
+        side, least = ("above", "ca.fmax") if place > np.median(v.samples) else ("below", "ca.fmin")
+        says = f"a spring that is touched {side} a certain {v.name}"
+        yield _single(site, "stop", says, (v,), f"-{least}(0, {v.name} - place)", [(v, 1)], where, size="stiffness",
+                      positive=True, scale=0.3 * v.span, name=f"stop_{v.name}_{i}")  # fmt: skip
+
+
+def one_sided(site: Site, v: Variable, speed: Variable, places: int, dry: str | None) -> Shapes:
+    """Friction on one side of a place: in proportion to speed, and of constant size where the site has dry friction.
+
+    Args:
+        site: where the friction acts.
+        v: the variable with the place.
+        speed: against which it acts.
+        places: number of places.
+        dry: how dry friction is added; None where only smooth forces are.
+    """
+    for i, place in enumerate(_between(v, places)):
+        for side, sign in (("above", "+"), ("below", "-")):
+            where = {"place": _place(v, place, places)}
+            step = f"(1 {sign} ca.tanh(({v.name} - place) / {STEEP[v.unit]:g})) / 2"
+            says = f"friction only {side} a certain {v.name}"
+            yield _single(
+                site, "one-sided rub", says, (v, speed), f"-{speed.name} * {step}", [(speed, 1)], where,
+                size="coefficient", positive=True, scale=speed.size, name=f"rub_{side}_{v.name}_{i}",
+            )  # fmt: skip
+            if dry is not None:
+                rubbing = Site(site.stage, site.unit, dry, site.typical, site.joint)
+                yield _single(rubbing, "one-sided rub", f"dry {says}", (v,), step, [], where, size="friction",
+                              positive=True, scale=1.0, name=f"dry_rub_{side}_{v.name}_{i}")  # fmt: skip
+
+
+def magnets(site: Site, v: Variable, places: int) -> Shapes:
+    """A force -k u / (1 + u^2)^2 with u = (v - place) / width: what pulls towards a place, and lets go away from it."""
+    for i, place in enumerate(np.linspace(v.low, v.high, places)):
+        width = v.span / places
+        where = {
+            "place": _place(v, float(place), places),
+            "width": Constant(v.unit, width, width / 2, 0.1 * width, 4.0 * v.span),
+        }
+        u = f"(({v.name} - place) / width)"
+        shapes = {"pull": f"-{u} / (1 + {u}**2)**2"}
+        units, typical = {"pull": site.unit}, {"pull": site.typical}
+        says = f"something at a certain {v.name} pulls or pushes, as a magnet does"
+        yield Term("magnet", says, site, (v,), shapes, units, typical, where, name=f"magnet_{v.name}_{i}")
+
+
+def fading(site: Site, v: Variable, sizes: Mapping[str, float], kind: str, says: str, dry: str | None = None) -> Shapes:
+    """Friction that goes with exp(-|v| / width) of a speed."""
+    for label, width in sizes.items():
+        where = {"width": Constant(v.unit, width, width / 2, 0.05 * width, 20.0 * width)}
+        if dry is not None:
+            rubbing = Site(site.stage, site.unit, dry, site.typical, site.joint)
+            yield _single(rubbing, kind, says, (v,), f"ca.exp(-ca.fabs({v.name}) / width)", [], where, size="friction",
+                          positive=True, scale=0.5, name=f"sticky_{v.name}_{label}")  # fmt: skip
+
+
+def growing(site: Site, v: Variable) -> Shapes:
+    """A force k exp((v - edge) / width) to either side: a cable or hose that tightens."""
+    for label, sign in (("up", ""), ("down", "-")):
+        width = 0.2 * v.span
+        where = {"width": Constant(v.unit, width, width / 2, 0.05 * width, 10.0 * width)}
+        edge = v.high if not sign else v.low
+        shape = f"-{sign}ca.exp({sign}({v.name} - {edge:.4g}) / width)".replace("--", "")
+        yield _single(site, "tightening cable", f"a cable that tightens with {v.name}", (v,), shape, [], where,
+                      size="tension", positive=True, scale=1.0, name=f"tightens_{v.name}_{label}")  # fmt: skip
+
+
+def waves(site: Site, v: Variable, periods: Mapping[str, float]) -> Shapes:
+    """Sine and cosine over a period of v: cogging, an eccentric gear."""
+    for label, period in periods.items():
+        where = {"period": Constant(v.unit, period, 0.15 * period, 0.7 * period, 1.4 * period)}
+        turn = f"(2 * ca.pi * {v.name} / period)"
+        shapes = {"sine": f"ca.sin{turn}", "cosine": f"ca.cos{turn}"}
+        yield Term("cogging", f"a force that repeats along {v.name}: cogging or an eccentric gear", site, (v,), shapes,
+                   dict.fromkeys(shapes, site.unit), dict.fromkeys(shapes, site.typical), where,
+                   name=f"wave_{v.name}_{label}")  # fmt: skip
+
+
+def warming(site: Site, v: Variable, time: Variable, dry: str | None) -> Shapes:
+    """Friction that fades over time, as of grease that warms up."""
+    width = time.span / 2
+    where = {"warm_up": Constant(time.unit, width, width / 2, 0.05 * width, 20.0 * width)}
+    fade = f"ca.exp(-{time.name} / warm_up)"
+    says = "friction that fades over the run, as of grease that warms up"
+    yield _single(site, "warming friction", says, (v, time), f"-{v.name} * {fade}", [(v, 1)], where,
+                  size="coefficient", positive=True, scale=v.size, name=f"warming_{v.name}")  # fmt: skip
+    if dry is not None:
+        rubbing = Site(site.stage, site.unit, dry, site.typical, site.joint)
+        yield _single(rubbing, "warming friction", f"dry {says}", (time,), fade, [], where, size="friction",
+                      positive=True, scale=1.0, name="warming_dry")  # fmt: skip
+
+
+def curve(site: Site, v: Variable) -> Term:
+    """A cubic spline with evenly spaced knots: any smooth dependence on v."""
+    step = v.span / (CURVE_VALUES - 3)
+    centres = v.low + step * (np.arange(CURVE_VALUES) - 1)
+    shapes = {}
+    for i, centre in enumerate(centres):
+        away = f"ca.fabs({v.name} - {centre:.6g}) / {step:.6g}".replace("- -", "+ ")
+        shapes[f"value_{i}"] = f"(ca.fmax(0, 2 - {away})**3 - 4 * ca.fmax(0, 1 - {away})**3) / 6"
+    same = dict.fromkeys(shapes, site.unit), dict.fromkeys(shapes, site.typical)
+    return Term(f"curve over {v.name}", f"a smooth function of {v.name}", site, (v,), shapes, *same,
+                name=f"curve_{v.name}")  # fmt: skip
+
+
+def _single(
+    site: Site,
+    kind: str,
+    says: str,
+    variables: tuple[Variable, ...],
+    shape: str,
+    powers: Sequence[tuple[Variable, int]],
+    constants: Mapping[str, Constant] | None = None,
+    *,
+    size: str = "k",
+    positive: bool = False,
+    scale: float | None = None,
+    name: str = "",
+) -> Term:
+    """A term of one shape; `scale` is the size of the shape in the runs, that of the powers where it is not given."""
+    of_powers = float(np.prod([v.size**n for v, n in powers]))
+    label = name or "_".join([kind.replace(" ", "_").replace("-", "_"), *(f"{v.name}{n}" for v, n in powers)])
+    units = {size: over(site.unit, *((v.unit, n) for v, n in powers))}
+    typical = {size: site.typical / (of_powers if scale is None else scale)}
+    return Term(kind, says, site, variables, {size: shape}, units, typical, constants or {}, positive, label)
+
+
+def _between(v: Variable, places: int) -> list[float]:
+    """Places inside the range, evenly spaced."""
+    return [float(x) for x in np.linspace(v.low, v.high, places + 2)[1:-1]]
+
+
+def _place(v: Variable, at: float, places: int) -> Constant:
+    spread = v.span / (places + 1) / 2
+    return Constant(v.unit, at, spread, v.low - 0.5 * v.span, v.high + 0.5 * v.span)

@@ -1,0 +1,86 @@
+"""Terms written as a file of effects, the one that a person would have written, and read through the users' door."""
+
+import tempfile
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from textwrap import wrap
+
+from armdyn.discovery.term import Constant, Term
+from armdyn.effects.effect import Effect
+from armdyn.effects.user import load_effects
+
+HEAD = '''"""{title}"""
+
+import casadi as ca
+
+from armdyn import effect, quantity
+'''
+WIDTH = 110
+SYMBOLS = {"N": "F", "N m": "M", "m": "z"}
+"""Of what a term is, by its unit."""
+
+
+def effects_of_terms(terms: Sequence[Term]) -> tuple[Effect, ...]:
+    """The effects of terms, loaded as a user's file is."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "terms.py")
+        path.write_text(file_text("Candidate terms.", terms))
+        return load_effects(path, stages=None)
+
+
+def file_text(title: str, terms: Iterable[Term], evidence: Mapping[str, str] | None = None) -> str:
+    """The file.
+
+    Args:
+        title: its first sentence.
+        terms: each becomes an effect.
+        evidence: by name of a term, what its docstring holds besides the formula.
+    """
+    return HEAD.format(title=title) + "".join(_effect_text(term, (evidence or {}).get(term.name, "")) for term in terms)
+
+
+def _effect_text(term: Term, evidence: str) -> str:
+    stage = term.site.stage
+    arguments = [
+        _argument(size, Constant(term.units[size], 0.0, 0.0, 0.0 if term.positive else float("-inf")), typical)
+        for size, typical in term.typical.items()
+    ] + [_argument(name, constant, constant.spread) for name, constant in term.constants.items()]
+    reads = [f"    {v.name} = {v.source}" for v in term.variables]
+    doc = f'    """{SYMBOLS.get(term.site.unit, "y")} = {term.formula}.'
+    doc += f'\n\n{evidence}\n    """' if evidence else '"""'
+    lines = [
+        "", "",
+        "@effect(",
+        f'    acts_on="{stage}",',
+        f'    summary="{term.says[:1].upper()}{term.says[1:]}.",',
+        '    source="armdyn discover",',
+        ")",
+        f"def {term.name}(",
+        f"    {stage},",
+        *(f"    {argument}," for argument in arguments),
+        "):",
+        *doc.split("\n"),
+        *reads,
+        f"    return {term.site.adds.format(term.force)}",
+    ]  # fmt: skip
+    return "\n".join(lines) + "\n"
+
+
+def _argument(name: str, of: Constant, typical: float) -> str:
+    """``name=quantity(...)``: a size has no spread, a constant begins at its value."""
+    parts = [f'"{of.unit}"', f"typical={_short(typical)}"]
+    parts += [f"null={_short(of.value)}"] if of.value else []
+    parts += [f"lower={_short(of.lower)}"] if of.lower > float("-inf") else []
+    parts += [f"upper={_short(of.upper)}"] if of.upper < float("inf") else []
+    parts += [f"spread={_short(of.spread)}"] if of.spread else []
+    return f"{name}=quantity({', '.join(parts)})"
+
+
+def _short(value: float) -> str:
+    """A number that a person would write, as Python reads it."""
+    return repr(float(f"{value:.6g}"))
+
+
+def paragraph(text: str) -> str:
+    """A text of a docstring, broken into lines."""
+    return "\n".join(f"    {line}" for part in text.split("\n") for line in (wrap(part, WIDTH) or [""]))

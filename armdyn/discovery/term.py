@@ -1,0 +1,154 @@
+"""A candidate term: a shape of the missing force with units, written as an effect that a model can have."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from armdyn.channels import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Variable:
+    """What a force may depend on.
+
+    Attributes:
+        name: as formulas call it, ``"angle"``.
+        source: expression of the stage that it is, ``"string.angle"``.
+        unit: SI.
+        samples: (n,) its values in the runs, in any order; they say where places and widths are looked for.
+    """
+
+    name: str
+    source: str
+    unit: str
+    samples: FloatArray = field(default_factory=lambda: np.zeros(1))
+
+    @property
+    def low(self) -> float:
+        """Smallest value in the runs, isolated ones apart."""
+        return float(np.quantile(self.samples, 0.002))
+
+    @property
+    def high(self) -> float:
+        """Largest value in the runs, isolated ones apart."""
+        return float(np.quantile(self.samples, 0.998))
+
+    @property
+    def span(self) -> float:
+        """Range in the runs."""
+        return self.high - self.low
+
+    @property
+    def size(self) -> float:
+        """Largest distance from zero in the runs."""
+        return max(abs(self.low), abs(self.high))
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """Where a term enters the equations.
+
+    Attributes:
+        stage: that the effect acts on.
+        unit: of what is added there.
+        adds: expression that returns the changed stage, with ``{}`` for what is added.
+        typical: size of what may be missing there.
+        joint: the joint of an arm; empty for every other base.
+    """
+
+    stage: str
+    unit: str
+    adds: str
+    typical: float
+    joint: str = ""
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A number of a term that is not its size: a place, a width, a period.
+
+    Attributes:
+        unit: SI.
+        value: from which a fit begins.
+        spread: standard deviation about it before the runs are asked: half the distance to the next one tried.
+        lower: smallest value.
+        upper: largest value.
+    """
+
+    unit: str
+    value: float
+    spread: float
+    lower: float = -np.inf
+    upper: float = np.inf
+
+
+@dataclass(frozen=True, eq=False)
+class Term:
+    """A sum of shapes at one site, each with a size that is fitted and a unit that follows from its variables.
+
+    Attributes:
+        kind: of the law in a word or two, ``"stop"``, ``"cubic drag"``.
+        says: what the force does, for a sentence.
+        site: where it acts.
+        variables: by name, those that it depends on.
+        shapes: by name of its size, the CasADi expression that it multiplies.
+        units: of the sizes, by their names.
+        typical: of the sizes, by their names.
+        constants: by name; they are fitted as well.
+        positive: whether sizes are at least zero: friction takes energy.
+        name: of the effect that it is written as.
+    """
+
+    kind: str
+    says: str
+    site: Site
+    variables: tuple[Variable, ...]
+    shapes: Mapping[str, str]
+    units: Mapping[str, str]
+    typical: Mapping[str, float]
+    constants: Mapping[str, Constant] = field(default_factory=dict)
+    positive: bool = False
+    name: str = ""
+
+    @property
+    def is_curve(self) -> bool:
+        """Whether it is a smooth curve through values and no formula."""
+        return self.kind.startswith("curve")
+
+    @property
+    def force(self) -> str:
+        """What is added at the site, as a CasADi expression of variables, sizes and constants."""
+        parts = (
+            f"-{size} * {_factor(shape[1:])}" if shape.startswith("-") else f"{size} * {_factor(shape)}"
+            for size, shape in self.shapes.items()
+        )
+        return " + ".join(parts).replace("+ -", "- ")
+
+    @property
+    def formula(self) -> str:
+        """The same for a reader: ``"stiffness * max(0, angle - place)"``."""
+        if self.is_curve:
+            return f"smooth curve over {self.variables[0].name} through {len(self.shapes)} values"
+        text = self.force.replace("ca.fabs", "abs").replace("ca.fmax", "max").replace("ca.fmin", "min")
+        return re.sub(r"\bca\.", "", text).replace("**", "^")
+
+    def named(self, name: str) -> "Term":
+        """The same term as another effect."""
+        return replace(self, name=name)
+
+    def at(self, values: Mapping[str, float]) -> "Term":
+        """The same term whose constants begin at other values."""
+        moved = {n: replace(c, value=float(values.get(n, c.value))) for n, c in self.constants.items()}
+        return replace(self, constants=moved)
+
+
+def _factor(shape: str) -> str:
+    """A shape that can be multiplied: in brackets where it is a sum."""
+    depth = 0
+    for i, letter in enumerate(shape):
+        depth += (letter in "([") - (letter in ")]")
+        if depth == 0 and i and letter in "+-" and shape[i - 1] == " ":
+            return f"({shape})"
+    return shape

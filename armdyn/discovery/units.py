@@ -1,0 +1,31 @@
+"""Units of sizes: that of a force over those of what it is multiplied by."""
+
+import re
+from collections import Counter
+
+_PART = re.compile(r"(?P<symbol>[A-Za-z]+)(?:\^(?P<power>-?\d+))?")
+
+
+def over(unit: str, *others: tuple[str, int]) -> str:
+    """A unit over powers of others: ``over("N m", ("rad/s", 3))`` is ``"N m s^3/rad^3"``."""
+    powers = _powers(unit)
+    for other, power in others:
+        for symbol, n in _powers(other).items():
+            powers[symbol] -= power * n
+    above = [_text(symbol, n) for symbol, n in powers.items() if n > 0]
+    below = [_text(symbol, -n) for symbol, n in powers.items() if n < 0]
+    bottom = f"({' '.join(below)})" if len(below) > 1 else "".join(below)
+    return (" ".join(above) or "1") + (f"/{bottom}" if below else "")
+
+
+def _powers(unit: str) -> Counter[str]:
+    found: Counter[str] = Counter()
+    above, _, below = unit.partition("/")
+    for part, sign in ((above, 1), (below, -1)):
+        for match in _PART.finditer(part):
+            found[match["symbol"]] += sign * int(match["power"] or 1)
+    return found
+
+
+def _text(symbol: str, power: int) -> str:
+    return symbol if power == 1 else f"{symbol}^{power}"

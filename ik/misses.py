@@ -1,0 +1,92 @@
+"""Why an arm cannot hold its tool at a target: out of reach, a joint limit or a collision, and by how much."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from ik.path import Path
+from ik.solver import Solver
+from urdf import CollisionModel, Robot
+from urdf.robot import Array
+
+ALL_STARTS = 200  # starting postures that a search without joint limits may use
+
+
+class Reason(Enum):
+    """Why a target is missed; the value is the end of a sentence."""
+
+    REACH = "it is beyond the arm's reach"
+    LIMIT = "a joint would pass its limit"
+    COLLISION = "the arm would touch something"
+
+
+@dataclass(frozen=True)
+class Miss:
+    """A target that cannot be held.
+
+    Attributes:
+        s: its path coordinate [m].
+        position: of the tool point, (3,) [m].
+        reason: why.
+        distance: how far off the tool point stays within the joint limits [m]; 0 for a collision.
+        angle: how far the tool stays turned away [rad]; 0 for a collision.
+        detail: which joint or which links, as the end of a sentence.
+    """
+
+    s: float
+    position: Array
+    reason: Reason
+    distance: float
+    angle: float
+    detail: str
+
+    @property
+    def sentence(self) -> str:
+        """Which target, how far off and why."""
+        where = ", ".join(f"{value:.3f}" for value in self.position)
+        off = f" by {1e3 * self.distance:.1f} mm and {1e3 * self.angle:.0f} mrad" if self.distance or self.angle else ""
+        return f"the target s = {self.s:.3f} m at ({where}) m is missed{off}: {self.detail}"
+
+
+def find_misses(robot: Robot, path: Path, s: Array, collisions: CollisionModel) -> tuple[Miss, ...]:
+    """Look at targets along a path one by one, each with its own best posture.
+
+    Args:
+        robot: the arm.
+        path: where the tool should be.
+        s: path coordinates, (k,) [m].
+        collisions: what the arm must not touch.
+
+    Returns:
+        The targets that cannot be held, in the order of s.
+    """
+    turned, placed = path.pose(s)
+    rotation, position = turned.transpose(2, 0, 1), placed.T
+    solver = Solver(robot)
+    answers = solver.solve(rotation, position)
+    missed = np.flatnonzero(~answers.reached)
+    free = Solver(robot, limited=False).solve(rotation[missed], position[missed], starts=ALL_STARTS)
+    without_limits = dict(zip(missed.tolist(), zip(free.reached, free.q, strict=True), strict=True))
+    misses = []
+    for index, at in enumerate(s):
+        off = float(answers.distance[index]), float(answers.angle[index])
+        if index in without_limits:
+            reached, q = without_limits[index]
+            reason = Reason.LIMIT if reached else Reason.REACH
+            detail = _joint_beyond_limit(robot, q) if reached else reason.value
+            misses.append(Miss(float(at), position[index], reason, *off, detail))
+        elif touching := collisions.touching(answers.q[index]):
+            others = solver.postures(rotation[index], position[index])
+            if not any(collisions.touching(q) is None for q in others):
+                detail = f"{touching[0]} would touch {touching[1]} in every posture that was tried"
+                misses.append(Miss(float(at), position[index], Reason.COLLISION, 0.0, 0.0, detail))
+    return tuple(misses)
+
+
+def _joint_beyond_limit(robot: Robot, q: Array) -> str:
+    """Which joint of a posture is furthest beyond its limits, whole turns apart, and by how much."""
+    middle = (robot.limits.lower + robot.limits.upper) / 2
+    margin = robot.limits.margin(middle + np.remainder(q - middle + np.pi, 2 * np.pi) - np.pi)
+    joint = int(margin.argmin())
+    return f"joint '{robot.joint_names[joint]}' would pass its limit by {-margin[joint]:.3f} rad"

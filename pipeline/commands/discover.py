@@ -1,0 +1,105 @@
+"""`armdyn discover`: a formula for the force that a model lacks, as a file of effects."""
+
+import shlex
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from armdyn.document import Document, NextStep
+from pipeline.console.inputs import Inputs, checked, stopped_if_wrong
+from pipeline.console.options import (
+    EffectsOption,
+    HeldOutOption,
+    JsonOption,
+    ModelArgument,
+    ReportOption,
+    RunsArgument,
+    TrustOption,
+)
+from pipeline.console.outputs import check_outputs
+from pipeline.console.screen import finish, spinner
+
+if TYPE_CHECKING:
+    from armdyn.discovery.result import Discovery
+
+PANEL = "What a model lacks"
+
+
+def discover(
+    model: ModelArgument,
+    runs: RunsArgument,
+    held_out: HeldOutOption = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "--out", help="Python file of effects that holds what was discovered.")
+    ] = None,
+    effects: EffectsOption = None,
+    report: ReportOption = None,
+    trust_data: TrustOption = False,
+    json_file: JsonOption = None,
+) -> None:
+    """Find a formula for the force that a model lacks, and write it as an effect."""
+    from armdyn.discovery.discover import discover as look
+
+    inputs = Inputs(model, runs, held_out, None, effects, trust_data)
+    own = [effects] if effects is not None else []
+    check_outputs(output, report, json_file, inputs=[model, *inputs.recordings, *own])
+    with stopped_if_wrong(json_file), spinner() as say:
+        given = inputs.read()
+        found = look(given.file.model, given.study.runs, given.study.held_out, given.catalogue, say)
+    if output is not None and found.new:
+        found.write(output)
+    document = replace(found.document(), next_steps=_next_steps(inputs, found, output))
+    notes = [f"written to {output}"] if output is not None and found.new else []
+    finish(
+        document, lambda: {**_answer(found, output), **checked(given)}, json_file, report,
+        lambda: _page(document, found), notes,
+    )  # fmt: skip
+
+
+def _page(document: Document, found: "Discovery") -> Document:
+    from pipeline.report.missing_force import missing_force_sections
+
+    added = " + ".join(one.effect for one in found.findings)
+    return replace(document, sections=[*missing_force_sections(found.missing_force, added), *document.sections])
+
+
+def _next_steps(inputs: Inputs, found: "Discovery", output: Path | None) -> list[NextStep]:
+    """Adding what was found, or an experiment that tells it from its rivals."""
+    if not found.findings:
+        return []
+    first = found.findings[0]
+    file = output or Path("effect.py")
+    own = ["--effects", str(file)] if first.term is not None else []
+    words = ["armdyn", "add", str(inputs.model), first.label, *map(str, inputs.runs)]
+    words += [word for path in inputs.held_out or () for word in ("--held-out", str(path))]
+    steps = [NextStep("add it", shlex.join([*words, *own, "--output", "repaired.toml"]))]
+    if len(found.findings) > 1:
+        steps = [
+            NextStep("add them all", inputs.command("repair", "--effects", str(file), "--output", "repaired.toml"))
+        ]
+    return steps
+
+
+def _answer(found: "Discovery", output: Path | None) -> dict[str, Any]:
+    """JSON of `discover`."""
+    from pipeline.answers import missing_force_answer, parameters_answer
+    from pipeline.fields import fields, plain
+
+    return {
+        "schema": "armdyn.discover/1",
+        "sentence": found.sentence,
+        "found": [
+            {
+                **fields(one, "effect joint acts_on kind formula"),
+                "values": parameters_answer(one.values),
+                "explains": one.explains,
+                "held_out_rmse": plain(found.held_out_rmse),
+                **fields(one, "known_as rivals"),
+                "output": str(output) if output is not None and one.term is not None else None,
+            }
+            for one in found.findings
+        ],
+        "missing_force": missing_force_answer(found.missing_force),
+    }

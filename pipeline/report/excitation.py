@@ -1,0 +1,150 @@
+"""What a motion that was designed for an arm is expected to tell, and how it moves the arm."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import plotly.graph_objects as go
+
+from armdyn.document import Chart, Column, Document, KeyFigure, Level, Section, Table
+from pipeline.answers_motion import determined, gains, of_each_motion, peaks, sentence, separations
+from pipeline.motion.excitation import Excitation
+from pipeline.report.feasibility import joint_sections, margin_section, used_section
+from pipeline.report.theme import BLUE, GREY, ORANGE, number
+
+MOST_UNKNOWNS = 400
+"""Rows of the table; the JSON has all."""
+MOST_SAMPLES = 2000
+"""Samples per line of a figure."""
+OTHERS = ("best random", "least condition number")
+"""Motions that a designed one is compared with."""
+
+
+def excitation_document(found: Excitation, most: int, notes: Sequence[str] = ()) -> Document:
+    """What the motion is expected to tell, and how it moves the arm.
+
+    Args:
+        found: the motion.
+        most: unknowns that are listed one by one; of more, the effects are listed.
+        notes: what else a reader must know.
+    """
+    goal, series = found.goal, found.series
+    noise = goal.columns.noise
+    told = (
+        f"Expected of a recording at {goal.columns.rate:g} Hz whose torques have a noise of "
+        f"{number(float(noise.min()))} to {number(float(noise.max()))} N m, 0.2 % of each joint's limit; less noise "
+        "makes all figures better alike."
+    )
+    again = f", run through {series.repeats} times" if series.repeats > 1 else ""
+    moves = (
+        f"A Fourier series of {series.harmonics} harmonics over {series.period:.4g} s{again}; it starts and ends "
+        "at rest, with a continuous acceleration."
+    )
+    left_out = [f"taken as known: {name}, {why}" for name, why in goal.left_out.items()]
+    hopeless = [f"no motion can tell: {what}" for what in goal.inseparable]
+    return Document(
+        f"A motion of {goal.columns.arm.robot.name} to record",
+        sentence(found),
+        [
+            Section("What it tells", told, tables=[_expectation_table(found, most)]),
+            Section("The motion", moves, tables=[_peak_table(found)]),
+        ],
+        Level.GOOD,
+        notes=[*left_out, *hopeless, *notes],
+    )
+
+
+def excitation_page(found: Excitation) -> Document:
+    """The same with figures, and with the shares of all limits."""
+    motion, thin = found.trajectory, slice(None, None, -(-len(found.trajectory) // MOST_SAMPLES))
+    limits = found.goal.columns.arm.robot.limits
+    figures = [KeyFigure("time", f"{motion.time[-1]:g} s"), KeyFigure("energy", number(found.energy, "J"))]
+    if found.goal.rivals:
+        smallest = separations(found)[:, 0].min()
+        figures.insert(0, KeyFigure("separation", f"{smallest:.3g}", "standard deviations"))
+    else:
+        better = [
+            KeyFigure(f"than {name}", f"{gain:.2g} ×", "smaller standard deviations")
+            for name, other, gain in zip(OTHERS, (found.random, found.conditioned), gains(found), strict=True)
+            if other is not None
+        ]
+        figures = [*better, *figures]
+    document = excitation_document(found, MOST_UNKNOWNS)
+    tells, moves = document.sections
+    return replace(
+        document,
+        sections=[
+            replace(tells, charts=[_expectation_chart(found)]),
+            moves,
+            *joint_sections(motion.joint_names, motion.time[thin], motion.q[thin], motion.v[thin], limits),
+            used_section(found.check),
+            margin_section(found.check.margins),
+        ],
+        key_figures=figures,
+    )
+
+
+def _expectation_table(found: Excitation, most: int) -> Table:
+    """What is expected of this motion and of others, by unknown, or by effect where they are more than `most`."""
+    goal = found.goal
+    if goal.rivals:
+        hidden = [f"{case.effect} on {case.joint}" if case.joint else case.effect for case in goal.hidden]
+        names = ("standard deviations from the rival", *OTHERS)
+        return Table([Column("if there is", hidden), *_columns(names, separations(found).T)])
+    rows, unknowns = determined(found), [goal.columns.unknowns[i] for i in goal.wanted]
+    if len(unknowns) > most:
+        effects = {p.effect: [k for k in rows if unknowns[k].effect == p.effect] for p in unknowns}
+        ratios = np.transpose([gains(found, own) for own in effects.values()])
+        counted = Column("unknowns", [len(own) for own in effects.values()])
+        others = _columns(("random / this", "condition number / this"), ratios)
+        return Table([Column("effect (mean of its unknowns)", list(effects)), counted, *others])
+    own, *std = of_each_motion(found, "std").T
+    told = [
+        f"{std:.3g} {p.unit}" if k in rows else "no motion tells"
+        for k, (p, std) in enumerate(zip(unknowns, own, strict=True))
+    ]
+    blank = [np.where(np.isin(np.arange(len(unknowns)), rows), values, np.nan) for values in std]
+    return Table([
+        Column("unknown", [p.name for p in unknowns]),
+        Column("standard deviation", told),
+        *_columns(OTHERS, blank),
+    ])  # fmt: skip
+
+
+def _columns(names: Iterable[str], values: Iterable[np.ndarray]) -> list[Column]:
+    """Numbers by motion; a column without any belongs to a motion that was not made, and is not shown."""
+    return [
+        Column(name, [float(v) if np.isfinite(v) else None for v in column], ".3g")
+        for name, column in zip(names, values, strict=True)
+    ]
+
+
+def _peak_table(found: Excitation) -> Table:
+    """How far, how fast and how strongly every joint moves, with the shares of its limits."""
+    rows = peaks(found)
+    columns = [Column("joint", [row["joint"] for row in rows])]
+    for name, key in (("from", "lowest"), ("to", "highest")):
+        columns.append(Column(name, [row[key] for row in rows], ".3g"))
+    for name in ("speed", "acceleration", "torque"):
+        texts = [f"{row[name]['value']:.3g} ({100 * row[name]['share']:.0f} %)" for row in rows]
+        columns.append(Column(name, texts))
+    return Table(columns, "In rad, s and N m, or m and N for joints that slide; in brackets: of the limit.")
+
+
+def _expectation_chart(found: Excitation) -> Chart:
+    """The same as a bar per unknown or hidden case and motion."""
+    goal = found.goal
+    figure = go.Figure(layout={"height": 460, "xaxis": {"tickangle": -45}, "barmode": "group"})
+    if goal.rivals:
+        labels, values = [f"{case.effect} {case.joint}".strip() for case in goal.hidden], separations(found)
+    else:
+        rows = determined(found)
+        unknowns = [goal.columns.unknowns[goal.wanted[k]] for k in rows]
+        labels = [p.name for p in unknowns]
+        values = of_each_motion(found, "std")[rows] / np.array([[p.typical] for p in unknowns])
+    for name, colour, bars in zip(("this motion", *OTHERS), (BLUE, GREY, ORANGE), values.T, strict=True):
+        if np.isfinite(bars).any():
+            figure.add_bar(x=labels, y=bars, name=name, marker={"color": colour})
+    title = "separation [standard deviations]" if goal.rivals else "standard deviation / typical size"
+    figure.update_yaxes(title_text=title, type="log")
+    return Chart(figure, "Higher is better." if goal.rivals else "Lower is better.")

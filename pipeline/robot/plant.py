@@ -1,0 +1,268 @@
+"""The parts of the simulated plant, the forces that MuJoCo's model does not have, and the plant hanging at rest."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+import urdf
+from armdyn.errors import InputError
+from pipeline.robot.hidden import Stage, terms
+from pipeline.robot.protocol import Vector
+from pipeline.robot.scene import LineFrame, build_scene, effort_share
+from pipeline.robot.settings import PlantSettings
+
+STRING_DAMPING_RATIO = 0.05
+"""Damping of an elastic string's own vibration, relative to critical: an ordinary value for cotton and nylon cords."""
+
+
+@dataclass(frozen=True)
+class PlantTruth:
+    """What was drawn or hidden; the controller never sees it.
+
+    Attributes:
+        mass: true mass of the load [kg].
+        bias: zero error of the load cell [N].
+        latency: of the load cell [s].
+        link_scale: factor on mass and inertia of the link behind each joint (n,).
+        length: from the string's upper end to the load's centre, hanging at rest [m].
+        string_length: the same for the string without pull [m].
+        hidden: value of every effect that is there.
+    """
+
+    mass: float
+    bias: float
+    latency: float
+    link_scale: Vector
+    length: float
+    string_length: float
+    hidden: Mapping[str, float]
+
+
+class Plant:
+    """MuJoCo's model and state of arm, string and load, with what was drawn and hidden.
+
+    Args:
+        robot: the arm.
+        settings: of the plant.
+        hidden: value of every effect.
+        rng: what is uncertain is drawn from.
+
+    Attributes:
+        line: axes of the arm's line.
+        model, data: MuJoCo's.
+        dofs: index of each joint in MuJoCo's velocity, and for hinges in its position (n,).
+        pivot, load: positions of the string's upper end and of the load's centre, views of MuJoCo's state (3,) [m].
+        mass: true mass of the load [kg].
+        bias, latency, link_scale: see `PlantTruth`.
+    """
+
+    def __init__(
+        self, robot: urdf.Robot, settings: PlantSettings, hidden: Mapping[str, float], rng: np.random.Generator
+    ) -> None:
+        self.robot, self.settings, self.hidden = robot, settings, hidden
+        # Values that the settings fix are drawn too and not used, so that the other draws stay the same.
+        spread, cell = settings.inertia_spread, settings.cell
+        self.link_scale = 1.0 + rng.uniform(-spread, spread, len(robot.joint_names))
+        self.mass = float(settings.mass * (1.0 + settings.mass_spread * rng.standard_normal()))
+        bias, latency = cell.bias_spread * rng.standard_normal(), rng.uniform(0.0, cell.latency_up_to)
+        self.bias = float(bias) if cell.bias is None else cell.bias
+        self.latency = float(latency) if cell.latency is None else cell.latency
+        self.line = LineFrame.of(robot)
+        self.model = build_scene(robot, settings, hidden, self.mass, self.link_scale)
+        self.data = mujoco.MjData(self.model)
+        self.dofs = np.array([self.model.joint(name).dofadr[0] for name in robot.joint_names])
+        self._pivot, self._load = self.model.site("pivot").id, self.model.body("load").id
+        self.pivot, self.load = self.data.site_xpos[self._pivot], self.data.xpos[self._load]
+        self.pull_on_load = self.data.xfrc_applied[self._load][:3]
+
+    def velocities(self, data: mujoco.MjData) -> tuple[Vector, Vector]:
+        """Velocities of pivot and load (3,) each [m/s] at a state of the model."""
+        velocity = np.zeros((2, 6))
+        mujoco.mj_objectVelocity(self.model, data, mujoco.mjtObj.mjOBJ_SITE, self._pivot, velocity[0], 0)
+        mujoco.mj_objectVelocity(self.model, data, mujoco.mjtObj.mjOBJ_BODY, self._load, velocity[1], 0)
+        return velocity[0, 3:], velocity[1, 3:]
+
+
+class LoadString:
+    """The tendon between gripper and load: nearly rigid (a limit) or elastic (a spring), never pushing."""
+
+    def __init__(self, plant: Plant) -> None:
+        model = self._model = plant.model
+        self._tendon, self._sensor = model.tendon("string").id, model.sensor("tension").adr[0]
+        self._elastic = not model.tendon_limited[self._tendon]
+        self._stiffness = float(model.tendon_stiffness.reshape(model.ntendon, -1)[self._tendon, 0])
+        self._damping = 2.0 * STRING_DAMPING_RATIO * math.sqrt(plant.mass * self._stiffness) if self._elastic else 0.0
+
+    @property
+    def length(self) -> float:
+        """Length at which the string begins to pull [m]."""
+        return float(self._model.tendon_range[self._tendon, 1])
+
+    @length.setter
+    def length(self, length: float) -> None:
+        self._model.tendon_range[self._tendon, 1] = length
+        self._model.tendon_lengthspring[self._tendon, 1] = length
+
+    def pull(self, data: mujoco.MjData) -> float:
+        """What MuJoCo's tendon pulls with [N] at the state that it last evaluated."""
+        if not self._elastic:
+            return float(data.sensordata[self._sensor])
+        return max(0.0, self._stiffness * (float(data.ten_length[self._tendon]) - self.length))
+
+    def damping(self, data: mujoco.MjData) -> float:
+        """What inner damping adds to the pull of an elastic string [N]; it may slacken it but never push."""
+        pull = self.pull(data) if self._elastic else 0.0
+        return max(self._damping * float(data.ten_velocity[self._tendon]), -pull) if pull > 0.0 else 0.0
+
+    def tension(self, data: mujoco.MjData) -> float:
+        """Whole pull of the string [N]; 0 when slack."""
+        return self.pull(data) + self.damping(data)
+
+
+class LoadForces:
+    """Drag, wind, friction at the pivot and the inner damping of an elastic string.
+
+    The reaction of these forces of some millinewton on the arm is left out; the string passes the rest on.
+    """
+
+    def __init__(self, plant: Plant, string: LoadString) -> None:
+        self._plant, self._string = plant, string
+        self._wind = plant.hidden["wind"] * plant.line.along
+        plant.pull_on_load[:] = self._wind
+        self._on_load, self._at_pivot = terms(plant.hidden, Stage.LOAD), terms(plant.hidden, Stage.PIVOT)
+        self._active = bool(self._on_load or self._at_pivot or plant.hidden["string_elasticity"])
+        self._reversal = plant.model.opt.timestep / (plant.mass * plant.settings.length**2)
+
+    def apply(self) -> None:
+        """Set the forces for the state at which MuJoCo stands."""
+        if not self._active:
+            return
+        pivot, load = self._plant.velocities(self._plant.data)
+        force = self._wind + sum(term(load) for term in self._on_load)
+        if self._string.pull(self._plant.data) > 0.0:
+            force = force + self._along_string(load - pivot)
+        self._plant.pull_on_load[:] = force
+
+    def _along_string(self, relative: Vector) -> Vector:
+        """Friction at the pivot and inner damping (3,) [N] at the load's velocity relative to the pivot (3,) [m/s]."""
+        string = self._plant.pivot - self._plant.load
+        length = math.sqrt(string @ string)
+        string = string / length
+        across = relative - (relative @ string) * string
+        rate = math.sqrt(across @ across) / length
+        resistance = sum(term(rate, self._reversal) for term in self._at_pivot)
+        force: Vector = self._string.damping(self._plant.data) * string - resistance / length**2 * across
+        return force
+
+
+class JointEffects:
+    """Sets MuJoCo's dry friction and the spring torques for the state at which it stands.
+
+    Dry friction stays a constraint of MuJoCo's solver, which holds a joint at rest exactly; only its bound changes.
+
+    Raises:
+        InputError: a gravity spring is asked for and none is known for this robot.
+    """
+
+    def __init__(self, plant: Plant) -> None:
+        robot, self._plant = plant.robot, plant
+        self._share = effort_share(robot)
+        self._base = plant.model.dof_frictionloss[plant.dofs].copy()
+        self._friction = terms(plant.hidden, Stage.JOINTS)
+        strength = plant.hidden["gravity_spring"]
+        if strength and not robot.springs:
+            raise InputError(
+                f"hidden effect 'gravity_spring': no spring is known for robot '{robot.name}'; leave it out"
+            )
+        # The robot's springs are given by the effort that they add to a measurement; they pull the other way.
+        self._springs = [
+            (int(plant.dofs[robot.joint_names.index(s.joint)]), -strength * s.sine, -strength * s.cosine)
+            for s in robot.springs
+            if strength
+        ]
+
+    def apply(self) -> None:
+        """Update friction bounds and spring torques; needs MuJoCo's bias force of this state."""
+        model, data, dofs = self._plant.model, self._plant.data, self._plant.dofs
+        for dof, sine, cosine in self._springs:
+            angle = data.qpos[model.jnt_qposadr[model.dof_jntid[dof]]]
+            data.qfrc_applied[dof] = sine * np.sin(angle) + cosine * np.cos(angle)
+        if self._friction:
+            v, gravity = data.qvel[dofs], data.qfrc_bias[dofs]
+            model.dof_frictionloss[dofs] = self._base + sum(term(self._share, v, gravity) for term in self._friction)
+
+
+def place_at_rest(plant: Plant, string: LoadString, q: Vector) -> Vector:
+    """Put the arm at `q` (n,) [rad] and the load where it hangs, and make the string as long as that takes.
+
+    The string gives way under the load; its length without pull is found such that the load hangs at
+    ``settings.length`` exactly, which is what a ruler measures. A start angle then turns it about the pivot.
+
+    Returns:
+        Motor torque of each joint that holds the arm (n,) [N m].
+    """
+    model, data, settings, along = plant.model, plant.data, plant.settings, plant.line.along
+    data.qpos[plant.dofs] = q
+    mujoco.mj_kinematics(model, data)
+    pivot = plant.pivot.copy()
+    pull = plant.mass * model.opt.gravity + plant.hidden["wind"] * along
+    weight = float(np.linalg.norm(pull))
+    down = pull / weight
+    _place_load(plant, pivot, down, settings.length)
+    # The motors balance gravity, springs and the hanging load.
+    jacobian = np.zeros((3, model.nv))
+    mujoco.mj_jacSite(model, data, jacobian, None, model.site("pivot").id)
+    torque: Vector = (data.qfrc_bias - data.qfrc_applied - jacobian.T @ pull)[plant.dofs]
+    rest = string.length = _string_length(plant, string, torque, weight)
+    out_of_plane = plant.hidden["out_of_plane_swing"]
+    if settings.start_angle or out_of_plane:
+        across = np.cross([0.0, 0.0, 1.0], along)
+        turn = Rotation.from_rotvec(out_of_plane * along) * Rotation.from_rotvec(settings.start_angle * across)
+        turned = turn.apply(down)
+        # The pull, and with it the stretch, falls with the cosine of the angle.
+        _place_load(plant, pivot, turned, rest + (settings.length - rest) * float(turned @ down))
+    data.qvel[:] = data.qacc[:] = 0.0  # the torque holds the arm, which these evaluations were without
+    return torque
+
+
+def _place_load(plant: Plant, pivot: Vector, direction: Vector, distance: float) -> None:
+    """Put the load at a distance [m] from the pivot (3,) along a unit vector (3,)."""
+    model, data = plant.model, plant.data
+    joint = model.body("load").jntadr[0]
+    address = model.jnt_qposadr[joint]
+    if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
+        data.qpos[address : address + 7] = [*(pivot + distance * direction), 1.0, 0.0, 0.0, 0.0]
+    else:
+        turn = model.joint("turn").qposadr[0]
+        wanted = data.site("pivot").xmat.reshape(3, 3).T @ direction
+        mujoco.mju_quatZ2Vec(data.qpos[turn : turn + 4], wanted)
+        data.qpos[address] = distance - model.body("load").pos[2]
+    mujoco.mj_forward(model, data)
+
+
+def _string_length(plant: Plant, string: LoadString, torque: Vector, weight: float) -> float:
+    """Length without pull [m] at which the string carries `weight` [N] over the wanted length; linear."""
+    model, data, distance = plant.model, plant.data, plant.settings.length
+    trial = mujoco.MjData(model)
+    trial.qpos[:] = data.qpos
+    trial.qfrc_applied[:] = data.qfrc_applied
+    trial.qfrc_applied[plant.dofs] += torque
+    trial.xfrc_applied[:] = data.xfrc_applied
+    # The motors' own springs are not part of the balance: their reference is set so that they exert `torque`.
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION
+    guesses, tensions = [distance - 1e-4, distance - 2e-4], []
+    for guess in guesses:
+        string.length = guess
+        mujoco.mj_forward(model, trial)
+        tensions.append(string.pull(trial))
+    model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+    slope = (tensions[1] - tensions[0]) / (guesses[1] - guesses[0])
+    if not slope < 0.0:
+        raise InputError(
+            f"PlantSettings.mass is too large for the string: it cannot carry {weight:g} N; give a lighter load"
+        )
+    return float(guesses[0] + (weight - tensions[0]) / slope)

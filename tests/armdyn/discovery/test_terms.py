@@ -1,0 +1,61 @@
+"""Candidate terms: their units, and that each is an effect which a user's file could hold."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from armdyn.discovery import shapes
+from armdyn.discovery.source import effects_of_terms, file_text
+from armdyn.discovery.term import Site, Variable
+from armdyn.discovery.units import over
+from armdyn.effects.user import load_effects
+
+STRING = Site("string", "N m", "string.with_torque({})", 0.005)
+ANGLE = Variable("angle", "string.angle", "rad", np.linspace(-0.5, 0.6, 200))
+SPEED = Variable("speed", "string.rate", "rad/s", np.linspace(-2.0, 2.0, 200))
+
+
+@pytest.mark.parametrize(
+    ("unit", "others", "expected"),
+    [
+        ("N m", [("rad", 2)], "N m/rad^2"),
+        ("N m", [("rad/s", 3)], "N m s^3/rad^3"),
+        ("N", [("m", 1), ("m/s", 1)], "N s/m^2"),
+        ("m", [("m", 1)], "1"),
+        ("N m", [], "N m"),
+    ],
+)
+def test_the_unit_of_a_size_is_that_of_the_force_over_its_variables(unit, others, expected):
+    assert over(unit, *others) == expected
+
+
+def test_every_shape_is_an_effect_that_vanishes_at_null():
+    terms = [
+        shapes.power(STRING, SPEED, 3, "cubic drag", "drag"),
+        *shapes.stops(STRING, ANGLE, 3),
+        *shapes.one_sided(STRING, ANGLE, SPEED, 2, "string.with_dry_torque({})"),
+        *shapes.magnets(STRING, ANGLE, 2),
+        *shapes.growing(STRING, ANGLE),
+        *shapes.waves(STRING, ANGLE, {"short": 0.1}),
+        shapes.curve(STRING, ANGLE),
+    ]
+    assert [e.name for e in effects_of_terms(terms)] == [t.name for t in terms]
+
+
+def test_a_formula_is_read_as_it_is_computed(tmp_path):
+    stop = next(shapes.stops(STRING, ANGLE, 2)).named("my_stop")
+    assert stop.formula == "-stiffness * min(0, angle - place)"
+    path = tmp_path / "effect.py"
+    path.write_text(file_text("A stop.", [stop], {"my_stop": "    As seen."}))
+    (effect,) = load_effects(path)
+    assert effect.name == "my_stop"
+    assert effect.quantities["place"].null == pytest.approx(stop.constants["place"].value)
+
+
+def test_a_curve_follows_any_smooth_function():
+    curve = shapes.curve(STRING, ANGLE)
+    x = np.linspace(ANGLE.low, ANGLE.high, 100)
+    columns = np.column_stack([eval(s, {"ca": ca, "angle": ca.DM(x)}).full()[:, 0] for s in curve.shapes.values()])
+    target = np.exp(-(((x - 0.1) / 0.25) ** 2))
+    left = target - columns @ np.linalg.lstsq(columns, target, rcond=None)[0]
+    assert np.sqrt(np.mean(left**2)) < 0.03
