@@ -104,10 +104,10 @@ class AroundMotion:
             if not self.measured and self.box.largest_kick(found[-1][1]) < ASTRAY:
                 break  # nothing says that the motion may be another one
             # An option may cut pieces of the runs, which all of them share: states of the others fit them no more.
-            for j in range(k):
-                states = zip(found[j][1].states, self.box.runs, strict=True)
+            for earlier in range(k):
+                states = zip(found[earlier][1].states, self.box.runs, strict=True)
                 if any(len(s) != len(run.pieces) for s, run in states):
-                    found[j] = self._settled_from(options[j], wanted)
+                    found[earlier] = self._settled_from(options[earlier], wanted)
         return max(found, key=lambda one: one[1].evidence)
 
     def _settled_from(self, option: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, Point]:
