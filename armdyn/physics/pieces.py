@@ -67,21 +67,6 @@ class Samples:
     by_theta: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """A stretch of recorded inputs; see `recorded.Path`."""
-
-    start: float
-    dt: float
-    nodes: np.ndarray
-    middle: np.ndarray
-
-    def rows(self, *, with_jerk: bool) -> tuple[np.ndarray, np.ndarray]:
-        """As they were cut."""
-        del with_jerk
-        return self.nodes, self.middle
-
-
 class Pieces:
     """A run cut into pieces of about equal length.
 
@@ -101,9 +86,9 @@ class Pieces:
         begin = min(float(run.channels[c].time[0]) for c in self.channels)
         end = max(float(run.channels[c].time[-1]) for c in self.channels)
         path = self._path
-        rows, _ = path.rows(with_jerk=False)
-        first = int(np.clip(np.floor((begin - path.start) / path.dt + 1e-6), 0, rows.shape[1] - 2))
-        last = int(np.clip(np.ceil((end - path.start) / path.dt - 1e-6), first + 1, rows.shape[1] - 1))
+        most = path.nodes.shape[1] - 1
+        first = int(np.clip(np.floor((begin - path.start) / path.dt + 1e-6), 0, most - 1))
+        last = int(np.clip(np.ceil((end - path.start) / path.dt - 1e-6), first + 1, most))
         count = max(1, round((last - first) * path.dt / length))
         count = min(count, max(1, (last - first) // FEWEST_NODES))
         self._cut(np.unique(np.round(np.linspace(first, last, count + 1)).astype(int)))
@@ -140,8 +125,7 @@ class Pieces:
             begin: (J, starts) values that say how a motion begins, at the beginning of every piece.
         """
         system, physics, path = self._given(theta)
-        nodes, _ = path.rows(with_jerk=system.impulse_adds_to is not None)
-        rows = nodes[: system.inputs]
+        rows = path.nodes[: system.inputs]
         found = [
             np.asarray(system.initial(*map(float, b), rows[:, e], physics)).ravel()
             for b, e in zip(begin, self.edges, strict=False)
@@ -161,11 +145,9 @@ class Pieces:
             return np.zeros((len(self) - first, 0))
         if state is None:
             state = self.beginning(theta)[0]
-        nodes, middle = path.rows(with_jerk=system.impulse_adds_to is not None)
         a = self.edges[first]
-        part = _Part(path.start + path.dt * a, path.dt, nodes[:, a:], middle[:, a:])
         simulator = _from_states(system, self.model.formulation, self.channels)
-        return simulator.integrated(part, physics, *state).states[self.edges[first:-1] - a]
+        return simulator.integrated(path.part(a), physics, *state).states[self.edges[first:-1] - a]
 
     def beginning(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The state at the start of the run as the model has it.
@@ -174,9 +156,8 @@ class Pieces:
             (n,) the state; (n, starts) its derivatives by the values that say how the motion begins; (n, q) by theta.
         """
         system, physics, path = self._given(theta)
-        nodes, _ = path.rows(with_jerk=system.impulse_adds_to is not None)
         start = [float(theta[self.model.names.index(name)]) for name in self.model.start_names]
-        state, by_start, by_physics = _beginning(system)(*start, nodes[: system.inputs, self.edges[0]], physics)
+        state, by_start, by_physics = _beginning(system)(*start, path.nodes[: system.inputs, self.edges[0]], physics)
         by_theta = np.zeros((system.states, len(theta)))
         by_theta[:, self.model.places[1]] = np.asarray(by_physics)
         return np.asarray(state).ravel(), np.asarray(by_start), by_theta
@@ -205,12 +186,11 @@ class Pieces:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(K, starts) values that begin a motion with (K, n) states; derivatives of states by them and by physics."""
         system, physics, path = self._given(theta)
-        rows, _ = path.rows(with_jerk=system.impulse_adds_to is not None)
         K, n = states.shape
         at, many = _beginning(system).map(K), np.repeat(physics[:, None], K, axis=1)
         starts = np.zeros((K, system.starts))
         for _ in range(INVERSIONS):
-            found, by_start, by_physics = at(*starts.T[:, None], rows[: system.inputs, nodes], many)
+            found, by_start, by_physics = at(*starts.T[:, None], path.nodes[: system.inputs, nodes], many)
             slopes = np.asarray(by_start).reshape(n, K, system.starts).transpose(1, 0, 2)
             starts = starts + (pseudo_inverse(slopes) @ (states - np.asarray(found).T)[:, :, None])[:, :, 0]
         return starts, slopes, np.asarray(by_physics).reshape(n, K, len(physics)).transpose(1, 0, 2)
@@ -232,13 +212,11 @@ class Pieces:
         if not system.states:
             return self._algebra(system, path, physics, wanted)
         simulator = _from_states(system, self.model.formulation, self.channels)
-        nodes, middle = path.rows(with_jerk=system.impulse_adds_to is not None)
         n, q, J = system.states, len(physics), len(self)
         transition, by_physics, ends = np.empty((J, n, n)), np.empty((J, n, q)), np.empty((J, n))
         signal = np.zeros((self.edges[-1] - self.edges[0] + 1, simulator.columns, 1 + q + NEXT_TO * n))
         for j, (a, b) in enumerate(zip(self.edges[:-1], self.edges[1:], strict=True)):
-            part = _Part(path.start + path.dt * a, path.dt, nodes[:, a : b + 1], middle[:, a:b])
-            rolled = simulator.integrated(part, physics, *states[j])
+            rolled = simulator.integrated(path.part(a, b), physics, *states[j])
             by_physics[j], transition[j] = rolled.state_sensitivities[:, :q], rolled.state_sensitivities[:, q:]
             ends[j] = rolled.states[-1]
             own, at = signal[a - self.edges[0] : b + 1 - self.edges[0]], 1 + q + n * (j % NEXT_TO)

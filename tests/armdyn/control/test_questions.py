@@ -7,6 +7,7 @@ from armdyn.control.sac import SacState, SequentialActionControl
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.pendulum.model import pendulum_model
+from armdyn.physics.recorded import Path
 from armdyn.physics.simulate import Simulator
 
 BIAS = CATALOGUE["sensor_bias"]
@@ -98,7 +99,7 @@ def driven(question, rival):
     while True:
         v = np.concatenate([[0.0], np.cumsum(u) * dt])
         x = np.concatenate([[0.0], np.cumsum(v[:-1] * dt + u * dt**2 / 2)])
-        path = GripperHeld(x, v, np.append(u, u[-1]), dt)
+        path = held(x, v, np.append(u, u[-1]), dt)
         drag = first.rollout(path, DRAG.physics_theta(), 0.0, 0.0)
         pivot = second.rollout(path, PIVOT.physics_theta(), 0.0, 0.0)
         difference = (drag.outputs - pivot.outputs)[:, 0]
@@ -121,22 +122,11 @@ def driven(question, rival):
         u = np.concatenate([u, sac.act(here, DRAG, rival).schedule[:hold]])
 
 
-class GripperHeld:
-    """A gripper whose acceleration is held over each step, as a `Path`."""
-
-    start = 0.0
-
-    def __init__(self, x, v, a, dt):
-        self.dt = dt
-        t = dt * np.arange(len(x))
-        still = np.zeros((3, len(x)))
-        self.nodes = np.vstack([t, x, v, a, still])
-        half = np.vstack([t[:-1] + dt / 2, x[:-1] + v[:-1] * dt / 2 + a[:-1] * dt**2 / 8, v[:-1] + a[:-1] * dt / 2])
-        self.middle = np.vstack([half, a[:-1], still[:, 1:]])
-
-    def rows(self, *, with_jerk):
-        assert not with_jerk
-        return self.nodes, self.middle
+def held(x, v, a, dt):
+    """A gripper whose acceleration is held over each step."""
+    t, still = dt * np.arange(len(x)), np.zeros((3, len(x)))
+    half = np.vstack([t[:-1] + dt / 2, x[:-1] + v[:-1] * dt / 2 + a[:-1] * dt**2 / 8, v[:-1] + a[:-1] * dt / 2])
+    return Path(0.0, dt, np.vstack([t, x, v, a, still]), np.vstack([half, a[:-1], still[:, 1:]]))
 
 
 def test_who_asks_for_rivals_separates_them_better_than_who_asks_for_the_length():
