@@ -165,7 +165,8 @@ class AroundMotion:
     def starts(self, free: np.ndarray) -> Iterator[np.ndarray]:
         """(P,) values from which a fit of the whole runs may begin, the likeliest first; computed when asked for.
 
-        Where an effect is not the right one, its best size over whole runs is another one than around the motion.
+        Where an effect is not the right one, its best size over whole runs is another one than around the motion, or
+        than in other runs.
         """
         found, sized = list[np.ndarray](), free & self.box.removable
         for values in untied(self.box, free, self._near(free)):
@@ -173,6 +174,28 @@ class AroundMotion:
             yield values
         if sized.any():
             yield from (np.where(sized, size * one, one) for one in (found[:2][-1], found[0]) for size in SIZES)
+            yield from self._of_single_runs(free, found[0])
+
+    def _of_single_runs(self, free: np.ndarray, values: np.ndarray) -> list[np.ndarray]:
+        """(P,) values with every run's start as that run alone tells it, and all else as one of the runs tells it.
+
+        A friction that is not the right one has another size in a large swing than in a small one; between them lie
+        minima in which a start makes up for the wrong size.
+        """
+        problem, count = self.problem, self.box.training
+        if count == 1:
+            return []
+        found, starts = list[np.ndarray](), values.copy()
+        for i, run in enumerate(problem.runs[:count]):
+            single = Problem(problem.model, [run], problem.noise)
+            places = problem.places(i)[[column.index for column in single.columns]]
+            alone = followed_run(single, values[places], (free | self.of_starts)[places])
+            told = values.copy()
+            told[places] = alone.values
+            found.append(told)
+            own = problem.per_run[places]
+            starts[places[own]] = alone.values[own]
+        return [np.where(problem.per_run, starts, told) for told in found]
 
 
 def untied(box: GreyBox, free: np.ndarray, point: Point) -> Iterator[np.ndarray]:
