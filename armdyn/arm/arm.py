@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 import urdf
-from armdyn.arm.rigid import described_parameters, shape
+from armdyn.arm.rigid import described_parameters, parents, shape
 from armdyn.effects.effect import Reach
 from armdyn.errors import InputError
 from armdyn.parameter import Parameter, Quantity
@@ -67,17 +67,13 @@ class Arm:
         bodies = {f.parentJoint: f.name for f in reversed(list(self.model.frames)) if f.type == pin.FrameType.BODY}
         return tuple(bodies[joint] for joint in sorted(weightless))
 
-    def parent(self, joint: int) -> int:
-        """Index of the next joint towards the base, -1 for none."""
-        return int(self.model.parents[joint + 1]) - 1
-
     def within(self, reach: Reach) -> tuple[str, ...]:
         """Joints that an effect with this reach can act on, or `BASE`."""
-        indices = range(len(self.joints))
+        indices, inner = range(len(self.joints)), parents(self.model)
         chosen: Mapping[Reach, Iterable[int]] = {
             "every": indices,
             "turning": (i for i in indices if not self.slides[i]),
-            "coupled": (i for i in indices if self.parent(i) >= 0 and self.slides[i] == self.slides[self.parent(i)]),
+            "coupled": (i for i in indices if inner[i] >= 0 and self.slides[i] == self.slides[inner[i]]),
             "last": indices[-1:],
             "base": (),
         }

@@ -84,7 +84,7 @@ class Columns:
         return Stretch(self.arm.model, Motion(apart, motion.q, motion.v, motion.a, direction), apart)
 
     def _columns(self, states: Stretch) -> np.ndarray:
-        return self.model.sensitivities(states) * (self.typical / self.noise[:, None])
+        return self.model.at_states(states)[1] * (self.typical / self.noise[:, None])
 
     def _torque(self, states: Stretch) -> np.ndarray:
         robot, motion = self.arm.robot, states.motion
