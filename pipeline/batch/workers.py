@@ -11,7 +11,7 @@ from typing import Any
 from armdyn.errors import TaskFailedError
 from ik.children import worker_pool
 from ik.cluster import dask_client
-from pipeline.batch.work import Job, Outcome, lost, work
+from pipeline.batch.work import Job, Outcome, lost_outcome, work
 
 LOOK = 0.2
 """Time between two looks whether the user wants to stop, s."""
@@ -70,7 +70,7 @@ def in_processes(jobs: Iterable[Job], workers: int, stopped: Stopped) -> Iterato
                     continue
                 deaths[job.key] += 1
                 if deaths[job.key] >= DEATHS and not together:
-                    yield lost(job, f"the process that worked on it died {deaths[job.key]} times")
+                    yield lost_outcome(job, f"the process that worked on it died {deaths[job.key]} times")
                 else:
                     alone.append(job)
 
@@ -107,7 +107,7 @@ def on_cluster(jobs: Sequence[Job], scheduler: str, stopped: Stopped) -> Iterato
                 try:
                     outcome = future.result()
                 except KilledWorker:
-                    outcome = lost(job, "several workers died of it")
+                    outcome = lost_outcome(job, "several workers died of it")
                 except OSError as error:
                     raise TaskFailedError(_gone(scheduler, len(futures) + 1)) from error
                 future.release()

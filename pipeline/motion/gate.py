@@ -73,11 +73,10 @@ class Gate:
     Args:
         names: of the joints.
         limits: of the joints.
-        tracking: farthest that a joint may be from its command [rad].
     """
 
-    def __init__(self, names: tuple[str, ...], limits: urdf.Limits, tracking: float = TRACKING) -> None:
-        self._names, self._limits, self._tracking = names, limits, tracking
+    def __init__(self, names: tuple[str, ...], limits: urdf.Limits) -> None:
+        self._names, self._limits = names, limits
 
     def check(self, q: Array, v: Array, a: Array, measured: Array | None = None) -> Refusal | None:
         """The first limit that a command breaks; None where it may be sent.
@@ -99,7 +98,7 @@ class Gate:
         return None
 
     def _follows(self, q: Array, measured: Array) -> Refusal | None:
-        return self._most(Withheld.TRACKING, np.abs(q - measured), np.full(len(q), self._tracking), "rad")
+        return self._most(Withheld.TRACKING, np.abs(q - measured), TRACKING, "rad")
 
     def _beyond(self, q: Array, v: Array, a: Array) -> Refusal | None:
         limits, more = self._limits, 1.0 + TOLERANCE
@@ -111,12 +110,13 @@ class Gate:
             Withheld.ACCELERATION, np.abs(a), more * limits.acceleration, "rad/s^2"
         )
 
-    def _most(self, why: Withheld, value: Array, bound: Array, unit: str) -> Refusal | None:
+    def _most(self, why: Withheld, value: Array, bound: Array | float, unit: str) -> Refusal | None:
         """A refusal where a value exceeds its bound or is no number, naming the joint that exceeds it most."""
         if np.all(value <= bound):
             return None
         joint = int(np.argmax(value / bound))
-        return Refusal(why, f"{self._names[joint]}: {value[joint]:.3g} of {bound[joint]:.3g} {unit}")
+        most = np.broadcast_to(bound, value.shape)[joint]
+        return Refusal(why, f"{self._names[joint]}: {value[joint]:.3g} of {most:.3g} {unit}")
 
 
 @dataclass(frozen=True)
@@ -178,8 +178,8 @@ class StreamGate(Gate):
     held against the same limits. Arguments as for `Gate`.
     """
 
-    def __init__(self, names: tuple[str, ...], limits: urdf.Limits, tracking: float = TRACKING) -> None:
-        super().__init__(names, limits, tracking)
+    def __init__(self, names: tuple[str, ...], limits: urdf.Limits) -> None:
+        super().__init__(names, limits)
         self._last: list[Array] = []
         self._sent = -np.inf
 
@@ -225,8 +225,8 @@ class StreamGate(Gate):
             return None if late <= GAP else Refusal(Withheld.GAP, f"{1e3 * late:.0f} ms")
         self._last = []
         assert state is not None, "the state was judged before"
-        moving = self._most(Withheld.ELSEWHERE, np.abs(v), np.full(len(q), REST_SPEED), "rad/s")
-        return moving or self._most(Withheld.ELSEWHERE, np.abs(q - state.q), np.full(len(q), NEAR), "rad")
+        moving = self._most(Withheld.ELSEWHERE, np.abs(v), REST_SPEED, "rad/s")
+        return moving or self._most(Withheld.ELSEWHERE, np.abs(q - state.q), NEAR, "rad")
 
     def _continued(self, q: Array, v: Array, a: Array) -> Refusal | None:
         """Do the positions, which are what the arm sees, keep the limits with what goes along as feed-forward?"""

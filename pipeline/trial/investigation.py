@@ -27,7 +27,7 @@ from armdyn.pendulum.model import PendulumModel
 from armdyn.run import Run
 from ik import LineTable
 from pipeline.motion import LineTrajectory
-from pipeline.motion.offered import offered
+from pipeline.motion.feasible_motion import fit_to_arm
 from pipeline.trial.ending import Ending
 from pipeline.trial.experiment import REST, Experiment, Phase
 from pipeline.trial.settings import ProtocolSettings
@@ -203,7 +203,7 @@ def investigate(
             tell("designing the next motion")
             proposal = designed_motion(rivals, SECONDS, LIMITS, seed=number)
             assert proposal.experiment.motion is not None, "it was designed"
-            made = offered(proposal.experiment.motion, rivals.hypotheses, arm, table, settings.load_radius)
+            made = fit_to_arm(proposal.experiment.motion, rivals.hypotheses, arm, table, settings.load_radius)
             if made is None or not _promising(proposal):
                 stop = Stop.INSEPARABLE
             else:

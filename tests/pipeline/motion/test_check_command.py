@@ -10,7 +10,7 @@ import urdf
 from armdyn.errors import InputError
 from pipeline.console.app import application
 from pipeline.motion.feasibility import Margin
-from pipeline.motion.feasibility.read import differentiated, noise
+from pipeline.motion.feasibility.read import differentiate, noise_std
 
 TIME = 0.01 * np.arange(200)
 S = 0.1 * (1 - np.cos(2 * np.pi * 0.5 * TIME)) * (1 - np.cos(2 * np.pi * TIME / 2)) / 2
@@ -144,13 +144,13 @@ def test_files_that_are_no_trajectory_are_named(tmp_path: Path, name: str, match
 def test_the_noise_of_positions_is_found_under_their_motion() -> None:
     rng = np.random.default_rng(0)
     for std in (1e-5, 1e-4, 1e-3):
-        assert noise(TIME, S + rng.normal(0.0, std, S.size)) == pytest.approx(std, rel=0.25)
+        assert noise_std(TIME, S + rng.normal(0.0, std, S.size)) == pytest.approx(std, rel=0.25)
 
 
 def test_derivatives_of_noisy_positions_are_near_the_true_ones() -> None:
     t = 0.01 * np.arange(400)
     clean, rng = np.sin(2 * np.pi * 0.5 * t), np.random.default_rng(1)
-    q, v, a = differentiated(t, (clean + rng.normal(0.0, 3e-4, t.size))[:, None])
+    q, v, a = differentiate(t, (clean + rng.normal(0.0, 3e-4, t.size))[:, None])
     w, inside = 2 * np.pi * 0.5, slice(30, -30)
     assert np.max(np.abs(v[inside, 0] - w * np.cos(w * t[inside]))) < 0.02 * w
     assert np.max(np.abs(a[inside, 0] + w**2 * clean[inside])) < 0.1 * w**2
@@ -159,7 +159,7 @@ def test_derivatives_of_noisy_positions_are_near_the_true_ones() -> None:
 
 def test_derivatives_of_clean_positions_are_exact() -> None:
     w = 2 * np.pi * 0.7
-    _, v, a = differentiated(TIME, np.sin(w * TIME)[:, None])
+    _, v, a = differentiate(TIME, np.sin(w * TIME)[:, None])
     assert np.max(np.abs(v[:, 0] - w * np.cos(w * TIME))) < 1e-6
     assert np.max(np.abs(a[:, 0] + w**2 * np.sin(w * TIME))) < 1e-3
 
