@@ -102,7 +102,7 @@ class Gate:
 
     def _beyond(self, q: Array, v: Array, a: Array) -> Refusal | None:
         limits, more = self._limits, 1.0 + TOLERANCE
-        outside = (q < limits.lower) | (q > limits.upper)
+        outside = ~((q >= limits.lower) & (q <= limits.upper))
         if np.any(outside):
             joint = int(np.argmax(outside))
             return Refusal(Withheld.POSITION, f"{self._names[joint]}: {q[joint]:.4g} rad")
@@ -147,11 +147,12 @@ class LineGate:
             return Refusal(Withheld.NOT_A_NUMBER)
         more = 1.0 + TOLERANCE
         s, v, a = reference
+        # In this form a limit that is no number refuses, too.
         if not self.limits.s_min - 1e-9 <= s <= self.limits.s_max + 1e-9:
             return Refusal(Withheld.OFF_THE_LINE, f"s = {s:.4g} m")
-        if abs(v) > more * self.limits.speed_at(s):
+        if not abs(v) <= more * self.limits.speed_at(s):
             return Refusal(Withheld.LINE_SPEED, f"{v:.3g} m/s")
-        if abs(a) > more * self.limits.acceleration_at(s):
+        if not abs(a) <= more * self.limits.acceleration_at(s):
             return Refusal(Withheld.LINE_ACCELERATION, f"{a:.3g} m/s^2")
         if previous is not None and not self._follows(reference, previous):
             return Refusal(Withheld.JUMP)
