@@ -175,12 +175,9 @@ def _arm_of(path: Path) -> Dropped:
 
 def _toml(path: Path) -> Dropped:
     from armdyn.sidecar import read_sidecar
-    from urdf.table_file import TableFileError, read_table
+    from armdyn.toml_file import read_toml
 
-    try:
-        table = read_table(path)[1]
-    except TableFileError as error:
-        raise InputError(f"{path.name}: {error}") from error
+    table = read_toml(path)
     if "base" in table:
         model: Model = read_model_file(path).model
         effects = ", ".join(effect.label for effect in model.effects)
@@ -299,7 +296,7 @@ def keep(
     file = ModelFile(kept, given.file.description, (*given.file.history, *history_entries(study, found)))
     write_model_file(model, file)
     files, notes = [model, *copied], list[str]()
-    command = opened._replace(model=model).command("compare", "--report", "compare.html")
+    command = replace(opened, model=model).command("compare", "--report", "compare.html")
     if report is not None:
         write_page(repair_report(study, found, [NextStep("hold it against runs", command)]), report)
         files.append(report)

@@ -58,7 +58,7 @@ class Tab:
         self._own_effects = inputs.effects if inputs else None
         self._runs = [(path, False) for path in inputs.runs] if inputs else []
         self._runs += [(path, True) for path in (inputs.held_out or ())] if inputs else []
-        self._trust = inputs.trust if inputs else False
+        self._trust = inputs.trust_data if inputs else False
         self._said: list[str] = []
         self._session: Session | None = None
         self._open: Opened | None = None
