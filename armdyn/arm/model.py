@@ -18,7 +18,7 @@ from armdyn.arm.prediction import ChannelPredictor, predictor_of, prepared_once
 from armdyn.arm.prepared import PreparedRun
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
-from armdyn.model import Bend, Model, Prediction, joined
+from armdyn.model import Bend, Model, Prediction, join_channels
 from armdyn.parameter import Parameter, Quantity
 from armdyn.readout import Interpolated
 from armdyn.run import Channel, Run
@@ -181,7 +181,7 @@ class ArmModel(Model):
                 where = self._base_columns if joint == OF_BASE else self._columns[joint]
                 sensitivities[:, where] = columns
             parts.append((name, run.channels[name].time, values, sensitivities))
-        return joined(parts)
+        return join_channels(parts)
 
     def sensitivities(self, stretch: Stretch) -> np.ndarray:
         """(n, nj, p) derivatives of all torques; see `at_states`."""
