@@ -1,4 +1,4 @@
-"""Samples that no load and no noise made: isolated spikes, and readings at the end of a sensor's range."""
+"""Faulty samples, which are left out before a comparison: isolated spikes, and readings at the end of the range."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
