@@ -127,15 +127,6 @@ def test_a_guess_finds_degrees_milliseconds_currents_and_the_robots_names(german
     assert run_of(foreign, again).joints == ("base_to_upper", "upper_to_lower")
 
 
-def test_numbered_columns_get_the_robots_joints_in_their_order(tmp_path, joints):
-    robot = ["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint"]
-    path = tmp_path / "a.csv"
-    header = ",".join(["t", *(f"joint{i}_pos" for i in range(1, 6))])
-    np.savetxt(path, np.column_stack([TIME, *[joints[0][:, 0]] * 5]), delimiter=",", header=header, comments="")
-    found = guess_map(read_foreign(path), Joints(tuple(robot)))
-    assert [entry.channel for entry in found.entries.values()] == [f"q.{joint}" for joint in robot]
-
-
 @pytest.mark.parametrize(
     ("labels", "scale", "joint", "unit"),
     [
