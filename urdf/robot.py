@@ -114,6 +114,11 @@ class Line:
         """Targets of the tool point [m]: (3,) for a scalar, (k, 3) for k line coordinates [m]."""
         return self.origin + np.multiply.outer(np.asarray(s, dtype=np.float64), self.direction)
 
+    @property
+    def across(self) -> Array:
+        """Horizontal unit vector at right angles to a horizontal line (3,)."""
+        return np.cross([0.0, 0.0, 1.0], self.direction)
+
     def coordinates(self, point: Array) -> tuple[float, float]:
         """Coordinate along the line and height above it [m], of a point (3,) [m]."""
         away = point - self.origin
