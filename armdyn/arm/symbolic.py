@@ -13,7 +13,7 @@ import numpy as np
 from armdyn.arm.model import ArmModel
 from armdyn.arm.physics import Expression, Joint, Link, Neighbour
 from armdyn.arm.rigid import inertia_matrix, joint_axes, parents
-from armdyn.effects.effect import applied
+from armdyn.effects.effect import apply_effect
 from armdyn.errors import InputError
 
 
@@ -99,7 +99,7 @@ def _with_effects(
             short: ca.SX(model.parameters[f"{effect.name}.{short}[{name}]"].value) for short in effect.quantities
         }
         # What an effect does to the link is in the link's parameters already.
-        joint = replace(applied(effect.name, effect.function, joint, parameters), link=joint.link)
+        joint = replace(apply_effect(effect.name, effect.function, joint, parameters), link=joint.link)
         if joint.memory or ca.depends_on(ca.vertcat(joint.torque, joint.inner_torque), time):
             why = "has a state of its own" if joint.memory else "depends on time"
             raise InputError(
