@@ -114,7 +114,6 @@ def build_volume(
     scheduler: str | None = None,
     collisions: bool = False,
     progress: Progress | None = None,
-    clock: Callable[[], float] = time.perf_counter,
 ) -> VolumeReport:
     """Solve every target of a grid on one consistent branch and keep the postures in a zarr directory.
 
@@ -128,7 +127,6 @@ def build_volume(
         scheduler: address of a dask scheduler whose workers do it instead.
         collisions: whether each posture is checked for touching something; the skeleton always is.
         progress: told how many targets of how many are done.
-        clock: tells the time [s].
 
     Raises:
         InputError: the directory cannot be written, or zarr, dask or the scheduler is missing.
@@ -138,7 +136,7 @@ def build_volume(
     """
     if processes < 1:
         raise InputError(f"volume: {processes} processes cannot work; give 1 or more")
-    target, started = Path(path), clock()
+    target, started = Path(path), time.perf_counter()
     if target.exists():
         table = VolumeTable.open(target, robot, collisions)
     else:
@@ -157,4 +155,4 @@ def build_volume(
         done += solved.status.size
         if progress is not None:
             progress(done, grid.targets)
-    return VolumeReport(table, left, resumed, clock() - started)
+    return VolumeReport(table, left, resumed, time.perf_counter() - started)

@@ -112,15 +112,6 @@ def test_collisions_are_told_where_they_are_asked_for(baxter, tmp_path) -> None:
         build_volume(baxter, near, table.path)
 
 
-def test_the_nearest_target_is_looked_up(volume, small) -> None:
-    point = small.positions()[5, 20, 10]
-    assert np.array_equal(volume.nearest(point + 0.002)[0], volume.q[0, 5, 20, 10], equal_nan=True)
-    with pytest.raises(InputError, match="a position is outside"):
-        volume.nearest([2.0, 0.0, 0.0])
-    with pytest.raises(InputError, match="orientation 2 is none of its 2"):
-        volume.nearest(point, 2)
-
-
 def test_a_volume_of_other_settings_or_targets_is_refused(volume, baxter, other, small, tmp_path) -> None:
     with pytest.raises(StaleTableError, match="settings of 'baxter' have changed"):
         VolumeTable.open(volume.path, other)
