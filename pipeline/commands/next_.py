@@ -50,7 +50,7 @@ def next_(
     from armdyn.experiments.gripper import motion_series
     from armdyn.experiments.rivals import undecided
     from pipeline.answers_motion import next_answer
-    from pipeline.front import planned, rig_limits
+    from pipeline.front import plan_experiment, rig_limits
     from pipeline.motion.offered import write_motion
     from pipeline.report.next_experiment import next_document, next_report
 
@@ -65,7 +65,7 @@ def next_(
         verdict, sentence, found = undecided(given.study, named if rivals is not None else None, say)
         made, offer = None, None
         if found is not None:
-            made, offer = planned(found, seconds, limits, seed, say)
+            made, offer = plan_experiment(found, seconds, limits, seed, say)
             sentence = " ".join([*([sentence] if sentence else []), made.sentence])
     written = output if offer is not None else None
     if offer is not None and output is not None:

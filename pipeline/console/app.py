@@ -73,7 +73,7 @@ def run(interrupts: Interrupts) -> int:
     """
     with tolerant_streams() as streams:
         try:
-            status = _told(interrupts)
+            status = _run_command(interrupts)
         except BaseException as error:
             status = _say_why(error, interrupts)
         problem = streams.problem()
@@ -82,7 +82,7 @@ def run(interrupts: Interrupts) -> int:
     return status
 
 
-def _told(interrupts: Interrupts) -> int:
+def _run_command(interrupts: Interrupts) -> int:
     known = command_files()
     asked = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
     app = application([known[asked]] if asked in known else known.values())

@@ -117,7 +117,7 @@ class Twin(Closing):
 
     def close(self) -> None:
         """Unplug the load cell and end the connection."""
-        self.port.unplug()
+        self.port.close()
         self.bridge.close()
 
     def run(self, until: Callable[[], bool]) -> None:

@@ -12,24 +12,24 @@ from typing import Any, TypeVar
 from armdyn.errors import ArmdynError
 from ik.children import begin_child
 from pipeline.console.inputs import Given, Inputs
-from pipeline.workbench.bench import Bench
+from pipeline.workbench.bench import Workbench
 
 T = TypeVar("T")
 Tell = Callable[[str, Any], None]
 """Told from another thread how a search goes: "progress" or "failed" with a sentence, "done" with an answer."""
 
 
-class Desk:
+class Session:
     """A model and runs that are read in a thread of their own, which goes on to compute with them one by one."""
 
     def __init__(self, inputs: Inputs) -> None:
         self.inputs = inputs
-        self._thread = ThreadPoolExecutor(1, "armdyn-desk")
+        self._thread = ThreadPoolExecutor(1, "armdyn-session")
         given = self._given = self._thread.submit(inputs.read)
         bench = self._bench = self._thread.submit(_first_look, given)
         self._ready = self._thread.submit(lambda: bench.result().expansion)
 
-    async def opened(self) -> tuple[Given, Bench]:
+    async def opened(self) -> tuple[Given, Workbench]:
         """Both, as soon as the model as given can be shown.
 
         Raises:
@@ -46,8 +46,8 @@ class Desk:
         return await asyncio.wrap_future(self._thread.submit(work))
 
 
-def _first_look(given: Future[Given]) -> Bench:
-    bench = Bench(given.result().study)
+def _first_look(given: Future[Given]) -> Workbench:
+    bench = Workbench(given.result().study)
     _ = bench.opening
     return bench
 

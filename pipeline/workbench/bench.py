@@ -63,7 +63,7 @@ class Knob:
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class TickedModel:
     """The model with the effects that are ticked.
 
     Attributes:
@@ -85,7 +85,7 @@ class State:
     places: tuple[Place, ...] = ()
 
 
-class Bench:
+class Workbench:
     """A model, runs and a catalogue, opened.
 
     Attributes:
@@ -123,7 +123,7 @@ class Bench:
         return Summed(sums, base, tuple(self._candidates.values()))
 
     @cached_property
-    def opening(self) -> State:
+    def opening(self) -> TickedModel:
         """The model as given."""
         state = self._state((), "fitted", {}, self._knobs(self.first), self._others(self.first))
         return replace(state, stale=False, places=self._places)
@@ -134,9 +134,9 @@ class Bench:
         Raises:
             UnknownNameError: one of them cannot be ticked.
         """
-        return [self.study.effects[c.effect].on(*c.joints) for c in merged(self._chosen(effects))]
+        return [self.study.effects[c.effect].on(*c.joints) for c in merged(self._candidates_of(effects))]
 
-    def foretold(self, effects: Sequence[Atom]) -> State:
+    def predict(self, effects: Sequence[Atom]) -> TickedModel:
         """What these effects would do, at once.
 
         Raises:
@@ -144,7 +144,7 @@ class Bench:
         """
         if not effects:
             return self.opening
-        chosen, sums = self._chosen(effects), self.expansion.sums
+        chosen, sums = self._candidates_of(effects), self.expansion.sums
         columns, change, values = self.expansion.minimum(chosen)
         residuals = {
             (sums.runs[sums.run[unit]], sums.channels[sums.channel[unit]]): sums.residual(unit, columns, change)
@@ -155,7 +155,7 @@ class Bench:
         knobs = self._knobs_at(self.study.own(values, sums.problem), {}, without=absent)
         return self._state(effects, "foretold", residuals, knobs)
 
-    def fitted(self, effects: Sequence[Atom]) -> State:
+    def refit(self, effects: Sequence[Atom]) -> TickedModel:
         """What these effects do, fitted to all samples; takes from a tenth of a second to several.
 
         Raises:
@@ -171,7 +171,7 @@ class Bench:
         """The minimum with these effects, made once: the best of those from the nearest fit and from the sums."""
         key = frozenset(effects)
         if key not in self._fits:
-            study, chosen = self.study, self._chosen(effects)
+            study, chosen = self.study, self._candidates_of(effects)
             whole = (*study.present, *merged(chosen))
             near = self._fits[min(self._fits, key=lambda other: (len(other ^ key), self._fits[other].cost))]
             foretold = study.own(self.expansion.minimum(chosen)[2], self.expansion.sums.problem)
@@ -180,7 +180,7 @@ class Bench:
             self._fits[key] = study.to_the_end(best)
         return self._fits[key]
 
-    def by_hand(self, effects: Sequence[Atom], values: Mapping[str, float]) -> State:
+    def with_values(self, effects: Sequence[Atom], values: Mapping[str, float]) -> TickedModel:
         """The prediction with some parameters at values (in their units), nothing fitted.
 
         Raises:
@@ -201,7 +201,7 @@ class Bench:
         blocks = problem.blocks(theta, np.zeros(len(theta), dtype=bool))
         return self._state(effects, "by hand", _residuals(blocks), knobs)
 
-    def missing_force(self, state: State) -> tuple[ForceCurve, ...]:
+    def missing_force(self, state: TickedModel) -> tuple[ForceCurve, ...]:
         """What the model as given cannot explain, and what the model as ticked cannot, where that is known yet."""
         given = self._unexplained
         if not state.effects or any(u.joint is None for u in given):
@@ -214,7 +214,7 @@ class Bench:
     def _unexplained(self) -> list[Unexplained]:
         return unexplained(self.first)
 
-    def _chosen(self, effects: Sequence[Atom]) -> list[Candidate]:
+    def _candidates_of(self, effects: Sequence[Atom]) -> list[Candidate]:
         for atom in effects:
             if atom not in self._candidates:
                 raise UnknownNameError("effect to tick", atom.label, [known.label for known in self.atoms])
@@ -227,13 +227,13 @@ class Bench:
         residuals: Residuals,
         knobs: Mapping[str, Knob],
         others: Mapping[str, float] | None = None,
-    ) -> State:
+    ) -> TickedModel:
         shown, stale = [], False
         for curve in self._given:
             left = residuals.get((curve.run, curve.channel))
             stale |= left is None
             shown.append(curve if left is None else replace(curve, residuals=np.stack([curve.residuals[0], left])))
-        return State(tuple(effects), how, tuple(shown), stale, knobs, others or {})
+        return TickedModel(tuple(effects), how, tuple(shown), stale, knobs, others or {})
 
     def _others(self, fit: Fit) -> Mapping[str, float]:
         """Error by channel on held-out runs, else of every run predicted from the others."""

@@ -12,7 +12,7 @@ from pipeline.exports import formats
 from pipeline.report.overlay import FITTED, HELD_OUT, quality
 from pipeline.report.page import bar, table_html
 from pipeline.report.theme import full_name, number
-from pipeline.workbench.bench import Atom, Bench, Knob, State
+from pipeline.workbench.bench import Atom, Knob, TickedModel, Workbench
 
 HOW = {
     "foretold": "foretold from one expansion; the refit is running",
@@ -21,10 +21,10 @@ HOW = {
 }
 MANY_JOINTS = 2
 MOST_PLACES = 2
-"""Places where a model fails that are told; the curves show the others."""
+"""Places where a model fails that are named; the curves show the others."""
 
 
-def effects_panel(bench: Bench, ticked: Collection[Atom]) -> str:
+def effects_panel(bench: Workbench, ticked: Collection[Atom]) -> str:
     """A line per effect with a box for every joint that it can act on; what the model has is ticked for good."""
     names = [atom.joint for atom in (*bench.atoms, *bench.present) if atom.joint]
     short = short_joints(names)
@@ -65,7 +65,7 @@ def short_joints(joints: Sequence[str]) -> dict[str, str]:
     return {name: "_".join(w) for name, w in words.items()}
 
 
-def errors_panel(state: State) -> str:
+def errors_panel(state: TickedModel) -> str:
     """Before and after on every kind of run, in the channels' unit."""
     units = {curve.channel: curve.unit for curve in state.curves}
     figures = []
@@ -83,17 +83,17 @@ def errors_panel(state: State) -> str:
     return f"<div class='keys'>{''.join(figures)}</div>{how}{_where(state, units)}"
 
 
-def _where(state: State, units: Mapping[str, str]) -> str:
+def _where(state: TickedModel, units: Mapping[str, str]) -> str:
     """The places where it fails most, one for each channel and quantity."""
-    told: dict[tuple[str, str], str] = {}
+    worst: dict[tuple[str, str], str] = {}
     for place in state.places:
         name = full_name(place.channel, units[place.channel])
         within = f" in {place.run}" if place.run else ""
         span = f"from {place.start:.3g} to {place.end:.3g} {place.unit}{within}"
-        told.setdefault((place.channel, place.against), f"{name} against {place.against}, {span}")
-    if not told:
+        worst.setdefault((place.channel, place.against), f"{name} against {place.against}, {span}")
+    if not worst:
         return ""
-    return f"<p class='caption'>Fails most: {escape('; '.join(list(told.values())[:MOST_PLACES]))}.</p>"
+    return f"<p class='caption'>Fails most: {escape('; '.join(list(worst.values())[:MOST_PLACES]))}.</p>"
 
 
 def _figure(name: str, before: float, after: float, unit: str) -> str:
@@ -108,7 +108,7 @@ def _key(name: str, value: float, unit: str, note: str) -> str:
     return f"<div class='key' data-value='{value!r}'>{text}</div>"
 
 
-def knobs_panel(state: State) -> str:
+def knobs_panel(state: TickedModel) -> str:
     """A slider for every parameter of the model."""
     if not state.knobs:
         return "<p class='caption'>The model has no parameters yet: tick an effect.</p>"

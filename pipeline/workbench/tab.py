@@ -19,27 +19,27 @@ from pipeline.view.motion import arm_scene, joint_motion, swing_of, swing_scene
 from pipeline.view.scene import Scene
 from pipeline.view.shapes import Links, links_of
 from pipeline.workbench import files, panels
-from pipeline.workbench.background import Desk, Search
-from pipeline.workbench.bench import AS_GIVEN, NOW, Atom, Bench, State
+from pipeline.workbench.background import Search, Session
+from pipeline.workbench.bench import AS_GIVEN, NOW, Atom, TickedModel, Workbench
 
 AS_TICKED = "as ticked"
 FIRST = 0.05
 """s in which the curves that answer a click leave before anything else is computed."""
-OpenDesk = Callable[[Inputs], Desk]
+OpenSession = Callable[[Inputs], Session]
 
 
 class Opened(NamedTuple):
     """Files that a tab shows.
 
     Attributes:
-        desk: that computes with them.
+        session: that computes with them.
         given: what was read.
         bench: what can be ticked.
     """
 
-    desk: Desk
+    session: Session
     given: Given
-    bench: Bench
+    bench: Workbench
 
 
 class Tab:
@@ -48,11 +48,11 @@ class Tab:
     Args:
         client: NiceGUI's connection to it.
         inputs: files that the command named; None for none.
-        open_desk: gives the desk of files, which tabs with the same files share.
+        open_session: gives the session of files, which tabs with the same files share.
     """
 
-    def __init__(self, client: Client, inputs: Inputs | None, open_desk: OpenDesk) -> None:
-        self._client, self._open_desk = client, open_desk
+    def __init__(self, client: Client, inputs: Inputs | None, open_session: OpenSession) -> None:
+        self._client, self._open_desk = client, open_session
         self._folder = files.new_folder()
         self._model = inputs.model if inputs else None
         self._own_effects = inputs.effects if inputs else None
@@ -60,7 +60,7 @@ class Tab:
         self._runs += [(path, True) for path in (inputs.held_out or ())] if inputs else []
         self._trust = inputs.trust if inputs else False
         self._said: list[str] = []
-        self._desk: Desk | None = None
+        self._session: Session | None = None
         self._open: Opened | None = None
         self._ticked: tuple[Atom, ...] = ()
         self._values: dict[str, float] = {}
@@ -93,20 +93,20 @@ class Tab:
             self._panel("subtitle", f"still needed: {model if self._model is None else 'a recording to fit'}")
             return
         inputs = Inputs(self._model, fitted, held_out or None, None, self._own_effects, self._trust)
-        desk = self._desk = self._open_desk(inputs)
+        session = self._session = self._open_desk(inputs)
         self._busy("reading recordings and fitting the model as given")
         try:
-            given, bench = await desk.opened()
-            if desk is not self._desk:
+            given, bench = await session.opened()
+            if session is not self._session:
                 return  # other files were chosen meanwhile
-            self._open = Opened(desk, given, bench)
+            self._open = Opened(session, given, bench)
             self._panel("checks", panels.checks_panel(given.inspection))
             names = ", ".join(run.name for run in bench.study.runs)
             self._panel("subtitle", escape(f"{self._model.name} with {names}"))
             await self._show_first(bench.opening)
             self._busy("preparing the effects")
-            await desk.ready()
-            if desk is self._desk:
+            await session.ready()
+            if session is self._session:
                 self._panel("effects", panels.effects_panel(bench, ()))
         except WrongRecordingError as error:
             self._panel("checks", panels.checks_panel(error.inspection))
@@ -115,7 +115,7 @@ class Tab:
         finally:
             self._busy("")
 
-    async def _show_first(self, state: State) -> None:
+    async def _show_first(self, state: TickedModel) -> None:
         overlays = Overlays(state.curves, (AS_GIVEN, NOW))
         self._points = overlays.points
         widget = overlays.widget()
@@ -125,7 +125,7 @@ class Tab:
         self._panel("knobs", panels.knobs_panel(state))
         await self._show_missing_force(state)
 
-    def _show(self, state: State, *, knobs: bool = True) -> None:
+    def _show(self, state: TickedModel, *, knobs: bool = True) -> None:
         totals = Overlays(state.curves, (AS_GIVEN, NOW)).totals()
         new = {"changed": [changed(curve, self._points) for curve in state.curves], "totals": totals}
         self._run(f"armdynBench.update({script_json(new)})")
@@ -134,7 +134,7 @@ class Tab:
         if knobs:
             self._panel("knobs", panels.knobs_panel(state))
 
-    async def _show_missing_force(self, state: State) -> None:
+    async def _show_missing_force(self, state: TickedModel) -> None:
         """After the curves, which need not wait for it; nothing where another answer is wanted meanwhile."""
         bench, asked = self._opened().bench, self._asked
         await asyncio.sleep(FIRST)
@@ -154,7 +154,7 @@ class Tab:
         """Do something slow beside the page, and say so."""
         self._busy(what)
         try:
-            return await self._opened().desk.do(work)
+            return await self._opened().session.do(work)
         finally:
             self._busy("")
 
@@ -192,7 +192,7 @@ _links: dict[str, Links] = {}
 """Of arms that were drawn already, by fingerprint: meshes take a second or two to read."""
 
 
-def scene_of_run(bench: Bench, effects: Sequence[Atom], name: str | None) -> Scene:
+def scene_of_run(bench: Workbench, effects: Sequence[Atom], name: str | None) -> Scene:
     """What moves in a run; a load whose angle was not measured swings as the model with these effects says.
 
     Args:

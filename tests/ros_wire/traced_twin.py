@@ -24,7 +24,7 @@ with Twin(uri, baxter, topics, posture, hidden=hidden, seed=int(seed), stamp_off
 
     def obey():
         for word in sys.stdin:
-            act = {"press": twin.controller.press, "unplug": twin.port.unplug}[word.strip()]
+            act = {"press": twin.controller.press, "unplug": twin.port.close}[word.strip()]
             twin.between_steps(act)
         ended.set()
 
