@@ -8,7 +8,6 @@ import urdf
 from armdyn.errors import InputError
 from ik.errors import StaleTableError, UnreachableError
 from ik.volume import Grid, Status, VolumeTable, build_volume
-from ik.volume.build import in_processes
 
 
 @pytest.fixture(scope="module")
@@ -75,29 +74,6 @@ def test_an_interrupted_build_is_continued_and_ends_the_same(volume, baxter, sma
 def test_a_pool_of_processes_gives_the_same(volume, baxter, small, tmp_path) -> None:
     report = build_volume(baxter, small, tmp_path / "pool.zarr", processes=2)
     assert np.array_equal(np.asarray(report.table.q[:]), np.asarray(volume.q[:]), equal_nan=True)
-
-
-def test_a_pool_whose_worker_dies_starts_again(tmp_path) -> None:
-    blocks = [(0, x, y, 0) for x in range(2) for y in range(2)]
-    solver = DiesOnce(str(tmp_path / "died"))
-    assert sorted(block for block, _ in in_processes(solver, blocks, 2)) == sorted(blocks)
-    assert (tmp_path / "died").exists()
-
-
-class DiesOnce:
-    """Stands in for a solver: ends its process without a word the first time it is asked."""
-
-    def __init__(self, mark: str) -> None:
-        self.mark = mark
-
-    def __call__(self, block):
-        import os
-        from pathlib import Path
-
-        if not Path(self.mark).exists():
-            Path(self.mark).touch()
-            os._exit(1)
-        return block
 
 
 def test_collisions_are_told_where_they_are_asked_for(baxter, tmp_path) -> None:
