@@ -20,7 +20,7 @@ from armdyn.bytes_in import read_bytes
 from armdyn.errors import InputError
 from pipeline.batch.spec import Item, Spec
 from pipeline.batch.work import Job, Outcome, key_of, key_of_model
-from pipeline.batch.workers import in_processes, on_cluster
+from pipeline.batch.workers import outcomes
 from urdf.bounds import LARGEST_JOURNAL, LARGEST_LINE
 
 JOURNAL = "outcomes.jsonl"
@@ -163,21 +163,14 @@ def run_batch(
         there, worked = len(jobs) - len(todo), 0
         say(f"{there} of {len(jobs)} recordings done")
         if todo and not stopped():
-            for outcome in _outcomes(todo, workers, scheduler, stopped):
+            processes = min(workers or os.cpu_count() or 1, len(todo))
+            for outcome in outcomes(todo, processes, scheduler, stopped):
                 journal.add(outcome)
                 worked += 1
                 say(f"{there + worked} of {len(jobs)} recordings done")
         found = ((item, journal.outcomes.get(keys.get((item.model, item.run), ""))) for item in spec.items)
         rows = [Row(item, outcome) for item, outcome in found if outcome is not None]
     return Done(tuple(rows), len(spec.items) - len(rows), worked)
-
-
-def _outcomes(
-    jobs: Sequence[Job], workers: int | None, scheduler: str | None, stopped: Callable[[], bool]
-) -> Iterator[Outcome]:
-    if scheduler is not None:
-        return on_cluster(jobs, scheduler, stopped)
-    return in_processes(jobs, min(workers or os.cpu_count() or 1, len(jobs)), stopped)
 
 
 ROWS = "batch.parquet"
