@@ -98,12 +98,7 @@ class SimulatedRobot:
         return self._truth
 
     def command(self, q: Vector, v: Vector, a: Vector) -> None:
-        """Follow this reference from now on; it is extrapolated until the next one comes.
-
-        Args:
-            q: positions (n,) [rad].
-            v: velocities (n,) [rad/s].
-            a: accelerations (n,) [rad/s^2].
+        """See `RobotInterface`; the reference is extrapolated until the next one comes.
 
         Raises:
             InputError: a wrong length, a value that is not finite, beyond a limit of the joints or far from where the
@@ -183,7 +178,7 @@ class SimulatedRobot:
             )
         # Positions and tension still belong to the beginning of the step.
         tension = self._string.tension(data)
-        angle = swing_angle(plant.load - plant.pivot, plant.line.along) if self._cell.feels_direction else 0.0
+        angle = swing_angle(plant.load - plant.pivot, plant.line.direction) if self._cell.feels_direction else 0.0
         self._cell.feel(self._steps, tension, angle)
         self._steps_in_box = self._steps_in_box + 1 if self._load_is_inside() else 0
         if self._steps % HISTORY_EVERY == 0:
@@ -205,4 +200,4 @@ class SimulatedRobot:
         if box is None or above > -box.rim:
             return False
         offset = self._plant.load - line.origin
-        return box.contains(float(offset @ line.along), float(offset @ line.across), above)
+        return box.contains(float(offset @ line.direction), float(offset @ line.across), above)
