@@ -89,6 +89,7 @@ class GreyBox:
         found = [at(a, n) for a, n in zip(arounds, point.noises, strict=True)]
         return Tables(found, point.values, self.problem, self.training, self.removable)
 
+    @np.errstate(all="ignore")  # sums that a divergence has spoilt are no finite evidence
     def settled(
         self, free: np.ndarray, point: Point, *, rounds: int = 6, wide: int = 1, coloured: bool = True
     ) -> Point:
@@ -101,10 +102,6 @@ class GreyBox:
             wide: rounds that look at every noise.
             coloured: whether sensors may have a coloured error.
         """
-        with np.errstate(all="ignore"):  # sums that a divergence has spoilt are no finite evidence
-            return self._settled(free, point, rounds, wide, coloured)
-
-    def _settled(self, free: np.ndarray, point: Point, rounds: int, wide: int, coloured: bool) -> Point:
         arounds: Sequence[Around] = self.around(point, free)
         best = point
         for k in range(rounds):

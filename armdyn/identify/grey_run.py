@@ -241,8 +241,7 @@ class Around:
 
     def smoothed(self, noise: Noise, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(J, n) states and (J, n) kicks after a (P,) change of the unknowns."""
-        grams = [self.gram(c, colour) for c, colour in enumerate(noise.colour)]
-        moved, kicks = smoothed(combined(grams, noise.level)[0], self.chain, noise.kick, change[self._wanted])
+        moved, kicks = smoothed(self._at(noise), self.chain, noise.kick, change[self._wanted])
         return self.states + moved + self._definition @ change[self._wanted], kicks
 
     def left(self, begin: int, end: int) -> float:
@@ -252,18 +251,19 @@ class Around:
 
     def smoothed_until(self, known: int) -> np.ndarray:
         """(J, n) states that follow the samples of the first pieces alone, at kicks that one piece tells."""
-        sums = combined([self.gram(c, Colour()) for c in range(len(self.rows))], [1.0] * len(self.rows))[0]
+        channels = len(self.rows)
+        sums = self._at(Noise(self.kick_unit, (1.0,) * channels, (Colour(),) * channels))
         sums[known:] = 0.0
-        return (
-            self.states
-            + smoothed(sums, self.chain, self.kick_unit, np.zeros(sums.shape[1] - len(self.states[0]) - 1))[0]
-        )
+        return self.states + smoothed(sums, self.chain, self.kick_unit, np.zeros(int(self._wanted.sum())))[0]
+
+    def _at(self, noise: Noise) -> np.ndarray:
+        """(J, w, w) whitened sums of all channels at a noise."""
+        return combined([self.gram(c, colour) for c, colour in enumerate(noise.colour)], noise.level)[0]
 
     def believed(self, noise: Noise, change: np.ndarray) -> tuple[np.ndarray, ...]:
         """By channel (N,) weights of the samples after a (P,) change, larger where no noise explains one."""
-        grams = [self.gram(c, colour) for c, colour in enumerate(noise.colour)]
         change = change[self._wanted]
-        moved, _ = smoothed(combined(grams, noise.level)[0], self.chain, noise.kick, change)
+        moved, _ = smoothed(self._at(noise), self.chain, noise.kick, change)
         found = []
         for rows, colour, level in zip(self.rows, noise.colour, noise.level, strict=True):
             z = rows.deviates(colour, level, moved, change)

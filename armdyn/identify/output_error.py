@@ -214,18 +214,14 @@ def descended(problem: Problem, free: np.ndarray, starts: Iterable[np.ndarray], 
     found = [_bounded_fit(problem, free, next(values), steps)]
     if found[0].chi2_per_sample > (NEAR_NOISE if others else GROSS):
         found += [_bounded_fit(problem, free, tied, steps) for tied in islice(values, 1)]
-    best = min(found, key=_finite_cost)
+    best = min(found, key=lambda one: one.cost)
     others = min(others, MOST_PREDICTED // (problem.samples * (3 * SKETCHED + MOST_STEPS)))
     if best.chi2_per_sample > GROSS and others:
         # With large errors the kicks' way may have left the best minimum; other places on it are nearer then.
         nearer = sorted(values, key=lambda one: _cost(problem, one))[: 3 * others]
         sketched = sorted((_bounded_fit(problem, free, v, SKETCHED) for v in nearer), key=lambda one: one.cost)
         found += [_bounded_fit(problem, free, one.values, MOST_STEPS) for one in sketched[:others]]
-    return min(found, key=_finite_cost)
-
-
-def _finite_cost(one: Fit) -> float:
-    return one.cost if np.isfinite(one.cost) else np.inf
+    return min(found, key=lambda one: one.cost)
 
 
 def _bounded_fit(problem: Problem, free: np.ndarray, values: np.ndarray, steps: int) -> Fit:

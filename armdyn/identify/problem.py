@@ -69,6 +69,19 @@ class Block:
         return self.residual * self.noise
 
 
+def by_channel(blocks: Sequence[Block]) -> dict[str, list[Block]]:
+    """Blocks of every channel, in the order in which channels come first."""
+    found: dict[str, list[Block]] = {}
+    for block in blocks:
+        found.setdefault(block.channel, []).append(block)
+    return found
+
+
+def chi2_of(blocks: Sequence[Block]) -> float:
+    """Sum of squared residuals over the noise."""
+    return float(sum(block.residual @ block.residual for block in blocks))
+
+
 class Problem:
     """A model held against runs.
 
@@ -243,6 +256,11 @@ def transferred(values: np.ndarray, source: Problem, target: Problem, *, missing
         if key is not None:
             result[i] = values[place[key]]
     return result
+
+
+def transferred_mask(mask: np.ndarray, source: Problem, target: Problem) -> np.ndarray:
+    """(P',) bool of another problem's unknowns, of (P,) bool of one's; what that one lacks is False."""
+    return transferred(mask.astype(float), source, target, missing=0.0) > 0.0
 
 
 class _Part:

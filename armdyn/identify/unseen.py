@@ -57,11 +57,6 @@ def _without_each(found: Fit) -> Iterator[tuple[Run, Fit]]:
         yield left_out, Fit(others, free, rest.values, tuple(others.blocks(rest.values, free)), rest.outcome)
 
 
-def chi2_of(blocks: Sequence[Block]) -> float:
-    """Sum of squared residuals over the noise."""
-    return float(sum(block.residual @ block.residual for block in blocks))
-
-
 def _predicted(
     found: Fit, values: np.ndarray, run: Run, whole: Fit | None = None, starts: Starts | None = None
 ) -> tuple[Block, ...]:
