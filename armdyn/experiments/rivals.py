@@ -205,7 +205,7 @@ def weakest(study: Study, found: Diagnosis) -> Rivals | None:
 
 
 def _fitted(study: Study, sets: Sequence[tuple[Candidate, ...]], first: Fit, most: int = MOST) -> Rivals:
-    fits = [study.to_the_end(study.fit_with((*study.present, *s), first)) for s in sets]
+    fits = [study.converge(study.fit_with((*study.present, *s), first)) for s in sets]
     best = min(fits, key=lambda one: one.cost)
     noise = _effective_noise(best)
     common = set.intersection(*(set(s) for s in sets))
@@ -232,7 +232,7 @@ def _effective_noise(best: Fit) -> dict[str, float]:
 
 def _hypothesis(study: Study, found: Fit, own: Sequence[Candidate], noise: dict[str, float]) -> Hypothesis:
     """A fit as a hypothesis: values, and information from all runs with everything that belongs to one run unknown."""
-    lean = study.lean(found)
+    lean = study.without_unused_effects(found)
     problem, model = lean.problem, lean.problem.model
     assert isinstance(model, PendulumModel), "asked for with `require_gripper`"
     blocks = problem.blocks(lean.values, lean.free)

@@ -80,7 +80,7 @@ class GreyRun:
         self.quiet = [quiet_noise(self.run.channels[c], problem.noise[self.run.name, c]) for c in self.channels]
         self._typical = np.array([model.parameters[name].typical for name in model.start_names])
 
-    def begun(self, values: np.ndarray) -> np.ndarray:
+    def initial_states(self, values: np.ndarray) -> np.ndarray:
         """(J, n) states from what was measured of the motion; else those that a smoother makes of a simulation.
 
         A piece in which an error grows out of all proportion, as near the upright, is cut.
@@ -90,7 +90,7 @@ class GreyRun:
         """
         theta = values[self.places]
         while True:
-            states = self._begun(values)
+            states = self._from_measured(values)
             found = self.pieces.linearised(theta, states)
             _, by_start = self.pieces.motion(theta, states)
             size = by_start * self._typical
@@ -98,12 +98,12 @@ class GreyRun:
             if not self.pieces.halve(~(grown < UNSTABLE)):
                 return states
 
-    def _begun(self, values: np.ndarray) -> np.ndarray:
+    def _from_measured(self, values: np.ndarray) -> np.ndarray:
         theta = values[self.places]
         begin = self.pieces.model.measured_motion(self.run, self.pieces.starts, theta, self.swing)
-        return self._followed(values) if begin is None else self.pieces.states(theta, begin)
+        return self._from_force(values) if begin is None else self.pieces.states(theta, begin)
 
-    def _followed(self, values: np.ndarray) -> np.ndarray:
+    def _from_force(self, values: np.ndarray) -> np.ndarray:
         """(J, n) states that follow a force: simulated from the start, smoothed over a stretch that grows.
 
         What the model lacks, such as friction or a length that is a little wrong, has grown to another swing at the end

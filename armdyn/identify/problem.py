@@ -20,8 +20,8 @@ from armdyn.units import Known
 
 REMEMBERED = 3
 HELD = 0.1
-"""Share of its typical size to which `Problem.held_near` takes a parameter of all runs as known: a stretch of motion
-knows a length ten times better, and one of rest must not lead away."""
+"""Standard deviation, in typical sizes, of the prior that `Problem.with_weak_priors` gives a parameter of all runs: a
+stretch of motion tells a length ten times better, and one of rest must not lead away."""
 Noise = Mapping[tuple[str, str], float]
 """Standard deviation by run and channel, in the channel's unit."""
 
@@ -148,7 +148,7 @@ class Problem:
         """Number of measured samples."""
         return sum(len(run.channels[name].value) for run in self.runs for name in self.model.predicted_channels(run))
 
-    def held_near(self, values: np.ndarray) -> "Problem":
+    def with_weak_priors(self, values: np.ndarray) -> "Problem":
         """The problem with (P,) values known, weakly, where nothing better is: for runs that hardly tell anything."""
         held = copy(self)
         unknown = self.prior_weight == 0.0

@@ -16,6 +16,7 @@ from armdyn.identify.diagnose import IDEALISED, explained_share, judge
 from armdyn.identify.explained import RepairStep, explained
 from armdyn.identify.fit import Fit
 from armdyn.identify.force_law import opening
+from armdyn.identify.holdout import HoldoutKind
 from armdyn.identify.missing_force import ForceCurve, between
 from armdyn.identify.score import residual_tests
 from armdyn.identify.search import Progress, Search, Step, repair_step, search
@@ -31,7 +32,6 @@ from armdyn.identify.tables import (
 )
 from armdyn.identify.uncertainty import FAR_ABOVE_STATED, uncertainty
 from armdyn.identify.unknown import Unknown, characterise
-from armdyn.identify.unseen import Judge
 from armdyn.model import Model
 from armdyn.parameter import Parameter
 from armdyn.shown import Shown
@@ -73,7 +73,7 @@ class Repair(Shown):
     steps: tuple[Step, ...] = ()
     missing_force: tuple[ForceCurve, ...] = ()
 
-    def document(self, judges: Sequence[Judge] = (), summaries: Mapping[str, str] | None = None) -> Document:
+    def document(self, judges: Sequence[HoldoutKind] = (), summaries: Mapping[str, str] | None = None) -> Document:
         """The error falling, what became of an arm's links, then how well the repaired model does.
 
         Args:

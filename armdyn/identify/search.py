@@ -15,7 +15,7 @@ from armdyn.identify.fit import GROSS, Fit, channel_rmse
 from armdyn.identify.score import ResidualTests, residual_tests
 from armdyn.identify.study import Study
 from armdyn.identify.summed import Summed
-from armdyn.identify.suspects import Suspect, merged, rises, suspects
+from armdyn.identify.suspects import Suspect, merged, ordered_steps, suspects
 
 FAR = 3.0
 """Typical sizes beyond which sums around null say little of a base that is turned: 0.3 rad."""
@@ -179,7 +179,7 @@ def _by_sums(study: Study, first: Fit, say: Progress, sparse: bool) -> tuple[Sum
     for candidate in study.candidates:
         if not candidate.joints:  # it turns the whole arm, and a large angle is far from linear
             say(f"fitting with {candidate.spoken}")
-            turned = study.to_the_end(study.fit_with((*study.present, candidate), first))
+            turned = study.converge(study.fit_with((*study.present, candidate), first))
             own = study.problem.of(candidate.names)
             angles, typical = turned.values[own] - study.problem.null[own], study.problem.typical[own]
             if np.any(np.abs(angles) > FAR * typical):
@@ -226,13 +226,13 @@ def _climbed(
     effects = last.effects
     steps: list[Step] = []
     given = study.present  # stays as it is, also where the same effect comes on further joints
-    way = list(rises(appraiser, whole, firm))
+    way = list(ordered_steps(appraiser, whole, firm))
     for i, rise in enumerate(way):
         effects = (*given, *merged((*(e for e in effects if e not in given), rise.added)))
         say(f"{i} of {len(way)} steps fitted, now {rise.added.spoken}")
         fit = study.fit_with(effects, ahead, study.own_values(appraiser, rise.appraisal))
         if rise is way[-1]:
-            fit = study.to_the_end(fit)
+            fit = study.converge(fit)
         steps.append(Step((rise.added,), rise.tied, effects, fit, residual_tests(fit, study.scores(fit, effects))))
     return steps
 

@@ -13,16 +13,16 @@ from armdyn.identify.appraisal import Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.explained import Scale
 from armdyn.identify.fit import Fit, determined, fit
+from armdyn.identify.holdout import HoldoutKind, held_out_blocks, judges, prepared_exam
 from armdyn.identify.least_squares import Outcome
-from armdyn.identify.motion_start import begun
-from armdyn.identify.output_error import OTHERS, AroundMotion, descended, shows_motion
+from armdyn.identify.motion_start import initial_values
+from armdyn.identify.output_error import OTHERS, AroundMotion, best_minimum, shows_motion
 from armdyn.identify.prepare import noise_of_runs, prepared, stated_noise
 from armdyn.identify.problem import Block, Problem, by_channel, chi2_of, transferred, transferred_mask
 from armdyn.identify.sample_evidence import NOISY
 from armdyn.identify.score import Score, scores
 from armdyn.identify.summed import Summed
 from armdyn.identify.sums import sums
-from armdyn.identify.unseen import Judge, held_out_blocks, judges, prepared_exam
 from armdyn.model import Model
 from armdyn.physics.simulated import SimulatedModel
 from armdyn.run import Run
@@ -118,7 +118,7 @@ class Study:
         if shows_motion(everything):
             return AroundMotion(everything, len(self.runs), present, [everything.start()])
         alone = Problem(self.model, everything.runs, self.noise)
-        options = [transferred(values, alone, everything) for values in reversed(begun(alone, alone.start()))]
+        options = [transferred(values, alone, everything) for values in reversed(initial_values(alone, alone.start()))]
         return AroundMotion(everything, len(self.runs), present, options)
 
     @cached_property
@@ -202,7 +202,7 @@ class Study:
         return self._fit_around(effects, 0)
 
     def _fit_around(self, effects: Sequence[Candidate], others: int) -> Fit:
-        """The fit with these effects from the measured motion; see `descended` for `others`."""
+        """The fit with these effects from the measured motion; see `best_minimum` for `others`."""
         motion, names = self.motion, {name for c in effects for name in c.names}
         assert motion is not None
         key = frozenset(names), others
@@ -215,14 +215,14 @@ class Study:
             (self._starts[key[0]],) = tee(motion.starts(free), 1)
         starts, point = self._starts[key[0]], motion.settled_point(free)
         free = transferred_mask(free | motion.of_starts, motion.problem, self.problem)
-        found = descended(self.problem, free, (self.own(values, motion.problem) for values in copy(starts)), others)
+        found = best_minimum(self.problem, free, (self.own(values, motion.problem) for values in copy(starts)), others)
         if point is not None:
             found = replace(found, settled=self.own(point.values, motion.problem))
         self._started[found] = starts
         self._around_motion[key] = found
         return found
 
-    def to_the_end(self, found: Fit) -> Fit:
+    def converge(self, found: Fit) -> Fit:
         """A fit after as many more steps as lower the cost by what matters in a comparison."""
         for _ in range(MORE):
             if found.outcome is not Outcome.OUT_OF_STEPS:
@@ -233,7 +233,7 @@ class Study:
                 break
         return found
 
-    def lean(self, found: Fit) -> Fit:
+    def without_unused_effects(self, found: Fit) -> Fit:
         """The same fit in a formulation with only those effects that it fitted: faster, where much is computed."""
         model = self.model
         for candidate in self.candidates:
@@ -278,7 +278,7 @@ class Study:
         return scores(at, [c for c in left if c.names])
 
     def held_out_blocks(self, found: Fit) -> list[Block] | None:
-        """Residuals of runs that took no part; see `held_out.held_out_blocks`."""
+        """Residuals of runs that took no part; see `holdout.held_out_blocks`."""
         if found not in self._held_out:
             started = self._started.get(found)
             starts = None if started is None or self.motion is None else (self.motion.problem, started)
@@ -286,7 +286,7 @@ class Study:
         return self._held_out[found]
 
     @property
-    def judges(self) -> tuple[Judge, ...]:
+    def judges(self) -> tuple[HoldoutKind, ...]:
         """Who judges a model of this study, the most independent first."""
         return judges(self.held_out, self.exam, self.runs)
 
@@ -298,7 +298,7 @@ class Study:
 
     def _quick(self, found: Fit) -> Fit:
         """The fit in a formulation that predicts many samples fast."""
-        return self.lean(found) if found.samples > LONG and found.problem is self.problem else found
+        return self.without_unused_effects(found) if found.samples > LONG and found.problem is self.problem else found
 
     def _released(self, effects: Sequence[Candidate], near: Fit) -> tuple[np.ndarray, np.ndarray]:
         """What is free with these effects, and values near a fit; other effects are at their null values."""

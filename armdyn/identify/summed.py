@@ -209,12 +209,14 @@ class Summed(Appraiser):
                 result[name] = float(np.sqrt(np.average(errors[mine], weights=s.count[units][mine])))
         return result
 
-    def promising(self, now: Appraisal, changes: Sequence[Change], most: int) -> list[Appraisal]:
+    def shortlist(self, now: Appraisal, changes: Sequence[Change], most: int) -> list[Appraisal]:
         """Of sets that differ from one by changes, those that are foretold to be worth most, at most so many."""
-        return [self.of(effects) for effects, _ in self._foretold(now, changes)[:most]]
+        return [self.of(effects) for effects, _ in self._by_predicted_gain(now, changes)[:most]]
 
-    def _foretold(self, now: Appraisal, changes: Sequence[Change]) -> list[tuple[tuple[Candidate, ...], float]]:
-        """Sets after changes, best first, each with weighted squared error and twice the price."""
+    def _by_predicted_gain(
+        self, now: Appraisal, changes: Sequence[Change]
+    ) -> list[tuple[tuple[Candidate, ...], float]]:
+        """Sets after changes, best first, each with its predicted weighted squared error plus twice its price."""
         found: list[tuple[tuple[Candidate, ...], float]] = []
         coming: dict[tuple[Candidate, ...], list[Sequence[Candidate]]] = {}
         for gone, come in changes:

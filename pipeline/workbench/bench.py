@@ -178,7 +178,7 @@ class Workbench:
             near = self._fits[min(self._fits, key=lambda other: (len(other ^ key), self._fits[other].cost))]
             around = self.expansion
             start = None if around is None else study.own(around.minimum(chosen)[2], around.sums.problem)
-            self._fits[key] = study.to_the_end(study.fit_with(whole, near, start))
+            self._fits[key] = study.converge(study.fit_with(whole, near, start))
         return self._fits[key]
 
     def with_values(self, effects: Sequence[Atom], values: Mapping[str, float]) -> TickedModel:
@@ -188,7 +188,7 @@ class Workbench:
             UnknownNameError: the model has no such parameter.
         """
         fit = self.fit(effects)
-        lean, knobs, at = self.study.lean(fit), dict(self._knobs(fit)), {}
+        lean, knobs, at = self.study.without_unused_effects(fit), dict(self._knobs(fit)), {}
         for name, value in values.items():
             if name not in knobs:
                 raise UnknownNameError("parameter", name, list(knobs))
