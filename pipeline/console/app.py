@@ -15,6 +15,7 @@ from typer.exceptions import TyperException
 from armdyn import __version__
 from armdyn.errors import ArmdynError, InputError, TaskFailedError
 from pipeline import commands
+from pipeline.console.groups import with_groups
 from pipeline.console.streams import report_unforeseen, tolerant_streams
 from pipeline.interrupts import Interrupt, Interrupts
 from urdf.bounds import LARGEST, is_sane, shown
@@ -43,10 +44,10 @@ def application(files: Iterable[str]) -> typer.Typer:
         module = import_module(f"{commands.__name__}.{file}")
         place = {"name": file.removesuffix("_"), "rich_help_panel": module.PANEL}
         if not hasattr(module, "group"):
-            app.command(**place)(_checked(getattr(module, file)))
+            app.command(**place)(_checked(with_groups(getattr(module, file))))
             continue
         for command in module.group.registered_commands:
-            command.callback = _checked(command.callback)
+            command.callback = _checked(with_groups(command.callback))
         app.add_typer(module.group, **place)
     return app
 
@@ -71,12 +72,12 @@ def run(interrupts: Interrupts) -> int:
     Returns:
         The exit status: 0 done, 1 the answer is no, 2 bad input, 3 a mistake of ours, 128 + n ended by signal n.
     """
-    with tolerant_streams() as streams:
+    with tolerant_streams() as problem_of_output:
         try:
             status = _run_command(interrupts)
         except BaseException as error:
             status = _say_why(error, interrupts)
-        problem = streams.problem()
+        problem = problem_of_output()
         if problem is not None and status in (0, 1):
             status = _say(f"cannot write to standard output: {problem}; choose another place", 2)
     return status

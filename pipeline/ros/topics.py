@@ -7,10 +7,10 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from armdyn.errors import InputError
+from armdyn.errors import InputError, at
+from armdyn.toml_file import read_toml
 from pipeline.robot.protocol import Vector
 from urdf.loader import SETTINGS, known_robots
-from urdf.table_file import TableFileError, read_table
 
 
 class CommandKind(Enum):
@@ -65,21 +65,15 @@ def read_topics(file: Path) -> RosTopics:
     Raises:
         InputError: it is missing, or an entry has the wrong form.
     """
-    try:
-        table = read_table(file)[1].get("ros")
-    except FileNotFoundError as error:
-        raise InputError(f"{file}: there is no such file; give a robot's settings file") from error
-    except TableFileError as error:
-        raise InputError(f"{file}: {error}") from error
+    table = read_toml(file, "; give a robot's settings file").get("ros")
     if not isinstance(table, dict):
         raise InputError(f"{file}: there is no table [ros]; see urdf/robots/baxter.toml for an example")
-    try:
-        return RosTopics(**{name: _entry(name, value) for name, value in table.items()})
-    except TypeError as error:  # the two entries that have no default
-        missing = next(name for name in ("joint_states", "command") if name not in table)
-        raise InputError(f"{file}: [ros]: entry '{missing}' is missing") from error
-    except InputError as error:
-        raise InputError(f"{file}: [ros]: {error}") from error
+    with at(f"{file}: [ros]"):
+        try:
+            return RosTopics(**{name: _entry(name, value) for name, value in table.items()})
+        except TypeError as error:  # the two entries that have no default
+            missing = next(name for name in ("joint_states", "command") if name not in table)
+            raise InputError(f"entry '{missing}' is missing") from error
 
 
 def _entry(name: str, value: object) -> Any:

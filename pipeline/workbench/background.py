@@ -56,7 +56,7 @@ def key_of(inputs: Inputs) -> tuple[object, ...]:
     """Tells files, as they are now, from others."""
     roles = (("model", [inputs.model]), ("fit", inputs.runs), ("held out", inputs.held_out or []),
              ("effects", [inputs.effects] if inputs.effects else []))  # fmt: skip
-    return inputs.trust, *(
+    return inputs.trust_data, *(
         (role, str(path), path.stat().st_mtime if path.exists() else 0.0) for role, paths in roles for path in paths
     )
 

@@ -175,12 +175,9 @@ def _arm_of(path: Path) -> Dropped:
 
 def _toml(path: Path) -> Dropped:
     from armdyn.sidecar import read_sidecar
-    from urdf.table_file import TableFileError, read_table
+    from armdyn.toml_file import read_toml
 
-    try:
-        table = read_table(path)[1]
-    except TableFileError as error:
-        raise InputError(f"{path.name}: {error}") from error
+    table = read_toml(path)
     if "base" in table:
         model: Model = read_model_file(path).model
         effects = ", ".join(effect.label for effect in model.effects)
@@ -199,8 +196,8 @@ def _recording(path: Path, joints: Sequence[str]) -> Dropped:
     except InputError as error:
         own = error
     from pipeline.imports import read_foreign
-    from pipeline.imports.conversion import imported
-    from pipeline.imports.guess import guessed
+    from pipeline.imports.conversion import run_of
+    from pipeline.imports.guess import guess_map
     from pipeline.imports.joints import Joints
     from pipeline.imports.mapping import known_columns
 
@@ -209,8 +206,8 @@ def _recording(path: Path, joints: Sequence[str]) -> Dropped:
         try:
             mapping = known_columns(foreign)
         except InputError:
-            mapping = guessed([foreign], Joints(tuple(joints)))
-        run = imported(foreign, mapping)
+            mapping = guess_map([foreign], Joints(tuple(joints)))
+        run = run_of(foreign, mapping)
     except InputError as error:
         # Who meant a run of our own is told what is wrong with it, whoever brings another format what it lacks.
         raise (own if path.suffix.lower() == ".csv" and "[" in str(own) else error) from error
@@ -299,7 +296,7 @@ def keep(
     file = ModelFile(kept, given.file.description, (*given.file.history, *history_entries(study, found)))
     write_model_file(model, file)
     files, notes = [model, *copied], list[str]()
-    command = opened._replace(model=model).command("compare", "--report", "compare.html")
+    command = replace(opened, model=model).command("compare", "--report", "compare.html")
     if report is not None:
         write_page(repair_report(study, found, [NextStep("hold it against runs", command)]), report)
         files.append(report)

@@ -51,7 +51,7 @@ def test_a_bad_table_is_explained(tmp_path, text, says):
 
 
 def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(InputError, match=r"none\.toml: there is no such file"):
+    with pytest.raises(InputError, match=r"none\.toml: no such file"):
         read_topics(tmp_path / "none.toml")
 
 
