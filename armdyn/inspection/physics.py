@@ -51,7 +51,7 @@ class Verdict:
     found: Evidence
 
 
-def tested(run: Modelled) -> Iterator[Verdict]:
+def find_mistakes(run: Modelled) -> Iterator[Verdict]:
     """Mistakes of a recording, one after the other, each undone before the next is looked for."""
     told: set[tuple[str, tuple[str, ...]]] = set()
     for _ in range(AT_ONCE):
@@ -133,7 +133,7 @@ def _best(run: Modelled, sets: Sequence[tuple[Hypothesis, ...]], as_is: float) -
 
 def checks(run: Modelled) -> list[Check]:
     """What is wrong with a recording, as the model sees it."""
-    return [_check(run, verdict) for verdict in tested(run)]
+    return [_check(run, verdict) for verdict in find_mistakes(run)]
 
 
 def _check(run: Modelled, v: Verdict) -> Check:

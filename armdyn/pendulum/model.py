@@ -170,7 +170,7 @@ class PendulumModel(SimulatedModel):
             raise InputError("the load of this model does not come to rest below the gripper: check its effects")
         return float(brentq(moment, -STEEPEST, STEEPEST, xtol=1e-12))
 
-    def driven_by(self, path: GripperPath, physics: np.ndarray) -> Path:
+    def driven_by(self, path: Path, physics: np.ndarray) -> Path:
         """The path of the string's upper end where the gripper's was recorded; see `SimulatedModel`."""
         return path if self.system.input_lag is None else trailing(path, self.gripper_lag(physics))
 

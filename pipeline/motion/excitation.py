@@ -13,7 +13,7 @@ from armdyn.experiments.arm import ArmProblem
 from armdyn.experiments.criteria import covariance
 from armdyn.experiments.goal import Goal
 from armdyn.experiments.limits import MotionLimits
-from armdyn.experiments.search import NEARLY, Say, improved, random_motions, scaled, search, shrunk
+from armdyn.experiments.search import NEARLY, Say, improve, random_motions, scale, search, shrink
 from armdyn.experiments.series import AxisMotion, Series
 from armdyn.run import Channel, Run
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, check_joints
@@ -187,7 +187,7 @@ def excitation(
         say("designing the motion with the least condition number")
         rival = replace(problem, criterion=goal.conditioned)
         other = search(rival, starts, [goal.conditioned(information)[0] for information in informations], say)
-        inside = shrunk(rival, other, NEARLY)
+        inside = shrink(rival, other, NEARLY)
         conditioned = expectation(problem, goal, other if inside is None else inside)
     return Excitation(
         goal=goal,
@@ -242,15 +242,15 @@ def _feasible(
             break
         problem = _with_less_room(problem, check)
         say(f"{k + 1} of {REPAIRS} repairs, as the {check.violations[0].broken}")
-        x = improved(problem, x, first=len(problem.steps) - 2)
+        x = improve(problem, x, first=len(problem.steps) - 2)
     smaller: list[tuple[float, int, tuple[Array, JointTrajectory, FeasibilityReport]]] = []
     for motion in (x, best):
         for size in SMALLER:
-            trajectory = sampled(problem, scaled(motion, size))
+            trajectory = sampled(problem, scale(motion, size))
             check = check_joints(robot, trajectory, settings)
             if check.feasible:
                 smaller.append(
-                    (problem.cost(scaled(motion, size)), len(smaller), (scaled(motion, size), trajectory, check))
+                    (problem.cost(scale(motion, size)), len(smaller), (scale(motion, size), trajectory, check))
                 )
                 break
     if smaller:
