@@ -18,7 +18,7 @@ from armdyn.arm.prediction import ChannelPredictor, predictor_of, prepared_once
 from armdyn.arm.prepared import PreparedRun
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
-from armdyn.model import Bend, Model, Prediction, joined
+from armdyn.model import Bend, Model, Prediction, join_channels
 from armdyn.parameter import Parameter, Quantity
 from armdyn.readout import Interpolated
 from armdyn.run import Channel, Run
@@ -177,7 +177,7 @@ class ArmModel(Model):
             predictor = predictor_of(self.arm, run, run.channels[name], name)
             values, derivatives = predictor.predict(self._functions, per_joint, bodies)
             parts.append((name, run.channels[name].time, values, self._by_theta(derivatives, len(values))))
-        return joined(parts)
+        return join_channels(parts)
 
     def at_states(self, stretch: Stretch) -> tuple[np.ndarray, np.ndarray]:
         """All torques at states that are known exactly and need not follow each other.
