@@ -9,7 +9,6 @@ import numpy as np
 from armdyn.inspection.arm import AS_DESCRIBED, ArmRun
 from armdyn.inspection.check import MODEL, Check, Severity, amount
 from armdyn.inspection.correction import Correction
-from armdyn.inspection.evidence import Evidence
 from armdyn.inspection.hypotheses import MISTAKES, Hypothesis
 from armdyn.inspection.swing import SwingRun, mistakes
 
@@ -42,13 +41,11 @@ class Verdict:
         hypothesis: the best.
         gain: nats against "as it stands".
         lead: nats against the next best.
-        found: with every effect.
     """
 
     hypothesis: Hypothesis
     gain: float
     lead: float
-    found: Evidence
 
 
 def find_mistakes(run: Modelled) -> Iterator[Verdict]:
@@ -128,7 +125,7 @@ def _best(run: Modelled, sets: Sequence[tuple[Hypothesis, ...]], as_is: float) -
     if values[best] - least < SURE:
         return ()
     lead = values[best] - max([*(v for k, v in enumerate(values) if k != best), as_is])
-    return tuple(Verdict(h, values[best] - least, lead, found[best]) for h in chosen)
+    return tuple(Verdict(h, values[best] - least, lead) for h in chosen)
 
 
 def checks(run: Modelled) -> list[Check]:
