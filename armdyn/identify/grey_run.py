@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -36,6 +37,8 @@ FIRST_PIECES, STRETCHED, FOLLOWED = 2, 2, 2
 """Pieces through which a force is followed first, growth of their number, and most steps of the smoother at each."""
 UNBELIEVED = 4.0
 """Standard deviations of an innovation beyond which a sample is no noise: one in 16,000 by chance."""
+MOST_ACTING = 0.75
+"""Share of the unknowns that act, above which it saves nothing to leave out the others."""
 MOST_UNBELIEVED = 0.1
 """Share of the samples that can be glitches; more are how the sensor is."""
 
@@ -193,7 +196,22 @@ class Around:
 
     def innovations(self, noises: Sequence[Noise], kicks: np.ndarray) -> Innovations:
         """At the colours and levels of C noises, with (K,) sizes of the kicks each."""
-        return filtered(self._sums(noises, len(kicks)), self.chain, kicks)
+        acting = self._acting
+        if acting.mean() > MOST_ACTING:
+            return filtered(self._sums(noises, len(kicks)), self.chain, kicks)
+        n, P = self.states.shape[1], len(acting)
+        columns = np.concatenate([np.arange(n), n + np.flatnonzero(acting), [n + P]])
+        parts = ((sums[:, :, columns[:, None], columns], *rest) for sums, *rest in self._sums(noises, len(kicks)))
+        return filtered(parts, self.chain.of(acting), kicks).among(acting)
+
+    @cached_property
+    def _acting(self) -> np.ndarray:
+        """(P,) bool: unknowns that change anything here; the place of a force that is absent does not."""
+        n = self.states.shape[1]
+        acting = np.any(self.chain.by_unknown != 0.0, axis=(0, 1)) | np.any(self.chain.start[:, :-1] != 0.0, axis=0)
+        for rows in self.rows:
+            acting = acting | np.any(rows.value[:, :, n:-1] != 0.0, axis=(0, 1))
+        return np.asarray(acting)
 
     def _sums(self, noises: Sequence[Noise], kicks: int) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
         """Sums of consecutive pieces at C noises, for `filtered` with so many kicks."""

@@ -16,7 +16,7 @@ Sources: Kristensen, Madsen & Jorgensen, Automatica 40 (2004) 225; Comput. Chem.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -216,6 +216,11 @@ class Chain:
     start_variance: np.ndarray
     kicked: np.ndarray
 
+    def of(self, acting: np.ndarray) -> "Chain":
+        """The same for some of the unknowns, (P,) bool."""
+        start = self.start[:, np.append(acting, True)]
+        return replace(self, by_unknown=self.by_unknown[:, :, acting], start=start)
+
 
 def chained(found: Linearised, states: np.ndarray, columns: np.ndarray, unknowns: int) -> tuple[np.ndarray, np.ndarray]:
     """(J, n, P) derivatives by the unknowns and (J, n) gaps of a linearised run."""
@@ -244,6 +249,13 @@ class Innovations:
     square: np.ndarray
     log_std: np.ndarray
     rows: float
+
+    def among(self, acting: np.ndarray) -> "Innovations":
+        """The same among (P,) unknowns of which only these act."""
+        places = np.flatnonzero(acting)
+        gram, slope = (np.zeros((len(self.square), *[len(acting)] * k)) for k in (2, 1))
+        gram[:, places[:, None], places], slope[:, places] = self.gram, self.slope
+        return replace(self, gram=gram, slope=slope)
 
 
 @np.errstate(all="ignore")  # what a divergence has spoilt is no finite evidence
