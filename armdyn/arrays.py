@@ -7,12 +7,10 @@ import numpy as np
 
 from armdyn.channels import (
     JOINT_CHANNELS,
-    LARGEST,
     Channel,
     FloatArray,
     channel_unit,
     channel_units,
-    first_implausible,
     name_and_unit,
 )
 from armdyn.errors import InputError
@@ -57,16 +55,11 @@ def channels_of(
         if value.shape != stamps.shape:
             problems.append(f"'{name}' has shape {value.shape} where time has {stamps.shape}")
             continue
-        value = value * factor
-        beyond = first_implausible(unit, value)
-        if beyond is not None:
-            problems.append(
-                f"'{name}': {value[beyond]:.6g} {unit} at sample {beyond} is beyond {LARGEST[unit]:g} {unit}: "
-                "check its unit"
-            )
         present = np.isfinite(value)
-        if not problems:
-            found[name] = Channel(stamps[present], value[present], unit)
+        try:
+            found[name] = Channel(stamps[present], value[present] * factor, unit)
+        except InputError as error:
+            problems.append(f"'{name}': {error}")
     for name in units:
         if not any(name in (known, known.partition(".")[0]) for known in (name_and_unit(k)[0] for k in columns)):
             problems.append(f"a unit is given for '{name}', which is not among the values")

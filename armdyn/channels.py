@@ -113,6 +113,19 @@ def _valid_names(joint: str) -> Iterable[str]:
     return ("time", *PENDULUM_CHANNELS, *(f"{quantity}.{joint or '<joint>'}" for quantity in JOINT_CHANNELS))
 
 
+class SampleError(InputError):
+    """A sample of a size that nothing has.
+
+    Args:
+        index: of the sample in its channel.
+        said: what is wrong with it.
+    """
+
+    def __init__(self, index: int, said: str) -> None:
+        self.index, self.said = index, f"{said}: check its unit, or leave out the sample where the sensor failed"
+        super().__init__(f"sample {index}: {self.said}")
+
+
 @dataclass(frozen=True, eq=False)
 class Channel:
     """One measured quantity with its own time stamps.
@@ -125,7 +138,7 @@ class Channel:
         unit: SI unit.
 
     Raises:
-        InputError: lengths differ, a value is missing or infinite, or time does not increase.
+        InputError: lengths differ, time does not increase, or a value is missing, infinite or of no possible size.
     """
 
     time: FloatArray
@@ -143,11 +156,10 @@ class Channel:
             i = int(late[0])
             raise InputError(f"time does not increase at sample {i + 1}: {time[i]!r} s, then {time[i + 1]!r} s")
         for unit, array in (("s", time), (self.unit, value)):
-            beyond = first_implausible(unit, array)
-            if beyond is not None:
-                raise InputError(
-                    f"{array[beyond]:.6g} {unit} at sample {beyond} is beyond {LARGEST[unit]:g} {unit}: check its unit"
-                )
+            beyond = np.flatnonzero(np.abs(array) > LARGEST.get(unit, np.inf))
+            if beyond.size:
+                i = int(beyond[0])
+                raise SampleError(i, f"{array[i]:.6g} {unit} is beyond {LARGEST[unit]:g} {unit}")
         time.setflags(write=False)
         value.setflags(write=False)
         object.__setattr__(self, "time", time)
@@ -158,15 +170,6 @@ class Channel:
 
     def __reduce__(self) -> tuple[type["Channel"], tuple[FloatArray, FloatArray, str]]:
         return Channel, (self.time, self.value, self.unit)  # pickled arrays forget that they are read-only
-
-
-def first_implausible(unit: str, value: FloatArray) -> int | None:
-    """Index of the first sample that is beyond `LARGEST`, None where all are plausible (missing samples are)."""
-    bound = LARGEST.get(unit)
-    if bound is None:
-        return None
-    beyond = np.flatnonzero(np.abs(value) > bound)
-    return int(beyond[0]) if beyond.size else None
 
 
 def check_joint_units(channels: Iterable[tuple[str, str]]) -> None:

@@ -86,37 +86,9 @@ class Table:
     folded: str = ""
 
     @classmethod
-    def of(
-        cls,
-        header: Sequence[str],
-        rows: Sequence[Sequence[Any]],
-        caption: str = "",
-        *,
-        shares: Sequence[float] = (),
-        bars: Mapping[int, Sequence[float]] | None = None,
-        folded: str = "",
-    ) -> "Table":
-        """A table of rows.
-
-        Args:
-            header: name of each column.
-            rows: a value per column.
-            caption: a sentence under it.
-            shares: per row, the share that is drawn as a bar behind the last cell and coloured by it.
-            bars: the same for other columns, by their number, in one colour.
-            folded: see `Table`.
-        """
-        last = len(header) - 1
-        columns = [
-            Column(
-                name,
-                [row[i] for row in rows],
-                shares=shares if shares and i == last else (bars or {}).get(i, ()),
-                judged=bool(shares) and i == last,
-            )
-            for i, name in enumerate(header)
-        ]
-        return cls(columns, caption, folded=folded)
+    def of(cls, header: Sequence[str], rows: Sequence[Sequence[Any]], caption: str = "") -> "Table":
+        """A table of rows, with a value per column."""
+        return cls([Column(name, [row[i] for row in rows]) for i, name in enumerate(header)], caption)
 
     @property
     def values(self) -> Columns:
@@ -142,12 +114,13 @@ class Chart:
     """A figure with what it shows.
 
     Attributes:
-        figure: made with the roles of `pipeline.report.theme`; it needs no title and no template.
+        figure: of plotly, or its data and layout; made with the roles of `pipeline.report.theme`, it needs no title
+            and no template.
         caption: a sentence under it.
         tab: the tab of its section under which it stands; empty where it is always shown.
     """
 
-    figure: "go.Figure"
+    figure: "go.Figure | Mapping[str, Any]"
     caption: str = ""
     tab: str = ""
 

@@ -1,8 +1,11 @@
 """One root error; its kinds carry what was wrong and what to do next."""
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any
+
+from urdf.table_file import TableFileError
 
 LONGEST_NAME, MOST_NAMES = 60, 60
 """Characters of a name, and names of a list, that a message shows."""
@@ -24,6 +27,15 @@ def _as_it_was(kind: type[ArmdynError], args: tuple[Any, ...], state: dict[str, 
 
 class InputError(ArmdynError):
     """A value, file or argument that cannot be used."""
+
+
+@contextmanager
+def at(where: object) -> Iterator[None]:
+    """Tell the place of what is wrong in the block, such as a file or one of its entries, before the message."""
+    try:
+        yield
+    except (InputError, TableFileError) as error:
+        raise InputError(f"{where}: {error}") from error
 
 
 class UnknownNameError(InputError):

@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from armdyn.bytes_in import check_chunk_sizes, read_bytes
-from armdyn.channels import LARGEST, Channel, channel_unit, first_implausible, in_contract
-from armdyn.errors import InputError
+from armdyn.channels import Channel, SampleError, channel_unit, in_contract
+from armdyn.errors import InputError, at
 from armdyn.sidecar import Sidecar, parse_sidecar
 
 SIDECAR_RECORD = "armdyn.sidecar"
@@ -73,11 +73,9 @@ def read_mcap(path: Path, recover: bool = False) -> McapRecording:
         InputError: the file cannot be read, is cut off or damaged (unless `recover`), or holds no channels of armdyn.
     """
     data = _bytes(path)
-    try:
+    with at(path):
         check_chunk_sizes(data)
         content = _scan(data)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
     recorded = {name: samples for name, samples in content.samples.items() if samples.time}
     warnings: tuple[str, ...] = ()
     if content.problem is not None:
@@ -91,10 +89,8 @@ def read_mcap(path: Path, recover: bool = False) -> McapRecording:
         raise InputError(f"{path}: holds no samples of armdyn: give a recording made by 'armdyn trial', or a CSV")
     channels = {}
     for name, samples in recorded.items():
-        try:
+        with at(f"{path}: channel '{name}'"):
             channels[name] = _channel(name, samples)
-        except InputError as error:
-            raise InputError(f"{path}: channel '{name}': {error}") from error
     return McapRecording(channels, content.sidecar, warnings)
 
 
@@ -154,11 +150,7 @@ def _channel(name: str, samples: _Samples) -> Channel:
     if not in_contract(name):
         return Channel(time, value, samples.unit)  # recorded beside the run, in a unit of its own
     unit, factor = channel_unit(name, samples.unit)
-    channel = Channel(time, value if factor == 1.0 else value * factor, unit)
-    beyond = first_implausible(unit, channel.value)
-    if beyond is not None:
-        raise InputError(
-            f"{channel.value[beyond]:.6g} {unit} at {channel.time[beyond]:.3f} s is beyond {LARGEST[unit]:g} {unit}: "
-            "check its unit and the sensor"
-        )
-    return channel
+    try:
+        return Channel(time, value if factor == 1.0 else value * factor, unit)
+    except SampleError as error:
+        raise InputError(f"at {time[error.index]:.3f} s: {error.said}") from error

@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from armdyn.errors import InputError, UnknownNameError
 from armdyn.parameter import Parameter, Prior, Quantity
 from armdyn.run import Channel, Run
 from armdyn.shown import Shown
-from armdyn.start import Start
 
 
 @dataclass(frozen=True)
@@ -58,21 +57,6 @@ class Bend:
     function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
-class Linear(Protocol):
-    """A model whose predictions are linear in most unknowns: one expansion foretells what any set of effects does."""
-
-    def bend(self, names: Sequence[str], theta: np.ndarray) -> Bend | None:
-        """How predictions depend on the parameters `names` where that is not linear but simple; None elsewhere.
-
-        Predictions are linear in an arm's inertial parameters, but not in a payload's place, nor in the factor that
-        keeps a link's parameters those of a body.
-
-        Args:
-            names: of one effect's parameters on one joint.
-            theta: (p,) values around which.
-        """
-
-
 @dataclass(frozen=True, repr=False)
 class Model(Shown):
     """Base class of `PendulumModel` and `ArmModel`.
@@ -84,6 +68,9 @@ class Model(Shown):
 
     effects: tuple[Effect, ...]
     parameters: Mapping[str, Parameter]
+
+    linear = False
+    """Whether predictions are linear in most unknowns: one expansion then says what any set of effects does."""
 
     def __str__(self) -> str:
         """One line: the base, its values, its effects."""
@@ -108,14 +95,41 @@ class Model(Shown):
         tables = [Table(columns, name="parameters")]
         return Document(f"Model: {self.base}", f"{self}.", [Section("Parameters", tables=tables)])
 
-    @property
-    def start(self) -> Start:
-        """How to find the state at the start of a run."""
-        return Start()
+    def guess_start(self, run: Run) -> Mapping[str, float]:
+        """First guesses of the parameters that are one value per run: the state at the start of a simulated motion."""
+        del run
+        return {}
 
-    @property
-    def linear(self) -> "Linear | None":
-        """The model as one that is linear in most unknowns; None where it is not."""
+    def possible_starts(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
+        """States at the start of a run from each of which a fit is tried; empty where a fit converges from anywhere.
+
+        Args:
+            run: a recording.
+            theta: (p,) parameter values.
+        """
+        del run, theta
+        return ()
+
+    def start_window(self, theta: np.ndarray) -> float:
+        """Length of a run, s, that is long enough to choose among the possible starts; `theta` (p,)."""
+        del theta
+        return np.inf
+
+    def pieces(self, run: Run) -> Sequence[Run]:
+        """The run, or the parts of it each of which has a start of its own."""
+        return (run,)
+
+    def bend(self, names: Sequence[str], theta: np.ndarray) -> Bend | None:
+        """How predictions depend on the parameters `names` where that is not linear but simple; None elsewhere.
+
+        Predictions are linear in an arm's inertial parameters, but not in a payload's place, nor in the factor that
+        keeps a link's parameters those of a body.
+
+        Args:
+            names: of one effect's parameters on one joint.
+            theta: (p,) values around which.
+        """
+        del names, theta
         return None
 
     @property

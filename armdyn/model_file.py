@@ -1,6 +1,5 @@
 """Model files: readable TOML, the only state that is kept between commands."""
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
@@ -10,18 +9,39 @@ from typing import Any
 from armdyn import atomic
 from armdyn.effects.catalogue import find
 from armdyn.effects.effect import Effect
-from armdyn.errors import InputError, UnknownNameError
+from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.model import Model
 from armdyn.parameter import Parameter, Prior
+from armdyn.toml_file import Entry, is_names, is_number, is_text, problems_in, read_toml
 from armdyn.units import parse_quantity, si_factor
 from urdf.bounds import LARGEST
-from urdf.table_file import TableFileError, read_table
 
 BASES = {"pendulum": "armdyn.pendulum.model", "arm": "armdyn.arm.model"}
 """Where each base is read; a user's own is the path of a Python file."""
 KEYS = ("base", "effects", "parameters", "history")
 """Keys of every model file; each base has its own besides."""
-FIELDS = ("value", "std", "unit", "fitted", "prior")
+_NAMES = Entry(lambda given: isinstance(given, str) or is_names(given), "write a name, or a list of names")
+_SIZES = Entry(
+    lambda given: isinstance(given, dict) and all(is_number(size) and size >= 0.0 for size in given.values()),
+    "write a table of numbers that are not negative",
+)
+_NUMBER = Entry(is_number, "write a number")
+CHANGE = {
+    "added": _NAMES, "removed": _NAMES, "runs": _NAMES, "held_out": _NAMES, "rmse": _SIZES, "held_out_rmse": _SIZES,
+    "exam_rmse": _SIZES, "as_given_rmse": _SIZES, "contribution": _SIZES, "chi2_per_sample": _NUMBER, "bic": _NUMBER,
+}  # fmt: skip
+"""What the entries of a change in the history are; others are let pass."""
+PARAMETER = {
+    "value": Entry(lambda given: is_number(given) and abs(given) <= LARGEST, "write a number, in SI units"),
+    "std": Entry(
+        lambda given: is_number(given) and 0.0 <= given <= LARGEST,
+        "write a finite number that is not negative, or none",
+    ),
+    "unit": Entry(is_text, 'write a text such as "kg"'),
+    "fitted": Entry(lambda given: isinstance(given, bool), "write true or false"),
+    "prior": Entry(is_text, 'write a text such as "0.08 +/- 0.0004"'),
+}
+"""What the fields of a parameter are."""
 
 
 @dataclass(frozen=True)
@@ -57,16 +77,9 @@ def read_model_file(path: Path | str, extra: Iterable[Effect] = ()) -> ModelFile
     path = Path(path)
     if path.is_dir():
         raise InputError(f"{path} is a directory: give the model's file")
-    try:
-        _, table = read_table(path)
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file: make one with 'armdyn new pendulum {path}'") from error
-    except TableFileError as error:
-        raise InputError(f"{path}: {error}") from error
-    try:
+    table = read_toml(path, f": make one with 'armdyn new pendulum {path}'")
+    with at(path):
         return _parsed(table, path.parent, tuple(extra))
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
 
 
 def write_model_file(path: Path | str, file: ModelFile) -> None:
@@ -146,10 +159,8 @@ def with_known(model: Model, known: Mapping[str, str]) -> Model:
         if name not in settable:
             raise UnknownNameError("parameter", name, settable)
         parameter = model.parameters[name]
-        try:
+        with at(name):
             value = parse_quantity(text, parameter.unit)
-        except InputError as error:
-            raise InputError(f"{name}: {error}") from error
         if value.std is None:
             model = model.with_values({name: value.value})
         else:
@@ -188,30 +199,9 @@ def _parsed(table: Mapping[str, Any], folder: Path, extra: Sequence[Effect]) -> 
     if not isinstance(history, list) or not all(isinstance(entry, dict) for entry in history):
         raise InputError("[[history]]: write a list of tables")
     for number, entry in enumerate(history, start=1):
-        _check_change(entry, f"[[history]] {number}")
+        for problem in problems_in({key: value for key, value in entry.items() if key in CHANGE}, CHANGE):
+            raise InputError(f"[[history]] {number}: {problem}")
     return ModelFile(model.with_parameters(changed), description, tuple(history))
-
-
-def _check_change(entry: Mapping[str, Any], where: str) -> None:
-    """Refuse an entry of the history whose numbers or names are none; what it does not know it lets pass."""
-    for key in ("added", "removed", "runs", "held_out"):
-        names = entry.get(key, [])
-        if not isinstance(names, str) and not (isinstance(names, list) and all(isinstance(n, str) for n in names)):
-            raise InputError(f"{where}: {key}: write a name, or a list of names")
-    for key, value in entry.items():
-        if key.endswith("rmse") or key == "contribution":
-            if not isinstance(value, dict) or not all(_is_size(number) for number in value.values()):
-                raise InputError(f"{where}: {key}: write a table of numbers that are not negative")
-        elif key in ("chi2_per_sample", "bic") and not _is_number(value):
-            raise InputError(f"{where}: {key}: write a number")
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _is_size(value: Any) -> bool:
-    return _is_number(value) and value >= 0.0
 
 
 def _parameter(model: Model, name: str, entry: Any) -> Parameter:
@@ -220,31 +210,20 @@ def _parameter(model: Model, name: str, entry: Any) -> Parameter:
         raise UnknownNameError("parameter", name, shared)
     if not isinstance(entry, dict) or "value" not in entry:
         raise InputError(f'parameter {name}: write it as {{ value = 1.0, unit = "{model.parameters[name].unit}" }}')
-    for field in entry:
-        if field not in FIELDS:
-            raise UnknownNameError(f"field of parameter {name}", field, FIELDS)
     parameter = model.parameters[name]
-    factor = si_factor(str(entry["unit"]), parameter.unit) if "unit" in entry else 1.0
-    numbers = {key: entry[key] for key in ("value", "std") if key in entry}
-    if not all(map(_is_number, numbers.values())):
-        raise InputError(f"parameter {name}: value and std are numbers, without quotes")
-    if any(abs(number) > LARGEST for number in numbers.values()):
-        raise InputError(f"parameter {name}: nothing is larger than {LARGEST:g}: write it in {parameter.unit}")
+    for field in entry:
+        if field not in PARAMETER:
+            raise UnknownNameError(f"field of parameter {name}", field, PARAMETER)
+    for problem in problems_in(entry, PARAMETER):
+        raise InputError(f"parameter {name}: {problem}")
+    factor = si_factor(entry["unit"], parameter.unit) if "unit" in entry else 1.0
     value = float(entry["value"]) * factor
     std = float(entry["std"]) * factor if "std" in entry else None
-    if std is not None and not 0.0 <= std < math.inf:
-        raise InputError(f"parameter {name}: std is {std:g}: write a finite number that is not negative, or none")
     fitted = entry.get("fitted", parameter.fitted)
-    if not isinstance(fitted, bool):
-        raise InputError(f"parameter {name}: fitted is true or false")
     prior = parameter.prior
     if "prior" in entry:
-        known = (
-            parse_quantity(f"{entry['prior']} {parameter.unit}", parameter.unit)
-            if isinstance(entry["prior"], str)
-            else None
-        )
-        if known is None or known.std is None:
+        known = parse_quantity(f"{entry['prior']} {parameter.unit}", parameter.unit)
+        if known.std is None:
             raise InputError(f'parameter {name}: write its prior as "0.08 +/- 0.0004", in {parameter.unit}')
         prior = Prior(known.value, known.std)
         if not parameter.lower <= prior.mean <= parameter.upper:

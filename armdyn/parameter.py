@@ -85,7 +85,20 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Quantity:
-    """Declares one parameter of an effect; see `quantity`."""
+    """Declares a parameter of an effect, as the default value of an argument of the effect's function.
+
+    Attributes:
+        unit: SI unit as text, such as ``"N s/m"``.
+        typical: a realistic size, used for scaling and for first guesses.
+        null: the value at which the effect is absent; there it must change nothing to the last digit.
+        lower: smallest physical value.
+        upper: largest physical value.
+        scope: ``"shared"`` by all runs or ``"per_run"``.
+        summary: one phrase on what the number is.
+        spread: standard deviation, about the null value, of what nature has; it keeps a fit sound where a run does
+            not determine the number, such as the place of a mass of zero.
+        needs: channels of which a recording must have one to show it; any will do where empty.
+    """
 
     unit: str
     typical: float
@@ -107,30 +120,5 @@ class Quantity:
         )  # fmt: skip
 
 
-def quantity(
-    unit: str,
-    *,
-    typical: float,
-    null: float = 0.0,
-    lower: float = -inf,
-    upper: float = inf,
-    scope: Scope = "shared",
-    summary: str = "",
-    spread: float | None = None,
-    needs: tuple[str, ...] = (),
-) -> Any:  # the default value of an effect's argument, which is an expression when the effect is applied
-    """Declare a parameter of an effect as the default value of its argument.
-
-    Args:
-        unit: SI unit as text, such as ``"N s/m"``.
-        typical: a realistic size, used for scaling and for first guesses.
-        null: the value at which the effect is absent; there it must change nothing to the last digit.
-        lower: smallest physical value.
-        upper: largest physical value.
-        scope: ``"shared"`` by all runs or ``"per_run"``.
-        summary: one phrase on what the number is.
-        spread: standard deviation, about the null value, of what nature has; it keeps a fit sound where a run does
-            not determine the number, such as the place of a mass of zero.
-        needs: channels of which a recording must have one to show it; any will do where empty.
-    """
-    return Quantity(unit, typical, null, lower, upper, scope, summary, spread, needs)
+quantity: Any = Quantity
+"""A `Quantity` where it is the default value of an argument, which is an expression when the effect is applied."""

@@ -1,7 +1,7 @@
 """A run: one recording, read from CSV or MCAP, in SI units, ready to be compared with a model."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -119,12 +119,11 @@ class Run(Shown):
         time, values = frame_columns(frame)
         return cls.from_arrays(time, values, units=units, name=name, description=description)
 
-    def __reduce__(self) -> tuple[Callable[..., "Run"], tuple[Any, ...]]:
+    def __reduce__(self) -> tuple[Callable[..., "Run"], tuple[()]]:
         # A MappingProxyType cannot be pickled, and runs go to other processes.
-        mappings = (dict(self.channels), dict(self.known), dict(self.noise))
-        outliers, spread = dict(self.outliers), dict(self.spread)
-        rest = partial(Run, began=self.began, outliers=outliers, spread=spread, recorded=self.recorded)
-        return rest, (self.name, *mappings, self.description, self.source, self.warnings)
+        values: dict[str, Any] = {each.name: getattr(self, each.name) for each in fields(self)}
+        plain: dict[str, Any] = {name: dict(v) if isinstance(v, MappingProxyType) else v for name, v in values.items()}
+        return partial(Run, **plain), ()
 
     def __str__(self) -> str:
         """One line: its name, what was measured, how long."""
@@ -135,11 +134,9 @@ class Run(Shown):
 
     def document(self) -> Document:
         """Its channels, and what was recorded over time: a row for each quantity, a curve for each joint."""
-        channels, quantities = self.channels, dict.fromkeys(name.partition(".")[0] for name in self.channels)
-        seconds = max((float(c.time[-1] - c.time[0]) for c in channels.values()), default=0.0)
-        of_joints = f" of {len(self.joints)} joints" if self.joints else ""
+        channels, values = self.channels, self.channels.values()
+        seconds = max((float(c.time[-1] - c.time[0]) for c in values), default=0.0)
         described = f"{self.description}. " if self.description else ""
-        values = channels.values()
         columns = [
             Column("channel", list(channels)),
             *columns_of(values, unit=""),
@@ -151,12 +148,19 @@ class Run(Shown):
         ]
         return Document(
             f"Run {self.name}",
-            f"{described}{', '.join(quantities) or 'nothing'}{of_joints}, {seconds:.4g} s",
+            f"{described}{self.summary}, {seconds:.4g} s",
             [Section("Channels", tables=[Table(columns, name="channels")])],
             data={"samples": self._samples},
             curves=self._curves,
             default="samples",
         )
+
+    @property
+    def summary(self) -> str:
+        """What was recorded of how many joints: ``"q, tau of 6 joints"``."""
+        quantities = dict.fromkeys(name.partition(".")[0] for name in self.channels)
+        of_joints = f" of {len(self.joints)} joints" if self.joints else ""
+        return f"{', '.join(quantities) or 'nothing'}{of_joints}"
 
     def _samples(self) -> dict[str, list[Any]]:
         """A row per time stamp, a column per channel; nan where a channel has no sample."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from armdyn.channels import Channel
 from armdyn.effects.effect import Effect
-from armdyn.errors import InputError, UnknownNameError
+from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.model import Model
 from armdyn.run import Run
 from armdyn.sidecar import POSITIVE
@@ -41,13 +41,11 @@ def check_run(model: Model, run: Run, adding: Iterable[Effect] = ()) -> None:
     Raises:
         InputError: names the file, the channel or value and the time, what is wrong and what to do.
     """
-    try:
+    with at(run.source or run.name):
         _check_known(model, run, adding)
         _check_clock(run)
         for name, channel in run.channels.items():
             _check_steps(name, channel)
-    except InputError as error:
-        raise InputError(f"{run.source or run.name}: {error}") from error
 
 
 def _check_known(model: Model, run: Run, adding: Iterable[Effect]) -> None:
@@ -55,15 +53,12 @@ def _check_known(model: Model, run: Run, adding: Iterable[Effect]) -> None:
         if model.lacks(effect):
             model = model.with_effect(effect)
     for name, known in run.known.items():
-        where = f"[known] {name}"
         if name not in model.parameters:
             if name in POSITIVE:
                 continue  # what hangs on the gripper is written beside every recording, also of an arm
             raise _unknown(model, name)
-        try:
+        with at(f"[known] {name}"):
             si_factor(known.unit, model.parameters[name].unit)
-        except InputError as error:
-            raise InputError(f"{where}: {error}") from error
 
 
 def _unknown(model: Model, name: str) -> InputError:

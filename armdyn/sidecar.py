@@ -20,10 +20,11 @@ from datetime import UTC, date, datetime
 from pathlib import Path
 
 from armdyn.channels import channel_kind, channel_unit, in_contract
-from armdyn.errors import InputError
+from armdyn.errors import InputError, at
 from armdyn.quoting import toml_string
+from armdyn.toml_file import read_toml
 from armdyn.units import Known, parse_quantity
-from urdf.table_file import TableFileError, parse_table, read_table
+from urdf.table_file import TableFileError, parse_table
 
 POSITIVE = {"mass": "kg", "length": "m"}
 """Known values of the base pendulum that have a fixed unit and cannot be zero or less."""
@@ -52,12 +53,11 @@ def read_sidecar(path: Path) -> Sidecar:
     Raises:
         InputError: names the file, the field, what is wrong and what to do.
     """
-    try:
-        return _sidecar(read_table(path)[1])
-    except FileNotFoundError:
+    if not path.exists():
         return Sidecar()
-    except (TableFileError, InputError) as error:
-        raise InputError(f"{path}: {error}") from error
+    table = read_toml(path)
+    with at(path):
+        return sidecar_of(table)
 
 
 def parse_sidecar(text: str) -> Sidecar:
@@ -67,12 +67,17 @@ def parse_sidecar(text: str) -> Sidecar:
         InputError: it is not TOML, or a field cannot be used.
     """
     try:
-        return _sidecar(parse_table(text))
+        return sidecar_of(parse_table(text))
     except TableFileError as error:
         raise InputError(str(error)) from error
 
 
-def _sidecar(table: Mapping[str, object]) -> Sidecar:
+def sidecar_of(table: Mapping[str, object]) -> Sidecar:
+    """What the entries of a sidecar say.
+
+    Raises:
+        InputError: a field cannot be used.
+    """
     _check_keys(table)
     description = table.get("description", "")
     if not isinstance(description, str):
@@ -153,10 +158,8 @@ def _quantity(where: str, value: object, unit: str | None) -> Known:
     if not isinstance(value, str):
         example = f"{value} {unit or 'kg'}" if isinstance(value, int | float) else f"1 {unit or 'kg'}"
         raise InputError(f'{where}: {value!r} has no unit: write it as text, such as "{example}"')
-    try:
+    with at(where):
         return parse_quantity(value, unit)
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from error
 
 
 def _noise(name: str, value: object) -> Known:
@@ -165,10 +168,8 @@ def _noise(name: str, value: object) -> Known:
     parsed = _quantity(where, value, choices[0] if len(choices) == 1 else None)
     if parsed.value <= 0.0:
         raise InputError(f"{where}: '{value}' is not positive: give the standard deviation, or leave it out")
-    try:
+    with at(where):
         unit, factor = channel_unit(name, parsed.unit)
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from error
     return Known(parsed.value * factor, None, unit)
 
 

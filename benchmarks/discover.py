@@ -15,21 +15,21 @@ import time
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-import numpy as np  # noqa: E402
+import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
-from hidden_effects.laws import CLEAN, LAWS, URDF, World, world  # noqa: E402
+from hidden_effects.laws import CLEAN, LAWS, URDF, World, world
 
-from armdyn.arm.model import arm_model  # noqa: E402
-from armdyn.discovery.discover import discover  # noqa: E402
-from armdyn.discovery.result import Discovery  # noqa: E402
-from armdyn.effects.effect import Effect  # noqa: E402
-from armdyn.effects.user import available, load_effects  # noqa: E402
-from armdyn.identify.repair import add  # noqa: E402
-from armdyn.identify.study import Study  # noqa: E402
-from armdyn.model import Model  # noqa: E402
-from armdyn.pendulum.model import pendulum_model  # noqa: E402
+from armdyn.arm.model import arm_model
+from armdyn.discovery.discover import discover
+from armdyn.discovery.result import Discovery
+from armdyn.effects.effect import Effect
+from armdyn.effects.user import available, load_effects
+from armdyn.identify.repair import add
+from armdyn.identify.study import Study
+from armdyn.model import Model
+from armdyn.pendulum.model import pendulum_model
 
 
 def judged(kind: str, seed: int, folder: Path) -> dict:

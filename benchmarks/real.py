@@ -197,12 +197,12 @@ def picture(recorded: Recorded, found: Repair, folder: Path) -> Path:
     import plotly.graph_objects as go
     from PIL import Image
 
-    from pipeline.report.missing_force import missing_force_pictures
+    from pipeline.report.missing_force import missing_force_charts
     from pipeline.report.theme import TEMPLATE
 
     effects = ", ".join(name for step in found.path[1:] for name in step.added)
     curves = [curve for curve in found.missing_force if curve.against in SHOWN]
-    (drawn,) = missing_force_pictures(curves, f"with {effects}")
+    (drawn,) = missing_force_charts(curves, f"with {effects}")
     figure = go.Figure(drawn.figure)
     figure.update_layout(template=TEMPLATE, width=PICTURE[0], height=PICTURE[1])
     target = folder / f"real_{recorded.name}.png"

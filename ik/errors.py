@@ -1,6 +1,10 @@
 """What can go wrong between a path and a table."""
 
+from pathlib import Path
+from typing import Any
+
 from armdyn.errors import InputError, TaskFailedError
+from urdf import Robot
 
 
 class StaleTableError(InputError):
@@ -9,3 +13,15 @@ class StaleTableError(InputError):
 
 class UnreachableError(TaskFailedError):
     """A path that the arm cannot follow: the message says where, why and what to do."""
+
+
+def check_owner(source: Path, about: dict[str, Any], robot: Robot, remedy: str) -> None:
+    """Refuse the file of a table or a volume that was built for another robot or other settings of it.
+
+    Raises:
+        StaleTableError: says which, and the remedy.
+    """
+    if about["robot"] != robot.name:
+        raise StaleTableError(f"{source}: it is of robot '{about['robot']}', not '{robot.name}'; {remedy}")
+    if about["fingerprint"] != robot.fingerprint:
+        raise StaleTableError(f"{source}: the URDF or the settings of '{robot.name}' have changed since; {remedy}")

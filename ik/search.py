@@ -1,10 +1,11 @@
 """Find a line for an arm: where it can move its tool fast, far from every limit, without touching anything."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from armdyn.errors import InputError
 from ik.branch import in_core
@@ -86,7 +87,7 @@ def search_line(robot: Robot, demand: Demand | None = None, progress: Callable[[
     demand, say = demand or Demand(), progress or (lambda _: None)
     search = _Search(robot, demand)
     say("looking where the tool can be held")
-    origins = search.promising()
+    origins = search.shortlist()
     best: Found | None = None
     for number, origin in enumerate(origins):
         for start in search.starts(origin):
@@ -103,7 +104,7 @@ def search_line(robot: Robot, demand: Demand | None = None, progress: Callable[[
         improved = True
         while improved:
             improved = False
-            for move in search.moves(step):
+            for move in (side * step * axis for axis in search.frame[::-1] for side in (1.0, -1.0)):
                 found = search.try_out(best.line.origin + move, best.home)
                 if found is not None and found.score > best.score + 1e-3:
                     best, improved = found, True
@@ -113,16 +114,8 @@ def search_line(robot: Robot, demand: Demand | None = None, progress: Callable[[
 
 def upright_rotation(rotation: Array) -> Array:
     """The orientation with right angles to the base's axes that is nearest to a given one, (3, 3)."""
-    nearest = np.zeros((3, 3))
-    left = np.abs(rotation)
-    for _ in range(3):
-        row, column = np.unravel_index(left.argmax(), left.shape)
-        nearest[row, column] = np.sign(rotation[row, column])
-        left[row, :] = left[:, column] = -1.0
-    if np.linalg.det(nearest) < 0:  # the weakest of the three choices is reversed
-        weakest = int(np.abs((nearest * rotation).sum(axis=0)).argmin())
-        nearest[:, weakest] *= -1.0
-    return nearest + 0.0
+    upright = np.round(Rotation.create_group("O").as_matrix()) + 0.0
+    return np.asarray(upright[np.einsum("kij,ij->k", upright, rotation).argmax()])
 
 
 class _Search:
@@ -131,8 +124,8 @@ class _Search:
         self.chain, self.solver, self.collisions = Chain.of(robot), Solver(robot), CollisionModel(robot)
         self.direction = np.array(demand.direction) / np.linalg.norm(demand.direction)
         up = np.array([0.0, 0.0, 1.0]) if abs(self.direction[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
-        self.across = np.cross(self.direction, up) / np.linalg.norm(np.cross(self.direction, up))
-        self.up = np.cross(self.across, self.direction)
+        across = np.cross(self.direction, up) / np.linalg.norm(np.cross(self.direction, up))
+        self.frame = np.stack((across, self.direction, np.cross(across, self.direction)))
         given = demand.rotation
         self.rotation = upright_rotation(robot.tool_pose(robot.home).rotation) if given is None else given
 
@@ -140,9 +133,9 @@ class _Search:
         demand = self.demand
         return Line(origin, self.direction, self.rotation, demand.s_min, demand.s_max, demand.core, core_speed)
 
-    def promising(self) -> list[Array]:
+    def shortlist(self) -> list[Array]:
         """Origins of lines whose targets can all be reached, the fastest at a first look first."""
-        frame = np.stack((self.across, self.direction, self.up))
+        frame = self.frame
         postures = np.random.default_rng(0).uniform(
             self.robot.limits.lower, self.robot.limits.upper, (4000, self.chain.joints)
         )
@@ -177,19 +170,10 @@ class _Search:
             chosen.append(found[int(distance.argmax())])
         return chosen
 
-    def moves(self, step: float) -> Iterator[Array]:
-        """Small moves to both sides along the three axes."""
-        for axis in (self.up, self.across, self.direction):
-            yield step * axis
-            yield -step * axis
-
     def try_out(self, origin: Array, home: Array) -> Found | None:
         """The line with the highest requested speed on its core that can be followed; None where there is none."""
-        for core_speed in CORE_SPEEDS:
-            found = self.judge(origin, home, core_speed)
-            if found is not None:
-                return found
-        return None
+        tries = (self.judge(origin, home, core_speed) for core_speed in CORE_SPEEDS)
+        return next((found for found in tries if found is not None), None)
 
     def judge(self, origin: Array, home: Array, core_speed: float) -> Found | None:
         """Speed, margin and score of a line for a requested speed on its core; None where it cannot be followed."""

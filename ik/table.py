@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from armdyn.errors import InputError
-from ik.errors import StaleTableError
+from ik.errors import StaleTableError, check_owner
 from ik.path import Path
 from ik.pathfile import path_of
 from ik.tablefile import REBUILD, check_motion, check_robot, check_shapes, read_arrays, reading, write_arrays
@@ -231,13 +231,8 @@ class PathTable:
             about, arrays = read_arrays(source, SHAPES)
             if issubclass(cls, LineTable) and about["path"]["kind"] != "line":
                 raise StaleTableError(f"{source}: the table of a {about['path']['kind']}, not of a line; {REBUILD}")
-            if robot is not None and about["robot"] != robot.name:
-                of = about["robot"]
-                raise StaleTableError(f"{source}: the table is of robot '{of}', not '{robot.name}'; {REBUILD}")
-            if robot is not None and about["fingerprint"] != robot.fingerprint:
-                raise StaleTableError(
-                    f"{source}: the URDF or the settings of '{robot.name}' have changed since; {REBUILD}"
-                )
+            if robot is not None:
+                check_owner(source, about, robot, REBUILD)
             try:
                 check_shapes(arrays, SHAPES, len(about["joints"]))
                 table = cls(

@@ -131,7 +131,7 @@ def next_experiment(
     _, sentence, found = undecided(study_of(model, runs, held_out, effects), rivals)
     if found is None:
         raise TaskFailedError(sentence)
-    return planned(found, seconds, rig_limits(travel, speed, acceleration, swing), seed)[0]
+    return plan_experiment(found, seconds, rig_limits(travel, speed, acceleration, swing), seed)[0]
 
 
 def rig_limits(
@@ -149,7 +149,7 @@ def rig_limits(
     return GripperLimits(**known) if known else None
 
 
-def planned(
+def plan_experiment(
     rivals: "Rivals", seconds: float, limits: "GripperLimits | None", seed: int = 0, say: Say | None = None
 ) -> "tuple[Plan, Motion | None]":
     """The plan, and the motion that it offers; of Baxter one that the whole arm can make.

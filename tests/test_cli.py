@@ -1,5 +1,4 @@
 import json
-import subprocess
 import sys
 
 import pytest
@@ -13,34 +12,6 @@ def run(capsys, monkeypatch, *arguments):
     with pytest.raises(SystemExit) as stop:
         main()
     return stop.value.code, *capsys.readouterr()
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("trial", "--length-guess", "0"),
-        ("trial", "--length-guess", "-0.3"),
-        ("trial", "--length-guess", "10"),
-        ("trial", "--length-guess", "nan"),
-        ("trial", "--length-guess", "half"),
-        ("trial", "--hidden", "quadratic_drg"),
-        ("trial", "--hidden", "wind=strong"),
-        ("trial", "--hidden", "wind", "--hidden", "wind=0.1"),
-        ("trial", "--model", "absent.toml"),
-        ("trial", "--seed", "-1"),
-        ("trial", "--colour"),
-        ("trail",),
-        ("table", "--seeds", "0"),
-        ("ik", "show", "absent.npz"),
-    ],
-)
-def test_bad_input_is_one_line_and_status_two(arguments, capsys, monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
-    status, out, err = run(capsys, monkeypatch, *arguments)
-    assert status == 2
-    assert out == ""
-    assert len(err.strip().splitlines()) == 1, err
-    assert not list(tmp_path.rglob("*.html"))
 
 
 def test_help_says_what_each_command_does(capsys, monkeypatch):
@@ -69,13 +40,6 @@ def test_a_missed_box_is_status_one(capsys, monkeypatch, tmp_path):
     status, out, _ = run(capsys, monkeypatch, "trial", "--no-estimation", "--length-guess", "0.428")
     assert status == 1
     assert "report" in out
-
-
-def test_importing_armdyn_loads_nothing_heavy_and_warns_of_nothing():
-    code = "import armdyn, sys; print([m for m in ('casadi', 'pinocchio', 'mujoco', 'scipy') if m in sys.modules])"
-    done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
-    assert done.stderr == ""
 
 
 def test_out_and_output_are_one():

@@ -8,9 +8,9 @@ import numpy as np
 import pinocchio as pin
 
 from urdf.robot import Array, UrdfError
-from urdf.settings import Settings
+from urdf.settings import Arm, AssumedLimits, Settings, Tool, UrdfFile
+from urdf.validate import MOVING, link_of
 
-MOVING = ("revolute", "continuous", "prismatic")
 SPEED_UP = 0.1  # s from rest to full speed
 JERK_TIME = 0.02  # s from none to full acceleration
 SOURCE = (
@@ -67,22 +67,11 @@ def infer(
         tool = _tool(root, chains, joints, moving)
         said.append(f"the tool was taken to be at link '{tool}'; name a link to choose another")
     settings = Settings(
-        text=f"{path.name} {joints} {tool}",
         name=path.name,
-        distribution="",
-        urdf_file=str(path),
-        srdf_file=None,
-        joints=joints,
-        home=(),
-        tool_frame=tool,
-        tool_offset=(0.0, 0.0, 0.0),
-        frames=(),
-        acceleration=(),
-        jerk=(),
-        limits_source=SOURCE,
-        line=None,
-        springs=(),
-        exclusions=(),
+        urdf=UrdfFile(str(path)),
+        arm=Arm(joints, home=()),
+        tool=Tool(tool, (0.0, 0.0, 0.0)),
+        limits=AssumedLimits((), (), SOURCE),
     )
     return settings, tuple(said)
 
@@ -109,20 +98,10 @@ def gripper_joints(root: ET.Element) -> frozenset[str]:
     alike = {
         name
         for name, joint in joints.items()
-        if is_gripper(name) or is_gripper(_end(joint, "child"), GRIPPERS[1:]) or name in {*mimics, *mimics.values()}
+        if is_gripper(name) or is_gripper(link_of(joint, "child"), GRIPPERS[1:]) or name in {*mimics, *mimics.values()}
     }
     found = frozenset(name for name in alike if beyond[name] <= alike)
     return found if len(found) < len(joints) else frozenset()
-
-
-def assumed_acceleration(velocity: Array) -> Array:
-    """Acceleration limits (n,) [rad/s^2 or m/s^2] for velocity limits (n,)."""
-    return velocity / SPEED_UP
-
-
-def assumed_jerk(acceleration: Array) -> Array:
-    """Jerk limits (n,) [rad/s^3 or m/s^3] for acceleration limits (n,)."""
-    return acceleration / JERK_TIME
 
 
 def assumed_home(model: pin.Model, tool_frame: int) -> Array:
@@ -149,8 +128,8 @@ def assumed_home(model: pin.Model, tool_frame: int) -> Array:
 
 def _chains(root: ET.Element) -> list[tuple[list[str], list[str]]]:
     """Joint names and link names from the root to every leaf, in the order of the file."""
-    parent_of = {_end(joint, "child"): joint for joint in root.findall("joint")}
-    parents = {_end(joint, "parent") for joint in root.findall("joint")}
+    parent_of = {link_of(joint, "child"): joint for joint in root.findall("joint")}
+    parents = {link_of(joint, "parent") for joint in root.findall("joint")}
     chains = []
     for link in (str(link.get("name")) for link in root.findall("link")):
         if link in parents:
@@ -159,7 +138,7 @@ def _chains(root: ET.Element) -> list[tuple[list[str], list[str]]]:
         while links[-1] in parent_of:
             joint = parent_of[links[-1]]
             joints.append(str(joint.get("name")))
-            links.append(_end(joint, "parent"))
+            links.append(link_of(joint, "parent"))
         chains.append((joints[::-1], links[::-1]))
     return chains
 
@@ -179,9 +158,4 @@ def _tool(
             best = links[start + 1 : end + 1]
     if best:
         return best[-1]
-    return next(_end(joint, "child") for joint in root.findall("joint") if joint.get("name") == joints[-1])
-
-
-def _end(joint: ET.Element, which: str) -> str:
-    element = joint.find(which)
-    return "" if element is None else str(element.get("link"))
+    return next(link_of(joint, "child") for joint in root.findall("joint") if joint.get("name") == joints[-1])

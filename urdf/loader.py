@@ -15,8 +15,8 @@ from urdf.find import distribution_file
 from urdf.mend import add_frames, bound_continuous_joints, leave_out_shapes, mend_inertias, tell_apart
 from urdf.mjcf import as_urdf
 from urdf.quiet import Said, quiet, reason
-from urdf.robot import Array, Limits, Robot, UrdfError
-from urdf.settings import Settings, read_settings
+from urdf.robot import Limits, Robot, UrdfError
+from urdf.settings import Arm, AssumedLimits, Settings, Tool, read_settings
 from urdf.validate import MJCF, check_plain
 
 SETTINGS = Path(__file__).parent / "robots"
@@ -60,14 +60,16 @@ def load(
         hint = f"did you mean '{close[0]}'?" if close else f"choose one of {', '.join(known_robots())}"
         raise UrdfError(f"unknown robot '{name}': {hint} Or give the path of a URDF file")
     if path.suffix.lower() == ".toml":
-        settings = read_settings(path)
+        text, settings = read_settings(path)
         urdf_path, srdf = _locate(settings, path)
         if joints is not None or tool is not None:
             settings = _narrowed(settings, joints, tool)
-        return _assemble(urdf_path, *_read(urdf_path), srdf, settings, meshes)
+            text = f"{text}\n{settings.arm.joints} {tool}"
+        return _assemble(urdf_path, *_read(urdf_path), srdf, settings, text, meshes)
     root, changed = _read(path)
     settings, said = infer.infer(root, path, None if joints is None else tuple(joints), tool)
-    return _assemble(path, root, changed, None, settings, meshes, said)
+    text = f"{path.name} {settings.arm.joints} {settings.tool.frame}"
+    return _assemble(path, root, [*said, *changed], None, settings, text, meshes)
 
 
 def _read(path: Path) -> tuple[ET.Element, list[str]]:
@@ -85,55 +87,47 @@ def _read(path: Path) -> tuple[ET.Element, list[str]]:
 
 def _locate(settings: Settings, source: Path) -> tuple[Path, Path | None]:
     """Files of the URDF and the SRDF that settings name: in a package, or beside the settings."""
-    files = [settings.urdf_file, settings.srdf_file]
-    if settings.distribution:
-        found = [None if file is None else distribution_file(settings.distribution, file) for file in files]
-    else:
-        found = [None if file is None else source.parent / file for file in files]
-    urdf_path, srdf = found
-    if urdf_path is None:
-        raise UrdfError(f"{source}: it names no URDF; add 'file' to [urdf]")
-    for key, file in (("[urdf] file", urdf_path), ("[collision] srdf", srdf)):
-        if file is not None and not file.is_file():
+
+    def find(key: str, name: str) -> Path:
+        package = settings.urdf.distribution
+        file = distribution_file(package, name) if package else source.parent / name
+        if not file.is_file():
             raise UrdfError(f"{source}: {key}: there is no file {file}; correct the name")
-    return urdf_path, srdf
+        return file
+
+    srdf = settings.collision.srdf
+    return find("[urdf] file", settings.urdf.file), None if srdf is None else find("[collision] srdf", srdf)
 
 
 def _narrowed(settings: Settings, joints: Sequence[str] | None, tool: str | None) -> Settings:
     """Settings for some of an arm's joints, or another tool; a line holds for neither."""
-    chosen = settings.joints if joints is None else tuple(joints)
-    text = f"{settings.text}\n{chosen} {tool}"
+    own = settings.arm.joints
+    chosen = own if joints is None else tuple(joints)
     for name in chosen:
-        if name not in settings.joints:
-            raise UrdfError(
-                f"robot '{settings.name}': its arm has no joint '{name}'; choose among {', '.join(settings.joints)}"
-            )
-    index = [settings.joints.index(name) for name in chosen]
-    if tool is not None:
-        settings = replace(settings, tool_frame=tool, tool_offset=(0.0, 0.0, 0.0))
+        if name not in own:
+            raise UrdfError(f"robot '{settings.name}': its arm has no joint '{name}'; choose among {', '.join(own)}")
+
+    def those(values: tuple[float, ...]) -> tuple[float, ...]:
+        return tuple(values[own.index(name)] for name in chosen)
+
+    limits = settings.limits
     return replace(
         settings,
-        text=text,
-        joints=chosen,
-        home=tuple(settings.home[i] for i in index),
-        acceleration=tuple(settings.acceleration[i] for i in index),
-        jerk=tuple(settings.jerk[i] for i in index),
+        arm=Arm(chosen, those(settings.arm.home)),
+        tool=settings.tool if tool is None else Tool(tool, (0.0, 0.0, 0.0)),
+        limits=AssumedLimits(those(limits.acceleration), those(limits.jerk), limits.source),
         springs=tuple(spring for spring in settings.springs if spring.joint in chosen),
         line=None,
     )
 
 
 def _assemble(
-    path: Path,
-    root: ET.Element,
-    changed: list[str],
-    srdf: Path | None,
-    settings: Settings,
-    meshes: bool = True,
-    said: tuple[str, ...] = (),
+    path: Path, root: ET.Element, changed: list[str], srdf: Path | None, settings: Settings, text: str, meshes: bool
 ) -> Robot:
-    defects = [*changed, *bound_continuous_joints(root, settings.joints)]
-    validate.check_limits(root, path, settings.joints)
+    """The robot of a URDF, mended in place, and its settings, whose text is part of the fingerprint."""
+    joints = settings.arm.joints
+    defects = [*changed, *bound_continuous_joints(root, joints)]
+    validate.check_limits(root, path, joints)
     directories, missing = validate.find_meshes(root, path)
     if missing and meshes:
         raise UrdfError(
@@ -154,34 +148,40 @@ def _assemble(
     digest = hashlib.sha256(ET.tostring(root)).hexdigest()
     validate.make_absolute(root, path)
     xml = ET.tostring(root, encoding="unicode")
-    model = _reduced(xml, settings.joints, path)
-    if not model.existFrame(settings.tool_frame):
-        raise UrdfError(f"{path}: there is no link '{settings.tool_frame}'; choose the link that carries the tool")
+    model, tool = _reduced(xml, joints, path), settings.tool
+    if not model.existFrame(tool.frame):
+        raise UrdfError(f"{path}: there is no link '{tool.frame}'; choose the link that carries the tool")
     defects += _weightless(model)
     try:
-        limits = _limits(model, settings)
+        limits = _limits(model, settings.limits)
     except UrdfError as error:
         raise UrdfError(f"{path}: {error}") from error
-    home = settings.home or infer.assumed_home(model, model.getFrameId(settings.tool_frame))
-    _check_home(home, limits, settings)
+    home = np.array(settings.arm.home or infer.assumed_home(model, model.getFrameId(tool.frame)))
+    margin = limits.margin(home)
+    worst = int(np.argmin(margin))
+    if margin[worst] < 0.0:
+        raise UrdfError(
+            f"robot '{settings.name}': home puts '{joints[worst]}' at {home[worst]:g}, outside its range "
+            f"{limits.lower[worst]:g} to {limits.upper[worst]:g}; choose a posture inside"
+        )
     return Robot(
         name=settings.name,
         urdf_path=path,
         package_dirs=directories,
         urdf_xml=xml,
         srdf_path=srdf,
-        joint_names=settings.joints,
+        joint_names=joints,
         model=model,
-        tool_frame=settings.tool_frame,
-        tool_offset=np.array(settings.tool_offset),
+        tool_frame=tool.frame,
+        tool_offset=np.array(tool.offset),
         limits=limits,
-        home=np.array(home),
+        home=home,
         springs=settings.springs,
-        collision_exclusions=settings.exclusions,
-        limits_source=settings.limits_source,
-        defects=(*said, *defects),
-        fingerprint=hashlib.sha256(f"{digest}\n{settings.text}".encode()).hexdigest(),
-        given_line=settings.line,
+        collision_exclusions=settings.collision.exclude,
+        limits_source=" ".join(settings.limits.source.split()),
+        defects=tuple(defects),
+        fingerprint=hashlib.sha256(f"{digest}\n{text}".encode()).hexdigest(),
+        given_line=None if settings.line is None else settings.line.line(),
     )
 
 
@@ -200,27 +200,17 @@ def _reduced(xml: str, joints: tuple[str, ...], path: Path) -> pin.Model:
     return model
 
 
-def _limits(model: pin.Model, settings: Settings) -> Limits:
+def _limits(model: pin.Model, given: AssumedLimits) -> Limits:
     velocity = np.array(model.velocityLimit)
-    acceleration = np.array(settings.acceleration) if settings.acceleration else infer.assumed_acceleration(velocity)
+    acceleration = np.array(given.acceleration) if given.acceleration else velocity / infer.SPEED_UP
     return Limits(
         lower=np.array(model.lowerPositionLimit),
         upper=np.array(model.upperPositionLimit),
         velocity=velocity,
         acceleration=acceleration,
-        jerk=np.array(settings.jerk) if settings.jerk else infer.assumed_jerk(acceleration),
+        jerk=np.array(given.jerk) if given.jerk else acceleration / infer.JERK_TIME,
         effort=np.array(model.effortLimit),
     )
-
-
-def _check_home(home: Sequence[float] | Array, limits: Limits, settings: Settings) -> None:
-    margin = limits.margin(np.array(home, dtype=np.float64))
-    worst = int(np.argmin(margin))
-    if margin[worst] < 0.0:
-        raise UrdfError(
-            f"robot '{settings.name}': home puts '{settings.joints[worst]}' at {home[worst]:g}, outside its range "
-            f"{limits.lower[worst]:g} to {limits.upper[worst]:g}; choose a posture inside"
-        )
 
 
 def _weightless(model: pin.Model) -> list[str]:

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -12,24 +11,9 @@ from urdf.bounds import LARGEST_MESH
 from urdf.find import locate_mesh
 from urdf.quiet import Said, quiet, reason
 from urdf.robot import Array, UrdfError
-from urdf.validate import finite_number
+from urdf.settings import Frame
 
 TURN = 2 * math.pi
-
-
-@dataclass(frozen=True)
-class Frame:
-    """A massless frame to be added, fixed to a link.
-
-    Attributes:
-        name: name of the new link.
-        parent: link that carries it.
-        position: origin in the parent's frame, (3,) [m].
-    """
-
-    name: str
-    parent: str
-    position: Array
 
 
 def add_frames(root: ET.Element, frames: Iterable[Frame]) -> None:
@@ -37,7 +21,7 @@ def add_frames(root: ET.Element, frames: Iterable[Frame]) -> None:
     for frame in frames:
         ET.SubElement(root, "link", name=frame.name)
         joint = ET.SubElement(root, "joint", name=f"{frame.name}_joint", type="fixed")
-        ET.SubElement(joint, "origin", xyz=" ".join(map(repr, map(float, frame.position))), rpy="0 0 0")
+        ET.SubElement(joint, "origin", xyz=" ".join(map(repr, frame.position)), rpy="0 0 0")
         ET.SubElement(joint, "parent", link=frame.parent)
         ET.SubElement(joint, "child", link=frame.name)
 
@@ -136,7 +120,7 @@ def mend_inertias(root: ET.Element, path: Path | None = None, directories: tuple
         A sentence per link, with what was done.
 
     Raises:
-        UrdfError: a mass or inertia is not a number, or a mass is negative.
+        UrdfError: a mesh cannot be read.
     """
     sentences = []
     for link in root.iter("link"):
@@ -144,13 +128,8 @@ def mend_inertias(root: ET.Element, path: Path | None = None, directories: tuple
         if mass_element is None or inertia_element is None:
             continue
         name = str(link.get("name"))
-        mass = finite_number(mass_element, "value", f"link '{name}': mass", "0")
-        where = f"link '{name}': inertia"
-        moments, products = (
-            [finite_number(inertia_element, key, where, "0") for key in of] for of in (MOMENTS, PRODUCTS)
-        )
-        if mass < 0:
-            raise UrdfError(f"link '{name}': its mass is {mass:g} kg; it must not be negative")
+        mass = float(mass_element.get("value", "0"))
+        moments, products = ([float(inertia_element.get(key, "0")) for key in of] for of in (MOMENTS, PRODUCTS))
         boxes = list(_boxes(link, path, directories, mass, max(moments)))
         said = _judge(name, mass, moments, products, boxes)
         if said is None:

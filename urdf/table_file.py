@@ -1,12 +1,14 @@
-"""TOML files that people write: read once, with bounds, before anybody looks at an entry."""
+"""TOML files that people write: read once, with bounds, and held against what a dataclass declares."""
 
 import difflib
 import math
 import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
-from typing import Any
+from types import NoneType
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 from urdf.bounds import DEEPEST_TABLE, LARGEST, LARGEST_INTEGER, LARGEST_TEXT, shown
 
@@ -108,6 +110,67 @@ def check_keys(table: Mapping[str, Any], known: Iterable[str], where: str = "") 
             close = difflib.get_close_matches(key.lower(), valid, n=1, cutoff=0.5)
             hint = f"did you mean '{close[0]}'?" if close else f"choose one of: {', '.join(valid)}"
             raise TableFileError(f"{where + ': ' if where else ''}unknown key '{key[:60]}': {hint}")
+
+
+Declared = TypeVar("Declared")
+_KINDS = {
+    str: (str, "is not a text: put it in quotes"),
+    float: (int | float, "is not a number"),
+    bool: (bool, "is neither true nor false"),
+}
+
+
+def read_as(kind: type[Declared], table: Any, where: str = "") -> Declared:
+    """What a table says, as a dataclass: its fields are the keys, their types what a value must be.
+
+    Types are `str`, `float`, `bool`, dataclasses (tables), tuples (lists; of one length where it is declared), `dict`
+    (whatever is in a table) and any of them or None. A key without a default must be there.
+
+    Args:
+        kind: the dataclass.
+        table: what tomllib made of the file, or of a table in it.
+        where: name of the table; empty for the file itself.
+
+    Raises:
+        KeyError: an entry is missing.
+        TableFileError: an entry is unknown or of the wrong kind.
+    """
+    if not isinstance(table, dict):
+        raise TableFileError(f"'{where}' is not a table: write '[{where}]' on a line of its own")
+    declared = {field.name: field for field in fields(kind)}  # type: ignore[arg-type]
+    check_keys(table, declared, where and f"[{where}]")
+    types = get_type_hints(kind)
+    for name, field in declared.items():
+        if name not in table and field.default is MISSING:
+            raise KeyError(name)
+    return kind(**{name: _value(types[name], value, name) for name, value in table.items()})
+
+
+def _value(kind: Any, value: Any, name: str) -> Any:
+    """A value of a declared type."""
+    arguments = get_args(kind)
+    if NoneType in arguments:
+        return _value(arguments[0], value, name)
+    if is_dataclass(kind):
+        return read_as(kind, value, name)  # type: ignore[arg-type]
+    if get_origin(kind) is dict:
+        return value
+    if get_origin(kind) is tuple:
+        if not isinstance(value, list):
+            if is_dataclass(arguments[0]):
+                raise TableFileError(f"'{name}' is not a table: write '[[{name}]]' on a line of its own")
+            what = {str: "names", float: "numbers"}.get(arguments[0], "lists")
+            raise TableFileError(f"{name} = {value!r:.60} is not a list of {what}")
+        kinds = [arguments[0]] * len(value) if arguments[-1] is Ellipsis else arguments
+        if len(kinds) != len(value):
+            raise TableFileError(f"{name} = {value!r:.60} should be {len(kinds)} entries")
+        return tuple(_value(entry, part, name) for entry, part in zip(kinds, value, strict=True))
+    accepted, otherwise = _KINDS[kind]
+    if not isinstance(value, accepted) or (isinstance(value, bool) and kind is not bool):
+        raise TableFileError(f"{name} = {value!r:.60} {otherwise}")
+    if isinstance(value, str) and "\0" in value:
+        raise TableFileError(f"{name} = {value!r:.60} holds a null character: take it out")
+    return float(value) if kind is float else value
 
 
 _DEEP = "is nested too deeply: write tables as '[name]' on a line of its own"

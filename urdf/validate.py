@@ -6,7 +6,8 @@ typing mistake would weigh nothing.
 """
 
 import math
-from collections.abc import Iterator
+from collections import Counter
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -16,7 +17,8 @@ from urdf.robot import UrdfError
 
 LARGEST_NUMBER = 1e9
 """In SI units; a number beyond is no property of a robot."""
-KINDS = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
+MOVING = ("revolute", "continuous", "prismatic")
+KINDS = (*MOVING, "fixed", "floating", "planar")
 RESERVED = ("universe",)
 """What Pinocchio calls the joint that everything hangs from."""
 NUMBERS = {
@@ -45,21 +47,7 @@ NEEDED = {
     "safety_controller": ("k_velocity",),
 }
 """Attributes without which a library leaves the element out."""
-POSITIVE = ("size", "radius", "length")
-
-
-def check_depth(root: ET.Element, path: Path) -> None:
-    """Refuse elements in one another without end, which no program can write again.
-
-    Raises:
-        UrdfError: it is so.
-    """
-    level = [root]
-    for _ in range(DEEPEST_XML):
-        level = [child for element in level for child in element]
-        if not level:
-            return
-    raise UrdfError(f"{path}: its elements are nested more than {DEEPEST_XML} deep; give a URDF file")
+NEVER_NEGATIVE = ("box", "cylinder", "capsule", "sphere", "mass")
 
 
 def check_plain(root: ET.Element, path: Path) -> None:
@@ -95,15 +83,21 @@ def _check_numbers(element: ET.Element, where: str) -> None:
             if key in NEEDED.get(element.tag, ()):
                 raise UrdfError(f"{where}: <{element.tag}> has no {key}; add it")
             continue
-        values = list(_floats(text))
-        if not all(math.isfinite(value) for value in values):
-            raise UrdfError(f'{where}: {element.tag} has {key}="{shown(text)}"; it must be a finite number')
-        if len(values) != count:
-            raise UrdfError(f'{where}: {element.tag} has {key}="{shown(text)}"; it must be {count} numbers')
-        if any(abs(value) > LARGEST_NUMBER for value in values):
-            raise UrdfError(f'{where}: {element.tag} has {key}="{shown(text)}"; no robot has it, write SI units')
-        if key in POSITIVE and min(values) < 0.0:
-            raise UrdfError(f'{where}: {element.tag} has {key}="{shown(text)}"; it must not be negative')
+        try:
+            values = [number(word) for word in text.split()]
+        except ValueError:
+            values = [math.nan]
+        wrong = None
+        if not all(map(math.isfinite, values)):
+            wrong = "it must be a finite number"
+        elif len(values) != count:
+            wrong = f"it must be {count} numbers"
+        elif max(map(abs, values)) > LARGEST_NUMBER:
+            wrong = "no robot has it, write SI units"
+        elif element.tag in NEVER_NEGATIVE and min(values) < 0.0:
+            wrong = "it must not be negative"
+        if wrong:
+            raise UrdfError(f'{where}: {element.tag} has {key}="{shown(text)}"; {wrong}')
 
 
 def _check_joint(joint: ET.Element, where: str, joints: set[str | None]) -> None:
@@ -111,8 +105,8 @@ def _check_joint(joint: ET.Element, where: str, joints: set[str | None]) -> None
     if kind not in KINDS:
         raise UrdfError(f"{where} is of type '{shown(kind)}'; choose one of {', '.join(KINDS)}")
     axis = joint.find("axis")
-    if axis is not None and kind in ("revolute", "continuous", "prismatic", "planar"):
-        length = math.hypot(*_floats(axis.get("xyz", "1 0 0")))
+    if axis is not None and kind in (*MOVING, "planar"):
+        length = math.hypot(*map(float, axis.get("xyz", "1 0 0").split()))
         if not length > 1e-9:
             raise UrdfError(f"{where}: its axis has no direction; give one, such as 0 0 1")
     mimic = joint.find("mimic")
@@ -133,14 +127,6 @@ def _check_shapes(link: ET.Element, where: str) -> None:
         mesh = geometry.find("mesh")
         if mesh is not None and not mesh.get("filename"):
             raise UrdfError(f"{where}: a <mesh> has no filename; add it")
-
-
-def _floats(text: str) -> Iterator[float]:
-    for word in text.split():
-        try:
-            yield number(word)
-        except ValueError:
-            yield math.nan
 
 
 MJCF = "mujoco"
@@ -167,7 +153,11 @@ def parse(path: Path) -> ET.Element:
         raise UrdfError(f"{path}: not an XML file ({error}); expand xacro files first, with 'xacro'") from error
     if root.tag not in ("robot", MJCF):
         raise UrdfError(f"{path}: the root element is <{root.tag[:60]}>, not <robot>; give a URDF file")
-    check_depth(root, path)
+    level = [root]
+    for _ in range(DEEPEST_XML):
+        level = [child for element in level for child in element]
+    if level:  # elements in one another without end, which no program can write again
+        raise UrdfError(f"{path}: its elements are nested more than {DEEPEST_XML} deep; give a URDF file")
     return root
 
 
@@ -185,36 +175,37 @@ def check_tree(root: ET.Element, path: Path) -> None:
         raise UrdfError(
             f"{path}: it has {len(links)} links and {len(joints)} joints; give a robot of {MOST_LINKS} at most"
         )
-    if not any(joint.get("type") in ("revolute", "continuous", "prismatic") for joint in joints):
+    if not any(joint.get("type") in MOVING for joint in joints):
         raise UrdfError(f"{path}: it has no moving joint; give a URDF with revolute or prismatic joints")
     for kind, names in (("link", links), ("joint", [joint.get("name", "") for joint in joints])):
-        twice = {name for name in names if names.count(name) > 1}
+        twice = [name for name, count in Counter(names).items() if count > 1]
         if twice:
             raise UrdfError(f"{path}: {kind} '{min(twice)}' is defined twice; rename one of them")
-    parent_of: dict[str, tuple[str, str]] = {}
+    known, carrier, parents = set(links), dict[str, str](), dict[str, list[str]]()
     for joint in joints:
         name = joint.get("name", "")
-        ends = [
-            element.get("link", "") if (element := joint.find(end)) is not None else "" for end in ("parent", "child")
-        ]
-        for end in ends:
-            if end not in links:
-                raise UrdfError(f"{path}: joint '{name}' refers to link '{end}', which is not defined; add it")
-        if ends[1] in parent_of:
-            other = parent_of[ends[1]][0]
-            raise UrdfError(f"{path}: link '{ends[1]}' hangs from two joints, '{other}' and '{name}'; keep one")
-        parent_of[ends[1]] = (name, ends[0])
-    for link in links:
-        seen = [link]
-        while seen[-1] in parent_of:
-            seen.append(parent_of[seen[-1]][1])
-            if seen[-1] == link:
-                raise UrdfError(f"{path}: the links form a cycle, {' <- '.join(seen)}; a URDF must be a tree")
-            if len(seen) > len(links):
-                break
-    roots = [link for link in links if link not in parent_of]
+        parent, child = (link_of(joint, end) for end in ("parent", "child"))
+        for link in (parent, child):
+            if link not in known:
+                raise UrdfError(f"{path}: joint '{name}' refers to link '{link}', which is not defined; add it")
+        if child in carrier:
+            both = f"'{carrier[child]}' and '{name}'"
+            raise UrdfError(f"{path}: link '{child}' hangs from two joints, {both}; keep one")
+        carrier[child], parents[child] = name, [parent]
+    try:
+        TopologicalSorter(parents).prepare()
+    except CycleError as error:
+        cycle = " -> ".join(error.args[1])
+        raise UrdfError(f"{path}: the links form a cycle, {cycle}; a URDF must be a tree") from error
+    roots = [link for link in links if link not in carrier]
     if len(roots) != 1:
         raise UrdfError(f"{path}: {len(roots)} links have no parent ({', '.join(roots)}); join them by fixed joints")
+
+
+def link_of(joint: ET.Element, end: str) -> str:
+    """Name of the link at an end of a joint, ``"parent"`` or ``"child"``; empty where there is none."""
+    element = joint.find(end)
+    return "" if element is None else element.get("link", "")
 
 
 def check_schema(path: Path) -> list[str]:
@@ -242,13 +233,13 @@ def check_limits(root: ET.Element, path: Path, joints: tuple[str, ...]) -> None:
         if joint is None:
             raise UrdfError(f"{path}: there is no joint '{name}'; choose among {', '.join(map(str, by_name))}")
         limit = joint.find("limit")
-        needed = (
-            ("effort", "velocity") if joint.get("type") == "continuous" else ("lower", "upper", "effort", "velocity")
-        )
+        needed = ["effort", "velocity"]
+        if joint.get("type") != "continuous":
+            needed = ["lower", "upper", *needed]
         missing = [key for key in needed if limit is None or limit.get(key) is None]
         if missing:
             raise UrdfError(f"{path}: joint '{name}' has no limit {', '.join(missing)}; add it to its <limit>")
-        values = {} if limit is None else {key: finite_number(limit, key, f"{path}: joint '{name}'") for key in needed}
+        values = {key: float(limit.get(key, "")) for key in needed} if limit is not None else {}
         for key in ("effort", "velocity"):
             if not values[key] > 0:
                 raise UrdfError(f"{path}: joint '{name}' has {key} limit {values[key]:g}; it must be positive")
@@ -257,19 +248,6 @@ def check_limits(root: ET.Element, path: Path, joints: tuple[str, ...]) -> None:
                 f"{path}: joint '{name}' has limits {values['lower']:g} to {values['upper']:g}; "
                 "the lower one must be the smaller"
             )
-
-
-def finite_number(element: ET.Element, key: str, where: str, default: str = "") -> float:
-    """An attribute of a URDF's element.
-
-    Raises:
-        UrdfError: it is no finite number; `where` begins the message.
-    """
-    text = element.get(key, default)
-    try:
-        return number(text)
-    except ValueError as error:
-        raise UrdfError(f'{where} has {key}="{shown(text)}"; it must be a finite number') from error
 
 
 def find_meshes(root: ET.Element, path: Path) -> tuple[tuple[Path, ...], tuple[str, ...]]:

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
-from armdyn.arm.composition import BaseFunction, JointFunctions
+from armdyn.arm.composition import Change, JointFunctions
 from armdyn.arm.motion import Motion
 from armdyn.arm.rigid import described_parameters, gravity_regressor, inverse_dynamics, torque_regressor
 
@@ -35,17 +35,17 @@ class Bodies:
         functions: Sequence[JointFunctions],
         theta: Sequence[np.ndarray],
         shapes: np.ndarray,
-        base: tuple[BaseFunction, np.ndarray, np.ndarray] | None = None,
+        base: tuple[Change, np.ndarray, np.ndarray] | None = None,
     ) -> None:
         self.links: dict[int, np.ndarray] = {}
         self.gravity: np.ndarray | None = None
         self.derivatives: dict[int, np.ndarray] = {}
         for i, (joint, values, shape) in enumerate(zip(functions, theta, list(shapes), strict=True)):
             if joint.link is not None:
-                self.links[i], self.derivatives[i] = joint.link.change(shape, values)
+                self.links[i], self.derivatives[i] = joint.link.at(shape, values)
         if base is not None:
             function, described, values = base
-            self.gravity, self.derivatives[OF_BASE] = function.change(described, values)
+            self.gravity, self.derivatives[OF_BASE] = function.at(described, values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,14 +97,14 @@ class Stretch:
 
     def per_gravity(self, joint: int, bodies: Bodies) -> np.ndarray:
         """(n, 3) torque on a joint per component of gravity, of the links that there are."""
-        columns = self._described_per_gravity[joint]
+        columns = self.described_per_gravity[joint]
         for i, change in bodies.links.items():
             if change[:4].any():
                 columns = columns + self.gravity_regressor[:, joint, i] @ change[:4]
         return columns
 
     @cached_property
-    def _described_per_gravity(self) -> np.ndarray:
+    def described_per_gravity(self) -> np.ndarray:
         """(nj, n, 3) torques per component of gravity of the arm as described."""
         weights = described_parameters(self.model)[:, :4].ravel()
         by_joint = self.gravity_regressor.transpose(1, 0, 3, 2, 4)

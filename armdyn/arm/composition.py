@@ -80,59 +80,50 @@ class Term:
         return rest.T
 
 
-class LinkFunction:
-    """Inertial parameters of a link that effects have deformed or loaded.
+class Change:
+    """What effects change of something described: the inertial parameters of a link, or gravity in the base's frame.
 
     Args:
-        parameters: (10,) expression of `shape` and `theta`.
-        shape: (4, 4) symbols.
+        names: ``"<effect>.<quantity>"`` in the order of theta (k,).
+        expression: (m,) of `described` and `theta`.
+        described: symbols of what the description says.
         theta: (k,) symbols.
         null: (k,) values at which the effects are absent.
 
     Attributes:
-        depends: (k,) bool, the parameters that change the link.
+        names: as given.
+        depends: (k,) bool, the parameters that change it.
     """
 
-    def __init__(self, parameters: Expression, shape: Expression, theta: Expression, null: np.ndarray) -> None:
-        outputs = [ca.densify(parameters), ca.densify(ca.jacobian(parameters, theta))]
-        self._function = Buffered(ca.Function("link", [shape, theta], outputs))
-        self._null = null
-        self.depends = np.array([bool(ca.depends_on(parameters, theta[i])) for i in range(theta.numel())])
+    def __init__(
+        self,
+        names: Sequence[str],
+        expression: Expression,
+        described: Expression,
+        theta: Expression,
+        null: Sequence[float],
+    ) -> None:
+        outputs = [ca.densify(expression), ca.densify(ca.jacobian(expression, theta))]
+        self._function, self._null = Buffered(ca.Function("change", [described, theta], outputs)), np.array(null)
+        self.names = tuple(names)
+        self.depends = np.array([bool(ca.depends_on(expression, theta[i])) for i in range(theta.numel())])
 
-    def change(self, shape: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(10,) what the effects add to the described link with the factor `shape`, and (10, k) its derivatives."""
-        # The described link is what the same function gives at the null values: no effect, no change at all.
-        described = self._function(shape, self._null)[0][:, 0].copy()
-        parameters, derivatives = self._function(shape, theta)
-        return parameters[:, 0] - described, derivatives.copy()
+    def at(self, described: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(m,) what the effects add to what is described, and (m, k) its derivatives."""
+        # What is described is what the same function gives at the null values: no effect, no change at all.
+        before = self._function(described, self._null)[0][:, 0].copy()
+        after, derivatives = self._function(described, theta)
+        return after[:, 0] - before, derivatives.copy()
 
 
-class BaseFunction:
-    """Gravity in the frame of the base after effects on it.
-
-    Args:
-        effects: with reach "base", in the order in which they act.
-
-    Attributes:
-        names: ``"<effect>.<quantity>"`` in the order of theta (k,).
-    """
-
-    def __init__(self, effects: Sequence[Effect]) -> None:
-        self.names = tuple(f"{e.name}.{short}" for e in effects for short in e.quantities)
-        self._null = np.array([q.null for e in effects for q in e.quantities.values()])
-        gravity, theta = ca.SX.sym("g", 3), ca.SX.sym("theta", len(self.names))
-        base = Base(gravity)
-        for e in effects:
-            base = e.apply(base, dict(zip(self.names, ca.vertsplit(theta), strict=True)))
-        outputs = [ca.densify(base.gravity), ca.densify(ca.jacobian(base.gravity, theta))]
-        self._function = Buffered(ca.Function("base", [gravity, theta], outputs))
-
-    def change(self, gravity: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(3,) what the effects add to the described gravity, m/s^2, and (3, k) its derivatives."""
-        # As for a link: no effect, no change at all.
-        described = self._function(gravity, self._null)[0][:, 0].copy()
-        changed, derivatives = self._function(gravity, theta)
-        return changed[:, 0] - described, derivatives.copy()
+def base_change(effects: Sequence[Effect]) -> Change:
+    """How effects on the base, in the order in which they act, change gravity, (3,) m/s^2."""
+    names = [f"{e.name}.{short}" for e in effects for short in e.quantities]
+    gravity, theta = ca.SX.sym("g", 3), ca.SX.sym("theta", len(names))
+    base = Base(gravity)
+    for e in effects:
+        base = e.apply(base, dict(zip(names, ca.vertsplit(theta), strict=True)))
+    return Change(names, base.gravity, gravity, theta, [q.null for e in effects for q in e.quantities.values()])
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +136,8 @@ class JointFunctions:
         inner_torque: on the inner neighbour's drive.
         offset: of the sensor's reading.
         sensor: its gain, lag and delay.
-        link: None where no effect acts on the link.
+        link: of the (10,) inertial parameters, by the (4, 4) factor of the described pseudo-inertia; None where no
+            effect acts on the link.
         remembers: whether an effect has states of its own.
     """
 
@@ -154,7 +146,7 @@ class JointFunctions:
     inner_torque: Term
     offset: Term
     sensor: Sensor
-    link: LinkFunction | None
+    link: Change | None
     remembers: bool
 
 
@@ -203,14 +195,14 @@ def _composed(effects: tuple[_Applied, ...]) -> JointFunctions:
             f"effects {', '.join(e.name for e in effects)}: gain, lag, delay and link of a joint can depend on "
             "parameters only: write what changes with the motion as a torque or an offset"
         )
-    null = np.array([null for e in effects for null in e.null])
+    null = [null for e in effects for null in e.null]
     return JointFunctions(
         names=names,
         torque=_terms(added, inputs, theta, remembered),
         inner_torque=Term(joint.inner_torque, inputs, theta, remembered),
         offset=Term(joint.offset, inputs, theta, remembered),
         sensor=Sensor(theta, joint.gain, joint.lag, joint.delay),
-        link=LinkFunction(parameters, shape, theta, null) if ca.depends_on(parameters, theta) else None,
+        link=Change(names, parameters, shape, theta, null) if ca.depends_on(parameters, theta) else None,
         remembers=bool(joint.memory),
     )
 

@@ -12,13 +12,13 @@ import numpy as np
 
 from armdyn.arm.arm import Arm, find_arm
 from armdyn.arm.bodies import OF_BASE, Bodies, Stretch
-from armdyn.arm.composition import BaseFunction, JointFunctions, compose_joint
+from armdyn.arm.composition import Change, JointFunctions, base_change, compose_joint
 from armdyn.arm.motion import measured_motion
 from armdyn.arm.prediction import ChannelPredictor, predictor_of, prepared_once
 from armdyn.arm.prepared import PreparedRun
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
-from armdyn.model import Bend, Linear, Model, Prediction, joined
+from armdyn.model import Bend, Model, Prediction, joined
 from armdyn.parameter import Parameter, Quantity
 from armdyn.readout import Interpolated
 from armdyn.run import Channel, Run
@@ -42,6 +42,7 @@ class ArmModel(Model):
 
     base = "arm"
     stages = ("joint",)
+    linear = True
 
     @property
     def about(self) -> str:
@@ -57,11 +58,6 @@ class ArmModel(Model):
         except ValueError:  # on another drive
             place = str(self.arm.file)
         return {**super().described(folder), "urdf": place}
-
-    @property
-    def linear(self) -> Linear:
-        """See `Model.linear`."""
-        return self
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -102,7 +98,7 @@ class ArmModel(Model):
         return self.with_only(needed)
 
     def bend(self, names: Sequence[str], theta: np.ndarray) -> Bend | None:
-        """See `Linear.bend`: what changes a link acts as a deformation of it does, through its inertial parameters."""
+        """See `Model.bend`: what changes a link acts as a deformation of it does, through its inertial parameters."""
         joint = self.parameters[names[0]].joint
         through = self.parts(DEFORMATION).get(joint, ())
         if not through:
@@ -113,13 +109,13 @@ class ArmModel(Model):
         own, others = ([columns.index(self.names.index(name)) for name in of] for of in (names, through))
         if link is None or not link.depends[own].all():
             return None
-        value, slopes = link.change(self.arm.shapes[i], here)
+        value, slopes = link.at(self.arm.shapes[i], here)
         inverse = np.linalg.inv(slopes[:, others])
 
         def bent(change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             there = here.copy()
             there[own] += change
-            inertial, derivatives = link.change(self.arm.shapes[i], there)
+            inertial, derivatives = link.at(self.arm.shapes[i], there)
             return inverse @ (inertial - value), inverse @ derivatives[:, own]
 
         return Bend(tuple(through), bent)
@@ -250,9 +246,9 @@ class ArmModel(Model):
         return Bodies(self._functions, [theta[columns] for columns in self._columns], self.arm.shapes, base)
 
     @cached_property
-    def _base(self) -> BaseFunction | None:
+    def _base(self) -> Change | None:
         effects = [e for e in self.effects if e.reach == "base"]
-        return BaseFunction(effects) if effects else None
+        return base_change(effects) if effects else None
 
     @cached_property
     def _base_columns(self) -> list[int]:

@@ -11,7 +11,6 @@ from armdyn.arm.bodies import OF_BASE, Bodies, Stretch
 from armdyn.arm.composition import DIRECTION, LOAD, JointFunctions, Term
 from armdyn.arm.motion import MeasuredMotion, measured_motion
 from armdyn.arm.prepared import PreparedRun, interior, prepare, settled
-from armdyn.arm.rigid import described_parameters
 from armdyn.faults import without_spikes
 from armdyn.readout import Interpolated, LowPassed, Sampler
 from armdyn.run import Channel, Run
@@ -84,8 +83,7 @@ class _Reduction:
     @cached_property
     def per_gravity(self) -> np.ndarray:
         """(N, 3) the torque of the arm as described per component of gravity."""
-        weights = described_parameters(self._stretch.model)[:, :4]
-        return self.reduce(np.einsum("nlkp,lp->nk", self._stretch.gravity_regressor[:, self._joint], weights))
+        return self.reduce(self._stretch.described_per_gravity[self._joint])
 
 
 class _Earlier:

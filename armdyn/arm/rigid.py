@@ -116,6 +116,13 @@ def torque_regressor(model: pin.Model, motion: Motion) -> np.ndarray:
     return regressor.reshape(n, nj, nj, SIZE)
 
 
+def joint_axes(model: pin.Model) -> list[np.ndarray]:
+    """By joint (6,): linear and angular velocity of its link per unit of its own, in the link's axes."""
+    data, n = model.createData(), model.nv
+    pin.computeJointJacobians(model, data, np.zeros(n))
+    return [np.array(pin.getJointJacobian(model, data, i + 1, pin.LOCAL).reshape(6, n)[:, i]) for i in range(n)]
+
+
 def gravity_regressor(model: pin.Model, q: np.ndarray) -> np.ndarray:
     """(n, nj, nj, 3, 4) G with tau_j = sum_l g' G[., j, l] (m_l, m_l c_l) for gravity g (3,), m/s^2, at rest.
 
@@ -128,9 +135,7 @@ def gravity_regressor(model: pin.Model, q: np.ndarray) -> np.ndarray:
         q: (n, nj) rad or m.
     """
     n, nj = q.shape
-    data = model.createData()
-    pin.computeJointJacobians(model, data, np.zeros(nj))
-    own = [pin.getJointJacobian(model, data, i + 1, pin.LOCAL).reshape(6, nj)[:, i] for i in range(nj)]
+    own = joint_axes(model)
     parents = [int(parent) - 1 for parent in list(model.parents)[1:]]
     rotations, origins = np.empty((nj, n, 3, 3)), np.empty((nj, n, 3))
     linear, angular = np.empty((nj, n, 3)), np.empty((nj, n, 3))

@@ -9,11 +9,10 @@ from dataclasses import replace
 
 import casadi as ca
 import numpy as np
-import pinocchio as pin
 
 from armdyn.arm.model import ArmModel
 from armdyn.arm.physics import Expression, Joint, Link, Neighbour
-from armdyn.arm.rigid import inertia_matrix
+from armdyn.arm.rigid import inertia_matrix, joint_axes
 from armdyn.effects.effect import applied
 from armdyn.errors import InputError
 
@@ -107,13 +106,6 @@ def _with_effects(
                 f"effect '{effect.name}' {why}, which a function of one instant lacks: export the model without it"
             )
     return joint, inner
-
-
-def joint_axes(arm: pin.Model) -> list[np.ndarray]:
-    """By joint (6,): linear and angular velocity of its link per unit of its own, in the link's axes."""
-    data, n = arm.createData(), arm.nv
-    pin.computeJointJacobians(arm, data, np.zeros(n))
-    return [np.array(pin.getJointJacobian(arm, data, i + 1, pin.LOCAL).reshape(6, n)[:, i]) for i in range(n)]
 
 
 def _turned(axis: np.ndarray, angle: Expression) -> Expression:

@@ -20,7 +20,15 @@ WEIGHTS = ("information_floor", "position_weight", "velocity_weight", "barrier_w
 def horizon_functions(
     dynamics: tuple[Dynamics, ...], name: str, question: Question, steps: int, dt: float
 ) -> tuple[Buffered, Buffered]:
-    """Cost, and cost with gradient, of (schedule, extended state, time, theta, weights), and of (scales, gram)."""
+    """Cost, and cost with gradient, of (schedule, extended state, time, theta, weights, scales, gram).
+
+    Args:
+        dynamics: of the model in question, or of both rivals.
+        name: identifies their equations in the cache of compiled code.
+        question: what the motion shall tell.
+        steps: of the horizon.
+        dt: their length, s.
+    """
     watched = question.watched
     extended_size = 2 + sum(STATE_SIZE * (1 + len(names)) for names in watched)
     sizes = [len(d.names) for d in dynamics]
@@ -44,9 +52,8 @@ def horizon_functions(
             """Total derivative with respect to the parameters that are watched."""
             if not places:
                 return ca.SX(expression.numel(), 0)
-            if len(places) == 1:
-                return ca.jtimes(expression, state, by) + ca.jacobian(expression, of)[:, places[0]]
-            return ca.jacobian(expression, state) @ by + ca.jacobian(expression, of)[:, places]
+            along = ca.jtimes(expression, state, by) if len(places) == 1 else ca.jacobian(expression, state) @ by
+            return along + ca.jacobian(expression, of)[:, places]
 
         rate = d.derivative(pendulum, w, own)
         rates += [rate, ca.vec(derivative(rate))]
@@ -64,54 +71,41 @@ def horizon_functions(
     floor, w_x, w_v, w_b, barrier = ca.vertsplit(weights)
     running = w_x * x**2 + w_v * v**2 + w_b * ca.fmax(0, ca.fabs(x) - barrier) ** 2
     signals = question.signals(readings, slopes, scales)
-    if not question.logarithmic:
-        running = floor**2 / (signals**2 + floor**2) + running
-    J, F = ca.SX.sym("J"), ca.SX.sym("F", signals.numel(), signals.numel())
-    gained = dt * signals @ signals.T
-    effective = running + ca.dot(F, signals @ signals.T) if question.logarithmic else running
+    if not question.logarithmic:  # judged moment by moment: nothing is gathered over the horizon
+        running += floor**2 / (signals**2 + floor**2)
+        signals = ca.SX(0, 1)
+    size = signals.numel()
+    cost, gram, slope = ca.SX.sym("J"), ca.SX.sym("gram", size, size), ca.SX.sym("F", size, size)
+    effective = running + ca.dot(slope, signals @ signals.T)
     given = [u, t, theta, weights, scales]
-    gram = ca.SX.sym("gram", signals.numel(), signals.numel())
-    co = ca.SX.sym("co", extended_size)
-    if question.logarithmic:
-        stage = ca.Function("stage", [z, J, gram, *given], [following, J + dt * running, gram + gained])
-    else:
-        stage = ca.Function("stage", [z, J, u, t, theta, weights], [following, J + dt * running])
-    behind_given = [u, t, theta, weights, scales, F] if question.logarithmic else [u, t, theta, weights]
+    stage = ca.Function(
+        "stage", [z, cost, gram, *given], [following, cost + dt * running, gram + dt * signals @ signals.T]
+    )
+    costate = ca.SX.sym("co", extended_size)
     back = ca.Function(
         "back",
-        [co, z, *behind_given],
+        [costate, z, *given, slope],
         [
-            ca.densify(ca.jtimes(following, z, co, True) + dt * ca.gradient(effective, z)),
-            ca.jtimes(following, u, co, True) + dt * ca.gradient(effective, u),
+            ca.densify(ca.jtimes(following, z, costate, True) + dt * ca.gradient(effective, z)),
+            ca.jtimes(following, u, costate, True) + dt * ca.gradient(effective, u),
         ],
     )
-    behind = back.mapaccum("behind", steps)
-    U, z0, t0 = ca.MX.sym("u", steps), ca.MX.sym("z0", extended_size), ca.MX.sym("t0")
-    P, W = ca.MX.sym("theta", sum(sizes)), ca.MX.sym("weights", len(WEIGHTS))
-    T = t0 + dt * ca.DM(range(steps)).T
-    flip = ca.Slice(steps - 1, -(steps + 1), -1)
-    repeated = [ca.repmat(P, 1, steps), ca.repmat(W, 1, steps)]
-    arguments = [U, z0, t0, P, W]
-    if question.logarithmic:
-        S, G0 = ca.MX.sym("scales", scales.numel()), ca.MX.sym("gram", *gram.shape)
-        arguments += [S, G0]
-        repeated.append(ca.repmat(S, 1, steps))
-        Z, costs, grams = stage.mapaccum("ahead", steps, 3)(z0, 0, G0, U.T, T, *repeated)
-        size = signals.numel()
-        value, slope = question.criterion_function()(grams[:, -size:])
-        cost = costs[-1] + value
-        repeated.append(ca.repmat(slope, 1, steps))
-    else:
-        Z, costs = stage.mapaccum("ahead", steps, 2)(z0, 0, U.T, T, *repeated)
-        cost = costs[-1]
-    before = ca.horzcat(z0, Z[:, :-1])
-    last = [ca.MX.zeros(extended_size), before[:, flip], U.T[:, flip], T[:, flip], *repeated]
-    _, gradient = behind(*last)
+    schedule, start, now = ca.MX.sym("u", steps), ca.MX.sym("z0", extended_size), ca.MX.sym("t0")
+    known = [ca.MX.sym("known", symbol.numel()) for symbol in (theta, weights, scales)]
+    gathered = ca.MX.sym("gram", size, size)
+    times = now + dt * ca.DM(range(steps)).T
+    repeated = [ca.repmat(symbol, 1, steps) for symbol in known]
+    states, costs, grams = stage.mapaccum("ahead", steps, 3)(start, 0, gathered, schedule.T, times, *repeated)
+    value, effect = question.criterion_function()(grams[:, size * (steps - 1) :])
+    before, flip = ca.horzcat(start, states[:, :-1]), ca.Slice(steps - 1, -(steps + 1), -1)
+    backwards = [before[:, flip], schedule.T[:, flip], times[:, flip], *repeated, ca.repmat(effect, 1, steps)]
+    _, gradient = back.mapaccum("behind", steps)(ca.MX.zeros(extended_size), *backwards)
+    arguments, total = [schedule, start, now, *known, gathered], costs[-1] + value
     built = compiled(
         f"sac_{name}{question.tag}",
         {
-            "cost": ca.Function("cost", arguments, [cost]),
-            "gradient": ca.Function("gradient", arguments, [cost, gradient[:, flip].T]),
+            "cost": ca.Function("cost", arguments, [total]),
+            "gradient": ca.Function("gradient", arguments, [total, gradient[:, flip].T]),
         },
     )
     return Buffered(built["cost"]), Buffered(built["gradient"])

@@ -127,16 +127,28 @@ class ProjectionOptimizer:
         """
         started = perf_counter()
         n, N = self.problem.states, self.steps
-        case = _Case(np.asarray(initial, dtype=float), np.asarray(times)[None, :N], float(times[N]), parameters)
+        start = np.asarray(initial, dtype=float)[:, None]
+        case = np.asarray(times)[None, :N], float(times[N]), parameters
+
+        def project(states: np.ndarray, controls: np.ndarray, gains: np.ndarray) -> _Trajectory:
+            """The trajectory that a curve is made by feedback."""
+            x, u, cost = self._project(start[:, 0], states[:, :-1], controls, gains, *case)
+            return _Trajectory(np.hstack([start, x]), u.copy(), float(cost[0, 0]))
+
+        def quadratic_model(newton: bool) -> _QuadraticModel:
+            outputs = self._backward(at.states, at.controls, *case, float(newton))
+            K, k, H, A, B = (a.copy() for a in outputs)
+            return _QuadraticModel(K, k, A, B, -float(np.sum(k * k * H)), float(H.min()))
+
         controls = np.zeros((1, N)) if guess is None else np.asarray(guess, dtype=float).reshape(1, N)
-        at = self._trajectory(case, np.tile(case.initial[:, None], (1, N + 1)), controls, np.zeros((n, N)))
+        at = project(np.tile(start, (1, N + 1)), controls, np.zeros((n, N)))
         history: list[Iteration] = []
         while len(history) < most_iterations:
             newton = len(history) >= QUASI_NEWTON_FIRST
-            model = self._quadratic_model(case, at, newton)
+            model = quadratic_model(newton)
             if newton and not (model.least_curvature > 0 and np.isfinite(model.slope)):
                 newton = False
-                model = self._quadratic_model(case, at, newton)
+                model = quadratic_model(newton)
             if not np.isfinite(model.slope):
                 raise TaskFailedError("the plan left the finite numbers: check the length, the mass and the horizon")
             if -model.slope < tolerance:
@@ -145,7 +157,7 @@ class ProjectionOptimizer:
             dz, dv = (a.copy() for a in self._forward(model.A, model.B, model.gains, model.feedforward))
             size = 1.0
             while size >= SHORTEST_STEP:
-                trial = self._trajectory(case, at.states + size * dz, at.controls + size * dv, model.gains)
+                trial = project(at.states + size * dz, at.controls + size * dv, model.gains)
                 if np.isfinite(trial.cost) and trial.cost <= at.cost + ARMIJO * size * model.slope:
                     break
                 size /= 2
@@ -159,27 +171,6 @@ class ProjectionOptimizer:
         raise TaskFailedError(
             f"the optimiser did not converge in {most_iterations} steps (cost derivative {model.slope:.1e})"
         )
-
-    def _trajectory(self, case: "_Case", states: np.ndarray, controls: np.ndarray, gains: np.ndarray) -> "_Trajectory":
-        """Project a curve onto the trajectories."""
-        x, u, cost = self._project(case.initial, states[:, :-1], controls, gains, case.times, case.end, case.parameters)
-        return _Trajectory(np.hstack([case.initial[:, None], x]), u.copy(), float(cost[0, 0]))
-
-    def _quadratic_model(self, case: "_Case", at: "_Trajectory", newton: bool) -> "_QuadraticModel":
-        K, k, H, A, B = (
-            a.copy()
-            for a in self._backward(at.states, at.controls, case.times, case.end, case.parameters, float(newton))
-        )
-        return _QuadraticModel(K, k, A, B, -float(np.sum(k * k * H)), float(H.min()))
-
-
-class _Case(NamedTuple):
-    """What one solve is given."""
-
-    initial: np.ndarray  # (n,)
-    times: np.ndarray  # (1, N)
-    end: float
-    parameters: np.ndarray
 
 
 class _Trajectory(NamedTuple):

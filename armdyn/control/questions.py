@@ -108,6 +108,8 @@ class Question:
     def criterion_function(self) -> ca.Function:
         """``G (k, k) -> cost, F (k, k)`` with F = d cost/dG."""
         k, asked = self.size, self.asked
+        if not self.logarithmic:
+            return ca.Function("criterion", [ca.SX(0, 0)], [0, ca.SX(0, 0)])
         G = ca.SX.sym("G", k, k)
         S = ca.SX(G)
         for last in reversed(range(asked, k)):  # what the nuisance explains is taken out, one signal after the other

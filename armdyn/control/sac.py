@@ -222,12 +222,11 @@ class SequentialActionControl:
         if tuple(m.physics_names for m in models) != self._names:
             raise InputError("this controller was built for a model with other effects: build a new one")
         theta = models[0].physics_theta() if rival is None else np.concatenate([m.physics_theta() for m in models])
-        if not self.question.logarithmic:
-            return state.vector(), state.time, theta, self.settings.weights()
-        if state.gram is None:
+        gram = state.gram if self.question.logarithmic else np.zeros((0, 0))
+        if gram is None:
             raise InputError("this question needs to know what is known already: give the state's gram")
         scales = np.append(self._scales, self.settings.noise)
-        return state.vector(), state.time, theta, self.settings.weights(), scales, state.gram
+        return state.vector(), state.time, theta, self.settings.weights(), scales, gram
 
     def _within_speed(self, schedule: np.ndarray, v: float) -> np.ndarray:
         limit, dt = self.settings.largest_speed, self.settings.dt

@@ -12,12 +12,6 @@ from armdyn.pendulum.composition import STANDARD_GRAVITY
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.variational import STATE_SIZE, VariationalStep
 
-COST_NAMES = (
-    *("x", "z", "vx", "vz", "w_x", "w_z", "w_vx", "w_vz", "w_gripper_x", "w_gripper_v", "w_control", "w_travel"),
-    *("wall_x", "wall_z", "w_wall", "clearance", "least_tension", "w_slack"),
-    *("reach_least", "reach_most", "w_reach"),
-)
-
 CONTINUATION = (0.0, 0.2, 0.4, 0.7, 1.0)
 """Shares of the effects' values through which a plan is followed where it is not found at once."""
 
@@ -70,26 +64,36 @@ class TaskCost:
         if self.control_weight <= 0:
             raise InputError(f"control weight {self.control_weight:g}: it must be positive, or the plan is not unique")
 
+    def numbers(self) -> dict[str, float]:
+        """The numbers that the compiled problem takes, by name, in its order; what does not count has no weight."""
+        pairs = {
+            "": self.target, "v": self.target_velocity, "w_": self.position_weights, "w_v": self.velocity_weights
+        }  # fmt: skip
+        named = {prefix + axis: pair[i] for prefix, pair in pairs.items() for i, axis in enumerate("xz")}
+        wall_x, wall_z = self.wall or (0.0, 0.0)
+        reach_least, reach_most = self.reach or (0.0, 0.0)
+        return named | {
+            "w_gripper_x": self.gripper_weights[0],
+            "w_gripper_v": self.gripper_weights[1],
+            "w_control": self.control_weight,
+            "w_travel": self.travel_weight,
+            "wall_x": wall_x,
+            "wall_z": wall_z,
+            "w_wall": self.wall_weight if self.wall else 0.0,
+            "clearance": self.clearance,
+            "least_tension": self.least_tension or 0.0,
+            "w_slack": 0.0 if self.least_tension is None else self.slack_weight,
+            "reach_least": reach_least,
+            "reach_most": reach_most,
+            "w_reach": self.reach_weight if self.reach else 0.0,
+        }
+
     def vector(self) -> np.ndarray:
-        """(21,) in the order of `COST_NAMES`."""
-        return np.array(
-            [
-                *self.target,
-                *self.target_velocity,
-                *self.position_weights,
-                *self.velocity_weights,
-                *self.gripper_weights,
-                self.control_weight,
-                self.travel_weight,
-                *(self.wall or (0.0, 0.0)),
-                self.wall_weight if self.wall else 0.0,
-                self.clearance,
-                self.least_tension or 0.0,
-                0.0 if self.least_tension is None else self.slack_weight,
-                *(self.reach or (0.0, 0.0)),
-                self.reach_weight if self.reach else 0.0,
-            ]
-        )
+        """(21,) the same as an array."""
+        return np.array(list(self.numbers().values()))
+
+
+COST_NAMES = tuple(TaskCost((0.0, 0.0)).numbers())
 
 
 @dataclass(frozen=True)

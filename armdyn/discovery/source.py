@@ -7,7 +7,8 @@ from textwrap import wrap
 
 from armdyn.discovery.term import Constant, Term
 from armdyn.effects.effect import Effect
-from armdyn.effects.user import effects_of, load_module
+from armdyn.effects.user import effects_of
+from armdyn.user_code import load_module
 
 HEAD = '''"""{title}"""
 

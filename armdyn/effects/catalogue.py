@@ -35,3 +35,9 @@ def find(name: str, extra: Iterable[Effect] = ()) -> Effect:
         raise UnknownNameError("effect", name, known)
     found = known[name]
     return found.on(*(joint.strip() for joint in joints.split(","))) if joints else found
+
+
+def natural_order(effects: Iterable[Effect]) -> tuple[Effect, ...]:
+    """Effects in the order in which they act on a model: as the catalogue lists them, then by name."""
+    place = {name: i for i, name in enumerate(CATALOGUE)}
+    return tuple(sorted(effects, key=lambda e: (place.get(e.name, len(place)), e.name)))

@@ -39,7 +39,7 @@ class Motion:
         """S between the nodes."""
         return float(self.time[1] - self.time[0])
 
-    @property
+    @cached_property
     def path(self) -> GripperPath:
         """As the input of a simulation."""
         return GripperPath(0.0, self.step, *self.along)
@@ -262,8 +262,7 @@ class PredictedExperiment:
         path = model.driven_by(motion.path, physics)
         adjoint = _adjoint(model.system, model.formulation)
         nodes, middle = adjoint.gradient(path, physics, self.rollout(values).states, outputs)
-        lag = model.gripper_lag(physics) if model.system.input_lag is not None else 0.0
-        at_nodes, between = _driving(basis, lag)
+        at_nodes, between = _driving(basis, model.gripper_lag(physics))
         jerk = slice(7, 8) if len(nodes) == 8 else slice(0, 0)
         rows = [*nodes[1:4], *nodes[jerk]], [*middle[1:4], *middle[jerk]]
         return (

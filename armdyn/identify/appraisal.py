@@ -48,7 +48,7 @@ class Appraisal:
         columns: (c,) the unknowns that change.
         free: (c,) bool, those that are fitted; the others return to null.
         change: (c,) their change from the expansion's point in a fit to all training runs.
-        effective: (c,) the change that predictions are linear in; see `Linear.bend`.
+        effective: (c,) the change that predictions are linear in; see `Model.bend`.
         errors: (t,) mean squared error of the training units there.
         likelihood: log likelihood of the training runs.
         values: number of the effects' unknowns that the runs determine rather than the priors.

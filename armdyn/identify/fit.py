@@ -29,6 +29,8 @@ class Fit:
         values: (P,) of all unknowns.
         blocks: residuals there, and derivatives with respect to what is free.
         outcome: why the descent ended.
+        settled: (P,) values with the same unknowns free where the model's own error is part of the model (see
+            `output_error.AroundMotion`); None where nobody computed them.
     """
 
     problem: Problem
@@ -36,6 +38,7 @@ class Fit:
     values: np.ndarray
     blocks: tuple[Block, ...]
     outcome: Outcome
+    settled: np.ndarray | None = None
 
     @property
     def samples(self) -> int:

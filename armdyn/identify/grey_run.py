@@ -1,7 +1,7 @@
 """One run, linear around its measured motion, with kicks between the pieces and glitches weighed down."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,7 +15,6 @@ from armdyn.identify.innovations import (
     Innovations,
     Rows,
     blocks,
-    chained,
     combined,
     filtered,
     smoothed,
@@ -115,7 +114,8 @@ class GreyRun:
         """
         theta, even = values[self.places], [np.ones(len(self.run.channels[c].time)) for c in self.channels]
         states, known = self.pieces.rolled(theta), FIRST_PIECES
-        around = self.around(values, states, even)
+        none = np.zeros(len(values), dtype=bool)
+        around = self.around(values, states, even, none)
         while known < len(states) and not around.left(FIRST_PIECES, len(states)) < GROSS:
             begin, known = known, min(len(states), STRETCHED * known)
             for _ in range(FOLLOWED):
@@ -123,48 +123,64 @@ class GreyRun:
                     break
                 states = around.smoothed_until(known)
                 states[known:] = self.pieces.rolled(theta, known - 1, states[known - 1])[1:]
-                around = self.around(values, states, even)
+                around = self.around(values, states, even, none)
         return states
 
-    def around(self, values: np.ndarray, states: np.ndarray, weights: Sequence[np.ndarray]) -> "Around":
+    def around(
+        self, values: np.ndarray, states: np.ndarray, weights: Sequence[np.ndarray], wanted: np.ndarray
+    ) -> "Around":
         """The run linearised at (P,) values of the unknowns and (J, n) states.
 
         Args:
             values: (P,).
             states: (J, n).
             weights: by channel (N,) variance of each sample over the others'; larger where it is not believed.
+            wanted: (P,) bool, the unknowns by which it is linearised; the others are taken as known.
         """
-        theta = values[self.places]
-        found = self.pieces.linearised(theta, states)
-        P = len(values)
-        by_unknown, gap = chained(found, states, self.places, P)
+        theta, unknowns = values[self.places], np.flatnonzero(wanted)
+        parameters = np.flatnonzero(wanted[self.places])
+        columns = np.searchsorted(unknowns, self.places[parameters])
+        found = self.pieces.linearised(theta, states, parameters)
+        gap = found.ends - np.append(states[1:], found.ends[-1:], axis=0)
         # States are momenta; what stays while a parameter changes, and what is kicked, are their rates.
-        edges = self.pieces.edges
-        here, there = (
-            self.pieces.by_definition(theta, s, at) if np.isfinite(s).all() else np.zeros_like(found.by_theta)
-            for s, at in ((states, edges[:-1]), (found.ends, edges[1:]))
-        )
-        by_unknown[:, :, self.places] += found.transition @ here - there
+        ends = np.concatenate([states, found.ends])
+        nodes = np.concatenate([self.pieces.edges[:-1], self.pieces.edges[1:]])
+        if np.isfinite(ends).all() and len(parameters):
+            here, there = np.split(self.pieces.by_definition(theta, ends, nodes)[:, :, parameters], 2)
+        else:
+            here, there = np.zeros((2, *found.by_theta.shape))
+        by_unknown = np.zeros((*states.shape, len(unknowns)))
+        by_unknown[:, :, columns] = found.by_theta + found.transition @ here - there
         begin, by_start, by_theta = self.pieces.beginning(theta)
         model = self.pieces.model
         kicked = by_start[:, model.kicked] * self._typical[model.kicked]
         free = np.abs(by_start).sum(axis=1) > 0.0
-        start = np.zeros((states.shape[1], P + 1))
+        start = np.zeros((states.shape[1], len(unknowns) + 1))
         start[~free, -1] = (begin - states[0])[~free]
-        held = np.zeros_like(by_theta)
-        held[~free] = by_theta[~free]
-        start[:, self.places] += held
+        start[np.ix_(~free, columns)] = by_theta[np.ix_(~free, parameters)]
         wide = by_start * (LOOSE * self._typical)
         chain = Chain(found.transition, by_unknown, gap, start, wide @ wide.T, kicked @ kicked.T)
         given = zip(self.channels, self.quiet, weights, strict=True)
         rows = [
-            Rows(found.samples.pop(c), len(states), self.places, P, quiet, weight, here) for c, quiet, weight in given
+            Rows(found.samples.pop(c), len(states), columns, len(unknowns), quiet, weight, here)
+            for c, quiet, weight in given
         ]
-        return Around(self, states, chain, rows, here)
+        definition = np.zeros_like(by_unknown)
+        definition[:, :, columns] = here
+        return Around(self, states, chain, rows, definition, wanted)
 
 
 class Around:
-    """A run linearised around a motion; whitened sums are kept by colour."""
+    """A run linearised around a motion by some unknowns; whitened sums are kept by colour.
+
+    Args:
+        run: which.
+        states: (J, n) of the motion.
+        chain: of its pieces; P' unknowns.
+        rows: by channel.
+        definition: (J, n, P') how the states change with the unknowns where the motion stays.
+        wanted: (P,) bool, which of the problem's unknowns these are.
+    """
 
     def __init__(
         self,
@@ -173,9 +189,10 @@ class Around:
         chain: Chain,
         rows: Sequence[Rows],
         definition: np.ndarray,
+        wanted: np.ndarray,
     ) -> None:
         self.run, self.states, self.chain, self.rows = run, states, chain, rows
-        self._definition = definition
+        self._definition, self._wanted = definition, wanted
         self._grams: dict[tuple[int, Colour], Gram] = {}
         direction = np.sqrt(np.diag(chain.kicked))
         n = states.shape[1]
@@ -195,23 +212,29 @@ class Around:
         return self._grams[channel, colour]
 
     def innovations(self, noises: Sequence[Noise], kicks: np.ndarray) -> Innovations:
-        """At the colours and levels of C noises, with (K,) sizes of the kicks each."""
+        """At the colours and levels of C noises, with (K,) sizes of the kicks each; 0 for unknowns taken as known."""
         acting = self._acting
-        if acting.mean() > MOST_ACTING:
+        if acting.all() and self._wanted.all():
             return filtered(self._sums(noises, len(kicks)), self.chain, kicks)
         n, P = self.states.shape[1], len(acting)
         columns = np.concatenate([np.arange(n), n + np.flatnonzero(acting), [n + P]])
-        parts = ((sums[:, :, columns[:, None], columns], *rest) for sums, *rest in self._sums(noises, len(kicks)))
-        return filtered(parts, self.chain.of(acting), kicks).among(acting)
+        parts = (
+            (sums[:, :, columns[:, None], columns], logs, rows) for sums, logs, rows in self._sums(noises, len(kicks))
+        )
+        found = filtered(parts, self.chain.of(acting), kicks)
+        S, where = len(found.square), np.flatnonzero(self._wanted)[acting]
+        gram, slope = (np.zeros((S, *[len(self._wanted)] * k)) for k in (2, 1))
+        gram[:, where[:, None], where], slope[:, where] = found.gram, found.slope
+        return replace(found, gram=gram, slope=slope)
 
     @cached_property
     def _acting(self) -> np.ndarray:
-        """(P,) bool: unknowns that change anything here; the place of a force that is absent does not."""
+        """(P',) bool: unknowns that change anything, as the place of an absent force does not; all where most do."""
         n = self.states.shape[1]
         acting = np.any(self.chain.by_unknown != 0.0, axis=(0, 1)) | np.any(self.chain.start[:, :-1] != 0.0, axis=0)
         for rows in self.rows:
             acting = acting | np.any(rows.value[:, :, n:-1] != 0.0, axis=(0, 1))
-        return np.asarray(acting)
+        return np.asarray(acting if acting.mean() < MOST_ACTING else np.ones_like(acting))
 
     def _sums(self, noises: Sequence[Noise], kicks: int) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
         """Sums of consecutive pieces at C noises, for `filtered` with so many kicks."""
@@ -237,8 +260,8 @@ class Around:
     def smoothed(self, noise: Noise, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(J, n) states and (J, n) kicks after a (P,) change of the unknowns."""
         grams = [self.gram(c, colour) for c, colour in enumerate(noise.colour)]
-        moved, kicks = smoothed(combined(grams, noise.level)[0], self.chain, noise.kick, change)
-        return self.states + moved + self._definition @ change[self.run.places], kicks
+        moved, kicks = smoothed(combined(grams, noise.level)[0], self.chain, noise.kick, change[self._wanted])
+        return self.states + moved + self._definition @ change[self._wanted], kicks
 
     def left(self, begin: int, end: int) -> float:
         """Mean squared error over the noise in the pieces from `begin` to `end`."""
@@ -257,6 +280,7 @@ class Around:
     def believed(self, noise: Noise, change: np.ndarray) -> tuple[np.ndarray, ...]:
         """By channel (N,) weights of the samples after a (P,) change, larger where no noise explains one."""
         grams = [self.gram(c, colour) for c, colour in enumerate(noise.colour)]
+        change = change[self._wanted]
         moved, _ = smoothed(combined(grams, noise.level)[0], self.chain, noise.kick, change)
         found = []
         for rows, colour, level in zip(self.rows, noise.colour, noise.level, strict=True):

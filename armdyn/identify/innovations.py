@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armdyn.physics.pieces import Linearised, Samples
+from armdyn.physics.pieces import Samples
 
 MOST_ROWS = 100
 """Samples of a channel in one piece; where there are more, neighbours are averaged: half a swing has no more to say."""
@@ -68,7 +68,7 @@ class Rows:
     Args:
         samples: of one channel.
         pieces: J.
-        columns: (q,) unknown that each parameter of the model is.
+        columns: (q,) unknown that each parameter is.
         unknowns: P.
         noise: standard deviation of one sample.
         weight: (N,) variance of each sample over that; larger where a sample is not believed.
@@ -222,16 +222,6 @@ class Chain:
         return replace(self, by_unknown=self.by_unknown[:, :, acting], start=start)
 
 
-def chained(found: Linearised, states: np.ndarray, columns: np.ndarray, unknowns: int) -> tuple[np.ndarray, np.ndarray]:
-    """(J, n, P) derivatives by the unknowns and (J, n) gaps of a linearised run."""
-    J, n, _ = found.by_theta.shape
-    by_unknown = np.zeros((J, n, unknowns))
-    by_unknown[:, :, columns] += found.by_theta
-    gap = np.zeros((J, n))
-    gap[:-1] = found.ends[:-1] - states[1:]
-    return by_unknown, gap
-
-
 @dataclass(frozen=True, eq=False)
 class Innovations:
     """What a run says of the unknowns at S = C K noises: C colours, K sizes of the kicks with each.
@@ -249,13 +239,6 @@ class Innovations:
     square: np.ndarray
     log_std: np.ndarray
     rows: float
-
-    def among(self, acting: np.ndarray) -> "Innovations":
-        """The same among (P,) unknowns of which only these act."""
-        places = np.flatnonzero(acting)
-        gram, slope = (np.zeros((len(self.square), *[len(acting)] * k)) for k in (2, 1))
-        gram[:, places[:, None], places], slope[:, places] = self.gram, self.slope
-        return replace(self, gram=gram, slope=slope)
 
 
 @np.errstate(all="ignore")  # what a divergence has spoilt is no finite evidence
@@ -315,7 +298,7 @@ class _Filter:
             M[:, :, j], P[:, :, j] = mean, variance
             inverse, size = _inverse(one + variance @ phi)
             now = inverse @ variance
-            now = (now + np.swapaxes(now, 2, 3)) / 2
+            now = (now + now.swapaxes(2, 3)) / 2
             e = sums[:, None, j, :n, n:] - phi @ mean
             eta[:, :, j], after[:, :, j] = e, now
             logs += size
@@ -355,12 +338,10 @@ def smoothed(sums: np.ndarray, chain: Chain, kick: float, change: np.ndarray) ->
     weights = np.append(-change, 1.0)
     mean, e, variance = M[0, 0] @ weights, eta[0, 0] @ weights, P[0, 0]
     J, n = mean.shape
-    pull, states, kicks = np.zeros(n), np.empty((J, n)), np.zeros((J, n))
-    noise = kick**2 * chain.kicked
+    pulls, back = np.zeros((J + 1, n)), np.swapaxes(chain.transition, 1, 2)
+    inverse, _ = _inverse(np.eye(n) + sums[:, :n, :n] @ variance)
     for j in range(J - 1, -1, -1):
-        if j < J - 1:
-            kicks[j + 1] = noise @ pull
-            pull = chain.transition[j].T @ pull
-        pull = np.linalg.solve(np.eye(n) + sums[j, :n, :n] @ variance[j], pull + e[j])
-        states[j] = mean[j] + variance[j] @ pull
-    return states, kicks
+        pulls[j] = inverse[j] @ (back[j] @ pulls[j + 1] + e[j])
+    kicks = pulls[:-1] @ (kick**2 * chain.kicked)
+    kicks[0] = 0.0
+    return mean + np.einsum("jik,jk->ji", variance, pulls[:-1]), kicks

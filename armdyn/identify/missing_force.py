@@ -91,8 +91,8 @@ def unexplained(fit: Fit) -> list[Unexplained]:
 def accelerations(fit: Fit) -> list[Unexplained]:
     """The missing acceleration of a model with states: the kicks that a smoother needs in every sixteenth of a swing.
 
-    The effects of the fit are fitted anew around the motion: a model that lacks something follows a recording by a
-    wrong length as far as it can.
+    Values are those settled around the motion: a model that lacks something follows a recording by a wrong length as
+    far as it can.
     """
     model = fit.problem.model
     if not (isinstance(model, SimulatedModel) and model.start_names):
@@ -102,13 +102,17 @@ def accelerations(fit: Fit) -> list[Unexplained]:
     problem = Problem(model.holding(needed), fit.problem.runs, fit.problem.noise)
     model = problem.model
     assert isinstance(model, SimulatedModel)
-    fit_values = transferred(fit.values, fit.problem, problem)
+    values = transferred(fit.values, fit.problem, problem)
     free = transferred(fit.free.astype(float), fit.problem, problem, missing=0.0) > 0.0
-    swings = [model.swing(run, problem.theta(i, fit_values)) for i, run in enumerate(problem.runs)]
-    effects = np.array([bool(column.parameter.effect) for column in problem.columns])
-    motion = AroundMotion(problem, len(problem.runs), effects & free, [fit_values])
+    swings = [model.swing(run, problem.theta(i, values)) for i, run in enumerate(problem.runs)]
+    if fit.settled is None:
+        effects = np.array([bool(column.parameter.effect) for column in problem.columns])
+        motion = AroundMotion(problem, len(problem.runs), effects & free, [values])
+        free, values = motion.base, motion.point.values
+    else:
+        free, values = free & ~problem.of(model.start_names), transferred(fit.settled, fit.problem, problem)
     box = GreyBox(problem, swings, len(problem.runs), np.zeros(len(free), dtype=bool), SHARE)
-    point = box.settled(motion.base, box.begin(motion.point.values), rounds=ROUNDS, coloured=False)
+    point = box.settled(free, box.begin(values), rounds=ROUNDS, coloured=False)
     found = [one for i in range(len(problem.runs)) for one in _kicked(box, point, i)]
     # A simulation that diverges has nothing to draw.
     return [
@@ -120,7 +124,7 @@ def _kicked(box: GreyBox, point: Point, index: int) -> list[Unexplained]:
     """The missing acceleration of one run, one for each speed of the model."""
     run, states = box.runs[index], point.states[index]
     model, theta = run.pieces.model, point.values[run.places]
-    around = run.around(point.values, states, point.weights[index])
+    around = run.around(point.values, states, point.weights[index], np.zeros(len(point.values), dtype=bool))
     _, kicks = around.smoothed(point.noises[index], np.zeros(len(point.values)))
     motion, by_start = run.pieces.motion(theta, states)
     lasting = np.diff(run.pieces.starts)

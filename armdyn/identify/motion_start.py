@@ -66,11 +66,11 @@ def start_of(single: Problem, values: np.ndarray, free: np.ndarray) -> np.ndarra
     """
     (run,), model = single.runs, single.model
     theta = single.theta(0, values)
-    guesses = model.start.candidates(run, theta)
+    guesses = model.possible_starts(run, theta)
     if not guesses:
         return values
     moved = free & single.of(list(guesses[0]))
-    window, end = model.start.stretch(theta), duration(run)
+    window, end = model.start_window(theta), duration(run)
     cut = _cut(single, window)
     own = _descended(cut, free, window, values)
     near_noise = 2.0 * _cost(cut, own) < NEAR_NOISE * cut.samples

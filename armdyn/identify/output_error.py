@@ -98,17 +98,23 @@ class AroundMotion:
                 other[j] = np.clip(np.median(shown[name]), problem.lower[j], problem.upper[j])
         if np.any(np.abs(other - values) > UNLIKE * np.abs(values)):
             options = [*options, other]
-        # Each option may cut pieces of the runs, which all of them share: only then do states fit the pieces.
-        begun = [self.box.begin(option) for option in options]
         found = list[tuple[np.ndarray, Point]]()
-        for option, point in zip(options, begun, strict=True):
-            fits = all(len(s) == len(run.pieces) for s, run in zip(point.states, self.box.runs, strict=True))
-            begin = point if fits else self.box.begin(option)
-            base = self.box.told(begin, wanted)
-            found.append((base, self.box.settled(base, begin)))
+        for k, option in enumerate(options):
+            found.append(self._settled_from(option, wanted))
             if not self.measured and self.box.largest_kick(found[-1][1]) < ASTRAY:
                 break  # nothing says that the motion may be another one
+            # An option may cut pieces of the runs, which all of them share: states of the others fit them no more.
+            for earlier in range(k):
+                states = zip(found[earlier][1].states, self.box.runs, strict=True)
+                if any(len(s) != len(run.pieces) for s, run in states):
+                    found[earlier] = self._settled_from(options[earlier], wanted)
         return max(found, key=lambda one: one[1].evidence)
+
+    def _settled_from(self, option: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, Point]:
+        """Those of (P,) `wanted` unknowns that the runs tell, and the runs settled with them from (P,) values."""
+        begin = self.box.begin(option)
+        base = self.box.told(begin, wanted)
+        return base, self.box.settled(base, begin)
 
     def settled(self, free: np.ndarray, like: np.ndarray | None = None) -> Point:
         """The runs settled with (P,) `free` unknowns, other effects at null; from the most similar set that was.
@@ -124,6 +130,11 @@ class AroundMotion:
         if key not in self._settled:
             self._settled[key] = free, self._unstuck(free, self.box.settled(free, self._near(free), wide=0))
         return self._settled[key][1]
+
+    def settled_point(self, free: np.ndarray) -> Point | None:
+        """Where the runs were settled with (P,) `free` unknowns; None where they were not."""
+        found = self._settled.get(free.tobytes())
+        return None if found is None else found[1]
 
     def _unstuck(self, free: np.ndarray, point: Point) -> Point:
         """A settled point, or a better one where a force is followed anew with its values.
@@ -154,7 +165,8 @@ class AroundMotion:
     def starts(self, free: np.ndarray) -> Iterator[np.ndarray]:
         """(P,) values from which a fit of the whole runs may begin, the likeliest first; computed when asked for.
 
-        Where an effect is not the right one, its best size over whole runs is another one than around the motion.
+        Where an effect is not the right one, its best size over whole runs is another one than around the motion, or
+        than in other runs.
         """
         found, sized = list[np.ndarray](), free & self.box.removable
         for values in untied(self.box, free, self._near(free)):
@@ -162,6 +174,28 @@ class AroundMotion:
             yield values
         if sized.any():
             yield from (np.where(sized, size * one, one) for one in (found[:2][-1], found[0]) for size in SIZES)
+            yield from self._of_single_runs(free, found[0])
+
+    def _of_single_runs(self, free: np.ndarray, values: np.ndarray) -> list[np.ndarray]:
+        """(P,) values with every run's start as that run alone tells it, and all else as one of the runs tells it.
+
+        A friction that is not the right one has another size in a large swing than in a small one; between them lie
+        minima in which a start makes up for the wrong size.
+        """
+        problem, count = self.problem, self.box.training
+        if count == 1:
+            return []
+        found, starts = list[np.ndarray](), values.copy()
+        for i, run in enumerate(problem.runs[:count]):
+            single = Problem(problem.model, [run], problem.noise)
+            places = problem.places(i)[[column.index for column in single.columns]]
+            alone = followed_run(single, values[places], (free | self.of_starts)[places])
+            told = values.copy()
+            told[places] = alone.values
+            found.append(told)
+            own = problem.per_run[places]
+            starts[places[own]] = alone.values[own]
+        return [np.where(problem.per_run, starts, told) for told in found]
 
 
 def untied(box: GreyBox, free: np.ndarray, point: Point) -> Iterator[np.ndarray]:

@@ -78,7 +78,7 @@ def pieces(model: Model, run: Run) -> list[Run]:
         InputError: see `ready`.
     """
     parts = cut_at_gaps(run) if model.linear else (run,)  # what is simulated goes on through a gap
-    return [piece for part in parts for piece in model.start.pieces(ready(model, part))]
+    return [piece for part in parts for piece in model.pieces(ready(model, part))]
 
 
 def check_distinct(runs: Mapping[str, Sequence[Run]]) -> None:

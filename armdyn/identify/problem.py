@@ -90,7 +90,7 @@ class Problem:
             if parameter.scope == "shared" and parameter.name not in differing:
                 columns.append(Column(parameter.name, _informed(parameter, runs[0]), index, None))
         for i, run in enumerate(runs):
-            guess = model.start.guess(run)
+            guess = model.guess_start(run)
             for index, parameter in enumerate(model.parameters.values()):
                 if parameter.scope == "shared" and parameter.name not in differing:
                     continue

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Iterator, Sequence
 from copy import copy
+from dataclasses import replace
 from functools import cached_property
 from itertools import tee
 
@@ -212,9 +213,11 @@ class Study:
         free = (motion.base & ~own | fitted) & motion.seen
         if key[0] not in self._starts:
             (self._starts[key[0]],) = tee(motion.starts(free), 1)
-        starts = self._starts[key[0]]
+        starts, point = self._starts[key[0]], motion.settled_point(free)
         free = transferred((free | motion.of_starts).astype(float), motion.problem, self.problem, missing=0.0) > 0.0
         found = descended(self.problem, free, (self.own(values, motion.problem) for values in copy(starts)), others)
+        if point is not None:
+            found = replace(found, settled=self.own(point.values, motion.problem))
         self._started[id(found)] = found, starts
         self._around_motion[key] = found
         return found

@@ -103,7 +103,7 @@ class Solver:
         """Columns through which a candidate's unknowns act, and how, around the expansion's point."""
         p = self.sums.problem
         theta = p.theta(0, self.sums.values)
-        bend = p.model.linear.bend(candidate.names, theta) if p.model.linear and candidate.names else None
+        bend = p.model.bend(candidate.names, theta) if candidate.names else None
         return None if bend is None else (np.flatnonzero(p.of(bend.through)), bend)
 
     def normal(self, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

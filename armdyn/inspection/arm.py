@@ -295,12 +295,7 @@ class ArmRun:
 
     def _per_gravity(self, m: Motion) -> np.ndarray:
         """(J, n, 3) torque per gravity."""
-        still = np.zeros_like(m.q)
-        rows = []
-        for axis in np.eye(3):
-            model = Description(tuple(axis)).of(self.model.arm.model)
-            rows.append(inverse_dynamics(model, m.q, still, still).T[self.of_joint])
-        return np.stack(rows, axis=2)
+        return Stretch(self.model.arm.model, m, m.time).described_per_gravity[self.of_joint]
 
     @cached_property
     def _effort(self) -> np.ndarray:

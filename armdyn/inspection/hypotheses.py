@@ -1,6 +1,6 @@
 """The mistakes that people make with recordings of arms, one entry per kind; each is a correction or a description."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import combinations
 
@@ -64,15 +64,32 @@ class Hypothesis:
 Mistake = Callable[[ArmRun], Iterator[Hypothesis]]
 
 
-def _every(run: ArmRun, kinds: str) -> list[str]:
-    return [
-        f"{kind}.{joint}" for kind in kinds.split() for joint in run.joints if f"{kind}.{joint}" in run.run.channels
-    ]
+def read_as(
+    kind: Kind,
+    channels: Iterable[str],
+    said: str,
+    factor: float = 1.0,
+    *,
+    offset: float = 0.0,
+    late: float = 0.0,
+    price: float = 0.0,
+) -> Hypothesis:
+    """All of some channels read with one factor, offset and lateness; a little late is no mistake but an effect."""
+    channels = tuple(channels)
+    correction = Correction({name: Reading(name, factor, offset, late) for name in channels})
+    return Hypothesis(kind, channels, said, correction=correction, price=price, effect=late in LAGS)
 
 
-def scaled(channels: list[str], factor: float) -> Correction:
-    """Channels times a factor."""
-    return Correction({name: Reading(name, factor) for name in channels})
+def stamped(channels: Iterable[str], times: Iterable[float], said: str, price: float) -> Iterator[Hypothesis]:
+    """Channels whose stamps are too late or too early; `said` is a sentence with a place for by how much."""
+    channels = tuple(channels)
+    for late in (*LAGS, *times):
+        by = f"{abs(late):g} s too {'late' if late > 0.0 else 'early'}"
+        yield read_as("clock_shift", channels, said.format(by), late=late, price=price)
+
+
+def _recorded(run: ArmRun, kinds: str, joints: Iterable[str]) -> list[str]:
+    return [name for kind in kinds for joint in joints if (name := f"{kind}.{joint}") in run.run.channels]
 
 
 def _renamed(run: ArmRun, order: Mapping[str, str], kinds: str) -> tuple[tuple[str, ...], Correction]:
@@ -88,32 +105,18 @@ def _renamed(run: ArmRun, order: Mapping[str, str], kinds: str) -> tuple[tuple[s
 
 def angle_units(run: ArmRun) -> Iterator[Hypothesis]:
     """Degrees that are called rad, and the reverse."""
-    turning = [j for i, j in enumerate(run.joints) if not run.model.arm.slides[i]]
-    channels = [f"{kind}.{j}" for kind in "qva" for j in turning if f"{kind}.{j}" in run.run.channels]
-    yield Hypothesis(
-        "angle_unit", tuple(channels), "angles are in degrees and called rad", correction=scaled(channels, DEGREE)
-    )
-    yield Hypothesis(
-        "angle_unit", tuple(channels), "angles are in rad and called degrees", correction=scaled(channels, 1 / DEGREE)
-    )
+    channels = _recorded(run, "qva", (j for i, j in enumerate(run.joints) if not run.model.arm.slides[i]))
+    yield read_as("angle_unit", channels, "angles are in degrees and called rad", DEGREE)
+    yield read_as("angle_unit", channels, "angles are in rad and called degrees", 1 / DEGREE)
 
 
 def torque_units(run: ArmRun) -> Iterator[Hypothesis]:
     """Torques of all joints, or of one, in another unit; currents."""
     every = list(run.channels)
     for unit, (factor, price) in TORQUE_UNITS.items():
-        yield Hypothesis(
-            "torque_unit", tuple(every), f"torques are in {unit} and called N m", correction=scaled(every, factor),
-            price=price,
-        )  # fmt: skip
+        yield read_as("torque_unit", every, f"torques are in {unit} and called N m", factor, price=price)
         for name in every if len(every) > 1 and unit in OF_ONE else ():
-            yield Hypothesis(
-                "torque_unit",
-                (name,),
-                f"{name} is in {unit} and called N m",
-                correction=scaled([name], factor),
-                price=2.0,
-            )
+            yield read_as("torque_unit", (name,), f"{name} is in {unit} and called N m", factor, price=2.0)
     described, measured = run.described(run.motion), run.measured
     constants = np.sum(described * measured, axis=1) / np.maximum(np.sum(measured**2, axis=1), 1e-300)
     likely = np.median(constants[constants > 0.0]) if np.any(constants > 0.0) else 0.0
@@ -130,15 +133,13 @@ def torque_units(run: ArmRun) -> Iterator[Hypothesis]:
 
 def signs(run: ArmRun) -> Iterator[Hypothesis]:
     """Torques or positions that count the other way."""
-    every = list(run.channels)
-    yield Hypothesis("torque_sign", tuple(every), "all torques have the wrong sign", correction=scaled(every, -1.0))
+    every, several = list(run.channels), len(run.joints) > 1
+    yield read_as("torque_sign", every, "all torques have the wrong sign", -1.0)
     for name in every if len(every) > 1 else ():
-        yield Hypothesis("torque_sign", (name,), f"{name} has the wrong sign", correction=scaled([name], -1.0))
-    moved = _every(run, "q v a")
-    yield Hypothesis("position_sign", tuple(moved), "all positions have the wrong sign", correction=scaled(moved, -1.0))
-    for joint in run.joints if len(run.joints) > 1 else ():
-        own = [f"{kind}.{joint}" for kind in "qva" if f"{kind}.{joint}" in run.run.channels]
-        yield Hypothesis("position_sign", tuple(own), f"q.{joint} counts the other way", correction=scaled(own, -1.0))
+        yield read_as("torque_sign", (name,), f"{name} has the wrong sign", -1.0)
+    yield read_as("position_sign", _recorded(run, "qva", run.joints), "all positions have the wrong sign", -1.0)
+    for joint in run.joints if several else ():
+        yield read_as("position_sign", _recorded(run, "qva", (joint,)), f"q.{joint} counts the other way", -1.0)
 
 
 def orders(run: ArmRun) -> Iterator[Hypothesis]:
@@ -174,27 +175,19 @@ def orders(run: ArmRun) -> Iterator[Hypothesis]:
 def zeros(run: ArmRun) -> Iterator[Hypothesis]:
     """The zero of one joint off by a quarter or half a turn."""
     for i, joint in enumerate(run.joints):
-        if run.model.arm.slides[i]:
-            continue
-        for said, offset in QUARTERS.items():
+        for said, offset in () if run.model.arm.slides[i] else QUARTERS.items():
             name = f"q.{joint}"
-            yield Hypothesis(
-                "position_offset", (name,), f"the zero of {name} is off by {said}",
-                correction=Correction({name: Reading(name, offset=-offset)}),
-            )  # fmt: skip
+            yield read_as("position_offset", (name,), f"the zero of {name} is off by {said}", offset=-offset)
 
 
 def clocks(run: ArmRun) -> Iterator[Hypothesis]:
-    """Torques stamped by another clock than positions."""
-    every = list(run.channels)
-    for late in (*LAGS, *LATE):
-        word = "late" if late > 0.0 else "early"
-        yield Hypothesis(
-            "clock_shift", tuple(every), f"torques are stamped {abs(late):g} s too {word} against the positions"
-            + (", or are commands, which the drive follows later" if late < 0.0 else ""),
-            correction=Correction({name: Reading(name, late=late) for name in every}), price=FILTERED,
-            effect=late in LAGS,
-        )  # fmt: skip
+    """Torques stamped by another clock than positions; early ones may be commands."""
+    said = "torques are stamped {} against the positions"
+    yield from stamped(run.channels, [late for late in LATE if late > 0.0], said, FILTERED)
+    commands = ", or are commands, which the drive follows later"
+    for late in (late for late in LATE if late < 0.0):
+        early = said.format(f"{-late:g} s too early") + commands
+        yield read_as("clock_shift", run.channels, early, late=late, price=FILTERED)
 
 
 def mountings(run: ArmRun) -> Iterator[Hypothesis]:

@@ -9,14 +9,14 @@ from armdyn.effects.effect import Effect
 from armdyn.effects.user import available
 from armdyn.errors import InputError
 from armdyn.faults import without_spikes
+from armdyn.gaps import between, gaps_of
 from armdyn.identify.prepare import with_distinct_names
 from armdyn.inspection import physics
 from armdyn.inspection.arm import ArmRun
 from armdyn.inspection.check import Check, Inspection, WrongRecordingError, by_severity
 from armdyn.inspection.correction import Correction
 from armdyn.inspection.kinematics import consistent, rate_checks
-from armdyn.inspection.pieces import longest_piece
-from armdyn.inspection.signals import SIGNAL_CHECKS, ranges
+from armdyn.inspection.signals import SIGNAL_CHECKS, ranges, steps_of
 from armdyn.inspection.swing import SwingRun
 from armdyn.model import Model
 from armdyn.run import Run
@@ -89,3 +89,19 @@ def physics_of(model: Model, run: Run, effects: tuple[Effect, ...]) -> list[Chec
 
 def _too_few(channels: Iterable[Channel]) -> bool:
     return any(len(channel) < FEWEST for channel in channels)
+
+
+def longest_piece(run: Run, seconds: float) -> Run:
+    """The longest stretch without a gap or a step, of at most so many seconds, from its middle."""
+    begin = min(float(c.time[0]) for c in run.channels.values())
+    end = max(float(c.time[-1]) for c in run.channels.values())
+    spans = sorted([*gaps_of(run), *((t, t) for t in steps_of(run))])
+    if not spans and end - begin <= seconds:
+        return run
+    edges = [begin, *(t for span in spans for t in span), end]
+    edges = [max(edges[: i + 1]) for i in range(len(edges))]
+    first, last = max(zip(edges[::2], edges[1::2], strict=True), key=lambda piece: piece[1] - piece[0])
+    if last - first > seconds:
+        middle = 0.5 * (first + last)
+        first, last = middle - 0.5 * seconds, middle + 0.5 * seconds
+    return replace(run, channels=between(run, first, last))

@@ -6,16 +6,16 @@ with phi, phi' and phi'' from the smoothed angle, or rate, and u from the smooth
 and the sizes of effects, so that one evidence serves pendulums and arms.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 
 from armdyn.channels import Channel
-from armdyn.inspection.correction import Correction, Reading
+from armdyn.inspection.correction import Correction
 from armdyn.inspection.evidence import Channels, Evidence, evidence, independent
-from armdyn.inspection.hypotheses import DEGREE, LAGS, LENGTH_UNITS, QUARTERS, Hypothesis, scaled
+from armdyn.inspection.hypotheses import DEGREE, LENGTH_UNITS, QUARTERS, Hypothesis, read_as, stamped
 from armdyn.inspection.kinematics import averages
 from armdyn.model import Model
 from armdyn.pendulum.physics import STANDARD_GRAVITY
@@ -80,14 +80,9 @@ class SwingRun:
         return found
 
     @cached_property
-    def _kept(self) -> dict[float, Motion]:
-        return {}
-
-    def motion(self, late: float) -> Motion:
+    def motion(self) -> Callable[[float], Motion]:
         """(n,) angle, rate and acceleration of the angle as recorded, whose stamps are so much too large; kept."""
-        if late not in self._kept:
-            self._kept[late] = self._motion(late)
-        return self._kept[late]
+        return cache(self._motion)
 
     def _motion(self, late: float) -> Motion:
         time = self.moments + late
@@ -213,51 +208,27 @@ def _thinned(channel: Channel) -> Channel:
 
 def mistakes(run: SwingRun) -> Iterator[Hypothesis]:
     """What people do to recordings of pendulums by mistake."""
-    has = run.run.channels
-    angular = [n for n in ("swing_angle", "swing_rate") if n in has]
-    driven = "gripper_x" in has
+    has, force = run.run.channels, ("load_force",)
+    angular = tuple(n for n in ("swing_angle", "swing_rate") if n in has)
+    both = " and ".join(angular)
     if run.swing is not None:
-        for factor, said in ((DEGREE, "is in degrees and called rad"), (1 / DEGREE, "is in rad and called degrees")):
-            yield Hypothesis(
-                "angle_unit", tuple(angular), f"{' and '.join(angular)} {said}", correction=scaled(angular, factor)
-            )
-    if run.swing == "swing_angle":
-        for said, offset in QUARTERS.items():
-            yield Hypothesis(
-                "position_offset", ("swing_angle",), f"the zero of swing_angle is off by {said}: 0 is hanging",
-                correction=Correction({"swing_angle": Reading("swing_angle", offset=-offset)}),
-            )  # fmt: skip
-    if driven and run.swing is not None:
-        yield Hypothesis(
-            "position_sign", (*angular, "gripper_x"),
-            f"{' and '.join(angular)} count the other way than gripper_x: the load is at gripper_x - l sin(angle)",
-            correction=scaled(angular, -1.0),
-        )  # fmt: skip
+        yield read_as("angle_unit", angular, f"{both} is in degrees and called rad", DEGREE)
+        yield read_as("angle_unit", angular, f"{both} is in rad and called degrees", 1 / DEGREE)
+    for said, offset in QUARTERS.items() if run.swing == "swing_angle" else ():
+        zero = f"the zero of swing_angle is off by {said}: 0 is hanging"
+        yield read_as("position_offset", ("swing_angle",), zero, offset=-offset)
+    if "gripper_x" in has and run.swing is not None:
+        said = f"{both} count the other way than gripper_x: the load is at gripper_x - l sin(angle)"
+        yield replace(read_as("position_sign", angular, said, -1.0), channels=(*angular, "gripper_x"))
         for unit, factor in {**LENGTH_UNITS, "m, and called mm": 1e3}.items():
-            yield Hypothesis(
-                "scale", ("gripper_x",), f"gripper_x is in {unit}" + ("" if "called" in unit else " and called m"),
-                correction=scaled(["gripper_x"], factor),
-            )  # fmt: skip
-        others = [n for n in has if n != "gripper_x"]
-        for late in (*LAGS, *LATE):
-            word = "late" if late > 0.0 else "early"
-            yield Hypothesis(
-                "clock_shift", tuple(others), f"what swings is stamped {abs(late):g} s too {word} against gripper_x",
-                correction=Correction({n: Reading(n, late=late) for n in others}), price=2.0, effect=late in LAGS,
-            )  # fmt: skip
-    if "load_force" in has:
-        force = ["load_force"]
-        for unit, factor in FORCE_UNITS.items():
-            yield Hypothesis(
-                "torque_unit", tuple(force), f"load_force is in {unit} and called N", correction=scaled(force, factor)
-            )
-        yield Hypothesis(
-            "torque_sign", tuple(force), "load_force has the wrong sign: a string pulls", correction=scaled(force, -1.0)
+            said = f"gripper_x is in {unit}" + ("" if "called" in unit else " and called m")
+            yield read_as("scale", ("gripper_x",), said, factor)
+        yield from stamped(
+            (n for n in has if n != "gripper_x"), LATE, "what swings is stamped {} against gripper_x", 2.0
         )
-        for late in (*LAGS, *LATE) if run.swing is not None else ():
-            word = "late" if late > 0.0 else "early"
-            yield Hypothesis(
-                "clock_shift", tuple(force), f"load_force is stamped {abs(late):g} s too {word} against the swing",
-                correction=Correction({"load_force": Reading("load_force", late=late)}), price=2.0,
-                effect=late in LAGS,
-            )  # fmt: skip
+    if "load_force" in has:
+        for unit, factor in FORCE_UNITS.items():
+            yield read_as("torque_unit", force, f"load_force is in {unit} and called N", factor)
+        yield read_as("torque_sign", force, "load_force has the wrong sign: a string pulls", -1.0)
+        if run.swing is not None:
+            yield from stamped(force, LATE, "load_force is stamped {} against the swing", 2.0)

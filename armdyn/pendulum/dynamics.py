@@ -19,8 +19,19 @@ import casadi as ca
 import numpy as np
 
 from armdyn.pendulum import transverse
-from armdyn.pendulum.composition import Composition, direction, quasi_static
-from armdyn.pendulum.physics import Expression, smoothly_resisted
+from armdyn.pendulum.composition import (
+    Composition,
+    direction,
+    gripper_at,
+    lagrangian,
+    load_at,
+    quasi_static,
+    sensor_at,
+    string_at,
+    tension_at,
+    upwards,
+)
+from armdyn.pendulum.physics import STANDARD_GRAVITY, Expression, smoothly_resisted
 from armdyn.pendulum.yielding import slow_manifold
 from armdyn.physics.dry import DryFriction
 from armdyn.physics.simulate import System
@@ -48,13 +59,11 @@ class Dynamics(System):
         tension: ``(s, w, theta) -> ()`` N, before the sensor.
         rate: ``(s, w, theta) -> ()`` phi', rad/s.
         energy: ``(s, w, theta) -> ()`` kinetic + potential, J.
-        timing: see `Composition`.
     """
 
     tension: ca.Function
     rate: ca.Function
     energy: ca.Function
-    timing: ca.Function
 
 
 def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynamics:
@@ -66,16 +75,10 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
             friction with a smooth sign, and what effects remember stays as it is at the start of a run.
     """
     yields, crosses = composition.yields and not planar, composition.crosses and not planar
-    attachment, string = composition.attachment, composition.length
-    if planar:
-        attachment, string = quasi_static(composition, trailing=True)
-    theta = ca.SX.sym("theta", len(composition.names))
-    mass = theta[composition.names.index("mass")]
+    theta = composition.theta
     t, x, v, a, z, vz, az = (ca.SX.sym(name) for name in INPUTS)
-    jerk = ca.SX.sym("jerk")
-    phi, rate, momentum = ca.SX.sym("phi"), ca.SX.sym("rate"), ca.SX.sym("P")
+    jerk, phi, rate, momentum = (ca.SX.sym(name) for name in ("jerk", "phi", "rate", "P"))
     moments = ca.SX.sym("moments", transverse.MOMENTS)
-    memory = composition.memory_start(theta) if planar else ca.SX.sym("memory", composition.remembers)
     stretch, stretching, give, giving = (ca.SX.sym(s) for s in ("d", "dd", "e", "de"))
 
     def along_motion(expression: Expression, rate_of_rate: Expression = None) -> Expression:
@@ -93,16 +96,18 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
             total += ca.jtimes(expression, give, giving)
         return total if rate_of_rate is None else total + ca.jtimes(expression, rate, rate_of_rate)
 
-    g = attachment(t, x, v, z, phi, theta)
+    at = composition.at(t)
+    gripper = gripper_at(at, x - composition.gripper_lag * v if planar and composition.trails else x, v, z, phi)
+    string = string_at(at, phi, rate)
+    g, length, mass = gripper.position, string.length, at["mass"]
+    if planar:
+        g, length = quasi_static(composition, at, g, length, phi)
     if yields:
         g += ca.vertcat(give, 0, 0)
-    length = string(t, phi, theta)
     q = g + (length + stretch) * direction(phi)
     gd, qd = along_motion(g), along_motion(q)
-    mechanics = (t, q, qd, g, gd, phi, rate, theta)
-    kinetic, potential = composition.energies(*mechanics)
-    lagrangian = kinetic - potential
-    force, torque, dry = composition.forces(*mechanics, memory)
+    load = load_at(at, q, qd, phi, rate)
+    kinetic, potential = lagrangian(gripper, string, load, g, gd)
 
     def on_string(expression: Expression) -> Expression:
         """With no stretch where the string is rigid; else the stretch is substituted later."""
@@ -110,30 +115,28 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
             return expression
         return ca.substitute(expression, ca.vertcat(stretch, stretching), ca.SX.zeros(2))
 
-    P = on_string(ca.gradient(lagrangian, rate))
+    P = on_string(ca.gradient(kinetic - potential, rate))
     M = _without_needless(ca.jacobian(P, rate), phi)
     b = ca.substitute(P, rate, ca.SX(0))
-    by_forces = on_string(ca.gradient(lagrangian, phi) + ca.dot(ca.jacobian(q, phi), force))
-    P_dot = by_forces + on_string(smoothly_resisted(torque, dry, rate))
+    by_forces = on_string(ca.gradient(kinetic - potential, phi) + ca.dot(ca.jacobian(q, phi), load.force))
+    P_dot = by_forces + on_string(smoothly_resisted(string.torque, string.dry, rate))
     rate_of_rate = (P_dot - along_motion(M) * rate - along_motion(b)) / M
-    radial = _without_needless(on_string(ca.gradient(lagrangian, stretching)), rate)
-    in_plane = on_string(ca.gradient(lagrangian, stretch) + ca.dot(ca.jacobian(q, stretch), force)) - along_motion(
-        radial, rate_of_rate
-    )
+    radial = _without_needless(on_string(ca.gradient(kinetic - potential, stretching)), rate)
+    pulled = ca.gradient(kinetic - potential, stretch) + ca.dot(ca.jacobian(q, stretch), load.force)
+    tension = on_string(pulled) - along_motion(radial, rate_of_rate)
     if composition.heavy:
         # The constraint force counts the string by its stretching; the upper end carries all of it.
-        string_mass, weight = composition.string_mass(theta), composition.string_weight(theta)
-        half = on_string(ca.dot(weight - string_mass * along_motion(gd, rate_of_rate), direction(phi)) / 2)
-        in_plane += half + on_string(string_mass * (length + stretch) * rate**2 / 6)
+        weight = string.mass * (-STANDARD_GRAVITY * upwards(gripper) - along_motion(gd, rate_of_rate))
+        tension += on_string(ca.dot(weight, direction(phi)) / 2 + string.mass * (length + stretch) * rate**2 / 6)
     rate_of_state = (momentum - b) / M
 
     s, w = [phi, momentum], [t, x, v, a, z, vz, az]
     displaced = {stretch: ca.SX(0), stretching: ca.SX(0), give: ca.SX(0), giving: ca.SX(0)}
-    extra, tension, impulse = ca.SX(0, 1), in_plane, ca.SX(0, 1)
+    extra = impulse = ca.SX(0, 1)
     if yields:
         w.append(jerk)
         rigid = ca.substitute([rate_of_state], list(displaced), list(displaced.values()))[0]
-        slow = slow_manifold(composition, phi, rigid, a, jerk, theta)
+        slow = slow_manifold(composition, at, phi, rigid, a, jerk)
         displaced = {stretch: slow.stretch, stretching: slow.stretching, give: slow.give, giving: slow.giving}
         tension, impulse = tension + slow.correction, slow.impulse
     if crosses:
@@ -142,12 +145,13 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
         across = transverse.shortening(moments, length)
         displaced[stretch] += across.stretch
         displaced[stretching] += across.stretching
-    tension = composition.tension(tension, phi, rate, a, length, theta)
-    if composition.remembers and not planar:
-        s.append(memory)
-        extra = ca.vertcat(extra, composition.memory_rates(*mechanics, memory, tension))
-    reading = ca.vertcat(*composition.readings(t, tension, phi, rate, theta, memory), impulse)
-
+    tension = tension_at(at, tension, phi, rate, length, a)
+    sensor = sensor_at(at, tension, phi, rate)
+    if planar:
+        displaced |= {m.symbol: m.start for m in at.memory}
+    elif at.memory:
+        s += [m.symbol for m in at.memory]
+        extra = ca.vertcat(extra, *(m.rate for m in at.memory))
     state, given = ca.vertcat(*s), ca.vertcat(*w)
 
     def filled_in(expression: Expression) -> Expression:
@@ -159,22 +163,24 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
 
     friction = None
     if composition.rubs and not planar:
-        P_dot = by_forces + on_string(torque)
+        P_dot = by_forces + on_string(string.torque)
         friction = DryFriction(
             sliding=function("sliding", momentum - b),
             inertia=function("inertia", M),
-            size=function("size", on_string(dry)),
+            size=function("size", on_string(string.dry)),
             linear=not ca.depends_on(filled_in(b), momentum),
             followed=composition.remembers > 0,
         )
-    lag, delay, _ = composition.timing(theta)
     p = ca.SX.sym("p")
     start = [phi, filled_in(M) * p]
     if crosses:
-        start.append(composition.transverse(theta) * length**2)
+        start.append(composition.transverse * length**2)
         start[1] = ca.substitute(start[1], moments, start[2])
-    if composition.remembers and not planar:
-        start.append(composition.memory_start(theta))
+    if not planar:
+        start += [m.start for m in at.memory]
+    bounce = None if composition.bounce is None else ca.Function("bounce", [theta], [composition.bounce])
+    sensors = {name: Sensor(theta) for name in OUTPUTS}
+    sensors["load_force"] = Sensor(theta, lag=composition.sensor_lag, delay=composition.sensor_delay)
     return Dynamics(
         names=composition.names,
         states=state.numel(),
@@ -182,17 +188,16 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
         inputs=given.numel(),
         outputs=OUTPUTS,
         impulse_adds_to="load_force" if yields else None,
-        impulse_rings=Vibration(composition.bounce) if yields and composition.bounce is not None else None,
-        input_lag=composition.gripper_lag,
+        impulse_rings=Vibration(bounce) if yields and bounce is not None else None,
+        input_lag=ca.Function("gripper_lag", [theta], [composition.gripper_lag]) if composition.trails else None,
         derivative=function("derivative", ca.vertcat(rate, P_dot, extra)),
-        output=function("output", reading),
+        output=function("output", ca.vertcat(sensor.force, sensor.angle, sensor.rate, impulse)),
         tension=function("tension", tension),
         dry=friction,
         initial=_initial(phi, p, momentum, given, theta, start),
         rate=function("rate", rate),
         energy=function("energy", on_string(kinetic + potential)),
-        timing=composition.timing,
-        sensors={name: Sensor(theta) for name in OUTPUTS} | {"load_force": Sensor(theta, lag=lag, delay=delay)},
+        sensors=sensors,
     )
 
 

@@ -1,6 +1,6 @@
 """The pendulum as a model: what a load cell and an angle sensor should have read in a run."""
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path as File
@@ -11,18 +11,19 @@ import casadi as ca
 import numpy as np
 from scipy.optimize import brentq
 
+from armdyn.effects.catalogue import natural_order
 from armdyn.effects.effect import Effect, effect
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.parameter import Parameter
-from armdyn.pendulum.composition import STAGES, compose, natural_order
+from armdyn.pendulum.composition import STAGES, Composition
 from armdyn.pendulum.dynamics import Dynamics, derive_dynamics
-from armdyn.pendulum.path import GripperPath, TrailingPath, run_path, trailing
+from armdyn.pendulum.path import GripperPath, run_path, trailing
 from armdyn.pendulum.physics import STANDARD_GRAVITY, Tension
-from armdyn.pendulum.start import PendulumStart
+from armdyn.pendulum.start import phase_plane, pieces, rates_near, seen_from_rest
 from armdyn.pendulum.variational import VariationalStep, derive_variational
-from armdyn.physics.simulated import REACH, SimulatedModel, local_motion, main_period
+from armdyn.physics.recorded import Path
+from armdyn.physics.simulated import REACH, SimulatedModel, local_motion, main_period, measured_start
 from armdyn.run import Channel, Run
-from armdyn.start import Start
 
 KEYS = ("tension",)
 """Keys of a model file that belong to this base."""
@@ -78,7 +79,7 @@ class PendulumModel(SimulatedModel):
         else:
             return None
         path = run_path(run)
-        speed = np.interp(times, path.start + path.dt * np.arange(len(path.v)), path.v)
+        speed = np.interp(times, path.time, path.v)
         return np.column_stack([motion[:, 0], motion[:, 1] - speed / length * np.cos(motion[:, 0])])
 
     def shown_against(
@@ -88,7 +89,7 @@ class PendulumModel(SimulatedModel):
         del speed
         length, mass = (float(theta[self.names.index(name)]) for name in ("length", "mass"))
         path = run_path(run)
-        v, a = (np.interp(time, path.start + path.dt * np.arange(len(path.x)), x) for x in (path.v, path.a))
+        v, a = (np.interp(time, path.time, x) for x in (path.v, path.a))
         angle = motion[:, 0]
         rate = motion[:, 1] + v / length * np.cos(angle)
         pull = mass * (STANDARD_GRAVITY * np.cos(angle) + length * rate**2 + a * np.sin(angle))
@@ -115,13 +116,31 @@ class PendulumModel(SimulatedModel):
 
         What goes round and round has no period that its angle shows.
         """
-        seen, small = run.channels.get("swing_angle") or run.channels.get("swing_rate"), self.start.stretch(theta)
+        seen, small = run.channels.get("swing_angle") or run.channels.get("swing_rate"), self.start_window(theta)
         return small if seen is None else min(main_period(seen), SLOWEST * small)
 
-    @property
-    def start(self) -> Start:
-        """See `Model.start`."""
-        return PendulumStart(self.value("length"), self.names.index("length"))
+    def guess_start(self, run: Run) -> Mapping[str, float]:
+        """See `Model.guess_start`: angle and rate where an angle was measured."""
+        if "swing_angle" not in run.channels:
+            return {}
+        return seen_from_rest(run, self.value("length"), [measured_start(run.channels["swing_angle"])])[0]
+
+    def possible_starts(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
+        """See `Model.possible_starts`: orbits in the phase plane, near the measured angle where there is one."""
+        length = float(theta[self.names.index("length")])
+        plane = phase_plane(length)
+        if "swing_angle" in run.channels:
+            angle, rate = measured_start(run.channels["swing_angle"])
+            plane = np.array([(angle, rate + change) for change in rates_near(length)])
+        return seen_from_rest(run, length, plane)
+
+    def start_window(self, theta: np.ndarray) -> float:
+        """See `Model.start_window`: a period of small swings."""
+        return float(2 * np.pi * np.sqrt(theta[self.names.index("length")] / STANDARD_GRAVITY))
+
+    def pieces(self, run: Run) -> Sequence[Run]:
+        """See `start.pieces`."""
+        return pieces(run)
 
     @cached_property
     def formulation(self) -> str:
@@ -151,20 +170,19 @@ class PendulumModel(SimulatedModel):
             raise InputError("the load of this model does not come to rest below the gripper: check its effects")
         return float(brentq(moment, -STEEPEST, STEEPEST, xtol=1e-12))
 
-    def driven_by(self, path: GripperPath, physics: np.ndarray) -> GripperPath | TrailingPath:
+    def driven_by(self, path: GripperPath, physics: np.ndarray) -> Path:
         """The path of the string's upper end where the gripper's was recorded; see `SimulatedModel`."""
         return path if self.system.input_lag is None else trailing(path, self.gripper_lag(physics))
 
     def gripper_lag(self, physics: np.ndarray) -> float:
         """Time by which the string's upper end trails the measured gripper, s; `physics` as `physics_theta`."""
-        return float(self.system.timing(physics)[2])
+        return 0.0 if self.system.input_lag is None else float(self.system.input_lag(physics))
 
     def swing_at_the_end(self, path: GripperPath) -> tuple[float, float, float]:
         """Speed of the string's upper end (m/s), angle (rad) and rate (rad/s) after a path, with the present values."""
         physics, dynamics = self.physics_theta(), self.system
         state = self.rollout(path, self.theta(), channels=("load_force",)).states[-1]
-        nodes, _ = self.driven_by(path, physics).rows(with_jerk=True)
-        motion = nodes[: dynamics.inputs, -1]
+        motion = self.driven_by(path, physics).nodes[: dynamics.inputs, -1]
         return float(motion[2]), float(state[0]), float(dynamics.rate(state, motion, physics))
 
     def path(self, run: Run) -> GripperPath:
@@ -196,7 +214,7 @@ class PendulumModel(SimulatedModel):
         reduced = self.without_null_effects(values)
         channels = ("swing_angle", "swing_rate")
         outputs = reduced.rollout(path, np.array([values[name] for name in reduced.names]), channels).outputs
-        time = np.asarray(path.start + path.dt * np.arange(len(path.x)), dtype=np.float64)
+        time = path.time
         found = {
             "swing_angle": Channel(time, outputs[:, 0], "rad"),
             "swing_rate": Channel(time, outputs[:, 1], "rad/s"),
@@ -214,26 +232,24 @@ class PendulumModel(SimulatedModel):
 
 @lru_cache(maxsize=64)
 def _dynamics(effects: tuple[Effect, ...]) -> Dynamics:
-    return derive_dynamics(compose(effects))
+    return derive_dynamics(Composition(effects))
 
 
 @lru_cache(maxsize=256)
 def _cost(effect: Effect) -> int:
     """How much an effect adds to every step of a simulation: 2 for further states, 1 for further inputs, else 0."""
-    composition = compose([effect])
-    if composition.crosses or composition.remembers:
-        return 2
-    return int(composition.yields or composition.gripper_lag is not None)
+    with_it = Composition([effect])
+    return 2 if with_it.crosses or with_it.remembers else int(with_it.yields or with_it.trails)
 
 
 @lru_cache(maxsize=64)
 def _planar(effects: tuple[Effect, ...]) -> Dynamics:
-    return derive_dynamics(compose(effects), planar=True)
+    return derive_dynamics(Composition(effects), planar=True)
 
 
 @lru_cache(maxsize=64)
 def _variational(effects: tuple[Effect, ...]) -> VariationalStep:
-    return derive_variational(compose(effects))
+    return derive_variational(Composition(effects))
 
 
 def pendulum_model(length: float, mass: float, effects: Iterable[Effect] = ()) -> PendulumModel:

@@ -1,8 +1,8 @@
 """The gripper's path: whole, still growing, or trailed by what hangs from it; in a run, recorded or being recorded."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache, partial
+from dataclasses import dataclass, field
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from armdyn.physics.recorded import (
     COARSEST_GRID,
     FINEST_GRID,
     ORDER,
+    Path,
     best_strength,
     differentiated,
     grid_size,
@@ -29,77 +30,65 @@ SETTLED = 60
 """Samples after which a later one no longer changes the smoothed path noticeably."""
 
 
-@dataclass(frozen=True, eq=False)
-class GripperPath:
-    """The gripper along its line on a uniform grid.
+class GripperPath(Path):
+    """The gripper along its line on an even grid of K nodes.
 
-    Attributes:
+    Its inputs are the time since the recording began, x, v, a along the line, z, vz, az of the height, and the jerk
+    along the line.
+
+    Args:
         start: time of the first node, s.
         dt: grid step, s.
         x: (K,) m.
         v: (K,) m/s.
         a: (K,) m/s^2.
-        height: (3, K) z m, its velocity m/s and acceleration m/s^2; None for a level line.
+        height: (3, K) z m, its velocity m/s and acceleration m/s^2; a level line where it is not given.
         elapsed: time since the recording began at the first node, s; 0 but in a later piece of it.
     """
 
-    start: float
-    dt: float
-    x: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    height: np.ndarray | None = None
-    elapsed: float = 0.0
+    def __init__(
+        self,
+        start: float,
+        dt: float,
+        x: np.ndarray,
+        v: np.ndarray,
+        a: np.ndarray,
+        height: np.ndarray | None = None,
+        elapsed: float = 0.0,
+    ) -> None:
+        along = np.vstack([x, v, a])
+        level = np.zeros_like(along) if height is None else height
+        super().__init__(start, dt, *_inputs(elapsed + dt * np.arange(len(x)), along, level, dt))
 
-    @cached_property
-    def inputs(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rows t since the recording began, x, v, a, z, vz, az at the nodes (7, K) and halfway between (7, K-1)."""
-        t = self.elapsed + self.dt * np.arange(len(self.x))
-        along = np.vstack([self.x, self.v, self.a])
-        height = np.zeros_like(along) if self.height is None else self.height
-        between = (
-            halfway(along, self.dt),
-            np.zeros((3, len(t) - 1)) if self.height is None else halfway(height, self.dt),
-        )
-        return np.vstack([t, along, height]), np.vstack([(t[:-1] + t[1:]) / 2, *between])
+    @property
+    def x(self) -> np.ndarray:
+        """(K,) m."""
+        return self.nodes[1]
 
-    def rows(self, *, with_jerk: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Inputs of a simulation, at the nodes and halfway between, with the jerk as the last row where asked."""
-        if not with_jerk:
-            return self.inputs
-        return _with_jerk(*self.inputs, self.dt)
+    @property
+    def v(self) -> np.ndarray:
+        """(K,) m/s."""
+        return self.nodes[2]
 
+    @property
+    def a(self) -> np.ndarray:
+        """(K,) m/s^2."""
+        return self.nodes[3]
 
-def _with_jerk(nodes: np.ndarray, middle: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """Inputs, and as one row more the rate of their fourth, the acceleration along the line."""
-    rate = slope(nodes[3], dt)
-    return np.vstack([nodes, rate]), np.vstack([middle, (rate[:-1] + rate[1:]) / 2])
-
-
-@dataclass(frozen=True, eq=False)
-class TrailingPath:
-    """The path behind a first-order lag; make it with `trailing`.
-
-    Attributes:
-        start: time of the first node, s.
-        dt: grid step, s.
-        values: (8, K) and (8, K-1) as `GripperPath.rows` gives them with jerk.
-        by_lag: their derivatives with respect to the lag.
-    """
-
-    start: float
-    dt: float
-    values: tuple[np.ndarray, np.ndarray]
-    by_lag: tuple[np.ndarray, np.ndarray]
-
-    def rows(self, *, with_jerk: bool) -> tuple[np.ndarray, np.ndarray]:
-        """As of `GripperPath`, followed by their derivatives with respect to the lag."""
-        last = None if with_jerk else -1
-        nodes, middle = (np.vstack([v[:last], d[:last]]) for v, d in zip(self.values, self.by_lag, strict=True))
-        return nodes, middle
+    @property
+    def height(self) -> np.ndarray:
+        """(3, K) z m, its velocity m/s and acceleration m/s^2."""
+        return self.nodes[4:7]
 
 
-def trailing(path: GripperPath, lag: float) -> TrailingPath:
+def _inputs(t: np.ndarray, along: np.ndarray, level: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Inputs at the nodes (8, K) and halfway between (8, K-1), the last row being the rate of the acceleration."""
+    jerk = slope(along[2], dt)
+    between = (t[:-1] + t[1:]) / 2, halfway(along, dt), halfway(level, dt), (jerk[:-1] + jerk[1:]) / 2
+    return np.vstack([t, along, level, jerk]), np.vstack(between)
+
+
+def trailing(path: GripperPath, lag: float) -> Path:
     """The path of what follows a gripper with a lag, and its derivative with respect to the lag.
 
     tau z' + z = x, from a start at constant acceleration: z(0) = x - tau v + tau^2 a. Position, velocity and
@@ -109,34 +98,24 @@ def trailing(path: GripperPath, lag: float) -> TrailingPath:
         path: what the encoders say.
         lag: tau, s.
     """
-    (x, v, a), tau = (path.x[0], path.v[0], path.a[0]), lag
+    (x, v, a), tau = path.nodes[1:4, 0], lag
     starts, slopes = (x - tau * v + tau**2 * a, v - tau * a, a), (2 * tau * a - v, -a, 0.0)
-    pairs = [
-        lagged(signal[:, None], tau, path.dt, start, by_lag)
-        for signal, start, by_lag in zip((path.x, path.v, path.a), starts, slopes, strict=True)
-    ]
-
-    def inputs(rest: float, motion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        nodes, middle = (
-            np.vstack([rest * rows[:1], new, rest * rows[4:]])
-            for rows, new in zip(path.inputs, (motion, halfway(motion, path.dt)), strict=True)
-        )
-        return _with_jerk(nodes, middle, path.dt)
-
-    values = inputs(1.0, np.vstack([z[:, 0] for z, _ in pairs]))
-    derivatives = inputs(0.0, np.vstack([by_lag for _, by_lag in pairs]))
-    return TrailingPath(path.start, path.dt, values, derivatives)
+    along, by_lag = zip(
+        *(
+            lagged(signal[:, None], tau, path.dt, start, by_lag)
+            for signal, start, by_lag in zip(path.nodes[1:4], starts, slopes, strict=True)
+        ),
+        strict=True,
+    )
+    t, level = path.nodes[0], path.height
+    values = _inputs(t, np.hstack(along).T, level, path.dt)
+    return Path(path.start, path.dt, *values, by_lag=_inputs(0.0 * t, np.vstack(by_lag), 0.0 * level, path.dt))
 
 
-def fixed_path(start: float, end: float, dt: float) -> GripperPath:
-    """A pivot that does not move, from `start` to `end` s."""
+def fixed_path(start: float, end: float, dt: float, elapsed: float = 0.0) -> GripperPath:
+    """A pivot that does not move, from `start` to `end` s; for the other arguments see `GripperPath`."""
     still = np.zeros(grid_size(start, end, dt))
-    return GripperPath(start, dt, still, still, still)
-
-
-def smoothed_path(time: np.ndarray, x: np.ndarray, dt: float, *, exact: bool = False) -> GripperPath:
-    """Path through noisy positions; see `smoothed_motion` for the arguments."""
-    return GripperPath(float(time[0]), dt, *smoothed_motion(time, x, dt, exact=exact))
+    return GripperPath(start, dt, still, still, still, None, elapsed)
 
 
 class GrowingPath:
@@ -190,28 +169,24 @@ def run_path(run: Run) -> GripperPath:
 
 @lru_cache(maxsize=64)
 def _recorded_path(run: Run) -> GripperPath:
-    path = _path_of(run)
-    return path if run.began is None else replace(path, elapsed=path.start - run.began)
-
-
-def _path_of(run: Run) -> GripperPath:
     ends = [(c.time[0], c.time[-1]) for name, c in run.channels.items() if name in OUTPUTS or name == "gripper_x"]
-    start, end = min(e[0] for e in ends), max(e[1] for e in ends)
+    start, end = float(min(e[0] for e in ends)), max(e[1] for e in ends)
     if "gripper_x" not in run.channels:
         interval = min(float(np.median(np.diff(run.channels[n].time))) for n in OUTPUTS if n in run.channels)
-        return fixed_path(start, end, float(np.clip(interval, FINEST_GRID, COARSEST_GRID)))
+        elapsed = 0.0 if run.began is None else start - run.began
+        return fixed_path(start, end, float(np.clip(interval, FINEST_GRID, COARSEST_GRID)), elapsed)
     x = run.channels["gripper_x"]
-    dt = float(np.clip(np.median(np.diff(x.time)), FINEST_GRID, COARSEST_GRID))
-    grid = x.time[0] + dt * np.arange(grid_size(x.time[0], x.time[-1], dt))
+    start, dt = float(x.time[0]), float(np.clip(np.median(np.diff(x.time)), FINEST_GRID, COARSEST_GRID))
+    elapsed = 0.0 if run.began is None else start - run.began
+    grid = start + dt * np.arange(grid_size(start, x.time[-1], dt))
     height = None
     if "gripper_z" in run.channels:
         z = run.channels["gripper_z"]
         level = np.interp(grid, z.time, z.value)
-        smooth = smoothed_path(grid, level - level[0], dt, exact=run.noise.get("gripper_z") == 0.0)
-        height = np.vstack([smooth.x, smooth.v, smooth.a])
-    given = [run.channels[n] for n in ("gripper_v", "gripper_a") if n in run.channels]
-    if len(given) == 2:
-        position, speed, acceleration = (np.interp(grid, c.time, c.value) for c in (x, *given))
-        return GripperPath(float(grid[0]), dt, position, speed, acceleration, height)
-    along = smoothed_path(x.time, x.value, dt, exact=run.noise.get("gripper_x") == 0.0)
-    return GripperPath(along.start, dt, along.x, along.v, along.a, height)
+        height = smoothed_motion(grid, level - level[0], dt, exact=run.noise.get("gripper_z") == 0.0)
+    given = [run.channels[n] for n in ("gripper_x", "gripper_v", "gripper_a") if n in run.channels]
+    if len(given) == 3:
+        motion = np.array([np.interp(grid, c.time, c.value) for c in given])
+    else:
+        motion = smoothed_motion(x.time, x.value, dt, exact=run.noise.get("gripper_x") == 0.0)
+    return GripperPath(start, dt, motion[0], motion[1], motion[2], height, elapsed)

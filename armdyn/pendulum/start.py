@@ -5,7 +5,7 @@ and where on it the recording began is what a load cell does not say and a fit c
 derivative with respect to the start vanishes by symmetry.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -13,9 +13,7 @@ import numpy as np
 from armdyn.channels import MIN_SAMPLES, Channel
 from armdyn.pendulum.path import run_path
 from armdyn.pendulum.physics import STANDARD_GRAVITY
-from armdyn.physics.simulated import measured_start
 from armdyn.run import Run
-from armdyn.start import Start
 
 AMPLITUDES = (0.06, 0.2, 0.45, 0.8, 1.2, 1.7, 2.3, 2.8, 3.05)
 """rad; neighbours are so far apart as a few Gauss-Newton steps over one period bridge."""
@@ -29,42 +27,7 @@ STILL = 1e-3
 """m that the gripper is displaced around a gap in which it rested."""
 
 
-class PendulumStart(Start):
-    """See `Start`: angle and rate.
-
-    Args:
-        length: present value, m.
-        place: of the length in theta.
-    """
-
-    def __init__(self, length: float, place: int) -> None:
-        self._length, self._place = length, place
-
-    def guess(self, run: Run) -> Mapping[str, float]:
-        """Angle and rate at the start where an angle was measured."""
-        if "swing_angle" not in run.channels:
-            return {}
-        return _seen_from_rest(run, self._length, [measured_start(run.channels["swing_angle"])])[0]
-
-    def candidates(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
-        """Orbits in the phase plane, near the measured angle where there is one."""
-        length = float(theta[self._place])
-        plane = phase_plane(length)
-        if "swing_angle" in run.channels:
-            angle, rate = measured_start(run.channels["swing_angle"])
-            plane = np.array([(angle, rate + change) for change in rates_near(length)])
-        return _seen_from_rest(run, length, plane)
-
-    def stretch(self, theta: np.ndarray) -> float:
-        """A period of small swings."""
-        return float(2 * np.pi * np.sqrt(theta[self._place] / STANDARD_GRAVITY))
-
-    def pieces(self, run: Run) -> Sequence[Run]:
-        """See `pieces`."""
-        return pieces(run)
-
-
-def _seen_from_rest(
+def seen_from_rest(
     run: Run, length: float, plane: Iterable[tuple[float, float]] | np.ndarray
 ) -> list[dict[str, float]]:
     """Starts of angle (rad) and rate phi' (rad/s) as parameters, which are seen from rest in space."""

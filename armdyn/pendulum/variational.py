@@ -17,8 +17,16 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from armdyn.pendulum.composition import Composition, direction, quasi_static
-from armdyn.pendulum.physics import Expression, smoothly_resisted
+from armdyn.pendulum.composition import (
+    Composition,
+    direction,
+    gripper_at,
+    lagrangian,
+    load_at,
+    quasi_static,
+    string_at,
+)
+from armdyn.pendulum.physics import Expression, Gripper, smoothly_resisted
 
 STATE_SIZE = 4
 NEWTON_STEPS = 4
@@ -54,7 +62,7 @@ def derive_variational(composition: Composition) -> VariationalStep:
     Compliance enters to first order (`quasi_static`) and dry friction with a smooth sign; a swing across the line and
     states of effects are left out.
     """
-    theta = ca.SX.sym("theta", len(composition.names))
+    theta = composition.theta
     s, u, t, dt = ca.SX.sym("s", STATE_SIZE), ca.SX.sym("u"), ca.SX.sym("t"), ca.SX.sym("dt")
     following = ca.SX.sym("phi_next")
     before, here, after = ca.SX.sym("phi_b"), ca.SX.sym("phi_h"), ca.SX.sym("phi_a")
@@ -62,21 +70,28 @@ def derive_variational(composition: Composition) -> VariationalStep:
     x, v, phi, rate = ca.vertsplit(s)
     v_next = v + dt * u
     x_next = x + dt * v_next
-    attachment, string = quasi_static(composition, trailing=False)
+
+    def gripper(time: Expression, position: Expression, velocity: Expression, angle: Expression) -> Gripper:
+        return gripper_at(composition.at(time), position, velocity, ca.SX(0), angle)
 
     def node(time: Expression, position: Expression, velocity: Expression, angle: Expression) -> Expression:
-        return attachment(time, position, velocity, 0, angle, theta), string(time, angle, theta), angle
+        at = composition.at(time)
+        length = string_at(at, angle, ca.SX(0)).length
+        g = gripper(time, position, velocity, angle).position
+        return *quasi_static(composition, at, g, length, angle), angle
 
     def interval(first: Expression, second: Expression, time: Expression) -> tuple[Expression, Expression, Expression]:
         """Discrete Lagrangian, and midpoint position and angle with the force and torque that act there."""
         (g0, l0, phi0), (g1, l1, phi1) = first, second
         q0, q1 = g0 + l0 * direction(phi0), g1 + l1 * direction(phi1)
         middle, angle, rate = (q0 + q1) / 2, (phi0 + phi1) / 2, (phi1 - phi0) / dt
-        mechanics = (time, middle, (q1 - q0) / dt, (g0 + g1) / 2, (g1 - g0) / dt, angle, rate, theta)
-        kinetic, potential = composition.energies(*mechanics)
-        force, torque, dry = composition.forces(*mechanics, composition.memory_start(theta))
+        at = composition.at(time)
+        string, load = string_at(at, angle, rate), load_at(at, middle, (q1 - q0) / dt, angle, rate)
+        kinetic, potential = lagrangian(gripper(time, x, v, angle), string, load, (g0 + g1) / 2, (g1 - g0) / dt)
         displaced = ca.vertcat(middle, angle)
-        impulse = dt * ca.vertcat(force, smoothly_resisted(torque, dry, rate))
+        impulse = dt * ca.vertcat(load.force, smoothly_resisted(string.torque, string.dry, rate))
+        for memory in at.memory:
+            impulse = ca.substitute(impulse, memory.symbol, memory.start)
         return dt * (kinetic - potential), displaced, impulse
 
     g_h, l_h, _ = node(t, x, v, here)
@@ -85,8 +100,8 @@ def derive_variational(composition: Composition) -> VariationalStep:
 
     def balance(variable: Expression) -> Expression:
         total = 0
-        for lagrangian, displaced, impulse in (past, ahead):
-            total += ca.gradient(lagrangian, variable) + ca.jtimes(displaced, variable, ca.SX(1)).T @ impulse
+        for action, displaced, impulse in (past, ahead):
+            total += ca.gradient(action, variable) + ca.jtimes(displaced, variable, ca.SX(1)).T @ impulse
         return total
 
     def at(expression: Expression, next_angle: Expression) -> Expression:
@@ -131,7 +146,7 @@ def derive_variational(composition: Composition) -> VariationalStep:
         curvature=ca.Function("curvature", [*arguments, s_next, p], [curvature]),
         tension=ca.Function("tension", [*arguments, s_next], [at(balance(stretch), s_next[2]) / dt]),
         load=ca.Function("load", [s, t, dt, theta], [q_now, (q_now - q_before) / dt]),
-        lag=ca.Function("lag", [theta], [composition.timing(theta)[2]]),
+        lag=ca.Function("lag", [theta], [composition.gripper_lag]),
     )
 
 

@@ -26,6 +26,7 @@ import casadi as ca
 
 from armdyn.pendulum.composition import Composition
 from armdyn.pendulum.physics import STANDARD_GRAVITY, Expression
+from armdyn.physics.definition import Moment
 
 QUICKEST = 1e-4
 """s; added in quadrature to the period of the bounce over 2 pi, so that derivatives exist where the string is rigid."""
@@ -52,11 +53,11 @@ class Yielding(NamedTuple):
 
 
 def slow_manifold(
-    composition: Composition, phi: Expression, rate: Expression, a: Expression, jerk: Expression, theta: Expression
+    composition: Composition, at: Moment, phi: Expression, rate: Expression, a: Expression, jerk: Expression
 ) -> Yielding:
     """Displacements of string and gripper; see the head of this file."""
-    string, gripper = ca.vertsplit(composition.compliance(theta))
-    length, mass = (theta[composition.names.index(name)] for name in ("length", "mass"))
+    string, gripper = ca.vertsplit(composition.compliance)
+    length, mass = at["length"], at["mass"]
     sin, cos = ca.sin(phi), ca.cos(phi)
     tension = mass * (STANDARD_GRAVITY * cos + length * rate**2 + a * sin)
     tension_rate = mass * (3 * rate * (a * cos - STANDARD_GRAVITY * sin) + jerk * sin)
@@ -64,7 +65,7 @@ def slow_manifold(
     giving = -gripper * (tension_rate * sin + tension * cos * rate)
     late = ca.SX(0)
     if composition.bounce is not None:
-        square, damping = ca.vertsplit(composition.bounce(theta))
+        square, damping = ca.vertsplit(composition.bounce)
         late = 2 * damping * ca.sqrt(square + QUICKEST**2)
     return Yielding(
         stretch=string * (tension - late * tension_rate),

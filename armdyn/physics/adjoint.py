@@ -51,7 +51,7 @@ class Adjoint:
             jerk is the last of the i inputs.
         """
         s = self._system
-        nodes, middle = (rows[: s.inputs] for rows in path.rows(with_jerk=s.impulse_adds_to is not None))
+        nodes, middle = path.nodes[: s.inputs], path.middle[: s.inputs]
         K = nodes.shape[1]
         if self._impulse:
             impulse = _slope_matrix(K).T @ weights[:, self._force] / path.dt

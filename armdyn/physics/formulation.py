@@ -1,12 +1,10 @@
 """A physics with any effects, as the functions that the simulator and the sensors need."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import casadi as ca
 
-from armdyn.effects.catalogue import CATALOGUE
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.physics.definition import Equations, Expression, Moment, Physics, Reading, Signal
@@ -41,19 +39,13 @@ class Formulation(System):
     stages: dict[str, tuple[str, ...]]
 
 
-def ordered(effects: Sequence[Effect]) -> tuple[Effect, ...]:
-    """Effects in the order in which they act on a stage: as the catalogue lists them, then by name."""
-    place = {name: i for i, name in enumerate(CATALOGUE)}
-    return tuple(sorted(effects, key=lambda e: (place.get(e.name, len(place)), e.name)))
-
-
 @lru_cache(maxsize=128)
 def formulated(physics: Physics, effects: tuple[Effect, ...], names: tuple[str, ...]) -> Formulation:
     """Derive a physics with effects.
 
     Args:
         physics: states its equations.
-        effects: as `ordered` gives them.
+        effects: in their natural order.
         names: of all parameters but those of the start, in the order of theta.
 
     Raises:

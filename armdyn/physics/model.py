@@ -12,15 +12,15 @@ from typing import Any
 import numpy as np
 
 from armdyn.channels import MIN_SAMPLES
+from armdyn.effects.catalogue import natural_order
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.parameter import Parameter
 from armdyn.physics.definition import Physics
-from armdyn.physics.formulation import Formulation, formulated, ordered
-from armdyn.physics.recorded import RecordedInputs, recorded_inputs
+from armdyn.physics.formulation import Formulation, formulated
+from armdyn.physics.recorded import Path, recorded_inputs
 from armdyn.physics.simulated import REACH, SimulatedModel, local_motion, measured_start
 from armdyn.run import Channel, Run
-from armdyn.start import Start
 
 LEVELS = {1: 9, 2: 7, 3: 5, 4: 3}
 """By number of states that no channel measures: how many values of each are tried as the start of a run."""
@@ -81,12 +81,36 @@ class PhysicsModel(SimulatedModel):
     def system(self) -> Formulation:
         """See `SimulatedModel`."""
         starts = set(self.start_names)
-        return formulated(self.physics, ordered(self.effects), tuple(n for n in self.names if n not in starts))
+        return formulated(self.physics, natural_order(self.effects), tuple(n for n in self.names if n not in starts))
 
-    @property
-    def start(self) -> Start:
-        """See `Model.start`."""
-        return _PhysicsStart(self.physics)
+    def guess_start(self, run: Run) -> Mapping[str, float]:
+        """See `Model.guess_start`: what a channel measures of the states, and of the states that are their rates."""
+        bare, states = _bare(self.physics), self.physics.states
+        values, rates = {}, {}
+        for name, channel in bare.measured.items():
+            if channel in run.channels:
+                values[name], slope = measured_start(run.channels[channel])
+                if name in bare.rates:
+                    rates[bare.rates[name]] = slope
+        guess = {**rates, **values}  # what is measured itself is better than a slope
+        return {states[n].name: float(np.clip(v, states[n].lower, states[n].upper)) for n, v in guess.items()}
+
+    def possible_starts(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
+        """See `Model.possible_starts`: a lattice of the states that no channel measures."""
+        del theta
+        guess = self.guess_start(run)
+        unknown = [p for p in self.physics.states.values() if p.name not in guess]
+        if len(unknown) not in LEVELS:
+            return []
+        levels = np.linspace(-FARTHEST, FARTHEST, LEVELS[len(unknown)])
+        values = [np.clip(p.value + levels * p.typical, p.lower, p.upper).tolist() for p in unknown]
+        names = [p.name for p in unknown]
+        return [{**guess, **dict(zip(names, at, strict=True))} for at in product(*values)]
+
+    def start_window(self, theta: np.ndarray) -> float:
+        """See `Model.start_window`: a period."""
+        del theta
+        return self.physics.period
 
     def reachable(self, effect: Effect) -> tuple[str, ...]:
         """See `Model.reachable`: the joints of its stage on which an effect changes something.
@@ -169,7 +193,7 @@ class PhysicsModel(SimulatedModel):
             return None
         return np.column_stack([found[name] for name in self.physics.states])
 
-    def path(self, run: Run) -> RecordedInputs:
+    def path(self, run: Run) -> Path:
         """See `SimulatedModel`."""
         return _recorded(run, self.physics)
 
@@ -185,42 +209,6 @@ class PhysicsModel(SimulatedModel):
             for (name, unit), row in zip(units.items(), values, strict=True)
             if np.isfinite(row).all()
         }
-
-
-class _PhysicsStart(Start):
-    """See `Start`: the states of a physics, as far as channels measure them."""
-
-    def __init__(self, physics: Physics) -> None:
-        self.physics = physics
-
-    def guess(self, run: Run) -> Mapping[str, float]:
-        """What a channel measures of the states, and of the states that are their rates."""
-        bare, states = _bare(self.physics), self.physics.states
-        values, rates = {}, {}
-        for name, channel in bare.measured.items():
-            if channel in run.channels:
-                values[name], slope = measured_start(run.channels[channel])
-                if name in bare.rates:
-                    rates[bare.rates[name]] = slope
-        guess = {**rates, **values}  # what is measured itself is better than a slope
-        return {states[n].name: float(np.clip(v, states[n].lower, states[n].upper)) for n, v in guess.items()}
-
-    def candidates(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
-        """A lattice of the states that no channel measures."""
-        del theta
-        guess = self.guess(run)
-        unknown = [p for p in self.physics.states.values() if p.name not in guess]
-        if len(unknown) not in LEVELS:
-            return []
-        levels = np.linspace(-FARTHEST, FARTHEST, LEVELS[len(unknown)])
-        values = [np.clip(p.value + levels * p.typical, p.lower, p.upper).tolist() for p in unknown]
-        names = [p.name for p in unknown]
-        return [{**guess, **dict(zip(names, at, strict=True))} for at in product(*values)]
-
-    def stretch(self, theta: np.ndarray) -> float:
-        """A period."""
-        del theta
-        return self.physics.period
 
 
 def physics_model(
@@ -275,5 +263,5 @@ def _remembers(physics: Physics, effect: Effect) -> bool:
 
 
 @lru_cache(maxsize=64)
-def _recorded(run: Run, physics: Physics) -> RecordedInputs:
+def _recorded(run: Run, physics: Physics) -> Path:
     return recorded_inputs(run, physics.inputs, physics.outputs, physics.step)

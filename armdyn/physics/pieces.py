@@ -31,11 +31,11 @@ FEWEST_NODES = 4
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """A run around a motion in J pieces; n states, q parameters of the model.
+    """A run around a motion in J pieces; n states, k parameters of the model.
 
     Attributes:
         transition: (J, n, n) derivative of the state at the end of a piece by that at its beginning.
-        by_theta: (J, n, q) derivative of the state at the end of a piece by the parameters.
+        by_theta: (J, n, k) derivative of the state at the end of a piece by the parameters that were asked for.
         ends: (J, n) states at the ends of the pieces.
         samples: by channel, what is compared; see `Samples`.
     """
@@ -56,7 +56,7 @@ class Samples:
         measured: (N,).
         predicted: (N,).
         by_state: (N, n) derivative by the state at the beginning of the piece.
-        by_theta: (N, q).
+        by_theta: (N, k).
     """
 
     piece: np.ndarray
@@ -65,21 +65,6 @@ class Samples:
     predicted: np.ndarray
     by_state: np.ndarray
     by_theta: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """A stretch of recorded inputs; see `recorded.Path`."""
-
-    start: float
-    dt: float
-    nodes: np.ndarray
-    middle: np.ndarray
-
-    def rows(self, *, with_jerk: bool) -> tuple[np.ndarray, np.ndarray]:
-        """As they were cut."""
-        del with_jerk
-        return self.nodes, self.middle
 
 
 class Pieces:
@@ -101,9 +86,9 @@ class Pieces:
         begin = min(float(run.channels[c].time[0]) for c in self.channels)
         end = max(float(run.channels[c].time[-1]) for c in self.channels)
         path = self._path
-        rows, _ = path.rows(with_jerk=False)
-        first = int(np.clip(np.floor((begin - path.start) / path.dt + 1e-6), 0, rows.shape[1] - 2))
-        last = int(np.clip(np.ceil((end - path.start) / path.dt - 1e-6), first + 1, rows.shape[1] - 1))
+        most = path.nodes.shape[1] - 1
+        first = int(np.clip(np.floor((begin - path.start) / path.dt + 1e-6), 0, most - 1))
+        last = int(np.clip(np.ceil((end - path.start) / path.dt - 1e-6), first + 1, most))
         count = max(1, round((last - first) * path.dt / length))
         count = min(count, max(1, (last - first) // FEWEST_NODES))
         self._cut(np.unique(np.round(np.linspace(first, last, count + 1)).astype(int)))
@@ -140,8 +125,7 @@ class Pieces:
             begin: (J, starts) values that say how a motion begins, at the beginning of every piece.
         """
         system, physics, path = self._given(theta)
-        nodes, _ = path.rows(with_jerk=system.impulse_adds_to is not None)
-        rows = nodes[: system.inputs]
+        rows = path.nodes[: system.inputs]
         found = [
             np.asarray(system.initial(*map(float, b), rows[:, e], physics)).ravel()
             for b, e in zip(begin, self.edges, strict=False)
@@ -161,11 +145,9 @@ class Pieces:
             return np.zeros((len(self) - first, 0))
         if state is None:
             state = self.beginning(theta)[0]
-        nodes, middle = path.rows(with_jerk=system.impulse_adds_to is not None)
         a = self.edges[first]
-        part = _Part(path.start + path.dt * a, path.dt, nodes[:, a:], middle[:, a:])
         simulator = _from_states(system, self.model.formulation, self.channels)
-        return simulator.integrated(part, physics, *state).states[self.edges[first:-1] - a]
+        return simulator.integrated(path.part(a), physics, *state).states[self.edges[first:-1] - a]
 
     def beginning(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The state at the start of the run as the model has it.
@@ -174,9 +156,8 @@ class Pieces:
             (n,) the state; (n, starts) its derivatives by the values that say how the motion begins; (n, q) by theta.
         """
         system, physics, path = self._given(theta)
-        nodes, _ = path.rows(with_jerk=system.impulse_adds_to is not None)
         start = [float(theta[self.model.names.index(name)]) for name in self.model.start_names]
-        state, by_start, by_physics = _beginning(system)(*start, nodes[: system.inputs, self.edges[0]], physics)
+        state, by_start, by_physics = _beginning(system)(*start, path.nodes[: system.inputs, self.edges[0]], physics)
         by_theta = np.zeros((system.states, len(theta)))
         by_theta[:, self.model.places[1]] = np.asarray(by_physics)
         return np.asarray(state).ravel(), np.asarray(by_start), by_theta
@@ -205,12 +186,11 @@ class Pieces:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(K, starts) values that begin a motion with (K, n) states; derivatives of states by them and by physics."""
         system, physics, path = self._given(theta)
-        rows, _ = path.rows(with_jerk=system.impulse_adds_to is not None)
         K, n = states.shape
         at, many = _beginning(system).map(K), np.repeat(physics[:, None], K, axis=1)
         starts = np.zeros((K, system.starts))
         for _ in range(INVERSIONS):
-            found, by_start, by_physics = at(*starts.T[:, None], rows[: system.inputs, nodes], many)
+            found, by_start, by_physics = at(*starts.T[:, None], path.nodes[: system.inputs, nodes], many)
             slopes = np.asarray(by_start).reshape(n, K, system.starts).transpose(1, 0, 2)
             starts = starts + (pseudo_inverse(slopes) @ (states - np.asarray(found).T)[:, :, None])[:, :, 0]
         return starts, slopes, np.asarray(by_physics).reshape(n, K, len(physics)).transpose(1, 0, 2)
@@ -219,20 +199,25 @@ class Pieces:
         physics = theta[self.model.places[1]]
         return self.model.system, physics, self.model.driven_by(self._path, physics)
 
-    def linearised(self, theta: np.ndarray, states: np.ndarray) -> Linearised:
-        """The run around (J, n) states at the beginning of the pieces, and (q,) parameters."""
+    def linearised(self, theta: np.ndarray, states: np.ndarray, wanted: np.ndarray | None = None) -> Linearised:
+        """The run around (J, n) states at the beginning of the pieces, and (q,) parameters.
+
+        Args:
+            theta: (q,).
+            states: (J, n).
+            wanted: (k,) the parameters by which derivatives are wanted; all where None.
+        """
         system, physics, path = self._given(theta)
+        wanted = np.arange(len(theta)) if wanted is None else wanted
         if not system.states:
-            return self._algebra(system, path, physics, len(theta))
+            return self._algebra(system, path, physics, wanted)
         simulator = _from_states(system, self.model.formulation, self.channels)
-        nodes, middle = path.rows(with_jerk=system.impulse_adds_to is not None)
         n, q, J = system.states, len(physics), len(self)
         transition, by_physics, ends = np.empty((J, n, n)), np.empty((J, n, q)), np.empty((J, n))
         signal = np.zeros((self.edges[-1] - self.edges[0] + 1, simulator.columns, 1 + q + NEXT_TO * n))
         for j, (a, b) in enumerate(zip(self.edges[:-1], self.edges[1:], strict=True)):
-            part = _Part(path.start + path.dt * a, path.dt, nodes[:, a : b + 1], middle[:, a:b])
-            rolled = simulator.integrated(part, physics, *states[j])
-            by_physics[j], transition[j] = np.split(rolled.state_sensitivities, [q], axis=1)
+            rolled = simulator.integrated(path.part(a, b), physics, *states[j])
+            by_physics[j], transition[j] = rolled.state_sensitivities[:, :q], rolled.state_sensitivities[:, q:]
             ends[j] = rolled.states[-1]
             own, at = signal[a - self.edges[0] : b + 1 - self.edges[0]], 1 + q + n * (j % NEXT_TO)
             own[:, :, 0], own[:, :, 1 : 1 + q] = rolled.outputs, rolled.sensitivities[:, :, :q]
@@ -242,36 +227,49 @@ class Pieces:
         outputs, slopes = simulator.with_impulse(signal[:, :, 0], signal[:, :, 1:], physics, path.dt)
         count = len(self.channels)
         signal[:, :count, 0], signal[:, :count, 1:] = outputs, slopes
-        by_theta = np.zeros((J, n, len(theta)))
-        by_theta[:, :, self.model.places[1]] = by_physics
+        own, of_physics = self._physical(wanted)
+        by_theta = np.zeros((J, n, len(wanted)))
+        by_theta[:, :, own] = by_physics[:, :, of_physics]
         join = _Join(transition, by_theta, ends - np.append(states[1:], ends[-1:], axis=0))
-        samples = {c: self._samples(c, signal[:, k], physics, join) for k, c in enumerate(self.channels)}
+        samples = {c: self._samples(c, signal[:, k], physics, wanted, join) for k, c in enumerate(self.channels)}
         return Linearised(transition, by_theta, ends, samples)
 
-    def _algebra(self, system: System, path: Path, physics: np.ndarray, parameters: int) -> Linearised:
+    def _physical(self, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Which of (k,) parameters belong to the physics, and where each of these is among the physics' parameters."""
+        physics = np.asarray(self.model.places[1], dtype=int)
+        own = np.flatnonzero(np.isin(wanted, physics))
+        order = np.argsort(physics)
+        return own, order[np.searchsorted(physics[order], wanted[own])]
+
+    def _algebra(self, system: System, path: Path, physics: np.ndarray, wanted: np.ndarray) -> Linearised:
         """A run without states, of which every piece is free of the others."""
         found, J = evaluated(system, path, physics, self.channels), len(self)
         inside = slice(self.edges[0], self.edges[-1] + 1)
-        join = _Join(np.zeros((J, 0, 0)), np.zeros((J, 0, parameters)), np.zeros((J, 0)))
+        join = _Join(np.zeros((J, 0, 0)), np.zeros((J, 0, len(wanted))), np.zeros((J, 0)))
         signals = np.concatenate([found.outputs[inside, :, None], found.sensitivities[inside]], axis=2)
-        samples = {c: self._samples(c, signals[:, k], physics, join) for k, c in enumerate(self.channels)}
+        samples = {c: self._samples(c, signals[:, k], physics, wanted, join) for k, c in enumerate(self.channels)}
         return Linearised(join.transition, join.by_theta, join.gap, samples)
 
-    def _samples(self, channel: str, signal: np.ndarray, physics: np.ndarray, join: "_Join") -> Samples:
-        """What a sensor makes of (K, 1 + q + NEXT_TO n) signals at the nodes of all pieces."""
+    def _samples(
+        self, channel: str, signal: np.ndarray, physics: np.ndarray, wanted: np.ndarray, join: "_Join"
+    ) -> Samples:
+        """What a sensor makes of (K, 1 + q + NEXT_TO n) signals at the nodes of all pieces, by `wanted` parameters."""
         sensor, given = self.model.system.sensors[channel], self.run.channels[channel]
         if sensor.lags or sensor.delays:
             nodes = self._path.start + self._path.dt * np.arange(self.edges[0], self.edges[-1] + 1)
             read = sensor.read(signal, Interpolated(nodes, given.time, self.run.spread.get(channel, 0.0)), physics)
         else:
             read = None
-        N, q, n, parameters = len(given), len(physics), *join.by_theta.shape[1:]
-        value, by_state, by_theta = np.empty(N), np.empty((N, n)), np.zeros((N, parameters))
+        N, n = len(given), join.by_theta.shape[1]
+        value, by_state, by_theta = np.empty(N), np.empty((N, n)), np.zeros((N, len(wanted)))
         back = pseudo_inverse(join.transition)
+        own, of_physics = self._physical(wanted)
+        kept = np.concatenate([[0], 1 + of_physics, np.arange(1 + len(physics), signal.shape[1])])
+        signal = signal[:, kept] if read is None else signal
         for some in (slice(first, first + AT_ONCE) for first in range(0, N, AT_ONCE)):
-            these = self._matrices[channel][some] @ signal if read is None else read[some]
-            by_theta[some, self.model.places[1]] = these[:, 1 : 1 + q]
-            around = these[:, 1 + q :].reshape(len(these), NEXT_TO, n)
+            these = self._matrices[channel][some] @ signal if read is None else read[some][:, kept]
+            by_theta[some, own] = these[:, 1 : 1 + len(own)]
+            around = these[:, 1 + len(own) :].reshape(len(these), NEXT_TO, n)
             value[some], by_state[some], more = join.seen(self._of[channel][some], these[:, 0], around, back)
             by_theta[some] += more
         return Samples(self._of[channel], given.time, given.value, value, by_state, by_theta)

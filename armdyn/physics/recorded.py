@@ -5,7 +5,6 @@ Positions are smoothed by cross-validation and differentiated without phase shif
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from scipy.interpolate import BPoly, make_interp_spline
@@ -123,50 +122,47 @@ FINEST_GRID, COARSEST_GRID = 0.005, 0.01
 """s; at 0.01 s a Runge-Kutta step of a 0.15 m pendulum is exact to 1e-7."""
 
 
-class Path(Protocol):
-    """Recorded inputs on an even grid of K nodes."""
-
-    @property
-    def start(self) -> float:
-        """Time of the first node, s."""
-
-    @property
-    def dt(self) -> float:
-        """Grid step, s."""
-
-    def rows(self, *, with_jerk: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Inputs of a simulation at the nodes (rows, K) and halfway between (rows, K-1)."""
-
-
 @dataclass(frozen=True, eq=False)
-class RecordedInputs:
-    """Inputs of a simulation on an even grid; a `Path`.
+class Path:
+    """What drives a simulation, on an even grid of K nodes.
 
     Attributes:
         start: time of the first node, s.
         dt: grid step, s.
-        nodes: (1 + 3 i, K) time since the start, then value, rate and acceleration of each of i inputs.
-        middle: (1 + 3 i, K-1) the same halfway between.
+        nodes: (i, K) inputs at the nodes.
+        middle: (i, K-1) inputs halfway between.
+        by_lag: derivatives of both by a lag with which the inputs trail what was recorded; None where they do not.
     """
 
     start: float
     dt: float
     nodes: np.ndarray
     middle: np.ndarray
+    by_lag: tuple[np.ndarray, np.ndarray] | None = None
 
     @property
     def time(self) -> np.ndarray:
         """(K,) s."""
         return np.asarray(self.start + self.dt * np.arange(self.nodes.shape[1]))
 
-    def rows(self, *, with_jerk: bool) -> tuple[np.ndarray, np.ndarray]:
-        """See `Path`; there is no jerk."""
-        del with_jerk
-        return self.nodes, self.middle
+    def rows(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """The first `count` inputs at the nodes and halfway between, followed by their derivatives by the lag."""
+        if self.by_lag is None:
+            return self.nodes[:count], self.middle[:count]
+        at_nodes, between = self.by_lag
+        return np.vstack([self.nodes[:count], at_nodes[:count]]), np.vstack([self.middle[:count], between[:count]])
+
+    def part(self, first: int, last: int | None = None) -> "Path":
+        """The path from one node to another one, its end where none is given."""
+        nodes, middle = slice(first, None if last is None else last + 1), slice(first, last)
+        cut = None if self.by_lag is None else (self.by_lag[0][:, nodes], self.by_lag[1][:, middle])
+        return Path(self.start + self.dt * first, self.dt, self.nodes[:, nodes], self.middle[:, middle], cut)
 
 
-def recorded_inputs(run: Run, inputs: Iterable[str], outputs: Iterable[str], step: float) -> RecordedInputs:
-    """The inputs of a run, from where the outputs begin to where an input ends; without inputs over the outputs.
+def recorded_inputs(run: Run, inputs: Iterable[str], outputs: Iterable[str], step: float) -> Path:
+    """Time since the start of a run, then value, rate and acceleration of each input.
+
+    It begins where the outputs do and ends where an input ends; without inputs it covers the outputs.
 
     Args:
         run: with the channels.
@@ -199,4 +195,4 @@ def recorded_inputs(run: Run, inputs: Iterable[str], outputs: Iterable[str], ste
             motion = np.vstack([curve(np.minimum(grid, own[-1]), nu=k) for k in range(3)])
         nodes.append(motion)
         middle.append(halfway(motion, dt))
-    return RecordedInputs(start, dt, np.vstack(nodes), np.vstack(middle))
+    return Path(start, dt, np.vstack(nodes), np.vstack(middle))

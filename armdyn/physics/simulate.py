@@ -71,7 +71,7 @@ class Rollout(NamedTuple):
 
 def evaluated(system: System, path: Path, theta: np.ndarray, channels: tuple[str, ...]) -> Rollout:
     """The outputs of a system without states, which is algebra at every node; for the arguments see `Simulator`."""
-    nodes, _ = path.rows(with_jerk=False)
+    nodes, _ = path.rows(system.inputs)
     at, K = _algebra(system), nodes.shape[1]
     values, slopes = (np.asarray(a) for a in at.map(K)(nodes, np.repeat(theta[:, None], K, axis=1)))
     rows = [system.outputs.index(name) for name in channels]
@@ -124,7 +124,7 @@ class Simulator:
 
     def integrated(self, path: Path, theta: np.ndarray, *start: float) -> Rollout:
         """As `rollout`; the impulse, where there is one, is a last output, since its slope needs neighbours."""
-        nodes, middle = path.rows(with_jerk=self._dynamics.impulse_adds_to is not None)
+        nodes, middle = path.rows(self._dynamics.inputs)
         rows, starts = len(nodes), self._dynamics.starts
         K, m, n = nodes.shape[1], self.parameters + starts, self._dynamics.states
         padded = -(-K // self._block) * self._block
@@ -164,46 +164,38 @@ class Simulator:
         return outputs[:, :-1], by_theta[:, :-1]
 
 
-def _steps(dynamics: System, active: list[int], rows: list[int], block: int) -> ca.Function:
+def _steps(system: System, active: list[int], rows: list[int], block: int) -> ca.Function:
     """One block of steps, with the outputs before each step and their derivatives.
 
     The derivatives S of the state obey the integrator's own chain rule, stage by stage, and only for the columns in
     `active`: a parameter of a sensor never moves the load. Where the inputs trail, they are followed by their
     derivatives with respect to the lag.
     """
-    parameters, n = len(dynamics.names), dynamics.states
-    width = dynamics.inputs * (1 if dynamics.input_lag is None else 2)
-    s, S = ca.SX.sym("s", n), ca.SX.sym("S", n, len(active))
+    parameters, n, width = len(system.names), system.states, _width(system)
+    s, S, w = ca.SX.sym("s", n), ca.SX.sym("S", n, len(active)), ca.SX.sym("w", 3 * width)
     theta, dt = ca.SX.sym("theta", parameters), ca.SX.sym("dt")
-    w = ca.SX.sym("w", 3 * width)
     here, middle, there = ca.vertsplit(w, width)
-    point, given = ca.SX.sym("point", n), ca.SX.sym("given", width)
-    direction = ca.SX.sym("direction")
 
-    def followed(rate: Expression) -> Callable[[Expression, Expression], Expression]:
-        """How a state with S beside it changes where the state changes by `rate`, an expression of `point`."""
-        by_state = ca.jacobian(rate, point)
-        by_theta = ca.horzcat(_by_theta(rate, theta, dynamics, given), ca.SX(n, dynamics.starts))
-        slope = ca.Function("slope", [point, given, theta, direction], [rate, by_state, by_theta[:, active]])
+    def with_derivatives(function: Callable[..., Expression], states: int, moments: int) -> Callable[..., Expression]:
+        """A function of states, inputs, theta and a number, of states with S beside them."""
+        points = [ca.SX.sym(f"s{k}", n) for k in range(states)]
+        given, number = [ca.SX.sym(f"w{k}", width) for k in range(moments)], ca.SX.sym("number")
+        value = function(*points, *(moment[: system.inputs] for moment in given), theta, number)
+        by_theta = ca.horzcat(_by_theta(value, theta, system, *given), ca.SX(n, system.starts))[:, active]
+        by_states = [ca.jacobian(value, point) for point in points]
+        slopes = ca.Function("slopes", [*points, *given, theta, number], [value, by_theta, *by_states])
 
-        def of(z: Expression, inputs: Expression) -> Expression:
-            k, A, B = slope(z[:, 0], inputs, theta, sliding)
-            return ca.horzcat(k, A @ z[:, 1:] + B)
+        def of(*arguments: Expression) -> Expression:
+            found, total, *by_state = slopes(*(z[:, 0] for z in arguments[:states]), *arguments[states:])
+            for by_point, z in zip(by_state, arguments[:states], strict=True):
+                total += by_point @ z[:, 1:]
+            return ca.horzcat(found, total)
 
         return of
 
-    start, inputs = ca.horzcat(s, S), (here, middle, there)
-    recorded, dry = given[: dynamics.inputs], dynamics.dry
-    sliding = 0 if dry is None else dry.direction(s, here[: dynamics.inputs], theta, dt)
-    following = runge_kutta(followed(rates(dynamics, point, recorded, theta, direction)), start, inputs, dt)
-    if dry is not None:
-        held = following
-        if dry.followed:
-            held = runge_kutta(followed(rates_at_rest(dynamics, dry, point, recorded, theta)), start, inputs, dt)
-        following = _settled(dynamics, dry, active)(start, following, held, here, there, theta, dt)
-
-    y = dynamics.output(s, here[: dynamics.inputs], theta)[rows]
-    dy = ca.horzcat(_by_theta(y, theta, dynamics, here), ca.SX(y.numel(), dynamics.starts))
+    following = advanced(system, ca.horzcat(s, S), (here, middle, there), theta, dt, with_derivatives)
+    y = system.output(s, here[: system.inputs], theta)[rows]
+    dy = ca.horzcat(_by_theta(y, theta, system, here), ca.SX(y.numel(), system.starts))
     dy[:, active] += ca.jacobian(y, s) @ S
     stage = ca.Function(
         "stage", [s, S, w, dt, theta], [following[:, 0], ca.densify(following[:, 1:]), s, ca.densify(y), ca.densify(dy)]
@@ -213,6 +205,37 @@ def _steps(dynamics: System, active: list[int], rows: list[int], block: int) -> 
     W, DT = ca.MX.sym("w", 3 * width, block), ca.MX.sym("dt", 1, block)
     after, sensitivity, before, Y, dY = over(s0, S0, W, DT, ca.repmat(P, 1, block))
     return ca.Function("steps", [s0, S0, W, DT, P], [before, Y, dY, after[:, -1], sensitivity[:, -len(active) :]])
+
+
+def advanced(
+    system: System,
+    z: Expression,
+    inputs: tuple[Expression, ...],
+    theta: Expression,
+    dt: Expression,
+    lifted: Callable[..., Callable[..., Expression]] = lambda function, states, moments: function,  # noqa: ARG005
+) -> Expression:
+    """The state after one step of the simulation.
+
+    Args:
+        system: the equations.
+        z: (n, ...) the state at the start of the step in the first column.
+        inputs: at its start, halfway and at its end.
+        theta: parameters.
+        dt: its length, s.
+        lifted: makes a function of so many states and inputs, theta and a number one of what z holds beside the state.
+    """
+    (here, _, there), dry = inputs, system.dry
+    direction = 0 if dry is None else dry.direction(z[:, 0], here[: system.inputs], theta, dt)
+    moving = lifted(lambda s, w, p, way: _rates(system, s, w, p, way), 1, 1)
+    following = runge_kutta(lambda s, w: moving(s, w, theta, direction), z, inputs, dt)
+    if dry is None:
+        return following
+    held = following
+    if dry.followed:
+        resting = lifted(lambda s, w, p, _: _rates_at_rest(system, dry, s, w, p), 1, 1)
+        held = runge_kutta(lambda s, w: resting(s, w, theta, 0), z, inputs, dt)
+    return lifted(dry.settled, 3, 2)(z, following, held, here, there, theta, dt)
 
 
 def runge_kutta(
@@ -234,55 +257,22 @@ def runge_kutta(
     return z + dt / 6 * total
 
 
-def rates(system: System, s: Expression, w: Expression, theta: Expression, direction: Expression) -> Expression:
+def _rates(system: System, s: Expression, w: Expression, theta: Expression, direction: Expression) -> Expression:
     """Rates of the states where dry friction acts against a sliding in `direction`."""
     rate = system.derivative(s, w, theta)
     return rate if system.dry is None else system.dry.slowed(rate, direction, s, w, theta)
 
 
-def rates_at_rest(system: System, dry: DryFriction, s: Expression, w: Expression, theta: Expression) -> Expression:
+def _rates_at_rest(system: System, dry: DryFriction, s: Expression, w: Expression, theta: Expression) -> Expression:
     """Rates of the states that go on where dry friction holds what slides; 0 for the others."""
     rate = system.derivative(dry.at_rest(s, w, theta), w, theta)
     rate[: MOMENTUM + 1] = 0
     return rate
 
 
-def advanced(
-    system: System, s: Expression, inputs: tuple[Expression, ...], theta: Expression, dt: Expression
-) -> Expression:
-    """The state after one step of the simulation, whose inputs are given at its start, halfway and at its end."""
-    here, _, there = inputs
-    dry = system.dry
-    direction = 0 if dry is None else dry.direction(s, here, theta, dt)
-    following = runge_kutta(lambda z, w: rates(system, z, w, theta, direction), s, inputs, dt)
-    if dry is None:
-        return following
-    held = following
-    if dry.followed:
-        held = runge_kutta(lambda z, w: rates_at_rest(system, dry, z, w, theta), s, inputs, dt)
-    return dry.settled(s, following, held, here, there, theta, dt)
-
-
-def _settled(dynamics: System, dry: DryFriction, active: list[int]) -> Callable[..., Expression]:
-    """`DryFriction.settled` for states with S beside them."""
-    n, inputs = dynamics.states, dynamics.inputs
-    width = inputs * (1 if dynamics.input_lag is None else 2)
-    before, after, held = states = [ca.SX.sym(name, n) for name in ("before", "after", "held")]
-    here, there = ca.SX.sym("here", width), ca.SX.sym("there", width)
-    theta, dt = ca.SX.sym("theta", len(dynamics.names)), ca.SX.sym("dt")
-    value = dry.settled(before, after, held, here[:inputs], there[:inputs], theta, dt)
-    by_theta = ca.horzcat(_by_theta(value, theta, dynamics, here, there), ca.SX(n, dynamics.starts))[:, active]
-    by_states = [ca.jacobian(value, state) for state in states]
-    slopes = ca.Function("settled", [*states, here, there, theta, dt], [value, by_theta, *by_states])
-
-    def of(*moment: Expression) -> Expression:
-        followed, given = moment[: len(states)], moment[len(states) :]
-        found, total, *slope = slopes(*(z[:, 0] for z in followed), *given)
-        for by_state, z in zip(slope, followed, strict=True):
-            total += by_state @ z[:, 1:]
-        return ca.horzcat(found, total)
-
-    return of
+def _width(system: System) -> int:
+    """Number of inputs, with their derivatives by a lag where they trail."""
+    return system.inputs * (1 if system.input_lag is None else 2)
 
 
 def _by_theta(expression: Expression, theta: Expression, dynamics: System, *given: Expression) -> Expression:
@@ -314,7 +304,7 @@ def _active(dynamics: System) -> list[int]:
 def _start(dynamics: System, active: list[int]) -> ca.Function:
     """State at the start and its derivatives."""
     start = [ca.SX.sym(f"start{i}") for i in range(dynamics.starts)]
-    given = ca.SX.sym("w", dynamics.inputs * (1 if dynamics.input_lag is None else 2))
+    given = ca.SX.sym("w", _width(dynamics))
     theta = ca.SX.sym("theta", len(dynamics.names))
     state = dynamics.initial(*start, given[: dynamics.inputs], theta)
     by_theta = _by_theta(state, theta, dynamics, given)

@@ -4,12 +4,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from armdyn.effects.tried import line_in
-from armdyn.effects.user import effects_of, load_module
+from armdyn.effects.user import effects_of
 from armdyn.errors import InputError
 from armdyn.physics.definition import Physics
 from armdyn.physics.model import PhysicsModel, physics_model
-from armdyn.rehearsal import rehearse
+from armdyn.user_code import faults_in, load_module, rehearse
 
 KEYS = ()
 
@@ -39,17 +38,5 @@ def _load(path: Path) -> PhysicsModel:
         raise InputError(
             f"{path}: defines {len(found)} bases: write one function with @physics(...), see examples/crane.py"
         )
-    try:
+    with faults_in(path):
         return physics_model(found[0], own_effects=effects_of(path, defined), file=path.resolve())
-    except InputError as error:
-        raise InputError(f"{path}: {' '.join(str(error).split())}") from error
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:  # whatever a user's equations may raise, the remedy is in their file
-        line = line_in(error, path)
-        raise InputError(f"{path}{f', line {line}' if line else ''}: {_said(error)}") from error
-
-
-def _said(error: BaseException) -> str:
-    """Kind and text of an error in one line."""
-    return " ".join(f"{type(error).__name__}: {error}".split())

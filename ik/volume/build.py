@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -37,36 +38,18 @@ def in_processes(solver: BlockSolver, blocks: Sequence[Block], processes: int) -
         return
     left = list(blocks)
     for _ in range(RESTARTS + 1):
-        try:
-            for block, solved in _pooled(solver, left, processes):
-                left.remove(block)
-                yield block, solved
-        except BrokenProcessPool:
-            continue
-        return
+        # Spawned, not forked: a forked copy of a process with threads can hang.
+        with suppress(BrokenProcessPool), worker_pool(processes, "spawn") as pool:
+            futures = {pool.submit(solver, block): block for block in left}
+            for future in as_completed(futures):
+                solved = future.result()
+                left.remove(futures[future])
+                yield futures[future], solved
+            return
     raise TaskFailedError(
         f"volume: worker processes died {RESTARTS + 1} times, {len(left)} blocks are left; "
         "free some memory and run the same command again to continue"
     )
-
-
-def _pooled(solver: BlockSolver, blocks: Sequence[Block], processes: int) -> Iterator[tuple[Block, Solved]]:
-    # Spawned, not forked: a forked copy of a process with threads can hang.
-    with worker_pool(processes, "spawn", _keep, solver) as pool:
-        futures = {pool.submit(_solve_kept, block): block for block in blocks}
-        for future in as_completed(futures):
-            yield futures[future], future.result()
-
-
-_kept: list[BlockSolver] = []  # of a worker process, sent once when it starts
-
-
-def _keep(solver: BlockSolver) -> None:
-    _kept[:] = [solver]
-
-
-def _solve_kept(block: Block) -> Solved:
-    return _kept[0](block)
 
 
 def on_cluster(solver: BlockSolver, blocks: Sequence[Block], scheduler: str) -> Iterator[tuple[Block, Solved]]:

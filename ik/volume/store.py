@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armdyn.errors import InputError
-from ik.errors import StaleTableError
+from ik.errors import StaleTableError, check_owner
 from ik.volume.blocks import Solved
 from ik.volume.grid import BLOCK, Block, Grid, Status
 from urdf import Robot
@@ -134,10 +134,8 @@ class VolumeTable:
             raise
         except Exception as error:  # damaged files surface as a dozen exceptions of zarr, json and its compressors
             raise StaleTableError(f"{source}: not an IK volume, or damaged; {REMOVE}") from error
-        if robot is not None and about["robot"] != robot.name:
-            raise StaleTableError(f"{source}: the volume is of '{about['robot']}', not '{robot.name}'; {REMOVE}")
-        if robot is not None and about["fingerprint"] != robot.fingerprint:
-            raise StaleTableError(f"{source}: the URDF or the settings of '{robot.name}' have changed; {REMOVE}")
+        if robot is not None:
+            check_owner(source, about, robot, REMOVE)
         if collisions is not None and about["collisions"] != collisions:
             built, wanted = ("with" if checked else "without" for checked in (about["collisions"], collisions))
             raise StaleTableError(f"{source}: it was built {built} '--collisions', not {wanted}; {REMOVE}")

@@ -18,11 +18,12 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from armdyn.errors import InputError, UnknownNameError
+from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.identify.change import FALSE_ALARMS
 from armdyn.sidecar import utc
+from armdyn.toml_file import read_toml
 from pipeline.batch.times import Clock, TimeFrom, When, shown
-from urdf.table_file import TableFileError, check_keys, read_table
+from urdf.table_file import check_keys
 
 TASKS = ("compare", "repair")
 KEYS: Mapping[str, tuple[str, ...]] = {
@@ -87,12 +88,9 @@ def read_spec(path: Path) -> Spec:
     Raises:
         InputError: names the file, the field, what is wrong and what to do.
     """
-    try:
-        return _spec(read_table(path, finite=True)[1], Path(path).resolve().parent)
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file: see docs/batch.md for one") from error
-    except (TableFileError, InputError) as error:
-        raise InputError(f"{path}: {error}") from error
+    table = read_toml(path, ": see docs/batch.md for one", finite=True)
+    with at(path):
+        return _spec(table, Path(path).resolve().parent)
 
 
 def _spec(table: Mapping[str, Any], folder: Path) -> Spec:

@@ -5,16 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from armdyn.document import Column, Document, KeyFigure, Section, Table
-from pipeline.console.options import (
-    JointsOption,
-    JsonOption,
-    MeshesOption,
-    RobotOption,
-    ToolOption,
-    UrdfOption,
-    numbers,
-    which_robot,
-)
+from pipeline.console.options import ArmChoice, JsonOption, numbers
 from pipeline.console.screen import finish
 
 if TYPE_CHECKING:
@@ -35,11 +26,7 @@ def about() -> None:
 
 @group.command()
 def show(
-    robot: RobotOption = "baxter",
-    urdf_file: UrdfOption = None,
-    joints: JointsOption = None,
-    tool: ToolOption = None,
-    meshes: MeshesOption = True,
+    choice: ArmChoice,
     at: Annotated[
         str | None, typer.Option(help="Joint positions [rad or m], separated by commas; home if not given.")
     ] = None,
@@ -51,7 +38,7 @@ def show(
     """Gravity, inertia, Coriolis, energy, regressor and what the tool can reach in speed and force, at a posture."""
     from armdyn.arm.posture import arm_posture
 
-    arm = which_robot(robot, urdf_file, joints, tool, meshes)
+    arm = choice.load()
     posture = arm_posture(
         arm,
         None if at is None else numbers(at, "--at"),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from armdyn.errors import InputError
-from pipeline.console.options import JsonOption, exactly, missing_meshes, one_robot, quantity
+from pipeline.console.options import JsonOption, ReportOption, RobotChoice, exactly, missing_meshes, quantity
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import finish, spinner
 
@@ -22,11 +22,7 @@ def check(
     trajectory: Annotated[
         Path, typer.Argument(help="CSV or recording: 'time [s]' and 'q.<joint> [rad]' per joint, or 's [m]'.")
     ],
-    robot: Annotated[str | None, typer.Option(help="Name of the robot; baxter, where no URDF is given.")] = None,
-    urdf_file: Annotated[
-        Path | None,
-        typer.Option("--urdf", help="URDF of the robot, in place of --robot; its longest chain is the arm."),
-    ] = None,
+    choice: RobotChoice,
     load_mass: Annotated[str, typer.Option(help="Mass that hangs from the tool, such as '80 g'.")] = "0 kg",
     springs: Annotated[
         bool | None,
@@ -45,7 +41,7 @@ def check(
     ros: Annotated[
         str | None, typer.Option("--ros", help="Start from where the arm is: its rosbridge, ws://HOST:9090.")
     ] = None,
-    report: Annotated[Path | None, typer.Option(help="Where to write a page with plots (HTML).")] = None,
+    report: ReportOption = None,
     json_file: JsonOption = None,
 ) -> int:
     """Say whether a trajectory is feasible on the arm: exit status 0 if it is, 1 if not."""
@@ -60,34 +56,31 @@ def check(
     mass = quantity(load_mass, "kg", "--load-mass").value
     if mass < 0.0:
         raise InputError(f"--load-mass {load_mass}: a mass is not negative")
-    one_robot(robot, urdf_file)
     check_outputs(report, json_file, inputs=[trajectory])
-    try:
-        with spinner() as say:
-            say("reading the robot")
-            arm = urdf.load(robot or "baxter") if urdf_file is None else urdf.load(urdf_file, meshes=False)
-            line = arm.given_line
-            if (on_line or box) and line is None:
-                option = "--on-line" if on_line else "--box"
-                raise InputError(f"{option}: robot '{arm.name}' has no line")
-            motion = read_trajectory(trajectory, arm)
-            near = line is not None and (on_line or _starts_on(line, motion, arm))
-            obstacles = box_and_table(line, Box()) if line is not None and (near if box is None else box) else ()
-            settings = CheckSettings(load_mass=mass, springs=springs, obstacles=obstacles)
-            if not (near or isinstance(motion, LineTrajectory)):
-                settings = replace(settings, singular_value=0.0)  # joints that are led one by one race for no tool
-            at = (
-                (None if start is None else exactly(len(arm.joint_names), start, "--start", arm.joint_names))
-                if ros is None
-                else _where(ros, robot or "baxter", start, arm)
-            )
-            say("checking the motion on the whole arm")
-            if isinstance(motion, LineTrajectory):
-                result = check_line(default_table(arm), arm, motion, settings, at=at)
-            else:
-                result = check_joints(arm, motion, settings, line=line if on_line else None, at=at)
-    except urdf.UrdfError as error:
-        raise InputError(str(error)) from error
+    with spinner() as say:
+        say("reading the robot")
+        known = choice.robot or "baxter"
+        arm = urdf.load(known) if choice.urdf_file is None else urdf.load(choice.urdf_file, meshes=False)
+        line = arm.given_line
+        if (on_line or box) and line is None:
+            option = "--on-line" if on_line else "--box"
+            raise InputError(f"{option}: robot '{arm.name}' has no line")
+        motion = read_trajectory(trajectory, arm)
+        near = line is not None and (on_line or _starts_on(line, motion, arm))
+        obstacles = box_and_table(line, Box()) if line is not None and (near if box is None else box) else ()
+        settings = CheckSettings(load_mass=mass, springs=springs, obstacles=obstacles)
+        if not (near or isinstance(motion, LineTrajectory)):
+            settings = replace(settings, singular_value=0.0)  # joints that are led one by one race for no tool
+        at = (
+            (None if start is None else exactly(len(arm.joint_names), start, "--start", arm.joint_names))
+            if ros is None
+            else _where(ros, known, start, arm)
+        )
+        say("checking the motion on the whole arm")
+        if isinstance(motion, LineTrajectory):
+            result = check_line(default_table(arm), arm, motion, settings, at=at)
+        else:
+            result = check_joints(arm, motion, settings, line=line if on_line else None, at=at)
     title = f"Feasibility of {trajectory.name}"
     finish(
         replace(feasibility_document(result, title), notes=missing_meshes(arm)),

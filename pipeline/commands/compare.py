@@ -4,16 +4,7 @@ from dataclasses import replace
 
 from armdyn.document import Document, NextStep
 from pipeline.console.inputs import Inputs, checked, stopped_if_wrong
-from pipeline.console.options import (
-    EffectsOption,
-    ExamOption,
-    HeldOutOption,
-    JsonOption,
-    ModelArgument,
-    ReportOption,
-    RunsArgument,
-    TrustOption,
-)
+from pipeline.console.options import JsonOption, ReportOption
 from pipeline.console.repaired import REPAIRED
 from pipeline.console.screen import finish, spinner
 
@@ -21,13 +12,8 @@ PANEL = "What a model lacks"
 
 
 def compare(
-    model: ModelArgument,
-    runs: RunsArgument,
-    held_out: HeldOutOption = None,
-    exam: ExamOption = None,
-    effects: EffectsOption = None,
+    inputs: Inputs,
     report: ReportOption = None,
-    trust_data: TrustOption = False,
     json_file: JsonOption = None,
 ) -> None:
     """Fit what is free, and say how well the model does and where it fails."""
@@ -35,7 +21,6 @@ def compare(
     from armdyn.inspection.plausible import compared_model
     from pipeline.answers import comparison_answer
 
-    inputs = Inputs(model, runs, held_out, exam, effects, trust_data)
     inputs.check(report, json_file)
     with stopped_if_wrong(json_file), spinner() as say:
         given = inputs.read()

@@ -4,16 +4,7 @@ from dataclasses import replace
 
 from armdyn.document import Document, NextStep
 from pipeline.console.inputs import Inputs, checked, stopped_if_wrong
-from pipeline.console.options import (
-    EffectsOption,
-    ExamOption,
-    HeldOutOption,
-    JsonOption,
-    ModelArgument,
-    ReportOption,
-    RunsArgument,
-    TrustOption,
-)
+from pipeline.console.options import JsonOption, ReportOption
 from pipeline.console.repaired import REPAIRED
 from pipeline.console.screen import finish, spinner
 
@@ -21,13 +12,8 @@ PANEL = "What a model lacks"
 
 
 def diagnose(
-    model: ModelArgument,
-    runs: RunsArgument,
-    held_out: HeldOutOption = None,
-    exam: ExamOption = None,
-    effects: EffectsOption = None,
+    inputs: Inputs,
     report: ReportOption = None,
-    trust_data: TrustOption = False,
     json_file: JsonOption = None,
 ) -> None:
     """Find out which physical effect is missing, with an honest verdict."""
@@ -35,7 +21,6 @@ def diagnose(
     from armdyn.identify.repair import fitted_model
     from pipeline.answers import diagnosis_answer
 
-    inputs = Inputs(model, runs, held_out, exam, effects, trust_data)
     inputs.check(report, json_file)
     with stopped_if_wrong(json_file), spinner() as say:
         given = inputs.read()

@@ -8,16 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from armdyn.document import Document, NextStep
-from pipeline.console.inputs import Inputs, checked, stopped_if_wrong
-from pipeline.console.options import (
-    EffectsOption,
-    HeldOutOption,
-    JsonOption,
-    ModelArgument,
-    ReportOption,
-    RunsArgument,
-    TrustOption,
-)
+from pipeline.console.inputs import Inputs, UnexaminedInputs, checked, stopped_if_wrong
+from pipeline.console.options import JsonOption, ReportOption
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import finish, spinner
 
@@ -28,23 +20,18 @@ PANEL = "What a model lacks"
 
 
 def discover(
-    model: ModelArgument,
-    runs: RunsArgument,
-    held_out: HeldOutOption = None,
+    inputs: UnexaminedInputs,
     output: Annotated[
         Path | None, typer.Option("--output", "--out", help="Python file of effects that holds what was discovered.")
     ] = None,
-    effects: EffectsOption = None,
     report: ReportOption = None,
-    trust_data: TrustOption = False,
     json_file: JsonOption = None,
 ) -> None:
     """Find a formula for the force that a model lacks, and write it as an effect."""
     from armdyn.discovery.discover import discover as look
 
-    inputs = Inputs(model, runs, held_out, None, effects, trust_data)
-    own = [effects] if effects is not None else []
-    check_outputs(output, report, json_file, inputs=[model, *inputs.recordings, *own])
+    own = [inputs.effects] if inputs.effects is not None else []
+    check_outputs(output, report, json_file, inputs=[inputs.model, *inputs.recordings, *own])
     with stopped_if_wrong(json_file), spinner() as say:
         given = inputs.read()
         found = look(given.file.model, given.study.runs, given.study.held_out, given.catalogue, say)

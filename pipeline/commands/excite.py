@@ -9,7 +9,16 @@ import typer
 
 from armdyn.document import MOST_ROWS, NextStep
 from armdyn.errors import InputError
-from pipeline.console.options import JointsOption, JsonOption, ToolOption, missing_meshes, names_in, one_robot
+from pipeline.console.options import (
+    EffectsOption,
+    JointsOption,
+    JsonOption,
+    ReportOption,
+    RobotChoice,
+    ToolOption,
+    missing_meshes,
+    names_in,
+)
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import finish, spinner
 
@@ -32,8 +41,7 @@ def excite(
     output: Annotated[
         Path, typer.Option("--output", "--out", help="Where the motion goes: CSV with q, v and a of every joint.")
     ],
-    robot: Annotated[str | None, typer.Option(help="Name of a known robot, such as baxter.")] = None,
-    urdf_file: Annotated[Path | None, typer.Option("--urdf", help="A URDF file, in place of --robot.")] = None,
+    choice: RobotChoice,
     joints: JointsOption = None,
     tool: ToolOption = None,
     wanted: Annotated[
@@ -47,30 +55,25 @@ def excite(
     rivals: Annotated[
         str | None, typer.Option(metavar="A,B", help="Two effects to tell apart, in place of --for; joints as there.")
     ] = None,
-    effects_file: Annotated[
-        Path | None, typer.Option("--effects", help="Python file with effects of your own.")
-    ] = None,
-    seconds: Annotated[float, typer.Option(help="How long the motion takes.")] = 20.0,
-    rate: Annotated[float, typer.Option(help="Samples per second.")] = 100.0,
-    random: Annotated[int, typer.Option(help="Random motions to start from and to compare with.")] = 100,
+    effects_file: EffectsOption = None,
+    seconds: Annotated[float, typer.Option(min=SHORTEST, max=LONGEST, help="How long the motion takes [s].")] = 20.0,
+    rate: Annotated[float, typer.Option(min=SLOWEST, max=FASTEST, help="Samples per second.")] = 100.0,
+    random: Annotated[
+        int, typer.Option(min=1, max=MOST_RANDOM, help="Random motions to start from and to compare with.")
+    ] = 100,
     compare: Annotated[
         bool, typer.Option("--compare/--no-compare", help="Compare with the motion of the least condition number.")
     ] = True,
-    seed: Annotated[int, typer.Option(help="Of the random motions.")] = 0,
-    report: Annotated[Path | None, typer.Option(help="Write one offline HTML file.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of the random motions.")] = 0,
+    report: ReportOption = None,
     json_file: JsonOption = None,
 ) -> int:
     """Design the motion of an arm that determines chosen effects best, or tells two of them apart."""
-    one_robot(robot, urdf_file, needed=True)
+    choice.needed()
     if wanted is not None and rivals is not None:
         raise InputError("a motion determines effects or tells two apart: give one of --for and --rivals")
-    _within("--seconds", seconds, SHORTEST, LONGEST, "s")
-    _within("--rate", rate, SLOWEST, FASTEST, "samples per second")
-    if not 1 <= random <= MOST_RANDOM:
-        raise InputError(f"--random {random}: give a number from 1 to {MOST_RANDOM}")
-    if seed < 0:
-        raise InputError(f"--seed {seed}: give 0 or more")
-    check_outputs(output, report, json_file, inputs=[file for file in (urdf_file, effects_file) if file is not None])
+    inputs = [file for file in (choice.urdf_file, effects_file) if file is not None]
+    check_outputs(output, report, json_file, inputs=inputs)
     with spinner() as say:
         from armdyn.arm.model import arm_model
         from armdyn.atomic import write_text
@@ -80,13 +83,13 @@ def excite(
         from pipeline.report.excitation import excitation_document, excitation_page
 
         say("reading the robot")
-        model = arm_model(urdf_file, robot, names_in(joints), tool=tool)
+        model = arm_model(choice.urdf_file, choice.robot, names_in(joints), tool=tool)
         say("looking for what a motion can tell")
         goal = _goal(model, wanted, rivals, effects_file, rate)
         found = excitation(goal, seconds, random=random, compare=compare, seed=seed, say=say)
     write_text(output, csv_text(found.motion.channels))
     # `check` takes an arm as its description has it.
-    known = shlex.join(["--robot", str(robot)] if urdf_file is None else ["--urdf", str(urdf_file)])
+    known = shlex.join(["--robot", choice.robot] if choice.robot else ["--urdf", str(choice.urdf_file)])
     again = [NextStep("check it again", f"armdyn check {shlex.quote(str(output))} {known}")]
     notes = missing_meshes(found.goal.columns.arm.robot)
     document = excitation_document(found, MOST_ROWS, notes)
@@ -99,12 +102,6 @@ def excite(
         [f"motion: {output}"],
     )
     return 0
-
-
-def _within(option: str, value: float, lowest: float, highest: float, unit: str) -> None:
-
-    if not lowest <= value <= highest:  # refuses nan as well
-        raise InputError(f"{option} {value:g}: give a number from {lowest:g} to {highest:g} {unit}")
 
 
 def _goal(model: "ArmModel", wanted: str | None, rivals: str | None, effects_file: Path | None, rate: float) -> "Goal":

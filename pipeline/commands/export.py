@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from armdyn.errors import InputError
+from armdyn.errors import at
 from pipeline.console.options import EffectsOption, JsonOption, ModelArgument
 from pipeline.console.outputs import check_outputs, free_to_write
 from pipeline.console.screen import spinner, write_answer
@@ -38,10 +38,8 @@ def export(
     with spinner() as say:
         file = read_model_file(model, load_effects(effects, stages=None))
         say(f"writing {output}")
-        try:
+        with at(model):
             written = write_export(file, output, model.name, force=force)
-        except InputError as error:
-            raise InputError(f"{model}: {error}") from error
     refused, missing = written.refused, written.missing
     answer: dict[str, Any] = {
         "schema": "armdyn.export/1",

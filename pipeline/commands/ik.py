@@ -7,23 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from armdyn.errors import InputError
-from pipeline.console.options import (
-    JointsOption,
-    JsonOption,
-    MeshesOption,
-    RobotOption,
-    ToolOption,
-    UrdfOption,
-    exactly,
-    tool_rotation,
-    which_robot,
-)
+from pipeline.console.options import ArmChoice, JsonOption, exactly, tool_rotation
 from pipeline.console.screen import finish, write_answer
 
 if TYPE_CHECKING:
     from ik import PathTable
     from ik.search import Demand, Found
-    from urdf import Robot
 
 PANEL = "Motions of an arm"
 
@@ -34,6 +23,7 @@ def volume(
     out: Annotated[
         Path, typer.Option("--out", "--output", help="The zarr directory; an interrupted build in it is continued.")
     ],
+    choice: ArmChoice,
     counts: Annotated[str, typer.Option(help="Targets along x, y and z.")] = "100,100,100",
     tool_rpy: Annotated[
         list[str] | None,
@@ -41,11 +31,6 @@ def volume(
             help="The tool's roll, pitch, yaw [rad], several times for several; that of the line if not given."
         ),
     ] = None,
-    robot: RobotOption = "baxter",
-    urdf_file: UrdfOption = None,
-    joints: JointsOption = None,
-    tool: ToolOption = None,
-    meshes: MeshesOption = True,
     processes: Annotated[int, typer.Option(min=1, help="Processes on this machine.")] = 2,
     scheduler: Annotated[
         str | None, typer.Option(help="Address of a dask scheduler, tcp://host:port, whose workers do it instead.")
@@ -60,7 +45,7 @@ def volume(
 
     from ik.volume import Grid, build_volume
 
-    arm = which_robot(robot, urdf_file, joints, tool, meshes)
+    arm = choice.load()
     sides = [round(count) for count in exactly(3, counts, "--counts")]
     if not tool_rpy and arm.given_line is None:
         raise InputError(f"--tool-rpy: robot '{arm.name}' has no line to take the tool's orientation from; give one")
@@ -111,11 +96,7 @@ group.command()(volume)
 
 @group.command()
 def build(
-    robot: RobotOption = "baxter",
-    urdf_file: UrdfOption = None,
-    joints: JointsOption = None,
-    tool: ToolOption = None,
-    meshes: MeshesOption = True,
+    choice: ArmChoice,
     path: Annotated[
         Path | None, typer.Option(help="A path file (TOML: line, circle or spline) in place of the robot's own line.")
     ] = None,
@@ -142,15 +123,16 @@ def build(
     """Build the table of a robot's line, of a path, or of a line that is searched for."""
     from ik.build import build_line_table, build_path_table, default_path
     from ik.pathfile import read_path
+    from ik.search import search_line
     from pipeline.report.ik import ik_document
 
     if search and path is not None:
         raise InputError("--search and --path exclude each other; choose one")
-    arm = which_robot(robot, urdf_file, joints, tool, meshes)
+    arm = choice.load()
     target, found = out, None
     table: PathTable
     if search:
-        found = _search(arm, _demand(extent, core, direction, tool_rpy))
+        found = search_line(arm, _demand(extent, core, direction, tool_rpy), progress=_say)
         arm = replace(arm, home=found.home, given_line=found.line)
         table = build_line_table(arm, progress=_say)
     elif path is not None:
@@ -177,26 +159,17 @@ def show(
     """Print what a table holds, and plot it."""
     from ik import PathTable
     from pipeline.report.ik import ik_document, ik_report
-    from urdf import UrdfError, known_robots, load
+    from urdf import known_robots, load
 
     table, arm = PathTable.load(file), None
     if table.robot_name in known_robots():
-        try:
-            arm = load(table.robot_name)
-        except UrdfError as error:
-            raise InputError(str(error)) from error
+        arm = load(table.robot_name)
         table = PathTable.load(file, arm)
     finish(ik_document(table), lambda: table_json(table), json_file, report, lambda: ik_report(table, arm))
 
 
 def _say(stage: str) -> None:
     typer.echo(f"{stage} ...", err=True)
-
-
-def _search(arm: "Robot", demand: "Demand") -> "Found":
-    from ik.search import search_line
-
-    return search_line(arm, demand, progress=_say)
 
 
 def _demand(extent: str, core: str, direction: str, tool_rpy: str | None) -> "Demand":
@@ -218,27 +191,24 @@ def table_json(table: "PathTable") -> dict[str, Any]:
     import numpy as np
     from scipy.spatial.transform import Rotation
 
+    from pipeline.fields import fields
+
     rotation, position = table.path.pose(table.s)
-    low, high = table.torque_acceleration_range(table.s)
     return {
         "schema": "armdyn.ik/1",
-        "robot": table.robot_name,
-        "joints": list(table.joint_names),
-        "tool_link": table.tool_frame,
-        "tool_offset": table.tool_offset.tolist(),
-        "s": table.s.tolist(),
-        "q": table.q.tolist(),
-        "dq_ds": table.dq_ds.tolist(),
-        "tool_position": position.T.tolist(),
-        "tool_quaternion": Rotation.from_matrix(np.array(rotation.transpose(2, 0, 1))).as_quat().tolist(),
-        "speed_limit": table.speed_limit.tolist(),
-        "joint_margin": table.joint_margin,
-        "path": table.path.describe(),
-        "acceleration_limit": table.acceleration_limit.tolist(),
-        "torque_acceleration_range": np.stack((low, high), axis=1).tolist(),
-        "torque_share": table.torque_share.tolist(),
-        "margin": table.margin.min(axis=1).tolist(),
-        "manipulability": table.manipulability.tolist(),
+        **fields(
+            table,
+            "robot= joints= tool_link= tool_offset s q dq_ds tool_position= tool_quaternion= speed_limit joint_margin "
+            "path= acceleration_limit torque_acceleration_range= torque_share margin= manipulability",
+            robot=table.robot_name,
+            joints=table.joint_names,
+            tool_link=table.tool_frame,
+            tool_position=position.T,
+            tool_quaternion=Rotation.from_matrix(np.array(rotation.transpose(2, 0, 1))).as_quat(),
+            path=table.path.describe(),
+            torque_acceleration_range=np.stack(table.torque_acceleration_range(table.s), axis=1),
+            margin=table.margin.min(axis=1),
+        ),
     }
 
 
@@ -247,10 +217,15 @@ def as_settings(found: "Found") -> str:
     import pinocchio as pin
 
     line = found.line
-
-    def row(values: Any) -> str:
-        return "[" + ", ".join(f"{value:.10g}" for value in values) + "]"
-
+    entries = {
+        "origin": line.origin,
+        "direction": line.direction,
+        "tool_rpy": pin.rpy.matrixToRpy(line.rotation),
+        "range": (line.s_min, line.s_max),
+        "core": line.core,
+    }
+    rows = {name: f"[{', '.join(f'{value:.10g}' for value in values)}]" for name, values in entries.items()}
+    home = ", ".join(f"{value:.10g}" for value in found.home)
     return "\n".join(
         [
             "",
@@ -258,27 +233,18 @@ def as_settings(found: "Found") -> str:
             f"margin {found.joint_margin:.3f} rad, clearance {found.clearance:.3f} m,",
             f"# torque at rest {100 * found.torque[0]:.0f} % of a limit, {100 * found.torque[1]:.0f} % with springs",
             "[line]",
-            f"origin = {row(line.origin)}",
-            f"direction = {row(line.direction)}",
-            f"tool_rpy = {[float(angle) for angle in pin.rpy.matrixToRpy(line.rotation)]}",
-            f"range = {row((line.s_min, line.s_max))}",
-            f"core = {row(line.core)}",
+            *(f"{name} = {row}" for name, row in rows.items()),
             f"core_speed = {line.core_speed:g}",
             "",
             "[arm]",
-            f"home = {row(found.home)}",
+            f"home = [{home}]",
         ]
     )
 
 
 def found_json(found: "Found") -> dict[str, Any]:
     """A line that was found, and what it is worth."""
-    return {
-        "line": found.line.describe(),
-        "home": found.home.tolist(),
-        "core_speed": found.core_speed,
-        "whole_speed": found.whole_speed,
-        "joint_margin": found.joint_margin,
-        "clearance": found.clearance,
-        "torque": list(found.torque),
-    }
+    from pipeline.fields import fields
+
+    numbers = fields(found, "home core_speed whole_speed joint_margin clearance torque")
+    return {"line": found.line.describe(), **numbers}

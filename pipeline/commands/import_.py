@@ -6,19 +6,21 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from armdyn import atomic
 from armdyn.errors import InputError
 from pipeline.console.inputs import stopped_if_wrong
-from pipeline.console.options import JsonOption, TrustOption
+from pipeline.console.options import JsonOption, RobotChoice, TrustOption
 from pipeline.console.outputs import check_outputs, free_to_write
 from pipeline.console.screen import plain_table, show, spinner, to_screen, write_answer
 
 if TYPE_CHECKING:
     from armdyn.run import Run
     from pipeline.imports.foreign import Foreign
-    from pipeline.imports.joints import Joints
     from pipeline.imports.mapping import ColumnMap
 
 PANEL = "Recordings"
+MOST_NAMED = 8
+"""Columns that are named on the screen where there are more."""
 
 
 def import_(
@@ -29,26 +31,17 @@ def import_(
         ),
     ],
     output: Annotated[Path, typer.Option("--output", "--out", help="Directory for the runs; it is made.")],
+    choice: RobotChoice,
     mapping: Annotated[Path | None, typer.Option("--map", help="Which column is which channel: a TOML file.")] = None,
     guess: Annotated[
         bool, typer.Option("--guess", help="Propose a mapping from names, units and ranges; nothing is imported.")
     ] = False,
-    urdf: Annotated[
-        Path | None, typer.Option(help="The robot: for the names of its joints, and to inspect the recordings.")
-    ] = None,
-    robot: Annotated[str | None, typer.Option(help="The same, of a known robot such as ur5.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Write over runs that are there.")] = False,
     trust_data: TrustOption = False,
     json_file: JsonOption = None,
 ) -> None:
-    """Make runs of recordings in other formats."""
-    from armdyn.arm.model import arm_model
-    from armdyn.inspection.inspect import inspected, require_usable
-    from pipeline.answers import checks_answer
+    """Make runs of recordings in other formats; a robot names their joints, and is what they are inspected with."""
     from pipeline.imports import read_foreign
-    from pipeline.imports.conversion import imported
-    from pipeline.imports.mapping import known_columns, read_map
-    from pipeline.report.inspection import inspection_document
 
     if mapping is not None and guess:
         raise InputError("--map gives a mapping and --guess proposes one: choose one of them")
@@ -59,23 +52,43 @@ def import_(
             say(f"reading {file}")
             recordings += read_foreign(file)
         if guess:
-            _propose(files, recordings, output, _joints(urdf, robot), force, json_file)
-            return
-        given = read_map(mapping) if mapping is not None else None
-        runs, problems = [], []
-        columns = {name for foreign in recordings for name in foreign.columns}
-        for foreign in recordings:
-            try:
-                runs.append(imported(foreign, given or known_columns(foreign), columns))
-            except InputError as error:
-                problems.append(str(error))
-        if problems:
-            raise InputError("; ".join(problems))
-        say("looking at the recordings")
-        found = inspected(runs, arm_model(urdf, robot) if urdf is not None or robot is not None else None)
-        if not trust_data:
-            require_usable(found)
-        written = _write(runs, output, [*files, *([mapping] if mapping else [])], force)
+            _propose(files, recordings, output, choice, force, json_file)
+        else:
+            say("looking at the recordings")
+            _import(files, recordings, output, mapping, choice, force, trust_data, json_file)
+
+
+def _import(
+    files: list[Path],
+    recordings: "list[Foreign]",
+    output: Path,
+    mapping: Path | None,
+    choice: RobotChoice,
+    force: bool,
+    trust_data: bool,
+    json_file: Path | None,
+) -> None:
+    from armdyn.arm.model import arm_model
+    from armdyn.inspection.inspect import inspected, require_usable
+    from pipeline.answers import checks_answer
+    from pipeline.imports.conversion import imported
+    from pipeline.imports.mapping import known_columns, read_map
+    from pipeline.report.inspection import inspection_document
+
+    given = read_map(mapping) if mapping is not None else None
+    columns = {name for foreign in recordings for name in foreign.columns}
+    runs, problems = [], []
+    for foreign in recordings:
+        try:
+            runs.append(imported(foreign, given or known_columns(foreign), columns))
+        except InputError as error:
+            problems.append(str(error))
+    if problems:
+        raise InputError("; ".join(problems))
+    found = inspected(runs, arm_model(choice.urdf_file, choice.robot) if choice else None)
+    if not trust_data:
+        require_usable(found)
+    written = _write(runs, output, [*files, *([mapping] if mapping else [])], force)
     if write_answer(json_file, lambda: {**_answer(runs, written), "recording_checks": checks_answer(found.checks)}):
         if found.checks:
             show(inspection_document(found))
@@ -83,7 +96,6 @@ def import_(
 
 
 def _write(runs: "list[Run]", output: Path, inputs: list[Path], force: bool) -> list[Path]:
-    from armdyn.atomic import making_directory
     from armdyn.run import write_run_csv
 
     paths = [output / f"{run.name}.csv" for run in runs]
@@ -92,11 +104,11 @@ def _write(runs: "list[Run]", output: Path, inputs: list[Path], force: bool) -> 
         raise InputError(f"several recordings would become {sorted(twice)[0]}: import them one by one, or rename them")
     given = {path.resolve() for path in inputs}
     for path in paths:
-        if {path.resolve(), path.with_suffix(".toml").resolve()} & given:
-            raise InputError(f"{path} would take the place of what is imported: choose another --output")
-        free_to_write(path, force)
-        free_to_write(path.with_suffix(".toml"), force)
-    making_directory(output)
+        for file in (path, path.with_suffix(".toml")):
+            if file.resolve() in given:
+                raise InputError(f"{path} would take the place of what is imported: choose another --output")
+            free_to_write(file, force)
+    atomic.making_directory(output)
     for run, path in zip(runs, paths, strict=True):
         write_run_csv(run, path)
     return paths
@@ -106,20 +118,20 @@ def _propose(
     files: list[Path],
     recordings: "list[Foreign]",
     output: Path,
-    joints: "Joints | None",
+    choice: RobotChoice,
     force: bool,
     json_file: Path | None,
 ) -> None:
     """Write a mapping that a person reads before it is used."""
-    from armdyn import atomic
-    from armdyn.atomic import making_directory
+    from armdyn.arm.arm import find_arm
     from pipeline.imports.guess import guessed
+    from pipeline.imports.joints import Joints
     from pipeline.imports.mapping import map_text
 
-    found = guessed(recordings, joints)
-    target = output / "map.toml"
+    joints = Joints.of(find_arm(choice.urdf_file, choice.robot).robot) if choice else None
+    found, target = guessed(recordings, joints), output / "map.toml"
     free_to_write(target, force)
-    making_directory(output)
+    atomic.making_directory(output)
     comment = f"Proposed by armdyn from {files[0].name}: read it, mend what is wrong, above all lines with CHECK."
     atomic.write_text(target, map_text(found, comment))
     if write_answer(json_file, lambda: _guess_answer(found, target)):
@@ -130,16 +142,6 @@ def _propose(
         typer.echo(f"read it, mend what is wrong, then: {again}")
 
 
-def _joints(urdf: Path | None, robot: str | None) -> "Joints | None":
-    """Of the robot; None where no robot is given."""
-    if urdf is None and robot is None:
-        return None
-    from armdyn.arm.arm import find_arm
-    from pipeline.imports.joints import Joints
-
-    return Joints.of(find_arm(urdf, robot).robot)
-
-
 def _say_guess(found: "ColumnMap", recordings: "list[Foreign]", target: Path) -> None:
     columns = {name: column for foreign in recordings for name, column in foreign.columns.items()}
     table = plain_table("column", "channel", "unit", "why")
@@ -148,39 +150,35 @@ def _say_guess(found: "ColumnMap", recordings: "list[Foreign]", target: Path) ->
     for column, entry in found.entries.items():
         table.add_row(column, entry.channel, entry.unit or columns[column].unit, entry.why)
     to_screen().print(table)
-    left = [name for name in columns if name not in found.entries and name != found.time]
-    if left:
-        shown = ", ".join(left[:8]) + (f" and {len(left) - 8} more" if len(left) > 8 else "")
-        typer.echo(f"left out: {shown}")
     asked = [column for column, entry in found.entries.items() if "CHECK" in entry.why]
-    if asked or "CHECK" in found.why:
-        typer.echo(
-            f"to be looked at: {', '.join(asked[:8]) or found.time}" + f" and {len(asked) - 8} more" * (len(asked) > 8)
-        )
+    asked += [found.time] if "CHECK" in found.why else []
+    for what, names in (
+        ("left out", [name for name in columns if name not in found.entries and name != found.time]),
+        ("to be looked at", asked),
+    ):
+        if names:
+            more = len(names) - MOST_NAMED
+            typer.echo(f"{what}: {', '.join(names[:MOST_NAMED])}" + (f" and {more} more" if more > 0 else ""))
     typer.echo(f"written to {target}")
 
 
 def _say(runs: "list[Run]", written: list[Path]) -> None:
     for run, path in zip(runs, written, strict=True):
         longest = max(run.channels.values(), key=len)
-        seconds = max(float(c.time[-1]) for c in run.channels.values())
-        kinds = dict.fromkeys(name.partition(".")[0] for name in run.channels)
-        of_joints = f" of {len(run.joints)} joints" if run.joints else ""
         rate = (len(longest) - 1) / max(float(longest.time[-1] - longest.time[0]), 1e-9)
-        typer.echo(f"{path}: {', '.join(kinds)}{of_joints}, {seconds:.1f} s, {rate:.4g} samples per second")
+        seconds = max(float(c.time[-1]) for c in run.channels.values())
+        typer.echo(f"{path}: {run.summary}, {seconds:.1f} s, {rate:.4g} samples per second")
         for note in run.warnings:
             typer.echo(f"  {note}")
-    runs_text = shlex.join(map(str, written[:3])) + (" ..." if len(written) > 3 else "")
+    compare = f"then: armdyn compare M.toml {shlex.join(map(str, written[:3]))}"
+    compare += f"{' ...' if len(written) > 3 else ''} --report compare.html"
     if runs[0].joints:
-        measured = any(name.startswith("tau.") for name in runs[0].channels)
         typer.echo("next: armdyn new arm M.toml --urdf ROBOT.urdf")
-        if measured:
-            typer.echo(f"then: armdyn compare M.toml {runs_text} --report compare.html")
-        else:
-            typer.echo("no torque was recorded: only what is measured can be compared")
+        measured = any(name.startswith("tau.") for name in runs[0].channels)
+        typer.echo(compare if measured else "no torque was recorded: only what is measured can be compared")
     else:
         typer.echo("next: armdyn new pendulum M.toml")
-        typer.echo(f"then: armdyn compare M.toml {runs_text} --report compare.html")
+        typer.echo(compare)
 
 
 def _answer(runs: "list[Run]", written: list[Path]) -> dict[str, object]:
@@ -201,12 +199,11 @@ def _answer(runs: "list[Run]", written: list[Path]) -> dict[str, object]:
 
 
 def _guess_answer(found: "ColumnMap", target: Path) -> dict[str, object]:
+    from pipeline.fields import fields
+
     return {
         "schema": "armdyn.map/1",
         "file": str(target),
         "time": {"column": found.time, "unit": found.time_unit} if found.time else None,
-        "columns": {
-            name: {"channel": entry.channel, "unit": entry.unit, "why": entry.why}
-            for name, entry in found.entries.items()
-        },
+        "columns": {name: fields(entry, "channel unit why") for name, entry in found.entries.items()},
     }

@@ -14,9 +14,10 @@ from pipeline.console.screen import write_json
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from pipeline.loadcell.calibration import Calibration, Weight
+    from pipeline.loadcell.calibration import Calibration
     from pipeline.loadcell.emulator import EmulatedCell
     from pipeline.loadcell.faults import LoadCellStatus
+    from pipeline.loadcell.fit import Weight
     from pipeline.loadcell.monitor import Monitor
 
 PANEL = "Experiments"
@@ -47,16 +48,16 @@ def calibrate(
 ) -> None:
     """Find offset, scale and noise with known weights."""
     import time
-    from datetime import datetime
 
     from armdyn.pendulum.composition import STANDARD_GRAVITY
-    from pipeline.loadcell.calibration import default_path, parse_weights
-    from pipeline.loadcell.cell import CountReader, count_limits
+    from pipeline.loadcell.calibration import default_path
+    from pipeline.loadcell.cell import LoadCell
     from pipeline.loadcell.fit import calibrate as guided
+    from pipeline.loadcell.fit import parse_weights
     from pipeline.loadcell.monitor import calibration_json, calibration_table
-    from pipeline.loadcell.protocol import open_port
 
     listed = parse_weights(weights, STANDARD_GRAVITY)
+    source = f"armdyn loadcell calibrate {port}: {', '.join(weight.text for weight in listed)}; {samples} samples each"
     # An emulated cell must not take the place of a real one's calibration.
     target = out or default_path().with_name("loadcell-emulated.toml" if port == EMULATED else "loadcell.toml")
     console = _console(json_file)
@@ -77,15 +78,13 @@ def calibrate(
             status.update(f"{weight.text}: {count} of {samples} samples")
 
         with (
-            CountReader(open_port(name, baud), count_limits(silent_after=PATIENCE)) as reader,
+            LoadCell(name, None, baud=baud, silent_after=PATIENCE) as cell,
             console.status("waiting") as status,
         ):
-            fit = guided(reader, listed, samples, ask, progress, time.sleep)
-            rate = reader.status().rate
-    source = f"armdyn loadcell calibrate {port}: {', '.join(weight.text for weight in listed)}; {samples} samples each"
-    calibration = fit.calibration(datetime.now().astimezone().replace(microsecond=0), source)
-    console.print(calibration_table(fit, calibration))
-    calibration.save(target)
+            fit = guided(cell, listed, samples, source, ask, progress, time.sleep)
+            rate = cell.status().rate
+    console.print(calibration_table(fit))
+    fit.save(target)
     if json_file is not None:
         write_json({**calibration_json(fit, rate), "file": str(target)}, json_file)
     console.print(f"written to {target}", highlight=False, soft_wrap=True)

@@ -1,17 +1,21 @@
-"""`armdyn new` and `armdyn effects`: a base model, and the effects that it can have."""
+"""`armdyn new`: a base model."""
 
 import shlex
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 import typer.core
 
 from armdyn.errors import InputError
-from pipeline.console.options import JsonOption, choices, names_in
+from pipeline.console.options import JointsOption, JsonOption, ToolOption, choices, names_in
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import write_answer
+
+if TYPE_CHECKING:
+    from armdyn.model_file import ModelFile
 
 PANEL = "Models"
 
@@ -27,68 +31,63 @@ class _Bases(typer.core.TyperGroup):
 group = typer.Typer(
     help="Make a base model; --base FILE.py M.toml for a base of your own.", no_args_is_help=True, cls=_Bases
 )
+
+
+@dataclass(frozen=True)
+class Target:
+    """The file that is written, and how the answer is given."""
+
+    model: Annotated[Path, typer.Argument(metavar="M.toml", help="File to write.")]
+    force: Annotated[bool, typer.Option("--force", help="Write over a model that is there and was repaired.")] = False
+    json_file: JsonOption = None
+
+
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", help='What is known: mass="80 g +/- 0.4 g"; without +/- a first guess.')
 ]
 
 
-ForceOption = Annotated[bool, typer.Option("--force", help="Write over a model that is there and was repaired.")]
-
-
 @group.command()
-def pendulum(
-    model: Annotated[Path, typer.Argument(metavar="M.toml", help="File to write.")],
-    settings: SetOption = None,
-    force: ForceOption = False,
-    json_file: JsonOption = None,
-) -> None:
+def pendulum(target: Target, settings: SetOption = None) -> None:
     """A load on a string below a moving gripper: length and mass."""
     from armdyn.model_file import ModelFile, base_pendulum
 
-    _write(model, ModelFile(base_pendulum(_known(settings)), {}), json_file, force)
+    _write(target, ModelFile(base_pendulum(_known(settings)), {}))
 
 
 @group.command(name="own", hidden=True)
 def own_base(
-    model: Annotated[Path, typer.Argument(metavar="M.toml", help="File to write.")],
+    target: Target,
     base: Annotated[Path, typer.Option("--base", help="Python file with a base of your own.")],
     settings: SetOption = None,
-    force: ForceOption = False,
-    json_file: JsonOption = None,
 ) -> None:
     """A base of your own, from a Python file that defines it with @physics."""
     from armdyn.model_file import ModelFile, with_known
     from armdyn.physics.user import load_base
 
-    _write(model, ModelFile(with_known(load_base(base), _known(settings)), {}), json_file, force)
+    _write(target, ModelFile(with_known(load_base(base), _known(settings)), {}))
 
 
 @group.command()
 def arm(
-    model: Annotated[Path, typer.Argument(metavar="M.toml", help="File to write.")],
+    target: Target,
     urdf: Annotated[str | None, typer.Option(help="Description of the robot.")] = None,
     mjcf: Annotated[str | None, typer.Option(help="The same in MuJoCo's XML, in place of --urdf.")] = None,
     robot: Annotated[str | None, typer.Option(help="Name of a known robot, such as baxter.")] = None,
-    joints: Annotated[
-        str | None, typer.Option(help="Names from base to tool, with commas; the longest chain when not given.")
-    ] = None,
-    tool: Annotated[str | None, typer.Option(help="Link that carries the tool.")] = None,
-    force: ForceOption = False,
-    json_file: JsonOption = None,
+    joints: JointsOption = None,
+    tool: ToolOption = None,
 ) -> None:
-    """The rigid bodies of any URDF or MJCF, held against joint torques."""
+    """The rigid bodies of any URDF or MJCF, held against joint torques; the longest chain where no joints are given."""
     from armdyn.arm.model import arm_model
     from armdyn.model_file import ModelFile
 
     if sum(given is not None for given in (urdf, mjcf, robot)) != 1:
         raise InputError("an arm needs one of --urdf FILE, --mjcf FILE and --robot baxter")
     made = arm_model(urdf or mjcf, robot, names_in(joints), tool=tool)
-    description: dict[str, Any] = {} if robot is None else {"robot": robot}
-    description["joints"] = list(made.joints)
-    if tool is not None:
-        description["tool"] = tool
-    _write(model, ModelFile(made, description), json_file, force, choices(made.arm.robot))
-    if json_file != Path("-"):
+    entries = {"robot": robot, "joints": list(made.joints), "tool": tool}
+    description = {name: entry for name, entry in entries.items() if entry is not None}
+    _write(target, ModelFile(made, description), choices(made.arm.robot))
+    if target.json_file != Path("-"):
         for link in made.arm.without_inertia:
             typer.echo(
                 f"CHECK: link '{link}' has no <inertial>, so that it weighs nothing in the model, and what it weighs "
@@ -113,37 +112,31 @@ def _known(settings: list[str] | None) -> dict[str, str]:
     return known
 
 
-def _write(path: Path, file: Any, json_file: Path | None, force: bool, notes: Sequence[str] = ()) -> None:
+def _write(target: Target, file: "ModelFile", notes: Sequence[str] = ()) -> None:
+    """Write a new model, and say what is in it; `notes` stand below."""
     from armdyn.model_file import write_model_file
 
-    check_outputs(path, json_file)
-    _check_target(path, force)
-    write_model_file(path, file)
-    _say(path, file, json_file, notes)
-
-
-def _say(path: Path, file: Any, json_file: Path | None, notes: Sequence[str]) -> None:
-    model = file.model
+    check_outputs(target.model, target.json_file)
+    _check_replaced(target)
+    write_model_file(target.model, file)
+    path, model, description = target.model, file.model, file.description
     shared = {name: p for name, p in model.parameters.items() if p.scope == "shared"}
 
     def answer() -> dict[str, Any]:
         parameters = {name: {"value": p.value, "unit": p.unit} for name, p in shared.items()}
         about = {"schema": "armdyn.model/1", "file": str(path), "effects": [], "parameters": parameters}
-        return {**about, **model.described(path.parent), **file.description}
+        return {**about, **model.described(path.parent), **description}
 
-    if write_answer(json_file, answer):
-        what = ", ".join(f"{name} {p.value:g} {p.unit}" for name, p in shared.items())
-        typer.echo(f"{path}: {model.base}" + (f", {what}" if what else "") + _joints(file.description))
+    if write_answer(target.json_file, answer):
+        what = [f"{name} {p.value:g} {p.unit}" for name, p in shared.items()]
+        what += [f"joints {', '.join(description['joints'])}"] if "joints" in description else []
+        typer.echo(f"{path}: {', '.join([model.base, *what])}")
         for note in notes:
             typer.echo(f"  {note}")
         typer.echo(f"next: armdyn compare {shlex.quote(str(path))} RUN... --report compare.html")
 
 
-def _joints(description: dict[str, Any]) -> str:
-    return f", joints {', '.join(description['joints'])}" if "joints" in description else ""
-
-
-def _check_target(model: Path, force: bool) -> None:
+def _check_replaced(target: Target) -> None:
     """A new model may take the place of a model in which nothing was found yet, not of a recording.
 
     Raises:
@@ -151,13 +144,14 @@ def _check_target(model: Path, force: bool) -> None:
     """
     import tomllib
 
+    model = target.model
     if model.is_file() and model.suffix != ".toml":
         raise InputError(f"{model} exists and is no model file: choose another name")
-    if not model.is_file() or force:
+    if not model.is_file() or target.force:
         return
     try:
         table = tomllib.loads(model.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+    except (OSError, ValueError):
         table = {"history": True}
     if "base" not in table or table.get("history") or table.get("effects"):
         raise InputError(f"{model} is there already and holds more than a new model: --force writes over it")

@@ -5,16 +5,8 @@ from typing import Annotated
 
 import typer
 
-from pipeline.console.inputs import Inputs, stopped_if_wrong
-from pipeline.console.options import (
-    EffectsOption,
-    HeldOutOption,
-    JsonOption,
-    ModelArgument,
-    ReportOption,
-    RunsArgument,
-    TrustOption,
-)
+from pipeline.console.inputs import UnexaminedInputs, stopped_if_wrong
+from pipeline.console.options import JsonOption, ReportOption
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import finish, spinner
 
@@ -22,9 +14,7 @@ PANEL = "What a model lacks"
 
 
 def next_(
-    model: ModelArgument,
-    runs: RunsArgument,
-    held_out: HeldOutOption = None,
+    inputs: UnexaminedInputs,
     rivals: Annotated[
         str | None,
         typer.Option(help="Effects to tell apart, separated by commas; those that the diagnosis leaves, if not given."),
@@ -41,22 +31,19 @@ def next_(
     acceleration: Annotated[float | None, typer.Option(help="The same: its largest acceleration [m/s^2].")] = None,
     swing: Annotated[float | None, typer.Option(help="The same: the largest angle of the load [rad].")] = None,
     seed: Annotated[int, typer.Option(help="Of the random motions from which the design starts.")] = 0,
-    effects: EffectsOption = None,
     report: ReportOption = None,
-    trust_data: TrustOption = False,
     json_file: JsonOption = None,
 ) -> None:
     """Plan the next experiment: how well each kind tells rival effects apart, and the best motion of the gripper."""
     from armdyn.experiments.gripper import motion_series
     from armdyn.experiments.rivals import undecided
     from pipeline.answers_motion import next_answer
-    from pipeline.front import planned, rig_limits
+    from pipeline.front import plan_experiment, rig_limits
     from pipeline.motion.offered import write_motion
     from pipeline.report.next_experiment import next_document, next_report
 
-    inputs = Inputs(model, runs, held_out, None, effects, trust_data)
     inputs.check(report, json_file)
-    check_outputs(output, inputs=[model, *inputs.recordings])
+    check_outputs(output, inputs=[inputs.model, *inputs.recordings])
     limits = rig_limits(travel, speed, acceleration, swing)
     motion_series(seconds)  # refuses a duration that no motion can have, before anything is fitted
     with stopped_if_wrong(json_file), spinner() as say:
@@ -65,7 +52,7 @@ def next_(
         verdict, sentence, found = undecided(given.study, named if rivals is not None else None, say)
         made, offer = None, None
         if found is not None:
-            made, offer = planned(found, seconds, limits, seed, say)
+            made, offer = plan_experiment(found, seconds, limits, seed, say)
             sentence = " ".join([*([sentence] if sentence else []), made.sentence])
     written = output if offer is not None else None
     if offer is not None and output is not None:

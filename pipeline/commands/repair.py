@@ -1,17 +1,7 @@
 """`armdyn repair`: the effects that a model lacks, added one after the other."""
 
 from pipeline.console.inputs import Inputs, stopped_if_wrong
-from pipeline.console.options import (
-    EffectsOption,
-    ExamOption,
-    HeldOutOption,
-    JsonOption,
-    ModelArgument,
-    OutputOption,
-    ReportOption,
-    RunsArgument,
-    TrustOption,
-)
+from pipeline.console.options import JsonOption, OutputOption, ReportOption
 from pipeline.console.repaired import conclude_repair
 from pipeline.console.screen import spinner
 
@@ -19,23 +9,17 @@ PANEL = "What a model lacks"
 
 
 def repair(
-    model: ModelArgument,
-    runs: RunsArgument,
-    held_out: HeldOutOption = None,
-    exam: ExamOption = None,
+    inputs: Inputs,
     output: OutputOption = None,
-    effects: EffectsOption = None,
     report: ReportOption = None,
-    trust_data: TrustOption = False,
     json_file: JsonOption = None,
 ) -> None:
     """Add the effects that are missing, one after the other, and watch the error fall."""
     from armdyn.identify.repair import repair as mend
 
-    inputs = Inputs(model, runs, held_out, exam, effects, trust_data)
     inputs.check_repair(output, report, json_file)
     with stopped_if_wrong(json_file), spinner() as say:
         given = inputs.read()
         found = mend(given.study, say)
         given.require_plausible(found.model)
-    conclude_repair(inputs, given, found, output or model, report, json_file)
+    conclude_repair(inputs, given, found, output or inputs.model, report, json_file)

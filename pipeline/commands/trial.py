@@ -10,7 +10,7 @@ import typer
 from armdyn.errors import InputError
 from pipeline.console.options import EffectsOption, JsonOption, parse_hidden, quantity
 from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import phase_progress, write_json
+from pipeline.console.screen import spinner, write_json
 from pipeline.console.trial_result import end_with, say_result, write_report
 
 if TYPE_CHECKING:
@@ -127,7 +127,7 @@ def _run(settings: "TrialSettings", out: Path, json_file: Path | None, note: str
     """One trial in a folder that nobody else writes to, and what there is to say about it."""
     from pipeline.trial import simulate
 
-    with phase_progress() as progress:
+    with spinner() as progress:
         done = simulate(settings, progress)
         # The result first: a report that cannot be made, after a fault or on a full disk, must not cost it.
         result = done.result

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from armdyn.errors import InputError, TaskFailedError
+from armdyn.errors import TaskFailedError
 from pipeline.console.options import JsonOption, RosOption, exactly, parse_hidden
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import write_json
@@ -23,7 +23,7 @@ def twin(
         list[str] | None, typer.Option(help="EFFECT or EFFECT=VALUE that the twin has and no model knows.")
     ] = None,
     length: Annotated[float, typer.Option(help="True length, pivot to the load's centre [m].")] = TWIN_LENGTH,
-    seed: Annotated[int, typer.Option(help="Of everything random.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Of everything random.")] = 0,
     start: Annotated[
         str | None, typer.Option(help="Joint positions at the start in rad, separated by commas; else s = 0.")
     ] = None,
@@ -51,8 +51,6 @@ def twin(
     posture = ik.default_table(arm).posture(0.0).q
     if start is not None:
         posture = np.array(exactly(len(arm.joint_names), start, "--start"))
-    if seed < 0:
-        raise InputError(f"--seed {seed}: give a whole number from 0 on")
     plant = replace(PlantSettings(), length=length)
     ends: list[int] = []
     topics = read_topics(settings_file("baxter"))

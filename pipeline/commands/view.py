@@ -6,8 +6,7 @@ from typing import Annotated
 
 import typer
 
-from armdyn.errors import InputError
-from pipeline.console.options import EffectsOption, JsonOption, one_robot
+from pipeline.console.options import EffectsOption, JsonOption, RobotChoice
 from pipeline.console.outputs import check_outputs, free_to_write
 from pipeline.console.screen import command_line, spinner, write_answer
 
@@ -18,13 +17,10 @@ def view(
     file: Annotated[
         Path, typer.Argument(help="A run or trajectory (CSV, MCAP), a table of 'ik build' (npz), a trial's folder.")
     ],
+    choice: RobotChoice,
     model: Annotated[
         Path | None, typer.Option("--model", help="Model of the load or the arm; a trial's own where it has one.")
     ] = None,
-    robot: Annotated[
-        str | None, typer.Option(help="Whose joints they are; the known robot that has them, if not given.")
-    ] = None,
-    urdf_file: Annotated[Path | None, typer.Option("--urdf", help="URDF of the robot, in place of --robot.")] = None,
     effects: EffectsOption = None,
     output: Annotated[
         Path | None,
@@ -43,21 +39,15 @@ def view(
     from pipeline.view.reading import scene_of
     from pipeline.view.scene import write_view
 
-    one_robot(robot, urdf_file)
     page = output or Path(f"{file.resolve().stem}_view.html")
     check_outputs(page, json_file, inputs=[file, *([model] if model else [])])
     free_to_write(page, force or output is None)
     with spinner() as say:
         say("reading")
-        given = None
-        if model is not None:
-            given = read_model(model, load_effects(effects, stages=None))
-        try:
-            chosen = None if robot is None and urdf_file is None else urdf.load(robot or str(urdf_file), meshes=False)
-            say("drawing")
-            scene = scene_of(file, given, chosen)
-        except urdf.UrdfError as error:
-            raise InputError(str(error)) from error
+        given = None if model is None else read_model(model, load_effects(effects, stages=None))
+        chosen = urdf.load(choice.robot or str(choice.urdf_file), meshes=False) if choice else None
+        say("drawing")
+        scene = scene_of(file, given, chosen)
         write_view(scene, page, command_line())
     answer = {
         "schema": "armdyn.view/1", "file": str(page), "kind": scene.kind,

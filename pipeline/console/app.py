@@ -15,6 +15,7 @@ from typer.exceptions import TyperException
 from armdyn import __version__
 from armdyn.errors import ArmdynError, InputError, TaskFailedError
 from pipeline import commands
+from pipeline.console.groups import with_groups
 from pipeline.console.streams import report_unforeseen, tolerant_streams
 from pipeline.interrupts import Interrupt, Interrupts
 from urdf.bounds import LARGEST, is_sane, shown
@@ -43,10 +44,10 @@ def application(files: Iterable[str]) -> typer.Typer:
         module = import_module(f"{commands.__name__}.{file}")
         place = {"name": file.removesuffix("_"), "rich_help_panel": module.PANEL}
         if not hasattr(module, "group"):
-            app.command(**place)(_checked(getattr(module, file)))
+            app.command(**place)(_checked(with_groups(getattr(module, file))))
             continue
         for command in module.group.registered_commands:
-            command.callback = _checked(command.callback)
+            command.callback = _checked(with_groups(command.callback))
         app.add_typer(module.group, **place)
     return app
 
@@ -73,7 +74,7 @@ def run(interrupts: Interrupts) -> int:
     """
     with tolerant_streams() as streams:
         try:
-            status = _told(interrupts)
+            status = _run_command(interrupts)
         except BaseException as error:
             status = _say_why(error, interrupts)
         problem = streams.problem()
@@ -82,7 +83,7 @@ def run(interrupts: Interrupts) -> int:
     return status
 
 
-def _told(interrupts: Interrupts) -> int:
+def _run_command(interrupts: Interrupts) -> int:
     known = command_files()
     asked = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
     app = application([known[asked]] if asked in known else known.values())

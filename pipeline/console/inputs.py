@@ -3,12 +3,20 @@
 import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
+from pipeline.console.options import (
+    EffectsOption,
+    ExamOption,
+    HeldOutOption,
+    ModelArgument,
+    RunsArgument,
+    TrustOption,
+)
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import finish
 
@@ -20,15 +28,16 @@ if TYPE_CHECKING:
     from armdyn.model_file import ModelFile
 
 
-class Inputs(NamedTuple):
-    """Files that a command reads, as its arguments name them."""
+@dataclass(frozen=True)
+class Inputs:
+    """What a command that holds a model against recordings reads: its arguments and options."""
 
-    model: Path
-    runs: list[Path]
-    held_out: list[Path] | None
-    exam: list[Path] | None
-    effects: Path | None
-    trust: bool = False
+    model: ModelArgument
+    runs: RunsArgument
+    held_out: HeldOutOption = None
+    exam: ExamOption = None
+    effects: EffectsOption = None
+    trust_data: TrustOption = False
 
     def check(self, report: Path | None, json_file: Path | None) -> None:
         """Refuse outputs that cannot be written or would replace an input."""
@@ -51,7 +60,7 @@ class Inputs(NamedTuple):
         for option, paths in (("--held-out", self.held_out), ("--exam", self.exam)):
             words += [word for path in paths or () for word in (option, str(path))]
         words += ["--effects", str(self.effects)] if self.effects is not None else []
-        words += ["--trust-data"] if self.trust and name in ("compare", "diagnose", "repair") else []
+        words += ["--trust-data"] if self.trust_data and name in ("compare", "diagnose", "repair") else []
         return shlex.join([*words, *options])
 
     def read(self, adding: str | None = None) -> "Given":
@@ -81,9 +90,16 @@ class Inputs(NamedTuple):
         for run in (*runs, *held_out, *exam):
             check_run(file.model, run, [find(adding, catalogue)] if adding is not None else ())
         found = inspected([*runs, *held_out, *exam], file.model, catalogue).naming(self.model)
-        if not self.trust:
+        if not self.trust_data:
             require_usable(found)
-        return Given(file, catalogue, Study(file.model, runs, held_out, catalogue, exam), found, self.trust)
+        return Given(file, catalogue, Study(file.model, runs, held_out, catalogue, exam), found, self.trust_data)
+
+
+@dataclass(frozen=True)
+class UnexaminedInputs(Inputs):
+    """The same for a command that never says how large an error is, and has no use for ``--exam``."""
+
+    exam: list[Path] | None = field(default=None, init=False)
 
 
 class Given(NamedTuple):

@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from armdyn.errors import InputError
+from armdyn.errors import InputError, at
 
 if TYPE_CHECKING:
     from armdyn.units import Known
@@ -44,45 +45,74 @@ RosOption = Annotated[str, typer.Option("--ros", help="Address of the rosbridge,
 ArmOption = Annotated[
     str, typer.Option("--arm", help="The arm behind it: a known robot, or a settings file with a table for ROS.")
 ]
-RobotOption = Annotated[
-    str, typer.Option(help="Name of a known robot, or a settings file of one's own (.toml) that names its URDF.")
-]
-UrdfOption = Annotated[
-    Path | None, typer.Option("--urdf", help="A URDF file, in place of --robot; its longest chain is the arm.")
-]
 JointsOption = Annotated[str | None, typer.Option(help="The arm's joints from base to tool, separated by commas.")]
 ToolOption = Annotated[str | None, typer.Option(help="The link that carries the tool.")]
-MeshesOption = Annotated[
-    bool,
-    typer.Option(
-        "--meshes/--no-meshes", help="Whether every mesh must be there; without, missing shapes are left out."
-    ),
-]
 
 
-def which_robot(robot: str, urdf_file: Path | None, joints: str | None, tool: str | None, meshes: bool) -> "Robot":
-    """The robot that the options choose.
+@dataclass(frozen=True)
+class ArmChoice:
+    """Which arm, and which part of it."""
+
+    robot: Annotated[
+        str, typer.Option(help="Name of a known robot, or a settings file of one's own (.toml) that names its URDF.")
+    ] = "baxter"
+    urdf_file: Annotated[
+        Path | None, typer.Option("--urdf", help="A URDF file, in place of --robot; its longest chain is the arm.")
+    ] = None
+    joints: JointsOption = None
+    tool: ToolOption = None
+    meshes: Annotated[
+        bool,
+        typer.Option(
+            "--meshes/--no-meshes", help="Whether every mesh must be there; without, missing shapes are left out."
+        ),
+    ] = True
+
+    def load(self) -> "Robot":
+        """The robot.
+
+        Raises:
+            InputError: its description is unknown or cannot be used.
+        """
+        from urdf import UrdfError, load
+
+        try:
+            chosen = self.robot if self.urdf_file is None else self.urdf_file
+            return load(chosen, joints=names_in(self.joints), tool=self.tool, meshes=self.meshes)
+        except UrdfError as error:
+            remedy = str(error).replace("load the robot without its missing meshes", "add --no-meshes")
+            raise InputError(remedy) from error
+
+
+@dataclass(frozen=True)
+class RobotChoice:
+    """A robot by its name or by its URDF, or none.
 
     Raises:
-        InputError: its description is unknown or cannot be used.
+        InputError: both are given.
     """
-    from urdf import UrdfError, load
 
-    try:
-        return load(robot if urdf_file is None else urdf_file, joints=names_in(joints), tool=tool, meshes=meshes)
-    except UrdfError as error:
-        raise InputError(str(error).replace("load the robot without its missing meshes", "add --no-meshes")) from error
+    robot: Annotated[str | None, typer.Option(help="Name of a known robot, such as baxter.")] = None
+    urdf_file: Annotated[Path | None, typer.Option("--urdf", help="A URDF file, in place of --robot.")] = None
+
+    def __post_init__(self) -> None:
+        if self.robot is not None and self.urdf_file is not None:
+            raise InputError(ONE_ROBOT)
+
+    def __bool__(self) -> bool:
+        return self.robot is not None or self.urdf_file is not None
+
+    def needed(self) -> None:
+        """Refuse to go on without a robot.
+
+        Raises:
+            InputError: none is given.
+        """
+        if not self:
+            raise InputError(ONE_ROBOT)
 
 
-def one_robot(robot: str | None, urdf_file: Path | None, *, needed: bool = False) -> None:
-    """Refuse a robot that is given twice; `needed`: or not at all.
-
-    Raises:
-        InputError: it is.
-    """
-    given = (robot is not None) + (urdf_file is not None)
-    if given > 1 or (needed and not given):
-        raise InputError("a robot is known by its name or by its URDF: give one of --robot and --urdf")
+ONE_ROBOT = "a robot is known by its name or by its URDF: give one of --robot and --urdf"
 
 
 def quantity(text: str, unit: str, option: str) -> "Known":
@@ -93,10 +123,8 @@ def quantity(text: str, unit: str, option: str) -> "Known":
     """
     from armdyn.units import parse_quantity
 
-    try:
+    with at(option):
         return parse_quantity(text, unit)
-    except InputError as error:
-        raise InputError(f"{option}: {error}") from error
 
 
 def names_in(text: str | None) -> list[str] | None:

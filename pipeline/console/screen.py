@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from io import TextIOWrapper
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import typer
 
@@ -166,24 +166,11 @@ def write_answer(json_file: Path | None, answer: Callable[[], dict[str, Any]]) -
     return json_file != Path("-")
 
 
-@contextmanager
-def phase_progress() -> Iterator[Callable[[str, float], None]]:
-    """Show what is going on and how much of it is done, until the block ends.
+class Say(Protocol):
+    """Told what is going on."""
 
-    Yields:
-        ``show(what, share)``, the share from 0 to 1.
-    """
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn("{task.description:<24}", markup=False), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("starting", total=1.0)
-
-        def show(what: str, share: float) -> None:
-            bar.update(task, description=what, completed=share)
-
-        yield show
+    def __call__(self, what: str, share: float | None = None) -> None:
+        """`share` of it, from 0 to 1, is done; None where nobody knows."""
 
 
 COUNTED = re.compile(r"(\d+) of (\d+) ")
@@ -191,11 +178,11 @@ COUNTED = re.compile(r"(\d+) of (\d+) ")
 
 
 @contextmanager
-def spinner() -> Iterator[Callable[[str], None]]:
+def spinner() -> Iterator[Say]:
     """Say on a terminal's standard error what is going on, for how long, and how far it is, until the block ends.
 
     Yields:
-        ``say(what)``; ``"3 of 12 candidates tried"`` shows a bar and about how long it still takes.
+        ``say(what)``; ``"3 of 12 candidates tried"`` shows a bar and about how long it still takes, a share a bar.
     """
     from rich.console import Console
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -212,18 +199,18 @@ def spinner() -> Iterator[Callable[[str], None]]:
         task = bar.add_task("reading", total=None, left="")
         phase, began = "", monotonic()
 
-        def say(what: str) -> None:
+        def say(what: str, share: float | None = None) -> None:
             nonlocal phase, began
-            counted = COUNTED.match(what)
-            if counted is None:
-                bar.update(task, description=what, total=None, completed=0, left="")
+            counted, left = COUNTED.match(what), ""
+            done, total = (0.0, None) if share is None else (share, 1.0)
+            if counted is not None:
+                done, total = float(counted[1]), float(counted[2])
+                kind = what[counted.end() :].partition(",")[0]
+                if kind != phase or done == 0:
+                    phase, began = kind, monotonic()
+                left = about((monotonic() - began) * (total - done) / done) if done else ""
+            else:
                 phase = ""
-                return
-            done, total = int(counted[1]), int(counted[2])
-            kind = what[counted.end() :].partition(",")[0]
-            if kind != phase or done == 0:
-                phase, began = kind, monotonic()
-            left = about((monotonic() - began) * (total - done) / done) if done else ""
             bar.update(task, description=what, total=total, completed=done, left=left)
 
         yield say

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from armdyn.errors import InputError
-from pipeline.console.screen import phase_progress, save_report, to_screen, write_answer, write_json
+from pipeline.console.screen import save_report, spinner, to_screen, write_answer, write_json
 
 if TYPE_CHECKING:
     from pipeline.robot.link import LinkStatistics
@@ -92,7 +92,7 @@ def real_trial(
     from pipeline.trial.real import rehearse, run_real
 
     link = _link(robot, address, arm, None if rehearsed else port, calibration)
-    with phase_progress() as progress:
+    with spinner() as progress:
         prompts = _prompts(yes, landed, json_file)
         if rehearsed:
             figures, farthest = rehearse(settings, link, prompts, progress)

@@ -11,8 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from armdyn.arm.model import ArmModel
-from armdyn.arm.rigid import about_centre, is_physical
-from armdyn.arm.symbolic import joint_axes
+from armdyn.arm.rigid import about_centre, is_physical, joint_axes
 from pipeline.exports.format import Format, arm_of
 from pipeline.exports.parts import HELD, ArmParts, left_over, parts_of
 

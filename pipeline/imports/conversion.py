@@ -8,14 +8,12 @@ from typing import Any
 import numpy as np
 
 from armdyn.channels import (
-    LARGEST,
     MIN_SAMPLES,
     Channel,
     FloatArray,
     channel_kind,
     channel_unit,
     check_joint_units,
-    first_implausible,
 )
 from armdyn.errors import InputError
 from armdyn.run import Run
@@ -67,17 +65,14 @@ def imported(foreign: Foreign, mapping: ColumnMap, elsewhere: Collection[str] = 
             continue
         value = value[kept]
         present = np.isfinite(value)
-        beyond = first_implausible(unit, value)
-        if beyond is not None:
-            problems.append(
-                f"'{name}': {value[beyond]:.6g} {unit} as {entry.channel} is beyond {LARGEST[unit]:g} {unit}: "
-                "check its unit"
-            )
-        elif present.sum() < MIN_SAMPLES:
+        late = parse_quantity(entry.late, "s").value if entry.late else 0.0
+        if present.sum() < MIN_SAMPLES:
             problems.append(f"'{name}' holds {present.sum()} numbers where at least {MIN_SAMPLES} are needed")
-        else:
-            late = parse_quantity(entry.late, "s").value if entry.late else 0.0
+            continue
+        try:
             channels[entry.channel] = Channel(time[present] - late, value[present], unit)
+        except InputError as error:
+            problems.append(f"'{name}' as {entry.channel}: {error}")
     if not (problems or channels):
         problems.append("it has none of the columns of the mapping")
     if not problems:

@@ -14,7 +14,8 @@ from xml.etree import ElementTree as ET
 
 from pipeline.imports.words import IDLE, Label, words_of
 from urdf import Robot
-from urdf.infer import MOVING, gripper_joints
+from urdf.infer import gripper_joints
+from urdf.validate import MOVING
 
 MESSAGE = ("position", "velocity", "effort")
 """Fields of a JointState, whose arrays are in the order of its names: often the alphabet's."""

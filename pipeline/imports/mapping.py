@@ -13,21 +13,37 @@ motor turns N times as far and as fast as the joint and gives an Nth of its torq
 torques multiplied. ``description``, ``[known]`` and ``[noise]`` are those of a run's sidecar and go there.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from armdyn import toml_file as declared
 from armdyn.channels import channel_kind
 from armdyn.errors import InputError
 from armdyn.inspection.correction import Correction
 from armdyn.quoting import one_line, toml_string
 from armdyn.run import Run
-from armdyn.sidecar import Sidecar, parse_sidecar
+from armdyn.sidecar import Sidecar, sidecar_of
+from armdyn.toml_file import read_toml
 from pipeline.imports.foreign import Foreign, ImportProblemsError
-from urdf.table_file import TableFileError, read_table
 
-KEYS = ("channel", "unit", "sign", "offset", "gear_ratio", "torque_constant", "scale", "late")
+_WITH_UNIT = declared.Entry(declared.is_text, "is no text: put it in quotes, with its unit")
+COLUMN = {
+    "channel": declared.Entry(declared.is_text, 'write the name of a channel, such as "q.shoulder"'),
+    "unit": _WITH_UNIT,
+    "sign": declared.Entry(lambda sign: sign in (1, -1), "write 1 or -1"),
+    "offset": _WITH_UNIT,
+    "gear_ratio": declared.Entry(
+        lambda ratio: declared.is_number(ratio) and 0 < ratio < 1e6, "write turns of the motor per turn of the joint"
+    ),
+    "torque_constant": _WITH_UNIT,
+    "scale": declared.Entry(
+        lambda scale: declared.is_number(scale) and 0 < scale < 1e12, "write a positive number; 'sign' turns it round"
+    ),
+    "late": _WITH_UNIT,
+}
+"""What may stand in the line of a column."""
 SIDECAR_KEYS = ("description", "recorded", "known", "noise")
 
 
@@ -83,16 +99,12 @@ def read_map(path: Path) -> ColumnMap:
     Raises:
         InputError: it cannot be read, or lists everything in it that cannot be used.
     """
-    try:
-        table = read_table(path)[1]
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file") from error
-    except TableFileError as error:
-        raise InputError(f"{path}: {error}") from error
-    problems: list[str] = []
-    for key in table:
-        if key not in ("time", "columns", *SIDECAR_KEYS):
-            problems.append(f"unknown key '{key}': a mapping has time, columns, {', '.join(SIDECAR_KEYS)}")
+    table = read_toml(path)
+    problems = [
+        f"unknown key '{key}': a mapping has time, columns, {', '.join(SIDECAR_KEYS)}"
+        for key in table
+        if key not in ("time", "columns", *SIDECAR_KEYS)
+    ]
     time = table.get("time", {})
     time = {"column": time} if isinstance(time, str) else time
     if not isinstance(time, dict) or not set(time) <= {"column", "unit"}:
@@ -102,49 +114,28 @@ def read_map(path: Path) -> ColumnMap:
     if not isinstance(columns, dict) or not columns:
         problems.append('no [columns]: write lines such as "J1 pos" = { channel = "q.shoulder", unit = "deg" }')
         columns = {}
-    entries = {name: entry for name, raw in columns.items() if (entry := _entry(name, raw, problems)) is not None}
+    for name, column in columns.items():
+        problems += [f"'{name}': {problem}" for problem in _problems_of(column)]
     sidecar = Sidecar()
     try:
-        import tomlkit
-
-        sidecar = parse_sidecar(tomlkit.dumps({key: table[key] for key in SIDECAR_KEYS if key in table}))
+        sidecar = sidecar_of({key: table[key] for key in SIDECAR_KEYS if key in table})
     except InputError as error:
         problems.append(str(error))
     if problems:
         raise ImportProblemsError(str(path), problems)
+    entries = {name: Entry(**column) for name, column in columns.items()}
     return ColumnMap(entries, str(time.get("column", "")), str(time.get("unit", "")), sidecar)
 
 
-def _entry(name: str, raw: Any, problems: list[str]) -> Entry | None:
-    where = f"'{name}'"
-    if not isinstance(raw, dict) or "channel" not in raw:
-        problems.append(f'{where}: write it as {{ channel = "q.shoulder", unit = "deg" }}')
-        return None
-    found = len(problems)
-    unknown = [key for key in raw if key not in KEYS]
-    if unknown:
-        problems.append(f"{where}: unknown key '{unknown[0]}': choose among {', '.join(KEYS)}")
+def _problems_of(column: Any) -> Iterator[str]:
+    if not isinstance(column, dict) or "channel" not in column:
+        yield 'write it as { channel = "q.shoulder", unit = "deg" }'
+        return
+    yield from declared.problems_in(column, COLUMN)
     try:
-        channel_kind(str(raw["channel"]))
+        channel_kind(str(column["channel"]))
     except InputError as error:
-        problems.append(f"{where}: {error}")
-    for key in ("unit", "offset", "torque_constant", "late"):
-        if not isinstance(raw.get(key, ""), str):
-            problems.append(f"{where}: {key} = {raw[key]!r} is no text: put it in quotes, with its unit")
-    sign, ratio = raw.get("sign", 1), raw.get("gear_ratio", 1)
-    if sign not in (1, -1):
-        problems.append(f"{where}: sign = {sign!r}: write 1 or -1")
-    if isinstance(ratio, bool) or not isinstance(ratio, int | float) or not 0 < ratio < 1e6:
-        problems.append(f"{where}: gear_ratio = {ratio!r}: write turns of the motor per turn of the joint")
-    scale = raw.get("scale", 1)
-    if isinstance(scale, bool) or not isinstance(scale, int | float) or not 0 < scale < 1e12:
-        problems.append(f"{where}: scale = {scale!r}: write a positive number; 'sign' turns it round")
-    if len(problems) > found:
-        return None
-    return Entry(
-        str(raw["channel"]), raw.get("unit", ""), float(sign), raw.get("offset", ""), float(ratio),
-        raw.get("torque_constant", ""), scale=float(scale), late=raw.get("late", ""),
-    )  # fmt: skip
+        yield str(error)
 
 
 def map_text(mapping: ColumnMap, comment: str = "") -> str:
@@ -158,11 +149,12 @@ def map_text(mapping: ColumnMap, comment: str = "") -> str:
         ]
     lines.append("[columns]")
     for column, entry in mapping.entries.items():
-        parts = [f"channel = {toml_string(entry.channel)}"]
-        for key in KEYS[1:]:
-            value = getattr(entry, key)
-            if value not in ("", 1.0):
-                parts.append(f"{key} = {toml_string(value) if isinstance(value, str) else f'{value:.12g}'}")
+        values = {key: getattr(entry, key) for key in COLUMN}
+        parts = [
+            f"{key} = {toml_string(value) if isinstance(value, str) else f'{value:.12g}'}"
+            for key, value in values.items()
+            if value not in ("", 1.0)
+        ]
         why = f"  # {one_line(entry.why)}" if entry.why else ""
         lines.append(f"{toml_string(column)} = {{ {', '.join(parts)} }}{why}")
     return "\n".join(lines) + "\n"
@@ -198,20 +190,17 @@ def correction_text(run: Run, correction: Correction) -> str:
         run: as recorded, with its columns.
         correction: of it.
     """
-    lines = [f"# Made by armdyn inspect: armdyn import {run.name} --output DIR --map THIS", "[columns]"]
-    lines = [lines[0], 'time = { column = "time", unit = "s" }', "", lines[1]]
-    for channel in run.channels:
+    entries = {}
+    for channel, recorded in run.channels.items():
         reading = correction.reading(channel)
-        if reading.source not in run.channels:
-            continue
-        parts = [f"channel = {toml_string(channel)}", f"unit = {toml_string(run.channels[channel].unit)}"]
-        if reading.factor < 0:
-            parts.append("sign = -1")
-        if abs(reading.factor) != 1.0:
-            parts.append(f"scale = {abs(reading.factor):.12g}")
-        if reading.offset:
-            parts.append(f'offset = "{reading.offset:.12g} {run.channels[channel].unit}"')
-        if reading.late:
-            parts.append(f'late = "{reading.late:.12g} s"')
-        lines.append(f"{toml_string(reading.source)} = {{ {', '.join(parts)} }}")
-    return "\n".join(lines) + "\n"
+        if reading.source in run.channels:
+            entries[reading.source] = Entry(
+                channel,
+                recorded.unit,
+                sign=-1.0 if reading.factor < 0 else 1.0,
+                scale=abs(reading.factor),
+                offset=f"{reading.offset:.12g} {recorded.unit}" if reading.offset else "",
+                late=f"{reading.late:.12g} s" if reading.late else "",
+            )
+    comment = f"Made by armdyn inspect: armdyn import {run.name} --output DIR --map THIS"
+    return map_text(ColumnMap(entries, "time", "s"), comment)

@@ -3,8 +3,6 @@
 A LeRobot data set is Parquet files beside ``meta/info.json``; it becomes a run per episode.
 """
 
-import csv
-import io
 import json
 import re
 from pathlib import Path
@@ -13,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from armdyn.bytes_in import read_bytes
+from armdyn.delimited import header_of, parse_delimited, read_text, separator_of
 from armdyn.errors import InputError
-from armdyn.whole_end import LOOKED_AT, cut_off, is_whole
 from pipeline.imports.foreign import Column, Foreign, Reader, as_numbers, labelled
 from urdf.bounds import (
     LARGEST_CONTENT,
@@ -48,57 +46,44 @@ def read_csv_of_any_dialect(path: Path) -> Foreign:
     Raises:
         InputError: it is no text, has no header, or its rows have different numbers of cells.
     """
-    text = _text(path)
-    separator = _separator(text)
     try:
-        rows = [row for row in csv.reader(io.StringIO(text), delimiter=separator, skipinitialspace=True) if any(row)]
-    except csv.Error as error:
-        raise InputError(f"{path}: is no table: {error}: give a CSV") from error
-    header, body = [cell.strip() for cell in rows[0]] if rows else [], rows[1:]
-    if not body:
-        raise InputError(f"{path}: holds a header and no row: give a recording")
-    if len(body) > MOST_ROWS or len(header) > MOST_COLUMNS or max(map(len, header)) > LONGEST_NAME:
-        raise InputError(
-            f"{path}: {len(body)} rows and {len(header)} columns, where {MOST_ROWS} and {MOST_COLUMNS} with names of "
-            f"{LONGEST_NAME} letters are the most: cut it"
-        )
-    cut_short = 0 < len(body[-1]) < len(header)
-    if not text.endswith(("\n", "\r")) and (cut_short or not is_whole([row[-1] for row in body[-LOOKED_AT - 1 :]])):
-        column = header[min(len(body[-1]), len(header)) - 1]
-        raise InputError(f"{path}: {cut_off(len(body) + 1, body[-1][-1], column)}")
-    ragged = [i for i, row in enumerate(body, start=2) if len(row) != len(header)]
-    if ragged:
-        raise InputError(
-            f"{path}: {len(ragged)} rows have another number of cells than the header ({len(header)}), first row "
-            f"{ragged[0]}: mend the file"
-        )
-    if all(_is_number(cell) for cell in header):
-        raise InputError(f"{path}: the first row holds numbers: add a row with the names of the columns above it")
+        return _of_any_dialect(path, read_text(path, ("utf-8-sig", "cp1252")))  # cp1252 is what spreadsheets save
+    except InputError as error:
+        raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from error
+
+
+def _of_any_dialect(path: Path, text: str) -> Foreign:
+    table = parse_delimited(text, separator_of(header_of(text)), MISSING, decimal_comma=True)
+    if not len(table.rows):
+        raise InputError("holds a header and no row: give a recording")
+    if all(map(_is_number, table.labels)):
+        raise InputError("the first row holds numbers: add a row with the names of the columns above it")
     columns: dict[str, Column] = {}
     notes, texts = [], {}
-    for i, label in enumerate(header):
+    for i, label in enumerate(table.labels):
         name, unit = labelled(label)
         name = name if name and name not in columns else f"{name or 'column'}#{i + 1}"
-        value, strange = _numbers([row[i] for row in body])
-        if value is None:
-            if len({row[i] for row in body}) == 1:
-                texts[name] = body[0][i].strip()
-            notes.append(f"'{name}' holds text, such as {next(iter(strange.values()))!r}: left out")
+        value, strange = table.values[:, i], table.texts.get(i, {})
+        if len(strange) > len(value) / 2:
+            said = dict.fromkeys(strange.values())
+            if len(strange) == len(value) and len(said) == 1:
+                texts[name] = next(iter(said))
+            notes.append(f"'{name}' holds text, such as {next(iter(said))!r}: left out")
             continue
-        odd = [row for row, text in strange.items() if not _WORD.fullmatch(text)]
-        odd += np.flatnonzero(np.abs(value) > LARGEST_COUNT).tolist()
+        odd = {row: cell for row, cell in strange.items() if not _WORD.fullmatch(cell)}
+        odd |= {int(row): f"{value[row]:g}" for row in np.flatnonzero(np.abs(value) > LARGEST_COUNT)}
         if odd:
-            cell = shown(body[odd[0]][i].strip(), 40)
+            row, cell = next(iter(odd.items()))
             raise InputError(
-                f"{path}: row {odd[0] + 2}, column '{shown(name)}': '{cell}' is no number that anything has: mend it, "
-                "or empty the cell"
+                f"row {table.rows[row]}, column '{shown(name)}': '{shown(cell, 40)}' is no number that anything has: "
+                "mend it, or empty the cell"
             )
         if strange:
-            some = ", ".join(repr(text) for text in list(strange.values())[:SHOWN])
+            some = ", ".join(repr(cell) for cell in list(strange.values())[:SHOWN])
             notes.append(f"'{name}': {len(strange)} cells are no numbers ({some}): taken as missing")
         columns[name] = Column(value, unit)
     if not columns:
-        raise InputError(f"{path}: no column holds numbers: give a recording")
+        raise InputError("no column holds numbers: give a recording")
     return Foreign(path.stem, columns, tuple(notes), texts)
 
 
@@ -171,44 +156,6 @@ def _arrow_columns(name: str, values: "pa.ChunkedArray") -> dict[str, np.ndarray
         return {f"{name}/{i}": table[:, i] for i in range(count)}
     numbers = as_numbers(values.to_numpy())
     return {} if numbers is None else {name: numbers}
-
-
-def _text(path: Path) -> str:
-    data = read_bytes(path)
-    if not data.strip() or b"\0" in data:
-        raise InputError(f"{path}: is {'empty' if not data.strip() else 'no text file'}: give a CSV")
-    for encoding in ("utf-8-sig", "cp1252"):  # what spreadsheets save
-        try:
-            return data.decode(encoding)
-        except UnicodeDecodeError:
-            continue
-    raise InputError(f"{path}: is neither UTF-8 nor Windows text: save it as UTF-8")
-
-
-def _separator(text: str) -> str:
-    """What divides the header into most cells; of a comma and a semicolon the semicolon: then commas are decimal."""
-    header = next(line for line in text.splitlines() if line.strip())
-    for separator in (";", "\t", ","):
-        if separator in header:
-            return separator
-    return " "
-
-
-def _numbers(cells: list[str]) -> tuple["np.ndarray | None", dict[int, str]]:
-    """Values of a column, and what is no number in it by place; None where most is text."""
-    value = np.empty(len(cells))
-    strange: dict[int, str] = {}
-    for i, cell in enumerate(cells):
-        text = cell.strip()
-        if text.lower() in MISSING:
-            value[i] = np.nan
-            continue
-        try:
-            value[i] = number(text.replace(",", "."))  # a decimal comma: commas that divide cells are gone here
-        except ValueError:
-            value[i] = np.nan
-            strange[i] = text
-    return (None, strange) if len(strange) > len(cells) / 2 else (value, strange)
 
 
 def _is_number(cell: str) -> bool:

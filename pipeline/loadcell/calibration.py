@@ -1,19 +1,21 @@
-"""From counts to newtons: the stored calibration of one load cell, and the measured weights that it is made with."""
+"""From counts to newtons: the stored calibration of one load cell."""
 
 import math
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import TypeGuard
+from typing import Any
 
 from armdyn.atomic import write_text
 from armdyn.errors import InputError
-from armdyn.units import parse_quantity
+from pipeline.loadcell.faults import FaultLimits
 from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS
 from urdf.bounds import is_sane
 from urdf.table_file import TableFileError, read_table
+
+UNITS = {"offset": "count", "scale": "N/count", "noise": "N"}
+"""Of the file's quantities; all but the noise have a standard deviation."""
 
 
 @dataclass(frozen=True)
@@ -39,20 +41,23 @@ class Calibration:
     source: str
 
     def __post_init__(self) -> None:
-        numbers = (self.offset, self.offset_std, self.scale, self.scale_std, self.noise)
-        if not all(math.isfinite(number) for number in numbers):
-            raise InputError("a number is not finite")
         if not MINIMUM_COUNTS <= self.offset <= MAXIMUM_COUNTS:
             raise InputError(f"offset {self.offset:g} is beyond the 24 bits of the HX711")
-        if self.scale == 0.0:
-            raise InputError("scale is zero")
-        if min(self.offset_std, self.scale_std) < 0.0 or self.noise <= 0.0:
+        if self.scale == 0.0 or not math.isfinite(self.scale):
+            raise InputError("scale is zero or infinite")
+        if not (self.offset_std >= 0.0 and self.scale_std >= 0.0 and self.noise > 0.0):
             raise InputError("a standard deviation is negative, or the noise is zero")
 
     @property
     def count_noise(self) -> float:
         """Standard deviation of one sample [counts]."""
         return self.noise / abs(self.scale)
+
+    @property
+    def force_limits(self) -> FaultLimits:
+        """What is in order of forces that this cell measures [N]."""
+        ends = sorted((self.force(MINIMUM_COUNTS), self.force(MAXIMUM_COUNTS)))
+        return FaultLimits.of(self.noise, abs(self.scale), *ends)
 
     def force(self, counts: float) -> float:
         """Force [N] at these counts."""
@@ -61,6 +66,13 @@ class Calibration:
     def counts(self, force: float) -> float:
         """Counts at this force [N]."""
         return self.offset + force / self.scale
+
+    def quantities(self) -> dict[str, dict[str, float | str]]:
+        """Offset, scale and noise with unit and, where there is one, standard deviation, as in files."""
+        stds = {"offset": {"std": self.offset_std}, "scale": {"std": self.scale_std}}
+        return {
+            name: {"value": getattr(self, name), **stds.get(name, {}), "unit": unit} for name, unit in UNITS.items()
+        }
 
     def save(self, path: Path) -> None:
         """Write it to `path`, which is the old file or the whole new one at every moment.
@@ -74,9 +86,10 @@ class Calibration:
         document.add(tomlkit.comment("load cell with HX711: force = scale (counts - offset)"))
         document.add("date", tomlkit.item(self.date))
         document.add("source", tomlkit.item(self.source))
-        document.add("offset", _inline(value=self.offset, std=self.offset_std, unit="count"))
-        document.add("scale", _inline(value=self.scale, std=self.scale_std, unit="N/count"))
-        document.add("noise", _inline(value=self.noise, unit="N"))
+        for name, entries in self.quantities().items():
+            table = tomlkit.inline_table()
+            table.update(entries)
+            document.add(name, table)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -101,15 +114,25 @@ class Calibration:
             raise InputError(f"{path}: the load cell calibration cannot be used, {error}: {remedy}") from error
 
     @classmethod
-    def _from_table(cls, table: Mapping[str, object]) -> "Calibration":
+    def _from_table(cls, table: dict[str, Any]) -> "Calibration":
         date, source = table.get("date"), table.get("source")
         if not isinstance(date, datetime):
             raise InputError("date is missing or is no date with time")
         if not isinstance(source, str):
             raise InputError("source is missing or is no text")
-        offset, offset_std = _number(table, "offset", "count")
-        scale, scale_std = _number(table, "scale", "N/count")
-        noise, _ = _number(table, "noise", "N", with_std=False)
+        numbers = []
+        for name, unit in UNITS.items():
+            entry = table.get(name)
+            if not isinstance(entry, dict) or entry.get("unit") != unit:
+                raise InputError(f"{name} is missing or is not in {unit}")
+            for part in ("value",) if name == "noise" else ("value", "std"):
+                number = entry.get(part)
+                if isinstance(number, bool) or not isinstance(number, int | float):  # in Python, True is an int
+                    raise InputError(f"{name} lacks a number, its {part}")
+                if not is_sane(number):
+                    raise InputError(f"{name} is {number:g}, of no size that a load cell has")
+                numbers.append(float(number))
+        offset, offset_std, scale, scale_std, noise = numbers
         return cls(offset, offset_std, scale, scale_std, noise, date, source)
 
 
@@ -117,76 +140,3 @@ def default_path() -> Path:
     """Where the calibration is kept by default: ``loadcell.toml`` among the user's settings."""
     settings = os.environ.get("XDG_CONFIG_HOME")
     return (Path(settings) if settings else Path.home() / ".config") / "armdyn" / "loadcell.toml"
-
-
-def _inline(**entries: float | str) -> object:
-    import tomlkit
-
-    table = tomlkit.inline_table()
-    table.update(entries)
-    return table
-
-
-def _number(table: Mapping[str, object], key: str, unit: str, with_std: bool = True) -> tuple[float, float]:
-    entry = table.get(key)
-    if not isinstance(entry, dict):
-        raise InputError(f"{key} is missing or is no table")
-    if entry.get("unit") != unit:
-        raise InputError(f"{key} is not in {unit}")
-    value, std = entry.get("value"), entry.get("std") if with_std else 0.0
-    if not (_is_number(value) and _is_number(std)):
-        raise InputError(f"{key} lacks a number")
-    if not (is_sane(value) and is_sane(std)):
-        raise InputError(f"{key} is {value:g}, of no size that a load cell has")
-    return float(value), float(std)
-
-
-def _is_number(value: object) -> TypeGuard[float]:
-    return isinstance(value, int | float) and not isinstance(value, bool)  # in Python, True is an int
-
-
-@dataclass(frozen=True)
-class Weight:
-    """A known weight.
-
-    Attributes:
-        text: as the user wrote it.
-        force: what it pulls with [N].
-        force_std: its standard deviation [N], 0 where none was given.
-    """
-
-    text: str
-    force: float
-    force_std: float = 0.0
-
-
-def parse_weights(text: str, gravity: float) -> tuple[Weight, ...]:
-    """Read ``"0 g, 100 g, 200 g +/- 0.1 g"``; forces such as ``"1 N"`` are taken too.
-
-    The empty cell comes first, whether it was listed or not.
-
-    Args:
-        text: separated by commas.
-        gravity: free-fall acceleration [m/s^2].
-
-    Raises:
-        InputError: not a mass or a force, negative, or fewer than two different ones.
-    """
-    weights = [_parse(part.strip(), gravity) for part in text.split(",") if part.strip()]
-    if not weights or weights[0].force > 0.0:
-        weights.insert(0, Weight("0 g", 0.0))
-    if len({weight.force for weight in weights}) < 2:
-        raise InputError(f"--weights '{text}': give at least one weight besides the empty cell, such as '0 g, 200 g'")
-    return tuple(weights)
-
-
-def _parse(text: str, gravity: float) -> Weight:
-    for unit, pull in (("kg", gravity), ("N", 1.0)):
-        try:
-            known = parse_quantity(text, unit)
-        except InputError:
-            continue
-        if known.value < 0.0:
-            raise InputError(f"--weights: '{text}' is negative: hang it so that it pulls the way the load will")
-        return Weight(text, pull * known.value, pull * (known.std or 0.0))
-    raise InputError(f"--weights: '{text}' is neither a mass nor a force: write '100 g', '100 g +/- 0.1 g' or '1 N'")

@@ -10,8 +10,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from pipeline.loadcell.calibration import Calibration
-from pipeline.loadcell.faults import Fault, FaultDetector, FaultEvent, FaultLimits, LoadCellStatus, implausible_repeats
-from pipeline.loadcell.protocol import BAUD, MAXIMUM_COUNTS, MINIMUM_COUNTS, Decoder, SerialLine, open_port
+from pipeline.loadcell.faults import Fault, FaultDetector, FaultEvent, FaultLimits, LoadCellStatus
+from pipeline.loadcell.protocol import BAUD, MAXIMUM_COUNTS, MINIMUM_COUNTS, Decoder, open_port
 from pipeline.processes import Closing, PromptThread
 from pipeline.robot.protocol import ForceSample
 
@@ -45,10 +45,8 @@ class ReceptionTimes:
 
     def stamp(self, now: float, count: int) -> list[float]:
         """Strictly increasing times of `count` samples that came in one piece, handed over at `now` [s]."""
-        if count == 0:
-            return []
         step, earliest = SMALLEST_STEP, now - (count - 1) * SMALLEST_STEP
-        if self._times:
+        if self._times and count:
             step = (now - self._times[-1]) / count
             if len(self._times) > 1:
                 step = min(step, 1.0 / self.rate)
@@ -65,8 +63,6 @@ START_UP = 5.0
 """Longest time to the first line [s]; a board with an Arduino boot loader takes about 2 s after its port is opened."""
 SMALLEST_NOISE = 0.5
 """Counts; assumed of a cell that is not calibrated. The HX711's own is about 40 (90 nV of 20 mV at 80 samples/s)."""
-
-
 SPIKE = 1e-3
 """Share of the converter's range by which a spike stands out at least, about 0.1 N of a 1 kg cell; and ..."""
 SPIKE_NOISE = 10.0
@@ -77,28 +73,23 @@ DRIFT = 0.1
 """Faster than this [N/s] no cell creeps or warms up."""
 
 
-def count_limits(noise: float = SMALLEST_NOISE, silent_after: float = 0.2) -> FaultLimits:
-    """Fault limits for the counts of an HX711 with `noise` [counts]."""
-    return FaultLimits(
-        MINIMUM_COUNTS,
-        MAXIMUM_COUNTS,
-        implausible_repeats(noise, 1.0),
-        step=1.0,
-        within_step=implausible_repeats(noise, 2.0),
+def count_limits(calibration: Calibration | None = None, silent_after: float = 0.2) -> FaultLimits:
+    """Fault limits for the counts of an HX711; where a calibration says which forces they are, for these as well."""
+    noise = SMALLEST_NOISE if calibration is None else calibration.count_noise
+    limits = replace(
+        FaultLimits.of(noise, 1.0, MINIMUM_COUNTS, MAXIMUM_COUNTS),
         spike=SPIKE * (MAXIMUM_COUNTS - MINIMUM_COUNTS) + SPIKE_NOISE * noise,
         silent_after=silent_after,
         start_up=START_UP,
     )
-
-
-def calibrated_limits(calibration: Calibration, silent_after: float = 0.2) -> FaultLimits:
-    """The same for a cell whose counts are known to be forces."""
-    limit, pull_raises = calibration.counts(-PUSH), calibration.scale > 0
+    if calibration is None:
+        return limits
+    push, pull_raises = calibration.counts(-PUSH), calibration.scale > 0
     return replace(
-        count_limits(calibration.count_noise, silent_after),
+        limits,
         drift=DRIFT / abs(calibration.scale),
-        least=limit if pull_raises else -math.inf,
-        most=math.inf if pull_raises else limit,
+        least=push if pull_raises else -math.inf,
+        most=math.inf if pull_raises else push,
     )
 
 
@@ -109,27 +100,43 @@ class CountSample(NamedTuple):
     counts: int
 
 
-class CountReader(Closing):
-    """Reads conversions from an open line until it is closed or the line is gone.
+class LoadCell(Closing):
+    """An HX711 on a microcontroller that speaks the line protocol of `pipeline.loadcell.protocol`.
 
-    Every method may be called from any thread. Use it as a context manager, or call `close`.
+    It reads in a thread of its own from creation to `close`; use it as a context manager. Every method may be called
+    from any thread. After a disconnection nothing more arrives: a cell that was unplugged in the middle of a motion
+    must not come back unnoticed.
 
     Args:
-        line: the open port; closed by `close`.
-        limits: what is in order, in counts.
+        port: such as ``/dev/ttyUSB0`` or ``COM3``.
+        calibration: of this cell; None where it has none yet, and only counts can be read.
+        baud: of the microcontroller's program.
         clock: gives the time of reception [s].
-        queue: how many samples may wait to be taken.
+        silent_after: so long without a sample is silence [s].
+        queue: how many samples may wait to be taken; the oldest go first.
+
+    Raises:
+        InputError: the port cannot be opened.
     """
 
     def __init__(
-        self, line: SerialLine, limits: FaultLimits, clock: Callable[[], float] = time.monotonic, queue: int = QUEUE
+        self,
+        port: str,
+        calibration: Calibration | None,
+        *,
+        baud: int = BAUD,
+        clock: Callable[[], float] = time.monotonic,
+        silent_after: float = 0.2,
+        queue: int = QUEUE,
     ) -> None:
-        self._line, self._clock = line, clock
+        self._calibration, self._clock = calibration, clock
+        self._line = open_port(port, baud)
         self._lock = threading.Lock()
-        self._decoder, self._detector, self._times = Decoder(), FaultDetector(limits), ReceptionTimes()
+        self._decoder, self._times = Decoder(), ReceptionTimes()
+        self._detector = FaultDetector(count_limits(calibration, silent_after))
         self._samples: deque[CountSample] = deque(maxlen=queue)
         self._events: deque[FaultEvent] = deque(maxlen=QUEUE)
-        self._counts: Counter[Fault] = Counter()
+        self._faults: Counter[Fault] = Counter()
         self._received = 0
         self._overflowing = False
         self._connected = True
@@ -147,8 +154,13 @@ class CountReader(Closing):
         with self._lock:
             self._connected = False
 
-    def read(self) -> list[CountSample]:
-        """Samples received since the last call, oldest first."""
+    def read(self) -> list[ForceSample]:
+        """Forces received since the last call, oldest first; those of a faulty cell are among them, see `status`."""
+        assert self._calibration is not None, "a cell without a calibration gives counts"
+        return [ForceSample(sample.time, self._calibration.force(sample.counts)) for sample in self.read_counts()]
+
+    def read_counts(self) -> list[CountSample]:
+        """The same as counts."""
         with self._lock:
             samples = list(self._samples)
             self._samples.clear()
@@ -164,11 +176,11 @@ class CountReader(Closing):
             return events
 
     def status(self) -> LoadCellStatus:
-        """How the line is doing now."""
+        """How the cell is doing now."""
         with self._lock:
             self._watch()
             active = self._detector.active
-            if self._counts[Fault.DISCONNECTED]:
+            if self._faults[Fault.DISCONNECTED]:
                 active = (Fault.DISCONNECTED, *active)
             heard = bool(self._received) and Fault.SILENT not in active and self._connected
             return LoadCellStatus(
@@ -177,7 +189,7 @@ class CountReader(Closing):
                 rate=self._times.rate if heard else 0.0,
                 latest=self._times.latest,
                 active=active,
-                counts={fault: self._counts[fault] for fault in Fault},
+                counts={fault: self._faults[fault] for fault in Fault},
             )
 
     def _run(self) -> None:
@@ -199,17 +211,14 @@ class CountReader(Closing):
         stamps = self._times.stamp(now, len(decoded.readings))
         for stamp, reading in zip(stamps, decoded.readings, strict=True):
             self._detector.sample(stamp, reading.counts)
-            self._queue(CountSample(stamp, reading.counts))
+            self._received += 1
+            if len(self._samples) == self._samples.maxlen:
+                self._faults[Fault.OVERFLOW] += 1
+                if not self._overflowing:
+                    self._overflowing = True
+                    self._events.append(FaultEvent(stamp, Fault.OVERFLOW))
+            self._samples.append(CountSample(stamp, reading.counts))
         self._watch()
-
-    def _queue(self, sample: CountSample) -> None:
-        self._received += 1
-        if len(self._samples) == self._samples.maxlen:
-            self._counts[Fault.OVERFLOW] += 1
-            if not self._overflowing:
-                self._overflowing = True
-                self._events.append(FaultEvent(sample.time, Fault.OVERFLOW))
-        self._samples.append(sample)
 
     def _watch(self) -> None:
         if self._connected:
@@ -220,53 +229,4 @@ class CountReader(Closing):
         for event in events:
             self._events.append(event)
             if event.began:
-                self._counts[event.fault] += event.count
-
-
-class LoadCell(Closing):
-    """An HX711 on a microcontroller that speaks the line protocol of `pipeline.loadcell.protocol`.
-
-    It reads in a thread of its own from creation to `close`; use it as a context manager. After a disconnection nothing
-    more arrives: a cell that was unplugged in the middle of a motion must not come back unnoticed.
-
-    Args:
-        port: such as ``/dev/ttyUSB0`` or ``COM3``.
-        calibration: of this cell.
-        baud: of the microcontroller's program.
-        clock: gives the time of reception [s].
-        silent_after: so long without a sample is silence [s].
-        queue: how many samples may wait to be taken; the oldest go first.
-
-    Raises:
-        InputError: the port cannot be opened.
-    """
-
-    def __init__(
-        self,
-        port: str,
-        calibration: Calibration,
-        *,
-        baud: int = BAUD,
-        clock: Callable[[], float] = time.monotonic,
-        silent_after: float = 0.2,
-        queue: int = QUEUE,
-    ) -> None:
-        self._calibration = calibration
-        limits = calibrated_limits(calibration, silent_after)
-        self._reader = CountReader(open_port(port, baud), limits, clock, queue)
-
-    def read(self) -> list[ForceSample]:
-        """Samples received since the last call, oldest first; those of a faulty cell are among them, see `status`."""
-        return [ForceSample(sample.time, self._calibration.force(sample.counts)) for sample in self._reader.read()]
-
-    def events(self) -> list[FaultEvent]:
-        """Faults that began or ended since the last call, oldest first."""
-        return self._reader.events()
-
-    def status(self) -> LoadCellStatus:
-        """How the cell is doing now."""
-        return self._reader.status()
-
-    def close(self) -> None:
-        """End the thread and release the port; a second call does nothing."""
-        self._reader.close()
+                self._faults[event.fault] += event.count

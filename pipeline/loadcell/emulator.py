@@ -12,9 +12,10 @@ import numpy as np
 
 from armdyn.errors import InputError
 from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS, SEQUENCE_MODULUS, Reading, encode
+from pipeline.processes import Closing
 
 
-class EmulatedPort:
+class EmulatedPort(Closing):
     """The microcontroller's end of a serial line; `port` names the computer's end. Linux and macOS only."""
 
     def __init__(self) -> None:
@@ -29,12 +30,6 @@ class EmulatedPort:
         self.port = os.ttyname(self._theirs)
         self._sequence = 0
         self._plugged = True
-
-    def __enter__(self) -> "EmulatedPort":
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self.unplug()
 
     def line(self, counts: int) -> bytes:
         """The line of the next conversion; its sequence number is used up even if the line is never sent."""
@@ -52,7 +47,7 @@ class EmulatedPort:
                 data = data[os.write(self._ours, data) :]
         return not data
 
-    def unplug(self) -> None:
+    def close(self) -> None:
         """Pull the cable; a second call does nothing."""
         if self._plugged:
             self._plugged = False
@@ -60,7 +55,7 @@ class EmulatedPort:
             os.close(self._theirs)
 
 
-class EmulatedCell:
+class EmulatedCell(Closing):
     """A cell with an HX711 and a microcontroller that sends its samples from a thread of its own.
 
     Args:
@@ -93,21 +88,15 @@ class EmulatedCell:
         self._thread = threading.Thread(target=self._run, name="emulated load cell", daemon=True)
         self._thread.start()
 
-    def __enter__(self) -> "EmulatedCell":
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self.unplug()
-
     def hang(self, force: Callable[[float], float] | float) -> None:
         """From now on this pulls [N]: a constant, or a function of the cell's clock [s]."""
         self._force: Callable[[float], float] = force if callable(force) else lambda _: force
 
-    def unplug(self) -> None:
+    def close(self) -> None:
         """Pull the cable; a second call does nothing."""
         self._stop.set()
         self._thread.join()
-        self._line.unplug()
+        self._line.close()
 
     def _run(self) -> None:
         due = self._clock()

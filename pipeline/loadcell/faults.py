@@ -32,18 +32,7 @@ class Fault(Enum):
     @property
     def lasts(self) -> bool:
         """Whether it lasts, and the force is unreliable until it is over; the other faults are single events."""
-        return self in _LASTING
-
-
-_LASTING = (
-    Fault.DISCONNECTED,
-    Fault.SILENT,
-    Fault.SATURATED,
-    Fault.FROZEN,
-    Fault.SPIKES,
-    Fault.NEGATIVE,
-    Fault.DRIFTING,
-)
+        return self.name in {"DISCONNECTED", "SILENT", "SATURATED", "FROZEN", "SPIKES", "NEGATIVE", "DRIFTING"}
 
 
 @dataclass(frozen=True)
@@ -65,27 +54,25 @@ class FaultEvent:
 
 @dataclass(frozen=True)
 class FaultLimits:
-    """What is still in order.
+    """What is still in order, in the unit of the stream: N, or counts.
 
     Attributes:
-        lower: end of the range, itself not in order, in the unit of the stream [N].
-        upper: end of the range, itself not in order [N].
-        identical: so many identical values in a row are a frozen cell.
-        step: of the converter [N]; 0 where it is not known.
-        within_step: so many values in a row that differ by one step at most are a frozen cell.
-        spike: how far a single sample may be from both of its neighbours, on the same side [N].
-        least: below this a force is impossible, for longer than a moment [N].
-        most: above this likewise [N].
-        drift: how fast the mean force may go one way for `STEADY` blocks [N/s].
+        lower: end of the range, itself not in order.
+        upper: end of the range, itself not in order.
+        step: of the converter; 0 where it is not known.
+        repeats: so many values in a row that differ by one step at most are a frozen cell.
+        spike: how far a single sample may be from both of its neighbours, on the same side.
+        least: below this a force is impossible, for longer than a moment.
+        most: above this likewise.
+        drift: how fast the mean force may go one way for `STEADY` blocks [1/s].
         silent_after: so long without a sample is silence [s].
         start_up: how much longer the first sample may take [s]; most boards restart when the port is opened.
     """
 
     lower: float = -math.inf
     upper: float = math.inf
-    identical: int = 10
     step: float = 0.0
-    within_step: int = sys.maxsize
+    repeats: int = 10
     spike: float = math.inf
     least: float = -math.inf
     most: float = math.inf
@@ -94,16 +81,9 @@ class FaultLimits:
     start_up: float = 0.0
 
     @classmethod
-    def of(cls, noise: float, resolution: float, full_scale: float, silent_after: float = 0.2) -> "FaultLimits":
-        """Limits of a cell with this noise, resolution and range of either sign [N]."""
-        return cls(
-            -full_scale,
-            full_scale,
-            implausible_repeats(noise, resolution),
-            resolution,
-            implausible_repeats(noise, 2.0 * resolution),
-            silent_after=silent_after,
-        )
+    def of(cls, noise: float, step: float, lower: float, upper: float) -> "FaultLimits":
+        """Limits of a cell with this noise (standard deviation of one sample), step of its converter, and range."""
+        return cls(lower, upper, step, implausible_repeats(noise, 2.0 * step))
 
 
 def implausible_repeats(noise: float, resolution: float, false_alarms: float = 1e-9) -> int:
@@ -128,8 +108,8 @@ def implausible_repeats(noise: float, resolution: float, false_alarms: float = 1
 
 RECENT = 100
 """Samples among which spikes are counted."""
-MANY, FEW = 3, 1
-"""Spikes among them from which on, and down to which, the cell cannot be relied on; one in a hundred is bridged."""
+MANY, FEW = 2, 1
+"""With more spikes among them than `MANY` the cell cannot be relied on, until no more than `FEW` are left."""
 MOMENT = 10
 """Impossible forces in a row that are no longer a moment, such as a load that bounces."""
 BLOCK, STEADY = 0.5, 4
@@ -138,44 +118,20 @@ hung on goes back, or stops, within 2 s."""
 
 
 class _Stuck:
-    """Counts the values in a row, up to the last, that are equal, and those that differ by one step at most."""
+    """Counts the values in a row, up to the last, that differ by one step at most."""
 
     def __init__(self, step: float) -> None:
         self._room = 1.01 * step
         self._last = self._low = self._high = math.nan
-        self.equal = self.close = 0
+        self.count = 0
 
     def add(self, value: float) -> None:
-        low, high = min(self._low, value), max(self._high, value)
-        if high - low <= self._room:  # not where there is no last value
-            self.close += 1
-        elif abs(value - self._last) <= self._room:
-            low, high, self.close = min(self._last, value), max(self._last, value), self.equal + 1
-        else:
-            low, high, self.close = value, value, 1
-        self.equal = self.equal + 1 if value == self._last else 1
-        self._last, self._low, self._high = value, low, high
-
-
-class _Spikes:
-    """Counts the samples among the latest that stand out from both neighbours."""
-
-    def __init__(self, limit: float) -> None:
-        self._limit = limit
-        self._three: deque[float] = deque(maxlen=3)
-        self._found: deque[bool] = deque(maxlen=RECENT)
-
-    @property
-    def count(self) -> int:
-        return sum(self._found)
-
-    def add(self, value: float) -> None:
-        self._three.append(value)
-        if len(self._three) == 3:
-            before, middle, after = self._three
-            self._found.append(
-                min(abs(middle - before), abs(middle - after)) > self._limit and (middle > before) == (middle > after)
-            )
+        low, high, count = min(self._low, value), max(self._high, value), self.count + 1
+        if not high - low <= self._room:  # nor where there is no last value
+            low, high, count = min(self._last, value), max(self._last, value), 2
+        if not high - low <= self._room:
+            low, high, count = value, value, 1
+        self._last, self._low, self._high, self.count = value, low, high, count
 
 
 class _Drift:
@@ -208,8 +164,9 @@ class FaultDetector:
         self._events: list[FaultEvent] = []
         self._heard: float | None = None
         self._patience = self._limits.start_up + self._limits.silent_after
-        self._stuck, self._spikes = _Stuck(self._limits.step), _Spikes(self._limits.spike)
-        self._drift = _Drift(self._limits.drift)
+        self._stuck, self._drift = _Stuck(self._limits.step), _Drift(self._limits.drift)
+        self._latest: deque[float] = deque(maxlen=3)
+        self._spikes: deque[bool] = deque(maxlen=RECENT)
         self._impossible = 0
 
     @property
@@ -228,13 +185,11 @@ class FaultDetector:
         self.check(time)
         self._heard, self._patience = time, self._limits.silent_after
         self._set(Fault.SILENT, False, time)
-        limits, stuck = self._limits, self._stuck
-        stuck.add(value)
-        self._set(Fault.FROZEN, stuck.equal >= limits.identical or stuck.close >= limits.within_step, time)
+        limits = self._limits
+        self._stuck.add(value)
+        self._set(Fault.FROZEN, self._stuck.count >= limits.repeats, time)
         if limits.spike < math.inf:
-            self._spikes.add(value)
-            fewest = FEW + 1 if Fault.SPIKES in self._active else MANY
-            self._set(Fault.SPIKES, self._spikes.count >= fewest, time)
+            self._set(Fault.SPIKES, self._count_spikes(value) > (FEW if Fault.SPIKES in self._active else MANY), time)
         if limits.drift < math.inf:
             self._drift.add(time, value)
             self._set(Fault.DRIFTING, self._drift.steady, time)
@@ -242,6 +197,15 @@ class FaultDetector:
         self._set(Fault.NEGATIVE, self._impossible >= MOMENT, time)
         # In this form a value that is not a number is out of range, too.
         self._set(Fault.SATURATED, not limits.lower < value < limits.upper, time)
+
+    def _count_spikes(self, value: float) -> int:
+        """How many of the latest samples stand out from both neighbours, on the same side."""
+        self._latest.append(value)
+        if len(self._latest) == 3:
+            before, middle, after = self._latest
+            step = min(abs(middle - before), abs(middle - after))
+            self._spikes.append(step > self._limits.spike and (middle > before) == (middle > after))
+        return sum(self._spikes)
 
     def check(self, now: float) -> Fault | None:
         """Look for silence at `now` [s]; the most serious fault that holds now, if any."""

@@ -1,4 +1,4 @@
-"""The guided calibration: samples at each weight, their mean, and the line through the means."""
+"""The guided calibration: known weights, samples at each of them, their mean, and the line through the means."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -9,11 +9,60 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from armdyn.errors import TaskFailedError
-from pipeline.loadcell.calibration import Calibration, Weight
-from pipeline.loadcell.cell import CountReader
+from armdyn.errors import InputError, TaskFailedError
+from armdyn.units import parse_quantity
+from pipeline.loadcell.calibration import Calibration
+from pipeline.loadcell.cell import LoadCell
 from pipeline.loadcell.faults import Fault
 from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS
+
+
+@dataclass(frozen=True)
+class Weight:
+    """A known weight.
+
+    Attributes:
+        text: as the user wrote it.
+        force: what it pulls with [N].
+        force_std: its standard deviation [N], 0 where none was given.
+    """
+
+    text: str
+    force: float
+    force_std: float = 0.0
+
+
+def parse_weights(text: str, gravity: float) -> tuple[Weight, ...]:
+    """Read ``"0 g, 100 g, 200 g +/- 0.1 g"``; forces such as ``"1 N"`` are taken too.
+
+    The empty cell comes first, whether it was listed or not.
+
+    Args:
+        text: separated by commas.
+        gravity: free-fall acceleration [m/s^2].
+
+    Raises:
+        InputError: not a mass or a force, negative, or fewer than two different ones.
+    """
+    weights = [_parse(part.strip(), gravity) for part in text.split(",") if part.strip()]
+    if not weights or weights[0].force > 0.0:
+        weights.insert(0, Weight("0 g", 0.0))
+    if len({weight.force for weight in weights}) < 2:
+        raise InputError(f"--weights '{text}': give at least one weight besides the empty cell, such as '0 g, 200 g'")
+    return tuple(weights)
+
+
+def _parse(text: str, gravity: float) -> Weight:
+    for unit, pull in (("kg", gravity), ("N", 1.0)):
+        try:
+            known = parse_quantity(text, unit)
+        except InputError:
+            continue
+        if known.value < 0.0:
+            raise InputError(f"--weights: '{text}' is negative: hang it so that it pulls the way the load will")
+        return Weight(text, pull * known.value, pull * (known.std or 0.0))
+    raise InputError(f"--weights: '{text}' is neither a mass nor a force: write '100 g', '100 g +/- 0.1 g' or '1 N'")
+
 
 FEWEST_SAMPLES = 40
 OUTLIER = 5.0
@@ -23,6 +72,8 @@ MOST_OUTLIERS = 0.1
 BLOCKS = 10
 CORRELATED = 1.5
 """Times the standard deviation of the mean of independent samples; independent blocks exceed it once in 60 times."""
+QUANTISATION = 1.0 / math.sqrt(12.0)
+"""Standard deviation of rounding [counts]."""
 
 
 @dataclass(frozen=True)
@@ -76,14 +127,11 @@ class Plateau:
             )
         noise = float(kept.std(ddof=1))
         blocks = [block.mean() for block in np.array_split(kept, BLOCKS)]
-        mean_std = max(noise, _QUANTISATION) / math.sqrt(len(kept))
+        mean_std = max(noise, QUANTISATION) / math.sqrt(len(kept))
         block_std = float(np.std(blocks, ddof=1)) / math.sqrt(BLOCKS)
         if block_std > CORRELATED * mean_std:
             mean_std = block_std
         return cls(weight, float(kept.mean()), mean_std, noise, len(kept), outliers)
-
-
-_QUANTISATION = 1.0 / math.sqrt(12.0)
 
 
 LARGEST_NOISE = 0.05
@@ -101,33 +149,19 @@ SIGNIFICANT = 5.0
 
 
 @dataclass(frozen=True)
-class CalibrationFit:
-    """A straight line through the plateaus.
+class CalibrationFit(Calibration):
+    """A calibration with what it was made of.
 
     Attributes:
         plateaus: one per weight.
-        offset: counts of the empty cell.
-        offset_std: [counts].
-        scale: [N/count].
-        scale_std: [N/count].
-        noise: standard deviation of one sample [N].
         residuals: force by the fit minus force of the weight, per plateau [N].
     """
 
     plateaus: tuple[Plateau, ...]
-    offset: float
-    offset_std: float
-    scale: float
-    scale_std: float
-    noise: float
     residuals: tuple[float, ...]
 
-    def calibration(self, date: datetime, source: str) -> Calibration:
-        """The calibration to be stored."""
-        return Calibration(self.offset, self.offset_std, self.scale, self.scale_std, self.noise, date, source)
 
-
-def fit_calibration(plateaus: Sequence[Plateau]) -> CalibrationFit:
+def fit_calibration(plateaus: Sequence[Plateau], source: str) -> CalibrationFit:
     r"""Fit counts = offset + F / scale by weighted least squares.
 
     The weights are :math:`1 / (\sigma_i^2 + b^2 \sigma_{F,i}^2)` with the mean's and the known weight's standard
@@ -136,6 +170,7 @@ def fit_calibration(plateaus: Sequence[Plateau]) -> CalibrationFit:
 
     Args:
         plateaus: two or more different weights.
+        source: how they were measured.
 
     Raises:
         TaskFailedError: the counts are no calibration: too noisy, weights that cannot be told apart, or not on a line.
@@ -145,30 +180,32 @@ def fit_calibration(plateaus: Sequence[Plateau]) -> CalibrationFit:
     force_std = np.array([plateau.weight.force_std for plateau in plateaus])
     mean = np.array([plateau.mean for plateau in plateaus])
     mean_std = np.array([plateau.mean_std for plateau in plateaus])
-
-    design = np.column_stack([np.ones_like(force), force])  # (n, 2)
-    slope = float(np.polyfit(force, mean, 1)[0])
+    slope, offset = np.polyfit(force, mean, 1)
     for _ in range(3):  # the weights depend on the slope, weakly
         std = np.hypot(mean_std, slope * force_std)
-        covariance = np.linalg.inv(design.T @ (design / std[:, None] ** 2))
-        offset, slope = covariance @ (design.T @ (mean / std**2))
-    residual = mean - design @ np.array([offset, slope])  # counts
+        (slope, offset), covariance = np.polyfit(force, mean, 1, w=1.0 / std, cov="unscaled")
+    residual = mean - offset - slope * force  # counts
     free = len(plateaus) - 2
     if free > 0:
         covariance *= max(1.0, float(np.sum((residual / std) ** 2)) / free)
-
-    scale = 1.0 / float(slope)
+    scale, (slope_std, offset_std) = 1.0 / float(slope), np.sqrt(np.diag(covariance))
     residuals = residual * scale
-    noise = math.sqrt(float(np.mean([plateau.noise**2 for plateau in plateaus]))) * abs(scale)
-    _require_line(plateaus, residuals, std * abs(scale))
+    worst = int(np.argmax(np.abs(residuals)))
+    if abs(residuals[worst]) > max(LARGEST_RESIDUAL * float(np.ptp(force)), SIGNIFICANT * std[worst] * abs(scale)):
+        raise TaskFailedError(
+            f"the counts do not lie on a line: {plateaus[worst].weight.text} is off by "
+            f"{1e3 * residuals[worst]:.1f} mN: check the weights, and that nothing touches the cell"
+        )
     return CalibrationFit(
-        plateaus=tuple(plateaus),
         offset=float(offset),
-        offset_std=math.sqrt(covariance[0, 0]),
+        offset_std=float(offset_std),
         scale=scale,
-        scale_std=math.sqrt(covariance[1, 1]) * scale**2,
-        noise=noise,
-        residuals=tuple(float(value) for value in residuals),
+        scale_std=float(slope_std) * scale**2,
+        noise=math.sqrt(float(np.mean([plateau.noise**2 for plateau in plateaus]))) * abs(scale),
+        date=datetime.now().astimezone().replace(microsecond=0),
+        source=source,
+        plateaus=tuple(plateaus),
+        residuals=tuple(map(float, residuals)),
     )
 
 
@@ -207,26 +244,15 @@ def _require_order(plateaus: Sequence[Plateau]) -> None:
             )
 
 
-def _require_line(plateaus: Sequence[Plateau], residuals: np.ndarray, std: np.ndarray) -> None:
-    """The means must lie on a line, as well as load cells allow."""
-    forces = [plateau.weight.force for plateau in plateaus]
-    span = max(forces) - min(forces)
-    worst = int(np.argmax(np.abs(residuals)))
-    if abs(residuals[worst]) > max(LARGEST_RESIDUAL * span, SIGNIFICANT * std[worst]):
-        raise TaskFailedError(
-            f"the counts do not lie on a line: {plateaus[worst].weight.text} is off by "
-            f"{1e3 * residuals[worst]:.1f} mN: check the weights, and that nothing touches the cell"
-        )
-
-
 SETTLING_SAMPLES = 8
 """Samples left out after a weight was changed: the HX711's filter takes four to settle (datasheet, "Settling Time")."""
 
 
 def calibrate(
-    reader: CountReader,
+    cell: LoadCell,
     weights: Sequence[Weight],
     samples: int,
+    source: str,
     ask: Callable[[Weight], None],
     progress: Callable[[Weight, int], None],
     wait: Callable[[float], None],
@@ -234,9 +260,10 @@ def calibrate(
     """Take `samples` samples at each of `weights` and fit a line.
 
     Args:
-        reader: of the cell.
+        cell: whose counts are taken.
         weights: in the order in which they are asked for.
         samples: per weight.
+        source: how it is made, for the file.
         ask: has the user hang a weight, and returns when it hangs still.
         progress: told the weight and how many of its samples there are.
         wait: lets so many seconds pass.
@@ -244,39 +271,25 @@ def calibrate(
     Raises:
         TaskFailedError: the cell fails, or what it said is no calibration.
     """
-    _until_first_sample(reader, wait)
+    while not cell.status().samples:
+        _require_alive(cell)
+        wait(0.02)
     plateaus = []
     for weight in weights:
         ask(weight)
-        plateaus.append(Plateau.of(weight, _take(reader, weight, samples, progress, wait)))
-    return fit_calibration(plateaus)
+        cell.read_counts()  # drop the samples that were received while the weight was changed
+        counts: list[int] = []
+        while len(counts) < SETTLING_SAMPLES + samples:
+            counts += [sample.counts for sample in cell.read_counts()]
+            _require_alive(cell)
+            progress(weight, min(max(len(counts) - SETTLING_SAMPLES, 0), samples))
+            wait(0.02)
+        plateaus.append(Plateau.of(weight, counts[SETTLING_SAMPLES : SETTLING_SAMPLES + samples]))
+    return fit_calibration(plateaus, source)
 
 
-def _until_first_sample(reader: CountReader, wait: Callable[[float], None]) -> None:
-    while not reader.status().samples:
-        _require_alive(reader)
-        wait(0.02)
-
-
-def _take(
-    reader: CountReader,
-    weight: Weight,
-    samples: int,
-    progress: Callable[[Weight, int], None],
-    wait: Callable[[float], None],
-) -> list[int]:
-    reader.read()  # drop the samples that were received while the weight was changed
-    counts: list[int] = []
-    while len(counts) < SETTLING_SAMPLES + samples:
-        counts += [sample.counts for sample in reader.read()]
-        _require_alive(reader)
-        progress(weight, min(max(len(counts) - SETTLING_SAMPLES, 0), samples))
-        wait(0.02)
-    return counts[SETTLING_SAMPLES : SETTLING_SAMPLES + samples]
-
-
-def _require_alive(reader: CountReader) -> None:
-    status = reader.status()
+def _require_alive(cell: LoadCell) -> None:
+    status = cell.status()
     for fault in (Fault.DISCONNECTED, Fault.SILENT):
         if fault in status.active:
             seen = status.counts[Fault.MALFORMED]

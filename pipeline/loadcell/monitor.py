@@ -3,13 +3,14 @@
 import math
 from collections import deque
 from collections.abc import Iterable
+from statistics import fmean, stdev
 from typing import Any
 
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from pipeline.loadcell.calibration import Calibration
+from pipeline.fields import fields, number
 from pipeline.loadcell.faults import FaultEvent, LoadCellStatus
 from pipeline.loadcell.fit import CalibrationFit
 from pipeline.robot.protocol import ForceSample
@@ -62,13 +63,10 @@ class Monitor:
         forces = [sample.force for sample in self._latest]
         if not forces:
             return math.nan, math.nan, math.nan
-        mean = math.fsum(forces) / len(forces)
-        if len(forces) == 1:
-            return forces[-1], mean, math.nan
-        return forces[-1], mean, math.sqrt(math.fsum((force - mean) ** 2 for force in forces) / (len(forces) - 1))
+        return forces[-1], fmean(forces), stdev(forces) if len(forces) > 1 else math.nan
 
 
-def calibration_table(fit: CalibrationFit, calibration: Calibration) -> RenderableType:
+def calibration_table(fit: CalibrationFit) -> RenderableType:
     """The plateaus and what they give."""
     table = Table("weight", "force [N]", "counts", "residual [mN]", "noise [counts]", "left out")
     for plateau, residual in zip(fit.plateaus, fit.residuals, strict=True):
@@ -81,9 +79,8 @@ def calibration_table(fit: CalibrationFit, calibration: Calibration) -> Renderab
             str(plateau.outliers),
         )
     summary = (
-        f"offset {calibration.offset:.1f} ± {calibration.offset_std:.1f} counts, "
-        f"scale {1e6 * calibration.scale:.5g} ± {1e6 * calibration.scale_std:.2g} µN/count, "
-        f"noise {1e3 * calibration.noise:.2g} mN"
+        f"offset {fit.offset:.1f} ± {fit.offset_std:.1f} counts, scale {1e6 * fit.scale:.5g} ± "
+        f"{1e6 * fit.scale_std:.2g} µN/count, noise {1e3 * fit.noise:.2g} mN"
     )
     return Group(table, Text(summary))
 
@@ -108,9 +105,7 @@ def calibration_json(fit: CalibrationFit, rate: float) -> dict[str, Any]:
     """What `armdyn loadcell calibrate --json` writes."""
     return {
         "schema": "armdyn.loadcell_calibration/1",
-        "offset": {"value": fit.offset, "std": fit.offset_std, "unit": "count"},
-        "scale": {"value": fit.scale, "std": fit.scale_std, "unit": "N/count"},
-        "noise": {"value": fit.noise, "unit": "N"},
+        **fit.quantities(),
         "rate": rate,
         "weights": [
             {
@@ -118,10 +113,7 @@ def calibration_json(fit: CalibrationFit, rate: float) -> dict[str, Any]:
                 "force": plateau.weight.force,
                 "counts": plateau.mean,
                 "counts_std": plateau.mean_std,
-                "noise": plateau.noise,
-                "residual": residual,
-                "samples": plateau.samples,
-                "outliers": plateau.outliers,
+                **fields(plateau, "noise residual= samples outliers", residual=residual),
             }
             for plateau, residual in zip(fit.plateaus, fit.residuals, strict=True)
         ],
@@ -130,19 +122,11 @@ def calibration_json(fit: CalibrationFit, rate: float) -> dict[str, Any]:
 
 def monitor_json(seen: Monitor, status: LoadCellStatus, start: float) -> dict[str, Any]:
     """What `armdyn loadcell monitor --json` writes; times count from `start` [s]."""
-    # JSON has no nan: figures that do not exist are null.
-    figures = {"mean": seen.mean, "min": seen.minimum, "max": seen.maximum} if seen.samples else {}
+    force = {"mean": seen.mean, "min": seen.minimum, "max": seen.maximum, "std": seen.std}
     return {
         "schema": "armdyn.loadcell_monitor/1",
-        "reliable": status.reliable,
-        "connected": status.connected,
-        "samples": status.samples,
-        "rate": status.rate,
-        "force": {
-            "unit": "N",
-            **{name: figures.get(name) for name in ("mean", "min", "max")},
-            "std": seen.std if seen.samples > 1 else None,
-        },
+        **fields(status, "reliable connected samples rate"),
+        "force": {"unit": "N", **{name: number(value) for name, value in force.items()}},
         "active": [fault.name.lower() for fault in status.active],
         "faults": {fault.name.lower(): count for fault, count in status.counts.items()},
         "events": [

@@ -15,10 +15,13 @@ import re
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 from armdyn.errors import InputError
 from pipeline.loadcell.faults import Fault
+
+if TYPE_CHECKING:
+    import serial
 
 MINIMUM_COUNTS = -0x800000
 """What the HX711 gives when its input is below its range (datasheet, "Output Data Rate and Format")."""
@@ -129,25 +132,10 @@ POLL = 0.05
 """How long a read waits for the first byte [s], and so how soon a reader notices that it shall end."""
 
 
-class SerialLine(Protocol):
-    """What is used of pyserial's ``Serial``."""
-
-    @property
-    def in_waiting(self) -> int:
-        """Bytes that can be read at once."""
-        ...
-
-    def read(self, size: int) -> bytes:
-        """Up to `size` bytes; fewer, or none, after `POLL` seconds. Raises OSError once the port is gone."""
-        ...
-
-    def close(self) -> None:
-        """Let go of the port."""
-        ...
-
-
-def open_port(port: str, baud: int = BAUD) -> SerialLine:
+def open_port(port: str, baud: int = BAUD) -> "serial.Serial":
     """Open `port` for this program alone.
+
+    Its ``read`` waits for `POLL` seconds at most, and raises OSError once the port is gone.
 
     Raises:
         InputError: it is missing, forbidden, in use, not a serial port, or does not know the baud rate.

@@ -17,6 +17,7 @@ from armdyn.experiments.search import NEARLY, Say, improved, random_motions, sca
 from armdyn.experiments.series import AxisMotion, Series
 from armdyn.run import Channel, Run
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, check_joints
+from pipeline.motion.feasibility.clearance import CLEARANCE
 from pipeline.motion.trajectory import JointTrajectory
 from urdf.robot import Array
 
@@ -169,7 +170,7 @@ def excitation(
     """
     settings = settings or CheckSettings(singular_value=0.0)  # joints that are led one by one race for no tool
     robot = goal.columns.arm.robot
-    postures = FreePostures(robot, settings.clearance)
+    postures = FreePostures(robot, CLEARANCE)
     problem = ArmProblem(goal.columns, goal.criterion, Series(seconds), MotionLimits.of(robot), postures)
     starts = random_motions(problem, random, np.random.default_rng(seed), say)
     if not starts:
@@ -240,7 +241,7 @@ def _feasible(
         if k == REPAIRS:
             break
         problem = _with_less_room(problem, check)
-        say(f"{k + 1} of {REPAIRS} repairs, as the {check.violations[0]}")
+        say(f"{k + 1} of {REPAIRS} repairs, as the {check.violations[0].broken}")
         x = improved(problem, x, first=len(problem.steps) - 2)
     smaller: list[tuple[float, int, tuple[Array, JointTrajectory, FeasibilityReport]]] = []
     for motion in (x, best):

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from armdyn.errors import InputError
+from pipeline.motion.trajectory import LineState
 from urdf.robot import Array, read_only
 
 if TYPE_CHECKING:
@@ -20,73 +20,66 @@ if TYPE_CHECKING:
 LINE_JERK = 200.0
 """Jerk along the line [m/s^3]: below it the smoother can no longer follow the motions of SAC to 0.4 mm."""
 
+HEADROOM = 0.999
+"""Share of the limits that planned motions use, so that they also hold between the checked instants."""
+
+ROUNDING = 1e-10
+"""What a planned motion may exceed a limit by [SI units]."""
+
 
 @dataclass(frozen=True)
 class LineLimits:
-    """Limits along the line: the range, and speed and acceleration that depend on the place.
-
-    Between nodes the limits are linear.
+    """Limits along the line: the range, and speed and acceleration that depend on the place, linear between nodes.
 
     Attributes:
         s: nodes (n,), increasing, the ends being the ends of the line [m].
         speed: largest speed at each node (n,) [m/s].
         acceleration: largest acceleration at each node (n,) [m/s^2].
         jerk: largest jerk, everywhere [m/s^3].
-
-    Raises:
-        InputError: if the shapes differ, the nodes do not increase or a limit is not positive and finite.
+        s_min: lower end of the line [m].
+        s_max: upper end of the line [m].
+        slowest: smallest speed limit of the line [m/s].
+        fastest: largest speed limit of the line [m/s].
+        weakest: smallest acceleration limit of the line [m/s^2].
+        strongest: largest acceleration limit of the line [m/s^2].
     """
 
     s: Array
     speed: Array
     acceleration: Array
     jerk: float = LINE_JERK
+    s_min: float = field(init=False)
+    s_max: float = field(init=False)
+    slowest: float = field(init=False)
+    fastest: float = field(init=False)
+    weakest: float = field(init=False)
+    strongest: float = field(init=False)
 
     def __post_init__(self) -> None:
         for name in ("s", "speed", "acceleration"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
-        if self.s.ndim != 1 or self.s.size < 2 or not self.s.shape == self.speed.shape == self.acceleration.shape:
-            raise InputError("line limits: s, speed and acceleration must be one-dimensional and equally long (>= 2)")
-        if not np.all(np.isfinite(self.s)) or np.any(np.diff(self.s) <= 0.0):
-            raise InputError("line limits: the nodes s must be finite and increasing")
-        positive = np.concatenate([self.speed, self.acceleration, [self.jerk]])
-        if not np.all(np.isfinite(positive)) or np.any(positive <= 0.0):
-            raise InputError("line limits: speed, acceleration and jerk must be finite and greater than 0")
+        for values, least, largest in (
+            (self.s, "s_min", "s_max"),
+            (self.speed, "slowest", "fastest"),
+            (self.acceleration, "weakest", "strongest"),
+        ):
+            object.__setattr__(self, least, float(values.min()))
+            object.__setattr__(self, largest, float(values.max()))
 
     @classmethod
     def from_table(cls, table: PathTable) -> LineLimits:
         """Limits along the path of a table."""
         return cls(table.s, table.speed_limit, table.acceleration_limit)
 
-    @cached_property
-    def s_min(self) -> float:
-        """Lower end of the line [m]."""
-        return float(self.s[0])
+    def scaled(self, speed: float, acceleration: float, strongest: float = np.inf) -> LineLimits:
+        """The same line with shares of its speed and acceleration [1], and no acceleration above one [m/s^2]."""
+        return replace(
+            self, speed=self.speed * speed, acceleration=np.minimum(self.acceleration * acceleration, strongest)
+        )
 
-    @cached_property
-    def s_max(self) -> float:
-        """Upper end of the line [m]."""
-        return float(self.s[-1])
-
-    @cached_property
-    def slowest(self) -> float:
-        """Smallest speed limit of the line [m/s]."""
-        return float(self.speed.min())
-
-    @cached_property
-    def fastest(self) -> float:
-        """Largest speed limit of the line [m/s]."""
-        return float(self.speed.max())
-
-    @cached_property
-    def weakest(self) -> float:
-        """Smallest acceleration limit of the line [m/s^2]."""
-        return float(self.acceleration.min())
-
-    @cached_property
-    def strongest(self) -> float:
-        """Largest acceleration limit of the line [m/s^2]."""
-        return float(self.acceleration.max())
+    def tight(self) -> LineLimits:
+        """The limits with `HEADROOM`."""
+        return self.scaled(HEADROOM, HEADROOM)
 
     def speed_at(self, s: ArrayLike) -> Array:
         """Largest speed at `s` [m/s]; beyond the ends, that of the end."""
@@ -95,6 +88,24 @@ class LineLimits:
     def acceleration_at(self, s: ArrayLike) -> Array:
         """Largest acceleration at `s` [m/s^2]; beyond the ends, that of the end."""
         return np.interp(np.asarray(s, dtype=float), self.s, self.acceleration)
+
+    def respected_by(self, s: Array, v: Array, a: Array, tolerance: float = 0.0) -> bool:
+        """Whether samples (n,) each [m, m/s, m/s^2] are on the line and within its speed and acceleration."""
+        return bool(
+            s.min() >= self.s_min - tolerance
+            and s.max() <= self.s_max + tolerance
+            and np.all(np.abs(v) <= self.speed_at(s) + tolerance)
+            and np.all(np.abs(a) <= self.acceleration_at(s) + tolerance)
+        )
+
+    def allow(self, state: LineState) -> bool:
+        """The same of one state, up to rounding, in a fifth of the time."""
+        s, v, a = state
+        return (
+            self.s_min - ROUNDING <= s <= self.s_max + ROUNDING
+            and abs(v) <= self.lowest_speed(s, s) + ROUNDING
+            and abs(a) <= self.lowest_acceleration(s, s) + ROUNDING
+        )
 
     def lowest_speed(self, lower: float, upper: float) -> float:
         """Smallest speed limit anywhere in [lower, upper] [m/s]."""
@@ -125,20 +136,3 @@ class LineLimits:
             return limit[-1]
         weight = (s - nodes[k - 1]) / (nodes[k] - nodes[k - 1])
         return limit[k - 1] + weight * (limit[k] - limit[k - 1])
-
-    def scaled(self, speed: float = 1.0, acceleration: float = 1.0) -> LineLimits:
-        """The same line with shares of its limits.
-
-        Args:
-            speed: factor on the speed limit [1].
-            acceleration: factor on the acceleration limit [1].
-        """
-        return replace(self, speed=self.speed * speed, acceleration=self.acceleration * acceleration)
-
-    def capped(self, acceleration: float) -> LineLimits:
-        """The same line with no acceleration limit above a given one.
-
-        Args:
-            acceleration: cap [m/s^2].
-        """
-        return replace(self, acceleration=np.minimum(self.acceleration, acceleration))

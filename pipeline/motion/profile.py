@@ -1,4 +1,4 @@
-"""Motions in phases of constant jerk, and ruckig, which plans them."""
+"""Motions in phases of constant jerk."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-import ruckig
 from numpy.typing import ArrayLike
 
-from pipeline.motion.limits import LineLimits
+from pipeline.motion.limits import ROUNDING, LineLimits
 from pipeline.motion.trajectory import LineState
 from urdf.robot import Array
 
@@ -75,55 +74,40 @@ class JerkProfile:
         s, v, a = states[phase].T
         return s + h * (v + h * (a / 2.0 + h * j / 6.0)), v + h * (a + h * j / 2.0), a + h * j
 
-    def from_time(self, time: float) -> JerkProfile:
-        """What is left of the motion after some time.
-
-        Args:
-            time: that has passed [s].
-        """
-        left = [max(end - max(begin, time), 0.0) for begin, end in zip(self.start, self.start[1:], strict=False)]
-        return JerkProfile(self.at(min(time, self.duration)), left, self.jerks[:-1])
-
-    def until(self, time: float) -> JerkProfile:
-        """The beginning of the motion.
-
-        Args:
-            time: at which it is cut off [s].
-        """
-        kept = [min(end, time) - begin for begin, end in zip(self.start, self.start[1:], strict=False)]
-        return JerkProfile(self.states[0], kept, self.jerks[:-1])
+    def part(self, begin: float = 0.0, end: float = math.inf) -> JerkProfile:
+        """The motion from one time to another [s], its own time counting from the first."""
+        left = [max(min(b, end) - max(a, begin), 0.0) for a, b in pairwise(self.start)]
+        return JerkProfile(self.at(min(begin, self.duration)), left, self.jerks[:-1])
 
     def extremes(self) -> list[LineState]:
         """States among which acceleration, speed and position are extreme: phase boundaries, a = 0, v = 0."""
         states = list(self.states)
-        for (s, v, a), j, end, begin in zip(self.states, self.jerks, self.start[1:], self.start, strict=False):
+        for (s, v, a), j, (begin, end) in zip(self.states, self.jerks, pairwise(self.start), strict=False):
             for h in (-a / j if j else -1.0, *_zeros(j / 2.0, a, v)):
                 if 0.0 < h < end - begin:
                     states.append(LineState(*_advanced(s, v, a, j, h)))
         return states
 
-    def respects(self, limits: LineLimits, tolerance: float = 1e-10) -> bool:
-        """Whether the motion stays on the line and within its speed and acceleration.
+    def respects(self, limits: LineLimits) -> bool:
+        """Whether the motion stays on the line and within its speed and acceleration, up to rounding.
 
         It is looked at where it is extreme, where it passes a node of the limits, and evenly in between. Constant
         limits are held exactly; others, linear between nodes, can be exceeded by `MISSED` of the speed.
-
-        Args:
-            limits: along the line.
-            tolerance: for rounding [SI units].
         """
+        extremes = self.extremes()
+        # Most motions that break a limit do so at an extreme; most others are far from every limit on their way.
+        if not all(limits.allow(state) for state in extremes):
+            return False
+        s, v, a = zip(*extremes, strict=True)
+        lower, upper = min(s), max(s)
+        slow = max(map(abs, v)) <= limits.lowest_speed(lower, upper)
+        if slow and max(map(abs, a)) <= limits.lowest_acceleration(lower, upper):
+            return True
         # A function with a second derivative of 2 J or less is at most 2 J h^2 / 8 above what is seen at its ends.
         spacing = min(SAMPLING, math.sqrt(4.0 * MISSED * limits.slowest / limits.jerk))
         count = int(min(np.ceil(self.duration / spacing), MOST_SAMPLES)) + 1
         even = np.linspace(0.0, self.duration, count)
-        s, v, a = self.sample(np.concatenate([even, self._passes(even, limits.s)]))
-        s, v, a = np.concatenate([np.array([s, v, a]).T, self.extremes()]).T
-        return bool(
-            s.min() >= limits.s_min - tolerance
-            and s.max() <= limits.s_max + tolerance
-            and np.all(np.abs(v) <= limits.speed_at(s) + tolerance)
-            and np.all(np.abs(a) <= limits.acceleration_at(s) + tolerance)
-        )
+        return limits.respected_by(*self.sample(np.concatenate([even, self._passes(even, limits.s)])), ROUNDING)
 
     def _passes(self, time: Array, nodes: Array) -> Array:
         """Times at which nodes are passed, taking the motion between samples for uniform."""
@@ -155,75 +139,3 @@ def _zeros(square: float, linear: float, constant: float) -> tuple[float, ...]:
         return ()
     half = -(linear + math.copysign(math.sqrt(discriminant), linear)) / 2.0
     return tuple(n / d for n, d in ((half, square), (constant, half)) if d != 0.0)
-
-
-ROUNDING = 1e-9
-"""Time within which a motion is on time [s]."""
-
-
-class LinePlanner:
-    """Ruckig on the line coordinate, with its input and output kept between calls.
-
-    Source: Berscheid and Kröger, "Jerk-limited Real-time Trajectory Generation with Arbitrary Target States", RSS 2021.
-
-    Args:
-        jerk: largest jerk [m/s^3].
-    """
-
-    def __init__(self, jerk: float) -> None:
-        self._ruckig = ruckig.Ruckig(1)
-        self._trajectory = ruckig.Trajectory(1)
-        self._to_state = ruckig.InputParameter(1)
-        self._to_rest = ruckig.InputParameter(1)
-        self._to_rest.control_interface = ruckig.ControlInterface.Velocity
-        for parameters in (self._to_state, self._to_rest):
-            parameters.max_jerk = [jerk]
-
-    def to_state(
-        self, start: LineState, target: LineState, speed: float, acceleration: float, duration: float | None = None
-    ) -> JerkProfile | None:
-        """Fastest motion between two moving states, or one that takes a given time.
-
-        Args:
-            start: present state, finite.
-            target: wanted state, finite.
-            speed: largest speed [m/s].
-            acceleration: largest acceleration [m/s^2].
-            duration: time to take, to arrive on a sample [s].
-
-        Returns:
-            The motion, or None where ruckig finds none: the time is too short, or a target is beyond the limits.
-        """
-        p = self._to_state
-        p.current_position, p.current_velocity, p.current_acceleration = [start.s], [start.v], [start.a]
-        p.target_position, p.target_velocity, p.target_acceleration = [target.s], [target.v], [target.a]
-        p.max_velocity, p.max_acceleration = [speed], [acceleration]
-        p.minimum_duration = duration
-        return self._calculate(p, start, duration)
-
-    def to_rest(self, start: LineState, acceleration: float) -> JerkProfile | None:
-        """Fastest motion to rest, wherever that is.
-
-        Args:
-            start: present state, finite.
-            acceleration: largest acceleration [m/s^2].
-        """
-        p = self._to_rest
-        p.current_position, p.current_velocity, p.current_acceleration = [start.s], [start.v], [start.a]
-        p.max_acceleration = [acceleration]
-        return self._calculate(p, start)
-
-    def _calculate(
-        self, parameters: ruckig.InputParameter, start: LineState, duration: float | None = None
-    ) -> JerkProfile | None:
-        try:
-            result = self._ruckig.calculate(parameters, self._trajectory)
-        except ruckig.RuckigError:
-            return None
-        if result not in (ruckig.Result.Working, ruckig.Result.Finished):
-            return None
-        if duration is not None and self._trajectory.duration > duration + ROUNDING:
-            return None
-        profile = self._trajectory.profiles[0][0]
-        brake = profile.brake
-        return JerkProfile(start, [*brake.t, *profile.t], [*brake.j, *profile.j])

@@ -9,15 +9,11 @@ import numpy as np
 from scipy import sparse
 
 from armdyn.errors import InputError, TaskFailedError
-from pipeline.motion.guard import Guard
 from pipeline.motion.limits import LineLimits
-from pipeline.motion.profile import LinePlanner
+from pipeline.motion.planner import LinePlanner
 from pipeline.motion.smoother import LineSmoother
 from pipeline.motion.trajectory import LineState, LineTrajectory
 from urdf.robot import Array
-
-HEADROOM = 0.999
-"""Share of the limits that the program uses; the rest covers errors of the linearisation and between samples."""
 
 EASY = 0.95
 """Share of the limits for the first motion: its jerk may change within a sample, that of the program may not."""
@@ -76,13 +72,13 @@ def smooth_reference(
         raise InputError("reference: positions and speeds must be one-dimensional, equally long, and at least 4")
     if not (np.all(np.isfinite(s_ref)) and np.all(np.isfinite(v_ref)) and np.isfinite(dt) and dt > 0.0):
         raise InputError("reference: positions, speeds and the time step must be finite, the step greater than 0")
-    tight = limits.scaled(HEADROOM, HEADROOM)
     easy = replace(limits.scaled(EASY, EASY), jerk=EASY * limits.jerk)
-    guard = Guard(easy, LinePlanner(easy.jerk))
+    planner = LinePlanner(easy)
     if start is None:
-        start = guard.drawn_back(LineState(float(s_ref[0]), float(v_ref[0])))
-    program = _Program(s_ref, v_ref, dt, tight, start, end)
-    s, v, a = _followed(s_ref, v_ref, dt, limits if guard.stop(start) is None else easy, start)
+        start = planner.drawn_back(LineState(float(s_ref[0]), float(v_ref[0])))
+    # The headroom covers errors of the linearisation, and what happens between samples.
+    program = _Program(s_ref, v_ref, dt, limits.tight(), start, end)
+    s, v, a = _smoothed_online(s_ref, v_ref, dt, limits if planner.stop(start) is None else easy, start)
     for k in range(ROUNDS):
         before, trust = s, TRUST * NARROWING[1] ** max(k - NARROWING[0], 0)
         # Where the first motion misses the end, the program may have to leave the trust region.
@@ -95,10 +91,15 @@ def smooth_reference(
         s, v, a = solved
         if np.max(np.abs(s - before)) < SETTLED:
             break
-    return _verified(LineTrajectory(np.linspace(0.0, dt * (s.size - 1), s.size), s, v, a), limits)
+    motion = LineTrajectory(np.linspace(0.0, dt * (s.size - 1), s.size), s, v, a)
+    if not limits.respected_by(s, v, a, 1e-9):
+        raise TaskFailedError(
+            "reference: the limits of the line change too fast for it; give it more time, or smooth the limits"
+        )
+    return motion
 
 
-def _followed(
+def _smoothed_online(
     s_ref: Array, v_ref: Array, dt: float, limits: LineLimits, start: LineState
 ) -> tuple[Array, Array, Array]:
     """A first motion: what the online smoother makes of the reference, which is within all limits of the line."""
@@ -108,21 +109,6 @@ def _followed(
     states = [smoother.state, *(smoother.update(targets[k : k + 50]) for k in range(1, len(targets)))]
     s, v, a = np.array(states).T
     return s, v, a
-
-
-def _verified(motion: LineTrajectory, limits: LineLimits) -> LineTrajectory:
-    """The motion, which must be within its limits although they were linearised."""
-    within = (
-        motion.s.min() >= limits.s_min - 1e-9
-        and motion.s.max() <= limits.s_max + 1e-9
-        and np.all(np.abs(motion.v) <= limits.speed_at(motion.s))
-        and np.all(np.abs(motion.a) <= limits.acceleration_at(motion.s))
-    )
-    if not within:
-        raise TaskFailedError(
-            "reference: the limits of the line change too fast for it; give it more time, or smooth the limits"
-        )
-    return motion
 
 
 class _Program:

@@ -6,13 +6,11 @@ import math
 from collections.abc import Sequence
 
 from armdyn.errors import InputError
-from pipeline.motion.guard import Guard, RideCurve
 from pipeline.motion.limits import LineLimits
-from pipeline.motion.profile import JerkProfile, LinePlanner
+from pipeline.motion.planner import LinePlanner
+from pipeline.motion.profile import JerkProfile
+from pipeline.motion.ride import RideCurve
 from pipeline.motion.trajectory import LineState
-
-HEADROOM = 0.999
-"""Share of the limits that is used, so that they also hold between the checked instants."""
 
 LOOK_AHEAD = (1, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50)
 """Cycles ahead at which the reference, or the speed limit, may be met."""
@@ -41,20 +39,16 @@ class LineSmoother:
         state: where the tool is and how it moves.
 
     Raises:
-        InputError: if `dt` is not positive, or `state` cannot be brought to rest within the limits.
+        InputError: if `state` cannot be brought to rest within the limits.
     """
 
     def __init__(self, limits: LineLimits, dt: float, state: LineState) -> None:
-        if not (math.isfinite(dt) and dt > 0.0):
-            raise InputError(f"smoother: the cycle must be longer than 0 s, not {dt}")
         self._dt = dt
-        self._planner = LinePlanner(limits.jerk)
-        tight = limits.scaled(HEADROOM, HEADROOM)
-        self._ride = RideCurve(tight)
-        self._at_start = Guard(limits, self._planner)
-        self._guard = Guard(tight, self._planner)
+        self._at_start, self._planner = LinePlanner(limits), LinePlanner(limits.tight())
+        self._limits = self._planner.limits
+        self._ride = RideCurve(self._limits)
         # A pursuit that went above the speed curve that it follows afterwards would oscillate about it.
-        self._ridden = Guard(self._ride.limits, self._planner)
+        self._below_ride = LinePlanner(self._ride.limits)
         self.reset(state)
 
     @property
@@ -104,7 +98,13 @@ class LineSmoother:
         targets = self._continued(reference) if isinstance(reference, LineState) else _finite(reference)
         if not targets:
             return self.stop()
-        return self._follow(targets)
+        for m in LOOK_AHEAD:
+            if m > len(targets):
+                break
+            if self._meet(self._planner.drawn_back(targets[m - 1]), m):
+                return self._state
+        later = targets[min(round(PURSUIT / self._dt), len(targets) - 1)]
+        return self._state if self._pursue(self._planner.drawn_back(LineState(later.s))) else self.stop()
 
     def stop(self) -> LineState:
         """Move on by one cycle, on the way to rest.
@@ -113,68 +113,56 @@ class LineSmoother:
             State at the end of the cycle.
         """
         self._joining = None
-        self._motion = self._stop.from_time(self._stop_age).until(self._dt)
+        self._motion = self._stop.part(self._stop_age, self._stop_age + self._dt)
         self._stop_age += self._dt
         if self._stop_age < self._stop.duration:
             self._state = self._stop.at(self._stop_age)
         else:
             # Rest is exact: rounding errors of speed and acceleration must not add up.
-            self._state = LineState(min(max(self._stop.end.s, self._guard.limits.s_min), self._guard.limits.s_max))
+            self._state = LineState(min(max(self._stop.end.s, self._limits.s_min), self._limits.s_max))
         return self._state
 
-    def _follow(self, targets: Sequence[LineState]) -> LineState:
-        """Meet the first target that can be met on time; else pursue the place of the reference a little later."""
-        for m in LOOK_AHEAD:
-            if m > len(targets):
-                break
-            motion = self._on_time(self._guard.drawn_back(targets[m - 1]), m)
-            if motion is not None and self._guard.allows(motion) and self._begin(motion, self._guard):
-                return self._state
-        later = targets[min(round(PURSUIT / self._dt), len(targets) - 1)]
-        return self._pursue(self._guard.drawn_back(LineState(later.s))) or self.stop()
+    def _meet(self, target: LineState, cycles: int, keep: bool = False) -> bool:
+        """Begin the motion that meets a target after a number of cycles, where it exists and respects the limits."""
+        motion = self._planner.to_state(self._state, target, duration=cycles * self._dt)
+        return motion is not None and motion.respects(self._limits) and self._begin(motion, self._planner, keep)
 
-    def _on_time(self, target: LineState, cycles: int) -> JerkProfile | None:
-        """The motion that meets a target after a number of cycles; None where it takes longer."""
-        limits = self._guard.limits
-        speed, acceleration = limits.fastest, limits.strongest
-        return self._planner.to_state(self._state, target, speed, acceleration, cycles * self._dt)
-
-    def _pursue(self, target: LineState) -> LineState | None:
-        s, limits = self._state.s, self._guard.limits
-        acceleration = limits.lowest_acceleration(min(s, target.s), max(s, target.s))
-        motion = self._planner.to_state(self._state, target, limits.fastest, acceleration)
-        if motion is not None and self._begin(motion, self._ridden):
-            return self._state
+    def _pursue(self, target: LineState) -> bool:
+        """Begin the fastest motion towards a place, along the speed limit where that is in the way."""
+        s = self._state.s
+        acceleration = self._limits.lowest_acceleration(min(s, target.s), max(s, target.s))
+        motion = self._planner.to_state(self._state, target, acceleration=acceleration)
+        if motion is not None and self._begin(motion, self._below_ride):
+            return True
         # Going faster breaks the speed limit ahead: join it, with its own slope, as early as possible.
+        if self._joining is not None and self._begin(self._joining, self._planner, keep=True):
+            return True
         direction = math.copysign(1.0, target.s - s)
-        if self._joining is not None and self._begin(self._joining, self._guard, keep=True):
-            return self._state
         for m in LOOK_AHEAD:
             ahead = self._ride.after(s, m * self._dt, direction)
             if (target.s - ahead.s) * direction <= 0.0:
                 break
-            motion = self._on_time(ahead, m)
-            if motion is not None and self._guard.allows(motion) and self._begin(motion, self._guard, keep=True):
-                return self._state
+            if self._meet(ahead, m, keep=True):
+                return True
         for share in (0.9, 0.5):
-            slower = max(share * min(abs(self._state.v), limits.lowest_speed(s, s)), 1e-3)
-            motion = self._planner.to_state(self._state, LineState(target.s), slower, acceleration)
-            if motion is not None and self._begin(motion, self._guard):
-                return self._state
-        return None
+            slower = max(share * min(abs(self._state.v), self._limits.lowest_speed(s, s)), 1e-3)
+            motion = self._planner.to_state(self._state, LineState(target.s), speed=slower, acceleration=acceleration)
+            if motion is not None and self._begin(motion, self._planner):
+                return True
+        return False
 
-    def _begin(self, motion: JerkProfile, guard: Guard, keep: bool = False) -> bool:
+    def _begin(self, motion: JerkProfile, planner: LinePlanner, keep: bool = False) -> bool:
         """Begin a motion if its first cycle and a stop after that respect the limits; keep the rest of it if asked."""
-        cycle = motion.until(self._dt)
-        if not guard.allows(cycle):
+        cycle = motion.part(end=self._dt)
+        if not cycle.respects(planner.limits):
             return False
         state = motion.at(self._dt)
-        stop = guard.stop(state)
+        stop = planner.stop(state)
         if stop is None:
             return False
         self._state, self._motion = state, cycle
         self._stop, self._stop_age = stop, 0.0
-        self._joining = motion.from_time(self._dt) if keep and motion.duration > 1.5 * self._dt else None
+        self._joining = motion.part(self._dt) if keep and motion.duration > 1.5 * self._dt else None
         return True
 
     def _continued(self, reference: LineState) -> Sequence[LineState]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -52,11 +52,7 @@ class LineTrajectory:
     a: Array
 
     def __post_init__(self) -> None:
-        for name in ("time", "s", "v", "a"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
-        if self.time.ndim != 1 or not self.time.shape == self.s.shape == self.v.shape == self.a.shape:
-            raise InputError("line trajectory: time, s, v and a must be one-dimensional and equally long")
-        check_samples(self.time, {"s": self.s, "v": self.v, "a": self.a})
+        freeze_samples(self, "s", "v", "a")
 
     @property
     def start(self) -> LineState:
@@ -84,12 +80,8 @@ class LineTrajectory:
             other: its first sample is left out if it is at time 0: it is this one's last.
         """
         first = 1 if other.time[0] <= 0.0 else 0
-        return LineTrajectory(
-            np.concatenate([self.time, self.time[-1] + other.time[first:]]),
-            np.concatenate([self.s, other.s[first:]]),
-            np.concatenate([self.v, other.v[first:]]),
-            np.concatenate([self.a, other.a[first:]]),
-        )
+        pairs = (self.time, self.time[-1] + other.time), (self.s, other.s), (self.v, other.v), (self.a, other.a)
+        return LineTrajectory(*(np.concatenate([mine, its[first:]]) for mine, its in pairs))
 
 
 @dataclass(frozen=True)
@@ -114,40 +106,41 @@ class JointTrajectory:
     joint_names: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        for name in ("time", "q", "v", "a"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
-        shape = (self.time.size, len(self.joint_names))
-        if not self.q.shape == self.v.shape == self.a.shape == shape:
-            raise InputError(f"joint trajectory: q, v and a must have the shape {shape} (samples, joints)")
-        check_samples(self.time, {"q": self.q, "v": self.v, "a": self.a})
+        freeze_samples(self, "q", "v", "a", columns=len(self.joint_names))
 
     def __len__(self) -> int:
         return int(self.time.size)
 
 
-def check_samples(time: Array, values: dict[str, Array]) -> None:
-    """Refuse what cannot be a trajectory.
+def freeze_samples(motion: Any, *names: str, columns: int | None = None) -> None:
+    """Make the arrays of a motion read-only, and refuse what cannot be one.
 
     Args:
-        time: (n,) [s].
-        values: by name, the first axis being time.
+        motion: with ``time`` (n,) [s].
+        names: of its other arrays, (n,) each.
+        columns: k, where these are (n, k).
 
     Raises:
-        InputError: with the first row at fault, counted from 1.
+        InputError: with the first sample at fault, counted from 1.
     """
+    for name in ("time", *names):
+        object.__setattr__(motion, name, read_only(getattr(motion, name)))
+    time: Array = motion.time
+    shape = (time.size,) if columns is None else (time.size, columns)
+    if time.ndim != 1 or any(getattr(motion, name).shape != shape for name in names):
+        of = "(samples,)" if columns is None else "(samples, joints)"
+        raise InputError(f"trajectory: {', '.join(names)} must have the shape {shape} {of}")
     if time.size == 0:
         raise InputError("trajectory: it has no samples")
-    if not np.all(np.isfinite(time)):
-        raise InputError(f"trajectory: time is not a number in sample {int(np.argmin(np.isfinite(time))) + 1}")
-    steps = np.diff(time)
-    if np.any(steps <= 0.0):
-        k = int(np.argmax(steps <= 0.0))
+    for name in ("time", *names):
+        bad = ~np.isfinite(getattr(motion, name).reshape(time.size, -1)).all(axis=1)
+        if np.any(bad):
+            k = int(np.argmax(bad))
+            where = f" ({time[k]:.6g} s)" if name != "time" else ""
+            raise InputError(f"trajectory: {name} is not a number in sample {k + 1}{where}")
+    if np.any(np.diff(time) <= 0.0):
+        k = int(np.argmax(np.diff(time) <= 0.0))
         raise InputError(
             f"trajectory: time does not increase from sample {k + 1} ({time[k]:.6g} s) "
             f"to {k + 2} ({time[k + 1]:.6g} s): sort the rows and drop repeated ones"
         )
-    for name, array in values.items():
-        bad = ~np.isfinite(array.reshape(time.size, -1)).all(axis=1)
-        if np.any(bad):
-            k = int(np.argmax(bad))
-            raise InputError(f"trajectory: {name} is not a number in sample {k + 1} ({time[k]:.6g} s)")

@@ -6,7 +6,7 @@ first, the plan is made beside the loop for an instant ahead, and is played when
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from math import cos, sin
+from math import cos, nan, sin
 
 import numpy as np
 
@@ -99,12 +99,12 @@ class _Task:
     """What is to be planned; it can be copied to another process.
 
     Attributes:
-        cost: what the swing is for.
+        cost: what the motion is for.
         values: of the model's parameters.
         start: of gripper and load.
         here: what the arm was last told.
         at: joint positions (n,) [rad].
-        finish: whether the finish over the box follows.
+        finish: whether it is the swing, which the finish over the box follows.
     """
 
     cost: TaskCost
@@ -127,20 +127,23 @@ class _Planned:
 
 @dataclass
 class _Request:
-    """A motion that was asked for: what to plan for an instant [s], and what to do when it begins."""
+    """A motion that was asked for.
+
+    Attributes:
+        task: what to plan for an instant [s].
+        announce: of a swing: is told from when on the load may touch the box [s].
+        lead: how far ahead it is planned on a real clock [s].
+        tries: plans that were begun.
+        due: instant at which the motion begins [s]; None before one is chosen.
+        ready: the plan for it; None before it is made.
+    """
 
     task: Callable[[float], _Task]
-    begin: Callable[[float, _Planned], None]
-    keep: Callable[[_Planned], None]
+    announce: Callable[[float], None] | None = None
     lead: float = LEAD
     tries: int = 0
-    due: float | None = None
+    due: float = nan
     ready: _Planned | None = None
-
-    def again(self) -> None:
-        """The plan came too late: the next one is made for an instant farther ahead."""
-        self.ready = self.due = None
-        self.lead *= 2.0
 
 
 class TaskNode:
@@ -148,7 +151,6 @@ class TaskNode:
 
     Attributes:
         swing: the plan of the last swing.
-        trajectory: what the gripper was told to do in it, finish included.
         started: time at which the swing began [s].
         feasibility: report on the last planned motion; None before there is one.
     """
@@ -175,7 +177,6 @@ class TaskNode:
         self._worker.provide(self.name, self._plan)
         self._request: _Request | None = None
         self.swing: SwingPlan | None = None
-        self.trajectory: LineTrajectory | None = None
         self.started: float | None = None
         self.feasibility: FeasibilityReport | None = None
 
@@ -199,25 +200,19 @@ class TaskNode:
         if request is None:
             return
         if self._worker.at_once:
-            self._request = None
-            request.due = now
-            self._worker.ask(self.name, request.task(now), lambda planned: self._take(request, planned))
-            self._begin(request)
-        elif request.ready is None or request.due is None:
+            self._ask(request, now)
+        elif request.ready is None:
             if not self._worker.busy(self.name) and self._drive.at_rest:
-                self._ask_ahead(request, now)
-        elif now > request.due + self.period / 2:
-            request.again()
-        elif now > request.due - self.period / 2:
-            self._request = None
-            self._begin(request)
-
-    def _ask_ahead(self, request: _Request, now: float) -> None:
-        request.tries += 1
-        if request.tries > TRIES:
-            raise TaskFailedError(f"planning took longer than {request.lead / 2:g} s: this computer is too busy")
-        request.due = now + request.lead
-        self._worker.ask(self.name, request.task(request.due), lambda planned: self._take(request, planned))
+                request.tries += 1
+                if request.tries > TRIES:
+                    raise TaskFailedError(
+                        f"planning took longer than {request.lead / 2:g} s: this computer is too busy"
+                    )
+                self._ask(request, now + request.lead)
+        elif now > request.due + self.period / 2:  # the plan came too late: the next is made for farther ahead
+            request.ready, request.lead = None, 2.0 * request.lead
+        if request.ready is not None and now > request.due - self.period / 2:
+            self._begin(request, request.ready)
 
     def cancel(self) -> None:
         """Forget the request."""
@@ -230,11 +225,8 @@ class TaskNode:
             model: with the present estimate.
             state: gives gripper and load at an instant [s], now or ahead of an arm that stands.
         """
-
-        def task(at: float) -> _Task:
-            return self._task(model, self.settings.settling_cost(model.value("length"), model.rest_angle()), state(at))
-
-        self._request = _Request(task, lambda _at, _planned: None, lambda _planned: None)
+        cost = self.settings.settling_cost(model.value("length"), model.rest_angle())
+        self._request = _Request(lambda at: self._task(model, cost, state(at)))
 
     def throw(self, model: PendulumModel, begun: float | None, announce: Callable[[float], None]) -> None:
         """Ask for the swing into the box, from rest.
@@ -250,19 +242,16 @@ class TaskNode:
             start = SwingState(self._drive.state.s, angle=model.rest_angle(), time=elapsed)
             return self._task(model, self.settings.swing_cost(self._limits), start, finish=True)
 
-        def keep(planned: _Planned) -> None:
-            self.swing = planned.plan
-            self.trajectory = planned.trajectory
-
-        def begin(at: float, planned: _Planned) -> None:
-            self.started = at
-            announce(at + self._approach(planned.plan))
-
-        self._request = _Request(task, begin, keep)
+        self._request = _Request(task, announce)
 
     def _task(self, model: PendulumModel, cost: TaskCost, start: SwingState, finish: bool = False) -> _Task:
         values = {name: p.value for name, p in model.parameters.items()}
         return _Task(cost, values, start, self._drive.state, self._measured(), finish)
+
+    def _ask(self, request: _Request, due: float) -> None:
+        """Have a plan made for an instant [s]."""
+        request.due = due
+        self._worker.ask(self.name, request.task(due), lambda planned: self._take(request, planned))
 
     def _plan(self, task: _Task) -> _Planned:
         """The motion, checked; beside the loop."""
@@ -281,7 +270,8 @@ class TaskNode:
 
     def _take(self, request: _Request, planned: _Planned) -> None:
         """Keep a plan that is ready; where its instant has passed, the next step asks for another."""
-        request.keep(planned)
+        if request.announce is not None:
+            self.swing = planned.plan
         self.feasibility = planned.report
         if planned.problem is not None:
             raise TaskFailedError(planned.problem)
@@ -289,12 +279,13 @@ class TaskNode:
             planned.report.require_feasible("the plan")
         request.ready = planned
 
-    def _begin(self, request: _Request) -> None:
+    def _begin(self, request: _Request, planned: _Planned) -> None:
         """Play what is ready."""
-        planned, due = request.ready, request.due
-        if planned is None or planned.trajectory is None or due is None:
-            raise TaskFailedError("there is no plan to play: this is a mistake of the program")
-        request.begin(due, planned)
+        assert planned.trajectory is not None, "a plan without a problem has one"
+        self._request = None
+        if request.announce is not None:
+            self.started = request.due
+            request.announce(request.due + self._approach(planned.plan))
         self._drive.play(planned.trajectory)
 
     def _approach(self, swing: SwingPlan) -> float:

@@ -3,47 +3,41 @@
 import shlex
 from collections import Counter
 from collections.abc import Sequence
-from datetime import datetime
 from pathlib import Path
 
-import plotly.graph_objects as go
-
-from armdyn.document import Chart, Document, KeyFigure, Level, NextStep, Section, Table
+from armdyn.document import Column, Document, KeyFigure, Level, NextStep, Section, Table
 from armdyn.identify.sentence import totals
 from pipeline.batch.history import History
 from pipeline.batch.run import Done, Row
 from pipeline.batch.spec import Spec
 from pipeline.batch.times import TimeFrom
-from pipeline.report.changes import MOST_ROWS, change_section, hover, time_axes, time_section
-from pipeline.report.theme import RAW, VERMILLION
+from pipeline.report.changes import MOST_ROWS, change_section, error_chart, time_section
 
 
 def batch_report(spec: Spec, done: Done, found: History) -> Document:
     """The report."""
     bad = [row for row in done.rows if row.outcome.problem]
     explained = verdicts(done.rows).get("explained", 0)
-    notes = [times_sentence(done.rows)]
+    chance = f"{100 * found.found.false_alarms:.2g} % chance of a false one"
     return Document(
         title=f"Batch: {spec.task} for {len(done.rows)} recordings",
         level=Level.CAUTION if found.events or bad or done.left else Level.GOOD,
-        verdict=summary(done, found),
+        verdict=_summary(done, found),
         sections=[
             change_section(found),
             *([time_section(found)] if found.series else []),
-            error_section(done.rows),
-            robot_section(done.rows),
-            *([bad_section(spec, bad)] if bad else []),
+            _error_section(done.rows),
+            _robot_section(done.rows),
+            *([_bad_section(spec, bad)] if bad else []),
         ],
         subtitle=f"{len({row.item.robot for row in done.rows})} robots, rows in batch.parquet",
         key_figures=(
             KeyFigure("Recordings", str(len(done.rows)), f"{done.worked} done this time"),
             KeyFigure("Explained", str(explained), "only noise is left"),
-            KeyFigure(
-                "Changes", str(len(found.events)), f"{100 * found.found.false_alarms:.2g} % chance of a false one"
-            ),
+            KeyFigure("Changes", str(len(found.events)), chance),
             KeyFigure("Not usable", str(len(bad)), "see below" if bad else ""),
         ),
-        notes=notes,
+        notes=[_times_sentence(done.rows)],
         next_steps=_next_steps(spec, done.rows),
     )
 
@@ -53,94 +47,69 @@ def verdicts(rows: Sequence[Row]) -> dict[str, int]:
     return dict(Counter(row.outcome.verdict for row in rows if row.outcome.verdict).most_common())
 
 
-def summary(done: Done, found: History) -> str:
+def _summary(done: Done, found: History) -> str:
     """A sentence or two."""
-    robots = {row.item.robot for row in done.rows}
-    text = f"{len(done.rows)} recordings of {len(robots)} robots"
-    parts = [f"{count} {name.replace('_', ' ')}" for name, count in verdicts(done.rows).items()]
-    bad = sum(bool(row.outcome.problem) for row in done.rows)
-    parts += [f"{bad} could not be used"] if bad else []
-    text += f": {', '.join(parts)}." if parts else "."
-    changed = list(dict.fromkeys(event.robot for event in found.events))
-    if changed:
+    counts = [f"{count} {name.replace('_', ' ')}" for name, count in verdicts(done.rows).items()]
+    if bad := sum(bool(row.outcome.problem) for row in done.rows):
+        counts.append(f"{bad} could not be used")
+    text = f"{len(done.rows)} recordings of {len({row.item.robot for row in done.rows})} robots"
+    text += f": {', '.join(counts)}." if counts else "."
+    if changed := list(dict.fromkeys(event.robot for event in found.events)):
         shown = ", ".join(changed[:6]) + (f" and {len(changed) - 6} more" if len(changed) > 6 else "")
         text += f" {len(found.events)} {'change' if len(found.events) == 1 else 'changes'}: {shown}."
     elif found.found.tested:
         text += " No parameter changed on a day."
-    drifting = len({d.robot for d in found.found.drifts})
-    text += f" Parameters of {drifting} {'robot drifts' if drifting == 1 else 'robots drift'}." if drifting else ""
+    if drifting := len({d.robot for d in found.found.drifts}):
+        text += f" Parameters of {drifting} {'robot drifts' if drifting == 1 else 'robots drift'}."
     return text + (f" {done.left} recordings are left." if done.left else "")
 
 
-def times_sentence(rows: Sequence[Row]) -> str:
+def _times_sentence(rows: Sequence[Row]) -> str:
     """Where the times came from: they are never guessed silently."""
     counts = Counter(row.item.when.source for row in rows)
-    parts = [
-        f"{counts[source]} from {source.value}" for source in TimeFrom if counts[source] and source.value != "nowhere"
-    ]
+    nowhere = counts.pop(TimeFrom.NOWHERE, 0)
+    parts = [f"{counts[source]} from {source.value}" for source in TimeFrom if counts[source]]
     text = f"Times of recordings: {', '.join(parts) or 'none is known'}."
-    if counts[TimeFrom.NOWHERE]:
+    if nowhere:
         problems = Counter(row.item.when.problem for row in rows if row.item.when.time is None)
         why = "; ".join(f"{count} because of '{problem}'" for problem, count in problems.most_common(3))
-        text += f" {counts[TimeFrom.NOWHERE]} have none and stand in no figure over time: {why}."
+        text += f" {nowhere} have none and stand in no figure over time: {why}."
     return text
 
 
-def _next_steps(spec: Spec, rows: Sequence[Row]) -> tuple[NextStep, ...]:
-    if spec.task != "compare":
-        return ()
-    left = Counter(row.item.robot for row in rows if row.outcome.verdict not in ("", "explained"))
-    if not left:
-        return ()
-    robot = left.most_common(1)[0][0]
-    mine = [row for row in rows if row.item.robot == robot and row.outcome.verdict not in ("", "explained")]
-    runs = [_typed(row.item.run) for row in mine if row.item.model == mine[0].item.model][:3]
-    command = [
-        "armdyn",
-        "repair",
-        _typed(mine[0].item.model),
-        *runs,
-        "--output",
-        "repaired.toml",
-        "--report",
-        "repair.html",
-    ]
-    return (NextStep(f"What the model of {robot} lacks", shlex.join(command)),)
+def _next_steps(spec: Spec, rows: Sequence[Row]) -> list[NextStep]:
+    """Repair the model of the robot that most recordings are not explained of."""
+    failed = [row for row in rows if row.outcome.verdict not in ("", "explained")]
+    if spec.task != "compare" or not failed:
+        return []
+    robot = Counter(row.item.robot for row in failed).most_common(1)[0][0]
+    mine = [row.item for row in failed if row.item.robot == robot]
+    files = [mine[0].model, *[item.run for item in mine if item.model == mine[0].model][:3]]
+    here = Path.cwd()
+    typed = [str(file.relative_to(here) if file.is_relative_to(here) else file) for file in files]
+    command = shlex.join(["armdyn", "repair", *typed, "--output", "repaired.toml", "--report", "repair.html"])
+    return [NextStep(f"What the model of {robot} lacks", command)]
 
 
-def error_section(rows: Sequence[Row]) -> Section:
+def _error_section(rows: Sequence[Row]) -> Section:
     """What the models leave, over time: a point per recording, a figure per unit."""
-    errors: dict[str, list[tuple[datetime, float, Row]]] = {}
+    errors: dict[str, list[tuple[float, Row]]] = {}
     for row in rows:
         channels = row.outcome.channels or {}
         if row.item.when.time is None or any(channel["rmse"] is None for channel in channels.values()):
             continue
         rmse = {name: float(channel["rmse"]) for name, channel in channels.items()}
         for unit, error in totals(rmse, {name: channel["unit"] for name, channel in channels.items()}).items():
-            errors.setdefault(unit, []).append((row.item.when.time, error, row))
+            errors.setdefault(unit, []).append((error, row))
     return Section(
         "Errors over time",
         "Root mean square error of every recording's own fit; of several channels the root of their summed "
         "squares. A jump that no parameter shows is something that the model lacks.",
-        [_error_chart(unit, points) for unit, points in errors.items()],
+        [error_chart(unit, points) for unit, points in errors.items()],
     )
 
 
-def _error_chart(unit: str, points: Sequence[tuple[datetime, float, Row]]) -> Chart:
-    figure = go.Figure(layout={"height": 320, "hovermode": "closest"})
-    for name, colour, wanted in (("explained", RAW, True), ("something is left", VERMILLION, False)):
-        mine = [point for point in points if (point[2].outcome.verdict == "explained") is wanted]
-        if mine:
-            figure.add_scatter(
-                x=[time for time, _, _ in mine], y=[value for _, value, _ in mine], mode="markers", name=name,
-                marker={"color": colour, "size": 5}, text=[hover(row) for _, _, row in mine],
-            )  # fmt: skip
-    figure.update_layout(**time_axes(f"error [{unit}]"))
-    figure.update_yaxes(rangemode="tozero")
-    return Chart(figure)
-
-
-def robot_section(rows: Sequence[Row]) -> Section:
+def _robot_section(rows: Sequence[Row]) -> Section:
     """A row per robot, with counts."""
     table = []
     for robot in list(dict.fromkeys(row.item.robot for row in rows))[:MOST_ROWS]:
@@ -158,14 +127,13 @@ def robot_section(rows: Sequence[Row]) -> Section:
     return Section("Robots", tables=[Table.of(header, table, caption)])
 
 
-def bad_section(spec: Spec, bad: Sequence[Row]) -> Section:
+def _bad_section(spec: Spec, bad: Sequence[Row]) -> Section:
     """Recordings that could not be used, each with what to do."""
-    rows = [[row.item.robot, spec.name(row.item.run), row.outcome.problem] for row in bad[:MOST_ROWS]]
+    listed = bad[:MOST_ROWS]
+    columns = [
+        Column("robot", [row.item.robot for row in listed]),
+        Column("recording", [spec.name(row.item.run) for row in listed]),
+        Column("what is wrong", [row.outcome.problem for row in listed]),
+    ]
     sentence = f"{len(bad)} recordings could not be used; none of them stopped the batch."
-    return Section("Not usable", sentence, tables=[Table.of(["robot", "recording", "what is wrong"], rows)])
-
-
-def _typed(path: Path) -> str:
-    """A path as it is typed where the batch was started."""
-    here = Path.cwd()
-    return str(path.relative_to(here) if path.is_relative_to(here) else path)
+    return Section("Not usable", sentence, tables=[Table(columns)])

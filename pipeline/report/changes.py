@@ -1,11 +1,13 @@
-"""What changed on which day, and every parameter over time: sections of the report of a batch."""
+"""What changed on which day, every parameter and the errors over time: figures and tables of the report of a batch."""
 
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
 
-from armdyn.document import Chart, Section, Table
+from armdyn.document import Chart, Column, Section, Table, columns_of
 from pipeline.batch.history import DAY, Event, History, between
 from pipeline.batch.run import Row
 from pipeline.report.theme import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RAW, SHADE, SKY, VERMILLION
@@ -19,13 +21,6 @@ MOST_ROWS = 200
 """Of a table; all rows are in the Parquet file."""
 
 
-def event_sentence(event: Event, found: History) -> str:
-    """What changed, in one line."""
-    steps = [f"{s.parameter} {s.before:.4g} → {s.after:.4g} {found.units[s.parameter]}" for s in event.steps[:3]]
-    more = f" and {len(event.steps) - 3} more" if len(event.steps) > 3 else ""
-    return f"{event.robot}, {between(event)}: {', '.join(steps)}{more}"
-
-
 def change_section(history: History) -> Section:
     """Steps, with a figure each of their clearest parameter, and drifts; what the marks are worth."""
     test = history.found
@@ -35,59 +30,54 @@ def change_section(history: History) -> Section:
     )
     text += f" {test.too_short} series are too short or never vary." if test.too_short else ""
     charts = [_event_chart(event, history) for event in history.events[:MOST_EVENTS]]
-    return Section("What changed", text, charts, _change_tables(history))
+    steps = [(event, step) for event in history.events for step in event.steps][:MOST_ROWS]
+    drifts = test.drifts[:MOST_ROWS]
+    tables = [
+        Table(
+            [
+                Column("robot", [event.robot for event, _ in steps]),
+                Column("when", [between(event) for event, _ in steps]),
+                Column("parameter", [_plain(step.parameter) for _, step in steps]),
+                *columns_of([step for _, step in steps], before="", after=""),
+                Column("unit", [history.units[step.parameter] for _, step in steps]),
+                Column("chance", [f"≤ {step.chance:.2g}" for _, step in steps]),
+            ],
+            "Chance: probability of a mark as clear as this one in a batch where nothing changes.",
+        ),
+        Table(
+            [
+                Column("robot", [drift.robot for drift in drifts]),
+                Column("parameter", [_plain(drift.parameter) for drift in drifts]),
+                Column("drift", [DAY * drift.slope for drift in drifts], "+.3g"),
+                Column("unit", [f"{history.units[drift.parameter]} per day" for drift in drifts]),
+                Column("chance", [f"≤ {drift.chance:.2g}" for drift in drifts]),
+            ],
+            "Slow changes, such as wear, without a day: best straight line (Theil and Sen).",
+        ),
+    ]
+    return Section("What changed", text, charts, [table for table in tables if len(table)])
 
 
 def _event_chart(event: Event, history: History) -> Chart:
-    step = event.steps[0]
-    series, rows = history.series[event.robot, step.parameter], history.rows[event.robot, step.parameter]
-    std = series.std if series.std is not None else np.zeros_like(series.value)
-    figure = go.Figure(layout={"height": 300, "hovermode": "closest", "showlegend": False, "margin": {"t": 34}})
-    figure.add_scatter(
-        x=1e3 * series.time, y=series.value, mode="markers", marker={"color": BLUE, "size": 6},
-        error_y={"type": "data", "array": std, "color": GREY, "thickness": 1, "width": 0},
-        text=[row.item.run.name for row in rows],
-    )  # fmt: skip
+    """The clearest parameter of a change: every value, the medians between its changes, when they happened."""
+    name = event.steps[0].parameter
+    series = history.series[event.robot, name]
+    figure = _over_time(_quantity(name, history), 300, showlegend=False, margin={"t": 34})
+    bars = {"type": "data", "array": series.std, "color": GREY, "thickness": 1, "width": 0}
+    _add_points(figure, "", history.rows[event.robot, name], 1e3 * series.time, series.value, BLUE, error_y=bars)
     own = sorted(
-        (s for s in history.found.steps if (s.robot, s.parameter) == (event.robot, step.parameter)),
-        key=lambda s: s.index,
+        (s for s in history.found.steps if (s.robot, s.parameter) == (event.robot, name)), key=lambda s: s.index
     )
-    edges = [0, *(s.index for s in own), len(series.time)]
-    for i, level in enumerate([own[0].before, *(s.after for s in own)]):
-        ends = 1e3 * series.time[[edges[i], edges[i + 1] - 1]]
-        figure.add_scatter(x=ends, y=[level] * 2, mode="lines", line={"color": INK, "width": 1.5, "dash": "dot"})
+    edges = pairwise([0, *(s.index for s in own), len(series.time)])
+    for (first, end), level in zip(edges, [own[0].before, *(s.after for s in own)], strict=True):
+        dotted = {"color": INK, "width": 1.5, "dash": "dot"}
+        figure.add_scatter(x=1e3 * series.time[[first, end - 1]], y=[level] * 2, mode="lines", line=dotted)
     for s in own:
         figure.add_vrect(x0=1e3 * s.last_before, x1=1e3 * s.first_after, fillcolor=SHADE, line_width=1, line_color=BLUE)
-    figure.update_layout(**time_axes(_quantity(step.parameter, history)))
-    return Chart(figure, f"{event_sentence(event, history)}. Bars: one standard deviation; dotted: medians.")
-
-
-def _change_tables(history: History) -> list[Table]:
-    """Every step, every drift."""
-    steps = [
-        [
-            event.robot, between(event), _plain(s.parameter), f"{s.before:.4g}", f"{s.after:.4g}",
-            history.units[s.parameter], f"≤ {s.chance:.2g}",
-        ]
-        for event in history.events
-        for s in event.steps
-    ]  # fmt: skip
-    drifts = [
-        [
-            d.robot, _plain(d.parameter), f"{DAY * d.slope:+.3g}", f"{history.units[d.parameter]} per day",
-            f"≤ {d.chance:.2g}",
-        ]
-        for d in history.found.drifts
-    ]  # fmt: skip
-    tables = []
-    if steps:
-        caption = "Chance: probability of a mark as clear as this one in a batch where nothing changes."
-        header = ["robot", "when", "parameter", "before", "after", "unit", "chance"]
-        tables.append(Table.of(header, steps[:MOST_ROWS], caption))
-    if drifts:
-        caption = "Slow changes, such as wear, without a day: best straight line (Theil and Sen)."
-        tables.append(Table.of(["robot", "parameter", "drift", "unit", "chance"], drifts[:MOST_ROWS], caption))
-    return tables
+    steps = [f"{s.parameter} {s.before:.4g} → {s.after:.4g} {history.units[s.parameter]}" for s in event.steps[:3]]
+    more = f" and {len(event.steps) - 3} more" if len(event.steps) > 3 else ""
+    what = f"{event.robot}, {between(event)}: {', '.join(steps)}{more}"
+    return Chart(figure, f"{what}. Bars: one standard deviation; dotted: medians.")
 
 
 def time_section(history: History) -> Section:
@@ -102,44 +92,61 @@ def time_section(history: History) -> Section:
 
 
 def _figure_over_time(name: str, history: History) -> go.Figure:
-    figure = go.Figure(layout={"height": 380, "hovermode": "closest"})
+    figure = _over_time(_quantity(name, history), 380)
     changed = list(dict.fromkeys(s.robot for s in history.found.steps if s.parameter == name))[: len(COLOURS)]
-    robots = [robot for robot, parameter in history.series if parameter == name]
-    quiet = [robot for robot in robots if robot not in changed]
+    quiet = [robot for robot, parameter in history.series if parameter == name and robot not in changed]
     if quiet:  # one curve for all of them, with gaps
         series = [history.series[robot, name] for robot in quiet]
         gap = np.array([np.nan])
         figure.add_scatter(
             x=1e3 * np.concatenate([part for s in series for part in (s.time, gap)]),
             y=np.concatenate([part for s in series for part in (s.value, gap)]),
-            text=[t for r in quiet for t in (*(hover(row) for row in history.rows[r, name]), "")],
+            text=[text for robot in quiet for text in (*map(_hover, history.rows[robot, name]), "")],
             name="no change" if changed else "all robots", mode="lines+markers",
             line={"color": RAW, "width": 1}, marker={"color": RAW, "size": 4},
         )  # fmt: skip
     for robot, colour in zip(changed, COLOURS, strict=False):
-        s = history.series[robot, name]
-        figure.add_scatter(
-            x=1e3 * s.time, y=s.value, name=robot, mode="lines+markers", line={"color": colour, "width": 1.5},
-            marker={"color": colour, "size": 6}, text=[row.item.run.name for row in history.rows[robot, name]],
-        )  # fmt: skip
-    figure.update_layout(**time_axes(_quantity(name, history)))
+        of, line = history.series[robot, name], {"color": colour, "width": 1.5}
+        rows = history.rows[robot, name]
+        _add_points(figure, robot, rows, 1e3 * of.time, of.value, colour, mode="lines+markers", line=line)
     return figure
+
+
+def error_chart(unit: str, points: Sequence[tuple[float, Row]]) -> Chart:
+    """Errors of recordings over time, in two colours: those that are explained, and the others."""
+    figure = _over_time(f"error [{unit}]", 320)
+    for name, colour, wanted in (("explained", RAW, True), ("something is left", VERMILLION, False)):
+        mine = [(error, row) for error, row in points if (row.outcome.verdict == "explained") is wanted]
+        if mine:
+            errors, rows = zip(*mine, strict=True)
+            _add_points(figure, name, rows, [row.item.when.time for row in rows], errors, colour)
+    figure.update_yaxes(rangemode="tozero")
+    return Chart(figure)
+
+
+def _over_time(title: str, height: int, **layout: Any) -> go.Figure:
+    """An empty figure with days across and a quantity upwards."""
+    figure = go.Figure(layout={"height": height, "hovermode": "closest", "xaxis": {"type": "date"}, **layout})
+    return figure.update_yaxes(title_text=title)
+
+
+def _add_points(
+    figure: go.Figure, name: str, rows: Sequence[Row], days: Any, values: Any, colour: str, **look: Any
+) -> None:
+    """A point per recording, which says which one it is."""
+    look = {"mode": "markers", "marker": {"color": colour, "size": 5}, **look}
+    figure.add_scatter(x=days, y=values, name=name, text=list(map(_hover, rows)), **look)
+
+
+def _hover(row: Row) -> str:
+    """What stands beside the pointer."""
+    return f"{row.item.robot}: {row.item.run.name}"
 
 
 def _quantity(parameter: str, found: History) -> str:
     """``torque [N m]`` for ``joint_coulomb_friction.torque[elbow]``: short enough for an axis."""
     name = parameter.partition("[")[0].rpartition(".")[2].replace("_", " ")
     return f"{name} [{found.units[parameter]}]"
-
-
-def hover(row: Row) -> str:
-    """What stands beside the pointer."""
-    return f"{row.item.robot}: {row.item.run.name}"
-
-
-def time_axes(title: str) -> dict[str, Any]:
-    """Time across, the rest upwards."""
-    return {"xaxis": {"type": "date"}, "yaxis": {"title": {"text": title}}}
 
 
 def _plain(parameter: str) -> str:

@@ -95,8 +95,7 @@ def used_section(report: FeasibilityReport) -> Section:
     for bounded in shown:
         if not bounded.is_two_sided:
             continue
-        shares = bounded.shares()
-        used, joint = shares.max(axis=1), shares.argmax(axis=1)
+        used, joint = bounded.used.max(axis=1), bounded.used.argmax(axis=1)
         chunk = -(-used.size // MOST_POINTS)  # of each only the peak is drawn
         peaks = np.array([i + int(np.argmax(used[i : i + chunk])) for i in range(0, used.size, chunk)])
         figure.add_scatter(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import plotly.graph_objects as go
 
-from armdyn.document import Chart, Document, KeyFigure, Level, NextStep, Section, Table
+from armdyn.document import Chart, Column, Document, KeyFigure, Level, NextStep, Section, Table
 from armdyn.experiments.hypothesis import Motion, PredictedExperiment
 from armdyn.experiments.plan import HOPELESS, Plan, Proposal
 from armdyn.experiments.separation import Rival
@@ -26,34 +26,23 @@ def designed_motion_section(plan: Plan, proposal: Proposal, motion: Motion) -> S
             f"Chi² rises by at least {rise:.0f} when the wrong effect is refitted to what the right one predicts; "
             f"along the median of the random motions with the same limits that the design began with, by {random:.2g}."
         )
-    hypotheses = plan.rivals.hypotheses
+    first, *others = [PredictedExperiment(h, proposal.experiment) for h in plan.rivals.hypotheses]
     figure = stacked({"gripper [m]": 0.3, "swing [rad]": 0.3, "left by a refit [σ]": 0.4}, 560)
     figure.add_scatter(x=motion.time, y=motion.along[0], name="gripper", **ACTUAL)
-    helds = [PredictedExperiment(h, proposal.experiment) for h in hypotheses]
-    figure.add_scatter(
-        x=motion.time, y=helds[0].swing(helds[0].start), name="swing", yaxis="y2", showlegend=False,
-        mode="lines", line={"color": GREY},
-    )  # fmt: skip
-    truth = helds[0]
-    readings = truth.predict(truth.start)[0][: len(motion.time)]
-    for rival, colour in zip(helds[1:3], (ORANGE, GREY), strict=False):
-        _add_left(figure, truth, rival, readings, colour)
+    grey = {"mode": "lines", "line": {"color": GREY}}
+    figure.add_scatter(x=motion.time, y=first.swing(first.start), name="swing", yaxis="y2", showlegend=False, **grey)
+    predicted = first.predict(first.start)[0]
+    for rival, colour in zip(others[:2], (ORANGE, GREY), strict=False):
+        _, best = Rival(rival, predicted).refitted()
+        left = (predicted - rival.predict(best)[0])[: len(motion.time)]
+        time = np.linspace(0.0, motion.seconds, len(left))
+        line = {"mode": "lines", "line": {"color": colour}}
+        figure.add_scatter(x=time, y=left, yaxis="y3", name=f"less {rival.hypothesis.name}", **line)
     caption = (
-        f"Below: what {hypotheses[0].name} predicts less what a rival predicts that was refitted to it, in "
+        f"Below: what {first.hypothesis.name} predicts less what a rival predicts that was refitted to it, in "
         "standard deviations of one sample of the load cell."
     )
     return Section("The designed motion", sentence, [Chart(figure, caption)])
-
-
-def _add_left(
-    figure: go.Figure, truth: PredictedExperiment, rival: PredictedExperiment, readings: np.ndarray, colour: str
-) -> None:
-    _, best = Rival(rival, truth.predict(truth.start)[0]).refitted()
-    left = readings - rival.predict(best)[0][: len(readings)]
-    time = np.linspace(0.0, 1.0, len(left)) * (truth.experiment.motion.seconds if truth.experiment.motion else 1.0)
-    figure.add_scatter(
-        x=time, y=left, yaxis="y3", name=f"less {rival.hypothesis.name}", mode="lines", line={"color": colour}
-    )
 
 
 def next_document(plan: Plan | None, sentence: str, output: Path | None) -> Document:
@@ -65,18 +54,13 @@ def next_document(plan: Plan | None, sentence: str, output: Path | None) -> Docu
         output: the file with a motion that Baxter can make; None where there is none.
     """
     hopeful = plan is None or any(p.outlook.probability > HOPELESS for p in plan.proposals)
-    steps = []
-    if output is not None:
-        steps = [
-            NextStep("check it", f"armdyn check {output}"),
-            NextStep("make it", f"armdyn trial --motion {output}"),
-        ]
+    steps = [NextStep("check it", f"armdyn check {output}"), NextStep("make it", f"armdyn trial --motion {output}")]
     return replace(
         Document("", "") if plan is None else plan.document(),
         title="The next experiment",
         verdict=sentence,
         level=Level.GOOD if hopeful else Level.CAUTION,
-        next_steps=steps,
+        next_steps=steps if output is not None else (),
     )
 
 
@@ -119,22 +103,24 @@ def investigation_section(found: "Investigation") -> Section:
             line={"dash": "dot" if i == 1 else "solid"},
         )  # fmt: skip
     charts.append(Chart(moved, "Dotted: as SAC chose, to learn the length. The others were designed for rivals."))
-    header = ["experiment", "expected", "what came", "left over the noise", "may be missing now"]
     caption = (
         "Expected: standard deviations between the rivals that are hardest to tell apart, and probability of a "
         "right verdict. What came: by how much χ² of the second best effect is larger than that of the best."
     )
-    table = Table.of(header, [_row(i, stage) for i, stage in enumerate(stages, start=1)], caption)
+    table = Table([
+        Column("experiment", [str(i) for i in range(1, len(stages) + 1)]),
+        Column("expected", list(map(_expected, stages))),
+        Column("what came", [stage.gap for stage in stages], ".1f"),
+        Column("left over the noise", [stage.residual for stage in stages], ".2f"),
+        Column("may be missing now", [stage.candidates or "nothing" for stage in stages]),
+    ], caption)  # fmt: skip
     sentence = f"{found.sentence[:1].upper()}{found.sentence[1:]}."
     return Section("What the model lacked", sentence, charts, [table])
 
 
-def _row(number: int, stage: "Stage") -> list[str]:
-    expected = "the length"
-    if stage.proposal is not None:
-        outlook, motion = stage.proposal.outlook, stage.proposal.experiment.motion
-        expected = f"{outlook.separation:.1f} std, {outlook.probability:.0%}"
-        if motion is not None:
-            expected += f", effort {motion.effort:.1f} m²/s³"
-    came = "–" if stage.gap is None else f"{stage.gap:.1f}"
-    return [str(number), expected, came, f"{stage.residual:.2f}", ", ".join(stage.candidates) or "nothing"]
+def _expected(stage: "Stage") -> str:
+    if stage.proposal is None:
+        return "the length"
+    outlook, motion = stage.proposal.outlook, stage.proposal.experiment.motion
+    effort = "" if motion is None else f", effort {motion.effort:.1f} m²/s³"
+    return f"{outlook.separation:.1f} std, {outlook.probability:.0%}{effort}"

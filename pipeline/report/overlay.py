@@ -3,9 +3,7 @@
 import base64
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from html import escape
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,6 +16,7 @@ from armdyn.identify.study import Study
 from armdyn.identify.unseen import Judge
 from armdyn.preparation import of_all_runs, sentence
 from armdyn.run import Run
+from pipeline.report.page import pills
 from pipeline.report.theme import MOST_POINTS, quantity_of, short_name, thinned
 
 MOST_VALUES = 200_000
@@ -60,8 +59,7 @@ class Overlay:
     failing: tuple[tuple[float, float], ...] = ()
 
 
-@dataclass(frozen=True)
-class Quality:
+class Quality(NamedTuple):
     """How well a model does.
 
     Attributes:
@@ -72,6 +70,11 @@ class Quality:
 
     rmse: float
     explained: float
+
+    @property
+    def plain(self) -> list[float | None]:
+        """As JSON knows it."""
+        return [round(value, 12) if np.isfinite(value) else None for value in self]
 
 
 def quality(curves: Iterable[Overlay], step: int) -> Quality:
@@ -98,56 +101,46 @@ def overlays(study: Study, fits: Sequence[Fit], places: Sequence[Place] = ()) ->
     others = KINDS[study.judges[-1]]
     found = of_fits(fits, places)
     if others != FITTED:
-        held_out = [study.held_out_blocks(fit) or [] for fit in fits]
-        found += _overlays(study.held_out or study.runs, others, held_out, ())
+        found += _overlays(study.held_out or study.runs, others, [study.held_out_blocks(fit) or [] for fit in fits])
     if study.exam:
-        found += _overlays(study.exam, EXAM, [study.exam_blocks(fit) for fit in fits], ())
+        found += _overlays(study.exam, EXAM, [study.exam_blocks(fit) for fit in fits])
     return found
 
 
 def of_fits(fits: Sequence[Fit], places: Sequence[Place] = ()) -> list[Overlay]:
     """The training runs alone."""
-    problem = fits[0].problem
-    return _overlays(problem.runs, FITTED, [list(fit.blocks) for fit in fits], places)
+    return _overlays(fits[0].problem.runs, FITTED, [fit.blocks for fit in fits], places)
 
 
 def _overlays(
-    runs: Sequence[Run], kind: str, steps: Sequence[Sequence[Block]], places: Sequence[Place]
+    runs: Iterable[Run], kind: str, steps: Sequence[Sequence[Block]], places: Sequence[Place] = ()
 ) -> list[Overlay]:
     by_name = {run.name: run for run in runs}
-    later = [{(b.run, b.channel): b for b in blocks} for blocks in steps]
-    return [
-        _overlay(by_name[first.run], kind, first, [blocks[first.run, first.channel] for blocks in later], places)
-        for first in steps[0]
-    ]
-
-
-def _overlay(run: Run, kind: str, first: Block, steps: Sequence[Block], places: Sequence[Place]) -> Overlay:
-    channel = run.channels[first.channel]
-    done = run.preparations.get(first.channel)
-    note = (
-        ""
-        if done is None
-        else f"Compared below {done.cutoff:.3g} Hz: {done.samples} samples, {done.rate:.3g} per second, of "
-        f"{done.recorded} recorded."
-    )
-    return Overlay(
-        run=run.name,
-        kind=kind,
-        channel=first.channel,
-        unit=channel.unit,
-        time=first.time,
-        measured=np.interp(first.time, channel.time, channel.value),
-        residuals=np.array([block.misfit for block in steps]),
-        noise=first.noise,
-        recorded=None if done is None else run.recording.channels[first.channel],
-        note=note,
-        failing=tuple(
-            (place.start, place.end)
-            for place in places
-            if place.against == "time" and place.run == run.name and place.channel == first.channel
-        ),
-    )
+    misfits = [{(block.run, block.channel): block.misfit for block in blocks} for blocks in steps]
+    failing: dict[tuple[str | None, str], list[tuple[float, float]]] = {}
+    for place in places:
+        if place.against == "time":
+            failing.setdefault((place.run, place.channel), []).append((place.start, place.end))
+    found = []
+    for block in steps[0]:
+        key, run = (block.run, block.channel), by_name[block.run]
+        channel, done = run.channels[block.channel], run.preparations.get(block.channel)
+        note = (
+            f"Compared below {done.cutoff:.3g} Hz: {done.samples} samples, {done.rate:.3g} per second, of "
+            f"{done.recorded} recorded."
+            if done is not None
+            else ""
+        )
+        recorded = run.recording.channels[block.channel] if done is not None else None
+        measured = np.interp(block.time, channel.time, channel.value)
+        residuals = np.array([misfit[key] for misfit in misfits])
+        found.append(
+            Overlay(
+                run.name, kind, block.channel, channel.unit, block.time, measured, residuals, block.noise, recorded,
+                note, tuple(failing.get(key, ())),
+            )
+        )  # fmt: skip
+    return found
 
 
 @dataclass(frozen=True)
@@ -167,8 +160,7 @@ class Overlays:
     @classmethod
     def of_study(cls, study: Study, fits: Sequence[Fit], steps: Sequence[str], places: Sequence[Place]) -> "Overlays":
         """All runs of a study."""
-        problem = fits[-1].problem
-        done = sentence(of_all_runs(run.preparations for run in problem.runs))
+        done = sentence(of_all_runs(run.preparations for run in fits[-1].problem.runs))
         return cls(overlays(study, fits, places), steps, done)
 
     def section(self) -> Section:
@@ -176,38 +168,30 @@ class Overlays:
         text = "Choose a step, and see what it changes." if len(self.steps) > 1 else ""
         if any(curve.failing for curve in self.curves):
             text += " Shaded: where the residual is far above the noise."
-        sentence = f"{text} {self.preparation}".strip()
-        return Section("Measured and predicted", sentence, tabs=self.tabs(), widget=self.widget())
+        text = f"{text} {self.preparation}".strip()
+        return Section("Measured and predicted", text, tabs=self.tabs, widget=self.widget())
 
-    @cached_property
+    @property
+    def tabs(self) -> Mapping[str, str]:
+        """The channels, in the order of the recordings, and what each is called."""
+        return {curve.channel: short_name(curve.channel) for curve in self.curves}
+
+    @property
     def points(self) -> int:
-        """Most points of each curve."""
-        return _points(self.curves)
-
-    @cached_property
-    def channels(self) -> tuple[str, ...]:
-        """In the order of the recordings."""
-        return tuple(dict.fromkeys(curve.channel for curve in self.curves))
+        """Most points of each curve, so that all together are not too many for a page."""
+        rows = sum(2 + len(curve.residuals) + (2 if curve.recorded is not None else 0) for curve in self.curves)
+        return int(np.clip(MOST_VALUES // max(rows, 1), LEAST_POINTS, MOST_POINTS))
 
     def widget(self) -> Widget:
-        """The controls, and the data that they choose from."""
-        start = self._most_improved()
-        html = (
-            f"<div class='controls'>{_pills('step', 'Step', list(self.steps), len(self.steps) - 1)}"
-            f"{self._runs(start)}</div><p class='readout' aria-live='polite'></p>"
-        )
-        return Widget(html, self.data(), height=460)
-
-    def tabs(self) -> Mapping[str, str]:
-        """The channels."""
-        return {channel: short_name(channel) for channel in self.channels}
-
-    def data(self) -> dict[str, Any]:
-        """What the page's script draws."""
-        points = self.points
-        return {
+        """The controls, and the data that they choose from and that the page's script draws."""
+        first, points = self._shown_first(), self.points
+        runs = list(dict.fromkeys((curve.run, curve.kind) for curve in self.curves))
+        labels = [name if kind == FITTED else f"{name} · {kind}" for name, kind in runs]
+        steps = _pills("step", "Step", self.steps, len(self.steps) - 1)
+        controls = steps + _pills("run", "Run", labels, runs.index((first.run, first.kind)))
+        data = {
             "steps": list(self.steps),
-            "start": self._most_improved(),
+            "start": {"run": first.run, "kind": first.kind, "channel": first.channel},
             "curves": [_packed(curve, points) for curve in self.curves],
             "channels": {
                 curve.channel: {"quantity": quantity_of(curve.channel, curve.unit), "name": short_name(curve.channel)}
@@ -215,64 +199,39 @@ class Overlays:
             },
             "totals": self.totals(),
         }
+        html = f"<div class='controls'>{controls}</div><p class='readout' aria-live='polite'></p>"
+        return Widget(html, data, height=460)
 
-    def _runs(self, start: Mapping[str, Any]) -> str:
-        runs = list(dict.fromkeys((curve.run, curve.kind) for curve in self.curves))
-        labels = [name if kind == FITTED else f"{name} · {kind}" for name, kind in runs]
-        return _pills("run", "Run", labels, runs.index((start["run"], start["kind"])))
+    def totals(self) -> dict[str, dict[str, list[list[float | None]]]]:
+        """By kind and channel: error and share explained at every step."""
+        found: dict[str, dict[str, list[list[float | None]]]] = {}
+        for kind, channel in dict.fromkeys((curve.kind, curve.channel) for curve in self.curves):
+            mine = [c for c in self.curves if (c.kind, c.channel) == (kind, channel)]
+            found.setdefault(kind, {})[channel] = [quality(mine, step).plain for step in range(len(self.steps))]
+        return found
 
-    def _most_improved(self) -> dict[str, Any]:
-        """Run, kind and channel to begin with: of the most independent runs the channel that the steps help most."""
-        last = self.curves[-1].kind
-        choices = [curve for curve in self.curves if curve.kind == last]
+    def _shown_first(self) -> Overlay:
+        """Of the most independent runs the channel that the steps help most."""
+        choices = [curve for curve in self.curves if curve.kind == self.curves[-1].kind]
 
         def gain(curve: Overlay) -> float:
             squares = np.mean(curve.residuals**2, axis=1)
             return float(squares[0] - squares[-1] if len(squares) > 1 else squares[0] / curve.noise**2)
 
-        one_unit = len({curve.unit for curve in choices}) == 1
-        best = max(choices, key=gain) if one_unit else choices[0]
-        return {"run": best.run, "kind": best.kind, "channel": best.channel}
-
-    def totals(self) -> dict[str, dict[str, list[list[float | None]]]]:
-        """By kind and channel: error and share explained at every step."""
-        found: dict[str, dict[str, list[list[float | None]]]] = {}
-        for kind in dict.fromkeys(curve.kind for curve in self.curves):
-            found[kind] = {}
-            for channel in self.channels:
-                mine = [c for c in self.curves if c.kind == kind and c.channel == channel]
-                if mine:
-                    each = [quality(mine, step) for step in range(len(self.steps))]
-                    found[kind][channel] = [[_finite(q.rmse), _finite(q.explained)] for q in each]
-        return found
+        return max(choices, key=gain) if len({curve.unit for curve in choices}) == 1 else choices[0]
 
 
-def _pills(name: str, legend: str, labels: Sequence[str], chosen: int) -> str:
-    """Radio buttons in a row; none where there is nothing to choose."""
-    if len(labels) < 2:
-        return ""
-    buttons = "".join(
-        f"<label><input type='radio' name='{name}' data-control='{name}' value='{i}'"
-        f"{' checked' if i == chosen else ''}><span>{escape(label)}</span></label>"
-        for i, label in enumerate(labels)
-    )
-    return f"<fieldset class='pills {name}'><legend>{legend}</legend>{buttons}</fieldset>"
-
-
-def _points(curves: Sequence[Overlay]) -> int:
-    """Most points of each curve, so that all together are not too many for a page."""
-    rows = sum(2 + len(curve.residuals) + (2 if curve.recorded is not None else 0) for curve in curves)
-    return int(np.clip(MOST_VALUES // max(rows, 1), LEAST_POINTS, MOST_POINTS))
+def _pills(kind: str, legend: str, labels: Sequence[str], chosen: int) -> str:
+    options = {
+        f"data-control='{kind}' value='{i}'{' checked' if i == chosen else ''}": label for i, label in enumerate(labels)
+    }
+    return pills(kind, legend, kind, options)
 
 
 def changed(curve: Overlay, most: int) -> dict[str, Any]:
     """What the page's script needs of a curve whose last step was computed again."""
-    last = quality([curve], -1)
-    return {
-        "residual": quantised(curve.residuals[-1][_every(curve, most)]),
-        "rmse": _finite(last.rmse),
-        "explained": _finite(last.explained),
-    }
+    rmse, explained = quality([curve], -1).plain
+    return {"residual": quantised(curve.residuals[-1][_every(curve, most)]), "rmse": rmse, "explained": explained}
 
 
 def _every(curve: Overlay, most: int) -> slice:
@@ -281,21 +240,14 @@ def _every(curve: Overlay, most: int) -> slice:
 
 def _packed(curve: Overlay, most: int) -> dict[str, Any]:
     every = _every(curve, most)
-    steps = range(len(curve.residuals))
-    each = [quality([curve], step) for step in steps]
+    rmse, explained = zip(*(quality([curve], step).plain for step in range(len(curve.residuals))), strict=True)
     return {
-        "run": curve.run,
-        "kind": curve.kind,
-        "channel": curve.channel,
-        "unit": curve.unit,
-        "noise": curve.noise,
-        "note": curve.note,
-        "failing": [list(stretch) for stretch in curve.failing],
+        **{name: getattr(curve, name) for name in ("run", "kind", "channel", "unit", "noise", "note", "failing")},
         "time": quantised(curve.time[every]),
         "measured": quantised(curve.measured[every]),
         "residuals": [quantised(residual[every]) for residual in curve.residuals],
-        "rmse": [_finite(q.rmse) for q in each],
-        "explained": [_finite(q.explained) for q in each],
+        "rmse": rmse,
+        "explained": explained,
         "recorded": None if curve.recorded is None else [quantised(row) for row in thinned(curve.recorded, most)],
     }
 
@@ -310,7 +262,3 @@ def quantised(values: FloatArray) -> list[Any]:
     step = (high - low) / 65535 or 1.0
     steps = np.round((values - low) / step).astype("<u2")
     return [low, step, base64.b64encode(steps.tobytes()).decode()]
-
-
-def _finite(value: float) -> float | None:
-    return round(value, 12) if np.isfinite(value) else None

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from armdyn import __version__, atomic
-from armdyn.document import Chart, Document, KeyFigure, Level, NextStep, Section, Table
+from armdyn.document import Chart, Document, KeyFigure, Level, NextStep, Section, Table, Widget
 from armdyn.quoting import script_json
 from pipeline.report.theme import DARK, TEMPLATE
 
@@ -26,7 +26,7 @@ def table_html(table: Table) -> str:
         cells = [_cell("td", text, right) for text in texts]
         if column.shares:
             pairs = zip(texts, column.shares, strict=True)
-            cells = [_bar(text, share, judged=column.judged) for text, share in pairs]
+            cells = [bar(text, share, judged=column.judged) for text, share in pairs]
         columns.append([_cell("th", column.heading, right), *cells])
     head, *body = [""] if not columns else ["".join(cells) for cells in zip(*columns, strict=True)]
     rows = "".join(f"<tr>{row}</tr>" for row in body)
@@ -49,7 +49,8 @@ def _cell(tag: str, text: str, number: bool) -> str:
     return f"<{tag}{kind}>{escape(text)}</{tag}>"
 
 
-def _bar(text: str, share: float, *, judged: bool = True) -> str:
+def bar(text: str, share: float, *, judged: bool = True) -> str:
+    """A cell with a bar behind its text, `judged` for a colour that says how full it is."""
     kind = "fine" if not judged else "over" if share > 1.0 else "close" if share > 0.9 else "fine"
     width = 100 * min(max(share, 0.0), 1.0)
     return f"<td class='share {kind}'><span style='width: {width:.1f}%'></span><b>{escape(text)}</b></td>"
@@ -101,11 +102,9 @@ def _section(section: Section, figures: list[dict[str, Any]], widgets: list[Mapp
     if section.sentence:
         heading += f"<p class='sentence'>{escape(section.sentence)}</p>"
     heading += tabs_html(section.tabs, section.anchor)
-    widget = section.widget
-    if widget is not None:
-        place = f"<div class='chart' style='height: {widget.height}px'></div><p class='caption'></p>"
-        heading += f"<form class='widget' id='widget-{len(widgets)}'>{widget.html}{place}</form>"
-        widgets.append(widget.data)
+    if section.widget is not None:
+        heading += f"<form class='widget' id='widget-{len(widgets)}'>{widget_html(section.widget)}</form>"
+        widgets.append(section.widget.data)
     charts = [_chart(chart, figures) for chart in section.charts]
     # On paper the heading stays with the first figure.
     together = f"<div class='together'>{heading}{''.join(charts[:1])}</div>"
@@ -113,25 +112,43 @@ def _section(section: Section, figures: list[dict[str, Any]], widgets: list[Mapp
     return f"<section id='{section.anchor}'>{together}{''.join(charts[1:])}{tables}</section>"
 
 
+def widget_html(widget: Widget) -> str:
+    """The controls, and the place for the figure that the page's script draws."""
+    return f"{widget.html}<div class='chart' style='height: {widget.height}px'></div><p class='caption'></p>"
+
+
 def tabs_html(tabs: Mapping[str, str], anchor: str) -> str:
     """Radio buttons that choose what is shown, in this and in other sections; none where there is nothing to choose."""
-    if len(tabs) < 2:
+    return pills("tabs", "Show", f"tab-{anchor}", {f"data-tab='{escape(name)}'": text for name, text in tabs.items()})
+
+
+def pills(kind: str, legend: str, name: str, options: Mapping[str, str]) -> str:
+    """Radio buttons in a row; none where there is nothing to choose.
+
+    Args:
+        kind: class of the row.
+        legend: what they choose.
+        name: that the buttons share.
+        options: text of each button, by its HTML attributes.
+    """
+    if len(options) < 2:
         return ""
     buttons = "".join(
-        f"<label><input type='radio' name='tab-{anchor}' data-tab='{escape(name)}'><span>{escape(label)}</span></label>"
-        for name, label in tabs.items()
+        f"<label><input type='radio' name='{name}' {attributes}><span>{escape(text)}</span></label>"
+        for attributes, text in options.items()
     )
-    return f"<fieldset class='pills tabs'><legend>Show</legend>{buttons}</fieldset>"
+    return f"<fieldset class='pills {kind}'><legend>{legend}</legend>{buttons}</fieldset>"
 
 
 def _chart(chart: Chart, figures: list[dict[str, Any]]) -> str:
-    figure = _light(json.loads(chart.figure.to_json()))
+    whole = chart.figure if isinstance(chart.figure, Mapping) else json.loads(chart.figure.to_json())
+    figure = _light({"data": whole["data"], "layout": dict(whole["layout"])})
     figure["layout"].pop("template", None)
     height = figure["layout"].get("height", 360)
     place = f"<div class='chart' id='chart-{len(figures)}' style='height: {height}px'></div>"
     if (figure["layout"].get("meta") or {}).get("wide"):
         place = f"<div class='wide'>{place}</div>"
-    figures.append({"data": figure["data"], "layout": figure["layout"]})
+    figures.append(figure)
     html = place + (f"<p class='caption'>{escape(chart.caption)}</p>" if chart.caption else "")
     return f"<div data-of='{escape(chart.tab)}'>{html}</div>" if chart.tab else html
 

@@ -8,7 +8,6 @@ from armdyn.identify.compare import Comparison
 from armdyn.identify.diagnose import Diagnosis
 from armdyn.identify.explained import RepairStep, in_percent
 from armdyn.identify.fit import Fit
-from armdyn.identify.localise import Place
 from armdyn.identify.repair import Repair
 from armdyn.identify.search import repair_step
 from armdyn.identify.sentence import MOST_EFFECTS, WHOSE, added_effects
@@ -25,15 +24,16 @@ def comparison_report(study: Study, found: Comparison) -> Document:
     shown = Overlays.of_study(study, [found.fit], ["as given"], found.places)
     made = _illustrated(found.document(), study, missing, shown, found.fit, "this model")
     title = "Compare: the model against recordings"
-    return replace(made, title=title, sections=[*made.sections, *formula_sections(found)])
+    return replace(made, title=title, sections=[*made.sections, *_formula_sections(found)])
 
 
 def diagnosis_report(study: Study, found: Diagnosis) -> Document:
     """What every effect would change, and the curves with the best ones."""
     path = [repair_step(study, step) for step in found.search.steps]
     missing = missing_force_sections(found.missing_force, _added(path))
-    shown = _overlays(study, [step.fit for step in found.search.steps], path, found.comparison.places)
-    document = found.document(summaries(study))
+    fits, steps = [step.fit for step in found.search.steps], [step_name(step) for step in path]
+    shown = Overlays.of_study(study, fits, steps, found.comparison.places)
+    document = found.document(_summaries(study))
     made = _illustrated(document, study, missing, shown, found.comparison.fit, "the model as given")
     return replace(made, title="Diagnose: which effect is missing")
 
@@ -41,20 +41,16 @@ def diagnosis_report(study: Study, found: Diagnosis) -> Document:
 def repair_report(study: Study, found: Repair, next_steps: Sequence[NextStep] = ()) -> Document:
     """Before and after, the error falling, what became of an arm's links, then the repaired fit."""
     missing = missing_force_sections(found.missing_force, _added(found.path))
-    shown = _overlays(study, [step.fit for step in found.steps], found.path, found.after.places)
-    document = found.document(study.judges, summaries(study))
+    fits, steps = [step.fit for step in found.steps], [step_name(step) for step in found.path]
+    shown = Overlays.of_study(study, fits, steps, found.after.places)
+    document = found.document(study.judges, _summaries(study))
     made = _illustrated(document, study, missing, shown, found.after.fit, "the last step")
-    return replace(
-        made,
-        title="Repair: add what is missing, watch the error fall",
-        key_figures=[*misfit_figure(study, found), *made.key_figures],
-        next_steps=next_steps,
-    )
-
-
-def _overlays(study: Study, fits: Sequence[Fit], path: Sequence[RepairStep], places: Sequence[Place]) -> Overlays:
-    """The curves of every step."""
-    return Overlays.of_study(study, fits, [step_name(step) for step in path], places)
+    figures = list(made.key_figures)
+    if len(found.path) > 1:
+        whose = WHOSE[study.judges[0]].rstrip(",")
+        figures.insert(0, KeyFigure("Misfit explained", in_percent(found.explained), f"by what was added; {whose}"))
+    title = "Repair: add what is missing, watch the error fall"
+    return replace(made, title=title, key_figures=figures, next_steps=next_steps)
 
 
 def _illustrated(
@@ -77,7 +73,7 @@ def _illustrated(
             *missing,
             shown.section(),
             *document.sections[:place],
-            error_section(shown.curves, len(shown.steps)),
+            error_section(shown),
             dependence_section(fit, whose),
             *document.sections[place:],
         ],
@@ -86,7 +82,7 @@ def _illustrated(
     )
 
 
-def formula_sections(found: Comparison) -> list[Section]:
+def _formula_sections(found: Comparison) -> list[Section]:
     """Where a formula that is known to be wrong fails; nothing where the model has none."""
     if found.correction is None:
         return []
@@ -98,20 +94,12 @@ def formula_sections(found: Comparison) -> list[Section]:
     return [at_right_motion, dependence_section(wrong, "the wrong formula")]
 
 
-def misfit_figure(study: Study, found: Repair) -> list[KeyFigure]:
-    """The share that the sentence tells; nothing where nothing was added."""
-    if len(found.path) < 2:
-        return []
-    whose = WHOSE[study.judges[0]].rstrip(",")
-    return [KeyFigure("Misfit explained", in_percent(found.explained), f"by what was added; {whose}")]
-
-
 def _added(path: Sequence[RepairStep]) -> str:
     """What came in after the model as given, for a legend."""
     effects = added_effects(path)
     return " + ".join(effects) if len(effects) <= MOST_EFFECTS else f"with {len(effects)} effects"
 
 
-def summaries(study: Study) -> dict[str, str]:
+def _summaries(study: Study) -> dict[str, str]:
     """What every effect is, by its name."""
     return {name: effect.summary for name, effect in study.effects.items()}

@@ -1,9 +1,9 @@
 """Joint states from a topic: matched by name, dated on our clock, read at the time that is asked for."""
 
 import threading
+from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from itertools import pairwise
 from math import inf, isfinite
 from typing import Any
 
@@ -53,9 +53,7 @@ class JointStates:
         names: of the arm's joints, in the order of every joint vector.
 
     Attributes:
-        received: messages with our joints.
         unreadable: messages with our joints whose values are missing or not finite.
-        delays: from stamp to reception of the latest messages, beyond the quickest [s].
     """
 
     def __init__(self, names: Sequence[str]) -> None:
@@ -64,8 +62,7 @@ class JointStates:
         self._states: deque[JointState] = deque(maxlen=KEPT)
         self._order: tuple[list[str], list[int]] | None = None
         self._changed = threading.Condition()
-        self.received = self.unreadable = 0
-        self.delays: deque[float] = deque(maxlen=10_000)
+        self.unreadable = 0
 
     def take(self, message: Mapping[str, Any], received: float) -> None:
         """Take in one ``sensor_msgs/JointState``, received at a time of our clock [s]."""
@@ -74,13 +71,11 @@ class JointStates:
             return
         state = self._read(message, index, received)
         with self._changed:
-            self.received += 1
             if state is None:
                 self.unreadable += 1
                 return
             if self._states and state.time <= self._states[-1].time:
                 return  # repeated, or overtaken by a later one
-            self.delays.append(received - state.time)
             self._states.append(state)
             self._changed.notify_all()
 
@@ -124,13 +119,11 @@ class JointStates:
             states = tuple(self._states)
         if not states:
             return None
-        if time >= states[-1].time:
+        after = bisect_right(states, time, key=lambda state: state.time)
+        if after == len(states):
             last = states[-1]
             return JointState(time, last.q + last.v * (time - last.time), last.v, last.tau)
-        before, after = next(((a, b) for a, b in pairwise(reversed(states)) if b.time <= time), (states[0], states[0]))[
-            ::-1
-        ]
-        return _between(before, after, time)
+        return _between(states[after - 1], states[after], time) if after else states[0]
 
     def _index(self, names: object) -> list[int] | None:
         """Where our joints stand in a message; None where one of them does not."""
@@ -147,11 +140,11 @@ class JointStates:
         stamp = stamp_of(message)
         if q is None or not isfinite(stamp):
             return None
-        v, tau = (_values(message.get(name), index) for name in ("velocity", "effort"))
         # A driver may leave either out. A reading that says neither speed nor effort is still one of the posture.
-        zero = np.zeros(len(index))
-        v = zero if v is None and not message.get("velocity") else v
-        tau = zero if tau is None and not message.get("effort") else tau
+        v, tau = (
+            _values(message[name], index) if message.get(name) else np.zeros(len(index))
+            for name in ("velocity", "effort")
+        )
         if v is None or tau is None:
             return None
         return JointState(self._stamps.local(stamp, received) if stamp > 0.0 else received, q, v, tau)
@@ -195,12 +188,7 @@ class EvenTimes:
 
 
 def where_is(uri: str, names: Sequence[str], topic: str) -> JointState:
-    """Where an arm is now; nothing is sent to it.
-
-    Args:
-        uri: of its rosbridge.
-        names: of its joints.
-        topic: of its joint states.
+    """Where the joints of these names are now, by the states that a bridge passes on; nothing is sent to the arm.
 
     Raises:
         InputError: no bridge, or no state of these joints in time.
@@ -237,8 +225,6 @@ def _values(given: object, index: list[int]) -> Vector | None:
 def _between(a: JointState, b: JointState, time: float) -> JointState:
     """Cubic Hermite in the positions, linear in velocities and efforts."""
     h = b.time - a.time
-    if h <= 0.0:
-        return a
     u = (time - a.time) / h
     q = (1 + 2 * u) * (1 - u) ** 2 * a.q + u**2 * (3 - 2 * u) * b.q + h * u * (1 - u) * ((1 - u) * a.v - u * b.v)
     return JointState(time, q, (1 - u) * a.v + u * b.v, (1 - u) * a.tau + u * b.tau)

@@ -1,16 +1,16 @@
 """Which topics an arm has, from the table ``[ros]`` of its settings file, and how a command is worded on them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import Enum
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from armdyn.errors import InputError
+from armdyn.errors import InputError, at
+from armdyn.toml_file import read_toml
 from pipeline.robot.protocol import Vector
 from urdf.loader import SETTINGS, known_robots
-from urdf.table_file import TableFileError, read_table
 
 
 class CommandKind(Enum):
@@ -21,16 +21,8 @@ class CommandKind(Enum):
     ARRAY = "std_msgs/Float64MultiArray"
 
 
-class Mode(Enum):
-    """How Baxter takes a ``JointCommand``; the value is the one of the settings file."""
-
-    POSITION = "position"
-    RAW_POSITION = "raw_position"
-
-    @property
-    def number(self) -> int:
-        """The message's constant."""
-        return 1 if self is Mode.POSITION else 4
+MODES = {"position": 1, "raw_position": 4}
+"""How Baxter takes a ``JointCommand``: the message's constants, by the word of the settings file."""
 
 
 @dataclass(frozen=True)
@@ -40,8 +32,8 @@ class RosTopics:
     Attributes:
         joint_states: of type ``sensor_msgs/JointState``.
         command: what moves the arm.
-        kind: its type.
-        mode: of a ``JointCommand``.
+        type: its type.
+        mode: of a ``JointCommand``, see `MODES`.
         feed_forward: of type ``trajectory_msgs/JointTrajectoryPoint``, with every command; None sends none.
         timeout: where the robot is told how long it may be without a command, ``std_msgs/Float64``; None: it is not.
         command_timeout: what it is told [s]. The robot then holds where it is.
@@ -52,8 +44,8 @@ class RosTopics:
 
     joint_states: str
     command: str
-    kind: CommandKind = CommandKind.JOINT_COMMAND
-    mode: Mode = Mode.RAW_POSITION
+    type: CommandKind = CommandKind.JOINT_COMMAND
+    mode: str = "raw_position"
     feed_forward: str | None = None
     timeout: str | None = None
     command_timeout: float = 0.1
@@ -73,58 +65,38 @@ def read_topics(file: Path) -> RosTopics:
     Raises:
         InputError: it is missing, or an entry has the wrong form.
     """
-    try:
-        table = read_table(file)[1].get("ros")
-    except FileNotFoundError as error:
-        raise InputError(f"{file}: there is no such file; give a robot's settings file") from error
-    except TableFileError as error:
-        raise InputError(f"{file}: {error}") from error
+    table = read_toml(file, "; give a robot's settings file").get("ros")
     if not isinstance(table, dict):
         raise InputError(f"{file}: there is no table [ros]; see urdf/robots/baxter.toml for an example")
-    try:
-        return _from_table(table)
-    except InputError as error:
-        raise InputError(f"{file}: [ros]: {error}") from error
+    with at(f"{file}: [ros]"):
+        try:
+            return RosTopics(**{name: _entry(name, value) for name, value in table.items()})
+        except TypeError as error:  # the two entries that have no default
+            missing = next(name for name in ("joint_states", "command") if name not in table)
+            raise InputError(f"entry '{missing}' is missing") from error
 
 
-def _from_table(table: dict[str, Any]) -> RosTopics:
-    known = {"type" if item.name == "kind" else item.name for item in fields(RosTopics)}
-    for name in table:
-        if name not in known:
-            raise InputError(f"there is no entry '{name}'; choose among {', '.join(sorted(known))}")
-    values: dict[str, Any] = {}
-    for name, value in table.items():
-        if name == "type":
-            values["kind"] = _one_of(CommandKind, name, value)
-        elif name == "mode":
-            values["mode"] = _one_of(Mode, name, value)
-        elif name in ("command_timeout", "horizon"):
-            values[name] = _seconds(name, value)
-        else:
-            values[name] = _topic(name, value)
-    for name in ("joint_states", "command"):
-        if name not in values:
-            raise InputError(f"entry '{name}' is missing")
-    return RosTopics(**values)
-
-
-def _one_of(kind: type[Enum], name: str, value: object) -> Enum:
-    for choice in kind:
-        if choice.value == value:
-            return choice
-    raise InputError(f"{name} = {value!r}: choose one of {', '.join(str(choice.value) for choice in kind)}")
-
-
-def _seconds(name: str, value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not (isfinite(value) and 0.02 <= value <= 1.0):
-        raise InputError(f"{name} = {value!r}: give a time from 0.02 to 1 s")
-    return float(value)
-
-
-def _topic(name: str, value: object) -> str:
-    if not (isinstance(value, str) and value.startswith("/") and len(value) > 1):
-        raise InputError(f"{name} = {value!r}: give a name that begins with '/'")
-    return value.rstrip("/")
+def _entry(name: str, value: object) -> Any:
+    """The value of one entry, or what is wrong with it."""
+    choices: Mapping[str, Any]
+    match name:
+        case "type" | "mode":
+            choices = MODES if name == "mode" else {kind.value: kind for kind in CommandKind}
+            if not isinstance(value, str) or value not in choices:
+                raise InputError(f"{name} = {value!r}: choose one of {', '.join(choices)}")
+            return value if name == "mode" else choices[value]
+        case "command_timeout" | "horizon":
+            number = value if isinstance(value, int | float) and not isinstance(value, bool) else float("nan")
+            if not (isfinite(number) and 0.02 <= number <= 1.0):
+                raise InputError(f"{name} = {value!r}: give a time from 0.02 to 1 s")
+            return float(number)
+        case _ if name not in RosTopics.__dataclass_fields__:
+            known = ", ".join(sorted(RosTopics.__dataclass_fields__))
+            raise InputError(f"there is no entry '{name}'; choose among {known}")
+        case _:
+            if not (isinstance(value, str) and value.startswith("/") and len(value) > 1):
+                raise InputError(f"{name} = {value!r}: give a name that begins with '/'")
+            return value.rstrip("/")
 
 
 def command_message(topics: RosTopics, names: Sequence[str], q: Vector, v: Vector, a: Vector) -> dict[str, Any]:
@@ -137,9 +109,9 @@ def command_message(topics: RosTopics, names: Sequence[str], q: Vector, v: Vecto
         v: velocities (n,) [rad/s].
         a: accelerations (n,) [rad/s^2].
     """
-    match topics.kind:
+    match topics.type:
         case CommandKind.JOINT_COMMAND:
-            return {"mode": topics.mode.number, "names": list(names), "command": q.tolist()}
+            return {"mode": MODES[topics.mode], "names": list(names), "command": q.tolist()}
         case CommandKind.TRAJECTORY:
             return {"joint_names": list(names), "points": [point_message(q, v, a, topics.horizon)]}
         case CommandKind.ARRAY:
@@ -152,8 +124,14 @@ def point_message(q: Vector, v: Vector, a: Vector, ahead: float = 0.0) -> dict[s
         "positions": q.tolist(),
         "velocities": v.tolist(),
         "accelerations": a.tolist(),
-        "time_from_start": {"secs": int(ahead), "nsecs": round(1e9 * (ahead - int(ahead)))},
+        "time_from_start": time_message(ahead),
     }
+
+
+def time_message(seconds: float) -> dict[str, int]:
+    """A ROS time or duration."""
+    whole, rest = divmod(round(1e9 * seconds), 1_000_000_000)
+    return {"secs": whole, "nsecs": rest}
 
 
 def positions_in(message: Mapping[str, Any], kind: CommandKind) -> tuple[Any, ...]:

@@ -353,10 +353,7 @@ def _waiting(path: GripperPath, end: float) -> GripperPath:
     """The path, on which the gripper then stands until `end` [s]."""
     steps = max(0, round((end - path.start) / path.dt) - (len(path.x) - 1))
     still = np.zeros(steps)
-    height = path.height
-    if height is not None:
-        level = np.vstack([np.full(steps, height[0, -1]), still, still])
-        height = np.hstack([height, level])
+    height = np.hstack([path.height, np.vstack([np.full(steps, path.height[0, -1]), still, still])])
     x = np.append(path.x, np.full(steps, path.x[-1]))
     v, a = (np.append(part, still) for part in (path.v, path.a))
-    return GripperPath(path.start, path.dt, x, v, a, height, path.elapsed)
+    return GripperPath(path.start, path.dt, x, v, a, height, float(path.nodes[0, 0]))

@@ -14,8 +14,6 @@ import urdf
 from armdyn.errors import InputError, TaskFailedError
 from pipeline.loadcell.calibration import Calibration
 from pipeline.loadcell.cell import LoadCell
-from pipeline.loadcell.faults import FaultLimits, implausible_repeats
-from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS
 from pipeline.motion.feasibility import CheckSettings, box_and_table, check_joints, check_line
 from pipeline.nodes.measurement import GRAVITY
 from pipeline.processes import ask_for_real_time
@@ -104,7 +102,7 @@ def run_real(
         _go_to_start(robot, link.arm, table, c, prompts, progress)
         _wait_until_calm(robot, c, progress)
         rig = Rig(
-            robot, True, link.arm, table, _cell_limits(link.calibration), f"{link.arm.name} and a load on a string",
+            robot, True, link.arm, table, link.calibration.force_limits, f"{link.arm.name} and a load on a string",
             judged=judged,
             wait_until_calm=lambda: _wait_until_calm(robot, c, progress),
             announce=robot.announce,
@@ -242,8 +240,3 @@ def _wait_until_calm(robot: RealRobot, c: ProtocolSettings, say: Progress) -> No
         f"the load does not hang still: the force varies by {1e3 * spread:.0f} mN, its noise is "
         f"{1e3 * c.force_noise:.0f} mN: hold it until it is calm, then start again"
     )
-
-
-def _cell_limits(calibration: Calibration) -> FaultLimits:
-    ends = sorted((calibration.force(MINIMUM_COUNTS), calibration.force(MAXIMUM_COUNTS)))
-    return FaultLimits(ends[0], ends[1], implausible_repeats(calibration.noise, abs(calibration.scale)), 0.2)

@@ -45,7 +45,7 @@ def simulate(
         real,
         description,
         table,
-        FaultLimits.of(plant.cell.noise, plant.cell.resolution, plant.cell.full_scale),
+        FaultLimits.of(plant.cell.noise, plant.cell.resolution, -plant.cell.full_scale, plant.cell.full_scale),
         f"simulated Baxter, load on a string, seed {c.seed}",
         c.length,
         landed=robot.load_in_box,

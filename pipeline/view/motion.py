@@ -13,7 +13,7 @@ from armdyn.model import Model
 from armdyn.run import Run
 from pipeline.box import Box
 from pipeline.robot.scene import LineFrame
-from pipeline.view.scene import DARK, STEEL, WOOD, Body, Cord, Mark, Mesh, Scene, ball, block, frames, moved, standing
+from pipeline.view.scene import DARK, STEEL, WOOD, Body, Mark, Mesh, Scene, ball, block, frames, moved, standing
 from pipeline.view.shapes import Links
 from urdf import Robot
 
@@ -95,7 +95,7 @@ def swing_scene(title: str, kind: str, swing: Swing, marks: Sequence[Mark] = ())
                 standing((0.5 * (low + high), 0.0, float(pivot[:, 2].max()) + 0.02)))  # fmt: skip
     bodies = [rail, Body("gripper", [block((0.05, 0.035, 0.03), DARK)], moved(pivot)),
               Body("load", [ball(RADIUS)], moved(load))]  # fmt: skip
-    return Scene(title, kind, at, bodies, [Cord(np.stack([pivot, load], axis=1))], load, marks, swing.note)
+    return Scene(title, kind, at, bodies, [np.stack([pivot, load], axis=1)], load, marks, swing.note)
 
 
 def trial_scene(title: str, links: Links, run: Run, swing: Swing, box: Box | None) -> Scene:
@@ -108,7 +108,7 @@ def trial_scene(title: str, links: Links, run: Run, swing: Swing, box: Box | Non
     bodies = [*links.bodies(postures), Body("load", [ball(RADIUS)], moved(load))]
     if box is not None:
         bodies.append(Body("box", _walls(line, box), standing(line.origin)))
-    cords = [Cord(np.stack([pivot, load], axis=1))]
+    cords = [np.stack([pivot, load], axis=1)]
     return Scene(title, "trial", at, bodies, cords, load, note=" ".join(filter(None, (swing.note, links.note))))
 
 

@@ -11,7 +11,7 @@ from functools import cache
 from html import escape
 from pathlib import Path
 from string import Template
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import trimesh
@@ -26,8 +26,7 @@ MOST_FRAMES = 1200
 GREY, STEEL, DARK, LOAD, WOOD = "#B9C2CC", "#8795A5", "#3A4552", "#D55E00", "#B08655"
 
 
-@dataclass(frozen=True, eq=False)
-class Mesh:
+class Mesh(NamedTuple):
     """Triangles of one colour.
 
     Attributes:
@@ -43,8 +42,7 @@ class Mesh:
     opacity: float = 1.0
 
 
-@dataclass(frozen=True, eq=False)
-class Body:
+class Body(NamedTuple):
     """What moves as one.
 
     Attributes:
@@ -58,19 +56,7 @@ class Body:
     poses: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class Cord:
-    """A string between two moving points.
-
-    Attributes:
-        ends: (k, 2, 3) [m].
-    """
-
-    ends: FloatArray
-
-
-@dataclass(frozen=True)
-class Mark:
+class Mark(NamedTuple):
     """A stretch of time that is worth a look.
 
     Attributes:
@@ -93,7 +79,7 @@ class Scene:
         kind: "run", "table", "trajectory" or "trial".
         time: (k,) of the frames [s].
         bodies: what is drawn.
-        cords: strings.
+        cords: ends of each string, (k, 2, 3) [m].
         trail: (k, 3) the path of the load or the tool [m]; None for none.
         marks: stretches of time.
         note: what a viewer must know, such as that an angle is the model's.
@@ -103,7 +89,7 @@ class Scene:
     kind: str
     time: FloatArray
     bodies: Sequence[Body]
-    cords: Sequence[Cord] = ()
+    cords: Sequence[FloatArray] = ()
     trail: FloatArray | None = None
     marks: Sequence[Mark] = ()
     note: str = ""
@@ -115,12 +101,12 @@ class Scene:
             "note": self.note,
             "time": _floats(self.time),
             "bodies": [
-                {"name": body.name, "poses": _floats(body.poses), "meshes": [_mesh(mesh) for mesh in body.meshes]}
+                {"name": body.name, "poses": _floats(body.poses), "meshes": list(map(_packed, body.meshes))}
                 for body in self.bodies
             ],
-            "cords": [_floats(cord.ends) for cord in self.cords],
+            "cords": list(map(_floats, self.cords)),
             "trail": None if self.trail is None else _floats(self.trail),
-            "marks": [{"start": mark.start, "end": mark.end, "text": mark.text} for mark in self.marks],
+            "marks": [mark._asdict() for mark in self.marks],
         }
 
 
@@ -163,13 +149,9 @@ def _of(shape: trimesh.Trimesh, colour: str, opacity: float = 1.0) -> Mesh:
     return Mesh(np.asarray(shape.vertices), np.asarray(shape.faces), colour, opacity)
 
 
-def _mesh(mesh: Mesh) -> dict[str, Any]:
-    return {
-        "vertices": _floats(mesh.vertices),
-        "faces": base64.b64encode(np.ascontiguousarray(mesh.faces, dtype="<u4").tobytes()).decode(),
-        "colour": mesh.colour,
-        "opacity": mesh.opacity,
-    }
+def _packed(mesh: Mesh) -> dict[str, Any]:
+    faces = base64.b64encode(np.ascontiguousarray(mesh.faces, dtype="<u4").tobytes()).decode()
+    return {**mesh._asdict(), "vertices": _floats(mesh.vertices), "faces": faces}
 
 
 def _floats(values: FloatArray) -> str:
@@ -202,7 +184,7 @@ def view_page(scene: Scene, command: str = "") -> str:
         footer=escape(f"armdyn {__version__}" + (f" · {command}" if command else "")),
         scene=scene_script(),
         data=packed(json.dumps(scene.data(), separators=(",", ":"))),
-        three=_library(),
+        three=packed(three_js()),
     )
 
 
@@ -213,11 +195,6 @@ def write_view(scene: Scene, path: Path, command: str = "") -> None:
         InputError: the file cannot be written.
     """
     atomic.write_text(path, view_page(scene, command))
-
-
-@cache
-def _library() -> str:
-    return packed(three_js())
 
 
 BEGIN, END = "/**\n * @license", "\n"

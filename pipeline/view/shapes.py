@@ -1,14 +1,14 @@
 """The shape of an arm: meshes of its URDF, made coarse where they are heavy; else a rod for every link."""
 
-import xml.etree.ElementTree as ET
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import trimesh
+import yourdfpy
 
 from armdyn.channels import FloatArray
 from pipeline.view.scene import DARK, GREY, STEEL, Body, Mesh, capsule
@@ -67,103 +67,67 @@ def links_of(robot: Robot) -> Links:
     if not any(found[1:]):
         return Links(robot, _rods(robot), "The URDF's meshes are not on this machine: links are drawn as rods.")
     note = f"{missing} of the URDF's meshes cannot be read and are left out." if missing else ""
-    return Links(robot, _coarse(found), note)
+    still = round(STANDING * MOST_TRIANGLES)
+    return Links(robot, [*_reduced(found[:1], still), *_reduced(found[1:], MOST_TRIANGLES - still)], note)
 
 
 def _visuals(robot: Robot) -> tuple[list[list[Mesh]], int]:
-    """Per joint the shapes that its links show, as fine as they are; how many meshes cannot be read."""
-    root, model = ET.fromstring(robot.urdf_xml), robot.model
-    uris = {mesh.get("filename", "") for mesh in root.iter("mesh")}
+    """Per joint the shapes that its links show, as fine as they are; how many cannot be read."""
+    model, found, missing = robot.model, [list[Mesh]() for _ in range(robot.model.njoints)], 0
+    with quiet():
+        file = BytesIO(robot.urdf_xml.encode())
+        described = yourdfpy.URDF.load(file, load_meshes=False, build_scene_graph=False).robot
+    links = [link for link in described.links if model.existFrame(link.name, pin.FrameType.BODY)]
+    colours = {material.name: material.color for material in described.materials}
+    shown = [visual.geometry for link in links for visual in link.visuals if visual.geometry is not None]
+    uris = [geometry.mesh.filename for geometry in shown if geometry.mesh is not None]
     packages = {uri.removeprefix("package://").partition("/")[0] for uri in uris if uri.startswith("package://")}
     folders = (*robot.package_dirs, *package_dirs(robot.urdf_path, packages))
-    found: list[list[Mesh]] = [[] for _ in range(model.njoints)]
-    missing = 0
-    colours = {
-        material.get("name"): _hex(material.find("color"))
-        for material in root.iter("material")
-        if material.find("color") is not None
-    }
-    for link in root.iter("link"):
-        name = link.get("name", "")
-        if not model.existFrame(name, pin.FrameType.BODY):
-            continue
-        frame = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
-        for visual in link.findall("visual"):
-            shape = _shape(visual, robot.urdf_path, folders)
-            if shape is None:
-                missing += 1
-                continue
-            material = visual.find("material")
-            colour = None if material is None else _hex(material.find("color")) or colours.get(material.get("name"))
-            placement = frame.placement * _origin(visual)
-            for part in shape:
-                vertices = part.vertices @ placement.rotation.T + placement.translation
-                found[frame.parentJoint].append(Mesh(vertices, part.faces, colour or part.colour))
+    for link in links:
+        frame = model.frames[model.getFrameId(link.name, pin.FrameType.BODY)]
+        for visual in link.visuals:
+            parts = None if visual.geometry is None else _shape(visual.geometry, robot.urdf_path, folders)
+            missing += parts is None
+            material, origin = visual.material, np.eye(4) if visual.origin is None else visual.origin
+            given = None if material is None else material.color or colours.get(material.name)
+            for part in parts or ():
+                part.apply_transform(frame.placement.homogeneous @ origin)
+                colour = _hex(255 * np.clip(given.rgba, 0.0, 1.0)) if given is not None else _main_colour(part)
+                found[frame.parentJoint].append(Mesh(np.asarray(part.vertices), np.asarray(part.faces), colour))
     return found, missing
 
 
-def _shape(visual: ET.Element, urdf_path: Path, folders: tuple[Path, ...]) -> list[Mesh] | None:
+def _shape(geometry: yourdfpy.Geometry, urdf_path: Path, folders: tuple[Path, ...]) -> list[trimesh.Trimesh] | None:
     """What a visual shows, in the frame of its origin; None where its mesh cannot be read."""
-    geometry = next(iter(visual.find("geometry") or ()), None)
-    if geometry is None:
-        return None
-    if geometry.tag == "mesh":
-        file = locate_mesh(geometry.get("filename", ""), urdf_path, folders)
+    try:
+        if geometry.box is not None:
+            return [trimesh.creation.box(extents=geometry.box.size)]
+        if geometry.sphere is not None:
+            return [trimesh.creation.icosphere(subdivisions=2, radius=geometry.sphere.radius)]
+        if geometry.cylinder is not None:
+            size = geometry.cylinder
+            return [trimesh.creation.cylinder(radius=size.radius, height=size.length, sections=24)]
+        file = locate_mesh(geometry.mesh.filename, urdf_path, folders)
         if file is None or file.stat().st_size > LARGEST_FILE:
             return None
-        scale = np.array(_numbers(geometry.get("scale"), (1.0, 1.0, 1.0)))
-        try:
-            with quiet():
-                scene = trimesh.load_scene(file)
-                parts = scene.dump(concatenate=False)
-        except Exception:  # whatever a reader of meshes may raise of a damaged file
-            return None
+        with quiet():
+            parts = trimesh.load_scene(file).dump(concatenate=False)
         whole = [part for part in parts if isinstance(part, trimesh.Trimesh) and len(part.faces)]
-        if not all(np.isfinite(part.vertices).all() for part in whole):
-            return None
-        return [Mesh(np.asarray(part.vertices) * scale, np.asarray(part.faces), _main_colour(part)) for part in whole]
-    primitive: trimesh.Trimesh | None = None
-    with suppress(ValueError, TypeError):
-        if geometry.tag == "box":
-            primitive = trimesh.creation.box(extents=_numbers(geometry.get("size"), ()))
-        elif geometry.tag == "sphere":
-            primitive = trimesh.creation.icosphere(subdivisions=2, radius=float(geometry.get("radius", "")))
-        elif geometry.tag == "cylinder":
-            primitive = trimesh.creation.cylinder(
-                radius=float(geometry.get("radius", "")), height=float(geometry.get("length", "")), sections=24
-            )
-    return None if primitive is None else [Mesh(np.asarray(primitive.vertices), np.asarray(primitive.faces), GREY)]
+        for part in whole:
+            part.vertices = part.vertices * (1.0 if geometry.mesh.scale is None else geometry.mesh.scale)
+        return whole if all(np.isfinite(part.vertices).all() for part in whole) else None
+    except Exception:  # whatever a reader of meshes may raise of a damaged file
+        return None
 
 
 def _main_colour(part: trimesh.Trimesh) -> str:
-    visual = part.visual
-    material = getattr(visual, "material", None)
-    rgba = material.main_color if material is not None else getattr(visual, "main_color", None)
-    return GREY if rgba is None else "#{:02X}{:02X}{:02X}".format(*(int(c) for c in rgba[:3]))
+    material = getattr(part.visual, "material", None)
+    rgba = material.main_color if material is not None else getattr(part.visual, "main_color", None)
+    return GREY if rgba is None or not part.visual.defined else _hex(rgba)
 
 
-def _hex(colour: ET.Element | None) -> str | None:
-    if colour is None:
-        return None
-    rgba = _numbers(colour.get("rgba"), ())
-    return "#{:02X}{:02X}{:02X}".format(*(round(255 * min(max(c, 0.0), 1.0)) for c in rgba[:3])) if rgba else None
-
-
-def _origin(visual: ET.Element) -> pin.SE3:
-    origin = visual.find("origin")
-    xyz = _numbers(None if origin is None else origin.get("xyz"), (0.0, 0.0, 0.0))
-    rpy = _numbers(None if origin is None else origin.get("rpy"), (0.0, 0.0, 0.0))
-    return pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(xyz))
-
-
-def _numbers(text: str | None, otherwise: tuple[float, ...]) -> tuple[float, ...]:
-    return otherwise if not text else tuple(float(word) for word in text.split())
-
-
-def _coarse(meshes: Sequence[Sequence[Mesh]]) -> list[list[Mesh]]:
-    """Meshes with at most `MOST_TRIANGLES` together, of which what stands still has `STANDING`."""
-    still = round(STANDING * MOST_TRIANGLES)
-    return [*_reduced(meshes[:1], still), *_reduced(meshes[1:], MOST_TRIANGLES - still)]
+def _hex(rgba: Sequence[float]) -> str:
+    return "#{:02X}{:02X}{:02X}".format(*(round(float(c)) for c in rgba[:3]))
 
 
 def _reduced(meshes: Sequence[Sequence[Mesh]], most: int) -> list[list[Mesh]]:
@@ -181,29 +145,26 @@ def _clustered(mesh: Mesh, cell: float) -> Mesh:
     Source: Rossignac & Borrel, Multi-resolution 3D approximations for rendering complex scenes, 1993.
     """
     places = np.round((mesh.vertices - mesh.vertices.min(axis=0)) / cell).astype(np.int64)
-    widths = places.max(axis=0) + 1
-    keys = (places[:, 0] * widths[1] + places[:, 1]) * widths[2] + places[:, 2]
+    keys = np.ravel_multi_index(tuple(places.T), tuple(places.max(axis=0) + 1))
     _, where, count = np.unique(keys, return_inverse=True, return_counts=True)
     vertices = np.column_stack([np.bincount(where, mesh.vertices[:, axis]) / count for axis in range(3)])
-    faces = where[mesh.faces]
-    a, b, c = faces.T
+    a, b, c = (faces := where[mesh.faces]).T
     return Mesh(vertices, faces[(a != b) & (b != c) & (c != a)], mesh.colour, mesh.opacity)
 
 
 def _rods(robot: Robot) -> list[list[Mesh]]:
     """Per joint a rod to each joint that follows, and from the last one to the tool."""
-    model = robot.model
-    found: list[list[Mesh]] = [[] for _ in range(model.njoints)]
-    origin = np.zeros(3)
-    ends = {j: [model.jointPlacements[c].translation for c in range(1, model.njoints) if model.parents[c] == j]
-            for j in range(model.njoints)}  # fmt: skip
+    model, origin = robot.model, np.zeros(3)
+    ends = [list[FloatArray]() for _ in range(model.njoints)]
+    for joint in range(1, model.njoints):
+        ends[model.parents[joint]].append(model.jointPlacements[joint].translation)
     tool = model.frames[robot.tool_frame_id]
     ends[tool.parentJoint].append(tool.placement.act(robot.tool_offset))
-    longest = max(float(np.linalg.norm(end)) for of_joint in ends.values() for end in of_joint)
+    longest = max(float(np.linalg.norm(end)) for of_joint in ends for end in of_joint)
     radius = float(np.clip(SLENDER * longest, THIN, THICK))
-    for j, of_joint in ends.items():
+    found = []
+    for j, of_joint in enumerate(ends):
         colour = DARK if j == 0 else GREY if j % 2 else STEEL
-        found[j] += [capsule(origin, end, radius if j else 1.2 * radius, colour) for end in of_joint]
-        if not found[j]:
-            found[j].append(capsule(origin, origin, radius, colour))
+        own = [capsule(origin, end, radius if j else 1.2 * radius, colour) for end in of_joint]
+        found.append(own or [capsule(origin, origin, radius, colour)])
     return found

@@ -10,18 +10,21 @@ from armdyn.channels import FloatArray
 from armdyn.effects.effect import Effect
 from armdyn.errors import UnknownNameError
 from armdyn.identify.candidate import Candidate
-from armdyn.identify.compare import FittedParameter, fitted_parameters
+from armdyn.identify.compare import fitted_parameters
 from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.localise import Place, localise
 from armdyn.identify.missing_force import ForceCurve, Unexplained, curves, unexplained
 from armdyn.identify.problem import Block, Problem
 from armdyn.identify.study import Study
+from armdyn.identify.summed import Summed
+from armdyn.identify.sums import sums_at
 from armdyn.identify.suspects import merged
 from armdyn.parameter import Parameter
 from pipeline.report.overlay import FITTED, HELD_OUT, Overlay, overlays
-from pipeline.workbench.ranking import Foretelling, Residuals
 
 AS_GIVEN, NOW = "as given", "now"
+Residuals = Mapping[tuple[str, str], FloatArray]
+"""By run and channel: (n,) measured minus predicted, in the channel's unit."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,7 @@ class Knob:
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class TickedModel:
     """The model with the effects that are ticked.
 
     Attributes:
@@ -82,7 +85,7 @@ class State:
     places: tuple[Place, ...] = ()
 
 
-class Bench:
+class Workbench:
     """A model, runs and a catalogue, opened.
 
     Attributes:
@@ -99,22 +102,31 @@ class Bench:
         self.present = tuple(Atom(c.effect, joint) for c in study.present for joint, _ in c.parts)
         self._fits: dict[frozenset[Atom], Fit] = {frozenset(): self.first}
         self._places = localise(self.first)
-        self._given = tuple(
+        self._given = [
             replace(curve, residuals=np.repeat(curve.residuals, 2, axis=0))
             for curve in overlays(study, [self.first], self._places)
             if curve.kind in (FITTED, HELD_OUT)
-        )
+        ]
 
     @cached_property
-    def foretelling(self) -> Foretelling:
-        """Made when it is first asked for: as given, a model is shown before."""
-        return Foretelling(self.study, self.first)
+    def expansion(self) -> Summed:
+        """Sums around the fit of the model as given, which say at once what sets of effects would do.
+
+        Exact for an arm's effects that are linear, and its links and payloads; for a pendulum near that fit, so that a
+        refit follows. Made when it is first asked for: the model as given is shown before.
+        """
+        study, problem = self.study, self.study.problem
+        if study.model.linear:
+            return study.appraiser(self.first)
+        base = problem.fitted & ~problem.of([name for c in study.candidates for name in c.names])
+        sums = sums_at(self.first, problem.blocks(self.first.values))
+        return Summed(sums, base, tuple(self._candidates.values()))
 
     @cached_property
-    def opening(self) -> State:
+    def opening(self) -> TickedModel:
         """The model as given."""
-        knobs, others = self._knobs(self.first), self._others(self.first)
-        return State((), "fitted", self._given, False, knobs, others, self._places)
+        state = self._state((), "fitted", {}, self._knobs(self.first), self._others(self.first))
+        return replace(state, stale=False, places=self._places)
 
     def effects_of(self, effects: Sequence[Atom]) -> list[Effect]:
         """As `repair.add` takes them: joints together that have the same effect.
@@ -122,10 +134,9 @@ class Bench:
         Raises:
             UnknownNameError: one of them cannot be ticked.
         """
-        together = merged([self._candidate(atom) for atom in effects])
-        return [self.study.effects[c.effect].on(*c.joints) for c in together]
+        return [self.study.effects[c.effect].on(*c.joints) for c in merged(self._candidates_of(effects))]
 
-    def foretold(self, effects: Sequence[Atom]) -> State:
+    def predict(self, effects: Sequence[Atom]) -> TickedModel:
         """What these effects would do, at once.
 
         Raises:
@@ -133,19 +144,26 @@ class Bench:
         """
         if not effects:
             return self.opening
-        found = self.foretelling.of([self._candidate(atom) for atom in effects])
-        knobs = self._knobs_at(found.values, self._names(effects), {})
-        return self._state(effects, "foretold", found.residuals, knobs, {})
+        chosen, sums = self._candidates_of(effects), self.expansion.sums
+        columns, change, values = self.expansion.minimum(chosen)
+        residuals = {
+            (sums.runs[sums.run[unit]], sums.channels[sums.channel[unit]]): sums.residual(unit, columns, change)
+            for unit in range(len(sums.count))
+            if self.study.model.linear or sums.training[unit]
+        }
+        absent = {name for c in self.study.candidates for name in c.names} - {name for c in chosen for name in c.names}
+        knobs = self._knobs_at(self.study.own(values, sums.problem), {}, without=absent)
+        return self._state(effects, "foretold", residuals, knobs)
 
-    def fitted(self, effects: Sequence[Atom]) -> State:
+    def refit(self, effects: Sequence[Atom]) -> TickedModel:
         """What these effects do, fitted to all samples; takes from a tenth of a second to several.
 
         Raises:
             UnknownNameError: one of them cannot be ticked.
         """
         fit = self.fit(effects)
-        held_out = self.study.held_out_blocks(fit)
-        residuals = _residuals(fit.blocks) | (_residuals(held_out or ()) if self.study.held_out else {})
+        held_out = self.study.held_out_blocks(fit) if self.study.held_out else None
+        residuals = _residuals([*fit.blocks, *(held_out or ())])
         state = self._state(effects, "fitted", residuals, self._knobs(fit), self._others(fit))
         return replace(state, places=localise(fit))
 
@@ -153,37 +171,37 @@ class Bench:
         """The minimum with these effects, made once: the best of those from the nearest fit and from the sums."""
         key = frozenset(effects)
         if key not in self._fits:
-            study, atoms = self.study, [self._candidate(atom) for atom in effects]
-            whole = (*study.present, *merged(atoms))
+            study, chosen = self.study, self._candidates_of(effects)
+            whole = (*study.present, *merged(chosen))
             near = self._fits[min(self._fits, key=lambda other: (len(other ^ key), self._fits[other].cost))]
-            starts = [self.foretelling.of(atoms).values, *([] if study.model.linear else [None])]
+            foretold = study.own(self.expansion.minimum(chosen)[2], self.expansion.sums.problem)
+            starts = [foretold] if study.model.linear else [foretold, None]
             best = min((study.fit_with(whole, near, start) for start in starts), key=lambda fit: fit.cost)
             self._fits[key] = study.to_the_end(best)
         return self._fits[key]
 
-    def by_hand(self, effects: Sequence[Atom], values: Mapping[str, float]) -> State:
+    def with_values(self, effects: Sequence[Atom], values: Mapping[str, float]) -> TickedModel:
         """The prediction with some parameters at values (in their units), nothing fitted.
 
         Raises:
             UnknownNameError: the model has no such parameter.
         """
         fit = self.fit(effects)
-        lean = self.study.lean(fit)
+        lean, knobs, at = self.study.lean(fit), dict(self._knobs(fit)), {}
+        for name, value in values.items():
+            if name not in knobs:
+                raise UnknownNameError("parameter", name, list(knobs))
+            parameter = knobs[name].parameter
+            at[name] = float(np.clip(value, parameter.lower, parameter.upper))
+            knobs[name] = replace(knobs[name], parameter=parameter.with_value(at[name]))
         runs = [*lean.problem.runs, *(self.study.held_out if self.study.model.linear else ())]
         problem = Problem(lean.problem.model, runs, lean.problem.noise)
-        knobs = self._knobs(fit)
-        at = {name: float(np.clip(value, knobs[self._known(name, knobs)].parameter.lower, knobs[name].parameter.upper))
-              for name, value in values.items()}  # fmt: skip
         start = {lean.problem.key(i): value for i, value in enumerate(lean.values)}
         theta = np.array([at.get(c.name, start[problem.key(i)]) for i, c in enumerate(problem.columns)])
         blocks = problem.blocks(theta, np.zeros(len(theta), dtype=bool))
-        turned = {
-            name: replace(knob, parameter=knob.parameter.with_value(at[name])) if name in at else knob
-            for name, knob in knobs.items()
-        }
-        return self._state(effects, "by hand", _residuals(blocks), turned, {})
+        return self._state(effects, "by hand", _residuals(blocks), knobs)
 
-    def missing_force(self, state: State) -> tuple[ForceCurve, ...]:
+    def missing_force(self, state: TickedModel) -> tuple[ForceCurve, ...]:
         """What the model as given cannot explain, and what the model as ticked cannot, where that is known yet."""
         given = self._unexplained
         if not state.effects or any(u.joint is None for u in given):
@@ -196,16 +214,11 @@ class Bench:
     def _unexplained(self) -> list[Unexplained]:
         return unexplained(self.first)
 
-    def _candidate(self, atom: Atom) -> Candidate:
-        if atom not in self._candidates:
-            raise UnknownNameError("effect to tick", atom.label, [known.label for known in self.atoms])
-        return self._candidates[atom]
-
-    @staticmethod
-    def _known(name: str, knobs: Mapping[str, Knob]) -> str:
-        if name not in knobs:
-            raise UnknownNameError("parameter", name, list(knobs))
-        return name
+    def _candidates_of(self, effects: Sequence[Atom]) -> list[Candidate]:
+        for atom in effects:
+            if atom not in self._candidates:
+                raise UnknownNameError("effect to tick", atom.label, [known.label for known in self.atoms])
+        return [self._candidates[atom] for atom in effects]
 
     def _state(
         self,
@@ -213,44 +226,41 @@ class Bench:
         how: str,
         residuals: Residuals,
         knobs: Mapping[str, Knob],
-        others: Mapping[str, float],
-    ) -> State:
-        curves, stale = [], False
+        others: Mapping[str, float] | None = None,
+    ) -> TickedModel:
+        shown, stale = [], False
         for curve in self._given:
             left = residuals.get((curve.run, curve.channel))
             stale |= left is None
-            curves.append(curve if left is None else replace(curve, residuals=np.stack([curve.residuals[0], left])))
-        return State(tuple(effects), how, tuple(curves), stale, knobs, others)
+            shown.append(curve if left is None else replace(curve, residuals=np.stack([curve.residuals[0], left])))
+        return TickedModel(tuple(effects), how, tuple(shown), stale, knobs, others or {})
 
     def _others(self, fit: Fit) -> Mapping[str, float]:
         """Error by channel on held-out runs, else of every run predicted from the others."""
         blocks = self.study.held_out_blocks(fit)
         return channel_rmse(blocks) if blocks else {}
 
-    def _names(self, effects: Sequence[Atom]) -> set[str]:
-        """Parameters of the model with these effects that belong to all runs."""
-        absent = {name for c in self.study.candidates for name in c.names}
-        ticked = {name for atom in effects for name in self._candidate(atom).names}
-        columns = self.study.problem.columns
-        return {c.name for c in columns if c.run is None and (c.name in ticked or c.name not in absent)}
-
     def _knobs(self, fit: Fit) -> Mapping[str, Knob]:
         described = fitted_parameters(self.study, fit)
-        return self._knobs_at(fit.values, described.keys(), described)
+        return self._knobs_at(fit.values, {name: p.std for name, p in described.items()}, only=described.keys())
 
     def _knobs_at(
-        self, values: FloatArray, names: Collection[str], described: Mapping[str, FittedParameter]
+        self,
+        values: FloatArray,
+        stds: Mapping[str, float | None],
+        only: Collection[str] | None = None,
+        without: Collection[str] = (),
     ) -> Mapping[str, Knob]:
+        """Of the parameters that belong to all runs, at `values` (P,) of the study's unknowns."""
         found = {}
         for column, value in zip(self.study.problem.columns, values.tolist(), strict=True):
-            if column.run is not None or column.name not in names:
+            name = column.name
+            if column.run is not None or name in without or (only is not None and name not in only):
                 continue
-            parameter = replace(column.parameter, value=value)
-            std = described[column.name].std if column.name in described else None
+            parameter, std = replace(column.parameter, value=value), stds.get(name)
             reach = max(5.0 * (std or 0.0), 0.5 * abs(value), 0.5 * parameter.typical)
-            found[column.name] = Knob(
-                parameter, std, max(value - reach, parameter.lower), min(value + reach, parameter.upper)
-            )
+            ends = max(value - reach, parameter.lower), min(value + reach, parameter.upper)
+            found[name] = Knob(parameter, std, *ends)
         return found
 
 

@@ -11,17 +11,18 @@ import shlex
 import shutil
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 from armdyn.arm.model import ArmModel
 from armdyn.errors import InputError
 from armdyn.model import Model
-from armdyn.model_file import ModelFile, base_pendulum, write_model_file
+from armdyn.model_file import ModelFile, base_pendulum, read_model_file, write_model_file
 from armdyn.run import Run, read_run, write_run_csv
 from ik.children import is_running
 from pipeline.console.inputs import Given, Inputs
-from pipeline.workbench.bench import Atom, Bench
+from pipeline.workbench.bench import Atom, Workbench
 
 PREFIX = "armdyn-page-"
 
@@ -31,9 +32,9 @@ def new_folder() -> tempfile.TemporaryDirectory[str]:
     return tempfile.TemporaryDirectory(prefix=f"{PREFIX}{os.getpid()}-", ignore_cleanup_errors=True)
 
 
-def remove_folders(process: int | None = None) -> None:
-    """Remove the folders of all pages of a process, of this one where none is named."""
-    for folder in Path(tempfile.gettempdir()).glob(f"{PREFIX}{process or os.getpid()}-*"):
+def remove_folders() -> None:
+    """Remove the folders of all pages of this process."""
+    for folder in Path(tempfile.gettempdir()).glob(f"{PREFIX}{os.getpid()}-*"):
         shutil.rmtree(folder, ignore_errors=True)
 
 
@@ -42,7 +43,7 @@ def remove_abandoned() -> None:
     for folder in Path(tempfile.gettempdir()).glob(f"{PREFIX}*-*"):
         number = folder.name.removeprefix(PREFIX).partition("-")[0]
         if number.isdecimal() and not is_running(int(number)):
-            remove_folders(int(number))
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 class Writable:
@@ -88,13 +89,12 @@ def _digest(file: Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-def is_passing(file: Path) -> bool:
+def is_temporary(file: Path) -> bool:
     """Whether a file lies in the folder of a page, which is removed with it."""
     return any(parent.name.startswith(PREFIX) for parent in file.resolve().parents)
 
 
-@dataclass(frozen=True)
-class Dropped:
+class Dropped(NamedTuple):
     """What a file turned out to be.
 
     Attributes:
@@ -120,7 +120,7 @@ def place_for(folder: Path, name: str) -> Path:
     return folder / plain
 
 
-def taken_in(path: Path, joints: Sequence[str] = ()) -> Dropped:
+def read_dropped(path: Path, joints: Sequence[str] = ()) -> Dropped:
     """Read a dropped file, and say what it is.
 
     Args:
@@ -150,7 +150,7 @@ def pendulum(folder: Path, mass: str, length: str) -> Path:
         InputError: a value or unit cannot be read.
     """
     known = {name: text.strip() for name, text in (("mass", mass), ("length", length)) if text.strip()}
-    return _written(folder / "pendulum.toml", ModelFile(base_pendulum(known), {}))
+    return _write_model(folder / "pendulum.toml", ModelFile(base_pendulum(known), {}))
 
 
 def known_arm(folder: Path, robot: str) -> Path:
@@ -162,26 +162,22 @@ def known_arm(folder: Path, robot: str) -> Path:
     from armdyn.arm.model import arm_model
 
     made = arm_model(robot=robot)
-    return _written(folder / f"{robot}.toml", ModelFile(made, {"robot": robot, "joints": list(made.joints)}))
+    return _write_model(folder / f"{robot}.toml", ModelFile(made, {"robot": robot, "joints": list(made.joints)}))
 
 
 def _arm_of(path: Path) -> Dropped:
     from armdyn.arm.model import arm_model
 
     made = arm_model(path)
-    model = _written(path.with_suffix(".toml"), ModelFile(made, {"joints": list(made.joints)}))
+    model = _write_model(path.with_suffix(".toml"), ModelFile(made, {"joints": list(made.joints)}))
     return Dropped("model", model, f"{path.name}: an arm with the joints {', '.join(made.joints)}")
 
 
 def _toml(path: Path) -> Dropped:
-    from armdyn.model_file import read_model_file
     from armdyn.sidecar import read_sidecar
-    from urdf.table_file import TableFileError, read_table
+    from armdyn.toml_file import read_toml
 
-    try:
-        table = read_table(path)[1]
-    except TableFileError as error:
-        raise InputError(f"{path.name}: {error}") from error
+    table = read_toml(path)
     if "base" in table:
         model: Model = read_model_file(path).model
         effects = ", ".join(effect.label for effect in model.effects)
@@ -231,13 +227,12 @@ def _contents(run: Run) -> str:
     return f"{kinds}{joints}, {seconds:.1f} s"
 
 
-def _written(path: Path, file: ModelFile) -> Path:
+def _write_model(path: Path, file: ModelFile) -> Path:
     write_model_file(path, file)
     return path
 
 
-@dataclass(frozen=True)
-class Kept:
+class Kept(NamedTuple):
     """What was written.
 
     Attributes:
@@ -256,7 +251,7 @@ class Kept:
 def keep(
     opened: Inputs,
     given: Given,
-    bench: Bench,
+    bench: Workbench,
     effects: Sequence[Atom],
     model: Path,
     report: Path | None = None,
@@ -283,7 +278,6 @@ def keep(
     """
     from armdyn.document import NextStep
     from armdyn.identify.repair import add
-    from armdyn.model_file import ModelFile, write_model_file
     from pipeline.answers import history_entries
     from pipeline.console.outputs import check_outputs
     from pipeline.exports import write_export
@@ -302,7 +296,7 @@ def keep(
     file = ModelFile(kept, given.file.description, (*given.file.history, *history_entries(study, found)))
     write_model_file(model, file)
     files, notes = [model, *copied], list[str]()
-    command = opened._replace(model=model).command("compare", "--report", "compare.html")
+    command = replace(opened, model=model).command("compare", "--report", "compare.html")
     if report is not None:
         write_page(repair_report(study, found, [NextStep("hold it against runs", command)]), report)
         files.append(report)
@@ -312,7 +306,8 @@ def keep(
         if written.missing is not None:
             notes.append(written.missing.sentence)
         if written.refused:
-            notes.append(f"{exported} is not written; to write it all the same: {_export(model, exported)} --force")
+            again = shlex.join(["armdyn", "export", str(model), "--output", str(exported), "--force"])
+            notes.append(f"{exported} is not written; to write it all the same: {again}")
         else:
             files.append(exported)
     for one in files:
@@ -320,13 +315,9 @@ def keep(
     return Kept(tuple(files), found.sentence, tuple(notes), command)
 
 
-def _export(model: Path, exported: Path) -> str:
-    return f"armdyn export {shlex.quote(str(model))} --output {shlex.quote(str(exported))}"
-
-
 def _with_its_urdf(found: Model, model: Path, writable: Writable, over: bool) -> tuple[Model, list[Path]]:
     """The model, with a URDF that was dropped onto the page copied beside its file: a page's folder does not last."""
-    if not isinstance(found, ArmModel) or found.arm.file is None or not is_passing(found.arm.file):
+    if not isinstance(found, ArmModel) or found.arm.file is None or not is_temporary(found.arm.file):
         return found, []
     target = model.parent / found.arm.file.name
     if not target.exists() or target.read_bytes() != found.arm.file.read_bytes():

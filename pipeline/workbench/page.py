@@ -13,10 +13,9 @@ from armdyn.errors import InputError
 from armdyn.quoting import script_json
 from pipeline.console.inputs import Inputs
 from pipeline.workbench import files, panels
+from pipeline.workbench.background import Search, Session
 from pipeline.workbench.bench import Atom
-from pipeline.workbench.desk import Desk
-from pipeline.workbench.ranking import Ranking, Search
-from pipeline.workbench.tab import OpenDesk, Tab, scene_of_run
+from pipeline.workbench.tab import OpenSession, Tab, scene_of_run
 from urdf.bounds import LARGEST_UPLOAD
 from urdf.loader import known_robots
 
@@ -28,8 +27,10 @@ STILL = 0.25
 class Page(Tab):
     """A tab with everything on it that can be clicked; see `Tab` for the arguments, `Writable` for the last."""
 
-    def __init__(self, client: Client, inputs: Inputs | None, open_desk: OpenDesk, writable: files.Writable) -> None:
-        super().__init__(client, inputs, open_desk)
+    def __init__(
+        self, client: Client, inputs: Inputs | None, open_session: OpenSession, writable: files.Writable
+    ) -> None:
+        super().__init__(client, inputs, open_session)
         self._writable = writable
         self._kept: Path | None = None
         self._build()
@@ -65,27 +66,27 @@ class Page(Tab):
         await self._tick([*(a for a in self._ticked if a != atom), *([atom] if args["on"] else [])])
 
     async def _every(self, args: dict[str, Any]) -> None:
-        mine = [atom for atom in self._opened().atoms if atom.effect == args["effect"]]
+        mine = [atom for atom in self._opened().bench.atoms if atom.effect == args["effect"]]
         rest = [atom for atom in self._ticked if atom not in mine]
-        await self._tick(rest if set(mine) <= set(self._ticked) else [*rest, *mine], told=False)
+        await self._tick(rest if set(mine) <= set(self._ticked) else [*rest, *mine], by_click=False)
 
     async def _try(self, args: dict[str, Any]) -> None:
         effect, _, joints = str(args["label"]).partition(":")
         new = [self._atom(f"{effect}:{joint}" if joint else effect) for joint in joints.split(",")]
-        await self._tick([*(a for a in self._ticked if a not in new), *new], told=False)
+        await self._tick([*(a for a in self._ticked if a not in new), *new], by_click=False)
 
     async def _clear(self, _: dict[str, Any]) -> None:
-        await self._tick([], told=False)
+        await self._tick([], by_click=False)
 
-    async def _tick(self, effects: list[Atom], *, told: bool = True) -> None:
+    async def _tick(self, effects: list[Atom], *, by_click: bool = True) -> None:
         """Show at once what these effects would do, then what they do."""
-        bench = self._opened()
+        bench = self._opened().bench
         self._ticked, self._values = tuple(effects), {}
-        if not told:
+        if not by_click:
             self._run(f"armdynBench.ticks({script_json([atom.label for atom in effects])})")
         self._asked += 1
         asked = self._asked
-        state = bench.foretold(self._ticked)
+        state = bench.predict(self._ticked)
         self._show(state)
         await self._show_missing_force(state)
         if not effects:
@@ -93,18 +94,18 @@ class Page(Tab):
         await asyncio.sleep(STILL)
         if asked != self._asked:
             return
-        fitted = await self._working("refitting", lambda: bench.fitted(self._ticked) if asked == self._asked else None)
+        fitted = await self._working("refitting", lambda: bench.refit(self._ticked) if asked == self._asked else None)
         if fitted is not None and asked == self._asked:
             self._show(fitted)
             await self._show_missing_force(fitted)
 
     async def _knob(self, args: dict[str, Any]) -> None:
-        bench = self._opened()
+        session, _, bench = self._opened()
         self._values[str(args["name"])] = float(args["value"])
         self._asked += 1
         try:
             values = dict(self._values)
-            state = await self._desk_open().do(lambda: bench.by_hand(self._ticked, values))
+            state = await session.do(lambda: bench.with_values(self._ticked, values))
             self._show(state, knobs=False)
         finally:
             self._run("armdynBench.turned()")
@@ -114,40 +115,36 @@ class Page(Tab):
         await self._tick(list(self._ticked))
 
     async def _look(self, _: dict[str, Any]) -> None:
-        self._opened()
-        if self._search is not None:
-            self._search.stop()
-        loop, here = asyncio.get_running_loop(), self._desk_open()
+        session, _given, bench = self._opened()
+        self._stop_search()
+        loop = asyncio.get_running_loop()
 
-        def told(kind: str, what: object) -> None:  # from another thread
+        def tell(kind: str, what: Any) -> None:  # from another thread
             if not loop.is_closed():
-                loop.call_soon_threadsafe(self._heard, here, kind, what)
+                loop.call_soon_threadsafe(self._heard, session, kind, what)
 
         self._panel("ranking", "<p class='busy' id='progress'>starting the search</p>")
         self._run("armdynBench.show('stop', true)")
-        labels = [effect.label for effect in self._opened().effects_of(self._ticked)]
-        self._search = Search(here.inputs, labels, told)
+        labels = [effect.label for effect in bench.effects_of(self._ticked)]
+        self._search = Search(session.inputs, labels, tell)
 
-    def _heard(self, asked: Desk, kind: str, what: object) -> None:
-        if asked is not self._desk:
+    def _heard(self, asked: Session, kind: str, what: Any) -> None:
+        if asked is not self._session:
             return
         if kind == "progress":
-            self._panel("progress", escape(str(what)))
+            self._panel("progress", escape(what))
             return
         self._run("armdynBench.show('stop', false)")
-        if isinstance(what, Ranking):
-            self._panel("ranking", panels.ranking_panel(what, what.units))
-        else:
-            self._panel("ranking", f"<p class='caption'>{escape(str(what))}</p>")
+        done = panels.ranking_panel(what) if kind == "done" else f"<p class='caption'>{escape(what)}</p>"
+        self._panel("ranking", done)
 
     async def _stop(self, _: dict[str, Any]) -> None:
-        if self._search is not None:
-            self._search.stop()
+        self._stop_search()
         self._run("armdynBench.show('stop', false)")
         self._panel("ranking", "<p class='caption'>The search was stopped.</p>")
 
     async def _scene(self, args: dict[str, Any]) -> None:
-        bench, name, ticked = self._opened(), args.get("run"), self._ticked
+        bench, name, ticked = self._opened().bench, args.get("run"), self._ticked
         scene = await self._working("drawing in 3-D", lambda: scene_of_run(bench, ticked, name).data())
         self._run(f"armdynBench.scene({script_json(scene)})")
 
@@ -172,14 +169,14 @@ class Page(Tab):
         await self._reopen()
 
     async def _dropped(self, event: events.MultiUploadEventArguments) -> None:
-        joints = tuple(getattr(self._bench.study.model, "joints", ())) if self._bench else ()
+        joints = tuple(getattr(self._open.bench.study.model, "joints", ())) if self._open else ()
         problems = []
         # A model first: its joints name the columns of recordings.
         for file in sorted(event.files, key=lambda file: not file.name.lower().endswith((".urdf", ".xml", ".toml"))):
             try:
                 path = files.place_for(Path(self._folder.name), file.name)
                 await file.save(path)
-                found = await asyncio.to_thread(files.taken_in, path, joints)
+                found = await asyncio.to_thread(files.read_dropped, path, joints)
             except InputError as error:
                 problems.append(str(error).replace(f"{self._folder.name}/", ""))
                 continue
@@ -194,19 +191,18 @@ class Page(Tab):
             self._say("; ".join(problems))
 
     async def _keep(self, args: dict[str, Any]) -> None:
-        bench, given = self._opened(), self._given
-        assert given is not None  # it was opened together with the bench
+        session, given, bench = self._opened()
         if not self._ticked:
             raise InputError("nothing is ticked: the model is as given; tick an effect first")
         model = Path(str(args["model"]).strip() or "repaired.toml").expanduser()
         report = model.with_suffix(".html") if args["report"] else None
         ending = str(args["export"])
         exported = model.with_suffix(ending) if ending else None
-        opened, ticked, over = self._desk_open().inputs, self._ticked, bool(args["over"])
+        ticked, over = self._ticked, bool(args["over"])
         kept = await self._working(
             "fitting and writing",
             lambda: files.keep(
-                opened, given, bench, ticked, model, report, exported, writable=self._writable, over=over
+                session.inputs, given, bench, ticked, model, report, exported, writable=self._writable, over=over
             ),
         )
         self._kept = model

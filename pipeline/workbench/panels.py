@@ -3,16 +3,16 @@
 from collections.abc import Collection, Mapping, Sequence
 from html import escape
 from pathlib import Path
+from typing import Any
 
 from armdyn.document import Table
 from armdyn.identify.sentence import totals
 from armdyn.inspection.check import Inspection
 from pipeline.exports import formats
 from pipeline.report.overlay import FITTED, HELD_OUT, quality
-from pipeline.report.page import table_html
+from pipeline.report.page import bar, table_html
 from pipeline.report.theme import full_name, number
-from pipeline.workbench.bench import Atom, Bench, Knob, State
-from pipeline.workbench.ranking import Ranking
+from pipeline.workbench.bench import Atom, Knob, TickedModel, Workbench
 
 HOW = {
     "foretold": "foretold from one expansion; the refit is running",
@@ -21,10 +21,10 @@ HOW = {
 }
 MANY_JOINTS = 2
 MOST_PLACES = 2
-"""Places where a model fails that are told; the curves show the others."""
+"""Places where a model fails that are named; the curves show the others."""
 
 
-def effects_panel(bench: Bench, ticked: Collection[Atom]) -> str:
+def effects_panel(bench: Workbench, ticked: Collection[Atom]) -> str:
     """A line per effect with a box for every joint that it can act on; what the model has is ticked for good."""
     names = [atom.joint for atom in (*bench.atoms, *bench.present) if atom.joint]
     short = short_joints(names)
@@ -65,7 +65,7 @@ def short_joints(joints: Sequence[str]) -> dict[str, str]:
     return {name: "_".join(w) for name, w in words.items()}
 
 
-def errors_panel(state: State) -> str:
+def errors_panel(state: TickedModel) -> str:
     """Before and after on every kind of run, in the channels' unit."""
     units = {curve.channel: curve.unit for curve in state.curves}
     figures = []
@@ -83,17 +83,17 @@ def errors_panel(state: State) -> str:
     return f"<div class='keys'>{''.join(figures)}</div>{how}{_where(state, units)}"
 
 
-def _where(state: State, units: Mapping[str, str]) -> str:
+def _where(state: TickedModel, units: Mapping[str, str]) -> str:
     """The places where it fails most, one for each channel and quantity."""
-    told: dict[tuple[str, str], str] = {}
+    worst: dict[tuple[str, str], str] = {}
     for place in state.places:
         name = full_name(place.channel, units[place.channel])
         within = f" in {place.run}" if place.run else ""
         span = f"from {place.start:.3g} to {place.end:.3g} {place.unit}{within}"
-        told.setdefault((place.channel, place.against), f"{name} against {place.against}, {span}")
-    if not told:
+        worst.setdefault((place.channel, place.against), f"{name} against {place.against}, {span}")
+    if not worst:
         return ""
-    return f"<p class='caption'>Fails most: {escape('; '.join(list(told.values())[:MOST_PLACES]))}.</p>"
+    return f"<p class='caption'>Fails most: {escape('; '.join(list(worst.values())[:MOST_PLACES]))}.</p>"
 
 
 def _figure(name: str, before: float, after: float, unit: str) -> str:
@@ -108,7 +108,7 @@ def _key(name: str, value: float, unit: str, note: str) -> str:
     return f"<div class='key' data-value='{value!r}'>{text}</div>"
 
 
-def knobs_panel(state: State) -> str:
+def knobs_panel(state: TickedModel) -> str:
     """A slider for every parameter of the model."""
     if not state.knobs:
         return "<p class='caption'>The model has no parameters yet: tick an effect.</p>"
@@ -126,33 +126,35 @@ def _slider(name: str, knob: Knob) -> str:
     )
 
 
-def ranking_panel(ranking: Ranking, units: Mapping[str, str]) -> str:
-    """Candidates, best first, with their errors alone and their ties, each with a button that ticks it."""
-    beside = f" Beside {', '.join(ranking.beside)}." if ranking.beside else ""
-    said = f"<p class='sentence'>{escape(ranking.sentence)}{escape(beside)}</p>"
-    if not ranking.suspects:
+def ranking_panel(answer: Mapping[str, Any]) -> str:
+    """Candidates, best first, with their errors alone and their ties, each with a button that ticks it.
+
+    Args:
+        answer: JSON of `diagnose`, and ``beside``, labels of the effects that the model had besides.
+    """
+    beside = f" Beside {', '.join(answer['beside'])}." if answer["beside"] else ""
+    said = f"<p class='sentence'>{escape(answer['sentence'] + beside)}</p>"
+    if not answer["candidates"]:
         return said
+    units = {name: channel["unit"] for name, channel in answer["channels"].items()}
+    before = totals({name: channel["rmse"] for name, channel in answer["channels"].items()}, units)
     rows = []
-    before = totals(ranking.given, units)
-    for suspect in ranking.suspects:
-        after = totals(suspect.rmse, units)
+    for found in answer["candidates"]:
+        effect, joints, ties = found["effect"], found["joints"], ", ".join(found["tied_with"])
+        after = totals(found["rmse"], units)
         share = max((after[unit] / before[unit] for unit in after if before.get(unit)), default=0.0)
-        places = f" on {len(suspect.joints)} joints" if len(suspect.joints) > MANY_JOINTS else (
-            f" on {', '.join(suspect.joints)}" if suspect.joints else ""
-        )  # fmt: skip
-        label = f"{suspect.effect}:{','.join(suspect.joints)}" if suspect.joints else suspect.effect
-        tie = f"<br><span class='tie'>these runs cannot tell it from {escape(', '.join(suspect.tied_with))}</span>"
+        places = f" on {len(joints)} joints" if len(joints) > MANY_JOINTS else f" on {', '.join(joints)}" * bool(joints)
+        label = f"{effect}:{','.join(joints)}" if joints else effect
+        tie = f"<br><span class='tie'>these runs cannot tell it from {escape(ties)}</span>" if ties else ""
         left = ", ".join(number(error, unit) for unit, error in after.items())
         rows.append(
-            f"<tr><td><b>{escape(suspect.effect)}</b>{escape(places)}{tie if suspect.tied_with else ''}</td>"
-            f"<td class='share fine'><span style='width: {100 * min(share, 1.0):.1f}%'></span>"
-            f"<b>{escape(left)}</b></td>"
+            f"<tr><td><b>{escape(effect)}</b>{escape(places)}{tie}</td>{bar(left, share, judged=False)}"
             f"<td><button type='button' data-try='{escape(label)}'>try</button></td></tr>"
         )
-    remedies = f"<p class='caption'>What would tell them apart: {escape('; '.join(ranking.remedies))}.</p>"
+    remedies = f"<p class='caption'>What would tell them apart: {escape('; '.join(answer['remedies']))}.</p>"
     return (
         f"{said}<div class='table'><table><thead><tr><th>alone beside the model</th><th>error left</th><th></th></tr>"
-        f"</thead><tbody>{''.join(rows)}</tbody></table></div>{remedies if ranking.remedies else ''}"
+        f"</thead><tbody>{''.join(rows)}</tbody></table></div>{remedies if answer['remedies'] else ''}"
     )
 
 

@@ -21,7 +21,7 @@ from pipeline.interrupts import Interrupt, leave, noted_signals
 from pipeline.report.page import report_style, widget_scripts
 from pipeline.view.scene import scene_script, scene_style, three_js
 from pipeline.workbench import files
-from pipeline.workbench.desk import Desk, key_of
+from pipeline.workbench.background import Session, key_of
 from pipeline.workbench.guard import FIELD, Guard
 from pipeline.workbench.page import TEMPLATES, Page
 
@@ -77,26 +77,26 @@ def serve(
     """
     files.remove_abandoned()
     writable = files.Writable(Path.cwd())
-    desks: WeakValueDictionary[tuple[object, ...], Desk] = WeakValueDictionary()
-    first: list[Desk] = []
+    sessions: WeakValueDictionary[tuple[object, ...], Session] = WeakValueDictionary()
+    first: list[Session] = []
 
-    def open_desk(wanted: Inputs) -> Desk:
+    def open_session(wanted: Inputs) -> Session:
         key = key_of(wanted)
-        desk = desks.get(key)
-        if desk is None:
-            desk = desks[key] = Desk(wanted)
-        return desk
+        session = sessions.get(key)
+        if session is None:
+            session = sessions[key] = Session(wanted)
+        return session
 
     def begun(address: str) -> None:
         started(address)
         if inputs is not None:
             # The browser takes a second to come, in which recordings can be read. Not before the address is printed:
             # reading a URDF keeps what is printed from the terminal.
-            first.append(open_desk(inputs))
+            first.append(open_session(inputs))
 
     async def page(client: Client) -> None:
         ui.add_head_html(_head())
-        own = Page(client, inputs, open_desk, writable)
+        own = Page(client, inputs, open_session, writable)
         client.on_delete(own.close)
         await client.connected()
         await own.begin()

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from armdyn import rehearsal
+from armdyn import user_code
 from armdyn.effects.catalogue import CATALOGUE
-from armdyn.effects.tried import STAGES, check_declared, check_tried
+from armdyn.effects.effect_checks import STAGES, check_applied, check_declared
 from armdyn.effects.user import load_effects
 from armdyn.errors import InputError
 from armdyn.physics.user import load_base
@@ -58,6 +58,8 @@ BAD = {
     "exit in the function": (effect_text("sys.exit(0)"), "sys.exit"),
     "exit in the file": ("sys.exit(0)\n", "ends the program"),
     "exit without status": ("raise SystemExit\n", "ends the program"),
+    "unknown import": ("import nothing_of_this_name\n", "nothing_of_this_name"),
+    "no Python": ("def f(:\n", "SyntaxError"),
     "no quantity": (
         "@effect('own', acts_on='load', summary='', source='')\ndef own(load, c=1): ...\n",
         "needs a default",
@@ -79,10 +81,20 @@ def test_a_bad_effect_is_one_line_with_its_place_and_status_two(tmp_path, monkey
     assert "mine.py, line " in err
 
 
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [("x = 1\n", "defines no effect"), (effect_text(GOOD, acts_on="lod"), "acts on 'lod': choose one of")],
+)
+def test_a_file_without_an_effect_of_any_stage_is_refused(tmp_path, text, said):
+    (tmp_path / "mine.py").write_text(HEAD + text)
+    with pytest.raises(InputError, match=said):
+        load_effects(tmp_path / "mine.py")
+
+
 @pytest.mark.parametrize("name", [name for name, item in CATALOGUE.items() if item.acts_on in STAGES])
 def test_the_catalogue_passes(name):
     check_declared([CATALOGUE[name]], Path("catalogue"))
-    check_tried(CATALOGUE[name], Path("catalogue"))
+    check_applied(CATALOGUE[name], Path("catalogue"))
 
 
 def test_every_stage_of_the_catalogue_is_tried():
@@ -113,7 +125,7 @@ def own(at):
 @pytest.mark.parametrize("where", ["file", "effect", "base"])
 @pytest.mark.parametrize("body", [*HUGE.values(), STUBBORN], ids=[*HUGE, "a loop that catches"])
 def test_code_that_takes_everything_or_ends_the_program_is_refused_with_its_file(tmp_path, monkeypatch, where, body):
-    monkeypatch.setattr(rehearsal, "USER_SECONDS", 1.0)
+    monkeypatch.setattr(user_code, "USER_SECONDS", 1.0)
     path = tmp_path / "mine.py"
     text = {
         "file": f"{HEAD}import os, signal\nif True:\n    {body}\n",

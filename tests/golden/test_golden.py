@@ -86,6 +86,15 @@ CASES = {
         "record --ros ws://127.0.0.1:1 --output a.csv --seconds 0.2", "loadcell monitor /dev/absent",
         "inspect absent.csv",
         "new pendulum M.toml --set length", "table --seeds 0", "trial --robot ros", "workbench absent.toml",
+        "trial --length-guess 0", "trial --length-guess -0.3", "trial --length-guess 10", "trial --length-guess nan",
+        "trial --length-guess half", "trial --hidden quadratic_drg", "trial --hidden wind=strong",
+        "trial --hidden wind --hidden wind=0.1", "trial --model absent.toml", "trial --seed -1", "trial --colour",
+        "trail", "next pendulum.toml swing_1.csv --rivals nonsense", "next pendulum.toml swing_1.csv --seconds 0.5",
+        "next pendulum.toml swing_1.csv --output no/such/folder/motion.csv", "new arm A.toml",
+        "new arm A.toml --urdf a.urdf --mjcf b.xml", "new arm A.toml --robot ur5 --mjcf b.xml",
+        "export pendulum.toml --output model.xml", "export pendulum.toml --output model.stl",
+        "export pendulum.toml --output pendulum.toml --force", "import foreign.csv --output runs",
+        "compare pendulum.toml foreign.csv", "view swing_1.csv --robot ur5 --urdf a.urdf",
     ],
 }  # fmt: skip
 SLOW = {"table", "diagnose", "repair_arm", "trial_investigate", "excite_rivals"}
@@ -193,6 +202,9 @@ def test_a_command_answers_as_it_did(name, recordings, tmp_path, monkeypatch):
         if "GOLDEN_PAGES" in os.environ:
             for page in tmp_path.rglob("*.html"):
                 shutil.copy(page, Path(os.environ["GOLDEN_PAGES"]) / f"{name}.{len(found)}.{page.name}")
+    if name == "bad_input":
+        assert {(answer["status"], len(answer["screen"])) for answer in found} == {(2, 1)}
+        assert not list(tmp_path.rglob("*.html"))
     file = HERE / f"{name}.json"
     if WRITE:
         file.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")

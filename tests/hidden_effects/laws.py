@@ -8,6 +8,7 @@ is drawn anew until what it does is visible: its rms force is a share of the typ
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -23,8 +24,17 @@ TORQUE_NOISE, POSITION_NOISE = 0.02, 2e-5
 SMOOTH = 5e-3
 """rad/s, over which dry friction turns round."""
 
-Force = Callable[[float, float, float, float], float]
-"""Torque about the pivot, N m, of angle, rate, gripper's position and time; a height of the rail apart."""
+
+class Moment(NamedTuple):
+    """Of a swing: angle, rad, its rate, rad/s, and the gripper's position, m."""
+
+    phi: float
+    rate: float
+    x: float
+
+
+Force = Callable[[Moment], float]
+"""Torque about the pivot, N m; a height of the rail apart."""
 
 
 @dataclass(frozen=True)
@@ -121,27 +131,27 @@ def _hidden(kind: str, rng: np.random.Generator, length: float, weight: float) -
     def sign(rate: float) -> float:
         return float(np.tanh(rate / SMOOTH))
 
-    def magnet(phi: float, rate: float, x: float, t: float) -> float:
-        away, below = x - length * np.sin(phi) - place, sharp
+    def magnet(at: Moment) -> float:
+        away, below = at.x - length * np.sin(at.phi) - place, sharp
         pull = 0.15 * size * weight / length * below**5 / (away**2 + below**2) ** 2.5  # a dipole over a moment
         # Force towards the magnet below the lowest point; along the swing (-cos, sin).
-        return length * pull * (away / below * np.cos(phi) - np.sin(phi))
+        return length * pull * (away / below * np.cos(at.phi) - np.sin(at.phi))
 
-    def stop(phi: float, rate: float, x: float, t: float) -> float:
-        depth = max(0.0, side * (phi - edge))
-        return -side * (0.8 * size * weight * depth * (1.0 + 0.3 * max(0.0, side * rate) / w))
+    def stop(at: Moment) -> float:
+        depth = max(0.0, side * (at.phi - edge))
+        return -side * (0.8 * size * weight * depth * (1.0 + 0.3 * max(0.0, side * at.rate) / w))
 
-    def rub(phi: float, rate: float, x: float, t: float) -> float:
-        return -0.01 * size * weight * sign(rate) if side * (phi - edge) > 0 else 0.0
+    def rub(at: Moment) -> float:
+        return -0.01 * size * weight * sign(at.rate) if side * (at.phi - edge) > 0 else 0.0
 
-    def cubic(phi: float, rate: float, x: float, t: float) -> float:
-        return -0.012 * size * weight * (rate / (0.3 * w)) ** 3
+    def cubic(at: Moment) -> float:
+        return -0.012 * size * weight * (at.rate / (0.3 * w)) ** 3
 
-    def flexure(phi: float, rate: float, x: float, t: float) -> float:
-        return -0.05 * size * weight * (phi + 4.0 * phi**3)
+    def flexure(at: Moment) -> float:
+        return -0.05 * size * weight * (at.phi + 4.0 * at.phi**3)
 
-    def seal(phi: float, rate: float, x: float, t: float) -> float:
-        return -0.015 * size * weight * sign(rate) * (0.1 + np.exp(-abs(rate) / (0.1 * w)))
+    def seal(at: Moment) -> float:
+        return -0.015 * size * weight * sign(at.rate) * (0.1 + np.exp(-abs(at.rate) / (0.1 * w)))
 
     if kind == "rail":
         rail = np.array([rng.uniform(0.6, 1.4) * rng.choice([-1.0, 1.0]), rng.uniform(-1.0, 1.0), 0.0])
@@ -151,8 +161,8 @@ def _hidden(kind: str, rng: np.random.Generator, length: float, weight: float) -
     }  # fmt: skip
     law = laws.get(kind)
 
-    def torque(phi: float, rate: float, x: float, t: float) -> float:
-        return (0.0 if law is None else law(phi, rate, x, t)) - damping * rate / w
+    def torque(at: Moment) -> float:
+        return (0.0 if law is None else law(at)) - damping * at.rate / w
 
     return torque, rail
 
@@ -187,7 +197,7 @@ def _swing(
         x, v, a = move(t)
         lift = (2 * rail[0] + 6 * rail[1] * x) * v**2 + (2 * rail[0] * x + 3 * rail[1] * x**2) * a
         turning = (a * np.cos(y[0]) - (G + lift) * np.sin(y[0])) / length
-        return [y[1], turning + force(y[0], y[1], x, t) / (mass * length**2)]
+        return [y[1], turning + force(Moment(y[0], y[1], x)) / (mass * length**2)]
 
     time = np.arange(0.0, 12.0, 1.0 / RATE)
     found = solve_ivp(rate_of, (0.0, time[-1]), start, t_eval=time, rtol=1e-7, atol=1e-9, max_step=0.02, method="LSODA")
@@ -222,8 +232,17 @@ def _arm(kind: str, rng: np.random.Generator) -> World:
     return World(kind, "arm", (runs[0], runs[1]), runs[2], runs[3], noise)
 
 
-JointLaw = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-"""What the elbow's drive gives besides, N m, of (n,) time, position, velocity and load."""
+class Track(NamedTuple):
+    """(n,) time, position, velocity and load of the elbow."""
+
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    load: np.ndarray
+
+
+JointLaw = Callable[[Track], np.ndarray]
+"""What the elbow's drive gives besides, N m."""
 
 
 def _hidden_torque(kind: str, rng: np.random.Generator) -> JointLaw:
@@ -231,21 +250,21 @@ def _hidden_torque(kind: str, rng: np.random.Generator) -> JointLaw:
     period, play, edge = rng.uniform(0.1, 0.5), rng.uniform(0.02, 0.08), rng.uniform(0.2, 0.6)
     fade, strength, width = rng.uniform(4.0, 12.0), rng.uniform(1.8, 3.0), rng.uniform(0.2, 0.4)
 
-    def backlash(t: np.ndarray, q: np.ndarray, v: np.ndarray, load: np.ndarray) -> np.ndarray:
-        turned, last, found = 0.0, q[0], []
-        for now in q:  # a spring that slips at its limit
+    def backlash(at: Track) -> np.ndarray:
+        turned, last, found = 0.0, at.q[0], []
+        for now in at.q:  # a spring that slips at its limit
             turned, last = float(np.clip(turned + (now - last) / (play / 2), -1.0, 1.0)), now
             found.append(turned)
         return size * np.array(found)
 
     laws: Mapping[str, JointLaw] = {
         "backlash": backlash,
-        "cogging": lambda t, q, v, load: size * np.sin(2 * np.pi * q / period + phase),
-        "tightening cable": lambda t, q, v, load: 2.0 * size * np.expm1(np.maximum(0.0, q - edge) / width),
-        "warming friction": lambda t, q, v, load: 2.0 * size * v * np.exp(-t / fade),
-        "saturating motor": lambda t, q, v, load: strength * np.tanh(load / strength) - load,
+        "cogging": lambda at: size * np.sin(2 * np.pi * at.q / period + phase),
+        "tightening cable": lambda at: 2.0 * size * np.expm1(np.maximum(0.0, at.q - edge) / width),
+        "warming friction": lambda at: 2.0 * size * at.v * np.exp(-at.t / fade),
+        "saturating motor": lambda at: strength * np.tanh(at.load / strength) - at.load,
     }
-    return laws.get(kind, lambda t, q, v, load: np.zeros(len(t)))
+    return laws.get(kind, lambda at: np.zeros(len(at.t)))
 
 
 def _moved(rng: np.random.Generator, name: str, law: JointLaw, viscous: np.ndarray, dry: np.ndarray) -> Run:
@@ -270,7 +289,7 @@ def _moved(rng: np.random.Generator, name: str, law: JointLaw, viscous: np.ndarr
     ])  # fmt: skip
     load = tau[:, 1].copy()
     tau += viscous * v + dry * np.tanh(v / SMOOTH)
-    tau[:, 1] += law(t, q[:, 1], v[:, 1], load)
+    tau[:, 1] += law(Track(t, q[:, 1], v[:, 1], load))
     tau += TORQUE_NOISE * rng.standard_normal(tau.shape)
     q = q + POSITION_NOISE * rng.standard_normal(q.shape)
     channels = {}

@@ -33,7 +33,7 @@ def test_a_saved_table_is_read_back_to_the_last_digit(saved, table, baxter) -> N
     ("changed", "sentence"),
     [
         ({"fingerprint": "0" * 64}, "'baxter' have changed since; build it again"),
-        ({"name": "ur5"}, "of robot 'baxter', not 'ur5'"),
+        ({"name": "ur5"}, "it is of robot 'baxter', not 'ur5'"),
     ],
 )
 def test_a_table_of_another_robot_or_other_settings_is_refused(saved, baxter, changed, sentence) -> None:

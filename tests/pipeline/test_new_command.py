@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from armdyn.model_file import read_model
 from urdf.find import distribution_file
@@ -37,12 +36,3 @@ def test_an_mjcf_makes_a_model_that_is_read_again_and_exported(armdyn):
     again = read_model("again.toml")
     for joint in model.joints:
         np.testing.assert_allclose(again.link_parameters()[joint], model.link_parameters()[joint], atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    "options", [(), ("--urdf", "a.urdf", "--mjcf", "b.xml"), ("--robot", "ur5", "--mjcf", "b.xml")]
-)
-def test_one_description_is_needed(armdyn, options):
-    status, _, err = armdyn("new", "arm", "m.toml", *options)
-    assert status == 2
-    assert "one of --urdf FILE, --mjcf FILE and --robot" in err

@@ -46,7 +46,9 @@ def test_a_pipe_gets_no_progress(capsys):
 def test_a_picture_says_which_file_is_drawn_and_how_far(monkeypatch, tmp_path):
     monkeypatch.setattr("pipeline.robot.picture.render_swing", lambda *_, progress: progress(3, 6))
     done = SimpleNamespace(
-        swing_history=lambda: "history", experiment=SimpleNamespace(description="robot"), plant="plant"
+        swing_history=lambda: "history",
+        experiment=SimpleNamespace(description="robot"),
+        robot=SimpleNamespace(settings="plant"),
     )
     said = []
     files = _render(done, tmp_path, lambda what, share: said.append((what, share)))

@@ -24,21 +24,21 @@ with Twin(uri, baxter, topics, posture, hidden=hidden, seed=int(seed), stamp_off
 
     def obey():
         for word in sys.stdin:
-            act = {"press": twin.press, "unplug": twin.port.unplug}[word.strip()]
+            act = {"press": twin.controller.press, "unplug": twin.port.close}[word.strip()]
             twin.between_steps(act)
         ended.set()
 
     threading.Thread(target=obey, daemon=True).start()
     twin.run(ended.is_set)
-    history, tally = twin.robot.history(), twin.tally
+    history, log = twin.robot.history(), twin.controller.log
     np.savez(
         trace,
         time=twin.start + history.time,
         q=history.q,
-        received=np.array(tally.received),
-        positions=np.array(tally.positions).reshape(-1, 7),
-        behind=tally.behind,
-        ignored=tally.ignored,
+        received=np.array(log.received),
+        positions=np.array(log.positions).reshape(-1, 7),
+        behind=twin.behind,
+        ignored=log.ignored,
         load_in_box=twin.robot.load_in_box(),
         length=twin.robot.truth.length,
     )

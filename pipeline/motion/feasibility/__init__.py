@@ -1,8 +1,8 @@
 """Feasibility: is a motion within every limit of the arm, and if not, which limit, which joint, when."""
 
-from pipeline.motion.feasibility.check import check_joints, check_line
-from pipeline.motion.feasibility.settings import CheckSettings, Obstacle, Swing, box_and_table
-from pipeline.motion.feasibility.verdict import FeasibilityReport, Margin, Violation
+from pipeline.motion.feasibility.check import CheckSettings, check_joints, check_line
+from pipeline.motion.feasibility.clearance import Obstacle, Swing, box_and_table
+from pipeline.motion.feasibility.verdict import FeasibilityReport, Margin
 
 __all__ = [
     "CheckSettings",
@@ -10,7 +10,6 @@ __all__ = [
     "Margin",
     "Obstacle",
     "Swing",
-    "Violation",
     "box_and_table",
     "check_joints",
     "check_line",

@@ -2,24 +2,47 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
+from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
 import urdf
 from armdyn.errors import InputError
 from ik import LineTable
-from pipeline.motion.feasibility.clearance import collision_series, swing_series
-from pipeline.motion.feasibility.series import (
-    SampledMotion,
-    between,
-    fine_times,
-    joint_series,
-    off_line_series,
-    start_series,
-)
-from pipeline.motion.feasibility.settings import CheckSettings, Swing
+from ik.torque import JointTorque
+from pipeline.motion.feasibility.clearance import Obstacle, Swing, collision_series, swing_series
 from pipeline.motion.feasibility.verdict import Bounded, FeasibilityReport
 from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
+from urdf.robot import Array
+
+FINER = 5
+"""How many times a motion is looked at per sample, so that no peak between two samples is missed."""
+OFF_LINE, TILT = 1e-4, 1e-3
+"""Farthest that the tool point may be from the line [m], and the tool be turned from the line's orientation [rad]."""
+START = 0.02
+"""Farthest that a joint may be, at the start, from where the arm is [rad]."""
+
+
+@dataclass(frozen=True)
+class CheckSettings:
+    """What is taken into account besides the motion.
+
+    Attributes:
+        load_mass: hanging from the tool [kg].
+        springs: count the springs of the robot's settings; None for those that the settings switch on.
+        obstacles: blocks around the arm.
+        collision: look at collisions at all.
+        singular_value: smallest singular value of the tool's Jacobian; below it, joints race for a slow tool.
+    """
+
+    load_mass: float = 0.0
+    springs: bool | None = None
+    obstacles: tuple[Obstacle, ...] = ()
+    collision: bool = True
+    singular_value: float = 0.01
 
 
 def check_line(
@@ -36,7 +59,7 @@ def check_line(
         table: from the line to the joints.
         robot: the arm.
         trajectory: the motion.
-        settings: what the check takes into account, and the least distances.
+        settings: what the check takes into account.
         swing: of the load; None where nothing hangs.
         at: where the arm is (n,); None where nobody knows [rad].
 
@@ -45,19 +68,20 @@ def check_line(
     """
     settings = settings or CheckSettings()
     low, high = float(table.s[0]), float(table.s[-1])
-    time, fine = trajectory.time, fine_times(trajectory.time)
-    s = between(time, trajectory.s, trajectory.v, fine)
-    v, a = between(time, trajectory.v, trajectory.a, fine), np.interp(fine, time, trajectory.a)
-    # Beyond the ends there are no postures: the joints are judged as if the tool waited at the end.
-    samples = table.joint_motion(np.clip(trajectory.s, low, high), trajectory.v, trajectory.a)
-    postures = table.joint_motion(np.clip(s, low, high), v, a)
-    motion = SampledMotion(time, *samples, fine, *postures)
-    series = [Bounded.between("line", "m", (robot.tool_frame,), fine, s, low, high)]
-    series += joint_series(robot, motion, settings)
-    series += off_line_series(robot, table.line, motion, settings)
-    series += _start_and_collision(robot, motion, settings, at)
+
+    def joints(time: Array, s: Array, v: Array, a: Array) -> JointTrajectory:
+        # Beyond the ends there are no postures: the joints are judged as if the tool waited at the end.
+        return JointTrajectory(time, *table.joint_motion(np.clip(s, low, high), v, a), robot.joint_names)
+
+    samples = trajectory.time, trajectory.s, trajectory.v, trajectory.a
+    fine = _finer(*samples)
+    motion, between = joints(*samples), joints(*fine)
+    series = [Bounded.between("line", "m", (robot.tool_frame,), fine[0], fine[1], low, high)]
+    series += _joint_series(robot, motion, between, settings)
+    series += _off_line_series(robot, table.line, between)
+    series += _start_and_collision(robot, between, settings, at)
     if swing is not None:
-        series += swing_series(robot, table.line, motion, swing, settings)
+        series += swing_series(robot, table.line, between, swing, settings.collision)
     return FeasibilityReport.of(series)
 
 
@@ -73,7 +97,7 @@ def check_joints(
     Args:
         robot: the arm.
         trajectory: the motion.
-        settings: what the check takes into account, and the least distances.
+        settings: what the check takes into account.
         line: on which the tool must stay; None where it is free.
         at: where the arm is (n,); None where nobody knows [rad].
 
@@ -89,25 +113,93 @@ def check_joints(
             f"trajectory: its joints are {', '.join(trajectory.joint_names)}; those of {robot.name} are "
             f"{', '.join(robot.joint_names)}, in this order"
         )
-    t, fine = trajectory.time, fine_times(trajectory.time)
-    motion = SampledMotion(
-        t,
-        trajectory.q,
-        trajectory.v,
-        trajectory.a,
-        fine,
-        between(t, trajectory.q, trajectory.v, fine),
-        between(t, trajectory.v, trajectory.a, fine),
-        np.column_stack([np.interp(fine, t, column) for column in trajectory.a.T]),
-    )
-    series = joint_series(robot, motion, settings)
+    fine = _finer(trajectory.time, trajectory.q, trajectory.v, trajectory.a)
+    between = JointTrajectory(*fine, robot.joint_names)
+    series = _joint_series(robot, trajectory, between, settings)
     if line is not None:
-        series += off_line_series(robot, line, motion, settings)
-    return FeasibilityReport.of([*series, *_start_and_collision(robot, motion, settings, at)])
+        series += _off_line_series(robot, line, between)
+    return FeasibilityReport.of([*series, *_start_and_collision(robot, between, settings, at)])
+
+
+def _finer(time: Array, x: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
+    """The samples (n, ...) and `FINER` - 1 instants between each two: x and v by cubics, a by straight lines."""
+    if time.size == 1:
+        return time, x, v, a
+    fine = np.interp(np.arange(FINER * (time.size - 1) + 1) / FINER, np.arange(time.size), time)
+    return (
+        fine,
+        CubicHermiteSpline(time, x, v)(fine),
+        CubicHermiteSpline(time, v, a)(fine),
+        make_interp_spline(time, a, k=1)(fine),
+    )
+
+
+def _joint_series(
+    robot: urdf.Robot, motion: JointTrajectory, fine: JointTrajectory, settings: CheckSettings
+) -> list[Bounded]:
+    """Position, speed, acceleration, jerk, torque and singularity against the robot's limits.
+
+    Speeds and accelerations are also taken from differences of the samples, so that columns which do not belong to each
+    other, or a jump of the position, are seen.
+    """
+    names, limits, unit = robot.joint_names, robot.limits, _unit(robot)
+
+    def both_ways(limit: str, per: str, time: Array, value: Array, bound: Array) -> Bounded:
+        return Bounded.between(limit, per, names, time, value, -bound, bound)
+
+    def with_differences(value: Array, slope: Array) -> tuple[Array, Array]:
+        when = np.concatenate([fine.time, middle])
+        order = np.argsort(when, kind="stable")
+        return when[order], np.concatenate([slope, mean_slope(value)])[order]
+
+    def mean_slope(value: Array) -> Array:
+        return np.diff(value, axis=0) / np.diff(motion.time)[:, None]
+
+    middle = (motion.time[1:] + motion.time[:-1]) / 2.0
+    torque = JointTorque(robot, settings.load_mass, settings.springs)(fine.q, fine.v, fine.a)
+    force = "N m" if unit == "rad" else "N m or N"
+    tool = (robot.tool_frame,)
+    series = [
+        Bounded.between("position", unit, names, fine.time, fine.q, limits.lower, limits.upper),
+        both_ways("velocity", f"{unit}/s", *with_differences(motion.q, fine.v), limits.velocity),
+        both_ways("acceleration", f"{unit}/s^2", *with_differences(motion.v, fine.a), limits.acceleration),
+        both_ways("jerk", f"{unit}/s^3", middle, mean_slope(motion.a), limits.jerk),
+        both_ways("torque", force, fine.time, torque, limits.effort),
+        Bounded.between("singularity", "1", tool, fine.time, _singular_values(robot, fine.q), settings.singular_value),
+    ]
+    return [bounded for bounded in series if bounded.time.size]
+
+
+def _singular_values(robot: urdf.Robot, q: Array) -> Array:
+    """Smallest singular value (m,) of the tool's Jacobian at postures (m, k).
+
+    It is what the tool gets of the joints' speed in its worst direction.
+    """
+    data, frame = robot.model.createData(), robot.tool_frame_id
+    jacobians = [pin.computeFrameJacobian(robot.model, data, row, frame, pin.LOCAL_WORLD_ALIGNED) for row in q]
+    # Of a single joint Pinocchio gives a vector.
+    return np.asarray(np.linalg.svd(np.reshape(jacobians, (len(q), 6, -1)), compute_uv=False)[:, -1])
+
+
+def _off_line_series(robot: urdf.Robot, line: urdf.Line, fine: JointTrajectory) -> list[Bounded]:
+    """How far the tool point is from the line, and how far the tool is turned."""
+    data, offset = robot.model.createData(), np.asarray(robot.tool_offset)
+    distance, tilt = [], []
+    for row in fine.q:
+        pin.framesForwardKinematics(robot.model, data, row)
+        pose = data.oMf[robot.tool_frame_id]
+        aside = pose.act(offset) - line.origin
+        distance.append(np.linalg.norm(aside - (aside @ line.direction) * line.direction))
+        tilt.append(np.linalg.norm(pin.log3(line.rotation.T @ pose.rotation)))
+    tool = (robot.tool_frame,)
+    return [
+        Bounded.between("distance_off_line", "m", tool, fine.time, distance, upper=OFF_LINE),
+        Bounded.between("tilt", "rad", tool, fine.time, tilt, upper=TILT),
+    ]
 
 
 def _start_and_collision(
-    robot: urdf.Robot, motion: SampledMotion, settings: CheckSettings, at: ArrayLike | None
+    robot: urdf.Robot, fine: JointTrajectory, settings: CheckSettings, at: ArrayLike | None
 ) -> list[Bounded]:
     """Distance of the first posture from where the arm is, and of the arm from everything that it may touch."""
     series = []
@@ -115,7 +207,15 @@ def _start_and_collision(
         here = np.asarray(at, dtype=float)
         if here.shape != (len(robot.joint_names),) or not np.all(np.isfinite(here)):
             raise InputError(f"where the arm is: give {len(robot.joint_names)} finite joint positions of {robot.name}")
-        series.append(start_series(robot, motion, here, settings))
+        apart = fine.q[:1] - here
+        series.append(Bounded.between("start", _unit(robot), robot.joint_names, fine.time[:1], apart, -START, START))
     if settings.collision:
-        series += collision_series(robot, motion, settings)
+        series += collision_series(robot, fine, settings.obstacles)
     return series
+
+
+def _unit(robot: urdf.Robot) -> str:
+    """Unit of the joints' positions."""
+    kinds = [robot.model.joints[robot.model.getJointId(name)].shortname() for name in robot.joint_names]
+    units = {"m" if "JointModelP" in kind else "rad" for kind in kinds}
+    return units.pop() if len(units) == 1 else "rad or m"

@@ -2,117 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import coal
 import numpy as np
 import pinocchio as pin
 
 import urdf
-from pipeline.motion.feasibility.series import SampledMotion
-from pipeline.motion.feasibility.settings import CheckSettings, Obstacle, Swing
+from armdyn.errors import InputError
+from pipeline.box import Box
 from pipeline.motion.feasibility.verdict import Bounded
+from pipeline.motion.trajectory import JointTrajectory, freeze_samples
 from urdf.collision import collision_shapes
 from urdf.robot import Array
 
+CLEARANCE, SWING_CLEARANCE = 0.01, 0.02
+"""Distance asked for between the arm and itself or an obstacle, and between load or string and the arm [m]."""
 
-class Surroundings:
-    """Distances between the arm, what stands around it, and the string with its load.
-
-    Meshes are replaced by their convex hulls, which contain them: the distances err on the safe side.
-    """
-
-    def __init__(self, robot: urdf.Robot, obstacles: tuple[Obstacle, ...] = ()) -> None:
-        self._model, shapes = collision_shapes(robot)
-        self._data = self._model.createData()
-        tool = robot.model.frames[robot.tool_frame_id]
-        self._tool_joint = int(tool.parentJoint)
-        self._tool_point = tool.placement.act(np.asarray(robot.tool_offset))
-        self._parts = [
-            (shape.name.rpartition("_")[0], int(shape.parentJoint), shape.placement.copy(), _hull(shape.geometry))
-            for shape in shapes.geometryObjects
-            if shape.parentJoint > 0
-        ]
-        self._obstacles = [
-            (o.name, coal.Box(*map(float, o.size)), coal.Transform3s(o.rotation, np.asarray(o.centre, dtype=float)))
-            for o in obstacles
-        ]
-        self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
-
-    def clearance(self, q: Array) -> tuple[float, str]:
-        """Smallest distance between the arm and an obstacle at a posture.
-
-        Args:
-            q: (n,) [rad].
-
-        Returns:
-            Distance, 0 or less where they touch [m], and which two.
-        """
-        self._place(q)
-        best, names = np.inf, ""
-        for part, joint, placement, shape in self._parts:
-            pose = _transform(self._data.oMi[joint] * placement)
-            for name, box, place in self._obstacles:
-                distance = self._distance(shape, pose, box, place)
-                if distance < best:
-                    best, names = distance, f"{part} - {name}"
-        return best, names
-
-    def swing_clearance(self, q: Array, along: Array, angle: float, length: float, radius: float) -> tuple[float, str]:
-        """Smallest distance between the hanging load with its string and the arm.
-
-        Distances of the load are to every link; those of the string to all but the hand, on which it hangs.
-
-        Args:
-            q: posture (n,) [rad].
-            along: unit vector of the line (3,).
-            angle: of the swing, 0 hanging; the load is at ``-l sin(angle)`` along the line [rad].
-            length: of the string, to the load's centre [m].
-            radius: of the load [m].
-
-        Returns:
-            Distance [m], and to which link.
-        """
-        self._place(q)
-        top = self._data.oMi[self._tool_joint].act(self._tool_point)
-        hanging = -np.sin(angle) * along - np.cos(angle) * np.array([0.0, 0.0, 1.0])
-        load, load_pose = coal.Sphere(radius), coal.Transform3s(np.eye(3), top + length * hanging)
-        string = coal.Capsule(1e-3, length)
-        # A capsule lies along its z axis, about its middle.
-        aside = np.cross(along, [0.0, 0.0, 1.0])
-        turned = np.column_stack([np.cross(aside, hanging), aside, hanging])
-        string_pose = coal.Transform3s(turned, top + length / 2.0 * hanging)
-        best, names = np.inf, ""
-        for part, joint, placement, shape in self._parts:
-            pose = _transform(self._data.oMi[joint] * placement)
-            distance = self._distance(shape, pose, load, load_pose)
-            if joint != self._tool_joint:
-                distance = min(distance, self._distance(shape, pose, string, string_pose))
-            if distance < best:
-                best, names = distance, part
-        return best, names
-
-    def _place(self, q: Array) -> None:
-        pin.forwardKinematics(self._model, self._data, np.asarray(q, dtype=float))
-
-    def _distance(
-        self, a: coal.CollisionGeometry, at_a: coal.Transform3s, b: coal.CollisionGeometry, at_b: coal.Transform3s
-    ) -> float:
-        self._result.clear()
-        return float(coal.distance(a, at_a, b, at_b, self._request, self._result))
-
-
-def _hull(shape: coal.CollisionGeometry) -> coal.CollisionGeometry:
-    if not isinstance(shape, coal.BVHModelBase):
-        return shape
-    # `buildConvexRepresentation` would only reinterpret the triangles; this one computes a hull.
-    shape.buildConvexHull(True, "Qt")
-    return shape.convex
-
-
-def _transform(pose: pin.SE3) -> coal.Transform3s:
-    return coal.Transform3s(pose.rotation, pose.translation)
-
+TABLE = (1.6, 0.7, 0.04)
+"""Length, depth and thickness of the table top under the box [m]."""
 
 SHARE = 0.25
 """Share of the distance by which the arm may move before the next look, so that no contact is missed."""
@@ -124,44 +34,185 @@ HAND = 0.15
 """How far the hand reaches beyond the tool frame and the arm beyond the middle of its links, at most [m]."""
 
 
-def collision_series(robot: urdf.Robot, motion: SampledMotion, settings: CheckSettings) -> list[Bounded]:
+@dataclass(frozen=True)
+class Obstacle:
+    """A block that stands still.
+
+    Attributes:
+        name: for messages.
+        centre: (3,) in the robot's base frame [m].
+        size: edge lengths (3,) [m].
+        rotation: of the block in the base frame (3, 3).
+    """
+
+    name: str
+    centre: Array
+    size: Array
+    rotation: Array
+
+
+def box_and_table(line: urdf.Line, box: Box) -> tuple[Obstacle, ...]:
+    """An open box on a table, under the line: four walls, the floor and the table top."""
+    along, up = np.asarray(line.direction, dtype=float), np.array([0.0, 0.0, 1.0])
+    axes = np.column_stack([along, np.cross(up, along), up])
+    middle = np.asarray(line.origin) + box.middle * along - box.rim * up
+    top = np.array([0.0, 0.0, -box.height - box.wall - TABLE[2] / 2.0])
+    blocks = [
+        ("box floor" if plate.name == "floor" else f"box {plate.name} wall", plate.offset, 2.0 * plate.half)
+        for plate in box.plates()
+    ]
+    return tuple(
+        Obstacle(name, middle + axes @ offset, size, axes)
+        for name, offset, size in [*blocks, ("table", top, np.array(TABLE))]
+    )
+
+
+@dataclass(frozen=True)
+class Swing:
+    """The load's swing that belongs to a motion along the line.
+
+    Attributes:
+        time: (n,) on the clock of the motion [s].
+        angle: of the string, 0 hanging; the load is at ``gripper_x - l sin(angle)`` (n,) [rad].
+        tension: of the string (n,) [N].
+        length: of the string, to the load's centre [m].
+        radius: of the load [m].
+        least_tension: below it the string counts as slack [N].
+
+    Raises:
+        InputError: if the arrays do not fit together, or length or radius is not positive.
+    """
+
+    time: Array
+    angle: Array
+    tension: Array
+    length: float
+    radius: float = 0.014
+    least_tension: float = 0.0
+
+    def __post_init__(self) -> None:
+        freeze_samples(self, "angle", "tension")
+        if not (np.isfinite(self.length) and self.length > 0.0 and np.isfinite(self.radius) and self.radius > 0.0):
+            raise InputError(f"swing: length {self.length} m and radius {self.radius} m must be greater than 0")
+
+
+class Body(NamedTuple):
+    """A shape that the arm may touch; `spared` is the joint whose parts it may touch."""
+
+    name: str
+    shape: coal.CollisionGeometry
+    pose: coal.Transform3s
+    spared: int = -1
+
+
+class ArmShapes:
+    """Collision shapes of the arm's links, and their distance from other bodies.
+
+    Meshes are replaced by their convex hulls, which contain them: the distances err on the safe side.
+    """
+
+    def __init__(self, robot: urdf.Robot) -> None:
+        self._model, shapes = collision_shapes(robot)
+        self._data = self._model.createData()
+        tool = robot.model.frames[robot.tool_frame_id]
+        self.tool_joint = int(tool.parentJoint)
+        self._tool_point = tool.placement.act(np.asarray(robot.tool_offset))
+        self._parts = [
+            (shape.name.rpartition("_")[0], int(shape.parentJoint), shape.placement.copy(), _hull(shape.geometry))
+            for shape in shapes.geometryObjects
+            if shape.parentJoint > 0
+        ]
+        self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
+
+    def place(self, q: Array) -> Array:
+        """Move the arm to a posture (n,); where its tool point is then (3,) [m]."""
+        pin.forwardKinematics(self._model, self._data, q)
+        return np.asarray(self._data.oMi[self.tool_joint].act(self._tool_point))
+
+    def closest(self, bodies: Sequence[Body]) -> tuple[float, str, str]:
+        """Smallest distance to a body, 0 or less where they touch [m], of which link, and to which body."""
+        best: tuple[float, str, str] = (np.inf, "", "")
+        for part, joint, placement, shape in self._parts:
+            pose = self._data.oMi[joint] * placement
+            where = coal.Transform3s(pose.rotation, pose.translation)
+            for body in bodies:
+                if joint != body.spared:
+                    self._result.clear()
+                    apart = coal.distance(shape, where, body.shape, body.pose, self._request, self._result)
+                    if apart < best[0]:
+                        best = float(apart), part, body.name
+        return best
+
+
+def _hull(shape: coal.CollisionGeometry) -> coal.CollisionGeometry:
+    if not isinstance(shape, coal.BVHModelBase):
+        return shape
+    # `buildConvexRepresentation` would only reinterpret the triangles; this one computes a hull.
+    shape.buildConvexHull(True, "Qt")
+    return shape.convex
+
+
+def collision_series(robot: urdf.Robot, motion: JointTrajectory, obstacles: Sequence[Obstacle]) -> list[Bounded]:
     """Distance of the arm from itself and the rest of the robot, and from what stands around it."""
-    itself, around = urdf.CollisionModel(robot), Surroundings(robot, settings.obstacles)
+    itself = urdf.CollisionModel(robot)
+    travel = _travel(robot, motion.q)
 
     def to_itself(k: int) -> tuple[float, str]:
-        found = itself.clearance(motion.fine_q[k])
+        found = itself.clearance(motion.q[k])
         return found.distance, f"{found.first} - {found.second}"
 
-    travel = _travel(robot, motion.fine_q)
     series = []
     if itself.pairs:  # a URDF whose meshes are missing has none
-        series += _looked_at("self_collision", motion.fine_time, travel, to_itself, settings.clearance)
-    if settings.obstacles:
-        series += _looked_at(
-            "collision", motion.fine_time, travel, lambda k: around.clearance(motion.fine_q[k]), settings.clearance
-        )
+        series += _where_it_matters("self_collision", motion.time, travel, to_itself, CLEARANCE)
+    if obstacles:
+        arm = ArmShapes(robot)
+        blocks = [
+            Body(o.name, coal.Box(*map(float, o.size)), coal.Transform3s(o.rotation, np.asarray(o.centre, dtype=float)))
+            for o in obstacles
+        ]
+
+        def to_obstacles(k: int) -> tuple[float, str]:
+            arm.place(motion.q[k])
+            distance, part, block = arm.closest(blocks)
+            return distance, f"{part} - {block}"
+
+        series += _where_it_matters("collision", motion.time, travel, to_obstacles, CLEARANCE)
     return series
 
 
 def swing_series(
-    robot: urdf.Robot, line: urdf.Line, motion: SampledMotion, swing: Swing, settings: CheckSettings
+    robot: urdf.Robot, line: urdf.Line, motion: JointTrajectory, swing: Swing, collision: bool
 ) -> list[Bounded]:
-    """Tension of the string, and distance of string and load from the arm."""
+    """Tension of the string, and distance of load and string from the arm.
+
+    Distances of the load are to every link; those of the string to all but the hand, on which it hangs.
+    """
     tension = Bounded.between("tension", "N", ("string",), swing.time, swing.tension, swing.least_tension)
-    if not settings.collision:
+    if not collision:
         return [tension]
-    around, along = Surroundings(robot), np.asarray(line.direction)
-    angle = np.interp(motion.fine_time, swing.time, swing.angle)
+    arm, along, up = ArmShapes(robot), np.asarray(line.direction), np.array([0.0, 0.0, 1.0])
+    aside = np.cross(along, up)
+    angle = np.interp(motion.time, swing.time, swing.angle)
+    load, string = coal.Sphere(swing.radius), coal.Capsule(1e-3, swing.length)
 
     def to_arm(k: int) -> tuple[float, str]:
-        return around.swing_clearance(motion.fine_q[k], along, float(angle[k]), swing.length, swing.radius)
+        top = arm.place(motion.q[k])
+        hanging = -np.sin(angle[k]) * along - np.cos(angle[k]) * up
+        # A capsule lies along its z axis, about its middle.
+        turned = np.column_stack([np.cross(aside, hanging), aside, hanging])
+        middle, end = top + swing.length / 2.0 * hanging, top + swing.length * hanging
+        bodies = [
+            Body("load", load, coal.Transform3s(np.eye(3), end)),
+            Body("string", string, coal.Transform3s(turned, middle), arm.tool_joint),
+        ]
+        return arm.closest(bodies)[:2]
 
-    travel = _travel(robot, motion.fine_q)
+    travel = _travel(robot, motion.q)
     travel += np.concatenate([[0.0], np.cumsum(np.abs(np.diff(angle)))]) * (swing.length + swing.radius)
-    return [tension, *_looked_at("swing_clearance", motion.fine_time, travel, to_arm, settings.swing_clearance)]
+    return [tension, *_where_it_matters("swing_clearance", motion.time, travel, to_arm, SWING_CLEARANCE)]
 
 
-def _looked_at(
+def _where_it_matters(
     limit: str, time: Array, travel: Array, distance: Callable[[int], tuple[float, str]], least: float
 ) -> list[Bounded]:
     """Distances at the instants that matter, a series per pair that was the closest at one of them.
@@ -174,14 +225,14 @@ def _looked_at(
         least: distance that is asked for [m].
     """
     found: dict[str, list[tuple[float, float]]] = {}
-    k = 0
-    while k < time.size:
+    k, last = 0, time.size - 1
+    while True:
         apart, pair = distance(k)
         found.setdefault(pair, []).append((float(time[k]), apart))
+        if k == last:
+            break
         room = max(SHARE * (apart - least), STEP)
-        following = int(np.searchsorted(travel, travel[k] + room, side="right"))
-        last = time.size - 1
-        k = max(following, k + 1) if k == last else min(max(following, k + 1), last)
+        k = min(max(int(np.searchsorted(travel, travel[k] + room, side="right")), k + 1), last)
     return [
         Bounded.between(limit, "m", (pair,), [t for t, _ in rows], [d for _, d in rows], least)
         for pair, rows in found.items()
@@ -195,5 +246,4 @@ def _travel(robot: urdf.Robot, q: Array) -> Array:
     lengths.append(float(np.linalg.norm(tool)) + HAND)
     # A part reaches no further from a joint than the stretched chain of all links between them.
     reach = np.cumsum(lengths[::-1])[::-1]
-    steps = np.abs(np.diff(q, axis=0)) @ reach
-    return np.concatenate([[0.0], np.cumsum(steps)])
+    return np.concatenate([[0.0], np.cumsum(np.abs(np.diff(q, axis=0)) @ reach)])

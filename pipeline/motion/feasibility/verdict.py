@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from armdyn.errors import TaskFailedError
+from pipeline.fields import fields
 from urdf.robot import Array, read_only
+
+SCHEMA = "armdyn.check/1"
 
 TOLERANCE = 1e-6
 """Share of a limit by which a value may exceed it: a recording with seven digits is rounded."""
@@ -32,8 +36,8 @@ class Bounded:
         names: of the k columns: joints or parts.
         time: (n,) [s].
         value: (n, k).
-        lower: lower bounds, (k,) or (n, k); -inf for none.
-        upper: upper bounds, (k,) or (n, k); inf for none.
+        lower: lower bounds (n, k); -inf for none.
+        upper: upper bounds (n, k); inf for none.
     """
 
     limit: str
@@ -61,72 +65,64 @@ class Bounded:
         return cls(limit, unit, names, *map(read_only, (np.array(time, dtype=float), values, *bounds)))
 
     @property
-    def margin(self) -> Array:
-        """Distance from the nearer bound, negative beyond it (n, k)."""
-        return np.minimum(self.value - self.lower, self.upper - self.value)
-
-    def at(self, i: int, k: int) -> tuple[str, str, float, float, float, str]:
-        """Limit, column, time, value, nearer bound and unit of sample `i`, column `k`."""
-        return self.limit, self.names[k], float(self.time[i]), float(self.value[i, k]), self.bound(i, k), self.unit
-
-    def bound(self, i: int, k: int) -> float:
-        """The nearer bound of sample `i`, column `k`."""
-        lower, upper, value = (float(array[i, k]) for array in (self.lower, self.upper, self.value))
-        return lower if value - lower < upper - value else upper
-
-    def used(self, i: int, k: int) -> float:
-        """Share of the limit that sample `i`, column `k` uses: 1 at the bound [1]."""
-        lower, upper, value = (float(array[i, k]) for array in (self.lower, self.upper, self.value))
-        if np.isfinite(lower) and np.isfinite(upper):
-            middle, half = (lower + upper) / 2.0, (upper - lower) / 2.0
-            return abs(value - middle) / half if half > 0.0 else float(value != middle)
-        if not np.isfinite(lower) and not np.isfinite(upper):
-            return 0.0
-        if np.isfinite(upper):
-            return value / upper if upper > 0.0 else float(value > upper)
-        # With a lower bound alone, the whole limit is used where the value has come down to it.
-        return lower / value if value > max(lower, 0.0) else 1.0 + max(lower - value, 0.0)
-
-    @property
     def is_two_sided(self) -> bool:
         """Whether every value is bounded from below and above."""
         return bool(np.all(np.isfinite(self.lower)) and np.all(np.isfinite(self.upper)))
 
-    def shares(self) -> Array:
-        """Shares of two-sided limits that are used, counted from the middle (n, k) [1]."""
-        middle, half = (self.lower + self.upper) / 2.0, (self.upper - self.lower) / 2.0
-        return np.abs(self.value - middle) / np.maximum(half, np.finfo(float).tiny)
+    @property
+    def margin(self) -> Array:
+        """Distance from the nearer bound, negative beyond it (n, k)."""
+        return np.minimum(self.value - self.lower, self.upper - self.value)
 
-    def closest(self) -> list[tuple[int, int]]:
-        """Sample and column where each column comes closest to a bound; columns without bounds are left out."""
+    @cached_property
+    def used(self) -> Array:
+        """Share of the limit that is used, 1 at the bound, more beyond it (n, k) [1].
+
+        Between two bounds it counts from their middle. Of a lower bound alone, such as a distance, the whole is used
+        where the value has come down to it.
+        """
+        value, lower, upper = self.value, self.lower, self.upper
+        with np.errstate(divide="ignore", invalid="ignore"):
+            middle, half = (lower + upper) / 2.0, (upper - lower) / 2.0
+            above, below = np.isfinite(upper), np.isfinite(lower)
+            return np.select(
+                [above & below & (half > 0.0), above & below, above & (upper > 0.0), above,
+                 below & (value > np.maximum(lower, 0.0)), below],
+                [np.abs(value - middle) / half, value != middle, value / upper, value > upper,
+                 lower / value, 1.0 + np.maximum(lower - value, 0.0)],
+                0.0,
+            )  # fmt: skip
+
+    def extreme(self, i: int, k: int) -> Margin:
+        """What there is to say of sample `i`, column `k`."""
+        lower, upper, value = (float(array[i, k]) for array in (self.lower, self.upper, self.value))
+        bound = lower if value - lower < upper - value else upper
+        margin, used = float(min(value - lower, upper - value)), float(self.used[i, k])
+        return Margin(self.limit, self.names[k], float(self.time[i]), value, bound, self.unit, margin, used)
+
+    def margins(self) -> list[Margin]:
+        """Where each column comes closest to a bound; columns without bounds are left out."""
         margin = self.margin
         bounded = np.flatnonzero(np.isfinite(margin).any(axis=0))
-        return [(int(np.argmin(margin[:, k])), int(k)) for k in bounded]
+        return [self.extreme(int(np.argmin(margin[:, k])), int(k)) for k in bounded]
 
-    def violations(self) -> list[tuple[int, int]]:
-        """Sample and column of the worst of each stretch beyond a bound; stretches closer than `APART` are one."""
-        scale = np.where(np.isfinite(self.lower), np.abs(self.lower), 0.0)
-        scale = np.maximum(scale, np.where(np.isfinite(self.upper), np.abs(self.upper), 0.0))
+    def violations(self) -> list[Margin]:
+        """The worst of each stretch beyond a bound; stretches closer than `APART` are one."""
+        scale = np.max([np.where(np.isfinite(b), np.abs(b), 0.0) for b in (self.lower, self.upper)], axis=0)
         margin = self.margin
         beyond = margin < -TOLERANCE * np.maximum(scale, SMALL)
         found = []
         for k, column in enumerate(beyond.T):
             samples = np.flatnonzero(column)
             stretches = np.split(samples, np.flatnonzero(np.diff(self.time[samples]) > APART) + 1)
-            found += [(int(stretch[np.argmin(margin[stretch, k])]), k) for stretch in stretches if stretch.size]
+            found += [
+                self.extreme(int(stretch[np.argmin(margin[stretch, k])]), k) for stretch in stretches if len(stretch)
+            ]
         return found
 
 
-SCHEMA = "armdyn.check/1"
-
-
-def in_words(unit: str) -> str:
-    """A unit as it is written behind a number: empty for a pure number."""
-    return "" if unit == "1" else f" {unit}"
-
-
 @dataclass(frozen=True)
-class Extreme:
+class Margin:
     """Where a motion comes closest to one limit, or is furthest beyond it.
 
     Attributes:
@@ -135,7 +131,9 @@ class Extreme:
         time: when [s].
         value: the value then, in `unit`.
         bound: the limit then, in `unit`.
-        unit: SI unit.
+        unit: SI unit; ``"1"`` for a pure number.
+        margin: distance from the limit, negative beyond it, in `unit`.
+        used: share of the limit that is used: 1 at the limit, more beyond it [1].
     """
 
     limit: str
@@ -144,36 +142,25 @@ class Extreme:
     value: float
     bound: float
     unit: str
-
-
-@dataclass(frozen=True)
-class Violation(Extreme):
-    """One limit that is broken, where it is broken most within one stretch of time."""
-
-    def __str__(self) -> str:
-        unit = in_words(self.unit)
-        value = f"{self.value:.4g}{unit} (limit {self.bound:.4g}{unit})"
-        return f"{self.limit.replace('_', ' ')} of {self.joint} is {value} at {self.time:.3f} s"
-
-
-@dataclass(frozen=True)
-class Margin(Extreme):
-    """The closest that a motion comes to one limit.
-
-    Attributes:
-        margin: distance from the limit, negative beyond it, in `unit`.
-        used: share of the limit that is used: 1 at the limit, more beyond it [1].
-    """
-
     margin: float
     used: float
 
     def __str__(self) -> str:
         """Value and limit; of a distance, which must not be less, what is the least."""
-        unit = in_words(self.unit)
+        unit = self._unit
         if self.bound > 0.0 and abs(self.value - self.bound - self.margin) < abs(self.bound - self.value - self.margin):
             return f"{self.value:.4g}{unit}, at least {self.bound:.4g}{unit}, at {self.time:.3f} s"
         return f"{self.value:.4g} of {self.bound:.4g}{unit} at {self.time:.3f} s"
+
+    @property
+    def broken(self) -> str:
+        """The same of a limit that is broken, with the limit and the joint."""
+        value = f"{self.value:.4g}{self._unit} (limit {self.bound:.4g}{self._unit})"
+        return f"{self.limit.replace('_', ' ')} of {self.joint} is {value} at {self.time:.3f} s"
+
+    @property
+    def _unit(self) -> str:
+        return "" if self.unit == "1" else f" {self.unit}"
 
 
 @dataclass(frozen=True)
@@ -186,7 +173,7 @@ class FeasibilityReport:
         series: the values over time against their bounds, for plots.
     """
 
-    violations: tuple[Violation, ...]
+    violations: tuple[Margin, ...]
     margins: tuple[Margin, ...]
     series: tuple[Bounded, ...]
 
@@ -194,9 +181,8 @@ class FeasibilityReport:
     def of(cls, series: Iterable[Bounded]) -> FeasibilityReport:
         """Judge values against their bounds."""
         series = tuple(series)
-        violations = [Violation(*b.at(i, k)) for b in series for i, k in b.violations()]
-        margins = [Margin(*b.at(i, k), float(b.margin[i, k]), b.used(i, k)) for b in series for i, k in b.closest()]
-        return cls(tuple(sorted(violations, key=lambda v: v.time)), tuple(margins), series)
+        violations = sorted((v for b in series for v in b.violations()), key=lambda v: v.time)
+        return cls(tuple(violations), tuple(m for b in series for m in b.margins()), series)
 
     @property
     def feasible(self) -> bool:
@@ -215,7 +201,7 @@ class FeasibilityReport:
             m = self.tightest
             return f"Feasible: the tightest limit is the {m.limit.replace('_', ' ')} of {m.joint}, {m}."
         more = f", and {len(self.violations) - 1} more" if len(self.violations) > 1 else ""
-        return f"Not feasible: the {self.violations[0]}{more}."
+        return f"Not feasible: the {self.violations[0].broken}{more}."
 
     def require_feasible(self, motion: str) -> None:
         """Refuse an infeasible motion.
@@ -238,6 +224,6 @@ class FeasibilityReport:
             "schema": SCHEMA,
             "feasible": self.feasible,
             "sentence": self.sentence,
-            "violations": [vars(violation) for violation in self.violations],
+            "violations": [fields(violation, "limit joint time value bound unit") for violation in self.violations],
             "margins": margins,
         }

@@ -242,8 +242,8 @@ class RosRobot(Closing):
     def _begin(self) -> None:
         bridge, topics = self.bridge, self._topics
         bridge.subscribe(topics.joint_states, "sensor_msgs/JointState", self._states.take)
-        bridge.subscribe(topics.command, topics.kind.value, self._take_echo, every=True)
-        bridge.advertise(topics.command, topics.kind.value)
+        bridge.subscribe(topics.command, topics.type.value, self._take_echo, every=True)
+        bridge.advertise(topics.command, topics.type.value)
         for topic, kind in (
             (topics.feed_forward, "trajectory_msgs/JointTrajectoryPoint"),
             (topics.timeout, "std_msgs/Float64"),
@@ -296,7 +296,7 @@ class RosRobot(Closing):
 
     def _take_echo(self, message: Any, now: float) -> None:
         """A command on its topic: ours, or somebody else's."""
-        positions = positions_in(message, self._topics.kind)
+        positions = positions_in(message, self._topics.type)
         for ours, sent_at in tuple(self._ours)[::-1]:
             if ours == positions:
                 self.statistics.echoes.append(now - sent_at)

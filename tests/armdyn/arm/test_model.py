@@ -12,6 +12,7 @@ from armdyn.effects.catalogue import find
 from armdyn.effects.effect import effect
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.parameter import quantity
+from armdyn.pendulum.model import pendulum_model
 from armdyn.run import Channel, Run
 
 from . import urdfs
@@ -107,6 +108,8 @@ def test_effects_on_some_joints_are_extended_and_removed_joint_by_joint(baxter):
     assert "joint_viscous_friction.coefficient[right_s0]" not in less.names
     assert len(less.names) == 6
     assert less.without_effect("joint_viscous_friction").effects == ()
+    with pytest.raises(UnknownNameError, match="unknown effect of this model"):
+        less.without_effect("payload")
 
 
 def test_only_the_named_joints_feel_an_effect(baxter):
@@ -134,18 +137,16 @@ def test_effects_that_do_not_fit_are_refused(baxter, name, message):
         model.with_effect(find(name))
 
 
-def test_a_pendulum_refuses_effects_on_joints():
-    from armdyn.pendulum.model import pendulum_model
-
-    with pytest.raises(InputError, match="acts on a joint, which a model of base 'pendulum' lacks"):
-        pendulum_model(0.4, 0.1).with_effect(find("joint_viscous_friction"))
-
-
-def test_joints_in_a_name_are_for_effects_on_joints():
-    from armdyn.pendulum.model import pendulum_model
-
-    with pytest.raises(InputError, match="leave out ':right_s0'"):
-        pendulum_model(0.4, 0.1).with_effect(find("linear_drag:right_s0"))
+@pytest.mark.parametrize(
+    ("effect", "message"),
+    [
+        ("joint_viscous_friction", "acts on a joint, which a model of base 'pendulum' lacks"),
+        ("linear_drag:right_s0", "leave out ':right_s0'"),
+    ],
+)
+def test_a_pendulum_has_no_joints(effect, message):
+    with pytest.raises(InputError, match=message):
+        pendulum_model(0.4, 0.1).with_effect(find(effect))
 
 
 def test_typical_sizes_grow_with_the_effort_of_the_joint(baxter):
@@ -190,60 +191,46 @@ def without(run, *names):
     return replace(run, channels={name: c for name, c in run.channels.items() if name not in names})
 
 
+def constant(c):
+    return replace(c, value=np.ones(len(c)))
+
+
+def constant_but_at_the_ends(c):
+    return replace(c, value=np.where(np.arange(len(c)) < 3, c.value, 1.0))
+
+
+def short(c):
+    return replace(c, time=c.time[:12], value=c.value[:12])
+
+
+def later(c):
+    return replace(c, time=c.time + 100.0)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda r: without(r, "q.right_e0"), "holds no 'q.right_e0'"),
-        (lambda r: without(r, *(f"tau.{j}" for j in JOINTS)), "holds no torque of right_s0"),
-        (
-            lambda r: replace(r, channels={**r.channels, "tau.right_s0": _constant(r)}),
-            "'tau.right_s0' is 1 N m throughout",
-        ),
-        (
-            lambda r: replace(r, channels={**r.channels, "tau.right_s0": _cut(r, slice(12))}),
-            "'tau.right_s0' has . samples while the joints' positions were recorded",
-        ),
-        (
-            lambda r: replace(r, channels={**r.channels, "tau.right_s0": _asleep(r)}),
-            "'tau.right_s0' is 1 N m throughout",
-        ),
-        (
-            lambda r: replace(r, channels={**r.channels, "tau.right_s0": _later(r)}),
-            "seed 0.*'tau.right_s0', from 100 .* were not recorded together",
-        ),
+        (None, "holds no 'q.right_e0'"),
+        (constant, "'tau.right_s0' is 1 N m throughout"),
+        (short, "'tau.right_s0' has . samples while the joints' positions were recorded"),
+        (constant_but_at_the_ends, "'tau.right_s0' is 1 N m throughout"),
+        (later, "seed 0.*'tau.right_s0', from 100 .* were not recorded together"),
     ],
 )
 def test_runs_that_cannot_be_compared_are_refused(baxter, change, message):
+    run = generate(None, 1.0, 0, duration=2.0)
+    torque = run.channels["tau.right_s0"]
+    changed = replace(run, channels={**run.channels, "tau.right_s0": change(torque)}) if change else None
     with pytest.raises(InputError, match=message):
-        baxter.prepared(change(generate(None, 1.0, 0, duration=2.0)))
+        baxter.prepared(changed or without(run, "q.right_e0"))
+    with pytest.raises(InputError, match="holds no torque of right_s0"):
+        baxter.prepared(without(run, *(f"tau.{j}" for j in JOINTS)))
 
 
 def test_a_position_in_the_wrong_unit_is_refused(tmp_path):
     run = recorded(["slide"], ["rad"], lambda a, **_: a)
     with pytest.raises(InputError, match="is in rad, but the joint slides"):
         load(tmp_path, urdfs.SLIDE).prepared(run)
-
-
-def _constant(run):
-    time = run.channels["tau.right_s0"].time
-    return Channel(time, np.ones(len(time)), "N m")
-
-
-def _asleep(run):
-    """Constant except at the ends, which are left out."""
-    c = run.channels["tau.right_s0"]
-    value = np.where(np.arange(len(c)) < 3, c.value, 1.0)
-    return Channel(c.time, value, "N m")
-
-
-def _cut(run, part):
-    c = run.channels["tau.right_s0"]
-    return Channel(c.time[part], c.value[part], c.unit)
-
-
-def _later(run):
-    c = run.channels["tau.right_s0"]
-    return Channel(c.time + 100.0, c.value, c.unit)
 
 
 @pytest.mark.parametrize(
@@ -267,17 +254,14 @@ def test_a_missing_torque_channel_leaves_the_others(baxter):
     assert len(baxter.predict(run, baxter.theta()).channels) == 6
 
 
-def test_without_joints_unknown_names_are_reported(baxter):
-    with pytest.raises(UnknownNameError, match="unknown effect of this model"):
-        baxter.without_effect("payload")
-
-
 # Preparation
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_the_true_model_leaves_the_noise_that_the_prepared_run_states(baxter, seed):
-    run = baxter.prepared(generate(None, 1.0, seed, stated=seed > 0))
+@pytest.mark.parametrize(
+    "recorded", [{"stated": False}, {}, {"seed": 2}, {"rate": 12.0}, {"rate": 30.0}, {"rate": 250.0}]
+)
+def test_the_true_model_leaves_the_noise_that_the_prepared_run_states(baxter, recorded):
+    run = baxter.prepared(generate(None, 1.0, **{"seed": 1, **recorded}))
     samples = sum(len(run.channels[c]) for c in baxter.predicted_channels(run))
     assert chi2_per_sample(baxter, run) == pytest.approx(1.0, abs=4 * np.sqrt(2 / samples))
 
@@ -290,13 +274,6 @@ def test_low_passing_both_sides_leaves_friction_unbiased(baxter):
     assert ready.preparations["tau.right_s0"].cutoff <= 10.0  # Hz; the steps of the friction are far faster
     found, estimate = fitted(model, [ready])
     assert found.value(model.names[0]) == pytest.approx(3.0, abs=5 * estimate.std(model.names[0]))
-
-
-@pytest.mark.parametrize("rate", [12.0, 30.0, 250.0])
-def test_the_noise_is_right_at_any_rate_of_recording(baxter, rate):
-    run = baxter.prepared(generate(None, 1.0, 1, rate=rate))
-    samples = sum(len(run.channels[c]) for c in baxter.predicted_channels(run))
-    assert chi2_per_sample(baxter, run) == pytest.approx(1.0, abs=4 * np.sqrt(2 / samples))
 
 
 def test_what_was_done_to_a_torque_is_told(baxter):

@@ -9,7 +9,6 @@ from armdyn.effects.catalogue import find
 from armdyn.run import read_run
 
 from .conftest import RECORDINGS, fitted, total_rmse
-from .overlap import imitated_share
 
 pytestmark = pytest.mark.skipif(not RECORDINGS.is_dir(), reason="the recordings are not there")
 
@@ -54,13 +53,6 @@ def test_emps_error_falls_with_every_effect(emps):
     assert errors == sorted(errors, reverse=True)
     # The reference numbers of plain least squares: 57.6, 38.8, 38.7, 9.8, 3.8 N.
     assert errors[:4] == pytest.approx([57.6, 38.8, 38.7, 9.8], rel=0.02)
-
-
-def test_on_a_slide_rotor_payload_and_link_cannot_be_told_apart(emps):
-    model, reference, _ = emps
-    for one, other in (("rotor_inertia", "payload"), ("rotor_inertia", "link_inertia"), ("payload", "link_inertia")):
-        shares = imitated_share(model, [reference], reference.noise, find(one), find(other))
-        assert list(shares.values()) == pytest.approx([1.0], abs=1e-9)
 
 
 def test_ur10e_is_predicted_on_a_motion_that_was_held_out(ur10e):

@@ -1,11 +1,8 @@
 """Every effect on the pendulum: absent at null, exact derivatives, and the physics of equations written apart."""
 
-import importlib.util
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
+from hidden_effects import pendulum
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -13,13 +10,8 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.pendulum.model import pendulum_model
 from armdyn.run import Channel, Run
 
-PATH = Path(__file__).parents[2] / "hidden_effects/pendulum.py"
-SPEC = importlib.util.spec_from_file_location("hidden_pendulum", PATH)
-hidden_pendulum = sys.modules.setdefault("hidden_pendulum", importlib.util.module_from_spec(SPEC))
-SPEC.loader.exec_module(hidden_pendulum)
-
 PENDULUM = [name for name, effect in CATALOGUE.items() if effect.acts_on != "joint"]
-AGREEMENT = dict.fromkeys(hidden_pendulum.REALISTIC, 2e-5) | {
+AGREEMENT = dict.fromkeys(pendulum.REALISTIC, 2e-5) | {
     "gripper_lag": 1e-3,  # the lag starts from rest there, from a steady motion here
     "gripper_compliance": 1e-3,  # slow manifold against a light carriage that rings at first
     "string_elasticity": 4e-4,
@@ -67,11 +59,11 @@ def test_sensitivities_match_finite_differences(name):
         assert np.max(np.abs(exact[:, i] - finite)) < 1e-6 * np.max(np.abs(finite)) + rounding, parameter.name
 
 
-@pytest.mark.parametrize("name", hidden_pendulum.REALISTIC)
+@pytest.mark.parametrize("name", pendulum.REALISTIC)
 def test_an_effect_is_the_physics_of_equations_written_apart(name):
-    size = hidden_pendulum.REALISTIC[name]
-    setup = hidden_pendulum.Setup(hidden={name: size}, force_noise=0.0, start=(0.02, 0.03), duration=4.0)
-    run = hidden_pendulum.record("a.csv", setup, np.random.default_rng(5))
+    size = pendulum.REALISTIC[name]
+    setup = pendulum.Setup(hidden={name: size}, force_noise=0.0, start=(0.02, 0.03), duration=4.0)
+    run = pendulum.record("a.csv", setup, np.random.default_rng(5))
     first = CATALOGUE[name].parameters()[0].name
     value = size**2 if name == "out_of_plane_swing" else size
     model = pendulum_model(0.368, 0.08, [CATALOGUE[name]])

@@ -1,11 +1,9 @@
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from armdyn.effects.effect import effect
 from armdyn.effects.user import load_effects
-from armdyn.errors import InputError
 from armdyn.parameter import quantity
 from armdyn.pendulum.model import pendulum_model
 from armdyn.run import Channel, Run
@@ -36,23 +34,3 @@ def test_name_and_stage_are_those_of_the_function_where_they_are_not_given():
     assert (named_otherwise.name, named_otherwise.acts_on) == ("slow", "sensor")
     names = pendulum_model(0.3, 0.1, [hinge_spring, named_otherwise]).names
     assert names[-2:] == ("hinge_spring.stiffness", "slow.time")
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("x = 1\n", "defines no effect"),
-        ("import nothing_of_this_name\n", "line 1"),
-        ("def f(:\n", "line 1"),
-        (
-            "from armdyn.effects.effect import effect\n"
-            "@effect('drag', acts_on='lod', summary='', source='')\ndef f(a): ...\n",
-            "acts on 'lod'",
-        ),
-    ],
-)  # fmt: skip
-def test_a_bad_file_is_refused_in_one_line(tmp_path, text, message):
-    path = tmp_path / "mine.py"
-    path.write_text(text)
-    with pytest.raises(InputError, match=message):
-        load_effects(path)

@@ -117,7 +117,7 @@ def test_what_changes_nothing_is_refused():
 
 
 def test_a_measured_state_and_its_rate_are_guessed(run):
-    guess = physics_model(oscillator()).start.guess(run)
+    guess = physics_model(oscillator()).guess_start(run)
     assert guess["initial_stretch"] == pytest.approx(0.2 * np.cos(0.21), abs=1e-3)
     assert guess["initial_speed"] == pytest.approx(-0.6 * np.sin(0.21), abs=0.01)
 

@@ -65,7 +65,8 @@ def test_a_load_bounces_on_an_elastic_string_as_a_spring_pendulum_does():
     """The whole spring pendulum, integrated by scipy in Cartesian coordinates, against the model's load cell."""
     from armdyn.effects.catalogue import CATALOGUE
     from armdyn.pendulum.model import pendulum_model
-    from armdyn.pendulum.path import smoothed_path
+    from armdyn.pendulum.path import GripperPath
+    from armdyn.physics.recorded import smoothed_motion
 
     mass, length, compliance, damping, g = 0.08, 0.368, 5e-3, 0.05, 9.81
     time = 0.005 * np.arange(1200)
@@ -91,7 +92,7 @@ def test_a_load_bounces_on_an_elastic_string_as_a_spring_pendulum_does():
 
     values = {"string_elasticity.compliance": compliance, "string_elasticity.damping": damping}
     model = pendulum_model(length, mass).with_effect(CATALOGUE["string_elasticity"]).with_values(values)
-    path = smoothed_path(time, x, 0.005, exact=True)
+    path = GripperPath(0.0, 0.005, *smoothed_motion(time, x, 0.005, exact=True))
     predicted = model.rollout(path, model.theta(), ("load_force",)).outputs[:, 0]
     slow = model.with_values({"string_elasticity.damping": 0.9})
     without = slow.rollout(path, slow.theta(), ("load_force",)).outputs[:, 0]

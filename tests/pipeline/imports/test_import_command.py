@@ -49,13 +49,6 @@ def test_nothing_is_written_over_without_force(armdyn, table):
     assert armdyn(*arguments, "--force")[0] == 0
 
 
-def test_a_foreign_table_without_a_mapping_is_one_line_that_names_guess(armdyn, table):
-    status, out, err = armdyn("import", table, "--output", "runs")
-    assert (status, out) == (2, "")
-    assert len(err.strip().splitlines()) == 1
-    assert "--guess" in err
-
-
 def test_the_recording_itself_is_never_replaced(armdyn, table):
     armdyn("import", table, "--output", "runs", "--guess")
     before = table.read_bytes()
@@ -63,13 +56,6 @@ def test_the_recording_itself_is_never_replaced(armdyn, table):
     assert status == 2
     assert "would take the place" in err
     assert table.read_bytes() == before
-
-
-def test_reading_a_foreign_table_names_import(armdyn, table):
-    armdyn("new", "pendulum", "p.toml")
-    status, out, err = armdyn("compare", "p.toml", table)
-    assert (status, out) == (2, "")
-    assert f"armdyn import {table} --output runs --guess" in err
 
 
 def test_a_column_that_one_of_several_files_lacks_is_optional(armdyn, table, tmp_path):

@@ -219,7 +219,7 @@ def test_episodes_of_a_lerobot_data_set(version, tmp_path, joints):
     [
         ("", "is empty"),
         ("a;b\n", "a header and no row"),
-        ("a,b\n1,2\n3\n", "1 rows have another number of cells than the header (2), first row 3"),
+        ("a,b\n1,2\n3\n", "row 3 has 1 cells where the header has 2"),
         ("1,2\n3,4\n", "first row holds numbers"),
         ("a,b\nx,y\n", "no column holds numbers"),
     ],

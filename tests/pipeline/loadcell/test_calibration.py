@@ -3,7 +3,8 @@ from datetime import UTC, datetime
 import pytest
 
 from armdyn.errors import InputError
-from pipeline.loadcell.calibration import Calibration, default_path, parse_weights
+from pipeline.loadcell.calibration import Calibration, default_path
+from pipeline.loadcell.fit import parse_weights
 
 CALIBRATION = Calibration(
     84213.5, 2.5, -5.6e-6, 6e-11, 2.2e-4, datetime(2026, 3, 2, 10, 15, tzinfo=UTC), 'calibrate COM3: "0 g", ü'

@@ -120,7 +120,7 @@ def test_a_cell_at_100_hz_with_every_fault_reports_each_and_keeps_the_good_sampl
         until(lambda: cell.status().samples == len(expected))
         assert cell.status().reliable
         assert cell.status().rate > 0
-        wire.unplug()
+        wire.close()
         until(lambda: not cell.status().connected)
         received += cell.read()
         status, events = cell.status(), cell.events()
@@ -171,7 +171,7 @@ def test_an_unplugged_cell_is_noticed_and_its_last_samples_can_be_read(wire, cel
     for counts in COUNTS[:5]:
         wire.send(wire.line(counts), 10.0)
     until(lambda: cell.status().samples == 5)
-    wire.unplug()
+    wire.close()
     until(lambda: began(cell) == [Fault.DISCONNECTED])
     assert len(cell.read()) == 5
     assert cell.read() == []
@@ -213,7 +213,7 @@ def test_closing_ends_the_thread_and_frees_the_port(wire):
 
 def test_closing_after_the_cable_was_pulled_is_clean(wire, until):
     cell = LoadCell(wire.port, CALIBRATION)
-    wire.unplug()
+    wire.close()
     until(lambda: not cell.status().connected)
     cell.close()
     assert not [thread for thread in threading.enumerate() if thread.name == "load cell"]
@@ -270,7 +270,7 @@ def test_an_emulated_cell_measures_what_hangs_on_it(until):
         with LoadCell(source.port, calibration, silent_after=NEVER) as cell:
             until(lambda: cell.status().samples >= 100)
             forces = np.array([sample.force for sample in cell.read()])
-            source.unplug()
+            source.close()
             until(lambda: cell.status().active == (Fault.DISCONNECTED,))
     assert forces.mean() == pytest.approx(0.785, abs=5 * noise / np.sqrt(len(forces)))
     assert forces.std() == pytest.approx(noise, rel=0.4)

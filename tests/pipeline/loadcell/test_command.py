@@ -103,7 +103,7 @@ def test_nonsense_is_refused_and_an_old_calibration_kept(armdyn, source, monkeyp
 def test_a_cable_pulled_during_calibration_ends_it(armdyn, source, monkeypatch):
     class Clumsy(Operator):
         def readline(self, _size=-1):
-            source.unplug()
+            source.close()
             return "\n"
 
     monkeypatch.setattr(sys, "stdin", Clumsy(source, []))
@@ -144,7 +144,7 @@ def test_monitoring_ends_with_status_1_when_the_cable_is_pulled(armdyn, source, 
     def pulled(cell):
         calls.append(cell)
         if len(calls) == 10:
-            source.unplug()
+            source.close()
         return read(cell)
 
     monkeypatch.setattr(LoadCell, "read", pulled)

@@ -17,13 +17,13 @@ def stream(forces, start=0.0, period=0.01):
 def test_a_noisy_cell_in_its_range_has_no_fault():
     noise = np.random.default_rng(0).normal(0.78, 0.005, 100_000)
     forces = 5e-4 * np.round(noise / 5e-4)
-    detector = FaultDetector(FaultLimits.of(0.005, 5e-4, 9.8))
+    detector = FaultDetector(FaultLimits.of(0.005, 5e-4, -9.8, 9.8))
     assert detector.update(999.99, stream(forces)) is None
     assert detector.take_events() == []
 
 
 def test_identical_values_are_a_frozen_cell_until_they_change():
-    detector = FaultDetector(FaultLimits(identical=5))
+    detector = FaultDetector(FaultLimits(repeats=5))
     assert detector.update(0.03, stream([1.0] * 4)) is None
     assert detector.update(0.04, stream([1.0], 0.04)) is Fault.FROZEN
     assert detector.update(0.05, stream([1.0], 0.05)) is Fault.FROZEN
@@ -37,7 +37,7 @@ def test_identical_values_are_a_frozen_cell_until_they_change():
 
 @pytest.mark.parametrize("force", [9.8, -9.8, 12.0, math.inf, math.nan])
 def test_a_force_at_the_end_of_the_range_is_saturated(force):
-    detector = FaultDetector(FaultLimits.of(0.005, 5e-4, 9.8))
+    detector = FaultDetector(FaultLimits.of(0.005, 5e-4, -9.8, 9.8))
     assert detector.update(0.0, stream([force])) is Fault.SATURATED
     assert detector.update(0.01, stream([9.7], 0.01)) is None
 
@@ -72,7 +72,7 @@ def test_a_gap_between_samples_that_come_together_is_told():
 
 
 def test_the_gravest_fault_comes_first():
-    detector = FaultDetector(FaultLimits(-1.0, 1.0, identical=3))
+    detector = FaultDetector(FaultLimits(-1.0, 1.0, repeats=3))
     detector.update(0.02, stream([1.0] * 3))
     assert detector.active == (Fault.SATURATED, Fault.FROZEN)
     assert detector.check(5.0) is Fault.SILENT
@@ -98,7 +98,7 @@ def test_working_cells_repeat_themselves_as_rarely_as_stated(ratio):
 
 
 def test_a_cell_without_noise_may_stand_still():
-    detector = FaultDetector(FaultLimits.of(0.0, 0.0, 9.8))
+    detector = FaultDetector(FaultLimits.of(0.0, 0.0, -9.8, 9.8))
     assert detector.update(99.99, stream([0.78] * 10_000)) is None
 
 
@@ -113,7 +113,9 @@ def test_a_cell_without_noise_may_stand_still():
 def test_the_same_detector_finds_the_faults_of_the_simulated_cell(spoil, expected, within):
     settings, rng = CellSettings(), np.random.default_rng(2)
     cell = SimulatedCell(settings, dict.fromkeys(HIDDEN_EFFECTS, 0.0), 0.01, 0.013, rng)
-    detector = FaultDetector(FaultLimits.of(settings.noise, settings.resolution, settings.full_scale))
+    detector = FaultDetector(
+        FaultLimits.of(settings.noise, settings.resolution, -settings.full_scale, settings.full_scale)
+    )
     found, last = None, 0.0
     for step in range(3000):
         cell.feel(step, 0.785 + 0.05 * math.sin(0.01 * step), 0.0)

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from armdyn.errors import TaskFailedError
-from pipeline.loadcell.calibration import Weight, parse_weights
-from pipeline.loadcell.fit import Plateau, fit_calibration
+from pipeline.loadcell.fit import Plateau, Weight, fit_calibration, parse_weights
 
 OFFSET, SCALE, NOISE = 84213.4, 5.6e-6, 40.0
 G = 9.81
@@ -17,7 +16,7 @@ def counts_at(rng, force, samples=200, noise=NOISE, scale=SCALE):
 
 def fit(rng, text="0 g, 100 g, 200 g", **options):
     weights = parse_weights(text, G)
-    return fit_calibration([Plateau.of(w, counts_at(rng, w.force, **options)) for w in weights])
+    return fit_calibration([Plateau.of(w, counts_at(rng, w.force, **options)) for w in weights], "test")
 
 
 def assert_deviations_are_as_stated(z):
@@ -46,7 +45,7 @@ def test_weights_that_are_not_well_known_widen_the_scale_as_they_should():
         rng = np.random.default_rng(seed)
         true = [weight.force + weight.force_std * rng.standard_normal() for weight in weights]
         plateaus = [Plateau.of(w, counts_at(rng, f)) for w, f in zip(weights, true, strict=True)]
-        found = fit_calibration(plateaus)
+        found = fit_calibration(plateaus, "test")
         z.append((found.scale - SCALE) / found.scale_std)
     assert_deviations_are_as_stated(z)
 
@@ -86,7 +85,7 @@ def test_residuals_are_what_the_line_leaves():
     weights = parse_weights("0 g, 100 g, 200 g", G)
     bent = [w.force + 3e-3 * (w.force == weights[1].force) for w in weights]  # 3 mN in the middle
     plateaus = [Plateau.of(w, counts_at(rng, f)) for w, f in zip(weights, bent, strict=True)]
-    found = fit_calibration(plateaus)
+    found = fit_calibration(plateaus, "test")
     # The best line through three even points with the middle one lifted by h leaves -h/3, 2h/3, -h/3.
     assert found.residuals == pytest.approx([-1e-3, 2e-3, -1e-3], abs=0.3e-3)
     # What the line does not explain is far more than the noise, and the stated deviation says so.
@@ -108,7 +107,7 @@ def test_counts_that_are_no_calibration_are_refused(forces, options, says):
     weights = parse_weights("0 g, 100 g, 200 g", G)
     plateaus = [Plateau.of(w, counts_at(rng, f, **options)) for w, f in zip(weights, forces, strict=True)]
     with pytest.raises(TaskFailedError, match=says):
-        fit_calibration(plateaus)
+        fit_calibration(plateaus, "test")
 
 
 def test_a_weight_that_still_swings_is_refused():
@@ -118,7 +117,7 @@ def test_a_weight_that_still_swings_is_refused():
     angle = 0.15 * np.cos(5.2 * np.arange(200) / 80)
     swinging = Plateau.of(weights[2], counts_at(rng, 1.962 * (1 + 0.15**2 - 1.5 * angle**2)))
     with pytest.raises(TaskFailedError, match=r"200 g: the counts move .* let it come to rest"):
-        fit_calibration([*still, swinging])
+        fit_calibration([*still, swinging], "test")
 
 
 def test_weights_closer_than_the_noise_are_refused():

@@ -7,7 +7,7 @@ import pytest
 
 from armdyn.pendulum.composition import STANDARD_GRAVITY
 from pipeline.loadcell.calibration import Calibration
-from pipeline.loadcell.cell import calibrated_limits
+from pipeline.loadcell.cell import count_limits
 from pipeline.loadcell.emulator import swinging_load
 from pipeline.loadcell.faults import Fault, FaultDetector
 
@@ -29,7 +29,7 @@ def counts_of(force, seconds, seed=0, scale=SCALE, noise=NOISE):
 
 def judged(time, counts, scale=SCALE):
     """The detector after all of it."""
-    detector = FaultDetector(calibrated_limits(calibration(scale)))
+    detector = FaultDetector(count_limits(calibration(scale)))
     for t, count in zip(time, counts, strict=True):
         detector.sample(float(t), int(count))
     return detector

@@ -49,12 +49,6 @@ def test_a_start_that_cannot_be_stopped_has_no_finish() -> None:
         finish_over_box(LineState(0.54, 0.4, 5.0), 0.46, LIMITS, DT)
 
 
-@pytest.mark.parametrize("share", [0.0, 1.2, float("nan")])
-def test_a_share_that_is_none_is_refused(share: float) -> None:
-    with pytest.raises(InputError, match="share"):
-        finish_over_box(LineState(0.1), 0.46, LIMITS, DT, speed_share=share)
-
-
 @settings(max_examples=60, deadline=None)
 @given(start=st.floats(-0.25, 0.5), end=st.floats(-0.3, 0.55), v=st.floats(-0.35, 0.35), a=st.floats(-3.0, 3.0))
 def test_every_move_is_one_motion_within_the_limits(start: float, end: float, v: float, a: float) -> None:

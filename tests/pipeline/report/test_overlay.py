@@ -16,18 +16,20 @@ from armdyn.identify.compare import compare
 from armdyn.identify.diagnose import diagnose
 from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
-from pipeline.report.overlay import EXAM, FITTED, HELD_OUT, Overlay, Overlays, quality, quantised
-from pipeline.report.page import page_html, write_page
+from armdyn.preparation import Preparation, of_all_runs, sentence
+from pipeline.answers import preparation_answer
+from pipeline.report.overlay import EXAM, FITTED, HELD_OUT, Overlay, Overlays, of_fits, quality, quantised
+from pipeline.report.page import page_html
 from pipeline.report.repair import comparison_report, diagnosis_report, repair_report
+from pipeline.report.theme import MOST_POINTS, thinned
 
 HIDDEN = "joint_viscous_friction"
-EFFECTS = [HIDDEN, "torque_offset"]
 
 
 @pytest.fixture(scope="module")
 def study():
-    runs = [generate("joint_viscous_friction", 1.0, 0, rate=100.0, recording=i) for i in range(3)]
-    catalogue = [CATALOGUE[name] for name in EFFECTS]
+    runs = [generate(HIDDEN, 1.0, 0, rate=100.0, recording=i) for i in range(3)]
+    catalogue = [CATALOGUE[name] for name in (HIDDEN, "torque_offset")]
     return Study(arm_model(robot="baxter"), runs[:1], runs[1:2], catalogue, runs[2:])
 
 
@@ -37,32 +39,30 @@ def found(study):
 
 
 @pytest.fixture(scope="module")
+def reports(study, found):
+    return {
+        "compare": comparison_report(study, compare(study)),
+        "diagnose": diagnosis_report(study, diagnose(study)),
+        "repair": repair_report(study, found),
+    }
+
+
+@pytest.fixture(scope="module")
 def shown(study, found):
     return Overlays.of_study(study, [step.fit for step in found.steps], ["a step"] * len(found.steps), ())
 
 
-@pytest.fixture(scope="module")
-def page(study, found, tmp_path_factory):
-    path = tmp_path_factory.mktemp("page") / "repair.html"
-    write_page(repair_report(study, found), path)
-    return path
-
-
-def test_every_run_joint_and_step_has_the_error_of_the_path(study, found, shown):
-    totals = shown.data()["totals"]
-    widgets = [section.widget for section in repair_report(study, found).sections if section.widget is not None]
-    assert widgets[0].data["totals"] == totals
+def test_every_run_joint_and_step_has_the_error_of_the_path(found, shown, reports):
+    totals = shown.totals()
+    (widget,) = [section.widget for section in reports["repair"].sections if section.widget is not None]
+    assert widget.data["totals"] == totals
     for i, step in enumerate(found.path):
         for kind, errors in ((FITTED, step.rmse), (HELD_OUT, step.held_out_rmse), (EXAM, step.exam_rmse)):
             shares = {channel: by_step[i][0] for channel, by_step in totals[kind].items()}
             assert shares == pytest.approx(errors)
             assert list(shares) == [f"tau.{joint}" for joint in JOINTS]
-
-
-def test_the_friction_explains_what_the_model_as_given_did_not(found, shown):
     as_given, last = (quality([c for c in shown.curves if c.kind == EXAM], step) for step in (0, -1))
-    assert len(found.steps) > 1
-    assert last.rmse < 0.3 * as_given.rmse
+    assert last.rmse < 0.3 * as_given.rmse  # the friction explains what the model as given did not
     assert as_given.explained < last.explained < 1.0
 
 
@@ -73,10 +73,9 @@ def test_error_and_share_are_those_of_their_definition():
         Overlay("a", FITTED, f"tau.{i}", "N m", time, rng.normal(3.0, 2.0, 50), rng.normal(0.0, 0.5, (1, 50)), 0.1)
         for i in range(2)
     ]
-    of_both = quality(curves, 0)
     left = sum(np.mean(c.residuals[0] ** 2) for c in curves)
-    assert of_both.rmse == pytest.approx(np.sqrt(left))
-    assert of_both.explained == pytest.approx(1.0 - left / sum(np.var(c.measured) for c in curves))
+    explained = 1.0 - left / sum(np.var(c.measured) for c in curves)
+    assert quality(curves, 0) == pytest.approx((np.sqrt(left), explained))
 
 
 def test_quantised_values_are_finer_than_a_screen():
@@ -87,69 +86,93 @@ def test_quantised_values_are_finer_than_a_screen():
     assert quantised(np.full(3, 2.0))[:2] == [2.0, 1.0]
 
 
-def test_the_page_is_small(page):
-    assert page.stat().st_size < 3_000_000
-
-
-def test_the_pages_first_numbers_are_explained_torque_and_error_in_newton_metres(study, found):
-    misfit, *figures = repair_report(study, found).key_figures
+def test_the_pages_first_numbers_are_explained_torque_and_error_in_newton_metres(found, reports):
+    misfit, *figures = reports["repair"].key_figures
     assert misfit.name == "Misfit explained"
     assert f"explains {misfit.value} of the misfit" in found.sentence.replace("they explain ", "it explains ")
-    assert [figure.name for figure in figures] == ["Torque explained", "Torque error"]
-    assert figures[0].value.endswith("%")
-    assert figures[1].value.endswith("N m")
+    assert [(figure.name, figure.value.split()[-1]) for figure in figures] == [
+        ("Torque explained", "%"), ("Torque error", "m"),
+    ]  # fmt: skip
     assert all("as given" in figure.note and "exam" in figure.note for figure in figures)
 
 
-def test_a_diagnosis_shows_what_its_effects_would_change_and_folds_the_evidence(study):
-    report = diagnosis_report(study, diagnose(study))
-    overlay, evidence = report.sections[1:3]
-    (candidates,) = evidence.tables
-    columns = {column.name: column for column in candidates.columns}
-    assert columns["effect"].values[0] == "joint_viscous_friction"
+def test_a_diagnosis_shows_what_its_effects_would_change(reports):
+    overlay, evidence = reports["diagnose"].sections[1:3]
+    columns = {column.name: column for column in evidence.tables[0].columns}
+    assert columns["effect"].values[0] == HIDDEN
     assert 0.0 < columns["error"].shares[0] < 1.0
     assert len(overlay.widget.data["steps"]) > 1
 
 
-def seen(page, choice):
-    """What a browser shows after its script has run: the line above the curves, and the chosen tab."""
-    browser = shutil.which("chromium") or shutil.which("google-chrome") or shutil.which("chromium-browser")
+@pytest.mark.parametrize("name", ["compare", "diagnose", "repair"])
+def test_the_first_picture_is_the_missing_force(reports, name):
+    first = reports[name].sections[0]
+    assert first.title == "The missing force"
+    assert set(first.tabs) == {f"tau.{joint}" for joint in JOINTS}
+    for chart in first.charts:
+        layout = chart.figure["layout"]
+        titles = [layout[f"xaxis{i}"]["title"]["text"] for i in ("", 2, 3, 4, 5)]
+        assert (titles[0], titles[-1]) == ("speed [rad/s]", "time [s]")
+        assert layout["yaxis"]["title"]["text"] == "missing torque [N m]"
+        assert f"of {chart.tab.removeprefix('tau.')} grows in proportion to the speed, by " in chart.caption
+        legend = [t["name"] for t in chart.figure["data"] if t["showlegend"] and "name" in t]
+        assert legend == ["as given"] if name == "compare" else legend[0] == "as given" and HIDDEN in legend[1]
+    page = page_html(reports[name])
+    assert page.index("The missing force") < page.index("Measured and predicted")
+    assert len(page) < 3_000_000
+
+
+def test_a_browser_shows_the_chosen_joint_run_and_step(reports, shown, tmp_path):
+    """What stands there after the page's script has run: the line above the curves, and the chosen tab."""
+    browser = next(filter(None, map(shutil.which, ("chromium", "google-chrome", "chromium-browser"))), None)
     if browser is None:
         pytest.skip("needs Chromium")
+    page = tmp_path / "repair.html"
+    page.write_text(page_html(reports["repair"]))
     flags = ["--headless=new", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=20000", "--dump-dom"]
-    dom = subprocess.run(
-        [browser, *flags, f"{page.as_uri()}#{choice}"], capture_output=True, text=True, timeout=120, check=True
-    ).stdout
+    address = f"{page.as_uri()}#tab=tau.right_e1&step=0&run=0"
+    dom = subprocess.run([browser, *flags, address], capture_output=True, text=True, timeout=120, check=True).stdout
     assert 'data-ready="yes"' in dom
     readout = re.search(r'<p class="readout"[^>]*>(.*?)</p>', dom)[1]
-    return html.unescape(" ".join(re.sub("<[^>]+>", " ", readout).split())), dom
-
-
-def test_a_browser_shows_the_chosen_joint_run_and_step(page, shown):
-    text, dom = seen(page, "tab=tau.right_e1&step=0&run=0")
+    text = html.unescape(" ".join(re.sub("<[^>]+>", " ", readout).split()))
     curve = next(c for c in shown.curves if c.channel == "tau.right_e1" and c.kind == FITTED)
     assert text.startswith("torque of right_e1")
     assert text.endswith(f"error {quality([curve], 0).rmse:.3g} N m")  # and no "as given": this is the model as given
     assert dom.count("plot-container") >= 2  # the curves, and what the residual of this joint depends on
 
 
-@pytest.mark.parametrize("name", ["compare", "diagnose", "repair"])
-def test_the_first_picture_is_the_missing_force(study, found, name):
-    made = {
-        "compare": lambda: comparison_report(study, compare(study)),
-        "diagnose": lambda: diagnosis_report(study, diagnose(study)),
-        "repair": lambda: repair_report(study, found),
-    }[name]()
-    first = made.sections[0]
-    assert first.title == "The missing force"
-    assert set(first.tabs) == {f"tau.{joint}" for joint in JOINTS}
-    for chart in first.charts:
-        layout = chart.figure.to_dict()["layout"]
-        titles = [layout[f"xaxis{i}"]["title"]["text"] for i in ("", 2, 3, 4, 5)]
-        assert titles[0] == "speed [rad/s]"
-        assert titles[-1] == "time [s]"
-        assert layout["yaxis"]["title"]["text"] == "missing torque [N m]"
-        assert f"of {chart.tab.removeprefix('tau.')} grows in proportion to the speed, by " in chart.caption
-        legend = [trace.name for trace in chart.figure.data if trace.showlegend and trace.name]
-        assert legend == ["as given"] if name == "compare" else legend[0] == "as given" and HIDDEN in legend[1]
-    assert page_html(made).index("The missing force") < page_html(made).index("Measured and predicted")
+def test_what_was_done_to_measured_torques_is_shown_said_and_answered():
+    fit = Study(arm_model(robot="baxter"), [generate(None, 1.0, 0, rate=250.0)], [], []).first()
+    run, answer = fit.problem.runs[0].original, preparation_answer(fit.problem)
+    assert list(answer) == [block.channel for block in fit.blocks]
+    for curve, block in zip(of_fits([fit]), fit.blocks, strict=True):
+        raw = run.channels[block.channel]
+        time, value = thinned(curve.recorded)
+        assert len(curve.time) < len(time) <= MOST_POINTS + 1
+        assert (value.min(), value.max()) == (raw.value.min(), raw.value.max())
+        assert (time[0], time[-1]) == pytest.approx((raw.time[0], raw.time[-1]), abs=0.05)
+        assert np.all(np.diff(time) > 0.0)
+        assert f"{len(curve.time)} samples, 17.9 per second, of {len(raw)} recorded" in curve.note
+        done = answer[block.channel]
+        assert (done["cutoff_hz"], done["rate_hz"]) == (pytest.approx(10.0), pytest.approx(17.92))
+        assert (done["samples"], done["recorded"]) == (len(block.residual), 3750)
+    done = sentence(of_all_runs(run.preparations for run in fit.problem.runs))
+    said = Overlays(of_fits([fit]), preparation=done).section().sentence
+    assert "compared below 10 Hz" in said
+    assert "17.9 samples per second of 250" in said
+
+
+def test_of_several_runs_the_narrowest_band_counts_and_a_joint_that_hardly_moves_is_told():
+    wide = Preparation(10.0, 3.0, 18.0, 180, 100.0, 1000, 0.0, 1.0)
+    narrow = Preparation(4.0, 2.0, 7.0, 70, 100.0, 1000, 0.02, 0.5)
+    rests = Preparation(10.0, 3.0, 18.0, 180, 100.0, 1000, 0.0, 0.004)
+    (both,) = of_all_runs([{"tau.a": wide}, {"tau.a": narrow}]).values()
+    assert both == Preparation(4.0, 2.0, 7.0, 250, 100.0, 2000, 0.01, 0.75)
+    assert sentence({"tau.a": wide, "tau.b": narrow}) == (
+        "Torques are compared below 4 to 10 Hz (positions are motion below 2 to 3 Hz, noise above): 7 to 18 samples "
+        "per second of 100 hold all of that; 1 % are left out where a joint turns round or rests."
+    )
+    assert sentence({}) == ""
+    told = " b hardly moves: these runs show no friction or rotor inertia there."
+    assert sentence({"tau.a": wide, "tau.b": rests}).endswith(told)
+    assert "hardly" not in sentence({"tau.a": wide})

@@ -13,7 +13,7 @@ import pytest
 from plotly.offline import get_plotlyjs
 from scipy.stats import binomtest
 
-from armdyn.document import Chart, Document, KeyFigure, Level, NextStep, Section, Table
+from armdyn.document import Chart, Column, Document, KeyFigure, Level, NextStep, Section, Table
 from armdyn.errors import InputError
 from pipeline.report.feasibility import joint_sections, margin_section
 from pipeline.report.page import packed, page_html, table_html, write_page
@@ -81,7 +81,7 @@ NASTY_SECTION = Section(
     f"Title {NASTY}",
     NASTY,
     [Chart(go.Figure(go.Scatter(x=[0], y=[1], name=NASTY)), NASTY)],
-    [Table.of([NASTY, "share"], [[NASTY, NASTY]], NASTY, shares=[0.5], folded=NASTY)],
+    [Table([Column(NASTY, [NASTY]), Column("share", [NASTY], shares=[0.5])], NASTY, folded=NASTY)],
     {NASTY: NASTY, "other": "other"},
 )
 

@@ -75,8 +75,8 @@ def intrude(wire, _twin, _trial):
     names = urdf.load("baxter").joint_names
     with Bridge(wire.uri) as bridge:
         seen = []
-        bridge.subscribe(TOPICS.command, TOPICS.kind.value, lambda message, _now: seen.append(message["command"]))
-        bridge.advertise(TOPICS.command, TOPICS.kind.value)
+        bridge.subscribe(TOPICS.command, TOPICS.type.value, lambda message, _now: seen.append(message["command"]))
+        bridge.advertise(TOPICS.command, TOPICS.type.value)
         time.sleep(REPEATED)
         message = {"mode": 4, "names": list(names), "command": [q + 0.02 for q in seen[-1]]}
         intrude.began = time.monotonic()

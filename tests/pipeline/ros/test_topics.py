@@ -3,7 +3,7 @@
 import pytest
 
 from armdyn.errors import InputError
-from pipeline.ros.topics import CommandKind, Mode, positions_in, read_topics, settings_file
+from pipeline.ros.topics import CommandKind, positions_in, read_topics, settings_file
 
 UR = """
 [ros]
@@ -16,7 +16,7 @@ type = "std_msgs/Float64MultiArray"
 def test_baxters_own_table():
     topics = read_topics(settings_file("baxter"))
     assert topics.command == "/robot/limb/right/joint_command"
-    assert (topics.kind, topics.mode) == (CommandKind.JOINT_COMMAND, Mode.RAW_POSITION)
+    assert (topics.type, topics.mode) == (CommandKind.JOINT_COMMAND, "raw_position")
     assert topics.command_timeout == 0.1
     assert topics.enabling == "/robot"
 
@@ -25,7 +25,7 @@ def test_another_arm_needs_three_lines(tmp_path):
     file = tmp_path / "ur.toml"
     file.write_text(UR)
     topics = read_topics(file)
-    assert topics.kind is CommandKind.ARRAY
+    assert topics.type is CommandKind.ARRAY
     assert topics.enabling is topics.timeout is topics.feed_forward is None
 
 
@@ -51,7 +51,7 @@ def test_a_bad_table_is_explained(tmp_path, text, says):
 
 
 def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(InputError, match=r"none\.toml: there is no such file"):
+    with pytest.raises(InputError, match=r"none\.toml: no such file"):
         read_topics(tmp_path / "none.toml")
 
 

@@ -1,6 +1,7 @@
 """What the twin does with what it is sent; its time is the test's own."""
 
 import math
+import os
 
 import numpy as np
 import pytest
@@ -8,152 +9,126 @@ import pytest
 import ik
 import urdf
 from pipeline.loadcell.protocol import decode
-from pipeline.ros.topics import read_topics, settings_file
+from pipeline.ros.topics import MODES, read_topics, settings_file
 from pipeline.ros.twin import Twin
 
 TOPICS = read_topics(settings_file("baxter"))
-RAW, POSITION, TORQUE = 4, 1, 3
+RAW, POSITION, TORQUE = MODES["raw_position"], MODES["position"], 3
 
 
-@pytest.fixture(scope="module")
-def baxter():
-    return urdf.load("baxter")
+class SteppedTwin(Twin):
+    """A twin that lives in steps of 2 ms of its own time, and is sent messages without a bridge."""
+
+    now = 100.0
+
+    def pass_time(self, seconds):
+        for _ in range(round(seconds / 0.002)):
+            self.now += 0.002
+            self.live(self.now, self.robot.time + 0.002)
+
+    def send(self, q, mode=RAW, names=None, cycles=1):
+        """Ask for a posture once or in several cycles of 10 ms."""
+        command = {"mode": mode, "names": list(names or self.robot.joint_names), "command": q}
+        for _ in range(cycles):
+            self.controller.take_command(command, self.now)
+            self.pass_time(0.01)
+
+    def enable(self, on=True):
+        self.controller.take_enable({"data": on}, self.now)
+        self.pass_time(0.15)
+
+    @property
+    def posture(self):
+        return self.robot.history().q[-1]
 
 
 @pytest.fixture
-def twin(loopback, baxter):
-    with Twin(loopback.uri, baxter, TOPICS, ik.default_table(baxter).posture(0.0).q) as made:
+def twin(loopback):
+    baxter = urdf.load("baxter")
+    with SteppedTwin(loopback.uri, baxter, TOPICS, ik.default_table(baxter).posture(0.0).q) as made:
+        made.enable()
+        assert made.controller.state.enabled
         yield made
 
 
-class Clock:
-    """Lets a twin live in steps of 2 ms of its own time."""
-
-    def __init__(self, twin):
-        self.twin, self.now = twin, 100.0
-
-    def live(self, seconds):
-        for _ in range(round(seconds / 0.002)):
-            self.now += 0.002
-            self.twin._live(self.now, self.twin.robot.time + 0.002)
-
-    def send(self, q, mode=RAW, names=None):
-        names = list(names or self.twin._names)
-        self.twin._on_command({"mode": mode, "names": names, "command": list(q)}, self.now)
+def test_it_follows_a_raw_position_and_matches_joints_by_name(twin):
+    goal = twin.posture + np.linspace(0.005, 0.02, 7)
+    twin.send(goal[::-1].tolist(), names=twin.robot.joint_names[::-1], cycles=50)
+    assert twin.posture == pytest.approx(goal, abs=0.004)  # its joints rub
+    assert len(twin.controller.log.received) == 50
 
 
-@pytest.fixture
-def clock(twin):
-    twin._on_enable({"data": True}, 100.0)
-    made = Clock(twin)
-    made.live(0.15)
-    assert twin._enabled
-    return made
-
-
-def posture(twin):
-    return twin.robot.history().q[-1]
-
-
-def test_it_follows_a_raw_position(twin, clock):
-    goal = posture(twin) + 0.01
-    for _ in range(50):
-        clock.send(goal)
-        clock.live(0.01)
-    assert posture(twin) == pytest.approx(goal, abs=0.004)  # its joints rub
-    assert twin.tally.commands == 50
-
-
-def test_joints_are_matched_by_name(twin, clock):
-    goal = posture(twin) + np.linspace(0.005, 0.02, 7)
-    for _ in range(50):
-        clock.send(goal[::-1], names=twin._names[::-1])
-        clock.live(0.01)
-    assert posture(twin) == pytest.approx(goal, abs=0.004)
-
-
-def test_without_commands_for_the_timeout_it_holds_where_it_is(twin, clock):
-    start = posture(twin)
-    twin._on_timeout({"data": 0.1}, clock.now)
+def test_without_commands_for_the_timeout_it_holds_where_it_is(twin):
+    start = twin.posture
+    twin.controller.take_timeout({"data": 0.1}, twin.now)
     for k in range(1, 31):
-        clock.send(start + 0.002 * k)
-        clock.live(0.01)
-    clock.live(0.3)
-    assert twin.tally.timeouts == 1
-    here = posture(twin)
-    clock.live(0.3)
-    assert posture(twin) == pytest.approx(here, abs=1e-3)
+        twin.send((start + 0.002 * k).tolist())
+    twin.pass_time(0.3)
+    assert twin.controller.log.timeouts == 1
+    here = twin.posture
+    twin.pass_time(0.3)
+    assert twin.posture == pytest.approx(here, abs=1e-3)
 
 
-def test_while_it_is_disabled_commands_have_no_effect(twin, clock):
-    start = posture(twin)
-    twin._on_enable({"data": False}, clock.now)
-    for _ in range(20):
-        clock.send(start + 0.05)
-        clock.live(0.01)
-    assert posture(twin) == pytest.approx(start, abs=2e-3)
-    assert twin.tally.ignored == 20
+def test_while_it_is_disabled_commands_have_no_effect(twin):
+    start = twin.posture
+    twin.enable(False)
+    twin.send((start + 0.05).tolist(), cycles=20)
+    assert twin.posture == pytest.approx(start, abs=2e-3)
+    assert twin.controller.log.ignored == 20
 
 
-def test_a_stop_needs_release_and_reset(twin, clock):
-    twin.press()
-    clock.live(0.01)
-    twin._on_enable({"data": True}, clock.now)
-    twin._on_reset({}, clock.now)
-    clock.live(0.2)
-    assert twin._stopped
-    assert not twin._enabled
-    twin.release()
-    twin._on_reset({}, clock.now)
-    twin._on_enable({"data": True}, clock.now)
-    clock.live(0.2)
-    assert twin._enabled
+def test_a_stop_needs_release_and_reset(twin):
+    arm = twin.controller
+    arm.press()
+    arm.take_reset({}, twin.now)
+    twin.enable()
+    assert (arm.state.stopped, arm.state.enabled) == (True, False)
+    arm.release()
+    arm.take_reset({}, twin.now)
+    twin.enable()
+    assert arm.state.enabled
 
 
 @pytest.mark.parametrize("bad", [[math.nan] * 7, [math.inf] * 7, [0.0] * 6, "posture", None])
-def test_what_is_no_posture_is_ignored(twin, clock, bad):
-    twin._on_command({"mode": RAW, "names": list(twin._names), "command": bad}, clock.now)
-    assert (twin.tally.commands, twin.tally.ignored) == (0, 1)
+def test_what_is_no_posture_is_ignored(twin, bad):
+    twin.send(bad)
+    assert (len(twin.controller.log.received), twin.controller.log.ignored) == (0, 1)
 
 
-def test_other_modes_and_other_joints_are_ignored(twin, clock):
-    clock.send([0.0] * 7, mode=TORQUE)
-    clock.send([0.0] * 7, names=[f"left_{k}" for k in range(7)])
-    assert twin.tally.ignored == 2
+def test_other_modes_and_other_joints_are_ignored(twin):
+    twin.send([0.0] * 7, mode=TORQUE)
+    twin.send([0.0] * 7, names=[f"left_{k}" for k in range(7)])
+    assert twin.controller.log.ignored == 2
 
 
-def test_what_is_beyond_a_range_is_clipped_and_counted(twin, clock):
-    clock.send([9.0] * 7)
-    assert twin.tally.clipped == 1
-    assert np.all(twin._arm.target <= twin._limits.upper)
+def test_what_is_beyond_a_range_is_clipped_and_counted(twin):
+    command = {"mode": RAW, "names": list(twin.robot.joint_names), "command": [9.0] * 7}
+    twin.controller.take_command(command, twin.now)
+    assert twin.controller.log.clipped == 1
+    assert np.all(twin.controller.target <= urdf.load("baxter").limits.upper)
 
 
-def test_position_mode_keeps_the_speed_ratio(twin, clock):
-    twin._on_speed_ratio({"data": 0.1}, clock.now)
-    start = posture(twin)
-    for _ in range(50):
-        clock.send(start + 0.3 * np.eye(7)[0], mode=POSITION)
-        clock.live(0.01)
-    assert posture(twin)[0] - start[0] == pytest.approx(0.1 * 1.5 * 0.5, abs=0.015)  # it lags by 0.05 s
+def test_position_mode_keeps_the_speed_ratio(twin):
+    twin.controller.take_speed_ratio({"data": 0.1}, twin.now)
+    start = twin.posture
+    twin.send((start + 0.3 * np.eye(7)[0]).tolist(), mode=POSITION, cycles=50)
+    assert twin.posture[0] - start[0] == pytest.approx(0.1 * 1.5 * 0.5, abs=0.015)  # it lags by 0.05 s
 
 
-@pytest.mark.usefixtures("clock")
 def test_baxters_states_have_17_names_in_alphabetical_order(twin, loopback):
-    twin._publish_joints()
-    twin._publish_power()
+    twin.publish_joints()
+    twin.publish_power()
     loopback.wait_for(lambda: loopback.published(TOPICS.joint_states) and loopback.published("/robot/state"))
     states = loopback.published(TOPICS.joint_states)[-1]
-    assert len(states["name"]) == 17
     assert states["name"] == sorted(states["name"])
-    assert len(states["position"]) == len(states["velocity"]) == len(states["effort"]) == 17
+    assert {len(states[key]) for key in ("name", "position", "velocity", "effort")} == {17}
     assert loopback.published("/robot/state")[-1]["enabled"] is True
 
 
-def test_the_load_cell_speaks_the_serial_protocol(twin, clock):
-    import os
-
+def test_the_load_cell_speaks_the_serial_protocol(twin):
     port = os.open(twin.port.port, os.O_RDONLY | os.O_NONBLOCK)
-    clock.live(0.5)
+    twin.pass_time(0.5)
     lines = os.read(port, 10_000).split(b"\n")
     os.close(port)
     counts = [decode(line).counts for line in lines[1:-1]]
@@ -164,6 +139,7 @@ def test_the_load_cell_speaks_the_serial_protocol(twin, clock):
 
 
 def test_its_summary_tells_what_only_it_knows(twin):
+    twin.send((twin.posture + 0.01).tolist(), cycles=2)
     summary = twin.summary()
-    assert summary["length"] == 0.368
-    assert summary["load_in_box"] is False
+    assert (summary["length"], summary["load_in_box"], summary["commands"]) == (0.368, False, 2)
+    assert set(summary["largest_step"]) == set(twin.robot.joint_names)

@@ -59,7 +59,7 @@ def test_a_load_hangs_where_the_angle_has_it(tmp_path):
     load = next(body for body in scene.bodies if body.name == "load")
     expected = np.interp(scene.time, TIME, x - 0.5 * np.sin(angle))
     assert np.allclose(load.poses[:, 0], expected, atol=1e-4)
-    lengths = np.linalg.norm(scene.cords[0].ends[:, 0] - scene.cords[0].ends[:, 1], axis=1)
+    lengths = np.linalg.norm(scene.cords[0][:, 0] - scene.cords[0][:, 1], axis=1)
     assert np.allclose(lengths, 0.5)
     assert "not known" in scene_of(path).note  # without a model nobody knows the length
 

@@ -1,3 +1,10 @@
+import os
+import re
+import subprocess
+import sys
+from contextlib import contextmanager
+from urllib.parse import urlsplit
+
 import pytest
 from hidden_effects.arm import generate
 
@@ -6,7 +13,7 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.study import Study
 from armdyn.model_file import ModelFile, write_model_file
 from armdyn.run import write_run_csv
-from pipeline.workbench.bench import Bench
+from pipeline.workbench.bench import Workbench
 
 HIDDEN = "joint_viscous_friction"
 RIVALS = ("joint_coulomb_friction", "torque_offset", "payload")
@@ -21,7 +28,7 @@ def recordings():
 @pytest.fixture(scope="package")
 def bench(recordings):
     catalogue = [CATALOGUE[name] for name in (HIDDEN, *RIVALS)]
-    return Bench(Study(arm_model(robot="baxter"), recordings[:1], recordings[1:], catalogue))
+    return Workbench(Study(arm_model(robot="baxter"), recordings[:1], recordings[1:], catalogue))
 
 
 @pytest.fixture(scope="package")
@@ -32,3 +39,20 @@ def files(recordings, tmp_path_factory):
     for run, name in zip(recordings, ("a.csv", "b.csv"), strict=True):
         write_run_csv(run, folder / name)
     return folder / "m.toml", folder / "a.csv", folder / "b.csv"
+
+
+@contextmanager
+def workbench(folder, *arguments):
+    """A workbench's process, and the address that it printed; its temporary files are in `folder`/tmp."""
+    pytest.importorskip("nicegui", reason="needs the extra 'workbench': pip install 'armdyn[workbench]'")
+    command = [sys.executable, "-m", "pipeline.cli", "workbench", "--no-browser", *map(str, arguments)]
+    (folder / "tmp").mkdir()
+    with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                          env={**os.environ, "TMPDIR": str(folder / "tmp")}) as process:  # fmt: skip
+        try:
+            said = process.stdout.readline()
+            found = re.search(r"http://\S+\?token=[\w-]+", said)
+            assert found, said + process.stderr.read()
+            yield process, urlsplit(found[0])
+        finally:
+            process.kill()

@@ -16,7 +16,7 @@ from pipeline import exports
 from pipeline.console.inputs import Inputs
 from pipeline.report.overlay import FITTED, HELD_OUT, quality
 from pipeline.workbench import panels
-from pipeline.workbench.bench import Atom, Bench
+from pipeline.workbench.bench import Atom, Workbench
 from pipeline.workbench.files import Writable, keep
 
 from .conftest import HIDDEN, RIVALS
@@ -31,27 +31,30 @@ def error(state, kind=FITTED):
 def test_the_hidden_effect_leaves_less_than_any_other(bench):
     left = {}
     for name in (HIDDEN, *RIVALS):
-        left[name] = error(bench.foretold([atom for atom in bench.atoms if atom.effect == name]), HELD_OUT)
+        left[name] = error(bench.predict([atom for atom in bench.atoms if atom.effect == name]), HELD_OUT)
     assert min(left, key=left.get) == HIDDEN
     assert left[HIDDEN] < 0.2 * error(bench.opening, HELD_OUT)
 
 
 def test_what_is_foretold_of_an_arm_is_what_a_refit_finds(bench):
     atoms = [*FRICTION, Atom("payload", "right_w2")]
-    foretold, fitted = bench.foretold(atoms), bench.fitted(atoms)
+    foretold, fitted = bench.predict(atoms), bench.refit(atoms)
     assert (foretold.how, fitted.how) == ("foretold", "fitted")
     for before, after in zip(foretold.curves, fitted.curves, strict=True):
         noise = before.noise
         assert np.abs(before.residuals[1] - after.residuals[1]).max() < 0.5 * noise
         assert np.array_equal(before.residuals[0], after.residuals[0])
     assert not foretold.stale
+    nothing = bench.predict([])
+    assert all(np.array_equal(curve.residuals[0], curve.residuals[1]) for curve in nothing.curves)
+    assert dict(nothing.knobs) == {}
 
 
 def test_it_says_where_the_model_fails_until_only_noise_is_left(bench):
     text = panels.errors_panel(bench.opening)
     assert "Fails most: torque of" in text
     assert f"v.{bench.opening.places[0].channel.partition('.')[2]}" in text  # a friction depends on the speed
-    before, after = (sum(place.chi2_per_sample for place in bench.fitted(e).places) for e in ([], FRICTION))
+    before, after = (sum(place.chi2_per_sample for place in bench.refit(e).places) for e in ([], FRICTION))
     assert after < 0.05 * before
 
 
@@ -62,25 +65,19 @@ def test_the_missing_force_as_ticked_is_flat_when_what_is_hidden_is_ticked(bench
         return {c.joint: (np.ptp(c.as_given), None if c.repaired is None else np.ptp(c.repaired)) for c in mine}
 
     assert all(now is None for _, now in sizes(bench.opening).values())
-    for state in (bench.foretold(FRICTION), bench.fitted(FRICTION)):
+    for state in (bench.predict(FRICTION), bench.refit(FRICTION)):
         assert set(sizes(state)) == set(JOINTS)
         assert all(now < 0.2 * given for given, now in sizes(state).values())
-    half = {name: 0.5 * knob.parameter.value for name, knob in bench.fitted(FRICTION).knobs.items()}
-    for given, now in sizes(bench.by_hand(FRICTION, half)).values():
+    half = {name: 0.5 * knob.parameter.value for name, knob in bench.refit(FRICTION).knobs.items()}
+    for given, now in sizes(bench.with_values(FRICTION, half)).values():
         assert now == pytest.approx(0.5 * given, rel=0.2)
 
 
-def test_nothing_ticked_is_the_model_as_given(bench):
-    state = bench.foretold([])
-    assert all(np.array_equal(curve.residuals[0], curve.residuals[1]) for curve in state.curves)
-    assert dict(state.knobs) == {}
-
-
 def test_turning_a_parameter_predicts_with_it(bench):
-    fitted = bench.fitted(FRICTION)
+    fitted = bench.refit(FRICTION)
     name = f"{HIDDEN}.coefficient[right_s0]"
     value = fitted.knobs[name].parameter.value
-    same, off = (bench.by_hand(FRICTION, {name: value * factor}) for factor in (1.0, 0.5))
+    same, off = (bench.with_values(FRICTION, {name: value * factor}) for factor in (1.0, 0.5))
     for a, b in zip(fitted.curves, same.curves, strict=True):
         assert np.allclose(a.residuals[1], b.residuals[1], atol=1e-6)
     assert off.knobs[name].parameter.value == pytest.approx(0.5 * value)
@@ -89,22 +86,19 @@ def test_turning_a_parameter_predicts_with_it(bench):
         changed = np.abs(a.residuals[1] - b.residuals[1]).max()
         assert (changed > a.noise) == (a.channel == "tau.right_s0")
     with pytest.raises(UnknownNameError, match="length"):
-        bench.by_hand(FRICTION, {"length": 1.0})
-
-
-def test_an_effect_that_is_not_there_is_a_sentence(bench):
+        bench.with_values(FRICTION, {"length": 1.0})
     with pytest.raises(UnknownNameError, match=r"did you mean .joint_viscous_friction:right"):
-        bench.foretold([Atom(HIDDEN, "right_s9")])
+        bench.predict([Atom(HIDDEN, "right_s9")])
 
 
 def test_a_pendulums_hidden_drag_is_foretold_and_then_fitted():
     rng = np.random.default_rng(3)
     runs = [record(f"{i}.csv", Setup(duration=6.0, hidden={"quadratic_drag": 0.02}), rng) for i in range(2)]
     effects = ("quadratic_drag", "sensor_bias", "string_elasticity")
-    bench = Bench(Study(base_pendulum(), runs[:1], runs[1:], [CATALOGUE[name] for name in effects]))
-    foretold = {name: bench.foretold([Atom(name)]) for name in effects}
+    bench = Workbench(Study(base_pendulum(), runs[:1], runs[1:], [CATALOGUE[name] for name in effects]))
+    foretold = {name: bench.predict([Atom(name)]) for name in effects}
     assert min(effects, key=lambda name: error(foretold[name])) == "quadratic_drag"
-    fitted = bench.fitted([Atom("quadratic_drag")])
+    fitted = bench.refit([Atom("quadratic_drag")])
     assert not fitted.stale
     assert foretold["quadratic_drag"].stale  # a held-out pendulum has a start of its own to fit
     for kind in (FITTED, HELD_OUT):  # what is left is the sensor's noise of 3 mN
@@ -113,13 +107,13 @@ def test_a_pendulums_hidden_drag_is_foretold_and_then_fitted():
     assert {"length", "mass", "quadratic_drag.coefficient"} <= set(fitted.knobs)
 
 
-def test_what_is_kept_is_what_add_writes(files, tmp_path):
+def test_what_is_kept_is_what_add_writes(files, tmp_path, monkeypatch):
     model, run, held_out = files
     inputs = Inputs(model, [run], [held_out], None, None)
     given = inputs.read()
-    bench = Bench(given.study)
-    target, writable = tmp_path / "repaired.toml", Writable(tmp_path)
-    report, exported = tmp_path / "repaired.html", tmp_path / "repaired.json"
+    bench = Workbench(given.study)
+    target, report, exported = (tmp_path / f"repaired.{kind}" for kind in ("toml", "html", "json"))
+    writable = Writable(tmp_path)
     kept = keep(inputs, given, bench, FRICTION, target, report, exported, writable=writable)
     assert kept.files == (target, report, exported)
     assert HIDDEN in kept.sentence
@@ -127,23 +121,16 @@ def test_what_is_kept_is_what_add_writes(files, tmp_path):
     written = read_model_file(target)
     assert [effect.name for effect in written.model.effects] == [HIDDEN]
     assert written.history[-1]["added"] == HIDDEN
-    fitted = bench.fitted(FRICTION).knobs
+    fitted = bench.refit(FRICTION).knobs
     for name, parameter in written.model.parameters.items():
         assert parameter.value == pytest.approx(fitted[name].parameter.value, rel=1e-3)
     with pytest.raises(InputError, match="is there already"):
         keep(inputs, given, bench, FRICTION, target, writable=writable)
-    assert keep(inputs, given, bench, FRICTION, target, writable=writable, over=True).files == (target,)
 
-
-def test_what_lacks_much_of_the_repair_is_not_kept_as_a_file_of_another_tool(files, tmp_path, monkeypatch):
-    """A URDF without the friction that was found: `armdyn export` refuses it, and so does the page."""
-    model, run, held_out = files
-    inputs = Inputs(model, [run], [held_out], None, None)
-    given = inputs.read()
-    known = exports.format_of
+    # A format without the friction that was found: `armdyn export` refuses it, and so does the page.
+    known, exported = exports.format_of, tmp_path / "poor.json"
     monkeypatch.setattr(exports, "format_of", lambda output: replace(known(output), held=lambda _: frozenset()))
-    target, exported = tmp_path / "repaired.toml", tmp_path / "repaired.json"
-    kept = keep(inputs, given, Bench(given.study), FRICTION, target, exported=exported, writable=Writable(tmp_path))
+    kept = keep(inputs, given, bench, FRICTION, target, exported=exported, writable=writable, over=True)
     assert kept.files == (target,)
     assert not exported.exists()
     assert any("is not written" in note and "--force" in note for note in kept.notes)
@@ -153,8 +140,9 @@ def test_panels_escape_what_users_name():
     html = panels.files_panel(None, [(Path("<b>.csv"), True)], ["<i>"])
     assert "<b>.csv" not in html
     assert "&lt;i&gt;" in html
-    assert panels.short_joints(["right_s0", "right_w2"]) == {"right_s0": "s0", "right_w2": "w2"}
-    assert panels.short_joints(["shoulder_pan_joint", "elbow_joint"]) == {
-        "shoulder_pan_joint": "shoulder_pan", "elbow_joint": "elbow",
-    }  # fmt: skip
-    assert panels.short_joints(["a_b"]) == {"a_b": "a_b"}
+    for names, short in (
+        (["right_s0", "right_w2"], ["s0", "w2"]),
+        (["shoulder_pan_joint", "elbow_joint"], ["shoulder_pan", "elbow"]),
+        (["a_b"], ["a_b"]),
+    ):
+        assert panels.short_joints(names) == dict(zip(names, short, strict=True))

@@ -16,14 +16,14 @@ from armdyn.run import read_run
 from pipeline.workbench.files import (
     PREFIX,
     Writable,
-    is_passing,
+    is_temporary,
     new_folder,
     pendulum,
     place_for,
+    read_dropped,
     remove_abandoned,
     remove_folders,
-    taken_in,
-)  # fmt: skip
+)
 
 
 @pytest.fixture
@@ -32,35 +32,28 @@ def folder():
         yield Path(name)
 
 
-def test_a_run_is_taken_as_it_is(folder, files):
-    _, run, _ = files
-    path = folder / "a.csv"
-    path.write_bytes(run.read_bytes())
-    found = taken_in(path)
-    assert (found.kind, found.path) == ("run", path)
+def test_a_run_a_foreign_recording_and_a_urdf_become_what_they_are(folder, files):
+    own, foreign, arm = folder / "a.csv", folder / "log.csv", folder / "ur5.urdf"
+    own.write_bytes(files[1].read_bytes())
+    found = read_dropped(own)
+    assert (found.kind, found.path) == ("run", own)
     assert "of 7 joints, 6.0 s" in found.said
 
-
-def test_foreign_columns_are_taken_as_their_names_and_units_suggest(folder):
     time = np.arange(200) * 0.01
     rows = [f"{1000 * t:.0f},{30 * np.sin(t):.3f},{5 * np.cos(t):.3f}" for t in time]
-    path = folder / "log.csv"
-    path.write_text("timestamp_ms,joint1_pos,joint1_torque\n" + "\n".join(rows) + "\n")
-    found = taken_in(path, ["elbow"])
+    foreign.write_text("timestamp_ms,joint1_pos,joint1_torque\n" + "\n".join(rows) + "\n")
+    found = read_dropped(foreign, ["elbow"])
     assert found.kind == "run"
     assert "joint1_pos as q.elbow" in found.said
-    run = read_run(found.path)
-    assert np.abs(run.channels["q.elbow"].value).max() < 1.0  # degrees became radians
-    assert run.channels["q.elbow"].time[-1] == pytest.approx(1.99)
+    q = read_run(found.path).channels["q.elbow"]
+    assert np.abs(q.value).max() < 1.0  # degrees became radians
+    assert q.time[-1] == pytest.approx(1.99)
 
-
-def test_a_urdf_becomes_a_model_of_its_arm(folder):
-    path = folder / "ur5.urdf"
-    path.write_bytes(urdf.load("ur5", meshes=False).urdf_path.read_bytes())
-    found = taken_in(path)
+    arm.write_bytes(urdf.load("ur5", meshes=False).urdf_path.read_bytes())
+    found = read_dropped(arm)
     assert found.kind == "model"
     assert len(read_model(found.path).joints) == 6
-    assert is_passing(path)
+    assert is_temporary(arm)
 
 
 def test_a_pendulum_is_started_with_what_is_known(folder):
@@ -74,54 +67,38 @@ def test_a_pendulum_is_started_with_what_is_known(folder):
 @pytest.mark.parametrize(
     ("name", "content"),
     [
-        ("a.csv", b""),
-        ("a.csv", b"\x00\x01\x02"),
-        ("a.csv", b"time [s],load_force [N]\n0,1\n0,1\n"),
-        ("a.mcap", b"no mcap"),
-        ("a.urdf", b"<robot"),
-        ("a.toml", b"base = 'bicycle'"),
-        ("a.toml", b"="),
-        ("a.parquet", b"PAR1"),
-        ("a.docx", b"x"),
+        ("a.csv", b""), ("a.csv", b"\x00\x01\x02"), ("a.csv", b"time [s],load_force [N]\n0,1\n0,1\n"),
+        ("a.mcap", b"no mcap"), ("a.urdf", b"<robot"), ("a.toml", b"base = 'bicycle'"), ("a.toml", b"="),
+        ("a.parquet", b"PAR1"), ("a.docx", b"x"),
     ],
-)
+)  # fmt: skip
 def test_what_cannot_be_used_is_one_sentence(folder, name, content):
-    path = folder / name
-    path.write_bytes(content)
-    with pytest.raises(InputError) as problem:
-        taken_in(path)
-    assert "\n" not in str(problem.value)
+    (folder / name).write_bytes(content)
+    with pytest.raises(InputError, match=r"^[^\n]+$"):
+        read_dropped(folder / name)
 
 
-@pytest.mark.parametrize("name", ["../../etc/passwd.csv", "..\\..\\x.csv", "/tmp/x.csv", "a\0b.csv"])
-def test_a_dropped_file_stays_in_its_folder(folder, name):
-    assert place_for(folder, name).parent == folder
+@pytest.mark.parametrize("name", ["../../etc/passwd.csv", "..\\..\\x.csv", "/tmp/x.csv", "a\0b.csv", ".."])
+def test_a_dropped_file_stays_in_its_folder_or_is_refused(folder, name):
+    if name == "..":
+        with pytest.raises(InputError, match="no name of a file"):
+            place_for(folder, name)
+    else:
+        assert place_for(folder, name).parent == folder
 
 
-def test_a_name_of_dots_is_refused(folder):
-    with pytest.raises(InputError, match="no name of a file"):
-        place_for(folder, "..")
-
-
-@pytest.fixture
-def writable(tmp_path):
-    (tmp_path / "work").mkdir()
-    return Writable(tmp_path / "work")
-
-
-def test_a_page_writes_below_the_folder_that_it_was_started_in_only(tmp_path, writable):
+def test_a_page_writes_below_its_folder_and_over_nothing_but_what_it_wrote_and_nobody_changed(tmp_path):
     work = tmp_path / "work"
+    (work / "deep").mkdir(parents=True)
     (work / "link").symlink_to(tmp_path)
-    (work / "deep").mkdir()
+    writable = Writable(work)
     for there in (work / "m.toml", work / "deep/m.toml", work / "deep/../m.toml"):
         writable.check(there, over=False)
     for elsewhere in (tmp_path / "m.toml", work / "../m.toml", work / "link/m.toml", Path("/etc/m.toml"), work / "/m"):
         with pytest.raises(InputError, match="is not below"):
             writable.check(elsewhere, over=True)
 
-
-def test_a_page_writes_over_nothing_but_what_it_wrote_and_nobody_changed(tmp_path, writable):
-    mine, other, linked = (tmp_path / "work" / name for name in ("mine.toml", "other.toml", "linked.toml"))
+    mine, other, linked = (work / name for name in ("mine.toml", "other.toml", "linked.toml"))
     for file in (mine, other):
         file.write_text("a = 1")
     linked.symlink_to(other)
@@ -129,7 +106,7 @@ def test_a_page_writes_over_nothing_but_what_it_wrote_and_nobody_changed(tmp_pat
     writable.check(mine, over=True)
     with pytest.raises(InputError, match="is there already"):
         writable.check(mine, over=False)
-    for file in (other, linked, tmp_path / "work"):
+    for file in (other, linked, work / "deep"):
         with pytest.raises(InputError, match="not as a page of this workbench left it"):
             writable.check(file, over=True)
     mine.write_text("a = 2")

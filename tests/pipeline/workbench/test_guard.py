@@ -3,20 +3,18 @@
 import asyncio
 import http.client
 import json
-import os
 import re
 import signal
 import socket
-import subprocess
 import sys
-from contextlib import contextmanager
 from pathlib import Path
-from urllib.parse import urlsplit
 
 import pytest
 
 from pipeline.workbench.guard import Guard
 from urdf.bounds import LARGEST_UPLOAD
+
+from .conftest import workbench
 
 OWN = "127.0.0.1:8080"
 
@@ -93,10 +91,9 @@ def test_nobody_else_gets_in(guard, kind, wrong):
     assert sent[0].get("status", 403) == 403
 
 
-def test_every_workbench_has_a_token_of_its_own():
+def test_every_workbench_has_a_long_token_of_its_own():
     tokens = {Guard(reached, 8080, []).token for _ in range(20)}
-    assert len(tokens) == 20
-    assert min(map(len, tokens)) >= 32
+    assert (len(tokens), min(map(len, tokens)) >= 32) == (20, True)
 
 
 def test_uploads_are_limited_whether_they_say_their_size_or_not(guard, monkeypatch):
@@ -108,26 +105,9 @@ def test_uploads_are_limited_whether_they_say_their_size_or_not(guard, monkeypat
     assert asked(guard, own, bodies=[b"x" * 600, b"x" * 401]) == [{"type": "gone"}]
 
 
-@contextmanager
-def workbench(folder, *arguments):
-    """A workbench in a process of its own, and its address."""
-    pytest.importorskip("nicegui", reason="needs the extra 'workbench': pip install 'armdyn[workbench]'")
-    command = [sys.executable, "-m", "pipeline.cli", "workbench", "--no-browser", *arguments]
-    (folder / "tmp").mkdir()
-    with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-                          env={**os.environ, "TMPDIR": str(folder / "tmp")}) as process:  # fmt: skip
-        try:
-            said = process.stdout.readline()
-            found = re.search(r"http://\S+", said)
-            assert found, said + process.stderr.read()
-            yield process, urlsplit(found[0])
-        finally:
-            process.kill()
-
-
-def answer(address, path, headers=(), method="GET", body=None):
+def answer(address, path, headers=()):
     connection = http.client.HTTPConnection("127.0.0.1", address.port, timeout=20)
-    connection.request(method, path, body, dict(headers))
+    connection.request("GET", path, None, dict(headers))
     return connection.getresponse()
 
 
@@ -140,9 +120,9 @@ def test_a_workbench_lets_its_user_in_and_ends_whatever_is_uploaded(tmp_path, nu
         cookie = page.getheader("set-cookie").partition(";")[0]
         upload_to = re.search(r"/_nicegui/client/[\w-]+/upload/\d+", page.read().decode())[0]
         for path in ("/_nicegui_ws/socket.io/?EIO=4&transport=polling", "/"):
-            assert answer(address, path).status == 403
-            assert answer(address, path, {"Cookie": cookie, "Origin": "http://elsewhere.example"}).status == 403
-            assert answer(address, path, {"Cookie": cookie, "Host": f"elsewhere.example:{address.port}"}).status == 403
+            for wrong in ({}, {"Cookie": cookie, "Origin": "http://elsewhere.example"},
+                          {"Cookie": cookie, "Host": f"elsewhere.example:{address.port}"}):  # fmt: skip
+                assert answer(address, path, wrong).status == 403
             assert answer(address, path, {"Cookie": cookie}).status != 403
         # A file of 80 MB on its way, that never ends.
         with socket.create_connection(("127.0.0.1", address.port)) as upload:
@@ -165,3 +145,22 @@ def test_a_workbench_of_the_network_says_so_and_wants_its_token_as_well(tmp_path
         assert "token=" in json.loads(Path(tmp_path, "a.json").read_text())["address"]
         process.send_signal(signal.SIGINT)
         assert "warning: --host 0.0.0.0 lets other computers in" in process.communicate(timeout=20)[1]
+
+
+def test_a_taken_port_a_missing_file_and_a_missing_package_are_one_line(armdyn, tmp_path, monkeypatch):
+    pytest.importorskip("nicegui", reason="needs the extra 'workbench': pip install 'armdyn[workbench]'")
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        for arguments, hint in (
+            (("--port", port, "--no-browser"), f"--port {port}"),
+            (("absent.toml",), "no such file"),
+        ):
+            status, out, errors = armdyn("workbench", *arguments)
+            assert (status, out, errors.count("\n")) == (2, "", 1)
+            assert hint in errors
+    assert list(tmp_path.iterdir()) == []
+    for name in [n for n in sys.modules if n.partition(".")[0] == "nicegui" or n.startswith("pipeline.work")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "nicegui", None)
+    said = "armdyn: the workbench needs the package 'nicegui': run pip install 'armdyn[workbench]'\n"
+    assert armdyn("workbench", "--no-browser") == (2, "", said)

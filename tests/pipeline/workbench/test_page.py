@@ -1,11 +1,7 @@
 """The page in a real browser, with real clicks."""
 
-import re
 import signal
-import subprocess
-import sys
 from contextlib import contextmanager
-from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -14,12 +10,12 @@ from hidden_effects.pendulum import Setup, record
 
 from armdyn.run import write_run_csv
 
-from .conftest import HIDDEN, RIVALS
+from .conftest import HIDDEN, RIVALS, workbench
 
-pytest.importorskip("nicegui", reason="needs the extra 'workbench': pip install 'armdyn[workbench]'")
 ERROR = "Number(document.querySelector('.key').dataset.value)"
 NONE = "!document.querySelector('[data-pick]:checked')"
 FITTED = "document.querySelector('.how.fitted')"
+READY = "document.querySelector('[data-pick]') && document.body.dataset.ready"
 TURNED = """(() => {
     const knob = document.querySelector("[data-knob=length]");
     knob.value = knob.value / 2;
@@ -31,20 +27,11 @@ TURNED = """(() => {
 def served(folder, *arguments):
     """The address of a workbench; it must end in order on Ctrl-C."""
     chromium()
-    command = [sys.executable, "-m", "pipeline.cli", "workbench", *map(str, arguments), "--no-browser"]
-    process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    try:
-        said = process.stdout.readline()
-        found = re.search(r"http://127\.0\.0\.1:\d+/\?token=[\w-]+", said)
-        assert found, said + process.stderr.read()
-        yield found[0]
+    with workbench(folder, *arguments) as (process, address):
+        yield address.geturl()
         process.send_signal(signal.SIGINT)
         out, errors = process.communicate(timeout=20)
         assert (process.returncode, out, errors) == (0, "workbench closed\n", "")
-    finally:
-        if process.poll() is None:
-            process.kill()
-            process.wait()
 
 
 @pytest.fixture(scope="module")
@@ -55,8 +42,10 @@ def address(files, tmp_path_factory):
 
 
 @pytest.fixture
-def browser():
+def browser(address):
     with Browser() as tab:
+        tab.go(address)
+        tab.wait(READY)
         yield tab
         assert tab.errors == []
 
@@ -70,16 +59,11 @@ def ticked(browser, selector):
     return browser.ask(ERROR)
 
 
-def test_a_hidden_effect_is_found_by_clicking(address, browser):
-    browser.go(address)
-    browser.wait("document.querySelector('[data-pick]')")
-    browser.wait("document.body.dataset.ready")
-    given = browser.ask(ERROR)
-    left = {}
+def test_a_hidden_effect_is_found_by_clicking(browser):
+    given, left = browser.ask(ERROR), {}
     for effect in (HIDDEN, *RIVALS):
         every = browser.ask(f"Boolean(document.querySelector(\"[data-every='{effect}']\"))")
-        selector = f"[data-every='{effect}']" if every else f"[data-pick^='{effect}'] + span"
-        left[effect] = ticked(browser, selector)
+        left[effect] = ticked(browser, f"[data-every='{effect}']" if every else f"[data-pick^='{effect}'] + span")
         browser.click("#clear")
         browser.wait(f"{NONE} && {ERROR} == {given}")
     assert min(left, key=left.get) == HIDDEN
@@ -100,13 +84,10 @@ def test_a_hidden_effect_is_found_by_clicking(address, browser):
 
 
 @pytest.mark.slow
-def test_a_search_ranks_it_and_what_is_kept_is_a_model_file(address, browser):
-    browser.go(address)
-    browser.wait("document.querySelector('[data-pick]')")
+def test_a_search_ranks_it_and_what_is_kept_is_a_model_file(browser):
     browser.click("#search")
     browser.wait("document.querySelector('[data-try]')")
-    first = browser.ask("document.querySelector('[data-try]').dataset.try")
-    assert first.startswith(HIDDEN)
+    assert browser.ask("document.querySelector('[data-try]').dataset.try").startswith(HIDDEN)
     ticked(browser, "[data-try]")
     browser.click("#keep")
     browser.wait("document.querySelector('#go-on')")
@@ -117,14 +98,13 @@ def test_a_search_ranks_it_and_what_is_kept_is_a_model_file(address, browser):
 
 @pytest.mark.slow
 def test_each_tab_has_a_choice_of_its_own(address, browser):
-    browser.go(address)
-    browser.wait("document.querySelector('[data-pick]')")
     ticked(browser, "[data-pick='torque_offset:right_s0'] + span")
+    count = "document.querySelectorAll('[data-pick]:checked').length"
     with Browser() as other:
         other.go(address)
-        other.wait("document.querySelector('[data-pick]')")
-        assert other.ask("document.querySelectorAll('[data-pick]:checked').length") == 0
-    assert browser.ask("document.querySelectorAll('[data-pick]:checked').length") == 1
+        other.wait(READY)
+        assert other.ask(count) == 0
+    assert browser.ask(count) == 1
 
 
 @pytest.mark.slow
@@ -147,18 +127,5 @@ def test_a_pendulum_is_started_and_its_recording_dropped_on_a_small_dark_screen(
         browser.wait(f"document.querySelector('.how.by-hand') && {ERROR} > 4e-3")  # the prediction with half the length
         browser.click("#refit")
         browser.wait(f"{FITTED} && {ERROR} < 3.5e-3")
-        width = "document.documentElement.scrollWidth"
-        assert browser.ask(width) <= 400  # nothing is cut off, nothing scrolls sideways
+        assert browser.ask("document.documentElement.scrollWidth") <= 400  # nothing scrolls sideways
         assert browser.errors == []
-
-
-def test_a_taken_port_and_a_missing_file_are_one_line(address, armdyn, tmp_path):
-    port = str(urlsplit(address).port)
-    status, _, errors = armdyn("workbench", "--port", port, "--no-browser")
-    assert status == 2
-    assert f"--port {port}" in errors
-    assert errors.count("\n") == 1
-    status, _, errors = armdyn("workbench", tmp_path / "absent.toml")
-    assert status == 2
-    assert "no such file" in errors
-    assert list(tmp_path.iterdir()) == []

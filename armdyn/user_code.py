@@ -1,9 +1,11 @@
-"""A user's code, first done in a copy of this process: it may take for ever, or all memory, or exit.
+"""A user's Python file: read, first run in a copy of this process, and whatever it raises as one line.
 
-What the copy does changes nothing here. The kernel limits its memory, a timer that needs no Python its time.
+The copy may run for ever, take all memory or exit, and changes nothing here: the kernel limits its memory, and a timer
+that needs no Python its time.
 """
 
 import faulthandler
+import importlib.util
 import os
 import pickle
 import re
@@ -12,17 +14,78 @@ import signal
 import sys
 import time
 import warnings
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import ModuleType
 from typing import NoReturn
 
 from armdyn.errors import ArmdynError, InputError
-from urdf.bounds import MIB, USER_MEMORY, USER_SECONDS
+from urdf.bounds import LARGEST_TEXT, MIB, USER_MEMORY, USER_SECONDS
 
 PATIENCE = 2.0
 """s that a copy may take to tell where it was when its time was up."""
+LONGEST_SAID = 300
+"""Letters of what an exception says."""
 _OUTCOME = b"outcome:"
+
+
+def load_module(path: Path, holds: str) -> ModuleType:
+    """A user's Python file, run; it may do whatever a Python program may.
+
+    Args:
+        path: of the file.
+        holds: what it should hold, such as ``"effects"``.
+
+    Raises:
+        InputError: it cannot be read or run.
+    """
+    wanted = f"give the Python file with your {holds}"
+    if path.is_dir():
+        raise InputError(f"{path} is a directory: {wanted}")
+    if not path.is_file():
+        raise InputError(f"{path}: no such file: {wanted}")
+    if path.stat().st_size > LARGEST_TEXT:
+        raise InputError(f"{path}: is larger than {LARGEST_TEXT / MIB:g} MiB: {wanted}")
+    spec = importlib.util.spec_from_file_location(f"armdyn_user_{holds}_{path.stem}", path)
+    if spec is None or spec.loader is None:
+        raise InputError(f"{path}: is not a Python file: give one that ends in .py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    with faults_in(path), warnings.catch_warnings():
+        warnings.simplefilter("ignore", SyntaxWarning)  # Python's opinion of their style
+        spec.loader.exec_module(module)
+    return module
+
+
+@contextmanager
+def faults_in(path: Path) -> Iterator[None]:
+    """Whatever a user's file raises becomes an `InputError` in one line, with the file and the line in it."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        raise _fault(error, path) from error
+
+
+def _fault(error: BaseException, path: Path) -> InputError:
+    if isinstance(error, SystemExit):
+        said = "ends the program: remove sys.exit or exit"
+    else:
+        said = " ".join((str(error) if isinstance(error, ArmdynError) else f"{type(error).__name__}: {error}").split())
+    return InputError(said if said.startswith(str(path)) else f"{place_of(error, path)}: {said[:LONGEST_SAID]}")
+
+
+def place_of(error: BaseException | None, path: Path) -> str:
+    """The file, with the last line of it that an exception came through where there is one."""
+    line = error.lineno if isinstance(error, SyntaxError) else None
+    trace = error.__traceback__ if error is not None else None
+    while trace is not None:
+        if Path(trace.tb_frame.f_code.co_filename) == path:
+            line = trace.tb_lineno
+        trace = trace.tb_next
+    return f"{path}, line {line}" if line else str(path)
 
 
 def rehearse(path: Path, work: Callable[[], object]) -> None:
@@ -58,7 +121,8 @@ def rehearse(path: Path, work: Callable[[], object]) -> None:
         if outcome is None:
             return
         raise outcome
-    raise InputError(f"{path}{_line_in(said.decode(errors='replace'), path)}: {_why(said, status)}")
+    inside = re.search(rf'File "{re.escape(str(path))}", line (\d+)', said.decode(errors="replace"))
+    raise InputError(f"{path}{f', line {inside[1]}' if inside else ''}: {_why(said, status)}")
 
 
 def _read(pipe: int) -> bytes:
@@ -88,11 +152,7 @@ def _perform(path: Path, work: Callable[[], object], writing: int) -> NoReturn:
         except ArmdynError as error:
             outcome = error
         except BaseException as error:
-            from armdyn.effects.tried import line_in
-
-            line = line_in(error, path)
-            said = " ".join(f"{type(error).__name__}: {error}".split())
-            outcome = InputError(f"{path}{f', line {line}' if line else ''}: {said[:300]}")
+            outcome = _fault(error, path)
         faulthandler.cancel_dump_traceback_later()
         os.write(writing, _OUTCOME + pickle.dumps(outcome))
     os._exit(0)
@@ -107,12 +167,6 @@ def _limit_memory() -> None:
     most = pages * resource.getpagesize() + USER_MEMORY
     _, hard = resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
-
-
-def _line_in(trace: str, path: Path) -> str:
-    """Where a trace was in a file, the innermost line."""
-    found = re.search(rf'File "{re.escape(str(path))}", line (\d+)', trace)
-    return f", line {found[1]}" if found else ""
 
 
 def _why(said: bytes, status: int) -> str:

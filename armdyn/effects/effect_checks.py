@@ -21,6 +21,7 @@ from armdyn.parameter import Quantity
 from armdyn.pendulum.physics import Gripper, Load, Sensor, String, Tension
 from armdyn.physics.definition import Expression, Memory
 from armdyn.units import si_unit
+from armdyn.user_code import place_of
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,59}")
 
@@ -45,10 +46,12 @@ def check_declared(effects: Sequence[Effect], path: Path) -> None:
             if not isinstance(getattr(item, what), str):
                 raise _fault(item, path, f"{what} is not a text: put it in quotes")
         for short, declared in item.quantities.items():
-            _check_quantity(item, short, declared, path)
+            wrong = _wrong_with(declared)
+            if wrong is not None:
+                raise _fault(item, path, f"'{short}': {wrong}")
 
 
-def check_tried(item: Effect, path: Path) -> None:
+def check_applied(item: Effect, path: Path) -> None:
     """Apply an effect to its stage, where that is one of the catalogue's, and evaluate it.
 
     Raises:
@@ -61,8 +64,6 @@ def check_tried(item: Effect, path: Path) -> None:
     theta = ca.SX.sym("theta", len(item.quantities))
     try:
         changed = item.function(given, **dict(zip(item.quantities, ca.vertsplit(theta), strict=True)))
-    except ArmdynError as error:
-        raise _fault(item, path, str(error), error) from error
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # whatever a user's function may raise, the remedy is in their file
@@ -78,7 +79,7 @@ def check_tried(item: Effect, path: Path) -> None:
         rates = ca.vertcat(ca.SX(0, 1), *(ca.vertcat(m.rate, m.start) for m in brought))
         everything = ca.densify(ca.vertcat(*after, rates))
         slopes, along = ca.jacobian(everything, theta), ca.jacobian(everything, inputs)
-        evaluate = ca.Function("tried", [inputs, theta, remembered], [difference, everything, slopes, along])
+        evaluate = ca.Function("applied", [inputs, theta, remembered], [difference, everything, slopes, along])
     except (RuntimeError, TypeError, ValueError, NotImplementedError) as error:
         raise _fault(item, path, "it makes something of another shape, or of symbols of its own: mend it") from error
     null = [q.null for q in item.quantities.values()]
@@ -98,34 +99,38 @@ def check_tried(item: Effect, path: Path) -> None:
                 raise _fault(item, path, f"it has no finite derivative at its {at} values {where}: {hint}")
 
 
-def _check_quantity(item: Effect, short: str, declared: Quantity, path: Path) -> None:
-    def fault(what: str) -> InputError:
-        return _fault(item, path, f"'{short}': {what}")
-
+def _wrong_with(q: Quantity) -> str | None:
+    """What is wrong with how a parameter is declared; None where nothing is."""
     for what in ("typical", "null", "lower", "upper"):
-        value = getattr(declared, what)
+        value = getattr(q, what)
         number = isinstance(value, int | float) and not isinstance(value, bool)
         if not number or value != value or (abs(value) > LARGEST and abs(value) != math.inf):  # an int may be no float
-            raise fault(f"{what} is {value!r:.60}: write a number")
-    if not (0.0 < declared.typical < math.inf):
-        raise fault(f"typical is {declared.typical:g}: write the size that it has in nature, more than 0")
-    if not (declared.lower <= declared.null <= declared.upper and math.isfinite(declared.null)):
-        raise fault(f"null is {declared.null:g}, outside {declared.lower:g} to {declared.upper:g}: widen the range")
-    if declared.lower == declared.upper:
-        raise fault("lower and upper are the same: leave it out, or widen the range")
-    if declared.scope not in ("shared", "per_run"):
-        raise fault(f"scope is {declared.scope!r}: write 'shared' or 'per_run'")
-    spread = declared.spread
-    if spread is not None and not (isinstance(spread, int | float) and 0.0 < spread < math.inf):
-        raise fault(f"spread is {spread!r}: write a number of more than 0, or leave it out")
-    if not isinstance(declared.unit, str):
-        raise fault(f"unit is {declared.unit!r}: write a text such as 'N s/m'")
+            return f"{what} is {value!r:.60}: write a number"
+    if not isinstance(q.unit, str):
+        return f"unit is {q.unit!r}: write a text such as 'N s/m'"
     try:
-        si = si_unit(declared.unit)
+        si = si_unit(q.unit)
     except InputError as error:
-        raise fault(str(error)) from error
-    if si.replace(" ", "") != declared.unit.replace(" ", "") and declared.unit != "Nm":
-        raise fault(f"'{declared.unit}' is no SI unit: write '{si}' and the numbers in it")
+        return str(error)
+    spread_fits = q.spread is None or (isinstance(q.spread, int | float) and 0.0 < q.spread < math.inf)
+    faults = (
+        (
+            not 0.0 < q.typical < math.inf,
+            f"typical is {q.typical:g}: write the size that it has in nature, more than 0",
+        ),
+        (
+            not (q.lower <= q.null <= q.upper and math.isfinite(q.null)),
+            f"null is {q.null:g}, outside {q.lower:g} to {q.upper:g}: widen the range",
+        ),
+        (q.lower == q.upper, "lower and upper are the same: leave it out, or widen the range"),
+        (q.scope not in ("shared", "per_run"), f"scope is {q.scope!r}: write 'shared' or 'per_run'"),
+        (not spread_fits, f"spread is {q.spread!r}: write a number of more than 0, or leave it out"),
+        (
+            si.replace(" ", "") != q.unit.replace(" ", "") and q.unit != "Nm",
+            f"'{q.unit}' is no SI unit: write '{si}' and the numbers in it",
+        ),
+    )
+    return next((said for wrong, said in faults if wrong), None)
 
 
 @dataclass(frozen=True)
@@ -200,6 +205,8 @@ def _expressions(stage: Any) -> list[Expression]:
 
 def _why(error: BaseException) -> str:
     text = " ".join(str(error).split())
+    if isinstance(error, ArmdynError):
+        return str(error)
     if "truth value" in text:
         return (
             "it asks 'if', 'and', 'max' or the like of a quantity that has no value yet: write ca.if_else(when, a, b)"
@@ -210,19 +217,8 @@ def _why(error: BaseException) -> str:
 
 
 def _fault(item: Effect, path: Path, what: str, error: BaseException | None = None) -> InputError:
-    line = None if error is None else line_in(error, path)
-    if line is None:
-        code = getattr(item.function, "__code__", None)
-        line = code.co_firstlineno if code is not None and Path(code.co_filename) == path else None
-    where = f"{path}, line {line}" if line else f"{path}"
-    return InputError(f"{where}: the effect '{str(item.name)[:60]}': {what}")
-
-
-def line_in(error: BaseException, path: Path) -> int | None:
-    """The last line of a file that an exception came through."""
-    trace, line = error.__traceback__, None
-    while trace is not None:
-        if Path(trace.tb_frame.f_code.co_filename) == path:
-            line = trace.tb_lineno
-        trace = trace.tb_next
-    return line
+    place = place_of(error, path)
+    code = getattr(item.function, "__code__", None)
+    if place == str(path) and code is not None and Path(code.co_filename) == path:
+        place = f"{path}, line {code.co_firstlineno}"
+    return InputError(f"{place}: the effect '{str(item.name)[:60]}': {what}")

@@ -1,0 +1,43 @@
+"""Options that several commands share are declared once: a parameter that is a dataclass is an option per field."""
+
+import inspect
+from collections.abc import Callable
+from dataclasses import MISSING, fields, is_dataclass
+from typing import Any, get_args, get_origin, get_type_hints
+
+from typer.models import ArgumentInfo
+
+
+def with_groups(command: Callable[..., Any]) -> Callable[..., Any]:
+    """A command whose parameters that are dataclasses are replaced by the fields of these, as Typer reads them.
+
+    ``def compare(inputs: Inputs, json_file: JsonOption = None)`` gets the arguments and options that `Inputs` declares,
+    and is called with an `Inputs` made of them. An argument that takes all further words comes last.
+    """
+    groups: dict[str, tuple[Any, list[str]]] = {}
+    flat: list[inspect.Parameter] = []
+    for parameter in inspect.signature(command).parameters.values():
+        group = parameter.annotation
+        if not is_dataclass(group):
+            flat.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY))
+            continue
+        hints, declared = get_type_hints(group, include_extras=True), [each for each in fields(group) if each.init]
+        groups[parameter.name] = group, [each.name for each in declared]
+        for each in declared:
+            default = inspect.Parameter.empty if each.default is MISSING else each.default
+            kind = inspect.Parameter.KEYWORD_ONLY
+            flat.append(inspect.Parameter(each.name, kind, default=default, annotation=hints[each.name]))
+
+    def called(**given: Any) -> Any:
+        made = {name: group(**{each: given.pop(each) for each in names}) for name, (group, names) in groups.items()}
+        return command(**made, **given)
+
+    called.__name__, called.__doc__ = command.__name__, command.__doc__
+    called.__signature__ = inspect.Signature(sorted(flat, key=_takes_the_rest))  # type: ignore[attr-defined]
+    called.__annotations__ = {parameter.name: parameter.annotation for parameter in flat}
+    return called
+
+
+def _takes_the_rest(parameter: inspect.Parameter) -> bool:
+    kind, *declared = get_args(parameter.annotation) or (None,)
+    return get_origin(kind) is list and any(isinstance(each, ArgumentInfo) for each in declared)

@@ -1,0 +1,111 @@
+"""Ruckig plans motions along the line; which of them keep the limits, and from where the tool can still stop."""
+
+from __future__ import annotations
+
+import math
+
+import ruckig
+
+from pipeline.motion.limits import LineLimits
+from pipeline.motion.profile import JerkProfile
+from pipeline.motion.trajectory import LineState
+
+PUNCTUAL = 1e-9
+"""Time within which a motion is on time [s]."""
+
+
+class LinePlanner:
+    """Ruckig on the line coordinate, with its input and output kept between calls.
+
+    Source: Berscheid and Kröger, "Jerk-limited Real-time Trajectory Generation with Arbitrary Target States", RSS 2021.
+
+    Args:
+        limits: along the line.
+    """
+
+    def __init__(self, limits: LineLimits) -> None:
+        self.limits = limits
+        self._ruckig = ruckig.Ruckig(1)
+        self._trajectory = ruckig.Trajectory(1)
+        self._to_state = ruckig.InputParameter(1)
+        self._to_rest = ruckig.InputParameter(1)
+        self._to_rest.control_interface = ruckig.ControlInterface.Velocity
+        for parameters in (self._to_state, self._to_rest):
+            parameters.max_jerk = [limits.jerk]
+
+    def to_state(
+        self,
+        start: LineState,
+        target: LineState,
+        *,
+        speed: float | None = None,
+        acceleration: float | None = None,
+        duration: float | None = None,
+    ) -> JerkProfile | None:
+        """Fastest motion between two moving states, or one that takes a given time; it may break the line's limits.
+
+        Args:
+            start: present state, finite.
+            target: wanted state, finite.
+            speed: largest speed; by default the largest of the line [m/s].
+            acceleration: largest acceleration; by default the largest of the line [m/s^2].
+            duration: time to take, to arrive on a sample [s].
+
+        Returns:
+            The motion, or None where ruckig finds none: the time is too short, or a target is beyond the limits.
+        """
+        p = self._to_state
+        p.target_position, p.target_velocity, p.target_acceleration = [target.s], [target.v], [target.a]
+        p.max_velocity = [self.limits.fastest if speed is None else speed]
+        p.max_acceleration = [self.limits.strongest if acceleration is None else acceleration]
+        p.minimum_duration = duration
+        return self._calculate(p, start, math.inf if duration is None else duration + PUNCTUAL)
+
+    def stop(self, state: LineState) -> JerkProfile | None:
+        """The motion to rest, braking with what the whole stretch ahead allows; None where it breaks a limit.
+
+        Args:
+            state: to stop from; if it is beyond a limit itself the answer is None.
+        """
+        limits = self.limits
+        # Bounds of the speed (the acceleration is taken back first) and of the way to rest.
+        fastest = abs(state.v) + state.a**2 / (2.0 * limits.jerk)
+        if not state.is_finite or fastest > 10.0 * limits.fastest:
+            return None
+        weakest = limits.weakest
+        reach = fastest * (fastest / (2.0 * weakest) + (abs(state.a) + weakest) / limits.jerk)
+        self._to_rest.max_acceleration = [limits.lowest_acceleration(state.s - reach, state.s + reach)]
+        motion = self._calculate(self._to_rest, state)
+        return motion if motion is not None and motion.respects(limits) else None
+
+    def drawn_back(self, target: LineState) -> LineState:
+        """The nearest position on the line, with a share of the speed from which the tool can still stop.
+
+        Args:
+            target: anywhere, finite.
+        """
+        limits = self.limits
+        s = min(max(target.s, limits.s_min), limits.s_max)
+        speed, acceleration = limits.lowest_speed(s, s), limits.lowest_acceleration(s, s)
+        v = min(max(target.v, -speed), speed)
+        a = min(max(target.a, -acceleration), acceleration)
+        for share in (1.0, 0.8, 0.5, 0.2):
+            drawn = LineState(s, share * v, share * a)
+            if self.stop(drawn) is not None:
+                return drawn
+        return LineState(s)
+
+    def _calculate(
+        self, parameters: ruckig.InputParameter, start: LineState, longest: float = math.inf
+    ) -> JerkProfile | None:
+        parameters.current_position, parameters.current_velocity = [start.s], [start.v]
+        parameters.current_acceleration = [start.a]
+        try:
+            result = self._ruckig.calculate(parameters, self._trajectory)
+        except ruckig.RuckigError:
+            return None
+        if result not in (ruckig.Result.Working, ruckig.Result.Finished) or self._trajectory.duration > longest:
+            return None
+        profile = self._trajectory.profiles[0][0]
+        brake = profile.brake
+        return JerkProfile(start, [*brake.t, *profile.t], [*brake.j, *profile.j])

@@ -1,0 +1,162 @@
+"""What Baxter's own controller makes of the messages that it is sent, for the twin.
+
+Commands while it is disabled have no effect, no command for the timeout makes it hold where it is, and a command that
+is not a number is ignored. Modes other than the two position modes are ignored as well.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+import urdf
+from pipeline.robot.protocol import Vector
+from pipeline.ros.baxter import PRESSED, RELEASED, AssemblyState
+from pipeline.ros.topics import MODES
+
+ENABLE_TAKES = 0.1
+"""From the request to being enabled [s]."""
+DISABLED = AssemblyState(ready=False)
+
+Message = Mapping[str, Any]
+
+
+@dataclass
+class CommandLog:
+    """What the twin was sent, for whoever tests a commander.
+
+    Attributes:
+        ignored: commands that were not followed: not a number, unknown joints, another mode, or while it was disabled.
+        clipped: commands beyond a joint's range.
+        timeouts: how often no command came for the timeout.
+        received: time of each command that was followed, on this computer's monotonic clock [s].
+        positions: that each of them asked for (n,) [rad].
+    """
+
+    ignored: int = 0
+    clipped: int = 0
+    timeouts: int = 0
+    received: list[float] = field(default_factory=list)
+    positions: list[Vector] = field(default_factory=list)
+
+
+class BaxterController:
+    """Enabling and stops, and the reference that the joints follow.
+
+    Args:
+        q: where the arm stands (n,) [rad].
+        names: of its joints.
+        limits: of its joints.
+
+    Attributes:
+        state: whether it is enabled or stopped.
+        log: what it was sent.
+        target: posture that was asked for last (n,) [rad].
+    """
+
+    def __init__(self, q: Vector, names: tuple[str, ...], limits: urdf.Limits) -> None:
+        self._names, self._limits = names, limits
+        self.state, self.log = DISABLED, CommandLog()
+        self.target = self._reference = q
+        self._v = self._a = np.zeros_like(q)
+        self._timeout, self._ratio, self._raw, self._changed = 0.2, 0.3, True, False
+        self._last: float | None = None  # time of the command that is followed
+        self._enabled_at: float | None = None
+
+    def reference(
+        self, now: float, duration: float, measured: Callable[[], Vector]
+    ) -> tuple[Vector, Vector, Vector] | None:
+        """What the joints follow for the next `duration` seconds (n,) each; None where it stays as it is.
+
+        Args:
+            now: time of the commands' clock [s].
+            duration: [s].
+            measured: gives where the arm is (n,) [rad].
+        """
+        if self._enabled_at is not None and now >= self._enabled_at:
+            self.state, self._enabled_at = AssemblyState(enabled=True), None
+        timed_out = self.state.enabled and self._last is not None and now - self._last > self._timeout
+        self.log.timeouts += timed_out
+        if self._last is not None and (timed_out or not self.state.enabled):
+            self.target = self._reference = measured()
+            self._v = self._a = np.zeros_like(self.target)
+            self._last, self._changed = None, True
+        if self._raw:
+            self._reference = self.target
+        else:
+            step = self._ratio * self._limits.velocity * duration
+            moved = self._reference + np.clip(self.target - self._reference, -step, step)
+            self._changed |= bool(np.any(moved != self._reference))
+            self._reference = moved
+        changed, self._changed = self._changed, False
+        return (self._reference, self._v, self._a) if changed else None
+
+    def press(self, button: int = PRESSED, source: int = 1) -> None:
+        """Press the red button (or stop by software: 2, 2): the arm is disabled until it is released and reset."""
+        self.state = AssemblyState(ready=False, stopped=True, estop_button=button, estop_source=source)
+        self._enabled_at = None
+
+    def release(self) -> None:
+        """Release the red button; the robot stays stopped until it is reset."""
+        if self.state.estop_button == PRESSED:
+            self.state = replace(self.state, estop_button=RELEASED)
+
+    def take_enable(self, message: Message, now: float) -> None:
+        """``set_super_enable``, a Bool."""
+        if message.get("data") is not True:
+            self.state, self._enabled_at = replace(self.state, enabled=False, ready=False), None
+        elif not (self.state.stopped or self.state.enabled) and self._enabled_at is None:
+            self._enabled_at = now + ENABLE_TAKES
+
+    def take_reset(self, _message: Message, _now: float) -> None:
+        """``set_super_reset``."""
+        if self.state.estop_button != PRESSED:
+            self.state = DISABLED
+
+    def take_stop(self, _message: Message, _now: float) -> None:
+        """``set_super_stop``."""
+        self.press(button=2, source=2)
+
+    def take_timeout(self, message: Message, _now: float) -> None:
+        """``joint_command_timeout``, a Float64 [s]."""
+        value = message.get("data")
+        if isinstance(value, float | int) and isfinite(value) and value > 0:
+            self._timeout = float(value)
+
+    def take_speed_ratio(self, message: Message, _now: float) -> None:
+        """``set_speed_ratio``, a Float64."""
+        value = message.get("data")
+        if isinstance(value, float | int) and isfinite(value):
+            self._ratio = min(max(float(value), 0.0), 1.0)
+
+    def take_feed_forward(self, message: Message, _now: float) -> None:
+        """``inverse_dynamics_command``: velocity and acceleration of the next command, kept within the limits."""
+        v, a = (self._vector(message.get(name)) for name in ("velocities", "accelerations"))
+        if v is not None and a is not None:
+            self._v = np.clip(v, -self._limits.velocity, self._limits.velocity)
+            self._a = np.clip(a, -self._limits.acceleration, self._limits.acceleration)
+
+    def take_command(self, message: Message, now: float) -> None:
+        """``joint_command``: go to a posture, at once (raw positions) or within the speed ratio."""
+        q, names, mode = self._vector(message.get("command")), message.get("names"), message.get("mode")
+        known = isinstance(names, list) and sorted(map(str, names)) == sorted(self._names)
+        if q is None or not known or mode not in MODES.values() or not self.state.enabled:
+            self.log.ignored += 1
+            return
+        assert isinstance(names, list), "names were looked at above"
+        q = q[[names.index(name) for name in self._names]]
+        self.target = np.clip(q, self._limits.lower, self._limits.upper)
+        self.log.clipped += bool(np.any(self.target != q))
+        self.log.received.append(now)
+        self.log.positions.append(q)
+        self._last, self._raw, self._changed = now, mode == MODES["raw_position"], True
+
+    def _vector(self, given: object) -> Vector | None:
+        """One finite number per joint; None where it is anything else."""
+        try:
+            vector = np.array(given, dtype=float)
+        except (TypeError, ValueError):
+            return None
+        return vector if vector.shape == (len(self._names),) and np.isfinite(vector).all() else None

@@ -1,0 +1,130 @@
+"""What works beside the page: a thread that reads, fits and writes for opened files, and a process for a diagnosis."""
+
+import asyncio
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from threading import Thread
+from typing import Any, TypeVar
+
+from armdyn.errors import ArmdynError
+from ik.children import begin_child
+from pipeline.console.inputs import Given, Inputs
+from pipeline.workbench.bench import Workbench
+
+T = TypeVar("T")
+Tell = Callable[[str, Any], None]
+"""Told from another thread how a search goes: "progress" or "failed" with a sentence, "done" with an answer."""
+
+
+class Session:
+    """A model and runs that are read in a thread of their own, which goes on to compute with them one by one."""
+
+    def __init__(self, inputs: Inputs) -> None:
+        self.inputs = inputs
+        self._thread = ThreadPoolExecutor(1, "armdyn-session")
+        given = self._given = self._thread.submit(inputs.read)
+        bench = self._bench = self._thread.submit(_first_look, given)
+        self._ready = self._thread.submit(lambda: bench.result().expansion)
+
+    async def opened(self) -> tuple[Given, Workbench]:
+        """Both, as soon as the model as given can be shown.
+
+        Raises:
+            InputError: a file cannot be used.
+        """
+        return await asyncio.wrap_future(self._given), await asyncio.wrap_future(self._bench)
+
+    async def ready(self) -> None:
+        """Returns when effects can be foretold."""
+        await asyncio.wrap_future(self._ready)
+
+    async def do(self, work: Callable[[], T]) -> T:
+        """The answer of something slow."""
+        return await asyncio.wrap_future(self._thread.submit(work))
+
+
+def _first_look(given: Future[Given]) -> Workbench:
+    bench = Workbench(given.result().study)
+    _ = bench.opening
+    return bench
+
+
+def key_of(inputs: Inputs) -> tuple[object, ...]:
+    """Tells files, as they are now, from others."""
+    roles = (("model", [inputs.model]), ("fit", inputs.runs), ("held out", inputs.held_out or []),
+             ("effects", [inputs.effects] if inputs.effects else []))  # fmt: skip
+    return inputs.trust_data, *(
+        (role, str(path), path.stat().st_mtime if path.exists() else 0.0) for role, paths in roles for path in paths
+    )
+
+
+class Search:
+    """One diagnosis in a process of its own, as `armdyn diagnose` makes it; takes from a second to minutes.
+
+    Args:
+        inputs: files of model and runs.
+        effects: labels of effects that are put into the model first.
+        tell: see `Tell`; the answer is the JSON of `diagnose` and the labels, ``beside``.
+    """
+
+    def __init__(self, inputs: Inputs, effects: Sequence[str], tell: Tell) -> None:
+        # Not forked: the server has threads, whose locks a copy of it would keep for ever.
+        context = get_context("spawn")
+        mine, theirs = context.Pipe(duplex=False)
+        arguments = (inputs, tuple(effects), theirs)
+        self._process = context.Process(target=_search, args=arguments, daemon=True, name="armdyn-search")
+        self._stopped = False
+        self._process.start()
+        theirs.close()
+        Thread(target=self._listen, args=(mine, tell), daemon=True).start()
+
+    def stop(self) -> None:
+        """End it, and tell nobody."""
+        self._stopped = True
+        self._process.kill()
+
+    def _listen(self, answers: Connection, tell: Tell) -> None:
+        kind = "progress"
+        while kind == "progress":
+            try:
+                kind, what = answers.recv()
+            except (EOFError, OSError):
+                kind, what = "failed", "The search ended before it had an answer: start it again."
+            if not self._stopped:
+                tell(kind, what)
+        self._process.join()
+
+
+def _search(inputs: Inputs, effects: tuple[str, ...], answers: Connection) -> None:
+    """In the process: what it finds goes through the pipe."""
+    begin_child()
+    os.nice(5)  # the page comes first
+    try:
+        answers.send(("done", diagnosed(inputs, effects, lambda what: answers.send(("progress", what)))))
+    except ArmdynError as error:
+        answers.send(("failed", str(error)))
+    except Exception as error:
+        answers.send(("failed", f"The search failed with {type(error).__name__}: {' '.join(str(error).split())}"))
+
+
+def diagnosed(inputs: Inputs, effects: Sequence[str], say: Callable[[str], None]) -> dict[str, Any]:
+    """The answer of a diagnosis of a model with some effects put in; see `Search`.
+
+    Raises:
+        InputError: something cannot be used.
+    """
+    from armdyn.effects.catalogue import find
+    from armdyn.identify.diagnose import diagnose
+    from armdyn.identify.study import Study
+    from pipeline.answers import diagnosis_answer
+
+    given = inputs.read()
+    study, model = given.study, given.study.model
+    for label in effects:
+        model = model.with_effect(find(label, given.catalogue))
+    if effects:
+        study = Study(model, study.runs, study.held_out, given.catalogue)
+    return {**diagnosis_answer(study, diagnose(study, say)), "beside": list(effects)}

@@ -1,0 +1,213 @@
+"""Any URDF: what is chosen where nobody said, what is mended, and what is refused in one sentence."""
+
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+import urdf
+from urdf import validate
+
+AXES = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0")
+LIMIT = '<limit lower="-1.5" upper="2" velocity="2" effort="30"/>'
+SPEED_ONLY = '<limit velocity="2" effort="3"/>'
+
+
+def link(name: str, mass: float = 1.0, ixx: float = 0.01, shape: str = "") -> str:
+    return (
+        f'<link name="{name}"><inertial><mass value="{mass}"/><inertia ixx="{ixx}" iyy="0.01" izz="0.01" ixy="0" '
+        f'ixz="0" iyz="0"/></inertial>{shape}</link>'
+    )
+
+
+def joint(name: str, parent: str, child: str, axis: str = "0 1 0", kind: str = "revolute", limit: str = LIMIT) -> str:
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="0 0 0.3" rpy="0 0 0"/><axis xyz="{axis}"/>{limit}</joint>'
+    )
+
+
+def arm(*more: str, last: str | None = None, third: str | None = None) -> str:
+    """Six joints j0 to j5 between links l0 to l6, the last link or the third joint replaced."""
+    parts = [link(f"l{i}") for i in range(6)] + [last or link("l6")]
+    for i, axis in enumerate(AXES):
+        parts.append(third if i == 2 and third else joint(f"j{i}", f"l{i}", f"l{i + 1}", axis))
+    return robot(*parts, *more)
+
+
+def robot(*parts: str) -> str:
+    return f'<robot name="toy">{"".join(parts)}</robot>'
+
+
+@pytest.fixture
+def toy(tmp_path):
+    def write(text: str):
+        path = tmp_path / "toy.urdf"
+        path.write_text(text)
+        return path
+
+    return write
+
+
+def third(limit: str, kind: str = "revolute") -> str:
+    return arm(third=joint("j2", "l2", "l3", kind=kind, limit=limit))
+
+
+AB, ABC = link("a") + link("b"), link("a") + link("b") + link("c")
+REFUSED = {
+    "empty": ("", "not an XML file"),
+    "half": ("<robot name='x'>", "not an XML file"),
+    "another format": ("<sdf/>", "the root element is <sdf>, not <robot>"),
+    "no links": (robot(), "it has no links"),
+    "nothing moves": (robot(AB, joint("j", "a", "b", kind="fixed")), "it has no moving joint"),
+    "unknown link": (robot(link("a"), joint("j", "a", "b")), "joint 'j' refers to link 'b', which is not defined"),
+    "two parents": (robot(ABC, joint("j", "a", "c"), joint("k", "b", "c")), "'c' hangs from two joints, 'j' and 'k'"),
+    "cycle": (robot(AB, joint("j", "a", "b"), joint("k", "b", "a")), "the links form a cycle, . -> . -> .;"),
+    "two roots": (robot(ABC, joint("j", "a", "b")), r"2 links have no parent \(a, c\)"),
+    "same name": (robot(AB, link("b"), joint("j", "a", "b")), "link 'b' is defined twice"),
+    "no limit": (third(""), "joint 'j2' has no limit lower, upper, effort, velocity"),
+    "endless, no limit": (third("", "continuous"), "joint 'j2' has no limit effort, velocity"),
+    "no speed": (third('<limit lower="-1" upper="1" effort="1"/>'), "joint 'j2' has no limit velocity"),
+    "speed 0": (third(LIMIT.replace('velocity="2"', 'velocity="0"')), "'j2' has velocity limit 0; it must be positive"),
+    "range reversed": (third(LIMIT.replace("-1.5", "3")), "'j2' has limits 3 to 2; the lower one must be the smaller"),
+    "text": (third(LIMIT.replace('"2"', '"fast"', 1)), "'j2': limit has upper=\"fast\"; it must be a finite number"),
+    "nan": (third(LIMIT.replace('"30"', '"nan"')), "'j2': limit has effort=\"nan\"; it must be a finite number"),
+    "two numbers": (third(LIMIT.replace('"30"', '"3 0"')), "'j2': limit has effort=\"3 0\"; it must be 1 numbers"),
+    "huge": (third(LIMIT.replace('"30"', '"1e12"')), "no robot has it, write SI units"),
+    "negative mass": (arm(last=link("l6", mass=-1.0)), "link 'l6': mass has value=\"-1.0\"; it must not be negative"),
+    "no mass": (arm(last=link("l6").replace('<mass value="1.0"/>', "")), "<inertial> has no <mass>; add it"),
+    "no axis": (third(LIMIT).replace('axis xyz="0 1 0"', 'axis xyz="0 0 0"'), "its axis has no direction"),
+    "kind": (third(LIMIT, "hinge"), "is of type 'hinge'; choose one of"),
+    "mimics nobody": (third(f'{LIMIT}<mimic joint="j9"/>'), "mimics 'j9'; name another joint"),
+    "no name": (robot('<link name=" "/>', link("a"), joint("j", " ", "a")), "has no usable name"),
+    "universe": (robot(AB, joint("universe", "a", "b")), "Pinocchio uses this name itself"),
+    "deep": (robot(60 * "<x>" + 60 * "</x>"), "nested more than 50 deep"),
+}
+
+
+@pytest.mark.parametrize(("text", "sentence"), REFUSED.values(), ids=REFUSED)
+def test_what_cannot_be_used_is_refused_in_one_sentence(toy, text: str, sentence: str) -> None:
+    with pytest.raises(urdf.UrdfError, match=sentence) as caught:
+        urdf.load(toy(text))
+    assert "toy.urdf" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "sentence"),
+    [
+        (arm(), {"joints": ("elbow",)}, "there is no moving joint 'elbow'; choose among j0, j1"),
+        (arm(), {"joints": ("j1", "j0")}, "the arm's joints in order are j0, j1; list them so"),
+        (arm(), {"joints": ()}, "no joint is named"),
+        (arm(), {"tool": "nose"}, "there is no link 'nose'; choose the link that carries the tool"),
+    ],
+)
+def test_choices_that_a_urdf_does_not_offer_are_refused(toy, text: str, options: dict, sentence: str) -> None:
+    with pytest.raises(urdf.UrdfError, match=sentence):
+        urdf.load(toy(text), **options)
+
+
+def test_a_missing_file_and_an_unknown_robot_are_named(tmp_path) -> None:
+    with pytest.raises(urdf.UrdfError, match=r"none\.urdf: cannot be read \(No such file or directory\)"):
+        urdf.load(tmp_path / "none.urdf")
+    with pytest.raises(urdf.UrdfError, match="unknown robot 'baxtre': did you mean 'baxter'"):
+        urdf.load("baxtre")
+
+
+MENDED = {
+    "endless": (third(SPEED_ONLY, "continuous"), "joint 'j2' is continuous; taken as one turn"),
+    "no positions": (third(SPEED_ONLY), "joint 'j2' has no position limits; taken as one turn"),
+    "moments of no body": (arm(last=link("l6", ixx=0.05)), "link 'l6': principal moments 0.01, 0.01, 0.05"),
+    "no mass": (arm(last='<link name="l6"/>'), "joint 'j5' carries no mass"),
+    "named twice": (arm().replace('"l6"', '"j5"'), "link 'j5' is called as a joint is; renamed to 'j5_link'"),
+}
+
+
+@pytest.mark.parametrize(("text", "sentence"), MENDED.values(), ids=MENDED)
+def test_what_can_be_mended_or_left_is_listed(toy, text: str, sentence: str) -> None:
+    loaded = urdf.load(toy(text))
+    assert any(sentence in defect for defect in loaded.defects)
+    assert loaded.model.nq == 6
+    if "one turn" in sentence:
+        assert (loaded.limits.lower[2], loaded.limits.upper[2]) == pytest.approx((-2 * np.pi, 2 * np.pi))
+    if "moments" in sentence:
+        assert loaded.model.inertias[6].inertia[0, 0] == 0.05
+
+
+def test_the_longest_chain_is_the_arm_and_its_last_link_the_tool(toy) -> None:
+    branch = link("camera") + joint("pan", "l0", "camera")
+    hand = '<link name="hand"/>' + joint("wrist", "l6", "hand", kind="fixed", limit="")
+    loaded = urdf.load(toy(arm(branch, hand)))
+    assert loaded.joint_names == tuple(f"j{i}" for i in range(6))
+    assert loaded.tool_frame == "hand"
+    assert any("the arm was taken to be j0, j1" in defect for defect in loaded.defects)
+    assert loaded.limits.acceleration == pytest.approx(10 * loaded.limits.velocity)
+    assert loaded.limits.jerk == pytest.approx(50 * loaded.limits.acceleration)
+    assert "assumption" in loaded.limits_source
+    # The home that is assumed is inside the limits, and the same each time.
+    assert loaded.limits.margin(loaded.home).min() > 0.2
+    assert urdf.load(loaded.urdf_path).home.tolist() == loaded.home.tolist()
+
+
+def test_some_joints_of_an_arm_make_an_arm(toy, baxter) -> None:
+    loaded = urdf.load(toy(arm()), joints=("j1", "j2"))
+    assert loaded.model.nv == 2
+    assert loaded.tool_frame == "l3"
+    assert loaded.fingerprint != urdf.load(loaded.urdf_path).fingerprint
+    part = urdf.load("baxter", joints=baxter.joint_names[:2])  # keeps its settings
+    assert part.home.tolist() == baxter.home[:2].tolist()
+    assert [spring.joint for spring in part.springs] == ["right_s1"]
+    with pytest.raises(urdf.UrdfError, match="its arm has no joint 'left_s0'"):
+        urdf.load("baxter", joints=["left_s0"])
+
+
+@pytest.mark.parametrize("uri", ["package://nowhere/hand.stl", "hand.stl", "file:///nowhere/hand.stl"])
+def test_a_missing_mesh_is_refused_or_left_out_and_listed(toy, uri: str) -> None:
+    path = toy(arm(last=link("l6", shape=f'<collision><geometry><mesh filename="{uri}"/></geometry></collision>')))
+    with pytest.raises(urdf.UrdfError, match=f"mesh '{uri}' is missing"):
+        urdf.load(path)
+    loaded = urdf.load(path, meshes=False)
+    assert any("hand.stl' is missing; left out" in defect for defect in loaded.defects)
+    urdf.CollisionModel(loaded)
+
+
+@pytest.mark.parametrize("uri", ["package://toy/meshes/hand.stl", "../meshes/hand.stl"])
+def test_a_mesh_beside_the_urdf_or_in_its_package_is_found(tmp_path, uri: str) -> None:
+    (tmp_path / "toy" / "urdf").mkdir(parents=True)
+    (tmp_path / "toy" / "meshes").mkdir()
+    mesh, path = tmp_path / "toy" / "meshes" / "hand.stl", tmp_path / "toy" / "urdf" / "toy.urdf"
+    mesh.write_bytes(b"solid")
+    shape = f'<visual><geometry><mesh filename="{uri}"/></geometry></visual>'
+    root = ElementTree.fromstring(robot(link("a", shape=shape)))
+    assert validate.find_meshes(root, path) == ((tmp_path,) if uri.startswith("package") else (), ())
+    validate.make_absolute(root, path)
+    (element,) = root.iter("mesh")
+    assert element.get("filename") in (uri if uri.startswith("package") else "", str(mesh))
+
+
+def test_settings_of_ones_own_name_a_urdf_beside_them(toy) -> None:
+    settings = toy(arm()).with_name("mine.toml")
+    settings.write_text(
+        'name = "mine"\n[urdf]\nfile = "toy.urdf"\n[arm]\njoints = ["j0", "j1"]\nhome = [0.1, 0.2]\n'
+        '[tool]\nframe = "l6"\noffset = [0, 0, 0.1]\n[limits]\nacceleration = [5, 5]\njerk = [50, 50]\nsource = "me"\n'
+    )
+    loaded = urdf.load(settings)
+    assert loaded.name == "mine"
+    assert loaded.tool_frame == "l6"
+    settings.write_text("name = ")
+    with pytest.raises(urdf.UrdfError, match="is not TOML"):
+        urdf.load(settings)
+
+
+def test_inertia_that_its_mesh_cannot_have_is_mended() -> None:
+    loaded = urdf.load("ur5")
+    assert sum("replaced by that of its collision shapes" in defect for defect in loaded.defects) == 3
+    # The wrist's maker gives about 1e-3 kg m^2; the URDF says 0.22.
+    assert 3e-4 < loaded.model.inertias[4].inertia.max() < 4e-3
+
+
+@pytest.mark.parametrize("name", ["baxter", "ur5", "panda", "talos_arm"])
+def test_known_arms_load_with_a_free_home_posture(name: str) -> None:
+    loaded = urdf.load(name)
+    assert loaded.limits.margin(loaded.home).min() > 0.2
+    assert urdf.CollisionModel(loaded).touching(loaded.home) is None
