@@ -11,9 +11,10 @@ from armdyn.channels import (
     FloatArray,
     channel_unit,
     channel_units,
+    check_clock,
     name_and_unit,
 )
-from armdyn.errors import InputError
+from armdyn.errors import InputError, at, collect, join_problems
 from armdyn.units import si_factor
 
 
@@ -33,40 +34,35 @@ def channels_of(
         InputError: lists everything that is wrong.
     """
     problems: list[str] = []
-    stamps = _numbers("time", time, problems)
-    if stamps is not None:
-        problems += _clock_problems(stamps)
+    stamps: FloatArray | None = None
+    with collect(problems):
+        stamps = _numbers("time", time)
+        check_clock(stamps)
+    sound = not problems
     columns, shapes = _columns(values, joints)
     problems += shapes
     found: dict[str, Channel] = {}
     for label, raw in columns.items():
         name, written = name_and_unit(label)
-        value = _numbers(name, raw, problems)
-        try:
-            # Units that are not given are SI: what stands in memory has been read by somebody.
-            unit, factor = channel_unit(name, written or _given(units, name) or channel_units(name)[0])
-        except InputError as error:
-            problems.append(f"'{name}': {error}")
-            continue
-        if name in found:
-            problems.append(f"'{name}' is given twice")
-        if value is None or stamps is None:
-            continue
-        if value.shape != stamps.shape:
-            problems.append(f"'{name}' has shape {value.shape} where time has {stamps.shape}")
-            continue
-        present = np.isfinite(value)
-        try:
-            found[name] = Channel(stamps[present], value[present] * factor, unit)
-        except InputError as error:
-            problems.append(f"'{name}': {error}")
+        with collect(problems):
+            value = _numbers(name, raw)
+            with at(f"'{name}'"):
+                # Units that are not given are SI: what stands in memory has been read by somebody.
+                unit, factor = channel_unit(name, written or _given(units, name) or channel_units(name)[0])
+                if name in found:
+                    raise InputError("is given twice")
+                if stamps is not None and value.shape != stamps.shape:
+                    raise InputError(f"has shape {value.shape} where time has {stamps.shape}")
+                present = np.isfinite(value)
+                clock = stamps if sound and stamps is not None else np.arange(len(value), dtype=float)
+                found[name] = Channel(clock[present], value[present] * factor, unit)
     for name in units:
         if not any(name in (known, known.partition(".")[0]) for known in (name_and_unit(k)[0] for k in columns)):
             problems.append(f"a unit is given for '{name}', which is not among the values")
     if not columns:
         problems.append("no values: give at least one channel, such as 'load_force'")
     if problems:
-        raise InputError(listed(problems))
+        raise InputError(join_problems(problems))
     return found
 
 
@@ -104,13 +100,6 @@ def seconds(time: Any, unit: str) -> FloatArray:
     return np.asarray(array, dtype=float) * si_factor(unit, "s")
 
 
-def listed(problems: Sequence[str]) -> str:
-    """All problems in one line."""
-    if len(problems) == 1:
-        return problems[0]
-    return f"{len(problems)} problems: " + "; ".join(f"({i}) {text}" for i, text in enumerate(problems, start=1))
-
-
 def _columns(values: Mapping[str, Any], joints: Sequence[str]) -> tuple[dict[str, Any], list[str]]:
     """One column per channel, and what is wrong with the shapes."""
     found: dict[str, Any] = {}
@@ -136,21 +125,8 @@ def _given(units: Mapping[str, str], name: str) -> str:
     return units.get(name) or units.get(name.partition(".")[0]) or ""
 
 
-def _numbers(name: str, raw: Any, problems: list[str]) -> FloatArray | None:
+def _numbers(name: str, raw: Any) -> FloatArray:
     try:
         return np.asarray(raw, dtype=float)
-    except (TypeError, ValueError):
-        problems.append(f"'{name}' does not hold numbers alone: leave a missing sample nan")
-        return None
-
-
-def _clock_problems(time: FloatArray) -> list[str]:
-    if time.ndim != 1:
-        return [f"time has shape {time.shape}: give one stamp per sample, (n,)"]
-    if not np.isfinite(time).all():
-        return [f"time is missing at sample {int(np.flatnonzero(~np.isfinite(time))[0])}"]
-    late = np.flatnonzero(np.diff(time) <= 0.0)
-    if late.size:
-        i = int(late[0])
-        return [f"time does not increase at sample {i + 1}: {time[i]:.9g} s, then {time[i + 1]:.9g} s"]
-    return []
+    except (TypeError, ValueError) as error:
+        raise InputError(f"'{name}' does not hold numbers alone: leave a missing sample nan") from error

@@ -30,7 +30,7 @@ def write_text(path: Path, text: str) -> None:
         file.write(text.encode("utf-8", errors="replace"))
 
 
-def making_directory(path: Path) -> None:
+def make_directory(path: Path) -> None:
     """Make a directory and those above it where they are missing.
 
     Raises:

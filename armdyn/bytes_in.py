@@ -7,9 +7,8 @@ write another. Each chunk is therefore expanded piece by piece up to its stated 
 import io
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from armdyn.errors import InputError
 from urdf.bounds import LARGEST_CHUNK, LARGEST_CONTENT, LARGEST_RECORDING
@@ -45,8 +44,7 @@ _CHUNK_HEAD = struct.Struct("<QQQII")
 _PIECE = 2**20
 
 
-@dataclass(frozen=True)
-class _Chunk:
+class _Chunk(NamedTuple):
     stated: int
     compression: bytes
     data: memoryview

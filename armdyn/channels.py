@@ -149,12 +149,9 @@ class Channel:
         time, value = np.array(self.time, dtype=float), np.array(self.value, dtype=float)
         if time.ndim != 1 or time.shape != value.shape:
             raise InputError(f"a channel needs one value per time stamp, not shapes {value.shape} and {time.shape}")
-        if not (np.isfinite(time).all() and np.isfinite(value).all()):
+        if not np.isfinite(value).all():
             raise InputError("a channel holds a missing or infinite sample: leave missing samples out")
-        late = np.flatnonzero(np.diff(time) <= 0.0)
-        if late.size:
-            i = int(late[0])
-            raise InputError(f"time does not increase at sample {i + 1}: {time[i]!r} s, then {time[i + 1]!r} s")
+        check_clock(time)
         for unit, array in (("s", time), (self.unit, value)):
             beyond = np.flatnonzero(np.abs(array) > LARGEST.get(unit, np.inf))
             if beyond.size:
@@ -170,6 +167,22 @@ class Channel:
 
     def __reduce__(self) -> tuple[type["Channel"], tuple[FloatArray, FloatArray, str]]:
         return Channel, (self.time, self.value, self.unit)  # pickled arrays forget that they are read-only
+
+
+def check_clock(time: FloatArray) -> None:
+    """Refuse stamps that are not one increasing row.
+
+    Raises:
+        InputError: names the first sample that is wrong.
+    """
+    if time.ndim != 1:
+        raise InputError(f"time has shape {time.shape}: give one stamp per sample, (n,)")
+    if not np.isfinite(time).all():
+        raise InputError(f"time is missing at sample {int(np.flatnonzero(~np.isfinite(time))[0])}")
+    late = np.flatnonzero(np.diff(time) <= 0.0)
+    if late.size:
+        i = int(late[0])
+        raise InputError(f"time does not increase at sample {i + 1}: {time[i]:.9g} s, then {time[i + 1]:.9g} s")
 
 
 def check_joint_units(channels: Iterable[tuple[str, str]]) -> None:

@@ -1,7 +1,7 @@
 """One root error; its kinds carry what was wrong and what to do next."""
 
 import difflib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -36,6 +36,22 @@ def at(where: object) -> Iterator[None]:
         yield
     except (InputError, TableFileError) as error:
         raise InputError(f"{where}: {error}") from error
+
+
+@contextmanager
+def collect(problems: list[str], where: str = "") -> Iterator[None]:
+    """Add what is wrong in the block to a list, with its place before it, and go on: all problems are told at once."""
+    try:
+        yield
+    except InputError as error:
+        problems.append(f"{where}: {error}" if where else str(error))
+
+
+def join_problems(problems: Sequence[str]) -> str:
+    """All problems in one line."""
+    if len(problems) == 1:
+        return problems[0]
+    return f"{len(problems)} problems: " + "; ".join(f"({i}) {text}" for i, text in enumerate(problems, start=1))
 
 
 class UnknownNameError(InputError):

@@ -1,4 +1,4 @@
-"""Samples that no load and no noise made: isolated spikes, and readings at the end of a sensor's range."""
+"""Faulty samples, which are left out before a comparison: isolated spikes, and readings at the end of the range."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -47,7 +47,7 @@ DISTURBED = 2
 """Samples to either side of one at the end that are left out as well: the noise has chosen them."""
 
 
-def cleaned(run: Run, measured: Iterable[str], driving: Iterable[str]) -> Run:
+def clean(run: Run, measured: Iterable[str], driving: Iterable[str]) -> Run:
     """The run without faulty samples of the channels that a model uses, and thinned.
 
     Args:
@@ -59,7 +59,7 @@ def cleaned(run: Run, measured: Iterable[str], driving: Iterable[str]) -> Run:
     used = (*measured, *(name for name in driving if name in run.channels))
     # First as recorded: when samples are averaged, a spike spoils its group. Then again: what was brief is now one.
     whole = without_spikes(without_saturation(run, measured), used)
-    thin = thinned(whole)
+    thin = thin_out(whole)
     averaged = [name for name in measured if len(thin.channels[name]) < len(whole.channels[name])]
     return without_spikes(thin, averaged) if averaged else thin
 
@@ -275,7 +275,7 @@ HIGHEST_RATE = 125.0
 """Hz; what is sampled faster is averaged in groups: a swing has no signal above."""
 
 
-def thinned(run: Run, highest_rate: float = HIGHEST_RATE) -> Run:
+def thin_out(run: Run, highest_rate: float = HIGHEST_RATE) -> Run:
     """The run with channels that were sampled faster averaged in groups, at the groups' mean times.
 
     Averaging k samples shifts nothing in time and lowers white noise by sqrt(k); see `Run.spread` for what bends.

@@ -36,7 +36,7 @@ class Prediction:
     sensitivities: np.ndarray
 
 
-def joined(parts: Sequence[tuple[str, np.ndarray, np.ndarray, np.ndarray]]) -> Prediction:
+def join_channels(parts: Sequence[tuple[str, np.ndarray, np.ndarray, np.ndarray]]) -> Prediction:
     """A prediction of channels, each with its name, times (n,) s, values (n,) and sensitivities (n, p)."""
     names, times, values, sensitivities = zip(*parts, strict=True)
     ends = np.cumsum([len(time) for time in times]).tolist()

@@ -211,9 +211,6 @@ def _parameter(model: Model, name: str, entry: Any) -> Parameter:
     if not isinstance(entry, dict) or "value" not in entry:
         raise InputError(f'parameter {name}: write it as {{ value = 1.0, unit = "{model.parameters[name].unit}" }}')
     parameter = model.parameters[name]
-    for field in entry:
-        if field not in PARAMETER:
-            raise UnknownNameError(f"field of parameter {name}", field, PARAMETER)
     for problem in problems_in(entry, PARAMETER):
         raise InputError(f"parameter {name}: {problem}")
     factor = si_factor(entry["unit"], parameter.unit) if "unit" in entry else 1.0

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from armdyn.errors import InputError, at
+from armdyn.errors import InputError, UnknownNameError, at
 from urdf.table_file import read_table
 
 
@@ -59,6 +59,6 @@ def problems_in(table: Mapping[str, Any], declared: Mapping[str, Entry]) -> Iter
     """A sentence for each entry that is unknown or not what it is declared to be."""
     for key, value in table.items():
         if key not in declared:
-            yield f"unknown key '{key}': choose among {', '.join(declared)}"
+            yield str(UnknownNameError("key", key, declared))
         elif not declared[key].fits(value):
             yield f"{key} = {value!r:.60}: {declared[key].remedy}"

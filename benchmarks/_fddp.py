@@ -7,7 +7,7 @@ import crocoddyl
 import numpy as np
 from _problem_ta import DT, STEPS, Staged
 
-from armdyn.codegen import Buffered, compiled
+from armdyn.codegen import Buffered, compile_functions
 
 MOST_ITERATIONS = 200
 
@@ -21,7 +21,7 @@ def fddp(staged: Staged) -> Callable[[], tuple[float, int]]:
     s, u = ca.SX.sym("s", n), ca.SX.sym("u")
     following, cost = staged.step(s, u), staged.end(s)
     hessian, slope = ca.hessian(cost, s)
-    built = compiled(
+    built = compile_functions(
         "benchmark_fddp",
         {
             "step": ca.Function("step", [s, u], [following]),

@@ -1,7 +1,8 @@
 """What the tables of hidden effects share: cases run by processes, answers judged, shares printed.
 
 A row is a dictionary. Its truth values under the keys of `SHARES` become columns of the table; `seconds` (wall) and
-`cpu` become a line on time; `pull` is (estimate - truth) / std; `held_out` and `in_turn` are chi2 per sample.
+`cpu` become a line on time; `pull` is (estimate - truth) / std, one or several of them; `held_out` and `in_turn` are
+chi2 per sample.
 """
 
 import argparse
@@ -9,7 +10,7 @@ import importlib
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
@@ -105,6 +106,25 @@ def held_out_chi2(study: Study, fit: Fit, fresh: Sequence[Run]) -> Row:
     return chi2
 
 
+def by_effect(
+    description: str, effects: Iterable[str], case: Callable[[str, int], Any], seeds: int = 10
+) -> tuple[argparse.Namespace, dict[str, list[Any]]]:
+    """Read the options and answer `case(effect, seed)` for all of them: the options, and the answers by effect."""
+    options = parser(description, "", seeds).parse_args()
+    chosen = options.only.split(",") if options.only else list(effects)
+    pairs = [(effect, seed) for seed in seeds_of(options) for effect in chosen]
+    done: dict[str, list[Any]] = {effect: [] for effect in chosen}
+    for (effect, _), answer in zip(pairs, answered(case, pairs, options.processes), strict=True):
+        done[effect].append(answer)
+        sys.stderr.write(f"  {answer}\n")
+    return options, done
+
+
+def seeds_of(options: argparse.Namespace) -> range:
+    """Seeds that were asked for."""
+    return range(options.first_seed, options.first_seed + options.seeds)
+
+
 def table(title: str, rows: Sequence[Row]) -> None:
     """Print one kind of cases: a line for each thing hidden, then all of them."""
     print(f"\n{title}: {len(rows)} cases")
@@ -119,7 +139,8 @@ def table(title: str, rows: Sequence[Row]) -> None:
     if untied:
         print(f"  where no tie was reported: named {_share(untied, 'named')} of {len(untied)}")
     for key, text in (("pull", "true value of the effect's parameter"), ("length_pull", "true length")):
-        pulls = np.array([abs(row[key]) for row in rows if row.get(key) is not None])
+        given = [np.atleast_1d(row[key]) for row in rows if row.get(key) is not None]
+        pulls = np.abs(np.concatenate(given)) if given else np.array([])
         if len(pulls):
             print(f"  {text} within 3 std: {100 * np.mean(pulls < 3):.1f} % of {len(pulls)}")
     for key, text in (("held_out", "a fresh run's"), ("in_turn", "runs held out in turn:")):

@@ -168,7 +168,7 @@ def main() -> None:
     options.add_argument("--recordings", type=Path, default=None, help="folder to keep recordings in")
     given = options.parse_args()
     names = given.only.split(",") if given.only else list(hidden_pendulum.REALISTIC)
-    seeds = range(given.first_seed, given.first_seed + given.seeds)
+    seeds = hidden_table.seeds_of(given)
     keep: Path | None = given.recordings
     if keep is not None:
         keep.mkdir(parents=True, exist_ok=True)

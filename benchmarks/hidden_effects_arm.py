@@ -20,15 +20,10 @@ What counts as right:
 - A verdict that something unknown is missing counts as neither, whatever stands first.
 """
 
-import argparse
-import json
-import multiprocessing
-import os
 import time
-from pathlib import Path
+from functools import cache
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
+# First, because it keeps numpy to one thread.
 import _hidden_table as hidden_table
 import numpy as np
 
@@ -51,7 +46,6 @@ PAIRS = (
     ("link_inertia", "joint_coulomb_friction"), ("gravity_spring", "torque_delay"),
 )  # fmt: skip
 SAME_TORQUE = {"joint_asymmetric_friction": ("joint_coulomb_friction", "torque_offset")}
-CASES = ("single", "tenth", "clean", "coloured", "pairs", "outside")
 
 
 def recordings(hidden: tuple[str, ...], size: float, seed: int, **settings: float) -> list[Run]:
@@ -99,11 +93,12 @@ def held_out_chi2(study: Study, last: Step) -> float:
     return chi2_of(blocks) / sum(len(block.residual) for block in blocks)
 
 
-def examine(kind: str, what: str, seed: int) -> dict:
+def examine(kind: str, what: str, seed: int) -> hidden_table.Row:
     """One case."""
+    _warm()
     hidden = () if what == "none" else tuple(what.split("+"))
     size = 0.1 if kind == "tenth" else 1.0
-    row: dict = {"kind": kind, "what": what, "seed": seed}
+    row: hidden_table.Row = {"kind": kind, "what": what, "seed": seed}
     runs = recordings(hidden, size, seed, colour=0.8 if kind == "coloured" else 0.0)
     begun, cpu = time.perf_counter(), time.process_time()
     study = study_of(runs)
@@ -117,7 +112,7 @@ def examine(kind: str, what: str, seed: int) -> dict:
             "verdict": mended.verdict.key, "found": names, "exact": exact,
             "honest": exact or set(hidden) <= {*names, *tied},
             "last": mended.path[-1].chi2_per_sample,
-            "held_out": float(np.mean([(c.held_out_rmse or 0.0) ** 2 / c.noise_std**2
+            "in_turn": float(np.mean([(c.held_out_rmse or 0.0) ** 2 / c.noise_std**2
                                        for c in mended.after.channels.values()])),
         }  # fmt: skip
     found = diagnose(study)
@@ -128,17 +123,17 @@ def examine(kind: str, what: str, seed: int) -> dict:
         "joints_found": list(found.suspects[0].joints) if found.suspects else [],
         "tied_with": list(found.suspects[0].tied_with) if found.suspects else [],
         "steps": [[c.label for c in step.added] for step in found.search.steps[1:]],
-        "start": found.search.steps[0].fit.chi2_per_sample,
+        "before": found.search.steps[0].fit.chi2_per_sample,
         "last": found.search.last.fit.chi2_per_sample,
         "sentence": found.sentence,
     }
     if kind in ("single", "tenth"):
         named, honest, joints = judged(found, what)
         row |= {"named": named, "honest": honest, "tie": found.verdict.key == "cannot_tell_apart"}
-        row["held_out"] = held_out_chi2(study, found.search.last)
+        row["in_turn"] = held_out_chi2(study, found.search.last)
         if named:
             row["joints"] = joints
-            row["pulls"] = pulls(study, found.search.last, what, size)
+            row["pull"] = list(pulls(study, found.search.last, what, size).values())
     elif kind == "outside":
         row["flagged"] = found.verdict.key == "unknown_effect"
     else:
@@ -146,80 +141,24 @@ def examine(kind: str, what: str, seed: int) -> dict:
     return row
 
 
-def _task(case: tuple[str, str, int]) -> dict:
-    return examine(*case)
-
-
-def _started() -> None:
-    """Start-up of a process: compiled functions, parsed robots."""
+@cache
+def _warm() -> None:
+    """Compiled functions and parsed robots, once in a process; that is not counted."""
     diagnose(study_of(recordings(("joint_coulomb_friction",), 1.0, 0, duration=4.0)))
 
 
-def cases(kind: str, names: list[str], first: int, seeds: int) -> list[tuple[str, str, int]]:
+def main() -> None:
+    given = hidden_table.parser(__doc__, "single,clean", 3).parse_args()
+    names = given.only.split(",") if given.only else list(hidden_arm.REALISTIC)
     what = {
         "single": names, "tenth": names, "clean": ["none"], "coloured": ["none"],
         "pairs": ["+".join(pair) for pair in PAIRS], "outside": list(hidden_arm.OUTSIDE),
-    }[kind]  # fmt: skip
-    return [(kind, name, seed) for seed in range(first, first + seeds) for name in what]
-
-
-def share(rows: list[dict], key: str) -> str:
-    values = [bool(row[key]) for row in rows if key in row]
-    return f"{100 * np.mean(values):5.1f} %" if values else "    –  "
-
-
-def show(kind: str, rows: list[dict]) -> None:
-    print(f"\n{kind}: {len(rows)} cases")
-    keys = [k for k in ("named", "honest", "tie", "joints", "false", "exact", "flagged") if any(k in r for r in rows)]
-    for name in dict.fromkeys(row["what"] for row in rows):
-        mine = [row for row in rows if row["what"] == name]
-        line = "  ".join(f"{key} {share(mine, key)}" for key in keys)
-        held = [row["held_out"] for row in mine if "held_out" in row]
-        if held:
-            line += f"  held-out chi2 {np.median(held):.3f}, worst {max(held):.3f}"
-        sizes = [abs(p) for row in mine for p in row.get("pulls", {}).values()]
-        if sizes:
-            line += f"  within 3 std {100 * np.mean(np.array(sizes) < 3):5.1f} % of {len(sizes)}"
-        line += f"  {np.median([row['cpu'] for row in mine]):.2f} s, worst {max(r['cpu'] for r in mine):.2f}"
-        print(f"  {name:26s}" + line)
-    for key in keys:
-        print(f"  all: {key} {share(rows, key)}")
-    untied = [row for row in rows if row.get("tie") is False]
-    if untied:
-        print(f"  where no tie was reported: named {share(untied, 'named')} of {len(untied)}")
-    held = np.array([row["held_out"] for row in rows if "held_out" in row])
-    if len(held):
-        print(f"  held-out chi2 per sample <= 1.1: {100 * np.mean(held <= 1.1):.1f} % of {len(held)}")
-    sizes = np.array([abs(p) for row in rows for p in row.get("pulls", {}).values()])
-    if len(sizes):
-        print(f"  true parameters within 3 std: {100 * np.mean(sizes < 3):.1f} % of {len(sizes)}")
-    seconds = [row["seconds"] for row in rows]
-    cpu = [row["cpu"] for row in rows]
-    print(f"  seconds: median {np.median(seconds):.2f}, worst {np.max(seconds):.2f}")
-    print(f"  of the processor: median {np.median(cpu):.2f}, worst {np.max(cpu):.2f}", flush=True)
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument("--processes", type=int, default=1)
-    parser.add_argument("--what", default="single,clean", help=f"with commas, of {', '.join(CASES)}")
-    parser.add_argument("--only", default="", help="effects, with commas")
-    parser.add_argument("--json", type=Path, default=None)
-    given = parser.parse_args()
-    names = given.only.split(",") if given.only else list(hidden_arm.REALISTIC)
-    everything: dict[str, list[dict]] = {}
-    with multiprocessing.get_context("spawn").Pool(given.processes, initializer=_started) as pool:
-        for kind in hidden_table.wanted(given.what, [*CASES]):
-            rows = everything[kind] = []
-            for row in pool.imap(_task, cases(kind, names, given.first_seed, given.seeds)):
-                rows.append(row)
-                if row.get("false") or row.get("honest") is False or row.get("flagged") is False:
-                    print("   miss:", {k: v for k, v in row.items() if k != "pulls"}, flush=True)
-                if given.json is not None:
-                    given.json.write_text(json.dumps(everything, indent=1, default=float))
-            show(kind, rows)
+    }  # fmt: skip
+    kinds = {
+        kind: (examine, [(kind, name, seed) for seed in hidden_table.seeds_of(given) for name in what[kind]])
+        for kind in hidden_table.wanted(given.what, [*what])
+    }
+    hidden_table.run(kinds, given.processes, given.json)
 
 
 if __name__ == "__main__":

@@ -143,7 +143,7 @@ def main() -> None:
     parser.add_argument("--robots", default=",".join(imperfect.ROBOTS), help="with commas")
     given = parser.parse_args()
     names = given.only.split(",") if given.only else list(imperfect.CASES)
-    seeds = range(given.first_seed, given.first_seed + given.seeds)
+    seeds = hidden_table.seeds_of(given)
     cases = [(robot, name, seed) for seed in seeds for robot in given.robots.split(",") for name in names]
     rows: list[hidden_table.Row] = []
     for row in hidden_table.answered(examine, cases, given.processes):

@@ -236,7 +236,7 @@ def main() -> int:
     everything: dict[str, list[hidden_table.Row]] = {}
     for what in hidden_table.wanted(options.what, [*KINDS]):
         rows = everything[what] = []
-        seeds = QUICK[what] if options.quick else range(options.first_seed, options.first_seed + options.seeds)
+        seeds = QUICK[what] if options.quick else hidden_table.seeds_of(options)
         for row in hidden_table.answered(case, [(what, seed) for seed in seeds], options.processes):
             rows.append(row)
             if any(row.get(column) is False for kind, column in WANTED if kind == what):

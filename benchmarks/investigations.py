@@ -13,7 +13,7 @@ from collections import Counter
 from dataclasses import asdict, dataclass
 
 import numpy as np
-from _cases import cases
+from _hidden_table import by_effect
 
 from pipeline.trial import TrialSettings, simulate
 from pipeline.trial.investigation import Stop
@@ -72,7 +72,7 @@ def row(effect: str, mine: list[Case]) -> list[str]:
 
 def main() -> int:
     """Run it; 1 where a claim is missed."""
-    options, of = cases(__doc__, HIDDEN, investigation)
+    options, of = by_effect(__doc__, HIDDEN, investigation)
     done = [case for mine in of.values() for case in mine]
     bench.print_table(
         f"Investigations of at most {EXPERIMENTS} experiments",

@@ -14,7 +14,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from _cases import cases
+from _hidden_table import by_effect
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.repair import repair
@@ -89,7 +89,7 @@ def row(effect: str, mine: list[Case]) -> list[str]:
 
 def main() -> int:
     """Run it; nothing is judged, the table says what happened."""
-    options, of = cases(__doc__, HIDDEN, turn)
+    options, of = by_effect(__doc__, HIDDEN, turn)
     bench.print_table(
         f"Miss, repair, land: {options.seeds} seeds each",
         ["hidden", "missed", "named", "value / truth", "chi2 per sample", "lands", "lands on another plant"],

@@ -27,7 +27,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from armdyn.effects.catalogue import CATALOGUE
-from armdyn.experiments.gripper import STEP, GripperProblem, designed, motion_series
+from armdyn.experiments.gripper import STEP, GripperProblem, design_motion, motion_series
 from armdyn.experiments.hypothesis import Experiment, Hypothesis, Motion
 from armdyn.experiments.limits import GripperLimits
 from armdyn.experiments.plan import Proposal, designed_motion, inseparable
@@ -184,7 +184,7 @@ def separations(pairs: list[tuple[str, str]]) -> list[dict[str, object]]:
         both = [hypothesis(name) for name in pair]
         cell = Experiment("motion", "", noise={"load_force": 5e-3})
         started = time.process_time()
-        found = designed(both, cell, DURATION)
+        found, _ = design_motion(both, cell, DURATION)
         seconds = time.process_time() - started
         problem = GripperProblem(both, cell, motion_series(DURATION), GripperLimits(), STEP)
         rng = np.random.default_rng(1)
@@ -195,7 +195,7 @@ def separations(pairs: list[tuple[str, str]]) -> list[dict[str, object]]:
         row = {
             "pair": "/".join(pair),
             "random": float(np.median(at_random)),
-            "designed": outlook(both, cell.along(found.motion)).separation ** 2,
+            "designed": outlook(both, cell.along(found)).separation ** 2,
             "cpu": seconds,
         }
         rows.append(row)

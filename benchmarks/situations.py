@@ -137,7 +137,7 @@ def main() -> None:
     options.add_argument("--hidden", default="none," + ",".join(EFFECTS), help="effects, with commas")
     given_options = options.parse_args()
     names = given_options.only.split(",") if given_options.only else list(situations.SITUATIONS)
-    seeds = range(given_options.first_seed, given_options.first_seed + given_options.seeds)
+    seeds = hidden_table.seeds_of(given_options)
     keep: Path | None = given_options.recordings
     if keep is not None:
         keep.mkdir(parents=True, exist_ok=True)

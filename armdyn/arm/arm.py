@@ -5,13 +5,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
 
 import urdf
-from armdyn.arm.rigid import described_parameters, shape
+from armdyn.arm.rigid import described_parameters, parents, shape
 from armdyn.effects.effect import Reach
 from armdyn.errors import InputError
 from armdyn.parameter import Parameter, Quantity
@@ -63,45 +62,18 @@ class Arm:
 
     @cached_property
     def without_inertia(self) -> tuple[str, ...]:
-        """Links of the description that the joints move and that weigh nothing there.
-
-        A link that is only a frame, fixed to one that has a mass, is none of them.
-        """
-        root = ElementTree.fromstring(self.robot.urdf_xml)
-        heavy = {
-            str(link.get("name")) for link in root.findall("link") if (mass := link.find("inertial/mass")) is not None
-            and float(mass.get("value", "0")) > 0.0
-        }  # fmt: skip
-        moved, fixed = {}, list[tuple[str, str]]()
-        for joint in root.findall("joint"):
-            parent, child = joint.find("parent"), joint.find("child")
-            if parent is None or child is None:
-                continue
-            if str(joint.get("name")) in self.joints:
-                moved[str(joint.get("name"))] = str(child.get("link"))
-            else:
-                fixed.append((str(parent.get("link")), str(child.get("link"))))
-        found = []
-        for link in moved.values():
-            together, size = {link}, 0
-            while len(together) > size:
-                size = len(together)
-                together |= {child for parent, child in fixed if parent in together}
-            if not together & heavy:
-                found.append(link)
-        return tuple(found)
-
-    def parent(self, joint: int) -> int:
-        """Index of the next joint towards the base, -1 for none."""
-        return int(self.model.parents[joint + 1]) - 1
+        """Links that the joints move and that weigh nothing, with all that is fixed to them."""
+        weightless = {i + 1 for i, mass in enumerate(self.described[:, 0]) if not mass > 0.0}
+        bodies = {f.parentJoint: f.name for f in reversed(list(self.model.frames)) if f.type == pin.FrameType.BODY}
+        return tuple(bodies[joint] for joint in sorted(weightless))
 
     def within(self, reach: Reach) -> tuple[str, ...]:
         """Joints that an effect with this reach can act on, or `BASE`."""
-        indices = range(len(self.joints))
+        indices, inner = range(len(self.joints)), parents(self.model)
         chosen: Mapping[Reach, Iterable[int]] = {
             "every": indices,
             "turning": (i for i in indices if not self.slides[i]),
-            "coupled": (i for i in indices if self.parent(i) >= 0 and self.slides[i] == self.slides[self.parent(i)]),
+            "coupled": (i for i in indices if inner[i] >= 0 and self.slides[i] == self.slides[inner[i]]),
             "last": indices[-1:],
             "base": (),
         }

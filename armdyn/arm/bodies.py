@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from armdyn.arm.composition import Change, JointFunctions
 from armdyn.arm.motion import Motion
-from armdyn.arm.rigid import described_parameters, gravity_regressor, inverse_dynamics, torque_regressor
+from armdyn.arm.rigid import described_parameters, gravity_regressor, inverse_dynamics, parents, torque_regressor
 
 OF_BASE = -1
 """Where the parameters of effects on the base belong, in place of a joint."""
@@ -113,21 +113,17 @@ class Stretch:
     @cached_property
     def parents(self) -> tuple[int, ...]:
         """(nj,) index of each joint's neighbour towards the base, -1 for none."""
-        return tuple(int(parent) - 1 for parent in list(self.model.parents)[1:])
-
-    def parent(self, joint: int) -> int:
-        """Index of the next joint towards the base, -1 for none."""
-        return self.parents[joint]
+        return parents(self.model)
 
     def carries(self, joint: int, link: int) -> bool:
         """Whether the link that joint `link` moves hangs on `joint`."""
         while link > joint:
-            link = self.parent(link)
+            link = self.parents[link]
         return link == joint
 
     def inputs(self, joint: int) -> np.ndarray:
         """(9, n) inputs of a joint's functions, with the load of the arm as described."""
-        m, inner = self.motion, self.parent(joint)
+        m, inner = self.motion, self.parents[joint]
         rows = [self.time, m.q[:, joint], m.v[:, joint], m.a[:, joint], m.direction[:, joint], self.described[:, joint]]
         none = np.zeros(len(self.time))
         return np.vstack(

@@ -16,7 +16,7 @@ from armdyn.arm.physics import Base, Expression, Joint, Link, Neighbour
 from armdyn.arm.rigid import inertial_parameters
 from armdyn.arm.vectorised import OverTime
 from armdyn.codegen import Buffered
-from armdyn.effects.effect import Effect, applied
+from armdyn.effects.effect import Effect, apply_effect
 from armdyn.errors import InputError
 from armdyn.readout import Sensor
 
@@ -183,7 +183,7 @@ def _composed(effects: tuple[_Applied, ...]) -> JointFunctions:
     added = []
     for e in effects:
         joint = replace(joint, torque=before)
-        joint = applied(e.name, e.function, joint, {short: by_name[f"{e.name}.{short}"] for short in e.quantities})
+        joint = apply_effect(e.name, e.function, joint, {short: by_name[f"{e.name}.{short}"] for short in e.quantities})
         added.append(ca.substitute(joint.torque, before, 0))
         if not ca.is_equal(ca.jacobian(joint.torque, before), ca.SX(1)):
             raise InputError(f"effect '{e.name}': what it does to the joint's torque must be added, by 'with_torque'")

@@ -11,7 +11,8 @@ S_q of the torque that the positions' noise causes. It is read from differences 
 is a band-pass around 1/(2h), and their median passes over the moments at which friction changes its sign.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ import pinocchio as pin
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import nnls
 
+from armdyn.arm.bodies import Stretch
 from armdyn.arm.motion import CERTAIN, MeasuredMotion, Motion
 from armdyn.differences import NORMAL_MEDIAN
 
@@ -92,9 +94,16 @@ def smoothing_drives(
         motion: of all its joints.
         frequencies: (f,) Hz of the torques' spectra.
     """
-    shared, found = _Moved(model, motion), dict[str, _Seen]()
+    found = dict[str, _Seen]()
+
+    @lru_cache(maxsize=1)
+    def moved(stamps: bytes) -> Stretch:
+        """What rigid bodies make of the motion at some stamps, which torques often share."""
+        time = np.frombuffer(stamps)
+        return Stretch(model, motion.at(time), time)
+
     for name, torque in torques.items():
-        seen = _seen(torque, shared, frequencies)
+        seen = _seen(torque, moved, frequencies)
         if seen is not None:
             found[name] = seen
     if len(found) < AGREEING or np.median([one.ratio for one in found.values()]) < SMOOTHED:
@@ -117,39 +126,23 @@ class _Seen(NamedTuple):
     ratio: float
 
 
-class _Moved:
-    """The motion at a torque's samples, and there torques per inertial parameter; torques often share their stamps."""
-
-    def __init__(self, model: pin.Model, motion: MeasuredMotion) -> None:
-        self._model, self._motion = model, motion
-        self._last: tuple[bytes, np.ndarray] = b"", np.zeros(0)
-
-    def at(self, time: np.ndarray) -> tuple[Motion, np.ndarray]:
-        """The motion at (n,) times, and (n, nj, 10 nj) torques per inertial parameter of the links."""
-        motion, data = self._motion.at(time), self._model.createData()
-        if self._last[0] != time.tobytes():
-            moved = zip(motion.q, motion.v, motion.a, strict=True)
-            rows = np.array([pin.computeJointTorqueRegressor(self._model, data, *at) for at in moved])
-            rows = rows.reshape(len(time), self._model.nv, -1)  # one joint comes as a row
-            self._last = time.tobytes(), rows
-        return motion, self._last[1]
-
-
-def _seen(torque: Torque, moved: _Moved, frequencies: np.ndarray) -> _Seen | None:
+def _seen(torque: Torque, moved: Callable[[bytes], Stretch], frequencies: np.ndarray) -> _Seen | None:
     """What one torque shows; None where there is too little of it."""
     stamps, joint = torque.stamps, torque.joint
     interval = float((stamps[-1] - stamps[0]) / (len(stamps) - 1))
     every = max(1, int(np.ceil(1.0 / (DENSEST * interval) - 1e-6)))
     begin = max(0, (len(stamps) - every * MOST) // 2)
     time, values = (part[begin::every][:MOST] for part in (stamps, torque.values))
-    motion, regressor = moved.at(time)
+    stretch = moved(time.tobytes())
+    motion = stretch.motion
     step = every * interval
     uncertain = np.abs(motion.direction[:, joint]) < CERTAIN
     used = np.convolve(uncertain, np.ones(2 * round(BESIDE / step) + 1), "same")[: len(time)] < 0.5
     apart = APART[APART * step <= LONGEST]
     if np.count_nonzero(used) < FEWEST or len(apart) < 3:
         return None
-    residual = _unexplained(motion, regressor[:, joint, 10 * joint :], joint, values, used)
+    of_links = stretch.regressor[:, joint, joint:].reshape(len(time), -1)
+    residual = _unexplained(motion, of_links, joint, values, used)
     levels = np.array([_level(residual, used, h) for h in apart])
     brought_in = np.array([_passed(frequencies, torque.spectrum, h * step) for h in apart])
     variance = levels**2

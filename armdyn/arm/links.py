@@ -18,18 +18,9 @@ ABSURD = 5.0
 something else, or nothing determines it."""
 QUANTITIES = (
     ("mass", "kg"),
-    ("centre_x", "m"),
-    ("centre_y", "m"),
-    ("centre_z", "m"),
-    ("inertia_xx", "kg m^2"),
-    ("inertia_xy", "kg m^2"),
-    ("inertia_yy", "kg m^2"),
-    ("inertia_xz", "kg m^2"),
-    ("inertia_yz", "kg m^2"),
-    ("inertia_zz", "kg m^2"),
-    ("moment_x", "kg m"),
-    ("moment_y", "kg m"),
-    ("moment_z", "kg m"),
+    *((f"centre_{axis}", "m") for axis in "xyz"),
+    *((f"inertia_{axes}", "kg m^2") for axes in ("xx", "xy", "yy", "xz", "yz", "zz")),
+    *((f"moment_{axis}", "kg m") for axis in "xyz"),
 )
 """Names and units of what describes a link, in the frame of its joint; inertias are about the centre of mass. Moments
 are mass times centre: torques tell those of a last link, whose mass alone they do not tell."""

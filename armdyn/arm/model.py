@@ -18,7 +18,7 @@ from armdyn.arm.prediction import ChannelPredictor, predictor_of, prepared_once
 from armdyn.arm.prepared import PreparedRun
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
-from armdyn.model import Bend, Model, Prediction, joined
+from armdyn.model import Bend, Model, Prediction, join_channels
 from armdyn.parameter import Parameter, Quantity
 from armdyn.readout import Interpolated
 from armdyn.run import Channel, Run
@@ -176,16 +176,8 @@ class ArmModel(Model):
         for name in channels:
             predictor = predictor_of(self.arm, run, run.channels[name], name)
             values, derivatives = predictor.predict(self._functions, per_joint, bodies)
-            sensitivities = np.zeros((len(values), len(theta)))
-            for joint, columns in derivatives.items():
-                where = self._base_columns if joint == OF_BASE else self._columns[joint]
-                sensitivities[:, where] = columns
-            parts.append((name, run.channels[name].time, values, sensitivities))
-        return joined(parts)
-
-    def sensitivities(self, stretch: Stretch) -> np.ndarray:
-        """(n, nj, p) derivatives of all torques; see `at_states`."""
-        return self.at_states(stretch)[1]
+            parts.append((name, run.channels[name].time, values, self._by_theta(derivatives, len(values))))
+        return join_channels(parts)
 
     def at_states(self, stretch: Stretch) -> tuple[np.ndarray, np.ndarray]:
         """All torques at states that are known exactly and need not follow each other.
@@ -213,9 +205,15 @@ class ArmModel(Model):
             torques[:, j], derivatives = ChannelPredictor(stretch, sampler, j).predict(
                 self._functions, per_joint, bodies
             )
-            for joint, columns in derivatives.items():
-                found[:, j, self._base_columns if joint == OF_BASE else self._columns[joint]] = columns
+            found[:, j] = self._by_theta(derivatives, count)
         return torques, found
+
+    def _by_theta(self, derivatives: Mapping[int, np.ndarray], count: int) -> np.ndarray:
+        """(count, p) of the derivatives by the parameters of each joint and of the base."""
+        found = np.zeros((count, len(self.names)))
+        for joint, columns in derivatives.items():
+            found[:, self._base_columns if joint == OF_BASE else self._columns[joint]] = columns
+        return found
 
     def changed_links(self, theta: np.ndarray) -> Mapping[int, tuple[np.ndarray, np.ndarray]]:
         """By index of the joint whose link effects can change: (10,) change at (p,) `theta`, (10, p) derivatives."""

@@ -190,7 +190,7 @@ class ChannelPredictor:
         """The sensor's reading without lag and delay: what rigid bodies ask for, and what acts in the joints."""
         j, own = self._joint, functions[self._joint]
         outer = [
-            i for i in range(len(functions)) if self._stretch.parent(i) == j and not functions[i].inner_torque.empty
+            i for i, inner in enumerate(self._stretch.parents) if inner == j and not functions[i].inner_torque.empty
         ]
         carried = [i for i in bodies.links if self._stretch.carries(j, i)]
         loading = [i for k in outer for i in bodies.links if self._stretch.carries(k, i)]

@@ -116,6 +116,11 @@ def torque_regressor(model: pin.Model, motion: Motion) -> np.ndarray:
     return regressor.reshape(n, nj, nj, SIZE)
 
 
+def parents(model: pin.Model) -> tuple[int, ...]:
+    """(nj,) index of each joint's neighbour towards the base, -1 for none."""
+    return tuple(int(parent) - 1 for parent in list(model.parents)[1:])
+
+
 def joint_axes(model: pin.Model) -> list[np.ndarray]:
     """By joint (6,): linear and angular velocity of its link per unit of its own, in the link's axes."""
     data, n = model.createData(), model.nv
@@ -136,14 +141,14 @@ def gravity_regressor(model: pin.Model, q: np.ndarray) -> np.ndarray:
     """
     n, nj = q.shape
     own = joint_axes(model)
-    parents = [int(parent) - 1 for parent in list(model.parents)[1:]]
+    before = parents(model)
     rotations, origins = np.empty((nj, n, 3, 3)), np.empty((nj, n, 3))
     linear, angular = np.empty((nj, n, 3)), np.empty((nj, n, 3))
     regressor = np.zeros((n, nj, nj, 3, 4))
     for i, placement in enumerate(list(model.jointPlacements)[1:]):
         R, p = np.eye(3)[None], np.zeros((1, 3))
-        if parents[i] >= 0:
-            R, p = rotations[parents[i]], origins[parents[i]]
+        if before[i] >= 0:
+            R, p = rotations[before[i]], origins[before[i]]
         R, p = R @ placement.rotation, p + R @ placement.translation
         origins[i] = p + (R @ own[i][:3]) * q[:, [i]]
         rotations[i] = R @ Rotation.from_rotvec(q[:, [i]] * own[i][3:]).as_matrix()
@@ -153,5 +158,5 @@ def gravity_regressor(model: pin.Model, q: np.ndarray) -> np.ndarray:
         while j >= 0:
             regressor[:, j, i, :, 0] = -linear[j] - np.cross(angular[j], origins[i])
             regressor[:, j, i, :, 1:] = -np.cross(angular[j][:, :, None], rotations[i], axis=1)
-            j = parents[j]
+            j = before[j]
     return regressor

@@ -12,8 +12,8 @@ import numpy as np
 
 from armdyn.arm.model import ArmModel
 from armdyn.arm.physics import Expression, Joint, Link, Neighbour
-from armdyn.arm.rigid import inertia_matrix, joint_axes
-from armdyn.effects.effect import applied
+from armdyn.arm.rigid import inertia_matrix, joint_axes, parents
+from armdyn.effects.effect import apply_effect
 from armdyn.errors import InputError
 
 
@@ -46,7 +46,7 @@ def rigid_torques(model: ArmModel, q: Expression, v: Expression, a: Expression) 
     """
     arm = model.arm.model
     links = list(model.link_parameters().values())
-    parents = [int(parent) - 1 for parent in list(arm.parents)[1:]]
+    inner = parents(arm)
     placements = list(arm.jointPlacements)[1:]
     axes = joint_axes(arm)
     gravity = ca.SX(model.gravity())
@@ -57,7 +57,7 @@ def rigid_torques(model: ArmModel, q: Expression, v: Expression, a: Expression) 
         linear, angular = axis[:3], axis[3:]
         R = ca.SX(np.asarray(placements[i].rotation)) @ _turned(angular, q[i])
         p = ca.SX(placements[i].translation) + ca.SX(np.asarray(placements[i].rotation) @ linear) * q[i]
-        w, dw, acceleration = (ca.SX(3, 1), ca.SX(3, 1), -gravity) if parents[i] < 0 else moves[parents[i]]
+        w, dw, acceleration = (ca.SX(3, 1), ca.SX(3, 1), -gravity) if inner[i] < 0 else moves[inner[i]]
         # Acceleration of the link's origin, less gravity, then everything in the link's own axes.
         acceleration = acceleration + ca.cross(dw, p) + ca.cross(w, ca.cross(w, p))
         w, dw, acceleration = R.T @ w, R.T @ dw, R.T @ acceleration
@@ -75,10 +75,10 @@ def rigid_torques(model: ArmModel, q: Expression, v: Expression, a: Expression) 
     for i in reversed(range(len(axes))):
         force, moment = forces[i]
         tau[i] = ca.dot(ca.SX(axes[i][:3]), force) + ca.dot(ca.SX(axes[i][3:]), moment)
-        if parents[i] >= 0:
+        if inner[i] >= 0:
             R, p = rotations[i]
-            outer, (inner_force, inner_moment) = R @ force, forces[parents[i]]
-            forces[parents[i]] = inner_force + outer, inner_moment + R @ moment + ca.cross(p, outer)
+            outer, (inner_force, inner_moment) = R @ force, forces[inner[i]]
+            forces[inner[i]] = inner_force + outer, inner_moment + R @ moment + ca.cross(p, outer)
     return ca.vertcat(*tau)
 
 
@@ -87,7 +87,7 @@ def _with_effects(
 ) -> tuple[Joint, int]:
     """A joint with its effects at the model's parameters, and its neighbour towards the base, -1 for none."""
     name, zero, time = model.joints[i], ca.SX(0), ca.SX.sym("time")
-    inner = int(model.arm.model.parents[i + 1]) - 1
+    inner = parents(model.arm.model)[i]
     neighbour = Neighbour(q[inner], v[inner], a[inner]) if inner >= 0 else Neighbour(zero, zero, zero)
     joint = Joint(
         time, q[i], v[i], a[i], ca.sign(v[i]), load, neighbour, Link(ca.SX(4, 4), ca.SX(4, 4)),
@@ -99,7 +99,7 @@ def _with_effects(
             short: ca.SX(model.parameters[f"{effect.name}.{short}[{name}]"].value) for short in effect.quantities
         }
         # What an effect does to the link is in the link's parameters already.
-        joint = replace(applied(effect.name, effect.function, joint, parameters), link=joint.link)
+        joint = replace(apply_effect(effect.name, effect.function, joint, parameters), link=joint.link)
         if joint.memory or ca.depends_on(ca.vertcat(joint.torque, joint.inner_torque), time):
             why = "has a state of its own" if joint.memory else "depends on time"
             raise InputError(

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import casadi as ca
 
-from armdyn.codegen import Buffered, compiled
+from armdyn.codegen import Buffered, compile_functions
 from armdyn.control.questions import Question
 from armdyn.pendulum.dynamics import STATE_SIZE, Dynamics
 
@@ -101,7 +101,7 @@ def horizon_functions(
     backwards = [before[:, flip], schedule.T[:, flip], times[:, flip], *repeated, ca.repmat(effect, 1, steps)]
     _, gradient = back.mapaccum("behind", steps)(ca.MX.zeros(extended_size), *backwards)
     arguments, total = [schedule, start, now, *known, gathered], costs[-1] + value
-    built = compiled(
+    built = compile_functions(
         f"sac_{name}{question.tag}",
         {
             "cost": ca.Function("cost", arguments, [total]),

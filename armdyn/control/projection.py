@@ -17,7 +17,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from armdyn.codegen import Buffered, compiled
+from armdyn.codegen import Buffered, compile_functions
 from armdyn.errors import TaskFailedError
 
 QUASI_NEWTON_FIRST = 2
@@ -92,7 +92,7 @@ class ProjectionOptimizer:
 
     def __init__(self, problem: DiscreteProblem, steps: int) -> None:
         self.problem, self.steps = problem, steps
-        built = compiled(
+        built = compile_functions(
             f"projection_{problem.name}",
             {
                 "project": _projection(problem, steps),

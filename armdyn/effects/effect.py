@@ -74,14 +74,14 @@ class Effect:
             parameters: expressions by full name, ``"<effect>.<quantity>"``.
         """
         values = {short: parameters[f"{self.name}.{short}"] for short in self.quantities}
-        return applied(self.name, self.function, stage, values)
+        return apply_effect(self.name, self.function, stage, values)
 
     def parameters(self) -> tuple[Parameter, ...]:
         """The parameters with their full names, at their null values."""
         return tuple(q.parameter(self.name, short) for short, q in self.quantities.items())
 
 
-def applied(name: str, function: Callable[..., Any], stage: Physics, values: Mapping[str, Any]) -> Physics:
+def apply_effect(name: str, function: Callable[..., Any], stage: Physics, values: Mapping[str, Any]) -> Physics:
     """The stage after an effect's function, with the faults of a user's file as sentences.
 
     Args:

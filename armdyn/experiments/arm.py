@@ -52,19 +52,6 @@ class Postures(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Cuts:
-    """Half-spaces in which postures must stay, normal . q >= bound, one at every instant of the finer grid.
-
-    Attributes:
-        normal: (n, nj); 0 where nothing is near.
-        bound: (n,) -infinity where nothing is near.
-    """
-
-    normal: np.ndarray
-    bound: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
 class ArmProblem(MotionProblem):
     """A motion of an arm with less of a criterion.
 
@@ -74,7 +61,8 @@ class ArmProblem(MotionProblem):
         series: of which motions are made.
         limits: of joints and torques.
         postures: which are free.
-        cuts: of postures, near the motion with which a round begins; None where there is none.
+        cuts: half-spaces normal . q >= bound in which postures must stay, one at every instant of the finer grid:
+            normals (n, nj), 0 where nothing is near, and bounds (n,), -infinity there; None where there are none.
     """
 
     columns: Columns
@@ -82,7 +70,7 @@ class ArmProblem(MotionProblem):
     series: Series
     limits: MotionLimits
     postures: Postures
-    cuts: Cuts | None = None
+    cuts: tuple[np.ndarray, np.ndarray] | None = None
     steps: tuple[int, ...] = STEPS
     starts: int = STARTS
 
@@ -151,7 +139,7 @@ class ArmProblem(MotionProblem):
                 here = finer[k % len(finer)]
                 left = margin if k == FINER * i else self.postures.margin(here)
                 normal[k % len(finer)], bound[k % len(finer)] = slope, slope @ here - left
-        return replace(self, cuts=Cuts(normal, bound))
+        return replace(self, cuts=(normal, bound))
 
     def accepted(self, before: np.ndarray, after: np.ndarray) -> np.ndarray:
         """The motion after a round, or one between, so that no posture is deep in what is forbidden.
@@ -167,21 +155,20 @@ class ArmProblem(MotionProblem):
 
     def effect(self, x: np.ndarray) -> Evaluated:
         """Criterion, torques and postures with their gradient."""
-        motion, effort = self.grid.motion(x), self.limits.effort
-        slopes = self.columns.with_slopes(motion)
-        X = slopes.columns.reshape(-1, slopes.columns.shape[2])
+        effort = self.limits.effort
+        columns, torque, by_motion = self.columns.with_slopes(self.grid.motion(x))
+        X = columns.reshape(-1, columns.shape[2])
         value, by_information = self.criterion(self.weight * X.T @ X)
-        by_columns = (2.0 * self.weight * X @ by_information).reshape(slopes.columns.shape)
-        beyond = [two_sided(slopes.torque / effort)]
+        by_columns = (2.0 * self.weight * X @ by_information).reshape(columns.shape)
+        beyond = [two_sided(torque / effort)]
         if self.cuts is not None:
-            q = self.finer.motion(x).q
-            beyond.append(self.cuts.bound - np.einsum("nj,nj->n", self.cuts.normal, q))
+            normal, bound = self.cuts
+            beyond.append(bound - np.einsum("nj,nj->n", normal, self.finer.motion(x).q))
 
         def gradient(weights: Sequence[np.ndarray]) -> np.ndarray:
-            by_torque = (weights[0][0] - weights[0][1]) / effort
-            total = self.grid.gradient(*slopes.gradient(by_columns, by_torque))
+            total = self.grid.gradient(*by_motion(by_columns, (weights[0][0] - weights[0][1]) / effort))
             if self.cuts is not None:
-                total -= (weights[1][:, None] * self.cuts.normal).T @ self.finer.functions[0]
+                total -= (weights[1][:, None] * normal).T @ self.finer.functions[0]
             return total
 
         return Evaluated(value, beyond, gradient)

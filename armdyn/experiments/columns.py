@@ -1,5 +1,6 @@
 """What the torques of an arm tell about unknowns at every instant of a motion: derivatives by each of them."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -22,6 +23,7 @@ WIDE = 10.0
 """Times its typical size: standard deviation of an unknown before the recording, as in a repair's fits."""
 STEP = 1e-5
 """rad, rad/s, rad/s^2: of finite differences."""
+Gradient = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,15 +84,20 @@ class Columns:
         return Stretch(self.arm.model, Motion(apart, motion.q, motion.v, motion.a, direction), apart)
 
     def _columns(self, states: Stretch) -> np.ndarray:
-        return self.model.sensitivities(states) * (self.typical / self.noise[:, None])
+        return self.model.at_states(states)[1] * (self.typical / self.noise[:, None])
 
     def _torque(self, states: Stretch) -> np.ndarray:
         robot, motion = self.arm.robot, states.motion
         springs = robot.spring_torque(motion.q, [spring for spring in robot.springs if spring.enabled])
         return states.described + np.asarray(self.arm.model.damping) * motion.v + springs
 
-    def with_slopes(self, motion: AxisMotion) -> "Slopes":
-        """Columns and torques, and how they change with positions, velocities and accelerations."""
+    def with_slopes(self, motion: AxisMotion) -> tuple[np.ndarray, np.ndarray, Gradient]:
+        """Columns (n, nj, P) and torques (n, nj), and how a number follows from them by the chain rule.
+
+        Returns:
+            Columns, torques, and a function that takes a number's derivatives by the columns and by the torques to
+            those by positions, velocities and accelerations, (n, nj) each.
+        """
         n, nj = motion.q.shape
         shifts = np.vstack([np.zeros((1, 3 * nj)), STEP * np.eye(3 * nj)])
         parts = (motion.q, motion.v, motion.a)
@@ -98,39 +105,16 @@ class Columns:
         states = self._states(AxisMotion(*moved))
         columns = self._columns(states).reshape(1 + 3 * nj, n, nj, -1)
         torque = self._torque(states).reshape(1 + 3 * nj, n, nj)
-        return Slopes(columns[0], torque[0], columns[1:], torque[1:])
 
+        def gradient(by_columns: np.ndarray, by_torque: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+            whole = np.einsum("dnjp,njp->dn", columns[1:], by_columns, optimize=True)
+            whole -= np.einsum("njp,njp->n", columns[0], by_columns)
+            whole += np.einsum("dnj,nj->dn", torque[1:], by_torque)
+            whole -= np.einsum("nj,nj->n", torque[0], by_torque)
+            q, v, a = (whole / STEP).reshape(3, nj, n).transpose(0, 2, 1)
+            return q, v, a
 
-@dataclass(frozen=True, eq=False)
-class Slopes:
-    """Columns and torques of a motion, and those of motions that differ in one position, velocity or acceleration.
-
-    Attributes:
-        columns: (n, nj, P).
-        torque: (n, nj).
-        shifted_columns: (3 nj, n, nj, P) after a step of `STEP`.
-        shifted_torque: (3 nj, n, nj).
-    """
-
-    columns: np.ndarray
-    torque: np.ndarray
-    shifted_columns: np.ndarray
-    shifted_torque: np.ndarray
-
-    def gradient(self, by_columns: np.ndarray, by_torque: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(n, nj) derivatives of a number by positions, velocities and accelerations.
-
-        Args:
-            by_columns: (n, nj, P) its derivatives by the columns.
-            by_torque: (n, nj) those by the torques.
-        """
-        n, nj = self.torque.shape
-        whole = np.einsum("dnjp,njp->dn", self.shifted_columns, by_columns, optimize=True)
-        whole -= np.einsum("njp,njp->n", self.columns, by_columns)
-        whole += np.einsum("dnj,nj->dn", self.shifted_torque, by_torque)
-        whole -= np.einsum("nj,nj->n", self.torque, by_torque)
-        q, v, a = (whole / STEP).reshape(3, nj, n).transpose(0, 2, 1)
-        return q, v, a
+        return columns[0], torque[0], gradient
 
 
 def present(model: ArmModel) -> ArmModel:

@@ -11,7 +11,6 @@ is exact with one reverse pass through each model, for any number of coefficient
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -60,19 +59,6 @@ SLACK = 0.05
 
 Pair = tuple[int, int]
 """Indices of the hypothesis that is true and of the rival that is refitted."""
-
-
-@dataclass(frozen=True, eq=False)
-class Designed:
-    """A designed motion.
-
-    Attributes:
-        motion: within the limits.
-        start: smallest rise of chi2 over all ordered pairs, by linearisation, for the median of the random motions.
-    """
-
-    motion: Motion
-    start: float
 
 
 def motion_series(seconds: float) -> Series:
@@ -212,15 +198,15 @@ class GripperProblem(MotionProblem):
         return Evaluated(-smallest, [two_sided(p.swing(p.start) / self.swing) for p in here], gradient)
 
 
-def designed(
+def design_motion(
     hypotheses: Sequence[Hypothesis],
     experiment: Experiment,
     seconds: float,
     limits: GripperLimits | None = None,
     seed: int = 0,
     say: Say = lambda _: None,
-) -> Designed:
-    """The motion that makes the smallest separation of any two hypotheses largest.
+) -> tuple[Motion, float]:
+    """Find the motion that makes the smallest separation of any two hypotheses largest.
 
     Args:
         hypotheses: two or more.
@@ -229,6 +215,10 @@ def designed(
         limits: of gripper and swing.
         seed: of the random motions.
         say: told how far it is.
+
+    Returns:
+        The motion, within the limits, and the smallest rise of chi2 over all ordered pairs, by linearisation, for the
+        median of the random motions.
 
     Raises:
         InputError: no motion can have this duration.
@@ -248,4 +238,4 @@ def designed(
     found = search(problem, starts, [-float(rise) for rise in rises.min(axis=1)], say)
     fine = GripperProblem(hypotheses, experiment, series, limits, STEP)
     inside = shrunk(fine, found)
-    return Designed(fine.motion(found * 0.0 if inside is None else inside), float(np.median(rises.min(axis=1))))
+    return fine.motion(found * 0.0 if inside is None else inside), float(np.median(rises.min(axis=1)))

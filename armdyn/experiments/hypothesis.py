@@ -292,7 +292,7 @@ def _driving(basis: Basis, lag: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _root_of_inverse(information: np.ndarray) -> np.ndarray:
-    """(k, k) A with A A' the inverse; directions of which nothing is known get none, they are no news of a rival."""
+    """(k, k) A with A A' the inverse; directions of which nothing is known count as known, for no error to be drawn."""
     if not len(information):
         return information.copy()
     scale = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armdyn.document import Column, Curve, Document, Section, Table
-from armdyn.experiments.gripper import Designed, designed
+from armdyn.experiments.gripper import design_motion
 from armdyn.experiments.hypothesis import Experiment, Hypothesis, Motion, PredictedExperiment
 from armdyn.experiments.limits import GripperLimits
 from armdyn.experiments.rivals import Rivals, last_motion
@@ -113,12 +113,12 @@ class Proposal:
     Attributes:
         experiment: what to do.
         outlook: what is expected of it.
-        designed: how its motion was found; None for the other kinds.
+        random: smallest rise of chi2 of the median of random motions; None where no motion was designed.
     """
 
     experiment: Experiment
     outlook: Outlook
-    designed: Designed | None = None
+    random: float | None = None
 
     @property
     def rank(self) -> tuple[float, bool, float]:
@@ -255,9 +255,9 @@ def designed_motion(
 ) -> Proposal:
     """The motion that tells the rivals apart best; pairs that no motion separates do not count in it."""
     experiment = Experiment("motion", "swing along the designed motion", noise=rivals.noise)
-    best = designed(rivals.hypotheses, experiment, seconds, limits, seed, say)
-    experiment = experiment.along(best.motion)
-    return Proposal(experiment, outlook(rivals.hypotheses, experiment, seed), best)
+    motion, random = design_motion(rivals.hypotheses, experiment, seconds, limits, seed, say)
+    experiment = experiment.along(motion)
+    return Proposal(experiment, outlook(rivals.hypotheses, experiment, seed), random)
 
 
 def other_kinds(rivals: Rivals, seconds: float) -> list[Experiment]:

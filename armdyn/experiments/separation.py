@@ -68,11 +68,6 @@ def linear_separation(truth: PredictedExperiment, rival: PredictedExperiment) ->
     return float(_Around(rival, rival.start).left(difference[:, None])[0])
 
 
-def separation(truth: PredictedExperiment, rival: PredictedExperiment) -> float:
-    """The rise of chi2 when the rival is really refitted, within the bounds of its unknowns."""
-    return Rival(rival, truth.predict(truth.start)[0]).refitted()[0]
-
-
 @dataclass(frozen=True, eq=False)
 class Outlook:
     """What is expected of an experiment.

@@ -1,8 +1,8 @@
 """Recordings of an arm against its description: torques at a few moments, in every way in which they may be meant."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -14,7 +14,7 @@ from armdyn.arm.motion import Motion, measured_motion
 from armdyn.arm.prepared import interior
 from armdyn.arm.rigid import inverse_dynamics
 from armdyn.effects.effect import Effect
-from armdyn.inspection.correction import Correction
+from armdyn.inspection.correction import Correction, Reading
 from armdyn.inspection.evidence import FLOOR, Channels, Evidence, evidence, independent
 from armdyn.inspection.kinematics import averages
 from armdyn.run import Run
@@ -84,21 +84,8 @@ NOTHING = Description(mass=0.0)
 
 Meaning: TypeAlias = tuple[Correction, Description]
 """How a recording is to be read, and what it is held against."""
-
-
-@dataclass(frozen=True, eq=False)
-class Coarse:
-    """What is asked of the joints at some of the moments.
-
-    Attributes:
-        described: (J, n) torques.
-        columns: (J, n, 4) of offset, frictions and rotor.
-        beyond: nats that positions beyond the joints' limits cost.
-    """
-
-    described: np.ndarray
-    columns: np.ndarray
-    beyond: float
+Positions: TypeAlias = tuple[tuple[str, Reading], ...]
+"""How positions are to be read, by channel."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,12 +195,15 @@ class ArmRun:
         Every joint has friction, a rotor, an offset and an error of a tenth of its torque.
         """
         read = [self.read(correction) for correction, _ in meanings]
-        coarse = [self._coarse(*meaning) for meaning in meanings]
+        coarse = [
+            self._coarse(tuple(sorted((n, r) for n, r in c.readings.items() if n.startswith("q."))), description)
+            for c, description in meanings
+        ]
         y, volume = np.array([r[0][:, ::COARSE] for r in read]), np.array([r[1] for r in read])
         weight = np.array([self.weights[r[2]] for r in read])
-        X, cost = np.array([c.columns for c in coarse]), np.array([c.beyond for c in coarse])
+        described, X, cost = (np.array(part) for part in zip(*coarse, strict=True))
         scale = np.maximum(np.mean(y**2, axis=2), (SLIGHT * self._effort[self.of_joint] * np.exp(volume)) ** 2)
-        gap = y - np.array([c.described for c in coarse])
+        gap = y - described
         turned = np.swapaxes(X, 2, 3)
         G, slope = turned @ X, (turned @ gap[..., None])[..., 0]
         variance, used = 0.1 * scale, np.ones(slope.shape, dtype=bool)
@@ -228,22 +218,19 @@ class ArmRun:
         total = len(self.motion.time) * np.sum(weight * (volume - 0.5 * np.log(variance)), axis=1)
         return np.asarray(total - cost - self._too_strong(y))
 
-    def _coarse(self, correction: Correction, description: Description) -> Coarse:
-        """What is asked of the joints at some of the moments; kept, as many meanings share it."""
-        positions = tuple(sorted((n, r) for n, r in correction.readings.items() if n.startswith("q.")))
-        key = positions, description
-        if key not in self._kept:
-            m = self.moved(correction)
-            m = Motion(*(x[::COARSE] for x in (m.time, m.q, m.v, m.a, m.direction)))
-            j, effort = self.of_joint, self._effort[self.of_joint]
-            rows = [np.full(m.q.shape, 0.05)[:, j], 0.1 * m.v[:, j], 0.1 * m.direction[:, j], 0.01 * m.a[:, j]]
-            columns = (np.stack(rows, axis=2) * effort[:, None]).transpose(1, 0, 2)
-            self._kept[key] = Coarse(self.described(m, description), columns, self._beyond(m))
-        return self._kept[key]
-
     @cached_property
-    def _kept(self) -> dict[object, Coarse]:
-        return {}
+    def _coarse(self) -> Callable[[Positions, Description], tuple[np.ndarray, np.ndarray, float]]:
+        """See `_coarse_of`; kept, as many meanings share it."""
+        return cache(self._coarse_of)
+
+    def _coarse_of(self, positions: Positions, description: Description) -> tuple[np.ndarray, np.ndarray, float]:
+        """At some moments (J, n) torques and (J, n, 4) columns of offset, frictions and rotor; the cost of postures."""
+        m = self.moved(Correction(dict(positions)))
+        m = Motion(*(x[::COARSE] for x in (m.time, m.q, m.v, m.a, m.direction)))
+        j, effort = self.of_joint, self._effort[self.of_joint]
+        rows = [np.full(m.q.shape, 0.05)[:, j], 0.1 * m.v[:, j], 0.1 * m.direction[:, j], 0.01 * m.a[:, j]]
+        columns = (np.stack(rows, axis=2) * effort[:, None]).transpose(1, 0, 2)
+        return self.described(m, description), columns, self._beyond(m)
 
     def sure(
         self, correction: Correction, description: Description = AS_DESCRIBED, weight: np.ndarray | None = None

@@ -1,7 +1,7 @@
 """A physics as a model: what its sensors should have read in a run, for any composition of effects."""
 
 import os
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import product
@@ -85,15 +85,19 @@ class PhysicsModel(SimulatedModel):
 
     def guess_start(self, run: Run) -> Mapping[str, float]:
         """See `Model.guess_start`: what a channel measures of the states, and of the states that are their rates."""
-        bare, states = _bare(self.physics), self.physics.states
-        values, rates = {}, {}
+        states = self.physics.states
+        guess = self._shown(run, measured_start)
+        return {states[n].name: float(np.clip(v, states[n].lower, states[n].upper)) for n, v in guess.items()}
+
+    def _shown(self, run: Run, look: Callable[[Channel], Iterable[Any]]) -> dict[str, Any]:
+        """By state, what channels show of it: `look` gives value and rate of a channel."""
+        bare, values, rates = _bare(self.physics), {}, {}
         for name, channel in bare.measured.items():
             if channel in run.channels:
-                values[name], slope = measured_start(run.channels[channel])
+                values[name], rate = look(run.channels[channel])
                 if name in bare.rates:
-                    rates[bare.rates[name]] = slope
-        guess = {**rates, **values}  # what is measured itself is better than a slope
-        return {states[n].name: float(np.clip(v, states[n].lower, states[n].upper)) for n, v in guess.items()}
+                    rates[bare.rates[name]] = rate
+        return {**rates, **values}  # what is measured itself is better than a slope
 
     def possible_starts(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
         """See `Model.possible_starts`: a lattice of the states that no channel measures."""
@@ -182,13 +186,7 @@ class PhysicsModel(SimulatedModel):
         """See `SimulatedModel`: where every state, or what it is the rate of, has a channel of its own."""
         if not self.physics.states:
             return super().measured_motion(run, times, theta, swing)
-        bare, found = _bare(self.physics), {}
-        for name, channel in bare.measured.items():
-            if channel in run.channels:
-                value, rate = local_motion(run.channels[channel], times, REACH * swing).T
-                found[name] = value
-                if name in bare.rates:
-                    found.setdefault(bare.rates[name], rate)
+        found = self._shown(run, lambda channel: local_motion(channel, times, REACH * swing).T)
         if not all(name in found for name in self.physics.states):
             return None
         return np.column_stack([found[name] for name in self.physics.states])

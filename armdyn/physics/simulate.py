@@ -7,7 +7,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from armdyn.codegen import Buffered, compiled
+from armdyn.codegen import Buffered, compile_functions
 from armdyn.physics.definition import Expression
 from armdyn.physics.dry import MOMENTUM, DryFriction
 from armdyn.physics.recorded import Path, slope
@@ -107,7 +107,7 @@ class Simulator:
         self.columns = len(self.channels) + self._impulse
         rows = [dynamics.outputs.index(name) for name in self.channels] + [len(dynamics.outputs)] * self._impulse
         steps, start = _steps(dynamics, self._active, rows, block), _start(dynamics, self._active)
-        built = compiled(f"simulate_{name}", {"steps": steps, "start": start})
+        built = compile_functions(f"simulate_{name}", {"steps": steps, "start": start})
         self._steps, self._start = Buffered(built["steps"]), Buffered(built["start"])
 
     def rollout(self, path: Path, theta: np.ndarray, *start: float) -> Rollout:

@@ -9,8 +9,8 @@ import numpy as np
 
 from armdyn.channels import Channel
 from armdyn.errors import InputError
-from armdyn.faults import cleaned
-from armdyn.model import Model, Prediction, joined
+from armdyn.faults import clean
+from armdyn.model import Model, Prediction, join_channels
 from armdyn.physics.recorded import Path
 from armdyn.physics.simulate import Rollout, Simulator, System, evaluated
 from armdyn.readout import Interpolated
@@ -138,7 +138,7 @@ class SimulatedModel(Model):
 
     def prepared(self, run: Run) -> Run:
         """See `Model.prepared`: without faulty samples, thinned."""
-        return cleaned(run, self.predicted_channels(run), self.inputs)
+        return clean(run, self.predicted_channels(run), self.inputs)
 
     def predict(self, run: Run, theta: np.ndarray) -> Prediction:
         """See `Model.predict`."""
@@ -158,7 +158,7 @@ class SimulatedModel(Model):
             sampler = _interpolated(*given, run.channels[name], run.spread.get(name, 0.0))
             read = self.system.sensors[name].read(signal, sampler, physics)
             parts.append((name, time, read[:, 0], read[:, 1:][:, columns]))
-        return joined(parts)
+        return join_channels(parts)
 
     @cached_property
     def places(self) -> tuple[list[int], list[int]]:

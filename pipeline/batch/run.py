@@ -5,11 +5,9 @@ only ever added to, by one process at a time. A last line that was cut off by a 
 one job the later counts. The Parquet file has a column per quantity, its unit in its name.
 """
 
-import dataclasses
-import json
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -21,40 +19,38 @@ from armdyn.errors import InputError
 from pipeline.batch.spec import Item, Spec
 from pipeline.batch.work import Job, Outcome, key_of, key_of_model
 from pipeline.batch.workers import in_processes, on_cluster
+from pipeline.processes import Closing
 from urdf.bounds import LARGEST_JOURNAL, LARGEST_LINE
 
 JOURNAL = "outcomes.jsonl"
 
 
-class Journal:
-    """The outcomes of one folder; use `opened`.
+class Journal(Closing):
+    """The outcomes of one folder, which this process alone writes to; use it in a ``with`` block.
 
     Attributes:
         outcomes: by key of their job.
+
+    Raises:
+        InputError: the folder cannot be written to.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self.outcomes: dict[str, Outcome] = {}
-        whole = self._read()
-        self._file = path.open("ab")
-        self._file.truncate(whole)
-
-    def _read(self) -> int:
-        """Read what is there; the number of bytes that are whole lines."""
-        if not self._path.exists():
-            return 0
-        data = read_bytes(self._path, LARGEST_JOURNAL)
-        whole = data.rfind(b"\n") + 1
+        try:
+            data = read_bytes(path, LARGEST_JOURNAL) if path.exists() else b""
+            self._file = path.open("ab")
+            whole = data.rfind(b"\n") + 1
+            self._file.truncate(whole)
+        except OSError as error:
+            raise InputError(
+                f"cannot write to {path.parent}: {error.strerror or error}; choose another --output"
+            ) from error
         for line in data[:whole].splitlines():
-            if len(line) > LARGEST_LINE:
-                continue
-            try:
-                outcome = Outcome.of(json.loads(line))
-            except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
-                continue  # a disk's mistake, or another version's: the job is done again
-            self.outcomes[outcome.key] = outcome
-        return whole
+            outcome = Outcome.of(line) if len(line) <= LARGEST_LINE else None
+            if outcome is not None:  # else a disk's mistake, or another version's: the job is done again
+                self.outcomes[outcome.key] = outcome
 
     def add(self, outcome: Outcome) -> None:
         """Keep an outcome.
@@ -62,9 +58,8 @@ class Journal:
         Raises:
             InputError: the disk is full.
         """
-        line = json.dumps(dataclasses.asdict(outcome), allow_nan=False) + "\n"
         try:
-            self._file.write(line.encode())
+            self._file.write(f"{outcome.line}\n".encode())
             self._file.flush()
             os.fsync(self._file.fileno())
         except OSError as error:
@@ -77,23 +72,6 @@ class Journal:
         """Nothing more comes; what a full disk did not take was told when it was added."""
         with suppress(OSError):
             self._file.close()
-
-
-@contextmanager
-def opened(folder: Path) -> Iterator[Journal]:
-    """The journal of a folder that this process alone writes to.
-
-    Raises:
-        InputError: the folder cannot be written to.
-    """
-    try:
-        journal = Journal(folder / JOURNAL)
-    except OSError as error:
-        raise InputError(f"cannot write to {folder}: {error.strerror or error}; choose another --output") from error
-    try:
-        yield journal
-    finally:
-        journal.close()
 
 
 @dataclass(frozen=True)
@@ -157,27 +135,21 @@ def run_batch(
         task = f"{spec.task}, trusted" if spec.trust else spec.task
         key = keys[item.model, item.run] = key_of(task, model_key, spec.name(item.run), item.run)
         jobs[key] = Job(key, spec.task, item.model.resolve(), model_key, item.run.resolve(), spec.effects, spec.trust)
-    with opened(folder) as journal:
+    with Journal(folder / JOURNAL) as journal:
         kept = {key for key, outcome in journal.outcomes.items() if not outcome.passing}
         todo = [job for key, job in jobs.items() if key not in kept]
         there, worked = len(jobs) - len(todo), 0
         say(f"{there} of {len(jobs)} recordings done")
         if todo and not stopped():
-            for outcome in _outcomes(todo, workers, scheduler, stopped):
+            processes = min(workers or os.cpu_count() or 1, len(todo))
+            on = in_processes(todo, processes, stopped) if scheduler is None else on_cluster(todo, scheduler, stopped)
+            for outcome in on:
                 journal.add(outcome)
                 worked += 1
                 say(f"{there + worked} of {len(jobs)} recordings done")
         found = ((item, journal.outcomes.get(keys.get((item.model, item.run), ""))) for item in spec.items)
         rows = [Row(item, outcome) for item, outcome in found if outcome is not None]
     return Done(tuple(rows), len(spec.items) - len(rows), worked)
-
-
-def _outcomes(
-    jobs: Sequence[Job], workers: int | None, scheduler: str | None, stopped: Callable[[], bool]
-) -> Iterator[Outcome]:
-    if scheduler is not None:
-        return on_cluster(jobs, scheduler, stopped)
-    return in_processes(jobs, min(workers or os.cpu_count() or 1, len(jobs)), stopped)
 
 
 ROWS = "batch.parquet"
@@ -202,45 +174,43 @@ def write_parquet(path: Path, spec: Spec, rows: Sequence[Row]) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    fixed = {
-        "robot": pa.string(), "model": pa.string(), "recording": pa.string(), "time": pa.timestamp("us", tz="UTC"),
-        "time_from": pa.string(), "verdict": pa.string(), "problem": pa.string(), "sentence": pa.string(),
-        "explained": pa.float64(), "effects": pa.list_(pa.string()), "chi2_per_sample": pa.float64(),
-        "intervals_hold": pa.bool_(), "duration [s]": pa.float64(), "seconds": pa.float64(),
-    }  # fmt: skip
-    cells = [_cells(spec, row) for row in rows]
-    numbers = sorted({name for cell in cells for name in cell if name not in fixed}, key=_order)
-    columns = {name: pa.array([cell.get(name) for cell in cells], kind) for name, kind in fixed.items()}
-    columns |= {name: pa.array([cell.get(name) for cell in cells], pa.float64()) for name in numbers}
+    kinds = {"text": pa.string(), "time": pa.timestamp("us", tz="UTC"), "number": pa.float64(), "truth": pa.bool_(),
+             "names": pa.list_(pa.string())}  # fmt: skip
+    fixed: list[tuple[str, str, Callable[[Row], Any]]] = [
+        ("robot", "text", lambda row: row.item.robot),
+        ("model", "text", lambda row: spec.name(row.item.model)),
+        ("recording", "text", lambda row: spec.name(row.item.run)),
+        ("time", "time", lambda row: row.item.when.time),
+        ("time_from", "text", lambda row: row.item.when.source.key if row.item.when.time is not None else None),
+        ("verdict", "text", lambda row: row.outcome.verdict or None),
+        ("problem", "text", lambda row: row.outcome.problem or None),
+        ("sentence", "text", lambda row: row.outcome.sentence or None),
+        ("explained", "number", lambda row: row.outcome.explained),
+        ("effects", "names", lambda row: row.outcome.effects if row.outcome.verdict else None),
+        ("chi2_per_sample", "number", lambda row: row.outcome.chi2_per_sample),
+        ("intervals_hold", "truth", lambda row: row.outcome.intervals_hold if row.outcome.verdict else None),
+        ("duration [s]", "number", lambda row: row.outcome.duration),
+        ("seconds", "number", lambda row: row.outcome.seconds),
+    ]
+    columns = {name: pa.array(list(map(value, rows)), kinds[kind]) for name, kind, value in fixed}
+    measured = [_numbers(row.outcome) for row in rows]
+    for name in sorted({name for cells in measured for name in cells}, key=_order):
+        columns[name] = pa.array([cells.get(name) for cells in measured], pa.float64())
     with atomic.replacing(path) as file:
         pq.write_table(pa.table(columns), file, compression="zstd")
 
 
-def _cells(spec: Spec, row: Row) -> Mapping[str, Any]:
-    item, outcome = row.item, row.outcome
-    cells: dict[str, Any] = {
-        "robot": item.robot,
-        "model": spec.name(item.model),
-        "recording": spec.name(item.run),
-        "time": item.when.time,
-        "time_from": item.when.source.key if item.when.time is not None else None,
-        "verdict": outcome.verdict or None,
-        "problem": outcome.problem or None,
-        "sentence": outcome.sentence or None,
-        "explained": outcome.explained,
-        "effects": list(outcome.effects) if outcome.verdict else None,
-        "chi2_per_sample": outcome.chi2_per_sample,
-        "intervals_hold": outcome.intervals_hold if outcome.verdict else None,
-        "duration [s]": outcome.duration,
-        "seconds": outcome.seconds,
+def _numbers(outcome: Outcome) -> dict[str, float | None]:
+    """Errors by channel and values by parameter, by the names of their columns."""
+    return {
+        f"{column}.{name} [{entry['unit']}]": entry[key]
+        for entries, keys in (
+            (outcome.channels, {"rmse": "rmse", "noise": "noise_std"}),
+            (outcome.parameters, {"value": "value", "std": "std"}),
+        )
+        for name, entry in (entries or {}).items()
+        for column, key in keys.items()
     }
-    for name, channel in (outcome.channels or {}).items():
-        cells[f"rmse.{name} [{channel['unit']}]"] = channel["rmse"]
-        cells[f"noise.{name} [{channel['unit']}]"] = channel["noise_std"]
-    for name, parameter in (outcome.parameters or {}).items():
-        cells[f"value.{name} [{parameter['unit']}]"] = parameter["value"]
-        cells[f"std.{name} [{parameter['unit']}]"] = parameter["std"]
-    return cells
 
 
 def _order(name: str) -> tuple[int, str, str]:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import hashlib
+import json
 import threading
 import time
 import traceback
@@ -83,30 +84,22 @@ class Outcome:
     duration: float | None = None
     seconds: float = 0.0
 
-    @classmethod
-    def of(cls, fields: Mapping[str, Any]) -> "Outcome":
-        """What a line of the journal says; keys of other versions are left out.
+    @property
+    def line(self) -> str:
+        """It as a line of JSON that says by itself whether it is whole."""
+        text = json.dumps(dataclasses.asdict(self), allow_nan=False)
+        return json.dumps({"digest": digest([text]), **json.loads(text)})
 
-        Raises:
-            ValueError, TypeError, KeyError or AttributeError: it is none.
-        """
-        known = {field.name: fields[field.name] for field in dataclasses.fields(cls) if field.name in fields}
-        for key, kind in (("key", str), ("verdict", str), ("sentence", str), ("problem", str), ("passing", bool),
-                          ("intervals_hold", bool)):  # fmt: skip
-            if not isinstance(known.get(key, kind()), kind):
-                raise ValueError(f"{key} is not a {kind.__name__}")
-        for key in ("explained", "chi2_per_sample", "duration", "seconds"):
-            if known.get(key) is not None:
-                known[key] = float(known[key])
-        known["effects"] = tuple(map(str, known["effects"]))
-        for key, needed in (("channels", ("rmse", "noise_std")), ("parameters", ("value", "std"))):
-            for entry in (known.get(key) or {}).values():
-                numbers = [entry[name] for name in needed]
-                if not isinstance(entry["unit"], str) or not all(
-                    x is None or isinstance(x, float | int) for x in numbers
-                ):
-                    raise ValueError(f"{key} lacks a unit or a number")
-        return cls(**known)
+    @classmethod
+    def of(cls, line: bytes) -> "Outcome | None":
+        """What a line says; None where it is spoiled, or of another version."""
+        try:
+            entry = json.loads(line)
+            if entry.pop("digest") == digest([json.dumps(entry)]):
+                return cls(**{**entry, "effects": tuple(entry["effects"])})
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+            pass
+        return None
 
 
 def work(job: Job) -> Outcome:
@@ -220,20 +213,17 @@ def key_of_model(path: Path, effects: Path | None) -> str:
     from armdyn.arm.model import ArmModel
 
     model, _ = model_of(path, effects)
-    parts = [contents(path)]
-    parts += [contents(effects)] if effects is not None else []
-    if isinstance(model, ArmModel):
-        parts.append(model.arm.robot.fingerprint)
     base = str(read_table(path)[1]["base"])
-    parts += [contents(path.parent / base)] if base.endswith(".py") else []
-    return _digest(parts)
+    files = [path, effects, path.parent / base if base.endswith(".py") else None]
+    robot = [model.arm.robot.fingerprint] if isinstance(model, ArmModel) else []
+    return digest([contents(file) for file in files if file is not None] + robot)
 
 
 def key_of(task: str, model_key: str, name: str, run: Path) -> str:
     """What a job is: by the version of armdyn, the model, and name and content of recording and sidecar."""
     from armdyn import __version__
 
-    return _digest([__version__, task, model_key, name, contents(run), contents(run.with_suffix(".toml"))])
+    return digest([__version__, task, model_key, name, contents(run), contents(run.with_suffix(".toml"))])
 
 
 def contents(path: Path) -> str:
@@ -245,7 +235,8 @@ def contents(path: Path) -> str:
         return ""
 
 
-def _digest(parts: list[str]) -> str:
+def digest(parts: list[str]) -> str:
+    """Of texts, 32 letters."""
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:32]
 
 

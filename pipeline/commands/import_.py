@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from armdyn import atomic
-from armdyn.errors import InputError
+from armdyn.errors import InputError, collect
 from pipeline.console.inputs import stopped_if_wrong
 from pipeline.console.options import JsonOption, RobotChoice, TrustOption
 from pipeline.console.outputs import check_outputs, free_to_write
@@ -71,18 +71,17 @@ def _import(
     from armdyn.arm.model import arm_model
     from armdyn.inspection.inspect import inspected, require_usable
     from pipeline.answers import checks_answer
-    from pipeline.imports.conversion import imported
+    from pipeline.imports.conversion import run_of
     from pipeline.imports.mapping import known_columns, read_map
     from pipeline.report.inspection import inspection_document
 
     given = read_map(mapping) if mapping is not None else None
     columns = {name for foreign in recordings for name in foreign.columns}
-    runs, problems = [], []
+    runs: list[Run] = []
+    problems: list[str] = []
     for foreign in recordings:
-        try:
-            runs.append(imported(foreign, given or known_columns(foreign), columns))
-        except InputError as error:
-            problems.append(str(error))
+        with collect(problems):
+            runs.append(run_of(foreign, given or known_columns(foreign), columns))
     if problems:
         raise InputError("; ".join(problems))
     found = inspected(runs, arm_model(choice.urdf_file, choice.robot) if choice else None)
@@ -108,7 +107,7 @@ def _write(runs: "list[Run]", output: Path, inputs: list[Path], force: bool) -> 
             if file.resolve() in given:
                 raise InputError(f"{path} would take the place of what is imported: choose another --output")
             free_to_write(file, force)
-    atomic.making_directory(output)
+    atomic.make_directory(output)
     for run, path in zip(runs, paths, strict=True):
         write_run_csv(run, path)
     return paths
@@ -124,14 +123,14 @@ def _propose(
 ) -> None:
     """Write a mapping that a person reads before it is used."""
     from armdyn.arm.arm import find_arm
-    from pipeline.imports.guess import guessed
+    from pipeline.imports.guess import guess_map
     from pipeline.imports.joints import Joints
     from pipeline.imports.mapping import map_text
 
     joints = Joints.of(find_arm(choice.urdf_file, choice.robot).robot) if choice else None
-    found, target = guessed(recordings, joints), output / "map.toml"
+    found, target = guess_map(recordings, joints), output / "map.toml"
     free_to_write(target, force)
-    atomic.making_directory(output)
+    atomic.make_directory(output)
     comment = f"Proposed by armdyn from {files[0].name}: read it, mend what is wrong, above all lines with CHECK."
     atomic.write_text(target, map_text(found, comment))
     if write_answer(json_file, lambda: _guess_answer(found, target)):

@@ -104,7 +104,7 @@ def write_fixed(found: "Inspection", folder: Path, force: bool) -> list[Path]:
         for target in (path, path.with_suffix(".toml"), maps[name]):
             free_to_write(target, force)
     if runs:
-        atomic.making_directory(folder)
+        atomic.make_directory(folder)
     written = []
     for name, run in runs.items():
         write_run_csv(corrected[name].of(run), paths[name])

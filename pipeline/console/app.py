@@ -72,12 +72,12 @@ def run(interrupts: Interrupts) -> int:
     Returns:
         The exit status: 0 done, 1 the answer is no, 2 bad input, 3 a mistake of ours, 128 + n ended by signal n.
     """
-    with tolerant_streams() as streams:
+    with tolerant_streams() as problem_of_output:
         try:
             status = _run_command(interrupts)
         except BaseException as error:
             status = _say_why(error, interrupts)
-        problem = streams.problem()
+        problem = problem_of_output()
         if problem is not None and status in (0, 1):
             status = _say(f"cannot write to standard output: {problem}; choose another place", 2)
     return status

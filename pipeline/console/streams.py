@@ -13,7 +13,7 @@ import sys
 import tempfile
 import threading
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import datetime
 from importlib import metadata
@@ -85,7 +85,6 @@ class Tolerant(io.RawIOBase):
 
     def write(self, data: Any) -> int | None:
         """Write what can be written; says that everything was."""
-        size = len(data)
         if not self._gone:
             try:
                 return os.write(self._descriptor, data)
@@ -95,42 +94,46 @@ class Tolerant(io.RawIOBase):
                 self._gone = True
                 if error.errno != errno.EPIPE:
                     self.problem = error.strerror or str(error)
-        return size
+        return len(data)
 
 
-class Streams:
-    """The two streams of a process, while they are tolerant."""
+@contextmanager
+def tolerant_streams() -> Iterator[Callable[[], str | None]]:
+    """Let nothing that is printed raise an error, and let a thread that fails print one line.
 
-    def __init__(self) -> None:
-        self._kept: list[tuple[str, TextIO | None]] = []
-        self._raw: Tolerant | None = None
+    Standard streams are replaced where they are files, not where a test has put something in their place.
 
-    def begin(self) -> None:
-        """Take the place of those standard streams that are files, not of what a test has put there."""
-        for number, name in ((1, "stdout"), (2, "stderr")):
-            before = getattr(sys, name)
-            if before is not None and before is not getattr(sys, f"__{name}__"):
-                continue
-            if before is None:
-                _occupy(number)
-            raw = Tolerant(number)
-            encoding = getattr(before, "encoding", None) or "utf-8"
-            buffer = io.BufferedWriter(raw)
-            new = io.TextIOWrapper(buffer, encoding, errors="replace", line_buffering=number == 2 or raw.isatty())
-            if number == 1:
-                self._raw = raw
-            self._kept.append((name, before))
-            setattr(sys, name, new)
+    Yields:
+        A function that says why something of standard output was dropped; None where nothing was.
+    """
+    usual, kept = threading.excepthook, dict[str, tuple[TextIO | None, Tolerant]]()
+    for number, name in ((1, "stdout"), (2, "stderr")):
+        before = getattr(sys, name)
+        if before is not None and before is not getattr(sys, f"__{name}__"):
+            continue
+        if before is None:
+            _occupy(number)
+        raw = Tolerant(number)
+        encoding = getattr(before, "encoding", None) or "utf-8"
+        lines = number == 2 or raw.isatty()
+        setattr(sys, name, io.TextIOWrapper(io.BufferedWriter(raw), encoding, errors="replace", line_buffering=lines))
+        kept[name] = before, raw
 
-    def problem(self) -> str | None:
-        """Why something of standard output was dropped; None where nothing was."""
+    def problem() -> str | None:
         with suppress(OSError, ValueError, AttributeError):
             sys.stdout.flush()
-        return self._raw.problem if self._raw is not None else None
+        return kept["stdout"][1].problem if "stdout" in kept else None
 
-    def end(self) -> None:
-        """Put the old ones back."""
-        for name, before in self._kept:
+    def report(what: threading.ExceptHookArgs) -> None:
+        if what.exc_value is not None and not isinstance(what.exc_value, SystemExit):
+            print(f"armdyn: {report_unforeseen(what.exc_value)}", file=sys.stderr)
+
+    threading.excepthook = report
+    try:
+        yield problem
+    finally:
+        threading.excepthook = usual
+        for name, (before, _) in kept.items():
             with suppress(OSError, ValueError, AttributeError):
                 getattr(sys, name).flush()
             setattr(sys, name, before)
@@ -145,21 +148,3 @@ def _occupy(number: int) -> None:
         if nowhere != number:
             os.dup2(nowhere, number)
             os.close(nowhere)
-
-
-@contextmanager
-def tolerant_streams() -> Iterator[Streams]:
-    """Let nothing that is printed raise an error, and let a thread that fails print one line."""
-    streams, usual = Streams(), threading.excepthook
-    streams.begin()
-
-    def told(what: threading.ExceptHookArgs) -> None:
-        if what.exc_value is not None and not isinstance(what.exc_value, SystemExit):
-            print(f"armdyn: {report_unforeseen(what.exc_value)}", file=sys.stderr)
-
-    threading.excepthook = told
-    try:
-        yield streams
-    finally:
-        threading.excepthook = usual
-        streams.end()

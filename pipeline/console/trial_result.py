@@ -95,11 +95,11 @@ def real_trial(
     with spinner() as progress:
         prompts = _prompts(yes, landed, json_file)
         if rehearsed:
-            figures, farthest = rehearse(settings, link, prompts, progress)
+            statistics, farthest = rehearse(settings, link, prompts, progress)
         else:
             done = run_real(settings, link, prompts, out, progress)
     if rehearsed:
-        _show_rehearsal(figures, farthest, json_file)
+        _show_rehearsal(statistics, farthest, json_file)
         return
     _show(done, out, json_file, note)
     end_with(done.result)
@@ -153,29 +153,24 @@ def _show(done: "RealTrial", out: Path, json_file: Path | None, note: str) -> No
         say_result(result, lines, None if told else report)
 
 
-def _show_rehearsal(figures: "LinkStatistics", farthest: float, json_file: Path | None) -> None:
-    answer = {"schema": "armdyn.rehearsal/1", "tracking_error": farthest, "robot": figures.as_json()}
+def _show_rehearsal(statistics: "LinkStatistics", farthest: float, json_file: Path | None) -> None:
+    answer = {"schema": "armdyn.rehearsal/1", "tracking_error": farthest, "robot": statistics.as_json()}
     if write_answer(json_file, lambda: answer):
         say = to_screen().print
         say(f"the arm followed the whole line; a joint was at most {farthest:.3f} rad from its command")
-        for note in _timing(figures):
+        for note in _timing(statistics):
             say(note, soft_wrap=True, markup=False)
 
 
-def _timing(figures: "LinkStatistics") -> list[str]:
+def _timing(statistics: "LinkStatistics") -> list[str]:
     """What the commands and the states were like, in words."""
-    from pipeline.robot.link import Spread
-
-    told = []
-    for what, values in (
-        ("time between commands", figures.intervals),
-        ("age of the joint states", figures.ages),
-        ("command and back", figures.echoes),
-    ):
-        spread = Spread.of(tuple(values))
-        if spread is not None:
-            told.append(f"{what}: median {spread.milliseconds}")
-    return told
+    said = {
+        "command_interval": "time between commands",
+        "state_age": "age of the joint states",
+        "command_echo": "command and back",
+    }
+    spreads = statistics.spreads
+    return [f"{what}: median {spread.milliseconds}" for name, what in said.items() if (spread := spreads[name])]
 
 
 def _nodes(done: "RealTrial") -> dict[str, Any]:

@@ -1,33 +1,27 @@
 """Makes a run of a foreign recording by a mapping; every problem is told at once."""
 
-import difflib
-from collections.abc import Collection, Iterable
+from collections.abc import Collection
 from datetime import UTC, datetime
-from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from armdyn.channels import (
-    MIN_SAMPLES,
-    Channel,
-    FloatArray,
-    channel_kind,
-    channel_unit,
-    check_joint_units,
-)
-from armdyn.errors import InputError
+from armdyn.channels import MIN_SAMPLES, Channel, FloatArray, channel_kind, channel_unit, check_joint_units
+from armdyn.errors import InputError, UnknownNameError, at, collect
 from armdyn.run import Run
 from armdyn.units import parse_quantity, si_factor
 from pipeline.imports.foreign import Column, Foreign, ImportProblemsError
 from pipeline.imports.mapping import ColumnMap, Entry
+from pipeline.imports.words import is_unit
 
 YEARS = 2000, 2100
 """Between which stamps since 1970 are dates; no recording lasts so long that its own time goes so far."""
 MOTOR_SIDE = {"q": -1, "v": -1, "a": -1, "tau": 1}
 """Power of the gear ratio by which a motor's value is multiplied to be the joint's."""
+Rows = npt.NDArray[np.intp]
 
 
-def imported(foreign: Foreign, mapping: ColumnMap, elsewhere: Collection[str] = ()) -> Run:
+def run_of(foreign: Foreign, mapping: ColumnMap, elsewhere: Collection[str] = ()) -> Run:
     """The run that a recording becomes.
 
     Args:
@@ -40,46 +34,26 @@ def imported(foreign: Foreign, mapping: ColumnMap, elsewhere: Collection[str] = 
     """
     problems: list[str] = []
     notes = list(foreign.notes)
-    stamps = _table_time(foreign, mapping, problems, notes) if foreign.is_table else None
+    table: tuple[FloatArray, Rows] | None = None
+    if foreign.is_table:
+        with collect(problems):
+            table = _table_time(foreign, mapping, notes)
     channels: dict[str, Channel] = {}
     taken: dict[str, str] = {}
     for name, entry in mapping.entries.items():
-        if name not in foreign.columns:
-            if name in elsewhere:
-                notes.append(f"no column '{name}', which others have: no {entry.channel}")
-            else:
-                problems.append(_absent(name, foreign.columns))
-            continue
-        if entry.channel in taken:
+        if name not in foreign.columns and name in elsewhere:
+            notes.append(f"no column '{name}', which others have: no {entry.channel}")
+        elif name not in foreign.columns:
+            problems.append(str(UnknownNameError("column", name, foreign.columns)))
+        elif taken.setdefault(entry.channel, name) != name:
             problems.append(f"'{taken[entry.channel]}' and '{name}' are both {entry.channel}: keep one of them")
-            continue
-        taken[entry.channel] = name
-        column = foreign.columns[name]
-        try:
-            unit, value = converted(column, entry)
-        except InputError as error:
-            problems.append(f"'{name}': {error}")
-            continue
-        time, kept = (column.time, slice(None)) if stamps is None else stamps
-        if time is None:
-            continue
-        value = value[kept]
-        present = np.isfinite(value)
-        late = parse_quantity(entry.late, "s").value if entry.late else 0.0
-        if present.sum() < MIN_SAMPLES:
-            problems.append(f"'{name}' holds {present.sum()} numbers where at least {MIN_SAMPLES} are needed")
-            continue
-        try:
-            channels[entry.channel] = Channel(time[present] - late, value[present], unit)
-        except InputError as error:
-            problems.append(f"'{name}' as {entry.channel}: {error}")
+        else:
+            with collect(problems, f"'{name}'"):
+                channels[entry.channel] = _channel(foreign.columns[name], entry, table)
     if not (problems or channels):
         problems.append("it has none of the columns of the mapping")
-    if not problems:
-        try:
-            check_joint_units((name, channel.unit) for name, channel in channels.items())
-        except InputError as error:
-            problems.append(str(error))
+    with collect(problems):
+        check_joint_units((name, channel.unit) for name, channel in channels.items())
     if problems:
         raise ImportProblemsError(foreign.name, problems)
     first = min(channel.time[0] for channel in channels.values())
@@ -96,7 +70,23 @@ def _date(stamp: float) -> datetime | None:
     return datetime.fromtimestamp(round(stamp), UTC).replace(tzinfo=None) if first <= stamp < last else None
 
 
-def converted(column: Column, entry: Entry) -> tuple[str, FloatArray]:
+def _channel(column: Column, entry: Entry, table: tuple[FloatArray, Rows] | None) -> Channel:
+    """The channel that a column becomes, with the time of its table, or with its own where that is None."""
+    unit, value = _in_si(column, entry)
+    if table is not None:
+        time, value = table[0], value[table[1]]
+    elif column.time is not None:
+        time = column.time
+    else:  # the time of the table cannot be used, which is told once
+        time = np.arange(len(value), dtype=float)
+    present = np.isfinite(value)
+    if present.sum() < MIN_SAMPLES:
+        raise InputError(f"holds {present.sum()} numbers where at least {MIN_SAMPLES} are needed")
+    late = parse_quantity(entry.late, "s").value if entry.late else 0.0
+    return Channel(time[present] - late, value[present], unit)
+
+
+def _in_si(column: Column, entry: Entry) -> tuple[str, FloatArray]:
     """SI unit and (n,) values of a column as the channel that it becomes.
 
     Raises:
@@ -115,13 +105,10 @@ def converted(column: Column, entry: Entry) -> tuple[str, FloatArray]:
         except InputError:
             constant, si = parse_quantity(entry.torque_constant, "N/A").value, "N"
         factor = si_factor(unit, "A") * constant
+    elif quantity == "tau" and is_unit(unit, "current"):
+        raise InputError('is a current: add torque_constant = "... N m/A" to its line')
     else:
-        try:
-            si, factor = channel_unit(entry.channel, unit)
-        except InputError as error:
-            if quantity == "tau" and _is_current(unit):
-                raise InputError('is a current: add torque_constant = "... N m/A" to its line') from error
-            raise
+        si, factor = channel_unit(entry.channel, unit)
     if entry.gear_ratio != 1.0 and quantity not in MOTOR_SIDE:
         raise InputError(f"{entry.channel} has no gear")
     factor *= entry.sign * entry.scale * entry.gear_ratio ** MOTOR_SIDE.get(quantity, 0)
@@ -129,30 +116,15 @@ def converted(column: Column, entry: Entry) -> tuple[str, FloatArray]:
     return si, column.value * factor + offset
 
 
-def _is_current(unit: str) -> bool:
-    try:
-        si_factor(unit, "A")
-    except InputError:
-        return False
-    return True
-
-
-def _table_time(
-    foreign: Foreign, mapping: ColumnMap, problems: list[str], notes: list[str]
-) -> tuple[FloatArray | None, Any]:
+def _table_time(foreign: Foreign, mapping: ColumnMap, notes: list[str]) -> tuple[FloatArray, Rows]:
     """Stamps of a table in s, and the rows that have one of their own."""
     if not mapping.time:
-        problems.append('no time: add time = { column = "...", unit = "s" } to the mapping')
-        return None, slice(None)
+        raise InputError('no time: add time = { column = "...", unit = "s" } to the mapping')
     if mapping.time not in foreign.columns:
-        problems.append(_absent(mapping.time, foreign.columns))
-        return None, slice(None)
-    column = foreign.columns[mapping.time]
-    try:
+        raise UnknownNameError("column", mapping.time, foreign.columns)
+    column, where = foreign.columns[mapping.time], f"'{mapping.time}'"
+    with at(where):
         time = column.value * si_factor(mapping.time_unit or column.unit or "s", "s")
-    except InputError as error:
-        problems.append(f"'{mapping.time}': {error}")
-        return None, slice(None)
     missing = ~np.isfinite(time)
     if missing.any():
         notes.append(f"{missing.sum()} rows without a time left out")
@@ -164,14 +136,8 @@ def _table_time(
     late = np.flatnonzero(np.diff(time[rows]) < 0.0)
     if late.size:
         i = int(late[0])
-        problems.append(
-            f"'{mapping.time}' goes back from {time[rows[i]]:.9g} to {time[rows[i + 1]]:.9g} s in row "
-            f"{rows[i + 1] + 2}: cut the recording there"
+        raise InputError(
+            f"{where} goes back from {time[rows[i]]:.9g} to {time[rows[i + 1]]:.9g} s in row {rows[i + 1] + 2}: cut "
+            "the recording there"
         )
-        return None, rows
     return time[rows], rows
-
-
-def _absent(name: str, columns: Iterable[str]) -> str:
-    close = difflib.get_close_matches(name, list(columns), n=1, cutoff=0.5)
-    return f"there is no column '{name}'" + (f": did you mean '{close[0]}'?" if close else "")

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from armdyn.channels import FloatArray, name_and_unit
-from armdyn.errors import InputError
+from armdyn.errors import InputError, join_problems
 
 MIN_SAMPLES = 10
 
@@ -60,13 +60,11 @@ class ImportProblemsError(InputError):
     """
 
     def __init__(self, where: str, problems: list[str]) -> None:
-        from armdyn.arrays import listed
-
         self.problems = tuple(problems)
-        super().__init__(f"{where}: {listed(problems)}")
+        super().__init__(f"{where}: {join_problems(problems)}")
 
 
-def labelled(label: str) -> tuple[str, str]:
+def split_label(label: str) -> tuple[str, str]:
     """Name and unit of a column's header: ``q [deg]``, ``q (deg)`` and ``q``; ``q[0]`` is the name of an entry."""
     name, unit = name_and_unit(label)
     if not unit and label.rstrip().endswith(")") and "(" in label:

@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armdyn.channels import FloatArray, channel_kind
+from armdyn.channels import FloatArray, in_contract
 from armdyn.errors import InputError
 from armdyn.units import si_factor
 from pipeline.imports.foreign import Column, Foreign
-from pipeline.imports.joints import AMPERE, IN_AMPERE, Joints, Match, contains, matched, skeleton
+from pipeline.imports.joints import AMPERE, IN_AMPERE, Joints, Match, contains, match_joints, skeleton
 from pipeline.imports.mapping import ColumnMap, Entry
 from pipeline.imports.pendulum import pendulum_entries
 from pipeline.imports.sizes import angle_unit, largest, length_unit, position_doubt, rate_unit, slope, torque_doubt
@@ -44,7 +44,7 @@ class _Candidate:
         return self.label.quantity == "current", "motor" in self.label.words, bool(self.match.doubt or self.label.doubt)
 
 
-def guessed(recordings: Sequence[Foreign], joints: Joints | None = None) -> ColumnMap:
+def guess_map(recordings: Sequence[Foreign], joints: Joints | None = None) -> ColumnMap:
     """What the columns of recordings of one kind seem to be.
 
     Args:
@@ -65,7 +65,7 @@ def guessed(recordings: Sequence[Foreign], joints: Joints | None = None) -> Colu
     for name, found in columns.items():
         if name == time:
             continue
-        if found[0].channel or (found[0].unit and _is_channel(name)):
+        if found[0].channel or (found[0].unit and in_contract(name)):
             entries[name] = Entry(found[0].channel or name, found[0].unit)
         else:
             labels[name] = label_of(name, found[0].unit)
@@ -74,7 +74,7 @@ def guessed(recordings: Sequence[Foreign], joints: Joints | None = None) -> Colu
         entries |= pendulum_entries({n: label_of(n, c[0].unit) for n, c in columns.items() if n in labels}, columns)
     else:
         names = {n: first.texts[f] for n in arm if (f := _name_column(n, arm[n])) in first.texts}
-        matches = matched(arm, known, names)
+        matches = match_joints(arm, known, names)
         seconds = first.columns[time].value * si_factor(unit, "s") if time else None
         entries |= _joint_entries(_candidates(arm, matches), columns, known, first, seconds)
     if not entries:
@@ -256,11 +256,3 @@ def _time(foreign: Foreign) -> tuple[str, str, str]:
         if FASTEST <= step * factor <= SLOWEST:
             return name, unit, _reason(f"a sample every {step:.4g} {unit}", doubts)
     return name, "s", _reason(f"a sample every {step:.4g}", [*doubts, "of no unit that a recording has"])
-
-
-def _is_channel(name: str) -> bool:
-    try:
-        channel_kind(name)
-    except InputError:
-        return False
-    return True

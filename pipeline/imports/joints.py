@@ -89,7 +89,7 @@ class Match:
     doubt: str = ""
 
 
-def matched(labels: Mapping[str, Label], joints: Joints, names: Mapping[str, str]) -> dict[str, Match]:
+def match_joints(labels: Mapping[str, Label], joints: Joints, names: Mapping[str, str]) -> dict[str, Match]:
     """The joint of every column.
 
     Args:

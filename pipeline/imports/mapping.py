@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from armdyn import toml_file as declared
-from armdyn.channels import channel_kind
-from armdyn.errors import InputError
+from armdyn.channels import channel_kind, in_contract
+from armdyn.errors import InputError, collect
 from armdyn.inspection.correction import Correction
 from armdyn.quoting import one_line, toml_string
 from armdyn.run import Run
@@ -117,10 +117,8 @@ def read_map(path: Path) -> ColumnMap:
     for name, column in columns.items():
         problems += [f"'{name}': {problem}" for problem in _problems_of(column)]
     sidecar = Sidecar()
-    try:
+    with collect(problems):
         sidecar = sidecar_of({key: table[key] for key in SIDECAR_KEYS if key in table})
-    except InputError as error:
-        problems.append(str(error))
     if problems:
         raise ImportProblemsError(str(path), problems)
     entries = {name: Entry(**column) for name, column in columns.items()}
@@ -166,14 +164,8 @@ def known_columns(foreign: Foreign) -> ColumnMap:
     Raises:
         InputError: it says none.
     """
-    entries = {}
-    for name, column in foreign.columns.items():
-        channel = column.channel or name
-        try:
-            channel_kind(channel)
-        except InputError:
-            continue
-        entries[name] = Entry(channel)
+    channels = {name: column.channel or name for name, column in foreign.columns.items()}
+    entries = {name: Entry(channel) for name, channel in channels.items() if in_contract(channel)}
     if not entries:
         shown = ", ".join(f"'{name}'" for name in list(foreign.columns)[:6])
         raise InputError(

@@ -13,7 +13,7 @@ import numpy as np
 from armdyn.bytes_in import read_bytes
 from armdyn.delimited import header_of, parse_delimited, read_text, separator_of
 from armdyn.errors import InputError
-from pipeline.imports.foreign import Column, Foreign, Reader, as_numbers, labelled
+from pipeline.imports.foreign import Column, Foreign, Reader, as_numbers, split_label
 from urdf.bounds import (
     LARGEST_CONTENT,
     LARGEST_COUNT,
@@ -61,7 +61,7 @@ def _of_any_dialect(path: Path, text: str) -> Foreign:
     columns: dict[str, Column] = {}
     notes, texts = [], {}
     for i, label in enumerate(table.labels):
-        name, unit = labelled(label)
+        name, unit = split_label(label)
         name = name if name and name not in columns else f"{name or 'column'}#{i + 1}"
         value, strange = table.values[:, i], table.texts.get(i, {})
         if len(strange) > len(value) / 2:
@@ -115,7 +115,7 @@ def parquet_columns(path: Path) -> tuple[dict[str, Column], tuple[str, ...]]:
     columns: dict[str, Column] = {}
     notes = []
     for label in table.column_names:
-        name, unit = labelled(label)
+        name, unit = split_label(label)
         found = _arrow_columns(name, table[label])
         if not found:
             notes.append(f"'{name}' holds no numbers: left out")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import lru_cache
 
 import numpy as np
 
@@ -27,49 +27,33 @@ ASKED_MORE = 1.5
 """Times what the check asks for: a motion is designed on a grid, and checked in between."""
 
 REMEMBERED = 5000
-"""Postures whose distances are kept."""
+"""Postures whose distances are kept: a motion is looked at twice, and meshes take milliseconds each time."""
 
 
-@dataclass(frozen=True, eq=False)
 class FreePostures:
     """Postures that the check allows, for the search of a motion.
 
-    Attributes:
+    Args:
         robot: the arm.
         clearance: asked for between its links [m].
     """
 
-    robot: urdf.Robot
-    clearance: float
-
-    @cached_property
-    def _collision(self) -> urdf.CollisionModel:
-        return urdf.CollisionModel(self.robot)
-
-    @cached_property
-    def _shapes(self) -> bool:
-        """Whether there is anything to collide with; a URDF whose meshes are missing has nothing."""
-        return bool(self._collision.pairs)
-
-    @cached_property
-    def _known(self) -> dict[bytes, float]:
-        """Margins of the last postures: a motion is looked at twice, and meshes take milliseconds each time."""
-        return {}
+    def __init__(self, robot: urdf.Robot, clearance: float) -> None:
+        self.robot, self.clearance = robot, clearance
+        self._collision = urdf.CollisionModel(robot)
+        self._distance = lru_cache(REMEMBERED)(
+            lambda q: self._collision.clearance(np.frombuffer(q, dtype=np.float64).copy()).distance
+        )
 
     def free(self, q: Array) -> bool:
-        """Whether no links touch."""
-        return not self._shapes or self._collision.touching(q) is None
+        """Whether no links touch; a URDF whose meshes are missing has none that could."""
+        return not self._collision.pairs or self._collision.touching(q) is None
 
     def margin(self, q: Array) -> float:
         """Distance between links beyond what is asked for, in units of `FAR`."""
-        if not self._shapes:
+        if not self._collision.pairs:
             return np.inf
-        key = q.tobytes()
-        if key not in self._known:
-            if len(self._known) >= REMEMBERED:
-                self._known.clear()
-            self._known[key] = (self._collision.clearance(q).distance - ASKED_MORE * self.clearance) / FAR
-        return self._known[key]
+        return (self._distance(q.tobytes()) - ASKED_MORE * self.clearance) / FAR
 
 
 REPAIRS = 4
@@ -126,15 +110,12 @@ class Excitation:
     @property
     def motion(self) -> Run:
         """The motion as a run, with q, v and a of every joint: write it with `write_run_csv`, play it, record it."""
-        channels, slides = {}, self.goal.columns.arm.slides
-        for kind, values, per in (
-            ("q", self.trajectory.q, ""),
-            ("v", self.trajectory.v, "/s"),
-            ("a", self.trajectory.a, "/s^2"),
-        ):
-            for i, joint in enumerate(self.trajectory.joint_names):
-                unit = ("m" if slides[i] else "rad") + per
-                channels[f"{kind}.{joint}"] = Channel(self.trajectory.time, values[:, i], unit)
+        motion, units = self.trajectory, ["m" if slides else "rad" for slides in self.goal.columns.arm.slides]
+        channels = {
+            f"{kind}.{joint}": Channel(motion.time, column, unit + per)
+            for kind, values, per in (("q", motion.q, ""), ("v", motion.v, "/s"), ("a", motion.a, "/s^2"))
+            for joint, column, unit in zip(motion.joint_names, values.T, units, strict=True)
+        }
         return Run("motion", channels)
 
     @property
@@ -198,7 +179,7 @@ def excitation(
         random=expectation(problem, goal, best),
         conditioned=conditioned,
         tried=len(starts),
-        torque=_torque(problem, trajectory),
+        torque=problem.columns.torque(AxisMotion(trajectory.q, trajectory.v, trajectory.a)),
     )
 
 
@@ -229,33 +210,33 @@ def _feasible(
     Raises:
         TaskFailedError: it breaks one all the same.
     """
-    robot = problem.columns.arm.robot
-    first = None
-    for k in range(REPAIRS + 1):
-        say("checking the motion on the whole arm")
+
+    def checked(x: Array) -> tuple[JointTrajectory, FeasibilityReport]:
         trajectory = sampled(problem, x)
-        check = check_joints(robot, trajectory, settings)
+        return trajectory, check_joints(problem.columns.arm.robot, trajectory, settings)
+
+    say("checking the motion on the whole arm")
+    trajectory, check = checked(x)
+    first = check
+    for k in range(REPAIRS):
         if check.feasible:
-            return x, trajectory, check
-        first = first or check
-        if k == REPAIRS:
             break
         problem = _with_less_room(problem, check)
         say(f"{k + 1} of {REPAIRS} repairs, as the {check.violations[0].broken}")
         x = improved(problem, x, first=len(problem.steps) - 2)
-    smaller: list[tuple[float, int, tuple[Array, JointTrajectory, FeasibilityReport]]] = []
+        say("checking the motion on the whole arm")
+        trajectory, check = checked(x)
+    if check.feasible:
+        return x, trajectory, check
+    smaller: list[tuple[float, tuple[Array, JointTrajectory, FeasibilityReport]]] = []
     for motion in (x, best):
-        for size in SMALLER:
-            trajectory = sampled(problem, scaled(motion, size))
-            check = check_joints(robot, trajectory, settings)
+        for small in (scaled(motion, size) for size in SMALLER):
+            trajectory, check = checked(small)
             if check.feasible:
-                smaller.append(
-                    (problem.cost(scaled(motion, size)), len(smaller), (scaled(motion, size), trajectory, check))
-                )
+                smaller.append((problem.cost(small), (small, trajectory, check)))
                 break
     if smaller:
-        return min(smaller)[2]
-    assert first is not None
+        return min(smaller, key=lambda found: found[0])[1]
     raise TaskFailedError(f"no feasible motion was found: {first.sentence} Choose other --joints or --seconds")
 
 
@@ -269,9 +250,5 @@ def _with_less_room(problem: ArmProblem, check: FeasibilityReport) -> ArmProblem
         if margin.limit in ("position", "velocity", "acceleration", "torque"):
             problem = problem.narrower(margin.limit, joints.index(margin.joint), LESS / margin.used)
         elif margin.limit == "self_collision":
-            postures = replace(postures, clearance=postures.clearance - 2.0 * margin.margin)
+            postures = FreePostures(postures.robot, postures.clearance - 2.0 * margin.margin)
     return replace(problem, postures=postures)
-
-
-def _torque(problem: ArmProblem, trajectory: JointTrajectory) -> Array:
-    return problem.columns.torque(AxisMotion(trajectory.q, trajectory.v, trajectory.a))

@@ -60,23 +60,19 @@ def offered(
         box: that stands at the line; the usual one where it is not given.
     """
     box, limits = box or Box(), LineLimits.from_table(table)
-    obstacles = box_and_table(table.line, box)
+    settings = CheckSettings(load_mass=hypotheses[0].model.value("mass"), obstacles=box_and_table(table.line, box))
     for factor in FACTORS:
         scaled = Motion(motion.time, factor * motion.along)
         s, v, a = scaled.along
-        jerk = np.abs(np.diff(a)) / scaled.step
-        within = limits.s[0] <= s.min() and s.max() <= limits.s[-1] and jerk.max() <= limits.jerk
-        if not (within and np.all(np.abs(v) <= limits.speed_at(s)) and np.all(np.abs(a) <= limits.acceleration_at(s))):
+        if np.abs(np.diff(a)).max() > limits.jerk * scaled.step or not limits.respected_by(s, v, a):
             continue
         swings = [_swing(h, scaled, load_radius) for h in hypotheses]
         if not all(_clear_of(box, scaled, swing) for swing in swings):
             continue
         trajectory = LineTrajectory(scaled.time, s, v, a)
-        mass = hypotheses[0].model.value("mass")
-        settings = CheckSettings(load_mass=mass, obstacles=obstacles)
-        reports = [check_line(table, robot, trajectory, settings, swing) for swing in swings[:1]]
-        if all(report.feasible for report in reports):
-            return Offered(scaled, trajectory, reports[0], factor)
+        check = check_line(table, robot, trajectory, settings, swings[0])
+        if check.feasible:
+            return Offered(scaled, trajectory, check, factor)
     return None
 
 

@@ -4,7 +4,7 @@ The estimate is of everything measured since the motion began, twice a second; a
 cycle, and is done beside the loop. Twenty times a second SAC finds the gripper motion that informs most.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
 from time import perf_counter
@@ -44,16 +44,6 @@ class LengthEstimate:
 
     time: float
     value: float
-    std: float
-    outcome: Outcome
-    seconds: float
-
-
-@dataclass(frozen=True)
-class _Update:
-    """What an update found; `std` with what white noise does not explain."""
-
-    values: Mapping[str, float]
     std: float
     outcome: Outcome
     seconds: float
@@ -115,28 +105,31 @@ class EstimatorNode:
         self._measurement.update_path()
         run = without_spikes(self._measurement.run(), ("load_force",))
         self.left_out = run.warnings
-        self._worker.ask(self.name, run, lambda found: self._take(now, found))
+        self._worker.ask(self.name, (now, run), self._take)
 
-    def _update(self, run: Run) -> _Update:
-        """The estimate from all data so far."""
-        begun = perf_counter()
+    def _update(self, begun: tuple[float, Run]) -> tuple[dict[str, float], LengthEstimate]:
+        """The estimate from all data at a time [s]; its standard deviation with what white noise does not explain."""
+        now, run = begun
+        start = perf_counter()
         estimate = self._estimator.update(run)
-        seconds = perf_counter() - begun
+        seconds = perf_counter() - start
         std = estimate.std("length") * self._estimator.widening(run)
         values = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
-        return _Update(values, std, estimate.outcome, seconds)
+        return values, LengthEstimate(now, values["length"], std, estimate.outcome, seconds)
 
-    def _take(self, now: float, found: _Update) -> None:
-        """Use what an update found that was begun at `now` [s]."""
+    def _take(self, found: tuple[dict[str, float], LengthEstimate]) -> None:
+        """Use what an update has found."""
+        values, estimate = found
         if not self._running:
             return
-        length = found.values["length"]
-        if not (isfinite(length) and isfinite(found.std)):
-            raise TaskFailedError(f"the estimate of the length at {now:.2f} s is not a number: check the model")
-        self._model = self._model.with_values(found.values)
-        self.history.append(LengthEstimate(now, length, found.std, found.outcome, found.seconds))
-        self._recorder.record("estimate.length", now, length)
-        self._recorder.record("estimate.length_std", now, found.std)
+        if not (isfinite(estimate.value) and isfinite(estimate.std)):
+            raise TaskFailedError(
+                f"the estimate of the length at {estimate.time:.2f} s is not a number: check the model"
+            )
+        self._model = self._model.with_values(values)
+        self.history.append(estimate)
+        self._recorder.record("estimate.length", estimate.time, estimate.value)
+        self._recorder.record("estimate.length_std", estimate.time, estimate.std)
 
 
 KICK_ACCELERATION, KICK_TIME = 0.8, 0.2

@@ -167,5 +167,6 @@ def _small_multiples(
         figure.update_yaxes(title_text=f"[{unit}]", range=[lower[i] - pad, upper[i] + pad], nticks=5, **at)
         if i + 2 >= count:
             figure.update_xaxes(title_text=TIME_AXIS, showticklabels=True, **at)
+    figure.for_each_annotation(lambda title: title.update(x=title.x - 0.225, xanchor="left", font_size=12))
     figure.update_layout(height=92 + 118 * rows, meta=LINKED_TIME, showlegend=False, hovermode="x", margin={"t": 34})
     return figure

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 def designed_motion_section(plan: Plan, proposal: Proposal, motion: Motion) -> Section:
     """The designed motion: gripper, angle, and the differences that a refit of the rivals leaves along it."""
     sentence = ""
-    if proposal.designed is not None:
-        rise, random = proposal.outlook.separation**2, proposal.designed.start
+    if proposal.random is not None:
+        rise, random = proposal.outlook.separation**2, proposal.random
         sentence = (
             f"Chi² rises by at least {rise:.0f} when the wrong effect is refitted to what the right one predicts; "
             f"along the median of the random motions with the same limits that the design began with, by {random:.2g}."

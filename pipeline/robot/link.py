@@ -63,12 +63,17 @@ class LinkStatistics:
     echoes: deque[float] = field(default_factory=lambda: deque(maxlen=100_000))
     commands: int = 0
 
-    def as_json(self) -> dict[str, Any]:
-        """Spread of each [s]."""
-        spreads = {"command_interval": self.intervals, "state_age": self.ages, "command_echo": self.echoes}
-        found = {name: Spread.of(tuple(values)) for name, values in spreads.items()}
+    @property
+    def spreads(self) -> dict[str, Spread | None]:
+        """How each was spread [s]; None where nothing was measured."""
         return {
-            "commands": self.commands,
-            "round_trip": self.round_trip.as_json() if self.round_trip else None,
-            **{name: spread.as_json() if spread else None for name, spread in found.items()},
+            "round_trip": self.round_trip,
+            "command_interval": Spread.of(tuple(self.intervals)),
+            "state_age": Spread.of(tuple(self.ages)),
+            "command_echo": Spread.of(tuple(self.echoes)),
         }
+
+    def as_json(self) -> dict[str, Any]:
+        """Number of commands, and every spread [s]."""
+        spreads = {name: spread.as_json() if spread else None for name, spread in self.spreads.items()}
+        return {"commands": self.commands, **spreads}

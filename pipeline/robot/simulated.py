@@ -98,12 +98,7 @@ class SimulatedRobot:
         return self._truth
 
     def command(self, q: Vector, v: Vector, a: Vector) -> None:
-        """Follow this reference from now on; it is extrapolated until the next one comes.
-
-        Args:
-            q: positions (n,) [rad].
-            v: velocities (n,) [rad/s].
-            a: accelerations (n,) [rad/s^2].
+        """See `RobotInterface`; the reference is extrapolated until the next one comes.
 
         Raises:
             InputError: a wrong length, a value that is not finite, beyond a limit of the joints or far from where the

@@ -8,7 +8,7 @@ import json
 import socket
 import threading
 import time
-from collections import defaultdict, deque
+from collections import defaultdict
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any
@@ -27,8 +27,6 @@ GOODBYE = 1.0
 """Longest time that the other side may take to end the connection [s]."""
 RECEIVE = 1 << 16
 """Bytes that are read at once."""
-REMARKS = 20
-"""Remarks of the bridge that are kept."""
 
 
 class BridgeError(ArmdynError):
@@ -47,7 +45,6 @@ class Bridge(Closing):
 
     Attributes:
         failure: a sentence once the connection is lost, else None.
-        remarks: the latest that the bridge reported about our requests.
 
     Raises:
         InputError: the address cannot be used, or nobody answers there.
@@ -56,7 +53,6 @@ class Bridge(Closing):
     def __init__(self, uri: str, *, clock: Callable[[], float] = time.monotonic) -> None:
         self.uri, self._clock = uri, clock
         self.failure: str | None = None
-        self.remarks: deque[str] = deque(maxlen=REMARKS)
         self._takers: defaultdict[str, list[Take]] = defaultdict(list)
         self._answers: dict[str, Message | None] = {}
         self._answered = threading.Condition()
@@ -277,8 +273,6 @@ class Bridge(Closing):
                     if message.get("id") in self._answers:
                         self._answers[str(message["id"])] = message
                         self._answered.notify_all()
-            case "status":
-                self.remarks.append(f"{message.get('level', 'status')}: {message.get('msg', '')}")
 
 
 def _integer(text: str) -> int | float:

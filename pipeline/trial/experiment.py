@@ -8,7 +8,7 @@ ended, and is told only when the arm is at rest.
 import gc
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -74,19 +74,6 @@ class PhaseSpan:
     end: float
 
 
-@dataclass
-class Course:
-    """How far a run has come.
-
-    Attributes:
-        phases: what went on when.
-        interrupted: number of the signal that asks for its end; None while none does.
-    """
-
-    phases: list[PhaseSpan] = field(default_factory=list)
-    interrupted: int | None = None
-
-
 class _StopError(ArmdynError):
     """The trial ends here, with this sentence."""
 
@@ -112,7 +99,8 @@ class Experiment:
         begin: where the gripper stands on the line [m].
 
     Attributes:
-        course: how far it has come.
+        phases: what went on when.
+        interrupted: number of the signal that asks for its end; None while none does.
         measurement, estimator, sac, task, drive: the nodes.
         scheduler: runs them.
         watchdog: stops the arm where the loop hangs; None on a simulated clock.
@@ -130,7 +118,8 @@ class Experiment:
         robot, description, table = rig.robot, rig.arm, rig.table
         self._robot, self._real, self._recorder, self._landed = robot, rig.real, recorder, rig.landed
         self._progress = progress or (lambda _what, _share: None)
-        self.course = Course()
+        self.phases: list[PhaseSpan] = []
+        self.interrupted: int | None = None
         limits, model = LineLimits.from_table(table), settings.starting_model()
         if settings.motion is not None:
             check = CheckSettings(load_mass=settings.mass)
@@ -197,7 +186,7 @@ class Experiment:
 
     def span(self, phase: Phase) -> PhaseSpan | None:
         """When a phase took place; None where it did not."""
-        return next((span for span in self.course.phases if span.phase is phase), None)
+        return next((span for span in self.phases if span.phase is phase), None)
 
     def _protocol(self) -> bool:
         """All phases; whether the load landed."""
@@ -219,7 +208,7 @@ class Experiment:
         self.estimator.begin(self._robot.time)
         if c.motion is None:
             self.sac.begin(self._robot.time)
-            self._run(Phase.LEARN, 0.05, c.estimation_time, self._certain, may_expire=True)
+            self._run(Phase.LEARN, 0.05, c.estimation_time)
             self.sac.end()
         else:
             here = self.drive.state.s - c.motion.s[0]  # the last motion may have ended a little aside
@@ -235,30 +224,22 @@ class Experiment:
         self._run(Phase.SETTLE, 0.5, longest, lambda: self.task.idle)
         self._run(Phase.CALM, 0.65, CALM)
 
-    def _run(
-        self,
-        phase: Phase,
-        share: float,
-        longest: float,
-        until: Callable[[], bool] | None = None,
-        *,
-        may_expire: bool = False,
-    ) -> None:
+    def _run(self, phase: Phase, share: float, longest: float, until: Callable[[], bool] | None = None) -> None:
         """Run the nodes for a phase: without a condition for its whole time, else at most that long."""
         self._progress(phase.value, share)
         start = self._robot.time
         done = self.scheduler.run(lambda: self._reason() is not None or (until is not None and until()), longest)
-        self.course.phases.append(PhaseSpan(phase, start, self._robot.time))
+        self.phases.append(PhaseSpan(phase, start, self._robot.time))
         reason = self._reason()
         if reason is not None:
             raise _StopError(reason)
-        if until is not None and not done and not may_expire:
+        if until is not None and not done:
             raise _StopError(f"{phase.value} did not end within {longest:g} s: the arm does not follow")
 
     def _reason(self) -> str | None:
         """Why the trial must stop now."""
-        if self.course.interrupted is not None:
-            return f"{sentence_of_signal(self.course.interrupted)} at {self._robot.time:.2f} s"
+        if self.interrupted is not None:
+            return f"{sentence_of_signal(self.interrupted)} at {self._robot.time:.2f} s"
         return self.measurement.fault or self.drive.fault or self._recorder.failure or self._watched
 
     @property
@@ -267,8 +248,8 @@ class Experiment:
         return None if self.watchdog is None else self.watchdog.fault
 
     def _interrupt(self, number: int) -> None:
-        if self.course.interrupted is None:
-            self.course.interrupted = number
+        if self.interrupted is None:
+            self.interrupted = number
             if self._worker.thinking:  # it changes nothing that must be kept whole, and may take seconds
                 raise _InterruptedError
 
@@ -287,15 +268,9 @@ class Experiment:
         failed = come_to_rest(
             self.drive, self.measurement, self._robot, self.watchdog.beat if self.watchdog is not None else None
         )
-        self.course.phases.append(PhaseSpan(Phase.STOP, start, self._robot.time))
+        self.phases.append(PhaseSpan(Phase.STOP, start, self._robot.time))
         message = "; ".join([reason, *also, *failed])
         return Ending(False, message, True)
-
-    def _certain(self) -> bool:
-        c, history = self.settings, self.estimator.history
-        if not history or self.estimator.start is None:
-            return False
-        return history[-1].std < c.enough and self._robot.time - self.estimator.start >= c.least_estimation_time
 
     def _require_estimate(self) -> None:
         history = self.estimator.history

@@ -181,7 +181,7 @@ def investigate(
         experiment, ending = swing(now, number, place)
         place = experiment.drive.state.s
         if ending.stopped:
-            return Investigation(tuple(stages), Stop.INTERRUPTED, None, ending, place, experiment.course.interrupted)
+            return Investigation(tuple(stages), Stop.INTERRUPTED, None, ending, place, experiment.interrupted)
         run = experiment.recording(f"experiment {number}")
         tell(f"thinking over {number} experiment{'s' if number > 1 else ''}")
         asked = {name for names in questions for name in names}
@@ -232,7 +232,7 @@ def ended_before(experiment: Experiment, found: Investigation | None) -> Ending 
     """How the trial ended where an experiment before it was ended before its time; None where it may go on."""
     if found is None or found.ending is None:
         return None
-    experiment.course.interrupted = found.signal
+    experiment.interrupted = found.signal
     return found.ending
 
 

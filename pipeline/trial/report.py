@@ -35,7 +35,7 @@ def report_of(
     """
     sections: list[Section] = []
     figures = _estimate_figures(result)
-    phases = [(span.phase.value, span.start, span.end) for span in experiment.course.phases]
+    phases = [(span.phase.value, span.start, span.end) for span in experiment.phases]
     plan, settings, investigation = experiment.task.swing, experiment.settings, result.investigation
     if plan is not None:
         planned = SwingTrace(plan.time, plan.x, plan.load[:, 0], plan.load[:, 1])

@@ -1,7 +1,7 @@
 """What a trial came to and leaves behind: its numbers, the recording, and the model that the robot had."""
 
 import shlex
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from armdyn.control.task import SwingPlan
 from armdyn.errors import ArmdynError, InputError
 from armdyn.model_file import ModelFile, write_model_file
 from armdyn.pendulum.model import PendulumModel
@@ -25,23 +26,6 @@ from pipeline.trial.settings import ProtocolSettings
 
 
 @dataclass(frozen=True)
-class Peaks:
-    """Largest magnitudes while the length was learnt, or during the swing where it was not; None where unknown.
-
-    Attributes:
-        x: gripper [m].
-        v: its speed [m/s].
-        a: its acceleration [m/s^2].
-        swing_angle: of the model along the measured path [rad].
-    """
-
-    x: float | None
-    v: float | None
-    a: float | None
-    swing_angle: float | None
-
-
-@dataclass(frozen=True)
 class TrialResult:
     """The outcome of one trial.
 
@@ -53,12 +37,11 @@ class TrialResult:
         length_estimate: used for the plan [m].
         length_std: [m]; 0 where nothing was estimated.
         estimates: every update of the estimator.
-        peak: largest magnitudes.
+        peak: largest magnitudes while the length was learnt, or during the swing where it was not: "x", "v" and "a" of
+            the gripper [m, m/s, m/s^2], "swing_angle" of the model along the measured path [rad]; None where unknown.
         minimum_tension: smallest measured force before the swing ended [N]; None where none was measured.
         feasible: whether the plan passed the check; None where it did not come to a plan.
-        iterations: of the optimiser.
-        cost: of the plan.
-        planning_seconds: spent by the optimiser.
+        swing: the plan; None where it did not come to one.
         model: with the last estimate.
         timing: of the nodes.
         cycle_seconds: mean time that SAC took to predict the state and choose an action.
@@ -77,12 +60,10 @@ class TrialResult:
     length_estimate: float
     length_std: float
     estimates: tuple[LengthEstimate, ...]
-    peak: Peaks
+    peak: Mapping[str, float | None]
     minimum_tension: float | None
     feasible: bool | None
-    iterations: int
-    cost: float | None
-    planning_seconds: float
+    swing: SwingPlan | None
     model: PendulumModel
     timing: dict[str, Timing]
     cycle_seconds: float
@@ -105,7 +86,7 @@ class TrialResult:
 
     def as_json(self) -> dict[str, Any]:
         """The contract's ``armdyn.trial/1``."""
-        updates = [e.seconds for e in self.estimates]
+        updates, solution = [e.seconds for e in self.estimates], self.swing.solution if self.swing else None
         return {
             "schema": "armdyn.trial/1",
             "success": self.success,
@@ -115,16 +96,16 @@ class TrialResult:
             "length_estimate": self.length_estimate,
             "length_std": self.length_std,
             "estimates": [[e.time, e.value, e.std] for e in self.estimates],
-            "peak": {
-                "x": self.peak.x, "v": self.peak.v, "a": self.peak.a, "swing_angle": self.peak.swing_angle,
-            },
+            "peak": dict(self.peak),
             "minimum_tension": self.minimum_tension,
             "feasible": bool(self.feasible),
-            "planning": {"iterations": self.iterations, "cost": self.cost},
+            "planning": {
+                "iterations": len(solution.iterations) if solution else 0, "cost": solution.cost if solution else None,
+            },
             "seconds": {
                 "estimation_cycle": self.cycle_seconds,
                 "estimator_update": sum(updates) / len(updates) if updates else 0.0,
-                "planning": self.planning_seconds,
+                "planning": solution.seconds if solution else 0.0,
             },
             "parameters": {
                 name: {"value": p.value, "std": p.std, "unit": p.unit} for name, p in self.model.parameters.items()
@@ -152,12 +133,8 @@ def result_of(
         recording: the MCAP file; None where nothing was kept.
         investigation: what the robot found out before; None where it did not look.
     """
-    history, swing = experiment.estimator.history, experiment.task.swing
-    force, report, cycles = (
-        experiment.channel("load_force").value,
-        experiment.task.feasibility,
-        experiment.sac.seconds,
-    )
+    history, report, cycles = experiment.estimator.history, experiment.task.feasibility, experiment.sac.seconds
+    force = experiment.channel("load_force").value
     cycle = experiment.scheduler.timing[experiment.drive.name]
     late = (f"the loop was late: {cycle.skipped} of {cycle.skipped + cycle.steps} cycles were missed",)
     return TrialResult(
@@ -171,33 +148,30 @@ def result_of(
         peak=_peaks(experiment),
         minimum_tension=float(force.min()) if len(force) else None,
         feasible=None if report is None else report.feasible,
-        iterations=len(swing.solution.iterations) if swing else 0,
-        cost=swing.solution.cost if swing else None,
-        planning_seconds=swing.solution.seconds if swing else 0.0,
+        swing=experiment.task.swing,
         model=experiment.estimator.model,
         timing=experiment.scheduler.timing,
         cycle_seconds=float(np.mean(cycles)) if cycles else 0.0,
         stopped=ending.stopped,
         recording=recording,
-        signal=experiment.course.interrupted,
+        signal=experiment.interrupted,
         missed_cycles=cycle.skipped,
         notes=experiment.measurement.notes + experiment.estimator.left_out + (late if cycle.skipped else ()),
         investigation=investigation,
     )
 
 
-def _peaks(experiment: Experiment) -> Peaks:
+def _peaks(experiment: Experiment) -> dict[str, float | None]:
     """Largest magnitudes while learning, or in the swing where nothing was learnt."""
     span = experiment.span(Phase.LEARN if experiment.settings.estimate else Phase.SWING)
-    if span is None:
-        return Peaks(None, None, None, None)
-
-    def peak(name: str) -> float | None:
-        channel = experiment.channel(name)
-        inside = (channel.time >= span.start) & (channel.time <= span.end)
-        return float(np.max(np.abs(channel.value[inside]))) if inside.any() else None
-
-    return Peaks(peak("reference.x"), peak("reference.v"), peak("reference.a"), _largest_angle(experiment, span))
+    peaks: dict[str, float | None] = dict.fromkeys(("x", "v", "a", "swing_angle"))
+    if span is not None:
+        for name in ("x", "v", "a"):
+            channel = experiment.channel(f"reference.{name}")
+            inside = (channel.time >= span.start) & (channel.time <= span.end)
+            peaks[name] = float(np.max(np.abs(channel.value[inside]))) if inside.any() else None
+        peaks["swing_angle"] = _largest_angle(experiment, span)
+    return peaks
 
 
 def _largest_angle(experiment: Experiment, span: PhaseSpan) -> float | None:

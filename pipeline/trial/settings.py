@@ -47,9 +47,7 @@ class ProtocolSettings:
         load_radius: of the load [m].
         force_noise: standard deviation of one sample of the load cell [N].
         estimate: whether to learn the length before the swing.
-        estimation_time: at most [s].
-        enough: stop learning earlier when the standard deviation of the length is below this [m].
-        least_estimation_time: but not before [s].
+        estimation_time: of the motion that SAC chooses [s].
         certain_enough: the largest standard deviation of the length with which the swing is tried [m].
         model: equations and parameters used by estimator, SAC and planner; the default one when not given.
         task: the swing.
@@ -65,8 +63,6 @@ class ProtocolSettings:
     force_noise: float = 0.005
     estimate: bool = True
     estimation_time: float = 6.0
-    enough: float = 0.0
-    least_estimation_time: float = 3.0
     certain_enough: float = 0.02
     model: PendulumModel | None = None
     task: TaskSettings = field(default_factory=TaskSettings)

@@ -5,6 +5,7 @@ import os
 from collections.abc import Callable
 from concurrent.futures import as_completed
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -128,34 +129,18 @@ def run_table(
     """
     if seeds < 1:
         raise InputError(f"{seeds} seeds: give at least 1")
-    settings = {
-        (guess, estimate, seed): TrialSettings(length_guess=guess, estimate=estimate, seed=seed)
-        for seed in range(first_seed, first_seed + seeds)
-        for guess in GUESSES
-        for estimate in (False, True)
-    }
-    outcomes: dict[tuple[float, bool, int], tuple[bool, float, float]] = {}
+    keys = list(product(GUESSES, (False, True), range(first_seed, first_seed + seeds)))
     with worker_pool(workers or os.cpu_count() or 1) as pool:
-        futures = {pool.submit(_outcome, s): key for key, s in settings.items()}
-        for future in as_completed(futures):
-            outcomes[futures[future]] = future.result()
+        futures = [pool.submit(_outcome, TrialSettings(length_guess=g, estimate=e, seed=s)) for g, e, s in keys]
+        for done, _ in enumerate(as_completed(futures), start=1):
             if progress is not None:
-                progress(len(outcomes), len(settings))
-
-    def row(guess: float) -> TableRow:
-        without, learnt = (
-            [outcomes[guess, estimate, seed] for seed in range(first_seed, first_seed + seeds)]
-            for estimate in (False, True)
-        )
-        return TableRow(
-            guess,
-            tuple(success for success, _, _ in without),
-            tuple(success for success, _, _ in learnt),
-            tuple(value for _, value, _ in learnt),
-            tuple(std for _, _, std in learnt),
-        )
-
-    return TableOne(seeds, TrialSettings().length, tuple(row(guess) for guess in GUESSES))
+                progress(done, len(futures))
+    outcomes = np.array([future.result() for future in futures]).reshape(len(GUESSES), 2, seeds, 3)
+    rows = []
+    for guess, (without, learnt) in zip(GUESSES, outcomes, strict=True):
+        succeeded = [tuple(bool(success) for success in way[:, 0]) for way in (without, learnt)]
+        rows.append(TableRow(guess, *succeeded, *(tuple(x.tolist()) for x in learnt[:, 1:].T)))
+    return TableOne(seeds, TrialSettings().length, tuple(rows))
 
 
 def _outcome(settings: TrialSettings) -> tuple[bool, float, float]:

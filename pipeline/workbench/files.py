@@ -196,8 +196,8 @@ def _recording(path: Path, joints: Sequence[str]) -> Dropped:
     except InputError as error:
         own = error
     from pipeline.imports import read_foreign
-    from pipeline.imports.conversion import imported
-    from pipeline.imports.guess import guessed
+    from pipeline.imports.conversion import run_of
+    from pipeline.imports.guess import guess_map
     from pipeline.imports.joints import Joints
     from pipeline.imports.mapping import known_columns
 
@@ -206,8 +206,8 @@ def _recording(path: Path, joints: Sequence[str]) -> Dropped:
         try:
             mapping = known_columns(foreign)
         except InputError:
-            mapping = guessed([foreign], Joints(tuple(joints)))
-        run = imported(foreign, mapping)
+            mapping = guess_map([foreign], Joints(tuple(joints)))
+        run = run_of(foreign, mapping)
     except InputError as error:
         # Who meant a run of our own is told what is wrong with it, whoever brings another format what it lacks.
         raise (own if path.suffix.lower() == ".csv" and "[" in str(own) else error) from error

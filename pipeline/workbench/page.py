@@ -10,7 +10,6 @@ from typing import Any
 from nicegui import Client, events, ui
 
 from armdyn.errors import InputError
-from armdyn.quoting import script_json
 from pipeline.console.inputs import Inputs
 from pipeline.workbench import files, panels
 from pipeline.workbench.background import Search, Session
@@ -43,7 +42,7 @@ class Page(Tab):
         upload = ui.upload(
             label=label, multiple=True, auto_upload=True, max_file_size=LARGEST_UPLOAD,
             on_multi_upload=self._guarded_event(self._dropped),
-            on_rejected=lambda: self._say("A file is too large: record for a shorter time."),
+            on_rejected=lambda: self._call("say", "A file is too large: record for a shorter time.", "bad"),
         ).props("flat")  # fmt: skip
         upload.classes("drop").props('id="drop"')
         self._uploader = upload
@@ -58,7 +57,9 @@ class Page(Tab):
 
     async def begin(self) -> None:
         """Show what the command named, as soon as the browser is there."""
-        self._run("document.querySelector('section[aria-label=Files]').append(document.getElementById('drop'))")
+        self._client.run_javascript(
+            "document.querySelector('section[aria-label=Files]').append(document.getElementById('drop'))"
+        )
         await self._guarded(self._reopen())
 
     async def _pick(self, args: dict[str, Any]) -> None:
@@ -83,7 +84,7 @@ class Page(Tab):
         bench = self._opened().bench
         self._ticked, self._values = tuple(effects), {}
         if not by_click:
-            self._run(f"armdynBench.ticks({script_json([atom.label for atom in effects])})")
+            self._call("ticks", [atom.label for atom in effects])
         self._asked += 1
         asked = self._asked
         state = bench.predict(self._ticked)
@@ -108,7 +109,7 @@ class Page(Tab):
             state = await session.do(lambda: bench.with_values(self._ticked, values))
             self._show(state, knobs=False)
         finally:
-            self._run("armdynBench.turned()")
+            self._call("turned")
         await self._show_missing_force(state)
 
     async def _refit(self, _: dict[str, Any]) -> None:
@@ -123,8 +124,8 @@ class Page(Tab):
             if not loop.is_closed():
                 loop.call_soon_threadsafe(self._heard, session, kind, what)
 
-        self._panel("ranking", "<p class='busy' id='progress'>starting the search</p>")
-        self._run("armdynBench.show('stop', true)")
+        self._call("panel", "ranking", "<p class='busy' id='progress'>starting the search</p>")
+        self._call("show", "stop", True)
         labels = [effect.label for effect in bench.effects_of(self._ticked)]
         self._search = Search(session.inputs, labels, tell)
 
@@ -132,21 +133,21 @@ class Page(Tab):
         if asked is not self._session:
             return
         if kind == "progress":
-            self._panel("progress", escape(what))
+            self._call("panel", "progress", escape(what))
             return
-        self._run("armdynBench.show('stop', false)")
+        self._call("show", "stop", False)
         done = panels.ranking_panel(what) if kind == "done" else f"<p class='caption'>{escape(what)}</p>"
-        self._panel("ranking", done)
+        self._call("panel", "ranking", done)
 
     async def _stop(self, _: dict[str, Any]) -> None:
         self._stop_search()
-        self._run("armdynBench.show('stop', false)")
-        self._panel("ranking", "<p class='caption'>The search was stopped.</p>")
+        self._call("show", "stop", False)
+        self._call("panel", "ranking", "<p class='caption'>The search was stopped.</p>")
 
     async def _scene(self, args: dict[str, Any]) -> None:
         bench, name, ticked = self._opened().bench, args.get("run"), self._ticked
         scene = await self._working("drawing in 3-D", lambda: scene_of_run(bench, ticked, name).data())
-        self._run(f"armdynBench.scene({script_json(scene)})")
+        self._call("scene", scene)
 
     async def _role(self, args: dict[str, Any]) -> None:
         i = int(args["run"])
@@ -188,7 +189,7 @@ class Page(Tab):
         self._uploader.reset()
         await self._reopen()
         if problems:
-            self._say("; ".join(problems))
+            self._call("say", "; ".join(problems), "bad")
 
     async def _keep(self, args: dict[str, Any]) -> None:
         session, given, bench = self._opened()
@@ -211,7 +212,7 @@ class Page(Tab):
         lines += [f"<p class='caption'>not in it: {escape(note)}</p>" for note in kept.notes]
         lines.append(f"<p class='next'>next:<code>{escape(kept.next_step)}</code></p>")
         lines.append("<button type='button' id='go-on'>go on from this model</button>")
-        self._panel("kept", "".join(lines))
+        self._call("panel", "kept", "".join(lines))
 
     async def _go_on(self, _: dict[str, Any]) -> None:
         self._model = self._kept

@@ -5,10 +5,10 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from armdyn.document import Table
 from armdyn.identify.sentence import totals
 from armdyn.inspection.check import Inspection
 from pipeline.exports import formats
+from pipeline.report.inspection import checks_section
 from pipeline.report.overlay import FITTED, HELD_OUT, quality
 from pipeline.report.page import bar, table_html
 from pipeline.report.theme import full_name, number
@@ -179,10 +179,8 @@ def files_panel(model: Path | None, runs: Sequence[tuple[Path, bool]], said: Seq
 
 def checks_panel(found: Inspection) -> str:
     """What the inspection found, the worst first."""
-    said = f"<p class='sentence'>{escape(found.sentence)}</p>"
-    header = ["", "kind", "run", "what", "remedy"]
-    rows = [[c.severity.key, c.kind, c.run or "", c.sentence, c.remedy] for c in found.checks]
-    return said + (table_html(Table.of(header, rows)) if rows else "")
+    tables = checks_section(found.checks).tables
+    return f"<p class='sentence'>{escape(found.sentence)}</p>{''.join(map(table_html, tables))}"
 
 
 def kinds_of_export() -> str:

@@ -83,56 +83,58 @@ class Tab:
         self._asked += 1
         self._ticked, self._values, self._open = (), {}, None
         self._stop_search()
-        self._panel("files", panels.files_panel(self._model, self._runs, self._said))
-        self._panel("ranking", "<p class='caption'>A search ranks every effect beside what is ticked.</p>")
-        self._panel("effects", "")
-        self._run("armdynBench.say('');armdynBench.show('stop', false);armdynBench.show('trust', false)")
+        self._call("panel", "files", panels.files_panel(self._model, self._runs, self._said))
+        self._call("panel", "ranking", "<p class='caption'>A search ranks every effect beside what is ticked.</p>")
+        self._call("panel", "effects", "")
+        self._call("say", "")
+        self._call("show", "stop", False)
+        self._call("show", "trust", False)
         fitted, held_out = ([path for path, held in self._runs if held is wanted] for wanted in (False, True))
         if self._model is None or not fitted:
             model = "a model: start one, or drop a model or a URDF"
-            self._panel("subtitle", f"still needed: {model if self._model is None else 'a recording to fit'}")
+            self._call("panel", "subtitle", f"still needed: {model if self._model is None else 'a recording to fit'}")
             return
         inputs = Inputs(self._model, fitted, held_out or None, None, self._own_effects, self._trust)
         session = self._session = self._open_desk(inputs)
-        self._busy("reading recordings and fitting the model as given")
+        self._call("busy", "reading recordings and fitting the model as given")
         try:
             given, bench = await session.opened()
             if session is not self._session:
                 return  # other files were chosen meanwhile
             self._open = Opened(session, given, bench)
-            self._panel("checks", panels.checks_panel(given.inspection))
+            self._call("panel", "checks", panels.checks_panel(given.inspection))
             names = ", ".join(run.name for run in bench.study.runs)
-            self._panel("subtitle", escape(f"{self._model.name} with {names}"))
+            self._call("panel", "subtitle", escape(f"{self._model.name} with {names}"))
             await self._show_first(bench.opening)
-            self._busy("preparing the effects")
+            self._call("busy", "preparing the effects")
             await session.ready()
             if session is self._session:
-                self._panel("effects", panels.effects_panel(bench, ()))
+                self._call("panel", "effects", panels.effects_panel(bench, ()))
         except WrongRecordingError as error:
-            self._panel("checks", panels.checks_panel(error.inspection))
-            self._run("armdynBench.show('trust', true)")
+            self._call("panel", "checks", panels.checks_panel(error.inspection))
+            self._call("show", "trust", True)
             raise
         finally:
-            self._busy("")
+            self._call("busy", "")
 
     async def _show_first(self, state: TickedModel) -> None:
         overlays = Overlays(state.curves, (AS_GIVEN, NOW))
         self._points = overlays.points
         widget = overlays.widget()
         html = f"{tabs_html(overlays.tabs, 'bench')}<form class='widget'>{widget_html(widget)}</form>"
-        self._run(f"armdynBench.open({script_json({'html': html, 'data': widget.data, 'look': LOOK})})")
-        self._panel("errors", panels.errors_panel(state))
-        self._panel("knobs", panels.knobs_panel(state))
+        self._call("open", {"html": html, "data": widget.data, "look": LOOK})
+        self._call("panel", "errors", panels.errors_panel(state))
+        self._call("panel", "knobs", panels.knobs_panel(state))
         await self._show_missing_force(state)
 
     def _show(self, state: TickedModel, *, knobs: bool = True) -> None:
         totals = Overlays(state.curves, (AS_GIVEN, NOW)).totals()
         new = {"changed": [changed(curve, self._points) for curve in state.curves], "totals": totals}
-        self._run(f"armdynBench.update({script_json(new)})")
-        self._panel("errors", panels.errors_panel(state))
-        self._run(f"armdynBench.show('refit', {script_json(state.how == 'by hand')})")
+        self._call("update", new)
+        self._call("panel", "errors", panels.errors_panel(state))
+        self._call("show", "refit", state.how == "by hand")
         if knobs:
-            self._panel("knobs", panels.knobs_panel(state))
+            self._call("panel", "knobs", panels.knobs_panel(state))
 
     async def _show_missing_force(self, state: TickedModel) -> None:
         """After the curves, which need not wait for it; nothing where another answer is wanted meanwhile."""
@@ -143,7 +145,7 @@ class Tab:
         charts = await asyncio.to_thread(lambda: missing_force_charts(bench.missing_force(state), AS_TICKED))
         shown = {chart.tab: {"figure": chart.figure, "caption": chart.caption} for chart in charts}
         if asked == self._asked:
-            self._run(f"armdynBench.missing({script_json(shown)})")
+            self._call("missing", shown)
 
     def _opened(self) -> Opened:
         if self._open is None:
@@ -152,11 +154,11 @@ class Tab:
 
     async def _working(self, what: str, work: Callable[[], Any]) -> Any:
         """Do something slow beside the page, and say so."""
-        self._busy(what)
+        self._call("busy", what)
         try:
             return await self._opened().session.do(work)
         finally:
-            self._busy("")
+            self._call("busy", "")
 
     def _guarded_event(self, handler: Callable[[Any], Awaitable[None]]) -> Callable[[Any], Awaitable[None]]:
         async def handle(event: Any) -> None:
@@ -169,23 +171,15 @@ class Tab:
         try:
             await work
         except ArmdynError as error:
-            self._say(str(error).replace(f"{self._folder.name}/", ""))
+            self._call("say", str(error).replace(f"{self._folder.name}/", ""), "bad")
         except Exception as error:
             from pipeline.console.streams import report_unforeseen
 
-            self._say(report_unforeseen(error))
+            self._call("say", report_unforeseen(error), "bad")
 
-    def _say(self, text: str) -> None:
-        self._run(f"armdynBench.say({script_json(text)}, 'bad')")
-
-    def _busy(self, text: str) -> None:
-        self._run(f"armdynBench.busy({script_json(text)})")
-
-    def _panel(self, place: str, html: str) -> None:
-        self._run(f"armdynBench.panel({script_json(place)}, {script_json(html)})")
-
-    def _run(self, code: str) -> None:
-        self._client.run_javascript(code)
+    def _call(self, function: str, *arguments: Any) -> None:
+        """Call a function of the page's script, ``armdynBench``."""
+        self._client.run_javascript(f"armdynBench.{function}({', '.join(map(script_json, arguments))})")
 
 
 _links: dict[str, Links] = {}

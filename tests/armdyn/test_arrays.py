@@ -42,7 +42,7 @@ def test_every_problem_is_told_at_once():
         "time does not increase at sample 1",
         "'q' has shape (20, 2)",
         "did you mean 'load_force'",
-        "'swing_angle' has shape (5,)",
+        "'swing_angle': has shape (5,)",
         "'swing_rate' does not hold numbers",
         "'kg' is of another kind",
         "a unit is given for 'tau'",

@@ -2,7 +2,18 @@
 
 import math
 
-from faults.faulty import BadForce, BadJoints, Raises, Stale, one_joint_fewer, with_force, with_stamp, with_values
+from faults.faulty import (
+    BadForce,
+    BadJoints,
+    Frozen,
+    Raises,
+    Stale,
+    Unplugged,
+    one_joint_fewer,
+    with_force,
+    with_stamp,
+    with_values,
+)  # fmt: skip
 
 NAN, INF = math.nan, math.inf
 
@@ -35,3 +46,10 @@ SENSORS = {
     "joints-stale": (Stale, "joints .* not later"),
     "joints-raise": (lambda *when: Raises("joint_state", RuntimeError("bus"), *when), "joints .* cannot be read"),
 }
+
+DEAD_CELLS = {
+    "cell-unplugged": (Unplugged, "load cell .* no sample"),
+    "cell-frozen": (Frozen, "load cell .* repeated"),
+    "cell-saturated": (cell(with_force(lambda _f: 9.80665)), "load cell .* (jumps farther|end of the cell's range)"),
+}
+"""Faults of the load cell that show only where they last."""

@@ -14,6 +14,7 @@ import numpy as np
 import urdf
 from ik import default_table
 from ik.tablefile import write_arrays
+from pipeline.batch.work import Outcome
 
 TOY = """<robot name="toy">
 <link name="base"/>
@@ -231,12 +232,12 @@ times = { "a.csv" = 2026-05-04T14:30:00 }
 false_alarms = 0.01
 """
 OUTCOME = {
-    "key": "abc", "verdict": "explained", "sentence": "s", "problem": "", "passing": False, "explained": 0.9,
+    "verdict": "explained", "sentence": "s", "problem": "", "passing": False, "explained": 0.9,
     "effects": ["quadratic_drag"], "chi2_per_sample": 1.0, "intervals_hold": True,
     "channels": {"load_force": {"unit": "N", "rmse": 0.003, "noise_std": 0.003}},
     "parameters": {"mass": {"unit": "kg", "value": 0.08, "std": 0.001}}, "duration": 5.0, "seconds": 0.3,
 }  # fmt: skip
-JOURNAL = "".join(json.dumps({**OUTCOME, "key": f"k{i}"}) + "\n" for i in range(3))
+JOURNAL = "".join(Outcome(f"k{i}", **OUTCOME).line + "\n" for i in range(3))
 
 
 def parquet(rng: random.Random | None = None) -> bytes:

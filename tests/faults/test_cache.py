@@ -11,7 +11,7 @@ import pytest
 
 from armdyn import cache, codegen
 from armdyn.cache import cache_directory, entry_name, private_directory
-from armdyn.codegen import compiled
+from armdyn.codegen import compile_functions
 
 pytestmark = pytest.mark.skipif(codegen.compiler() is None, reason="needs a C compiler")
 
@@ -26,7 +26,7 @@ def folder(tmp_path, monkeypatch):
 
 def tripled(name="triple", factor=3):
     x = ca.SX.sym("x")
-    return compiled(name, {"f": ca.Function("f", [x], [factor * x])})["f"]
+    return compile_functions(name, {"f": ca.Function("f", [x], [factor * x])})["f"]
 
 
 def is_machine_code(function):

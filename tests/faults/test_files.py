@@ -23,10 +23,12 @@ def names(folder):
     return sorted(path.name for path in folder.iterdir())
 
 
-def test_a_link_stays_and_its_target_is_replaced(tmp_path):
+@pytest.mark.parametrize("old", ["old", None], ids=["a file", "nothing yet"])
+def test_links_stay_and_what_they_lead_to_is_replaced_or_made(tmp_path, old):
     (tmp_path / "there").mkdir()
     target, link, second = tmp_path / "there" / "m.toml", tmp_path / "link.toml", tmp_path / "second.toml"
-    target.write_text("old")
+    if old is not None:
+        target.write_text(old)
     link.symlink_to(target)
     second.symlink_to("link.toml")
     atomic.write_text(second, TEXT)
@@ -34,13 +36,6 @@ def test_a_link_stays_and_its_target_is_replaced(tmp_path):
     assert second.is_symlink()
     assert target.read_text() == TEXT
     assert names(target.parent) == ["m.toml"]
-
-
-def test_a_link_to_a_file_that_is_not_there_yet_makes_it(tmp_path):
-    (tmp_path / "link").symlink_to("new.txt")
-    atomic.write_text(tmp_path / "link", TEXT)
-    assert (tmp_path / "new.txt").read_text() == TEXT
-    assert names(tmp_path) == ["link", "new.txt"]
 
 
 def test_links_in_a_circle_are_refused(tmp_path):

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from faults.faulty import AT_REST, BadForce, ClockJumps, Raises, Signals, Stalls, Through, with_force
-from faults.kinds import INF, NAN, SENSORS
+from faults.kinds import DEAD_CELLS, INF, NAN, SENSORS
 
 import ik
 import urdf
@@ -97,7 +97,7 @@ NODES = {
     "drive": DriveNode,
 }
 CASES = [
-    *(case for name, (robot, says) in SENSORS.items() for case in lasting(name, says, robot)),
+    *(case for name, (robot, says) in {**SENSORS, **DEAD_CELLS}.items() for case in lasting(name, says, robot)),
     *(case for name, (robot, _says) in SENSORS.items() for case in single(name, robot)),
     *(
         Case(

@@ -30,6 +30,9 @@ SHARE = 0.25
 STEP = 5e-3
 """Move after which the next look is taken where two parts already touch [m]."""
 
+TIE = 1e-9
+"""Distances that differ by less are equal [m]: of two fingers above a table the first is named."""
+
 HAND = 0.15
 """How far the hand reaches beyond the tool frame and the arm beyond the middle of its links, at most [m]."""
 
@@ -139,7 +142,7 @@ class ArmShapes:
                 if joint != body.spared:
                     self._result.clear()
                     apart = coal.distance(shape, where, body.shape, body.pose, self._request, self._result)
-                    if apart < best[0]:
+                    if apart < best[0] - TIE:
                         best = float(apart), part, body.name
         return best
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -36,40 +36,35 @@ def differentiated(time: Array, position: Array) -> tuple[Array, Array, Array]:
     Returns:
         Smoothed positions, speeds, accelerations, (n, k) each.
     """
-    columns = [_differentiated(time, column) for column in position.T]
-    q, v, a = (np.column_stack([column[order] for column in columns]) for order in range(3))
+
+    def column(x: Array) -> tuple[Array, Array, Array]:
+        if np.ptp(x) == 0.0:
+            return x, np.zeros_like(x), np.zeros_like(x)
+        if time.size < ORDER:
+            v = np.gradient(x, time)
+            return x, v, np.gradient(v, time)
+        std = noise(time, x)
+        # Below this the differences show only the rounding of floats, which a smoothing spline cannot follow.
+        if std < 1e-10 * np.max(np.abs(x)):
+            spline = make_interp_spline(time, x, k=5)
+        else:
+            spline = UnivariateSpline(time, x, k=5, s=time.size * std**2)
+            x = spline(time)
+        return x, spline.derivative(1)(time), spline.derivative(2)(time)
+
+    q, v, a = (np.column_stack(parts) for parts in zip(*map(column, position.T), strict=True))
     return q, v, a
 
 
 def noise(time: Array, position: Array) -> float:
-    """Standard deviation of the noise of positions, 0 where it cannot be estimated.
+    """Standard deviation of the noise of positions (n,), in their unit; 0 where it cannot be estimated.
 
-    Args:
-        time: (n,) [s].
-        position: (n,).
-
-    Returns:
-        In the unit of the positions. Source: robust difference estimator, Gasser et al., Biometrika 73 (1986) 625.
+    Source: robust difference estimator, Gasser et al., Biometrika 73 (1986) 625.
     """
     steps = np.diff(time)
     if time.size < 4 * ORDER or np.ptp(steps) > EVEN * np.mean(steps):
         return 0.0
     return float(np.nanmedian(np.abs(normalised_differences(time, position, ORDER))) / 0.6745)
-
-
-def _differentiated(time: Array, column: Array) -> tuple[Array, Array, Array]:
-    if np.ptp(column) == 0.0:
-        return column, np.zeros_like(column), np.zeros_like(column)
-    if time.size < ORDER:
-        v = np.gradient(column, time)
-        return column, v, np.gradient(v, time)
-    std = noise(time, column)
-    # Below this the differences show only the rounding of floats, which a smoothing spline cannot follow.
-    if std < 1e-10 * np.max(np.abs(column)):
-        spline = make_interp_spline(time, column, k=5)
-        return column, spline.derivative(1)(time), spline.derivative(2)(time)
-    smooth = UnivariateSpline(time, column, k=5, s=time.size * std**2)
-    return smooth(time), smooth.derivative(1)(time), smooth.derivative(2)(time)
 
 
 UNITS = {"time": "s", "s": "m", "v": "m/s", "a": "m/s^2"}
@@ -120,13 +115,8 @@ def read_trajectory(path: Path | str, robot: urdf.Robot) -> JointTrajectory | Li
 
 
 def _line(channels: Mapping[str, Channel], names: tuple[str, str, str]) -> LineTrajectory:
-    """The motion of the channels that hold position, speed and acceleration, of which the last two may be missing."""
-    time = _common_time(channels, [name for name in names if name in channels])
-    s = channels[names[0]].value
-    v, a = (channels[name].value if name in channels else None for name in names[1:])
-    if v is None:
-        return LineTrajectory(time, *(column[:, 0] for column in differentiated(time, s[:, None])))
-    return LineTrajectory(time, s, v, differentiated(time, v[:, None])[1][:, 0] if a is None else a)
+    time, *parts = _sampled(channels, [(name,) for name in names])
+    return LineTrajectory(time, *(part[:, 0] for part in parts))
 
 
 def _joints(channels: Mapping[str, Channel], robot: urdf.Robot) -> JointTrajectory:
@@ -140,51 +130,45 @@ def _joints(channels: Mapping[str, Channel], robot: urdf.Robot) -> JointTrajecto
             f"joint {', '.join(missing)} is missing: add a column 'q.{missing[0]} [rad]'; a joint that stands still "
             "has the same position in every row"
         )
-    given = [kind for kind in ("q", "v", "a") if all(f"{kind}.{joint}" in channels for joint in robot.joint_names)]
-    names = [f"{kind}.{joint}" for kind in given for joint in robot.joint_names]
-    time = _common_time(channels, names)
-    values = {
-        kind: np.column_stack([channels[f"{kind}.{joint}"].value for joint in robot.joint_names]) for kind in given
-    }
-    units = [channels[f"q.{joint}"].unit for joint in robot.joint_names]
-    _refuse_degrees(values["q"], units, robot)
-    q = values["q"]
-    if "v" not in given:
-        return JointTrajectory(time, *differentiated(time, q), robot.joint_names)
-    v = values["v"]
-    return JointTrajectory(time, q, v, values["a"] if "a" in given else differentiated(time, v)[1], robot.joint_names)
+    names = [[f"{kind}.{joint}" for joint in robot.joint_names] for kind in "qva"]
+    _refuse_degrees(channels, robot)
+    return JointTrajectory(*_sampled(channels, names), robot.joint_names)
 
 
-def _common_time(channels: Mapping[str, Channel], names: list[str]) -> Array:
-    """The time stamps, which the channels must share.
+def _sampled(channels: Mapping[str, Channel], kinds: Sequence[Sequence[str]]) -> tuple[Array, Array, Array, Array]:
+    """Time (n,), positions, speeds and accelerations (n, k) of the channels named by kind; the latter two may lack.
 
-    A recording leaves missing samples out, so a channel with fewer of them has holes.
+    A recording leaves missing samples out, so a channel with fewer of them than another has holes.
     """
-    fullest = max(names, key=lambda name: len(channels[name]))
-    time = channels[fullest].time
+    given = [kind for kind in kinds if all(name in channels for name in kind)]
+    names = [name for kind in given for name in kind]
+    time = channels[max(names, key=lambda name: len(channels[name]))].time
     for name in names:
         if not np.array_equal(channels[name].time, time):
             missing = np.setdiff1d(time, channels[name].time)
             where = f" at {missing[0]:.6g} s" if missing.size else ""
             raise InputError(f"{name} has no sample{where}: a trajectory has no missing samples; fill them in")
-    return time
+    values = [np.column_stack([channels[name].value for name in kind]) for kind in given]
+    if kinds[1] not in given:
+        return time, *differentiated(time, values[0])
+    q, v, *a = values
+    return time, q, v, a[0] if a else differentiated(time, v)[1]
 
 
-def _refuse_degrees(q: Array, units: list[str], robot: urdf.Robot) -> None:
+def _refuse_degrees(channels: Mapping[str, Channel], robot: urdf.Robot) -> None:
     """Refuse positions that are far beyond the joints' ranges as radians and within them as degrees."""
-    lower, upper = robot.limits.lower, robot.limits.upper
-    turning = np.array([unit == "rad" for unit in units]) & np.isfinite(lower) & np.isfinite(upper)
-    if not np.any(turning):
-        return
-    widest = np.maximum(np.abs(lower), np.abs(upper))
-    reached = np.max(np.abs(q), axis=0)
-    far = turning & (reached > FAR_BEYOND * widest)
-    as_degrees = np.radians(q)
-    inside = np.all((as_degrees >= lower) & (as_degrees <= upper), axis=0) | ~turning
-    if np.any(far) and np.all(inside):
-        joint = int(np.argmax(np.where(far, reached, 0.0)))
-        name = robot.joint_names[joint]
+    reached, within = {}, True
+    for name, lower, upper in zip(robot.joint_names, robot.limits.lower, robot.limits.upper, strict=True):
+        channel = channels[f"q.{name}"]
+        if channel.unit == "rad" and np.isfinite(lower) and np.isfinite(upper):
+            far, widest = float(np.max(np.abs(channel.value))), max(abs(lower), abs(upper))
+            if far > FAR_BEYOND * widest:
+                reached[name] = far, widest
+            turned = np.radians(channel.value)
+            within = within and bool(np.all((turned >= lower) & (turned <= upper)))
+    if reached and within:
+        name, (far, widest) = max(reached.items(), key=lambda item: item[1][0])
         raise InputError(
-            f"q.{name} reaches {reached[joint]:.4g} rad, where its limit is {widest[joint]:.4g} rad: this looks like "
-            f"degrees; write the columns as 'q.{name} [deg]', or convert them"
+            f"q.{name} reaches {far:.4g} rad, where its limit is {widest:.4g} rad: this looks like degrees; write the "
+            f"columns as 'q.{name} [deg]', or convert them"
         )

@@ -117,11 +117,7 @@ class RosRobot(Closing):
         return self._ended or self._trouble() or self._master.trouble
 
     def prepare(self) -> None:
-        """Enable the arm and set its command timeout; nothing moves.
-
-        Raises:
-            InputError: it cannot be enabled.
-        """
+        """See `RealRobot`; the arm's command timeout is set, too."""
         if self._power is not None:
             self._power.enable()
         if self._topics.timeout is not None:
@@ -130,12 +126,7 @@ class RosRobot(Closing):
             self.bridge.publish(self._topics.speed_ratio, {"data": 1.0})
 
     def command(self, q: Vector, v: Vector, a: Vector) -> None:
-        """Send one posture, if it passes the gate.
-
-        Args:
-            q: positions (n,) [rad].
-            v: velocities (n,) [rad/s].
-            a: accelerations (n,) [rad/s^2].
+        """See `RobotInterface`: send one posture, if it passes the gate.
 
         Raises:
             TaskFailedError: it was withheld, or an earlier one was; the arm is brought to rest.
@@ -185,11 +176,7 @@ class RosRobot(Closing):
         return state
 
     def newest_state(self) -> JointState:
-        """The newest reading as it arrived, dated on our clock.
-
-        Raises:
-            TaskFailedError: no state has arrived.
-        """
+        """See `RealRobot`."""
         newest = self._states.latest
         if newest is None:
             raise TaskFailedError("no joint state has arrived")

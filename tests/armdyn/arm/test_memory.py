@@ -26,11 +26,15 @@ def bristle_friction(
     return joint.with_torque(torque * bent / bend)
 
 
+def moving(q):
+    """A run of one joint whose torque is to be predicted."""
+    channels = {f"q.{JOINT}": Channel(TIME, q, "rad"), f"tau.{JOINT}": Channel(TIME, 0 * q, "N m")}
+    return Run("a.csv", channels, noise={f"q.{JOINT}": 0.0})
+
+
 @pytest.fixture(scope="module")
 def run():
-    q = 0.5 * np.sin(2 * TIME) + 0.05 * np.sin(9 * TIME)
-    return Run("a.csv", {f"q.{JOINT}": Channel(TIME, q, "rad"), f"tau.{JOINT}": Channel(TIME, 0 * q, "N m")},
-               noise={f"q.{JOINT}": 0.0})  # fmt: skip
+    return moving(0.5 * np.sin(2 * TIME) + 0.05 * np.sin(9 * TIME))
 
 
 def model(torque, bend):
@@ -96,9 +100,7 @@ def test_a_torque_sensor_lags_with_exact_derivatives(prepared):
 
 
 def test_a_lagging_torque_trails_by_the_time_constant():
-    q = np.sin(2 * TIME)
-    swing = Run("a.csv", {f"q.{JOINT}": Channel(TIME, q, "rad"), f"tau.{JOINT}": Channel(TIME, 0 * q, "N m")},
-                noise={f"q.{JOINT}": 0.0})  # fmt: skip
+    swing = moving(np.sin(2 * TIME))
     model = arm_model(robot="baxter", joints=[JOINT], effects=[torque_lag])
     on_time = model.predict(swing, model.theta()).values
     late = model.with_values({f"torque_lag.time[{JOINT}]": 0.05})

@@ -6,12 +6,12 @@ from scipy.stats import norm
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError
-from armdyn.experiments.gripper import STEP, GripperProblem, designed, motion_series
+from armdyn.experiments.gripper import STEP, GripperProblem, design_motion, motion_series
 from armdyn.experiments.hypothesis import Experiment, Hypothesis, Motion, PredictedExperiment
 from armdyn.experiments.limits import GripperLimits
 from armdyn.experiments.plan import inseparable
 from armdyn.experiments.search import Lagrangian, random_motion
-from armdyn.experiments.separation import MARGIN, Rival, beliefs, linear_separation, outlook, separation
+from armdyn.experiments.separation import MARGIN, Rival, beliefs, linear_separation, outlook
 from armdyn.pendulum.model import pendulum_model
 
 KNOWN = {"mass": 8e-4, "sensor_bias.force": 0.02}
@@ -27,6 +27,11 @@ def hypothesis(effect, value=None, **changes):
     free = ("length", "mass", name, *(f"{other}.force" for other in others))
     information = np.diag([KNOWN.get(n, np.inf) ** -2.0 for n in free])
     return Hypothesis(effect, model, free, information, **changes)
+
+
+def separation(truth, rival):
+    """The rise of chi2 when the rival is refitted."""
+    return Rival(rival, truth.predict(truth.start)[0]).refitted()[0]
 
 
 def gripper(effects, seconds=4.0, limits=None, step=STEP):
@@ -149,12 +154,12 @@ def test_the_probability_is_that_of_simulated_outcomes():
 def test_a_designed_motion_separates_far_better_than_random_ones_within_the_limits():
     pair = hypothesis("pivot_viscous_friction"), hypothesis("linear_drag")
     limits = GripperLimits()
-    found = designed(pair, Experiment("motion", "", noise=LOAD_CELL), 5.0, limits)
-    apart = outlook(pair, Experiment("motion", "", found.motion, LOAD_CELL)).separation ** 2
-    assert apart > 10.0 * found.start
-    assert np.all(found.motion.peaks <= [limits.travel, limits.speed, limits.acceleration])
+    motion, random = design_motion(pair, Experiment("motion", "", noise=LOAD_CELL), 5.0, limits)
+    apart = outlook(pair, Experiment("motion", "", motion, LOAD_CELL)).separation ** 2
+    assert apart > 10.0 * random
+    assert np.all(motion.peaks <= [limits.travel, limits.speed, limits.acceleration])
     for h in pair:
-        held = PredictedExperiment(h, Experiment("motion", "", found.motion, LOAD_CELL))
+        held = PredictedExperiment(h, Experiment("motion", "", motion, LOAD_CELL))
         assert np.abs(held.swing(held.start)).max() <= limits.swing
         assert held.rollout(held.start).outputs[:, 0].min() > 0.0  # the string stays taut
 

@@ -70,6 +70,12 @@ def idle(slider, size=quantity("N", typical=1.0)):
 EFFECTS = (viscous, relaxing_spring, late, slow)
 
 
+@physics("scale", summary="", source="", parameters=(constant("stiffness", "N/m", 10.0),), states=(),
+         inputs={"gripper_x": "m"}, outputs={"load_force": "N"})  # fmt: skip
+def scale(at):
+    return Equations({}, {"load_force": at.stage("probe", Reading(at["stiffness"] * at.input("gripper_x").value))})
+
+
 @pytest.fixture
 def run():
     t = np.arange(0.0, 3.0, 0.01)
@@ -138,11 +144,6 @@ def test_a_wrong_declaration_is_refused_in_one_line(changed, message):
 
 
 def test_a_physics_without_states_is_algebra(run):
-    @physics("scale", summary="", source="", parameters=(constant("stiffness", "N/m", 10.0),), states=(),
-             inputs={"gripper_x": "m"}, outputs={"load_force": "N"})  # fmt: skip
-    def scale(at):
-        return Equations({}, {"load_force": at.stage("probe", Reading(at["stiffness"] * at.input("gripper_x").value))})
-
     time = run.channels["q.mass"].time
     weighed = replace(run, channels={**run.channels, "load_force": Channel(time, 0 * time, "N")})
     model = physics_model(scale, [late, slow]).with_values({"slow.time": 0.05})
@@ -153,11 +154,6 @@ def test_a_physics_without_states_is_algebra(run):
 
 
 def test_what_a_physics_without_states_lacks_is_named():
-    @physics("scale", summary="", source="", parameters=(constant("stiffness", "N/m", 10.0),), states=(),
-             inputs={"gripper_x": "m"}, outputs={"load_force": "N"})  # fmt: skip
-    def scale(at):
-        return Equations({}, {"load_force": at.stage("probe", Reading(at["stiffness"] * at.input("gripper_x").value))})
-
     rng = np.random.default_rng(3)
     t = np.arange(0.0, 10.0, 0.01)
     force = 12.0 * 0.1 * np.sin(4 * (t - 0.03)) + 0.01 * rng.normal(size=len(t))

@@ -13,7 +13,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from armdyn.errors import InputError
 from pipeline.imports import read_foreign
 from pipeline.imports.bag import read_bag
-from pipeline.imports.conversion import imported
+from pipeline.imports.conversion import run_of
 from pipeline.imports.mapping import ColumnMap, Entry, known_columns
 from pipeline.record import Recorder
 
@@ -91,7 +91,7 @@ def bag(request, tmp_path):
 
 def test_joint_states_become_a_run(bag, joints):
     (foreign,) = read_foreign(bag)
-    run = imported(foreign, known_columns(foreign))
+    run = run_of(foreign, known_columns(foreign))
     assert run.joints == JOINTS
     for quantity, values, unit in zip(("q", "v", "tau"), joints, ("rad", "rad/s", "N m"), strict=True):
         for i, joint in enumerate(JOINTS):
@@ -108,7 +108,7 @@ def test_a_message_of_ones_own_and_a_wrench_are_mapped(bag):
         "/cell/grams": Entry("gripper_z", "mm"),
         "/length/data": Entry("gripper_x", "m"),
     }
-    run = imported(foreign, ColumnMap(entries))
+    run = run_of(foreign, ColumnMap(entries))
     np.testing.assert_allclose(run.channels["load_force"].value, 1.0 - motion()[0][:, 0])
     np.testing.assert_allclose(run.channels["gripper_z"].value, TIME, rtol=1e-6)
     np.testing.assert_allclose(run.channels["gripper_x"].value, TIME)
@@ -147,7 +147,7 @@ def write_plain_mcap(path):
 
 def test_an_mcap_without_a_profile_of_ros_is_read_too(tmp_path, joints):
     (foreign,) = read_foreign(write_plain_mcap(tmp_path / "a.mcap"))
-    run = imported(foreign, known_columns(foreign))
+    run = run_of(foreign, known_columns(foreign))
     np.testing.assert_allclose(run.channels["q.elbow"].value, joints[0][:, 1], atol=1e-12)
     np.testing.assert_allclose(foreign.columns["/plain/cell/force"].value, 2 * TIME)
     np.testing.assert_allclose(foreign.columns["/cell/grams"].value, 1e3 * TIME, rtol=1e-6)

@@ -8,7 +8,7 @@ import pytest
 from armdyn.errors import InputError
 from armdyn.units import si_factor
 from pipeline.imports import read_foreign
-from pipeline.imports.guess import guessed
+from pipeline.imports.guess import guess_map
 
 from .layouts import LAYOUTS
 
@@ -20,7 +20,7 @@ def judged(layout, tmp_path):
     """Sentences on what is silently wrong or lost, and how many lines ask for a person."""
     path = tmp_path / "log.csv"
     path.write_text(layout.text(), encoding="utf-8")
-    found = guessed(read_foreign(path), layout.joints)
+    found = guess_map(read_foreign(path), layout.joints)
     truth = {made.header.split(" [")[0].split("(")[0].strip(): made for made in layout.made()}
     wrong = []
     for name, entry in found.entries.items():

@@ -1,4 +1,4 @@
-import itertools
+import contextlib
 import threading
 import time
 from datetime import UTC, datetime
@@ -7,10 +7,14 @@ import numpy as np
 import pytest
 import serial
 import serial.serialposix
+from hypothesis import given
+from hypothesis import strategies as st
+from serial.tools import list_ports
+from serial.tools.list_ports_common import ListPortInfo
 
 from armdyn.errors import InputError
 from pipeline.loadcell.calibration import Calibration
-from pipeline.loadcell.cell import LoadCell
+from pipeline.loadcell.cell import SMALLEST_STEP, LoadCell, ReceptionTimes
 from pipeline.loadcell.emulator import EmulatedCell, EmulatedPort
 from pipeline.loadcell.faults import Fault
 from pipeline.loadcell.protocol import MAXIMUM_COUNTS
@@ -70,51 +74,36 @@ def test_a_cell_at_100_hz_with_every_fault_reports_each_and_keeps_the_good_sampl
     """One run on a real pseudo-terminal at 100 Hz; which samples must arrive is known to the last one."""
     counts, expected = iter(COUNTS), []
 
-    def good():
-        expected.append(next(counts))
-        return [wire.line(expected[-1])]
+    def good(value=None):
+        expected.append(next(counts) if value is None else value)
+        return wire.line(expected[-1])
 
     def lost():
-        wire.line(next(counts))
-        return []
+        return wire.line(next(counts))
 
-    def partial():
-        return [wire.line(next(counts))[:11] + b"\n"]
+    def cut(line, at):
+        return [line[:at], line[at:]]
 
-    def repeated():
-        line = good()[0]
-        return [line, line]
-
-    def crlf():
-        return [good()[0][:-1] + b"\r\n"]
-
-    def garbage():
-        return [b"\xff\x00\x81 HX711 12 \xfe\n"]
-
-    def noise_before():
-        return [b"\x00\xf3\xff" + good()[0]]
-
-    def split():
-        line = good()[0]
-        return [line[:5], line[5:]]
-
-    def at_end():
-        expected.append(MAXIMUM_COUNTS)
-        return [wire.line(MAXIMUM_COUNTS)]
-
-    def stuck():
-        expected.append(3333)
-        return [wire.line(3333)]
-
-    good_ones = itertools.repeat(good, 20)
-    script = [*good_ones, lost, lost, good, partial, good, repeated, crlf, crlf, good, garbage, good, noise_before]
-    script += [*itertools.repeat(split, 5), at_end, *itertools.repeat(good, 5), *itertools.repeat(stuck, 100)]
-    script += itertools.repeat(good, 40)
+    steps = {
+        "good": lambda: [good()],
+        "lost": lambda: [lost()][:0],
+        "torn": lambda: [lost()[:11] + b"\n"],
+        "repeated": lambda: [good()] * 2,
+        "crlf": lambda: [good()[:-1] + b"\r\n"],
+        "garbage": lambda: [b"\xff\x00\x81 HX711 12 \xfe\n"],
+        "behind noise": lambda: [b"\x00\xf3\xff" + good()],
+        "in two pieces": lambda: cut(good(), 5),
+        "at its end": lambda: [good(MAXIMUM_COUNTS)],
+        "stuck": lambda: [good(3333)],
+    }
+    script = [*["good"] * 20, "lost", "lost", "good", "torn", "good", "repeated", "crlf", "crlf", "good", "garbage"]
+    script += ["good", "behind noise", *["in two pieces"] * 5, "at its end", *["good"] * 5, *["stuck"] * 100]
+    script += ["good"] * 40
     with LoadCell(wire.port, CALIBRATION, silent_after=NEVER) as cell:
         begin, received = time.monotonic(), []
         for k, step in enumerate(script):
             time.sleep(max(0.0, begin + 0.01 * k - time.monotonic()))
-            for piece in step():
+            for piece in steps[step]():
                 assert wire.send(piece, 10.0)
             received += cell.read()
         until(lambda: cell.status().samples == len(expected))
@@ -225,42 +214,35 @@ def test_an_error_while_reading_does_not_leave_the_thread_behind(wire):
     assert not [thread for thread in threading.enumerate() if thread.name == "load cell"]
 
 
-def test_a_port_in_use_is_said_to_be_in_use(wire):
-    with LoadCell(wire.port, CALIBRATION), pytest.raises(InputError, match="another program has it open"):
-        LoadCell(wire.port, CALIBRATION)
-
-
-def test_a_missing_port_names_those_that_are_present(monkeypatch):
-    from serial.tools import list_ports
-    from serial.tools.list_ports_common import ListPortInfo
-
-    monkeypatch.setattr(list_ports, "comports", lambda: [ListPortInfo("/dev/ttyACM7"), ListPortInfo("/dev/ttyACM1")])
-    with pytest.raises(InputError, match=r"^/dev/ttyNONE: there is no such port: choose one of .*ACM1, .*ACM7$"):
-        LoadCell("/dev/ttyNONE", CALIBRATION)
-
-
-def test_without_any_port_the_emulated_cell_is_offered(monkeypatch):
-    from serial.tools import list_ports
-
-    monkeypatch.setattr(list_ports, "comports", list)
-    with pytest.raises(InputError, match=r"none is present.*'emulated'"):
-        LoadCell("/dev/ttyNONE", CALIBRATION)
-
-
-def test_a_forbidden_port_says_which_group_to_join(wire, monkeypatch):
+@pytest.mark.parametrize(
+    ("port", "others", "says"),
+    [
+        ("in use", [], "another program has it open"),
+        (
+            "/dev/ttyNONE",
+            ["ttyACM7", "ttyACM1"],
+            r"^/dev/ttyNONE: there is no such port: choose one of .*ACM1, .*ACM7$",
+        ),
+        ("/dev/ttyNONE", [], r"none is present.*'emulated'"),
+        ("forbidden", [], r"permission denied: 'sudo usermod -aG \w+ \$USER', then log in again$"),
+        ("a file", [], "is not a serial port"),
+    ],
+)
+def test_a_port_that_cannot_be_opened_says_why_and_what_to_do(wire, monkeypatch, tmp_path, port, others, says):
     def forbidden(*_):
         raise PermissionError(13, "Permission denied")
 
-    with monkeypatch.context() as patch:
-        patch.setattr(serial.serialposix.os, "open", forbidden)
-        with pytest.raises(InputError, match=r"permission denied: 'sudo usermod -aG \w+ \$USER', then log in again$"):
-            LoadCell(wire.port, CALIBRATION)
-
-
-def test_a_file_is_not_taken_for_a_port(tmp_path):
-    (tmp_path / "file").write_text("HX711 0 0\n")
-    with pytest.raises(InputError, match="is not a serial port"):
-        LoadCell(str(tmp_path / "file"), CALIBRATION)
+    monkeypatch.setattr(list_ports, "comports", lambda: [ListPortInfo(f"/dev/{name}") for name in others])
+    with contextlib.ExitStack() as stack:
+        if port == "in use":
+            stack.enter_context(LoadCell(wire.port, CALIBRATION))
+        elif port == "forbidden":
+            stack.enter_context(monkeypatch.context()).setattr(serial.serialposix.os, "open", forbidden)
+        elif port == "a file":
+            port = str(tmp_path / "file")
+            (tmp_path / "file").write_text("HX711 0 0\n")
+        stack.enter_context(pytest.raises(InputError, match=says))
+        LoadCell(port if port.startswith("/") else wire.port, CALIBRATION)
 
 
 def test_an_emulated_cell_measures_what_hangs_on_it(until):
@@ -274,3 +256,46 @@ def test_an_emulated_cell_measures_what_hangs_on_it(until):
             until(lambda: cell.status().active == (Fault.DISCONNECTED,))
     assert forces.mean() == pytest.approx(0.785, abs=5 * noise / np.sqrt(len(forces)))
     assert forces.std() == pytest.approx(noise, rel=0.4)
+
+
+@given(st.lists(st.tuples(st.floats(0.0, 1.0), st.integers(0, 20)), min_size=1))
+def test_times_strictly_increase_and_are_not_in_the_future(pieces):
+    times, now, stamps = ReceptionTimes(), 100.0, []
+    for pause, count in pieces:
+        now += pause
+        new = times.stamp(now, count)
+        assert len(new) == count
+        stamps += new
+        # Only a clock that stands still pushes them ahead, by a microsecond each.
+        assert all(stamp <= now + len(stamps) * SMALLEST_STEP for stamp in new)
+    assert np.all(np.diff(stamps) > 0)
+
+
+def test_a_sample_that_comes_alone_has_the_time_of_its_reception():
+    times = ReceptionTimes()
+    assert [times.stamp(now, 1)[0] for now in (1.0, 1.01, 1.5, 1.51)] == [1.0, 1.01, 1.5, 1.51]
+
+
+def test_samples_collected_by_an_adapter_are_dated_back_to_when_they_came():
+    times = ReceptionTimes()
+    for k in range(50):
+        times.stamp(0.01 * k, 1)
+    np.testing.assert_allclose(times.stamp(0.54, 5), [0.50, 0.51, 0.52, 0.53, 0.54], atol=1e-9)
+
+
+def test_samples_behind_a_long_silence_are_not_spread_over_it():
+    times = ReceptionTimes()
+    for k in range(50):
+        times.stamp(0.01 * k, 1)
+    np.testing.assert_allclose(times.stamp(5.0, 3), [4.98, 4.99, 5.0], atol=1e-9)
+
+
+def test_the_rate_is_that_of_the_samples():
+    times = ReceptionTimes()
+    assert times.rate == 0.0
+    for k in range(500):
+        times.stamp(k / 80, 1)
+    np.testing.assert_allclose(times.rate, 80.0)
+    for k in range(200):
+        times.stamp(500 / 80 + k / 10, 1)
+    np.testing.assert_allclose(times.rate, 10.0)

@@ -5,11 +5,11 @@ import signal
 import sys
 import time
 import tomllib
+from functools import partial
 
 import numpy as np
 import pytest
 
-from pipeline import cli
 from pipeline.loadcell.calibration import Calibration
 from pipeline.loadcell.cell import LoadCell
 from pipeline.loadcell.emulator import EmulatedCell, EmulatedPort
@@ -19,18 +19,10 @@ PATIENT = ["--silent-after", "30"]  # these tests run on busy machines
 
 
 @pytest.fixture
-def armdyn(monkeypatch, capsys, tmp_path):
-    """The command line, in this process, with settings of its own: exit status, standard output, standard error."""
+def armdyn(armdyn, monkeypatch, tmp_path):
+    """The command, with settings of its own."""
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "settings"))
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["armdyn", "loadcell", *map(str, arguments)])
-        with pytest.raises(SystemExit) as caught:
-            cli.main()
-        captured = capsys.readouterr()
-        return caught.value.code, captured.out, captured.err
-
-    return run
+    return partial(armdyn, "loadcell")
 
 
 class Operator(io.TextIOBase):
@@ -123,31 +115,33 @@ def test_the_emulated_cell_can_be_calibrated_and_monitored_without_hardware(armd
     assert "in order" in out
 
 
-def test_ctrl_c_ends_monitoring_in_the_usual_way(armdyn, monkeypatch, tmp_path):
-    read, calls = LoadCell.read, []
+@pytest.fixture
+def at_reading(monkeypatch):
+    """Has something happen when the cell is read for the fifth time."""
 
-    def interrupted(cell):
-        calls.append(cell)
-        if len(calls) == 5:
-            os.kill(os.getpid(), signal.SIGINT)
-        return read(cell)
+    def arrange(happen):
+        read, calls = LoadCell.read, []
 
-    monkeypatch.setattr(LoadCell, "read", interrupted)
+        def watched(cell):
+            calls.append(cell)
+            if len(calls) == 5:
+                happen()
+            return read(cell)
+
+        monkeypatch.setattr(LoadCell, "read", watched)
+
+    return arrange
+
+
+def test_ctrl_c_ends_monitoring_in_the_usual_way(armdyn, at_reading, tmp_path):
+    at_reading(lambda: os.kill(os.getpid(), signal.SIGINT))
     status, _, _ = armdyn("monitor", "emulated", "--json", tmp_path / "m.json", *PATIENT)
     assert status == 0
     assert json.loads((tmp_path / "m.json").read_text())["samples"] > 0
 
 
-def test_monitoring_ends_with_status_1_when_the_cable_is_pulled(armdyn, source, monkeypatch, tmp_path):
-    read, calls = LoadCell.read, []
-
-    def pulled(cell):
-        calls.append(cell)
-        if len(calls) == 10:
-            source.close()
-        return read(cell)
-
-    monkeypatch.setattr(LoadCell, "read", pulled)
+def test_monitoring_ends_with_status_1_when_the_cable_is_pulled(armdyn, source, at_reading, tmp_path):
+    at_reading(source.close)
     arguments = ["--calibration", write_calibration(tmp_path), "--json", tmp_path / "m.json"]
     status, _, err = armdyn("monitor", source.port, *arguments, *PATIENT)
     assert status == 1

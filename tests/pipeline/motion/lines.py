@@ -4,10 +4,20 @@ from collections.abc import Iterable
 
 import numpy as np
 
+import urdf
 from pipeline.motion import LineLimits, LineState
 from pipeline.motion.profile import JerkProfile
 
 DT = 0.01
+
+TWO_JOINTS = urdf.Limits(
+    lower=np.array([-1.0, -2.0]),
+    upper=np.array([1.0, 2.0]),
+    velocity=np.array([1.5, 4.0]),
+    acceleration=np.array([20.0, 40.0]),
+    jerk=np.array([1000.0, 2000.0]),
+    effort=np.array([50.0, 15.0]),
+)
 
 # The measured speed limit of Baxter's line; the acceleration limit has kinks on purpose.
 BAXTER_S = [-0.3, -0.2, 0.0, 0.2, 0.3, 0.4, 0.45, 0.5, 0.55]

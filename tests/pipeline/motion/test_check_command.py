@@ -38,47 +38,43 @@ def q(table: ik.LineTable) -> np.ndarray:
     return np.array(table.posture(S).q)
 
 
+def answer(folder: Path, *arguments: str | Path) -> tuple[int, dict]:
+    status = run(*arguments, "--json", folder / "answer.json")
+    return status, json.loads((folder / "answer.json").read_text())
+
+
 def test_a_feasible_joint_motion_exits_with_0(
     tmp_path: Path, joints: list[str], q: np.ndarray, capsys: pytest.CaptureFixture
 ) -> None:
     assert run(write(tmp_path / "a.csv", joints, q)) == 0
     assert capsys.readouterr().out.startswith("Feasible")
-
-
-@pytest.mark.parametrize("digits", [3, 4, 6])
-def test_positions_with_few_digits_stay_feasible(tmp_path: Path, joints: list[str], q: np.ndarray, digits: int) -> None:
-    assert run(write(tmp_path / "a.csv", joints, q, digits)) == 0
+    # So are positions with few digits, and degrees that say so.
+    for digits in (3, 4, 6):
+        assert run(write(tmp_path / "a.csv", joints, q, digits)) == 0
+    assert run(write(tmp_path / "a.csv", [name.replace("rad", "deg") for name in joints], np.degrees(q))) == 0
 
 
 def test_columns_in_any_order_are_the_same_motion(tmp_path: Path, joints: list[str], q: np.ndarray) -> None:
-    answers = []
-    for name, order in (("a", slice(None)), ("b", slice(None, None, -1))):
-        file = tmp_path / f"{name}.json"
-        run(write(tmp_path / f"{name}.csv", joints[order], q[:, order]), "--json", file)
-        answers.append(json.loads(file.read_text()))
-    assert answers[0] == answers[1]
-
-
-def test_degrees_with_their_unit_are_converted(tmp_path: Path, joints: list[str], q: np.ndarray) -> None:
-    header = [name.replace("rad", "deg") for name in joints]
-    assert run(write(tmp_path / "a.csv", header, np.degrees(q))) == 0
+    one, other = (
+        answer(tmp_path, write(tmp_path / "a.csv", joints[order], q[:, order]))
+        for order in (slice(None), slice(None, None, -1))
+    )
+    assert one == other
 
 
 @pytest.mark.parametrize("column", ["s [m]", "gripper_x [m]", "s [mm]"])
 def test_a_line_motion_may_have_either_name(tmp_path: Path, column: str) -> None:
-    factor = 1000.0 if "mm" in column else 1.0
-    assert run(write(tmp_path / "a.csv", [column], factor * S)) == 0
+    assert run(write(tmp_path / "a.csv", [column], S * (1000.0 if "mm" in column else 1.0))) == 0
 
 
 def test_a_motion_that_is_too_fast_exits_with_1_and_says_which_joint(
     tmp_path: Path, joints: list[str], q: np.ndarray
 ) -> None:
-    file = tmp_path / "a.json"
-    assert run(write(tmp_path / "a.csv", joints, q, time=TIME / 4), "--json", file) == 1
-    answer = json.loads(file.read_text())
-    assert not answer["feasible"]
-    assert {"velocity", "acceleration"} <= {v["limit"] for v in answer["violations"]}
-    assert {v["joint"] for v in answer["violations"]} <= {name[2:-6] for name in joints}
+    status, found = answer(tmp_path, write(tmp_path / "a.csv", joints, q, time=TIME / 4))
+    assert status == 1
+    assert not found["feasible"]
+    assert {"velocity", "acceleration"} <= {v["limit"] for v in found["violations"]}
+    assert {v["joint"] for v in found["violations"]} <= {name[2:-6] for name in joints}
 
 
 def test_json_on_standard_output_is_all_that_is_there(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
@@ -88,88 +84,61 @@ def test_json_on_standard_output_is_all_that_is_there(tmp_path: Path, capsys: py
 
 def test_the_report_is_one_offline_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "argv", ["armdyn", "check", "a.csv"])
-    page = tmp_path / "a.html"
-    run(write(tmp_path / "a.csv", ["s [m]"], S), "--report", page)
-    text = page.read_text()
+    run(write(tmp_path / "a.csv", ["s [m]"], S), "--report", tmp_path / "a.html")
+    text = (tmp_path / "a.html").read_text()
     assert "Limits over time" in text
     assert "<script src" not in text
 
 
 def test_a_start_elsewhere_exits_with_1(tmp_path: Path, joints: list[str], q: np.ndarray) -> None:
     file = write(tmp_path / "a.csv", joints, q)
-    here = ",".join(f"{value:.6f}" for value in q[0])
-    assert run(file, "--start", here) == 0
+    assert run(file, "--start", ",".join(f"{value:.6f}" for value in q[0])) == 0
     assert run(file, "--start", ",".join(["0"] * 7)) == 1
 
 
-def bad(
-    tmp_path: Path, header: list[str], columns: np.ndarray, match: str, *options: str, time: np.ndarray = TIME
-) -> None:
-    file = write(tmp_path / "bad.csv", header, columns, time=time)
+SWAPPED = np.concatenate([TIME[:50], TIME[[51, 50]], TIME[52:]])
+HOLE = np.where(np.arange(TIME.size) == 30, np.nan, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("header", "columns", "options", "match"),
+    [
+        ("joints", np.degrees, (), "looks like degrees"),
+        ("renamed", None, (), "did you mean 'right_s"),
+        ("missing", None, (), "right_w2 is missing"),
+        ("joints", SWAPPED, (), "row 53: time does not increase"),
+        (["s [m]"], SWAPPED, (), "time does not increase"),
+        ("joints", HOLE, (), r"right_s0 has no sample at 0\.3 s"),
+        (["s [m]"], HOLE, (), "row 32, column 's'"),
+        (["s"], None, (), "has no unit"),
+        (["s [rad]"], None, (), "column 's'"),
+        (["s [m]", "speed [m/s]"], None, (), "unknown column"),
+        (["s [m]", "s [m]"], None, (), "are both 's'"),
+        (["load_force [N]"], None, (), "no motion in it"),
+        (["s [m]"], None, ("--load-mass", "-1 kg"), "not negative"),
+        (["s [m]"], None, ("--load-mass", "3 m"), "load-mass"),
+        (["s [m]"], None, ("--start", "1,2"), "7 numbers"),
+    ],
+)
+def test_what_is_wrong_is_one_line(tmp_path, joints, q, header, columns, options, match) -> None:
+    names = {"joints": joints, "renamed": ["q.right_s7 [rad]", *joints[1:]], "missing": joints[:-1]}
+    header = names.get(header, header) if isinstance(header, str) else header
+    values = np.array(q[:, : len(header)]) if header[0].startswith("q.") else np.column_stack([S] * len(header))
+    if columns is HOLE:
+        values[:, 0] *= HOLE
+    elif callable(columns):
+        values = columns(values)
+    file = write(tmp_path / "bad.csv", header, values, time=SWAPPED if columns is SWAPPED else TIME)
     with pytest.raises(InputError, match=match) as caught:
         run(file, *options)
     assert "\n" not in str(caught.value)
 
 
-def test_degrees_in_place_of_radians_are_recognised(tmp_path: Path, joints: list[str], q: np.ndarray) -> None:
-    bad(tmp_path, joints, np.degrees(q), "looks like degrees")
-
-
-def test_a_wrong_joint_name_is_named_with_the_right_one(tmp_path: Path, joints: list[str], q: np.ndarray) -> None:
-    bad(tmp_path, ["q.right_s7 [rad]", *joints[1:]], q, "did you mean 'right_s")
-
-
-def test_a_missing_joint_is_named(tmp_path: Path, joints: list[str], q: np.ndarray) -> None:
-    bad(tmp_path, joints[:-1], q[:, :-1], "right_w2 is missing")
-
-
-def test_unsorted_time_is_named_with_its_row(tmp_path: Path, joints: list[str], q: np.ndarray) -> None:
-    time = TIME.copy()
-    time[[50, 51]] = time[[51, 50]]
-    bad(tmp_path, joints, q, "row 53: time does not increase", time=time)
-    bad(tmp_path, ["s [m]"], S, "time does not increase", time=time)
-
-
-def test_a_missing_sample_is_named_with_its_time(tmp_path: Path, joints: list[str], q: np.ndarray) -> None:
-    q[30, 2] = np.nan
-    bad(tmp_path, joints, q, r"right_e0 has no sample at 0\.3 s")
-    bad(tmp_path, ["s [m]"], np.where(np.arange(TIME.size) == 7, np.nan, S), "row 9, column 's'")
-
-
-@pytest.mark.parametrize(
-    ("header", "match"),
-    [
-        (["s"], "has no unit"),
-        (["s [rad]"], "column 's'"),
-        (["s [m]", "speed [m/s]"], "unknown column"),
-        (["s [m]", "s [m]"], "are both 's'"),
-    ],
-)
-def test_a_bad_header_is_named(tmp_path: Path, header: list[str], match: str) -> None:
-    bad(tmp_path, header, np.column_stack([S] * len(header)), match)
-
-
-@pytest.mark.parametrize(
-    ("options", "match"),
-    [
-        (("--load-mass", "-1 kg"), "not negative"),
-        (("--load-mass", "3 m"), "load-mass"),
-        (("--start", "1,2"), "7 numbers"),
-    ],
-)
-def test_bad_options_are_named(tmp_path: Path, options: tuple[str, str], match: str) -> None:
-    bad(tmp_path, ["s [m]"], S, match, *options)
-
-
-def test_files_that_are_no_trajectory_are_named(tmp_path: Path) -> None:
-    for file, match in ((tmp_path / "none.csv", "no such file"), (tmp_path, "directory")):
-        with pytest.raises(InputError, match=match):
-            run(file)
-    empty = tmp_path / "force.csv"
-    bad(tmp_path, ["load_force [N]"], S + 1.0, "no motion in it")
-    empty.write_text("")
-    with pytest.raises(InputError, match="empty"):
-        run(empty)
+@pytest.mark.parametrize(("name", "match"), [("none.csv", "no such file"), (".", "directory"), ("empty.csv", "empty")])
+def test_files_that_are_no_trajectory_are_named(tmp_path: Path, name: str, match: str) -> None:
+    (tmp_path / "empty.csv").touch()
+    with pytest.raises(InputError, match=match):
+        run(tmp_path / name)
 
 
 def test_the_noise_of_positions_is_found_under_their_motion() -> None:
@@ -197,16 +166,12 @@ def test_derivatives_of_clean_positions_are_exact() -> None:
 
 def test_away_from_the_line_there_is_no_box(tmp_path: Path, joints: list[str], q: np.ndarray) -> None:
     """The box is where the tool's line is: a motion that begins elsewhere is another task."""
-    answers = {}
-    for name, shift in (("on", 0.0), ("off", 0.5)):
+    looked_at = []
+    for shift in (0.0, 0.5):
         moved = q + np.concatenate([[shift], np.zeros(q.shape[1] - 1)])
-        run(write(tmp_path / f"{name}.csv", joints, moved), "--json", tmp_path / f"{name}.json")
-        answers[name] = {
-            name
-            for margins in json.loads((tmp_path / f"{name}.json").read_text())["margins"].values()
-            for name in margins
-        }
-    gone = answers["on"] - answers["off"]
+        _, found = answer(tmp_path, write(tmp_path / "a.csv", joints, moved))
+        looked_at.append({name for margins in found["margins"].values() for name in margins})
+    gone = looked_at[0] - looked_at[1]
     assert gone
     assert all("box" in name or "table" in name for name in gone)
 
@@ -222,10 +187,14 @@ def test_a_robot_is_named_or_described_by_a_urdf(tmp_path: Path) -> None:
         run(file, "--urdf", path, "--robot", "ur5")
 
 
-def test_a_distance_says_what_is_the_least() -> None:
-    kept = Margin("clearance", "hand and table", 0.2, 0.309, 0.010, "m", 0.299, 0.03)
-    assert str(kept) == "0.309 m, at least 0.01 m, at 0.200 s"
-    speed = Margin("velocity", "elbow", 0.2, 1.8, 2.0, "rad/s", 0.2, 0.9)
-    assert str(speed) == "1.8 of 2 rad/s at 0.200 s"
-    low = Margin("position", "elbow", 0.2, -1.6, -1.7, "rad", 0.1, 0.9)
-    assert str(low) == "-1.6 of -1.7 rad at 0.200 s"
+@pytest.mark.parametrize(
+    ("margin", "words"),
+    [
+        (Margin("clearance", "hand and table", 0.2, 0.309, 0.010, "m", 0.299, 0.03), "0.309 m, at least 0.01 m"),
+        (Margin("velocity", "elbow", 0.2, 1.8, 2.0, "rad/s", 0.2, 0.9), "1.8 of 2 rad/s"),
+        (Margin("position", "elbow", 0.2, -1.6, -1.7, "rad", 0.1, 0.9), "-1.6 of -1.7 rad"),
+    ],
+)
+def test_a_margin_in_words(margin: Margin, words: str) -> None:
+    assert str(margin).startswith(words)
+    assert str(margin).endswith("at 0.200 s")

@@ -1,73 +1,174 @@
+"""What each gate lets through, and why it refuses the rest; `test_gate_properties` tries everything else."""
+
 import math
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-import ik
-import urdf
 from pipeline.motion import Gate, LineGate, LineLimits, LineSmoother, LineState, finish_over_box
-from pipeline.motion.gate import Refusal, Withheld
+from pipeline.motion.gate import FRESH, GAP, NEAR, PERIOD, StreamGate, Withheld
+from pipeline.motion.transitions import minimum_jerk
+from pipeline.robot.protocol import JointState
 
-DT = 0.01
+from .lines import TWO_JOINTS
+
+REST = np.zeros(2)
 
 
 @pytest.fixture(scope="module")
-def gate(robot: urdf.Robot, table: ik.LineTable) -> LineGate:
+def line_gate(robot, table):
     return LineGate(LineLimits.from_table(table), table, Gate(robot.joint_names, robot.limits))
 
 
-def said(refusal: Refusal | None) -> Withheld | None:
+def why(refusal):
     return refusal.why if refusal else None
 
 
-def test_what_the_smoother_makes_of_noise_passes_every_cycle(gate: LineGate) -> None:
+def test_what_the_smoother_makes_of_noise_and_the_finish_pass_every_cycle(line_gate):
     rng = np.random.default_rng(3)
-    smoother = LineSmoother(gate.limits, DT, LineState(0.0))
-    for _ in range(300):
-        before = smoother.state
-        after = smoother.update(LineState(*map(float, rng.normal(0.0, [0.4, 1.0, 5.0]))))
-        assert gate.check(after, before) is None
-
-
-def test_the_finish_passes_every_cycle(gate: LineGate) -> None:
-    move = list(finish_over_box(LineState(0.13, 0.2), 0.46, gate.limits, DT))
-    refusals = {gate.check(after, before) for before, after in pairwise(move)}
-    assert refusals == {None}
+    smoother = LineSmoother(line_gate.limits, PERIOD, LineState(0.0))
+    noise = [LineState(*map(float, rng.normal(0.0, [0.4, 1.0, 5.0]))) for _ in range(300)]
+    smoothed = [smoother.state, *map(smoother.update, noise)]
+    finish = finish_over_box(LineState(0.13, 0.2), 0.46, line_gate.limits, PERIOD)
+    for motion in (smoothed, finish):
+        assert {line_gate.check(after, before) for before, after in pairwise(motion)} == {None}
 
 
 @pytest.mark.parametrize(
-    ("reference", "why"),
+    ("reference", "before", "reason"),
     [
-        (LineState(math.nan), Withheld.NOT_A_NUMBER),
-        (LineState(0.0, math.inf), Withheld.NOT_A_NUMBER),
-        (LineState(0.5501), Withheld.OFF_THE_LINE),
-        (LineState(-0.31), Withheld.OFF_THE_LINE),
-        (LineState(0.5, 0.6), Withheld.LINE_SPEED),
-        (LineState(0.0, 0.0, -16.0), Withheld.LINE_ACCELERATION),
+        (LineState(math.nan), None, Withheld.NOT_A_NUMBER),
+        (LineState(0.0, math.inf), None, Withheld.NOT_A_NUMBER),
+        (LineState(0.5501), None, Withheld.OFF_THE_LINE),
+        (LineState(-0.31), None, Withheld.OFF_THE_LINE),
+        (LineState(0.5, 0.6), None, Withheld.LINE_SPEED),
+        (LineState(0.0, 0.0, -16.0), None, Withheld.LINE_ACCELERATION),
+        (LineState(0.01), LineState(0.0), Withheld.JUMP),
+        (LineState(0.0, 0.05), LineState(0.0), Withheld.JUMP),
+        (LineState(0.0, 0.0, 3.0), LineState(0.0), Withheld.JUMP),
     ],
 )
-def test_a_reference_beyond_a_limit_is_named(gate: LineGate, reference: LineState, why: Withheld) -> None:
-    assert said(gate.check(reference)) is why
+def test_a_reference_beyond_a_limit_of_the_line_is_named(line_gate, reference, before, reason):
+    assert why(line_gate.check(reference, before)) is reason
 
 
-def test_a_jump_is_refused(gate: LineGate) -> None:
-    assert said(gate.check(LineState(0.01), LineState(0.0))) is Withheld.JUMP
-    assert said(gate.check(LineState(0.0, 0.05), LineState(0.0))) is Withheld.JUMP
-    assert said(gate.check(LineState(0.0, 0.0, 3.0), LineState(0.0))) is Withheld.JUMP
-
-
-def test_joint_limits_are_watched_besides_those_of_the_line(robot: urdf.Robot, table: ik.LineTable) -> None:
+def test_joint_limits_are_watched_besides_those_of_the_line(robot, table):
     generous = LineLimits(np.array([-0.3, 0.55]), np.full(2, 50.0), np.full(2, 500.0))
     gate = LineGate(generous, table, Gate(robot.joint_names, robot.limits))
-    assert said(gate.check(LineState(0.0, 2.0))) is Withheld.VELOCITY
-    assert said(gate.check(LineState(0.0, 0.0, 100.0))) is Withheld.ACCELERATION
+    assert why(gate.check(LineState(0.0, 2.0))) is Withheld.VELOCITY
+    assert why(gate.check(LineState(0.0, 0.0, 100.0))) is Withheld.ACCELERATION
 
 
-def test_an_arm_that_is_elsewhere_is_noticed(gate: LineGate, table: ik.LineTable) -> None:
-    q = table.posture(0.1).q.copy()
-    assert gate.check(LineState(0.1), measured=q) is None
-    q[3] += 0.3
-    assert said(gate.check(LineState(0.1), measured=q)) is Withheld.TRACKING
-    q[3] = math.nan
-    assert said(gate.check(LineState(0.1), measured=q)) is Withheld.TRACKING
+@pytest.mark.parametrize(("off", "reason"), [(0.0, None), (0.3, Withheld.TRACKING), (math.nan, Withheld.TRACKING)])
+def test_an_arm_that_is_elsewhere_is_noticed(line_gate, table, off, reason):
+    measured = table.posture(0.1).q + off * np.eye(7)[3] if off == off else np.full(7, off)
+    assert why(line_gate.check(LineState(0.1), measured=measured)) is reason
+
+
+# The gate that remembers its stream, as every command to a real arm passes it.
+
+
+def at(q, time=0.0):
+    return JointState(time, np.array(q, dtype=float), REST, REST)
+
+
+def smooth(k, reach=0.3, duration=0.8):
+    """Minimum-jerk motion of joint a: peak 0.70 rad/s, 2.7 rad/s^2, 35 rad/s^3."""
+    parts = minimum_jerk(np.asarray(min(k * PERIOD / duration, 1.0)), duration)
+    return tuple(np.array([reach * float(part), 0.0]) for part in parts)
+
+
+@pytest.fixture
+def gate():
+    return StreamGate(("a", "b"), TWO_JOINTS)
+
+
+@pytest.fixture
+def moving(gate):
+    """The gate after 40 commands of the smooth motion, the arm following at once."""
+    assert follow(gate, 40) == [None] * 40
+    return gate
+
+
+def follow(gate, cycles):
+    return [judge(gate, *smooth(k), now=k * PERIOD) for k in range(cycles)]
+
+
+def judge(gate, q, v=REST, a=REST, state=None, now=0.0):
+    """Why the command is refused; the arm is where it is told to be, unless a state says otherwise."""
+    vectors = [np.array(x, dtype=float) for x in (q, v, a)]
+    return why(gate.judge(*vectors, at(q, now) if state is None else state, now))
+
+
+def test_a_smooth_motion_passes_and_begins_anew_after_a_pause_at_rest_where_the_arm_is(gate):
+    assert follow(gate, 120) == [None] * 120
+    q = smooth(120)[0]
+    assert judge(gate, q, now=5.0) is None
+    assert judge(gate, q, state=at(q + 0.1, 9.0), now=9.0) is Withheld.ELSEWHERE
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("place", range(3))
+def test_what_is_not_finite_never_leaves(gate, bad, place):
+    vectors = [np.zeros(2) for _ in range(3)]
+    vectors[place][1] = bad
+    assert judge(gate, *vectors, state=at(REST)) is Withheld.NOT_A_NUMBER
+
+
+@pytest.mark.parametrize(
+    ("command", "options", "reason"),
+    [
+        ((np.zeros(3), np.zeros(3), np.zeros(3)), {"state": at(REST)}, Withheld.WRONG_NUMBER),
+        ((REST,), {"state": at(REST, 0.0), "now": FRESH + 0.001}, Withheld.STALE),
+        ((REST,), {"state": at(REST, math.nan)}, Withheld.STALE),
+        ((REST,), {"state": at(REST, 0.0), "now": FRESH - 0.001}, None),
+        (([NEAR + 0.001, 0.0],), {"state": at(REST)}, Withheld.ELSEWHERE),
+        (([NEAR / 2, 0.0],), {"state": at(REST)}, None),
+        ((REST, [0.1, 0.0]), {}, Withheld.ELSEWHERE),
+        (([1.0 + 1e-6, 0.0],), {}, Withheld.POSITION),
+    ],
+)
+def test_a_stream_begins_at_rest_where_the_arm_is_known_to_be(gate, command, options, reason):
+    assert judge(gate, *command, **options) is reason
+    assert why(gate.judge(REST, REST, REST, None, 0.0)) is Withheld.NO_STATE
+
+
+def test_a_state_that_grows_old_stops_a_motion_at_once(moving):
+    frozen = at(smooth(39)[0], 39 * PERIOD)
+    refused = [judge(moving, *smooth(k), state=frozen, now=k * PERIOD) for k in range(40, 46)]
+    assert refused == [None] * 5 + [Withheld.STALE]
+
+
+def test_a_motion_that_paused_does_not_go_on(moving):
+    assert judge(moving, *smooth(40), now=39 * PERIOD + GAP + 0.001) is Withheld.GAP
+
+
+def test_the_arm_must_be_near_its_command_and_a_refused_one_does_not_count_as_sent(moving):
+    q, v, a = smooth(40)
+    assert judge(moving, q, v, a, state=at(q + np.array([0.0, 0.21]), 0.4), now=0.4) is Withheld.TRACKING
+    assert judge(moving, [0.9, 0.0], state=at(smooth(39)[0], 0.4), now=0.4) is Withheld.TRACKING
+    assert judge(moving, q, v, a, now=0.4) is None
+
+
+@pytest.mark.parametrize(
+    ("step", "v", "a", "reason"),
+    [
+        (0.0155, 0.0, 0.0, Withheld.VELOCITY),  # 1.55 of 1.5 rad/s
+        (0.0045, 0.0, 0.0, Withheld.ACCELERATION),  # 45 of 20 rad/s^2
+        (0.0015, 0.0, 0.0, Withheld.JERK),  # 15 rad/s^2 from one cycle to the next: 1500 of 1000 rad/s^3
+        (0.0009, 0.0, 0.0, None),  # 900 rad/s^3
+        (0.0, 1.6, 0.0, Withheld.VELOCITY),  # and what goes along as feed-forward
+        (0.0, 0.0, 20.5, Withheld.ACCELERATION),
+        (0.0, 1.49, 19.9, None),
+    ],
+)
+def test_a_command_is_held_against_the_limits(gate, step, v, a, reason):
+    for k in range(5):
+        assert judge(gate, REST, now=k * PERIOD) is None
+    assert judge(gate, [step, 0.0], [v, 0.0], [a, 0.0], state=at(REST, 0.05), now=5 * PERIOD) is reason
+
+
+def test_a_refusal_names_joint_and_values(gate):
+    judge(gate, REST)
+    assert "a: 2 of 1.5 rad/s" in gate.judge(np.array([0.02, 0.0]), REST, REST, at(REST, 0.01), 0.01).sentence

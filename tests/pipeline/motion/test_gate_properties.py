@@ -7,19 +7,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-import urdf
 from pipeline.motion import Gate, LineGate, LineLimits, LineState
 from pipeline.motion.gate import FRESH, GAP, NEAR, PERIOD, REST_SPEED, StreamGate
 from pipeline.robot.protocol import JointState
 
-LIMITS = urdf.Limits(
-    lower=np.array([-1.0, -2.0]),
-    upper=np.array([1.0, 2.0]),
-    velocity=np.array([1.5, 4.0]),
-    acceleration=np.array([20.0, 40.0]),
-    jerk=np.array([1000.0, 2000.0]),
-    effort=np.array([50.0, 15.0]),
-)
+from .lines import TWO_JOINTS as LIMITS
+
 TRACKING = 0.2
 MORE = 1.001
 """The share for rounding that both gates allow."""

@@ -2,18 +2,11 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import urdf
 from pipeline.motion.gate import PERIOD, TOLERANCE
 from pipeline.motion.transitions import SHARE, Brake
 
-LIMITS = urdf.Limits(
-    lower=np.full(2, -3.0),
-    upper=np.full(2, 3.0),
-    velocity=np.array([1.5, 4.0]),
-    acceleration=np.array([20.0, 40.0]),
-    jerk=np.array([1000.0, 2000.0]),
-    effort=np.array([50.0, 15.0]),
-)
+from .lines import TWO_JOINTS as LIMITS
+
 share = st.floats(-1.0, 1.0)
 
 

@@ -18,7 +18,7 @@ from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
 from armdyn.preparation import Preparation, of_all_runs, sentence
 from pipeline.answers import preparation_answer
-from pipeline.report.overlay import EXAM, FITTED, HELD_OUT, Overlay, Overlays, of_fits, quality, quantised
+from pipeline.report.overlay import EXAM, FITTED, HELD_OUT, Overlay, Overlays, changed, of_fits, quality, quantised
 from pipeline.report.page import page_html
 from pipeline.report.repair import comparison_report, diagnosis_report, repair_report
 from pipeline.report.theme import MOST_POINTS, thinned
@@ -84,6 +84,12 @@ def test_quantised_values_are_finer_than_a_screen():
     back = low + step * np.frombuffer(base64.b64decode(text), "<u2")
     assert np.abs(back - values).max() <= 0.5001 * np.ptp(values) / 65535
     assert quantised(np.full(3, 2.0))[:2] == [2.0, 1.0]
+
+
+def test_a_long_curve_is_thinned():
+    time = np.arange(10_000.0)
+    long = Overlay("a", FITTED, "tau.a", "N m", time, np.sin(time), np.zeros((1, len(time))), 0.1)
+    assert len(base64.b64decode(changed(long, 100)["residual"][2])) == 2 * 100
 
 
 def test_the_pages_first_numbers_are_explained_torque_and_error_in_newton_metres(found, reports):

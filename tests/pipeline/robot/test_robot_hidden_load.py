@@ -1,15 +1,11 @@
 """Each hidden effect on gripper, string and load against the solution of equations written down here."""
 
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.signal import find_peaks
-
-from pipeline.robot.settings import PlantSettings
-from pipeline.robot.simulated import SimulatedRobot
 
 G, LENGTH, MASS = 9.81, 0.368, 0.08
 
@@ -31,10 +27,7 @@ PENDULUMS = {
     "quadratic_drag": (0.02, lambda c: lambda t, p, w: free(t, p, w) - c * LENGTH / MASS * w * abs(w)),
     "pivot_viscous_friction": (1e-3, lambda c: lambda t, p, w: free(t, p, w) - c / (MASS * LENGTH**2) * w),
     "load_inertia": (2e-4, lambda j: lambda t, p, w: free(t, p, w) / (1.0 + j / (MASS * LENGTH**2))),
-    "string_creep": (
-        5e-4,
-        lambda c: lambda t, p, w: -(G * np.sin(p) + 2.0 * c * w) / (LENGTH + c * t),
-    ),
+    "string_creep": (5e-4, lambda c: lambda t, p, w: -(G * np.sin(p) + 2.0 * c * w) / (LENGTH + c * t)),
 }
 
 
@@ -137,18 +130,17 @@ def test_load_displaced_across_the_line_swings_across_it(still_pendulum, watch):
     assert np.abs(swing.angle).max() < 1e-6
 
 
-def test_gripper_trails_what_the_encoders_report_by_the_hidden_lag(baxter, q_start, line_motion):
-    lag = 0.05
-    plant = SimulatedRobot(baxter, q_start, replace(PlantSettings.exact(), box=None), {"gripper_lag": lag})
-    time, reported, true = [], [], []
-    for _ in range(500):
-        w, t = 4.0, plant.time
-        k = min(t, 1.0)
-        plant.command(*line_motion.joints(0.05 * k * np.sin(w * t), 0.05 * k * w * np.cos(w * t), 0.0))
-        time.append(t)
-        reported.append(baxter.line.direction @ (line_motion.tool(plant.joint_state().q) - baxter.line.origin))
-        true.append(plant.gripper_truth().s)
-        plant.advance(0.01)
+def test_gripper_trails_what_the_encoders_report_by_the_hidden_lag(plant, baxter, follow):
+    lag, w, reported = 0.05, 4.0, []
+    robot = plant({"gripper_lag": lag})
+
+    def path(t):
+        q = robot.joint_state().q
+        reported.append(baxter.line.direction @ (baxter.tool_pose(q).translation - baxter.line.origin))
+        k = 0.05 * min(t, 1.0)
+        return k * np.sin(w * t), k * w * np.cos(w * t), 0.0
+
+    true = [gripper.s for _, _, gripper, _ in follow(robot, path, 5.0)]
     # The solution of lag x' + x = reported, by the trapezoidal rule.
     filtered = [0.0]
     for before, now in pairwise(reported):

@@ -1,5 +1,4 @@
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,17 +7,16 @@ from PIL import Image
 from armdyn.errors import InputError
 from pipeline.robot.picture import render_swing
 from pipeline.robot.settings import PlantSettings
-from pipeline.robot.simulated import SimulatedRobot
 
 SETTINGS = PlantSettings(start_angle=0.9)
 SMALL = (160, 120)
 
 
 @pytest.fixture(scope="module")
-def swing(baxter, q_start):
-    plant = SimulatedRobot(baxter, q_start, replace(SETTINGS, rigid_arm=True))
-    plant.advance(1.0)
-    return plant.history()
+def swing(plant):
+    robot = plant(settings=SETTINGS, rigid_arm=True)
+    robot.advance(1.0)
+    return robot.history()
 
 
 def _render(*arguments, **options):
@@ -64,11 +62,8 @@ def test_machine_without_egl_is_told_what_to_install(baxter, swing, tmp_path, mo
     assert not (tmp_path / "swing.png").exists()
 
 
-def test_other_file_types_are_refused(baxter, swing, tmp_path):
+def test_other_file_types_and_an_empty_motion_are_refused(baxter, swing, plant, tmp_path):
     with pytest.raises(InputError, match=r"\.gif"):
         render_swing(baxter, SETTINGS, swing, tmp_path / "swing.mp4")
-
-
-def test_empty_motion_is_refused(baxter, q_start, tmp_path):
     with pytest.raises(InputError, match="empty"):
-        render_swing(baxter, SETTINGS, SimulatedRobot(baxter, q_start).history(), tmp_path / "swing.gif")
+        render_swing(baxter, SETTINGS, plant().history(), tmp_path / "swing.gif")

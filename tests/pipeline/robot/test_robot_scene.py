@@ -47,9 +47,9 @@ def test_gravity_and_coriolis_torques_of_the_arm_equal_pinocchio(baxter, model, 
         np.testing.assert_allclose(_at(model, q, v).qfrc_bias[:7], expected, atol=1e-11)
 
 
-def test_string_is_attached_where_pinocchio_puts_the_tool_point(model, line_motion, postures):
+def test_string_is_attached_where_pinocchio_puts_the_tool_point(model, baxter, postures):
     for q in postures:
-        np.testing.assert_allclose(_at(model, q).site("pivot").xpos, line_motion.tool(q), atol=1e-12)
+        np.testing.assert_allclose(_at(model, q).site("pivot").xpos, baxter.tool_pose(q).translation, atol=1e-12)
 
 
 def test_effort_limits_are_those_of_the_urdf(baxter, model):

@@ -1,4 +1,7 @@
+"""How the arm follows its commands, and what its joints report."""
+
 import numpy as np
+import pinocchio as pin
 import pytest
 from scipy.interpolate import CubicSpline
 
@@ -6,7 +9,6 @@ import urdf
 from pipeline.robot.devices import Reference
 from pipeline.robot.protocol import RobotInterface
 from pipeline.robot.settings import PlantSettings
-from pipeline.robot.simulated import SimulatedRobot
 
 
 def sine(time):
@@ -14,7 +16,7 @@ def sine(time):
     return k * a * np.sin(w * time), a * w * np.cos(w * time) * k, -a * w * w * np.sin(w * time) * k
 
 
-def _lag(rows):
+def lag_of(rows):
     """Delay of the true path behind the commanded one [s], and what remains [m rms]."""
     time, commanded = np.array([r[0] for r in rows]), np.array([r[1] for r in rows])
     true = np.array([r[2].s for r in rows])
@@ -24,101 +26,92 @@ def _lag(rows):
     return delays[np.argmin(errors)], min(errors)
 
 
-def test_simulated_robot_has_the_interface_of_a_robot(baxter, q_start):
-    robot: RobotInterface = SimulatedRobot(baxter, q_start)
-    assert robot.joint_names == baxter.joint_names
-    assert robot.time == 0.0
-
-
-def test_arm_follows_a_sine_with_the_lag_of_its_filter(baxter, q_start, line_motion):
-    rows = line_motion.follow(SimulatedRobot(baxter, q_start, PlantSettings.exact()), sine, 5.0)
-    lag, rest = _lag(rows)
-    assert 0.014 < lag < 0.020
+def test_arm_follows_a_sine_on_the_line_with_the_lag_of_its_filter_and_friction_makes_it_longer(plant, follow, baxter):
+    exact: RobotInterface = plant()
+    lag, rest = lag_of(follow(exact, sine, 4.0))
+    assert 0.012 < lag < 0.020  # the filter has 0.015 s
     assert rest < 1e-3
-
-
-def test_friction_and_wrong_inertias_make_the_lag_longer(baxter, q_start, line_motion):
-    exact = _lag(line_motion.follow(SimulatedRobot(baxter, q_start, PlantSettings.exact()), sine, 4.0))[0]
-    rubbing = _lag(line_motion.follow(SimulatedRobot(baxter, q_start, PlantSettings(), seed=1), sine, 4.0))[0]
-    assert exact + 0.002 < rubbing < 0.040
-
-
-def test_arm_stays_on_the_line_within_two_millimetres(baxter, q_start, line_motion):
-    rows = line_motion.follow(SimulatedRobot(baxter, q_start, PlantSettings(), seed=1), sine, 4.0)
+    rows = follow(plant(settings=PlantSettings(), seed=1), sine, 4.0)
+    assert lag + 0.002 < lag_of(rows)[0] < 0.040
     off = np.array([gripper.position - baxter.line.position(gripper.s) for _, _, gripper, _ in rows])
     assert np.abs(off).max() < 2e-3
 
 
-def test_arm_comes_to_rest_when_commands_stop(baxter, q_start, line_motion):
-    plant = SimulatedRobot(baxter, q_start, PlantSettings.exact())
-    line_motion.follow(plant, sine, 0.9)
-    assert abs(plant.gripper_truth().s_velocity) > 0.1
-    plant.advance(1.0)
-    at_rest = plant.gripper_truth()
-    plant.advance(1.0)
+def test_arm_comes_to_rest_when_commands_stop_at_once_when_told_and_moves_again(plant, follow):
+    robot = plant()
+    follow(robot, sine, 0.9)
+    assert abs(robot.gripper_truth().s_velocity) > 0.1
+    robot.advance(1.0)
+    at_rest = robot.gripper_truth()
     assert abs(at_rest.s_velocity) < 5e-3
-    assert plant.gripper_truth().s == pytest.approx(at_rest.s, abs=1e-3)
+    robot.advance(1.0)
+    assert robot.gripper_truth().s == pytest.approx(at_rest.s, abs=1e-3)
+    robot = plant()
+    follow(robot, sine, 0.9)
+    before = robot.gripper_truth().s
+    robot.stop()
+    robot.advance(0.5)
+    stopped = robot.gripper_truth()
+    assert abs(stopped.s_velocity) < 5e-3
+    assert abs(stopped.s - before) < 0.02
+    follow(robot, lambda _time: (stopped.s + 0.05, 0.0, 0.0), 1.0)
+    assert robot.gripper_truth().s == pytest.approx(stopped.s + 0.05, abs=1e-3)
 
 
-def test_stop_brakes_at_once(baxter, q_start, line_motion):
-    plant = SimulatedRobot(baxter, q_start, PlantSettings.exact())
-    line_motion.follow(plant, sine, 0.9)
-    before = plant.gripper_truth().s
-    plant.stop()
-    plant.advance(0.5)
-    assert abs(plant.gripper_truth().s_velocity) < 5e-3
-    assert abs(plant.gripper_truth().s - before) < 0.02
+def test_readings_are_quantised_and_noisy_as_the_settings_say(plant, q_start):
+    robot, states = plant(readings=PlantSettings().readings), []
+    for _ in range(400):
+        states.append(robot.joint_state())
+        assert robot.joint_state() is states[-1]  # asked twice at the same time
+        robot.advance(0.001)
+    q, step = np.array([s.q for s in states]), 2 * np.pi / 2**14
+    np.testing.assert_allclose(q / step, np.round(q / step), atol=1e-6)
+    assert np.abs(q - q_start).max() < 2 * step
+    assert np.std([s.v for s in states]) == pytest.approx(0.012, rel=0.05)
+    assert np.std([s.tau for s in states], axis=0) == pytest.approx([0.08] * 4 + [0.03] * 3, rel=0.15)
 
 
-def test_command_after_a_stop_moves_again(baxter, q_start, line_motion):
-    plant = SimulatedRobot(baxter, q_start, PlantSettings.exact())
-    plant.stop()
-    plant.advance(0.3)
-    for _ in range(100):
-        plant.command(*line_motion.joints(0.05, 0.0, 0.0))
-        plant.advance(0.01)
-    assert plant.gripper_truth().s == pytest.approx(0.05, abs=1e-3)
+def test_efforts_at_rest_are_those_that_hold_arm_and_load(plant, baxter, q_start):
+    data = baxter.model.createData()
+    gravity = pin.computeGeneralizedGravity(baxter.model, data, q_start)
+    at_tool = pin.SE3(np.eye(3), np.array(baxter.tool_offset)).toActionMatrixInverse()
+    local = at_tool @ pin.computeFrameJacobian(baxter.model, data, q_start, baxter.tool_frame_id, pin.LOCAL)
+    up = baxter.tool_pose(q_start).rotation[2] @ local[:3]
+    np.testing.assert_allclose(plant().joint_state().tau, gravity + up * 0.08 * 9.81, atol=1e-9)
 
 
-class TestReference:
-    limit = np.array([20.0, 40.0])
-    limits = urdf.Limits(
-        lower=np.full(2, -3.0), upper=np.full(2, 3.0), velocity=np.full(2, 4.0), acceleration=limit,
-        jerk=50.0 * limit, effort=np.full(2, 50.0),
-    )  # fmt: skip
+LIMITS = urdf.Limits(
+    lower=np.full(2, -3.0), upper=np.full(2, 3.0), velocity=np.full(2, 4.0), acceleration=np.array([20.0, 40.0]),
+    jerk=np.array([1000.0, 2000.0]), effort=np.full(2, 50.0),
+)  # fmt: skip
 
-    def _moving(self):
-        reference = Reference(np.zeros(2), self.limits, 0.1)
-        reference.command(1.0, np.array([0.1, 0.2]), np.array([1.0, -2.0]), np.array([3.0, 0.0]))
-        return reference
 
-    def test_extrapolates_with_constant_acceleration(self):
-        q, v, a = self._moving().at(1.008)
-        np.testing.assert_allclose(q, [0.1 + 0.008 + 1.5 * 0.008**2, 0.2 - 0.016])
-        np.testing.assert_allclose(v, [1.024, -2.0])
-        np.testing.assert_allclose(a, [3.0, 0.0])
+@pytest.fixture
+def moving():
+    reference = Reference(np.zeros(2), LIMITS, 0.1)
+    reference.command(1.0, np.array([0.1, 0.2]), np.array([1.0, -2.0]), np.array([3.0, 0.0]))
+    return reference
 
-    def test_velocity_is_the_derivative_of_position_all_the_way_to_rest(self):
-        reference = self._moving()
-        time = 1.0 + np.arange(0.0, 0.4, 1e-5)
-        q = np.array([reference.at(t)[0] for t in time])
-        v = np.array([reference.at(t)[1] for t in time])
-        np.testing.assert_allclose(np.diff(q, axis=0) / 1e-5, (v[1:] + v[:-1]) / 2, atol=1e-6)
 
-    def test_brakes_within_the_acceleration_limits(self):
-        reference = self._moving()
-        time = 1.0 + np.arange(0.0, 0.4, 1e-4)
-        a = np.array([reference.at(t)[2] for t in time])
-        assert (np.abs(a) <= self.limit + 1e-12).all()
-        np.testing.assert_allclose(reference.at(1.4)[1], 0.0)
+def test_reference_extrapolates_with_constant_acceleration(moving):
+    q, v, a = moving.at(1.008)
+    np.testing.assert_allclose(q, [0.1 + 0.008 + 1.5 * 0.008**2, 0.2 - 0.016])
+    np.testing.assert_allclose(v, [1.024, -2.0])
+    np.testing.assert_allclose(a, [3.0, 0.0])
 
-    def test_holds_the_start_before_the_first_command(self):
-        q, v, a = Reference(np.array([0.3, 0.4]), self.limits, 0.1).at(100.0)
-        np.testing.assert_array_equal([q, v, a], [[0.3, 0.4], [0.0, 0.0], [0.0, 0.0]])
 
-    def test_a_second_stop_changes_nothing(self):
-        reference = self._moving()
-        reference.stop(1.02)
-        once = reference.at(1.3)
-        reference.stop(1.05)
-        np.testing.assert_array_equal(reference.at(1.3), once)
+def test_reference_brakes_within_the_limits_and_its_velocity_is_the_derivative_of_its_position(moving):
+    time = 1.0 + np.arange(0.0, 0.4, 1e-5)
+    q, v, a = (np.array(x) for x in zip(*(moving.at(t) for t in time), strict=True))
+    np.testing.assert_allclose(np.diff(q, axis=0) / 1e-5, (v[1:] + v[:-1]) / 2, atol=1e-6)
+    assert (np.abs(a) <= LIMITS.acceleration + 1e-12).all()
+    np.testing.assert_allclose(v[-1], 0.0)
+
+
+def test_reference_holds_the_start_before_the_first_command_and_a_second_stop_changes_nothing(moving):
+    q, v, a = Reference(np.array([0.3, 0.4]), LIMITS, 0.1).at(100.0)
+    np.testing.assert_array_equal([q, v, a], [[0.3, 0.4], [0.0, 0.0], [0.0, 0.0]])
+    moving.stop(1.02)
+    once = moving.at(1.3)
+    moving.stop(1.05)
+    np.testing.assert_array_equal(moving.at(1.3), once)

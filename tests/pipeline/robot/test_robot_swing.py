@@ -1,10 +1,7 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from pipeline.robot.settings import PlantSettings
-from pipeline.robot.simulated import SimulatedRobot
+from pipeline.robot.settings import CellSettings, PlantSettings
 
 
 def wandering(time):
@@ -18,15 +15,15 @@ def wandering(time):
     return k * x, k * v + dk * x, k * u + 2 * dk * v + ddk * x
 
 
-def test_tension_equals_the_pendulum_formula_while_the_arm_moves(baxter, q_start, line_motion):
-    plant = SimulatedRobot(baxter, q_start, PlantSettings(), seed=5)
-    rows = line_motion.follow(plant, wandering, 6.0)
+def test_tension_equals_the_pendulum_formula_while_the_arm_moves(plant, follow):
+    robot = plant(settings=PlantSettings(), seed=5)
+    rows = follow(robot, wandering, 6.0)
     angle = np.array([load.swing_angle for *_, load in rows])
     rate = np.array([load.swing_rate for *_, load in rows])
     along = np.array([gripper.s_acceleration for _, _, gripper, _ in rows])
     up = np.array([gripper.acceleration[2] for _, _, gripper, _ in rows])
     tension = np.array([load.tension for *_, load in rows])
-    expected = plant.truth.mass * ((9.81 + up) * np.cos(angle) + 0.368 * rate**2 + along * np.sin(angle))
+    expected = robot.truth.mass * ((9.81 + up) * np.cos(angle) + 0.368 * rate**2 + along * np.sin(angle))
     assert np.abs(angle).max() > 0.2
     assert np.std(tension - expected) < 1.5e-3
 
@@ -40,19 +37,15 @@ def test_tension_of_a_free_swing_equals_the_pendulum_formula(still_pendulum):
         assert load.tension == pytest.approx(expected, abs=3e-3)
 
 
-def test_tension_equals_weight_at_rest(baxter, q_start):
-    plant = SimulatedRobot(baxter, q_start, PlantSettings(), seed=2)
-    before = plant.load_truth()
-    plant.advance(1.0)
-    after = plant.load_truth()
-    assert before.tension == pytest.approx(9.81 * plant.truth.mass, abs=1e-9)
-    assert after.tension == pytest.approx(9.81 * plant.truth.mass, abs=1e-9)
+def test_at_rest_the_load_hangs_at_the_given_length_and_the_tension_equals_its_weight(plant, baxter):
+    robot = plant(settings=PlantSettings(length=0.4), seed=2)
+    before = robot.load_truth()
+    robot.advance(1.0)
+    after = robot.load_truth()
+    assert before.tension == pytest.approx(9.81 * robot.truth.mass, abs=1e-9)
+    assert after.tension == pytest.approx(9.81 * robot.truth.mass, abs=1e-9)
+    np.testing.assert_allclose(before.position, baxter.line.position(0.0) - [0, 0, 0.4], atol=1e-9)
     np.testing.assert_allclose(after.position, before.position, atol=1e-9)
-
-
-def test_load_hangs_at_the_given_length_below_the_gripper(baxter, q_start):
-    load = SimulatedRobot(baxter, q_start, PlantSettings(length=0.4), seed=2).load_truth()
-    np.testing.assert_allclose(load.position, baxter.line.position(0.0) - [0, 0, 0.4], atol=1e-9)
 
 
 def test_string_loses_less_than_a_hundredth_of_the_swing_energy_in_15_seconds(still_pendulum, watch):
@@ -78,44 +71,30 @@ def test_string_goes_slack_and_never_pushes(still_pendulum, watch):
     np.testing.assert_allclose(height[free], expected[free], atol=2e-3)
 
 
-def test_same_seed_gives_the_same_motion_and_readings(baxter, q_start, line_motion):
-    def run(seed):
-        plant = SimulatedRobot(baxter, q_start, PlantSettings(), {"quadratic_drag": None}, seed)
-        line_motion.follow(plant, wandering, 1.0)
-        return plant.joint_state(), plant.load_cell(), plant.history()
+def test_same_seed_gives_the_same_motion_and_readings_also_where_the_truth_is_looked_at(plant, table, follow):
+    def run(seed, watched=False):
+        robot = plant({"quadratic_drag": None}, seed, PlantSettings())
+        if watched:
+            follow(robot, wandering, 0.5)
+        else:
+            for _ in range(50):
+                motion = table.joint_motion(*wandering(robot.time))
+                robot.command(motion.q, motion.v, motion.a)
+                robot.advance(0.01)
+        joints, force = robot.joint_state(), [s.force for s in robot.load_cell()]
+        return np.concatenate([joints.q, joints.v, joints.tau, force[:40], robot.history().load.ravel()])
 
-    (joints, cell, motion), (joints_again, cell_again, motion_again) = run(4), run(4)
-    other_joints, other_cell, _ = run(5)
-    np.testing.assert_array_equal(joints.q, joints_again.q)
-    np.testing.assert_array_equal(joints.tau, joints_again.tau)
-    assert cell == cell_again
-    np.testing.assert_array_equal(motion.load, motion_again.load)
-    assert cell != other_cell
-    assert not np.array_equal(joints.v, other_joints.v)
-
-
-def test_looking_at_the_truth_changes_nothing(baxter, q_start, line_motion):
-    watched, alone = (SimulatedRobot(baxter, q_start, PlantSettings(), seed=6) for _ in range(2))
-    line_motion.follow(watched, wandering, 0.5)
-    for step in range(50):
-        alone.command(*line_motion.joints(*wandering(step * 0.01)))
-        alone.advance(0.01)
-    np.testing.assert_array_equal(watched.history().load, alone.history().load)
+    once = run(4)
+    np.testing.assert_array_equal(run(4, watched=True), once)
+    assert np.mean(run(5) == once) < 0.2
 
 
-def test_what_is_drawn_stays_within_its_spread(baxter, q_start):
-    truths = [SimulatedRobot(baxter, q_start, PlantSettings(), seed=s).truth for s in range(40)]
+def test_what_is_drawn_stays_within_its_spread_and_what_is_given_is_not_drawn(plant):
+    truths = [plant(settings=PlantSettings(), seed=s).truth for s in range(40)]
     latency = np.array([t.latency for t in truths])
-    scale = np.array([t.link_scale for t in truths])
-    mass = np.array([t.mass for t in truths])
     assert 0.0 <= latency.min() < 0.005
     assert 0.015 < latency.max() <= 0.02
-    assert np.abs(scale - 1.0).max() <= 0.1
-    assert 0.004 < np.std(mass / 0.08) < 0.02
-
-
-def test_what_is_given_is_not_drawn(baxter, q_start):
-    settings = PlantSettings()
-    settings = replace(settings, cell=replace(settings.cell, latency=0.007, bias=-0.02))
-    truth = SimulatedRobot(baxter, q_start, settings, seed=9).truth
+    assert np.abs(np.array([t.link_scale for t in truths]) - 1.0).max() <= 0.1
+    assert 0.004 < np.std([t.mass / 0.08 for t in truths]) < 0.02
+    truth = plant(settings=PlantSettings(), cell=CellSettings(latency=0.007, bias=-0.02), seed=9).truth
     assert (truth.latency, truth.bias) == (0.007, -0.02)

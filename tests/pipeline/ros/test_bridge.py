@@ -13,34 +13,29 @@ from pipeline.ros.bridge import Bridge, BridgeError
 TOPIC, KIND = "/load", "std_msgs/Float64"
 
 
-def test_what_is_published_arrives_in_order(loopback, bridge, until):
-    heard = []
-    bridge.subscribe(TOPIC, KIND, lambda message, _now: heard.append(message["data"]))
+@pytest.fixture
+def heard(loopback, bridge):
+    """What arrives on the topic."""
+    messages = []
+    bridge.subscribe(TOPIC, KIND, lambda message, _now: messages.append(message["data"]))
     loopback.wait_subscribed(TOPIC)
+    return messages
+
+
+def test_what_is_published_arrives_in_order_to_the_last_bit(bridge, heard, until):
     bridge.advertise(TOPIC, KIND)
-    for k in range(200):
-        bridge.publish(TOPIC, {"data": k})
-    until(lambda: len(heard) == 200)
-    assert heard == list(range(200))
+    numbers = [*range(200), 0.1, -1e-300, 1 / 3, 1.7e308]
+    for number in numbers:
+        bridge.publish(TOPIC, {"data": number})
+    until(lambda: len(heard) == len(numbers))
+    assert heard == numbers
 
 
-def test_numbers_survive_the_way_to_the_last_bit(loopback, bridge, until):
-    heard, sent = [], [0.1, -1e-300, 1 / 3, 1.7e308]
-    bridge.subscribe(TOPIC, KIND, lambda message, _now: heard.append(message["data"]))
-    loopback.wait_subscribed(TOPIC)
-    bridge.publish(TOPIC, {"data": sent})
-    until(lambda: heard)
-    assert heard == [sent]
-
-
-def test_a_message_in_pieces_is_put_together(loopback, bridge, until):
-    heard = []
-    bridge.subscribe(TOPIC, KIND, lambda message, _now: heard.append(message))
-    loopback.wait_subscribed(TOPIC)
+def test_a_message_in_pieces_is_put_together(loopback, heard, until):
     (client,) = loopback._clients
     client.send(iter(['{"op": "publish", "topic":', ' "/load", ', '"msg": {"data": 1}}']))
     until(lambda: heard)
-    assert heard == [{"data": 1}]
+    assert heard == [1]
 
 
 def test_time_of_reception_is_that_of_the_given_clock(loopback, until):
@@ -77,15 +72,11 @@ def test_not_a_number_never_leaves(loopback, bridge, value):
     assert loopback.published(TOPIC) == [{"data": 1.0}]
 
 
-def test_nagle_is_off(bridge):
-    assert bridge._socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
-
-
-def test_only_the_newest_message_is_asked_for(loopback, bridge):
+def test_only_the_newest_message_is_asked_for_and_none_is_held_back(loopback, bridge):
     bridge.subscribe(TOPIC, KIND, lambda _message, _now: None, throttle=0.05)
     loopback.wait_subscribed(TOPIC)
-    assert loopback.requests[0]["queue_length"] == 1
-    assert loopback.requests[0]["throttle_rate"] == 50
+    assert (loopback.requests[0]["queue_length"], loopback.requests[0]["throttle_rate"]) == (1, 50)
+    assert bridge._socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
 
 
 def test_after_a_lost_connection_nothing_is_sent_or_queued(loopback, bridge, until):
@@ -142,14 +133,6 @@ def test_a_service_that_fails_or_is_silent_is_named(loopback, bridge):
         bridge.call("/broken")
     with pytest.raises(InputError, match=r"/nobody did not answer within 0.05 s"):
         bridge.call("/nobody", patience=0.05)
-
-
-def test_remarks_of_the_bridge_are_kept(loopback, bridge, until):
-    bridge.publish(TOPIC, {"data": 1.0})
-    loopback.wait_for(lambda: loopback.requests)
-    loopback.say({"op": "status", "level": "error", "msg": "unknown type"})
-    until(lambda: bridge.remarks)
-    assert list(bridge.remarks) == ["error: unknown type"]
 
 
 def test_closing_twice_is_fine_and_ends_the_thread(loopback):

@@ -133,13 +133,10 @@ def test_a_command_says_mode_names_and_positions(robot):
     assert point["velocities"] == point["accelerations"] == [0.0] * 7
 
 
-def test_states_are_dated_on_our_clock(robot):
+def test_states_are_dated_on_our_clock_and_readings_are_even_and_a_little_behind(robot):
     robot.advance(0.1)
     assert robot.newest_state().time == pytest.approx(robot.time, abs=1e-6)
     assert robot.newest_state().q == pytest.approx(POSTURE)
-
-
-def test_readings_are_even_and_a_little_behind(robot):
     times = []
     for _ in range(20):
         robot.advance(PERIOD)
@@ -217,40 +214,37 @@ def test_a_command_waits_for_a_state_that_is_late_and_goes_after_it(robot, monke
     assert robot.fault is None
 
 
-def test_the_emergency_stop_ends_the_run(robot, until):
-    stream(robot, 5)
+def press(robot):
     robot.arm.state |= {"enabled": False, "stopped": True, "estop_button": 1, "estop_source": 1}
     robot.advance(PERIOD)
-    until(lambda: robot.fault)
-    with pytest.raises(TaskFailedError, match="stopped by the red button"):
-        stream(robot, 1)
-    assert len(sent(robot)) == 5
 
 
-def test_a_second_commander_ends_the_run(robot, until):
-    stream(robot, 5)
+def intrude(robot):
     other = {"mode": 1, "names": list(robot.joint_names), "command": (POSTURE + 0.05).tolist()}
     robot.arm.loopback.publish(TOPICS.command, other)
-    until(lambda: robot.fault)
-    with pytest.raises(TaskFailedError, match="another program sends commands on /robot/limb/right/joint_command"):
-        stream(robot, 1)
 
 
-def test_a_lost_bridge_ends_the_run(robot, until):
-    stream(robot, 5)
-    robot.arm.loopback.drop()
-    until(lambda: robot.fault)
-    with pytest.raises(TaskFailedError, match="connection to the bridge"):
-        stream(robot, 1)
-
-
-def test_a_master_that_is_gone_ends_the_run_and_the_arm_is_braked(robot, until):
-    stream(robot, 5)
+def lose_master(robot):
     robot.arm.loopback.answers[master_module.SERVICE] = lambda _arguments: "Unable to communicate with master!"
+
+
+@pytest.mark.parametrize(
+    ("fault", "says", "braked"),
+    [
+        (press, "stopped by the red button", False),
+        (intrude, "another program sends commands on /robot/limb/right/joint_command", False),
+        (lambda robot: robot.arm.loopback.drop(), "connection to the bridge", False),
+        (lose_master, "the ROS master is gone", True),  # the arm still follows
+    ],
+)
+def test_what_fails_outside_ends_the_run(robot, until, fault, says, braked):
+    stream(robot, 5)
+    fault(robot)
     until(lambda: robot.fault)
-    with pytest.raises(TaskFailedError, match="the ROS master is gone"):
+    with pytest.raises(TaskFailedError, match=says):
         stream(robot, 1)
-    until(lambda: len(sent(robot)) > 5)
+    until(lambda: not robot._braking.is_set())
+    assert (len(robot.arm.loopback.published(TOPICS.command)) > 6) == braked  # the other program sends one
 
 
 def test_a_bridge_without_that_service_is_no_dead_master(robot, until):
@@ -260,13 +254,15 @@ def test_a_bridge_without_that_service_is_no_dead_master(robot, until):
     assert robot.fault is None
 
 
-def test_a_stream_begins_where_the_arm_is_and_goes_over_to_the_command_without_a_step(robot):
+def test_a_stream_begins_where_the_arm_is_and_goes_over_to_the_command_without_a_step(robot, until):
     """The arm sags by 0.01 rad: the first command is where it is, and after half a second what was asked for."""
     sagged = POSTURE - 0.01
     robot.arm.q = sagged.copy()
     robot.advance(PERIOD)
     stream(robot, 60)
     path = sent(robot)
+    until(lambda: len(robot.statistics.echoes) == 60)  # each is timed, and nobody else's
+    assert robot.fault is None
     assert path[0] == pytest.approx(sagged[0], abs=1e-9)
     assert path[-1] == POSTURE[0]
     assert np.max(np.abs(np.diff(path))) / PERIOD < 0.04
@@ -279,12 +275,6 @@ def test_a_stream_that_would_begin_elsewhere_is_refused(robot):
     with pytest.raises(TaskFailedError, match="away from where the arm is"):
         stream(robot, 1)
     assert robot.statistics.commands == 0
-
-
-def test_echoes_of_our_commands_are_timed_and_are_nobody_elses(robot, until):
-    stream(robot, 30)
-    until(lambda: len(robot.statistics.echoes) == 30)
-    assert robot.fault is None
 
 
 def test_another_commander_at_the_start_is_refused(arm, baxter):
@@ -333,8 +323,7 @@ def test_enabling_resets_first_and_waits(robot):
 
 
 def test_a_pressed_button_is_told(robot, until):
-    robot.arm.state |= {"enabled": False, "stopped": True, "estop_source": 1, "estop_button": 1}
-    robot.arm.say()
+    press(robot)
     until(lambda: robot.fault)
     with pytest.raises(InputError, match="release it"):
         robot.prepare()

@@ -27,20 +27,26 @@ def message(stamp=1.0, names=BAXTER, **changes):
     }
 
 
-def test_joints_are_matched_by_name_not_by_place():
-    states = JointStates(ARM)
-    states.take(message(), 0.0)
+@pytest.fixture
+def taken():
+    """States of the arm after messages, each followed by the time of its reception."""
+
+    def take(*messages_and_times):
+        states = JointStates(ARM)
+        for each, now in zip(messages_and_times[::2], messages_and_times[1::2], strict=True):
+            states.take(each, now)
+        return states
+
+    return take
+
+
+def test_joints_are_matched_by_name_and_a_gripper_on_the_same_topic_is_left_out(taken):
+    gripper = message(1.01, names=["r_gripper_l_finger_joint"])
+    states = taken(message(), 0.0, gripper, 0.01, message(1.02), 0.02)
     expected = [BAXTER.index(name) for name in ARM]
     assert states.latest.q.tolist() == expected
     assert states.latest.v.tolist() == [10 + k for k in expected]
     assert states.latest.tau.tolist() == [20 + k for k in expected]
-
-
-def test_a_gripper_on_the_same_topic_is_left_out():
-    states = JointStates(ARM)
-    states.take(message(), 0.0)
-    states.take(message(1.01, names=["r_gripper_l_finger_joint"]), 0.01)
-    states.take(message(1.02), 0.02)
     assert (len(states._states), states.unreadable) == (2, 0)
 
 
@@ -57,39 +63,28 @@ def test_a_gripper_on_the_same_topic_is_left_out():
         {"header": {"stamp": {"secs": math.nan, "nsecs": 0}}},
     ],
 )
-def test_a_bad_message_is_counted_and_left_out(changes):
-    states = JointStates(ARM)
-    states.take(message(**changes), 0.0)
+def test_a_bad_message_is_counted_and_left_out(taken, changes):
+    states = taken(message(**changes), 0.0)
     assert states.latest is None
     assert states.unreadable == 1
 
 
-def test_a_driver_may_leave_out_velocity_and_effort():
-    states = JointStates(ARM)
-    states.take(message(velocity=[], effort=[]), 0.0)
+def test_a_driver_may_leave_out_velocity_and_effort_and_stamps(taken):
+    states = taken(message(0.0, velocity=[], effort=[]), 7.0)
     assert not states.latest.v.any()
     assert not states.latest.tau.any()
+    assert states.latest.time == 7.0
 
 
-def test_repeated_and_overtaken_messages_are_left_out():
-    states = JointStates(ARM)
-    for stamp in (1.0, 1.01, 1.01, 1.0, 1.02):
-        states.take(message(stamp), stamp)
+def test_repeated_and_overtaken_messages_are_left_out(taken):
+    states = taken(*(x for stamp in (1.0, 1.01, 1.01, 1.0, 1.02) for x in (message(stamp), stamp)))
     assert states.latest.time == pytest.approx(1.02)
     assert len(states._states) == 3
 
 
-def test_without_a_stamp_the_time_of_reception_counts():
-    states = JointStates(ARM)
-    states.take(message(0.0), 7.0)
-    assert states.latest.time == 7.0
-
-
-def test_the_stamp_of_ros_2_is_read():
-    states = JointStates(ARM)
-    states.take(message(header={"stamp": {"sec": 5, "nanosec": 0}}), 7.0)
-    states.take(message(header={"stamp": {"sec": 5, "nanosec": 500_000_000}}), 7.6)
-    assert states.latest.time == pytest.approx(7.5, abs=1e-3)
+def test_the_stamp_of_ros_2_is_read(taken):
+    first, second = ({"header": {"stamp": {"sec": 5, "nanosec": n}}} for n in (0, 500_000_000))
+    assert taken(message(**first), 7.0, message(**second), 7.6).latest.time == pytest.approx(7.5, abs=1e-3)
 
 
 def test_another_clock_is_mapped_by_its_quickest_messages():
@@ -146,6 +141,17 @@ def test_late_cycles_do_not_bend_the_reading_times():
     assert np.allclose(cycles(late), due)
 
 
+@pytest.mark.parametrize(
+    ("beginnings", "times"),
+    [
+        ([0.0, 0.01, 2.0, 2.01], [0.0, 0.01, 2.0, 2.01]),  # a long pause is caught up at once
+        ([0.0, 0.01, 0.0101, 0.02], [0.0, 0.01, 0.01, 0.02]),  # asked twice in one cycle
+    ],
+)
+def test_times_are_whole_periods_apart_unless_the_loop_paused(beginnings, times):
+    assert np.allclose(cycles(beginnings), times)
+
+
 def test_cycles_that_were_left_out_leave_a_gap_of_whole_periods():
     due = 0.01 * np.delete(np.arange(200), [50, 51])
     times = cycles(due)
@@ -153,11 +159,3 @@ def test_cycles_that_were_left_out_leave_a_gap_of_whole_periods():
     assert set(steps) == {1.0, 3.0}
     assert np.allclose(np.diff(times), 0.01 * steps)
     assert times[-1] == pytest.approx(due[-1])
-
-
-def test_a_long_pause_is_caught_up_at_once():
-    assert np.allclose(cycles([0.0, 0.01, 2.0, 2.01]), [0.0, 0.01, 2.0, 2.01])
-
-
-def test_asked_twice_in_one_cycle_gives_the_same_time():
-    assert np.allclose(cycles([0.0, 0.01, 0.0101, 0.02]), [0.0, 0.01, 0.01, 0.02])

@@ -79,16 +79,14 @@ def test_drag_is_a_question_and_the_load_may_sway():
 def test_an_experiment_that_is_stopped_ends_the_investigation():
     robot = urdf.load("baxter")
     ending = Ending(False, "the string went slack", True)
-    stopped = SimpleNamespace(
-        drive=SimpleNamespace(state=SimpleNamespace(s=0.01)), course=SimpleNamespace(interrupted=15)
-    )
+    stopped = SimpleNamespace(drive=SimpleNamespace(state=SimpleNamespace(s=0.01)), interrupted=15)
     found = investigate(ProtocolSettings(), lambda *_: (stopped, ending), robot, ik.default_table(robot))
     assert found.stop is Stop.INTERRUPTED
     assert found.ending is ending
     assert found.stages == ()
-    trial = SimpleNamespace(course=SimpleNamespace(interrupted=None))
+    trial = SimpleNamespace(interrupted=None)
     assert ended_before(trial, found) is ending
-    assert trial.course.interrupted == 15
+    assert trial.interrupted == 15
     assert ended_before(trial, None) is None
     with pytest.raises(InputError, match="at least one"):
         investigate(ProtocolSettings(), lambda *_: (stopped, ending), robot, ik.default_table(robot), most=0)

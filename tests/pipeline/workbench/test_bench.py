@@ -98,6 +98,7 @@ def test_a_pendulums_hidden_drag_is_foretold_and_then_fitted():
     bench = Workbench(Study(base_pendulum(), runs[:1], runs[1:], [CATALOGUE[name] for name in effects]))
     foretold = {name: bench.predict([Atom(name)]) for name in effects}
     assert min(effects, key=lambda name: error(foretold[name])) == "quadratic_drag"
+    assert error(foretold["quadratic_drag"]) < 0.9 * error(bench.opening)
     fitted = bench.refit([Atom("quadratic_drag")])
     assert not fitted.stale
     assert foretold["quadratic_drag"].stale  # a held-out pendulum has a start of its own to fit
