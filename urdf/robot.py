@@ -114,6 +114,17 @@ class Line:
         """Targets of the tool point [m]: (3,) for a scalar, (k, 3) for k line coordinates [m]."""
         return self.origin + np.multiply.outer(np.asarray(s, dtype=np.float64), self.direction)
 
+    @property
+    def across(self) -> Array:
+        """Horizontal unit vector at right angles to a horizontal line (3,)."""
+        return np.cross([0.0, 0.0, 1.0], self.direction)
+
+    def coordinates(self, point: Array) -> tuple[float, float]:
+        """Coordinate along the line and height above it [m], of a point (3,) [m]."""
+        away = point - self.origin
+        along = float(away @ self.direction)
+        return along, float(away[2] - along * self.direction[2])
+
     def pose(self, s: Array) -> tuple[Array, Array]:
         """Orientations (3, 3, k) and positions (3, k) [m] of the tool at line coordinates (k,) [m]."""
         return np.broadcast_to(self.rotation[:, :, None], (3, 3, len(s))), self.position(s).T
@@ -245,8 +256,13 @@ class Robot:
             torque[..., joint] += spring.torque(q[..., joint])
         return torque
 
-    def tool_pose(self, q: Array) -> pin.SE3:
-        """Pose of the tool frame at the tool point, in the base frame, at one posture (n,)."""
-        data = self.model.createData()
+    def tool_pose(self, q: Array, data: pin.Data | None = None) -> pin.SE3:
+        """Pose of the tool frame at the tool point, in the base frame, at one posture (n,).
+
+        Args:
+            q: the posture [rad or m].
+            data: of the model, where a caller that asks often keeps it; made here if not given.
+        """
+        data = data or self.model.createData()
         pin.framesForwardKinematics(self.model, data, np.asarray(q, dtype=np.float64))
         return data.oMf[self.tool_frame_id] * pin.SE3(np.eye(3), self.tool_offset)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from math import inf
 
 import numpy as np
-import pinocchio as pin
 
 import urdf
 from armdyn.errors import InputError
@@ -16,25 +15,7 @@ from pipeline.loadcell.faults import FaultDetector
 from pipeline.motion.gate import PERIOD
 from pipeline.nodes.reading_checks import ForceReadingCheck, JointReadingCheck, Refused
 from pipeline.record import Recorder
-from pipeline.robot.protocol import ForceSample, JointState, RobotInterface
-
-
-class LineSensor:
-    """Forward kinematics of the attachment point, expressed along the robot's line."""
-
-    def __init__(self, robot: urdf.Robot) -> None:
-        self._model, self._data = robot.model, robot.model.createData()
-        self._frame = robot.model.getFrameId(robot.tool_frame)
-        self._offset, self._line = np.asarray(robot.tool_offset), robot.line
-
-    def locate(self, q: np.ndarray) -> tuple[float, float]:
-        """Coordinate along the line and height above it [m], of a posture (n,)."""
-        pin.forwardKinematics(self._model, self._data, q)
-        pose = pin.updateFramePlacement(self._model, self._data, self._frame)
-        away = pose.translation + pose.rotation @ self._offset - self._line.origin
-        along = float(away @ self._line.direction)
-        return along, float(away[2] - along * self._line.direction[2])
-
+from pipeline.robot.protocol import ForceSample, JointState, RobotInterface, Vector
 
 SLACK_FORCE = 0.02
 """A string that pulls less than this [N] for `SLACK_TIME` has gone slack; an 80 g load pulls 0.78 N at rest."""
@@ -153,8 +134,7 @@ class MeasurementNode:
         mass: float,
     ) -> None:
         self._robot, self._recorder, self._detector, self._noise = robot, recorder, detector, noise
-        self._sensor = LineSensor(description)
-        self._joints = description.joint_names
+        self._arm, self._data = description, description.model.createData()
         self._gripper, self._height, self._force = _Series.empty(), _Series.empty(), _Series.empty()
         self._pulled_at: float | None = None
         self._waiting: deque[tuple[str, float, float]] = deque()
@@ -167,7 +147,7 @@ class MeasurementNode:
         self.joint_check = JointReadingCheck(description.limits)
         self.force_check = ForceReadingCheck(jump, JUMP_DRIFT * weight, SLACK_FORCE)
         self.state: JointState = robot.joint_state()
-        self.gripper = self._sensor.locate(self.state.q)[0]
+        self.gripper = self._locate(self.state.q)[0]
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -210,7 +190,7 @@ class MeasurementNode:
             self._bridge()
             return
         self.state = state
-        along, height = self._sensor.locate(state.q)
+        along, height = self._locate(state.q)
         if self._gripper.count and state.time <= self._gripper.time[self._gripper.count - 1]:
             return  # a bridge already stands there
         self._append(state.time, along, height)
@@ -218,14 +198,18 @@ class MeasurementNode:
         self._waiting.append(("gripper_x", state.time, along))
         self._waiting.append(("gripper_z", state.time, height))
         for prefix, values in (("q", state.q), ("v", state.v), ("tau", state.tau)):
-            for name, value in zip(self._joints, values, strict=True):
+            for name, value in zip(self._arm.joint_names, values, strict=True):
                 self._recorder.record(f"{prefix}.{name}", state.time, float(value))
+
+    def _locate(self, q: Vector) -> tuple[float, float]:
+        """Coordinate of the gripper along the line and height above it [m], of a posture (n,)."""
+        return self._arm.line.coordinates(self._arm.tool_pose(q, self._data).translation)
 
     def _bridge(self) -> None:
         """Continue the gripper's path over a missing reading: the path needs a value in every period."""
         if self._gripper.count and self.joint_check.fault is None:
             time = float(self._gripper.time[self._gripper.count - 1]) + self.period
-            self._append(time, *self._sensor.locate(self.joint_check.bridged(time - self.state.time)))
+            self._append(time, *self._locate(self.joint_check.bridged(time - self.state.time)))
             self._guessed += 1
 
     def _append(self, time: float, along: float, height: float) -> None:

@@ -14,7 +14,7 @@ from PIL import Image
 import urdf
 from armdyn.errors import InputError
 from pipeline.robot.protocol import Vector
-from pipeline.robot.scene import LineFrame, add_box, add_load, add_string, arm_only
+from pipeline.robot.scene import add_box, add_load, add_string, arm_only
 from pipeline.robot.settings import PlantSettings
 from pipeline.robot.truth import History
 from urdf.find import locate_mesh
@@ -37,7 +37,7 @@ def build_picture_scene(robot: urdf.Robot, settings: PlantSettings, size: tuple[
     options.set("discardvisual", "false")
     options.set("strippath", "true")
     spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"), assets=assets)
-    line = LineFrame.of(robot)
+    line = robot.line
     for geom in spec.geoms:
         geom.contype, geom.conaffinity = 0, 0
     tool = spec.body(robot.tool_frame)
@@ -86,7 +86,7 @@ def _as_stl(file: Path) -> bytes:
     return stl
 
 
-def _furnish(spec: mujoco.MjSpec, line: LineFrame, size: tuple[int, int]) -> None:
+def _furnish(spec: mujoco.MjSpec, line: urdf.Line, size: tuple[int, int]) -> None:
     """Light, a floor, and a frame buffer that is large enough."""
     spec.visual.global_.offwidth, spec.visual.global_.offheight = size
     spec.visual.headlight.ambient = [0.45, 0.45, 0.45]
@@ -183,7 +183,7 @@ def _frames(
     data = mujoco.MjData(model)
     joints = [model.joint(name).qposadr[0] for name in robot.joint_names]
     load = model.joint("load").qposadr[0]
-    camera = _camera(LineFrame.of(robot))
+    camera = _camera(robot.line)
     with _drawing(model, size) as draw:
         for index in np.clip(np.searchsorted(history.time, moments - 1e-9), 0, len(history.time) - 1):
             data.qpos[joints] = history.q[index]
@@ -194,14 +194,14 @@ def _frames(
             yield draw(data, camera, history.load[: index + 1 : TRAIL_EVERY])
 
 
-def _camera(line: LineFrame) -> mujoco.MjvCamera:
+def _camera(line: urdf.Line) -> mujoco.MjvCamera:
     """A view across the line, with growing s to the right, that takes in the gripper's travel and the box."""
     camera = mujoco.MjvCamera()
     camera.type = mujoco.mjtCamera.mjCAMERA_FREE
-    camera.lookat = line.origin + 0.18 * line.along - np.array([0.0, 0.0, 0.08])
+    camera.lookat = line.origin + 0.18 * line.direction - np.array([0.0, 0.0, 0.08])
     camera.distance = 1.3
     # From this direction the line runs to the right.
-    towards = np.array([-line.along[1], line.along[0]])
+    towards = np.array([-line.direction[1], line.direction[0]])
     camera.azimuth = float(np.degrees(np.arctan2(towards[1], towards[0])))
     camera.elevation = -10.0
     return camera

@@ -12,7 +12,7 @@ import urdf
 from armdyn.errors import InputError
 from pipeline.robot.hidden import Stage, terms
 from pipeline.robot.protocol import Vector
-from pipeline.robot.scene import LineFrame, build_scene, effort_share
+from pipeline.robot.scene import build_scene, effort_share
 from pipeline.robot.settings import PlantSettings
 
 STRING_DAMPING_RATIO = 0.05
@@ -52,7 +52,7 @@ class Plant:
         rng: what is uncertain is drawn from.
 
     Attributes:
-        line: axes of the arm's line.
+        line: of the arm.
         model, data: MuJoCo's.
         dofs: index of each joint in MuJoCo's velocity, and for hinges in its position (n,).
         pivot, load: positions of the string's upper end and of the load's centre, views of MuJoCo's state (3,) [m].
@@ -71,7 +71,7 @@ class Plant:
         bias, latency = cell.bias_spread * rng.standard_normal(), rng.uniform(0.0, cell.latency_up_to)
         self.bias = float(bias) if cell.bias is None else cell.bias
         self.latency = float(latency) if cell.latency is None else cell.latency
-        self.line = LineFrame.of(robot)
+        self.line = robot.line
         self.model = build_scene(robot, settings, hidden, self.mass, self.link_scale)
         self.data = mujoco.MjData(self.model)
         self.dofs = np.array([self.model.joint(name).dofadr[0] for name in robot.joint_names])
@@ -131,7 +131,7 @@ class LoadForces:
 
     def __init__(self, plant: Plant, string: LoadString) -> None:
         self._plant, self._string = plant, string
-        self._wind = plant.hidden["wind"] * plant.line.along
+        self._wind = plant.hidden["wind"] * plant.line.direction
         plant.pull_on_load[:] = self._wind
         self._on_load, self._at_pivot = terms(plant.hidden, Stage.LOAD), terms(plant.hidden, Stage.PIVOT)
         self._active = bool(self._on_load or self._at_pivot or plant.hidden["string_elasticity"])
@@ -205,7 +205,7 @@ def place_at_rest(plant: Plant, string: LoadString, q: Vector) -> Vector:
     Returns:
         Motor torque of each joint that holds the arm (n,) [N m].
     """
-    model, data, settings, along = plant.model, plant.data, plant.settings, plant.line.along
+    model, data, settings, along = plant.model, plant.data, plant.settings, plant.line.direction
     data.qpos[plant.dofs] = q
     mujoco.mj_kinematics(model, data)
     pivot = plant.pivot.copy()

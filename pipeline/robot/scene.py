@@ -2,7 +2,6 @@
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -12,42 +11,6 @@ from armdyn.errors import InputError
 from pipeline.box import Box
 from pipeline.robot.protocol import Vector
 from pipeline.robot.settings import PlantSettings
-
-
-@dataclass(frozen=True)
-class LineFrame:
-    """Axes of the line.
-
-    Attributes:
-        origin: the string's upper end at s = 0 (3,) [m].
-        along: unit vector of increasing s (3,).
-        across: horizontal unit vector at right angles to it (3,).
-    """
-
-    origin: Vector
-    along: Vector
-    across: Vector
-
-    @staticmethod
-    def of(robot: urdf.Robot) -> "LineFrame":
-        """Frame of a robot's line.
-
-        Raises:
-            InputError: the line is not horizontal, so that a swing along it is not the paper's.
-        """
-        along = np.asarray(robot.line.direction, dtype=float)
-        along = along / np.linalg.norm(along)
-        if abs(along[2]) > 1e-6:
-            raise InputError(
-                f"robot '{robot.name}': the line's direction {along} is not horizontal; give one with z = 0"
-            )
-        across = np.cross([0.0, 0.0, 1.0], along)
-        return LineFrame(np.asarray(robot.line.origin, dtype=float), along, across)
-
-    def coordinate(self, point: Vector) -> float:
-        """Line coordinate s of a point (3,) [m]."""
-        return float((point - self.origin) @ self.along)
-
 
 # MuJoCo's default limit is so soft that the string loses 5 % of the swing's energy in 15 s. This one stretches by
 # 0.2 mm under 80 g (4 kN/m) and loses 0.1 %; a harder one would need a shorter step.
@@ -114,11 +77,11 @@ def make_elastic(model: mujoco.MjModel, compliance: float) -> None:
     stiffness.reshape(model.ntendon, -1)[string, 0] = 1.0 / compliance
 
 
-def add_box(spec: mujoco.MjSpec, line: LineFrame, box: Box) -> None:
+def add_box(spec: mujoco.MjSpec, line: urdf.Line, box: Box) -> None:
     """Four walls and a floor, fixed in the world, aligned with the line."""
     up = np.array([0.0, 0.0, 1.0])
-    axes = np.column_stack([line.along, line.across, up])
-    middle = line.origin - box.rim * up + box.middle * line.along
+    axes = np.column_stack([line.direction, line.across, up])
+    middle = line.origin - box.rim * up + box.middle * line.direction
     quaternion = np.zeros(4)
     mujoco.mju_mat2Quat(quaternion, axes.ravel())
     for plate in box.plates():
@@ -159,7 +122,11 @@ def build_scene(
         The compiled model, at MuJoCo's own zero posture.
     """
     spec = mujoco.MjSpec.from_string(ET.tostring(arm_only(robot), encoding="unicode"))
-    line = LineFrame.of(robot)
+    line = robot.line
+    if abs(line.direction[2]) > 1e-6:  # a swing along it would not be the paper's
+        raise InputError(
+            f"robot '{robot.name}': the line's direction {line.direction} is not horizontal; give one with z = 0"
+        )
     _set_options(spec, line, hidden["path_tilt"])
     tool = spec.body(robot.tool_frame)
     if tool is None:
@@ -202,11 +169,11 @@ def arm_only(robot: urdf.Robot, keep: tuple[str, ...] = ()) -> ET.Element:
     return root
 
 
-def _set_options(spec: mujoco.MjSpec, line: LineFrame, tilt: float) -> None:
+def _set_options(spec: mujoco.MjSpec, line: urdf.Line, tilt: float) -> None:
     spec.option.timestep = TIME_STEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.option.gravity = 9.81 * (np.sin(tilt) * line.along - np.cos(tilt) * np.array([0.0, 0.0, 1.0]))
+    spec.option.gravity = 9.81 * (np.sin(tilt) * line.direction - np.cos(tilt) * np.array([0.0, 0.0, 1.0]))
     # MuJoCo measures its solver's progress against the mean inertia, beside which the load's is small: with the
     # default of 1e-8 the string's pull is 8 mN rms off while the joints are made rigid.
     spec.option.tolerance = 1e-12

@@ -178,7 +178,7 @@ class SimulatedRobot:
             )
         # Positions and tension still belong to the beginning of the step.
         tension = self._string.tension(data)
-        angle = swing_angle(plant.load - plant.pivot, plant.line.along) if self._cell.feels_direction else 0.0
+        angle = swing_angle(plant.load - plant.pivot, plant.line.direction) if self._cell.feels_direction else 0.0
         self._cell.feel(self._steps, tension, angle)
         self._steps_in_box = self._steps_in_box + 1 if self._load_is_inside() else 0
         if self._steps % HISTORY_EVERY == 0:
@@ -200,4 +200,4 @@ class SimulatedRobot:
         if box is None or above > -box.rim:
             return False
         offset = self._plant.load - line.origin
-        return box.contains(float(offset @ line.along), float(offset @ line.across), above)
+        return box.contains(float(offset @ line.direction), float(offset @ line.across), above)

@@ -95,7 +95,9 @@ def gripper_truth(plant: Plant, data: mujoco.MjData, time: float) -> GripperTrut
     # MuJoCo accelerates the world upwards instead of pulling everything down.
     a = acceleration[3:] + plant.model.opt.gravity
     position = data.site_xpos[site].copy()
-    return GripperTruth(time, position, v, a, line.coordinate(position), float(v @ line.along), float(a @ line.along))
+    return GripperTruth(
+        time, position, v, a, line.coordinates(position)[0], float(v @ line.direction), float(a @ line.direction)
+    )
 
 
 def load_truth(plant: Plant, data: mujoco.MjData, string: LoadString, time: float) -> LoadTruth:
@@ -103,14 +105,14 @@ def load_truth(plant: Plant, data: mujoco.MjData, string: LoadString, time: floa
     at_pivot, at_load = plant.velocities(data)
     position, line = data.body("load").xpos.copy(), plant.line
     reach, relative = position - data.site("pivot").xpos, at_load - at_pivot
-    x, z = -float(reach @ line.along), -float(reach[2])
-    vx, vz = -float(relative @ line.along), -float(relative[2])
+    x, z = -float(reach @ line.direction), -float(reach[2])
+    vx, vz = -float(relative @ line.direction), -float(relative[2])
     return LoadTruth(
         time=time,
         position=position,
         velocity=at_load,
         distance=float(np.linalg.norm(reach)),
-        swing_angle=swing_angle(reach, line.along),
+        swing_angle=swing_angle(reach, line.direction),
         swing_rate=(vx * z - x * vz) / (x * x + z * z),
         out_of_plane_angle=float(np.arctan2(reach @ line.across, np.hypot(x, z))),
         tension=string.tension(data),

@@ -14,7 +14,6 @@ from armdyn.run import Run, write_run_csv
 from pipeline.interrupts import noted_signals
 from pipeline.loadcell.calibration import Calibration, default_path
 from pipeline.loadcell.cell import LoadCell
-from pipeline.nodes.measurement import LineSensor
 from pipeline.robot.protocol import ForceSample, JointState
 from pipeline.ros.bridge import Bridge, Message
 from pipeline.ros.states import JointStates
@@ -128,8 +127,7 @@ def _run(
             channels[f"{prefix}.{name}"] = Channel(time_of_states, values[:, column], unit)
     if forces:
         if arm.given_line is not None:
-            sensor = LineSensor(arm)
-            along = np.array([sensor.locate(state.q) for state in kept])
+            along = np.array([arm.line.coordinates(arm.tool_pose(state.q).translation) for state in kept])
             channels["gripper_x"] = Channel(time_of_states, along[:, 0], "m")
             channels["gripper_z"] = Channel(time_of_states, along[:, 1], "m")
         late = [sample for sample in forces if sample.time >= start]

@@ -12,10 +12,9 @@ from armdyn.identify.fit import Fit
 from armdyn.model import Model
 from armdyn.run import Run
 from pipeline.box import Box
-from pipeline.robot.scene import LineFrame
 from pipeline.view.scene import DARK, STEEL, WOOD, Body, Mark, Mesh, Scene, ball, block, frames, moved, standing
 from pipeline.view.shapes import Links
-from urdf import Robot
+from urdf import Line, Robot
 
 RADIUS = 0.014
 """m; of the ball that stands for a load whose size nobody recorded."""
@@ -102,9 +101,9 @@ def trial_scene(title: str, links: Links, run: Run, swing: Swing, box: Box | Non
     """An arm that swings a load along its line, and the box that the load is meant for."""
     robot, at = links.robot, _frames_of(swing)
     postures = _at(at, *joint_motion(run, robot))
-    line = LineFrame.of(robot)
+    line = robot.line
     pivot = links.tool(postures)
-    load = pivot + swing.length * _hanging(at, swing, line.along)
+    load = pivot + swing.length * _hanging(at, swing, line.direction)
     bodies = [*links.bodies(postures), Body("load", [ball(RADIUS)], moved(load))]
     if box is not None:
         bodies.append(Body("box", _walls(line, box), standing(line.origin)))
@@ -177,10 +176,10 @@ def _at(at: FloatArray, time: FloatArray, q: FloatArray) -> FloatArray:
     return np.column_stack([np.interp(at, time, column) for column in q.T])
 
 
-def _walls(line: LineFrame, box: Box) -> list[Mesh]:
+def _walls(line: Line, box: Box) -> list[Mesh]:
     """The box, in the frame of the line's origin."""
-    axes = np.column_stack([line.along, line.across, UP])
-    middle = -box.rim * UP + box.middle * line.along
+    axes = np.column_stack([line.direction, line.across, UP])
+    middle = -box.rim * UP + box.middle * line.direction
     walls = []
     for plate in box.plates():
         wall = block(
