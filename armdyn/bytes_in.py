@@ -5,13 +5,16 @@ write another. Each chunk is therefore expanded piece by piece up to its stated 
 """
 
 import io
-import struct
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from armdyn.errors import InputError
-from urdf.bounds import LARGEST_CHUNK, LARGEST_CONTENT, LARGEST_RECORDING
+from urdf.bounds import LARGEST_CHUNK, LARGEST_CONTENT, LARGEST_RECORDING, MIB
+
+if TYPE_CHECKING:
+    from mcap.records import Chunk
 
 
 def read_bytes(path: Path, largest: int = LARGEST_RECORDING) -> bytes:
@@ -38,16 +41,8 @@ def read_bytes(path: Path, largest: int = LARGEST_RECORDING) -> bytes:
     return data
 
 
-_CHUNK = 0x06
-_HEAD = struct.Struct("<BQ")
-_CHUNK_HEAD = struct.Struct("<QQQII")
 _PIECE = 2**20
-
-
-class _Chunk(NamedTuple):
-    stated: int
-    compression: bytes
-    data: memoryview
+"""Bytes that are expanded at a time."""
 
 
 def check_chunk_sizes(data: bytes) -> None:
@@ -60,45 +55,37 @@ def check_chunk_sizes(data: bytes) -> None:
     """
     total = 0
     for number, chunk in enumerate(_chunks(data), start=1):
-        total += chunk.stated if chunk.compression else len(chunk.data)
-        if chunk.stated > LARGEST_CHUNK or len(chunk.data) > LARGEST_CHUNK:
+        stated = chunk.uncompressed_size
+        total += stated if chunk.compression else len(chunk.data)
+        if stated > LARGEST_CHUNK or len(chunk.data) > LARGEST_CHUNK:
             raise InputError(
-                f"chunk {number} expands to {max(chunk.stated, len(chunk.data)) / 2**20:.0f} MiB where "
-                f"{LARGEST_CHUNK / 2**20:.0f} MiB is the most: write it again with smaller chunks"
+                f"chunk {number} expands to {max(stated, len(chunk.data)) / MIB:.0f} MiB where "
+                f"{LARGEST_CHUNK / MIB:.0f} MiB is the most: write it again with smaller chunks"
             )
         if total > LARGEST_CONTENT:
-            raise InputError(f"expands to more than {LARGEST_CONTENT / 2**20:.0f} MiB: cut the recording")
+            raise InputError(f"expands to more than {LARGEST_CONTENT / MIB:.0f} MiB: cut the recording")
         if chunk.compression and _expands_beyond(chunk):
-            raise InputError(f"chunk {number} holds more than the {chunk.stated} bytes that it states: record again")
+            raise InputError(f"chunk {number} holds more than the {stated} bytes that it states: record again")
 
 
-def _chunks(data: bytes) -> Iterator[_Chunk]:
-    view, at = memoryview(data), 8
-    while at + _HEAD.size <= len(data):
-        kind, length = _HEAD.unpack_from(data, at)
-        at += _HEAD.size
-        if length > len(data) - at:
-            return
-        body = view[at : at + length]
-        at += length
-        if kind != _CHUNK or length < _CHUNK_HEAD.size:
-            continue
-        *_, stated, _, name = _CHUNK_HEAD.unpack_from(body)
-        start = _CHUNK_HEAD.size + name
-        if start + 8 > length:
-            continue
-        (size,) = struct.unpack_from("<Q", body, start)
-        yield _Chunk(stated, bytes(body[_CHUNK_HEAD.size : start]), body[start + 8 : start + 8 + size])
+def _chunks(data: bytes) -> "Iterator[Chunk]":
+    from mcap.records import Chunk
+    from mcap.stream_reader import StreamReader
+
+    with suppress(Exception):  # each way of being damaged is an exception of its own
+        for record in StreamReader(io.BytesIO(data), emit_chunks=True, record_size_limit=len(data)).records:
+            if isinstance(record, Chunk):
+                yield record
 
 
-def _expands_beyond(chunk: _Chunk) -> bool:
+def _expands_beyond(chunk: "Chunk") -> bool:
     """Whether there is more in it than is stated; False where it cannot be expanded at all."""
     try:
-        if chunk.compression == b"lz4":
+        if chunk.compression == "lz4":
             import lz4.frame
 
             opened: Any = lz4.frame.LZ4FrameFile(io.BytesIO(chunk.data))
-        elif chunk.compression == b"zstd":
+        elif chunk.compression == "zstd":
             import zstandard
 
             opened = zstandard.ZstdDecompressor(max_window_size=LARGEST_CHUNK).stream_reader(io.BytesIO(chunk.data))
@@ -107,7 +94,7 @@ def _expands_beyond(chunk: _Chunk) -> bool:
         found = 0
         while piece := opened.read(_PIECE):
             found += len(piece)
-            if found > chunk.stated:
+            if found > chunk.uncompressed_size:
                 return True
     except Exception:  # each library has errors of its own; the reader of the file says what is wrong
         return False

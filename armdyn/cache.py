@@ -1,6 +1,6 @@
-"""Where things that are slow to make are kept between calls: a folder that nobody else can write to.
+"""The folder in which results that are slow to compute are kept between calls; nobody else can write to it.
 
-What lies there is loaded as machine code, so an entry that somebody else could have put there is never used.
+Its entries are loaded as machine code, so one that somebody else could have put there is never used.
 """
 
 import os

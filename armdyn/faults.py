@@ -13,9 +13,9 @@ from armdyn.run import Channel, Run
 from armdyn.smoothing.choice import resolution
 
 ORDER = 4
-"""Of the differences in which a spike shows: a cubic through its neighbours is as good as the signal."""
+"""Order of the differences in which a spike shows: they vanish for a cubic, which follows the signal well enough."""
 SPIKE = 6.0
-"""Robust standard deviations beyond which a difference is no noise: of white noise one in 5e8."""
+"""Robust standard deviations beyond which a difference is no noise; of white noise one in 5e8 is larger."""
 STEP = 1.0
 """Steps of an encoder or of a file's digits that a difference has at most when a signal is rounded to them: the sum of
 the weights' sizes over the root of the sum of their squares, 16 / 8.4, times half a step."""
@@ -24,7 +24,7 @@ EXACT = 1e-9
 AROUND = 25
 """Differences to either side that tell how large they are around here, where a signal is rougher than elsewhere."""
 TOGETHER = 2
-"""Faulty samples side by side that are still isolated; what lasts longer is an event."""
+"""Most faulty samples side by side; what lasts longer is an event of the motion."""
 CROWD = 1.0 / 3.0
 """Largest share of faulty samples from the first to the last of a group; where every other sample would have to go, the
 signal shakes."""
@@ -39,12 +39,12 @@ ROUGH, STANDS_OUT = 2.0, 4.0
 """Where differences are typically so many times those of the quietest stretch, something goes on, such as a load that
 hits something and shakes; a fault there is so many times larger than all that is left without it."""
 HOPELESS = 0.4
-"""Share of differences that are too large, beyond which nobody looks for single samples."""
+"""Share of differences that are too large beyond which single samples are not searched for."""
 CROWDED = 5.0
 """Times as many samples share the extreme value as the value next to it (and one more) where the sensor was at its
 end: of a sine that is coarsely rounded 2.4 times as many are at the peak."""
 DISTURBED = 2
-"""Samples to either side of one at the end that are left out as well: the noise has chosen them."""
+"""Samples to either side of a saturated one that are left out as well: noise decided which of them saturated."""
 
 
 def clean(run: Run, measured: Iterable[str], driving: Iterable[str]) -> Run:

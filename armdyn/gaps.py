@@ -1,4 +1,4 @@
-"""Runs cut where samples are missing: nothing is smoothed, filtered or simulated across a gap."""
+"""Cuts runs where samples are missing, so that nothing is smoothed, filtered or simulated across a gap."""
 
 from collections.abc import Mapping
 from dataclasses import replace

@@ -7,7 +7,6 @@ text is the metadata record ``armdyn.sidecar``. Topics without such metadata are
 
 import io
 import json
-import re
 import struct
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,13 +14,12 @@ from pathlib import Path
 import numpy as np
 
 from armdyn.bytes_in import check_chunk_sizes, read_bytes
-from armdyn.channels import Channel, SampleError, channel_unit, in_contract
+from armdyn.channels import Channel, SampleError, channel_unit, in_contract, name_and_unit
 from armdyn.errors import InputError, at
 from armdyn.sidecar import Sidecar, parse_sidecar
 
 SIDECAR_RECORD = "armdyn.sidecar"
 TIME_FIELD = "time"
-_LABEL = re.compile(r"(?P<name>.+) \[(?P<unit>[^\[\]]*)\]")
 
 
 def topic_and_field(channel: str) -> tuple[str, str]:
@@ -115,7 +113,9 @@ def _scan(data: bytes) -> _Content:
     try:
         for record in StreamReader(io.BytesIO(data), validate_crcs=True, record_size_limit=len(data)).records:
             if isinstance(record, Topic):
-                labels[record.id] = _labels(record.metadata)
+                labels[record.id] = {
+                    key: name_and_unit(label) for key, label in record.metadata.items() if label.endswith("]")
+                }
                 for name, unit in labels[record.id].values():
                     content.samples.setdefault(name, _Samples(unit))
             elif isinstance(record, Message) and labels[record.channel_id]:
@@ -138,11 +138,6 @@ def _take(message: dict[str, float], labels: dict[str, tuple[str, str]], samples
             channel = samples[labels[name_in_topic][0]]
             channel.time.append(time)
             channel.value.append(float(value))
-
-
-def _labels(metadata: dict[str, str]) -> dict[str, tuple[str, str]]:
-    matches = {name_in_topic: _LABEL.fullmatch(label) for name_in_topic, label in metadata.items()}
-    return {name_in_topic: (match["name"], match["unit"]) for name_in_topic, match in matches.items() if match}
 
 
 def _channel(name: str, samples: _Samples) -> Channel:

@@ -46,7 +46,7 @@ def join_channels(parts: Sequence[tuple[str, np.ndarray, np.ndarray, np.ndarray]
 
 @dataclass(frozen=True)
 class Bend:
-    """Parameters that act as changes of others do, in which predictions are linear.
+    """Parameters on which predictions depend only through others, in which they are linear.
 
     Attributes:
         through: names of those others.

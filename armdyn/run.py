@@ -37,10 +37,10 @@ class Run(Shown):
         description: a sentence for a person.
         source: the file it came from; None where it was made in memory.
         warnings: a sentence per thing that was lost, such as the end of a recording that was cut off.
-        began: s; when the recording began of which this is a later piece. None where it is whole.
+        began: s; start of the recording that this run is a piece of; None where it is whole.
         outliers: number of samples that were left out as faulty, by channel.
-        spread: s^2, by channel, of whose samples several were averaged into one: variance of their times. The mean of a
-            signal that bends is off it by half its second derivative times that.
+        spread: s^2, by channel whose samples are means over several instants: their variance. Such a mean differs
+            from the signal by half of its second derivative times the variance.
         recorded: when it was made, UTC; None where nobody wrote it down.
 
     Raises:

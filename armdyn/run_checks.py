@@ -1,7 +1,7 @@
 """What a recording must be before it is compared with a model: a sane clock, possible positions, values that it has.
 
 A file can be well formed and still be of no use: milliseconds declared as seconds, a clock that was set while it ran,
-an encoder that sent nonsense once. A simulation over such a span would need gigabytes, so it is refused here.
+one impossible sample of an encoder. A simulation over such a span would need gigabytes, so it is refused here.
 """
 
 from collections.abc import Iterable

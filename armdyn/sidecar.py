@@ -33,8 +33,7 @@ POSITIVE = {"mass": "kg", "length": "m"}
 KEYS = ("description", "recorded", "noise", "known", "source", "licence", "license", "published", "urdf", "notes")
 """Keys that are used, and those that recordings have for their readers."""
 ALIKE = 0.75
-"""Ratio of common letters (`difflib`) from which a key is a misspelling: 'nosie' and 'knwon' have 0.8, and 'author'
-none of its own kind."""
+"""Ratio of common letters (`difflib`) from which a key is a misspelling: 'nosie' and 'knwon' have 0.8."""
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from itertools import pairwise
 from urdf.bounds import shown
 
 HARMLESS = 1e-6
-"""Share of the usual step from row to row that what is cut away may be worth. Of numbers with all their 15 to 17 digits
-one in ten ends a digit early: whether it was cut there is not to be seen, and of no size."""
+"""Error, as a share of the usual step from row to row, up to which a cut need not be noticed: of numbers with 15 to 17
+digits one in ten ends a digit early, whether it was cut there or not."""
 LOOKED_AT = 1000
 """Rows before the last one with which it is compared."""
 _NUMBER = re.compile(r"[-+]?[0-9]*(?P<point>[.,](?P<digits>[0-9]*))?(?P<exponent>[eE][-+]?[0-9]+)?")

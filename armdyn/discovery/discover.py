@@ -5,9 +5,11 @@ is: terms are fitted inside the model, held-out runs take part in choosing, and 
 of effects that were tried. What wins is a formula, or the name of an effect that the catalogue has already.
 """
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
+from armdyn.discovery.arm import arm_curves, arm_terms
 from armdyn.discovery.pendulum import pendulum_curves, pendulum_terms
 from armdyn.discovery.result import Discovery, Finding
 from armdyn.discovery.source import effects_of_terms
@@ -28,7 +30,8 @@ from armdyn.run import Run
 PREFIX = "discovered"
 """Of the names of what was discovered."""
 BASES: dict[str, tuple[Callable[[Fit], Iterator[Term]], Callable[[Fit], Iterator[Term]]]] = {
-    "pendulum": (pendulum_terms, pendulum_curves)
+    "arm": (arm_terms, arm_curves),
+    "pendulum": (pendulum_terms, pendulum_curves),
 }
 """By base: its terms, and its curves."""
 
@@ -72,6 +75,8 @@ def discover(
     return _concluded(study, found, terms, {e.name: e for e in catalogue})
 
 
+MOST, ALIKE = 12, 3
+"""Terms of a joint, and of each kind, that are looked at closely, those that promise most."""
 LEAVES = 0.7
 """Of the squared error above the noise that a formula leaves, what a curve must leave at most to be told instead."""
 
@@ -97,8 +102,28 @@ def _searched(
     terms: dict[str, Term],
     say: Progress,
 ) -> tuple[Study, Search]:
-    study = Study(model, runs, held_out, [*catalogue, *effects_of_terms(list(terms.values()))])
+    effects = effects_of_terms(list(terms.values()))
+    study = Study(model, runs, held_out, [*catalogue, *effects])
+    if study.model.linear:
+        promising = _promising(study, terms)
+        study = Study(model, runs, held_out, [*catalogue, *(e for e in effects if e.name in promising)])
+    study.tried = len(catalogue) + len(effects) // max(len({t.site.joint for t in terms.values()}), 1)
     return study, search(study, say)
+
+
+def _promising(study: Study, terms: Mapping[str, Term]) -> set[str]:
+    """Names of the terms of each joint that promise most at the fit as given, few of a kind."""
+    count = Counter[tuple[str, ...]]()
+    found = set[str]()
+    for score in study.scores(study.first(), study.present):
+        term = terms.get(score.candidate.effect)
+        if term is None:
+            continue
+        joint, kind = term.site.joint, term.kind
+        if count[joint,] < MOST and count[joint, kind] < ALIKE:
+            count.update([(joint,), (joint, kind)])
+            found.add(term.name)
+    return found
 
 
 def _is_whole(study: Study, found: Search) -> bool:
@@ -146,7 +171,9 @@ def _finding(
     share: float,
 ) -> Finding:
     """One effect of a step."""
-    own = {n.split(".", 1)[1]: values[n] for n in values if n.startswith(f"{candidate.effect}.")}
+    own = {n.split(".", 1)[1]: values[n] for n in candidate.names if n in values}
+    if len(candidate.joints) == 1:
+        own = {name.partition("[")[0]: value for name, value in own.items()}
     term = terms.get(candidate.effect)
     tied = [c.effect for c in step.tied]
     same = [name for name in tied if name in known]
@@ -160,7 +187,7 @@ def _finding(
         term = term.at({name: own[name].value for name in term.constants if name in own})
     return Finding(
         effect=candidate.effect,
-        joint=candidate.joints[0] if candidate.joints else None,
+        joints=candidate.joints,
         acts_on=effect.acts_on,
         kind=candidate.effect if term is None else term.kind,
         says=effect.summary.rstrip("."),

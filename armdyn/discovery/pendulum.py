@@ -1,6 +1,7 @@
 """Terms that a pendulum may lack: torques on the string, forces on the load, a rail that is not straight."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,9 +12,8 @@ from armdyn.identify.fit import Fit
 GRAVITY = 9.81
 SHARE = 0.02
 """Of the load's weight: typical size of a force that is missing."""
-RUB, STOP, MAGNET = 4, 6, 8
+RUB, STOP, MAGNET = 3, 5, 7
 """Places on a grid: half the distance of neighbours is within what a fit finds from there."""
-DRY = "string.with_dry_torque({})"
 
 
 def pendulum_terms(fit: Fit) -> Iterator[Term]:
@@ -21,7 +21,9 @@ def pendulum_terms(fit: Fit) -> Iterator[Term]:
     string, load, rail, v = _sites(fit)
     yield from _of_string(string, v["angle"], v["speed"], v["time"])
     if v["along"].span > 0.0:
-        yield from shapes.magnets(load, v["position"], MAGNET)
+        below = "load.with_force({} * ca.vertcat({away}, 0, 1))"  # it is below the line, as far as it is wide
+        magnet = replace(load, adds=below, shown="{} * ({away} along the line, 1 upwards)")
+        yield from shapes.magnets(magnet, v["position"], MAGNET)
         for n in (1, 2, 3):
             yield shapes.power(rail, v["along"], n, "rail", "the rail is not level along the way")
 
@@ -55,7 +57,8 @@ def _sites(fit: Fit) -> tuple[Site, Site, Site, dict[str, Variable]]:
             seen.setdefault(name, []).append(value)
     samples = {name: np.concatenate(parts) for name, parts in seen.items()}
     torque = SHARE * mass * GRAVITY * length
-    string = Site("string", "N m", "string.with_torque({})", torque)
+    dry = Site("string", "N m", "string.with_dry_torque({})", torque, shown="-sign(speed) * {}")
+    string = Site("string", "N m", "string.with_torque({})", torque, dry=dry)
     load = Site("load", "N", "load.with_force(ca.vertcat({}, 0, 0))", torque / length)
     rail = Site("gripper", "m", "gripper.with_position(gripper.position + ca.vertcat(0, 0, {}))", 0.1 * SHARE * length)
     of = {"angle": ("string.angle", "rad"), "speed": ("string.rate", "rad/s"), "time": ("string.time", "s"),
@@ -69,7 +72,6 @@ def _of_string(string: Site, angle: Variable, rate: Variable, time: Variable) ->
     yield shapes.power(string, angle, 3, "flexure", "a spring that stiffens with the cube of the angle")
     yield shapes.product(string, "damping by angle", "damping that grows with the angle", (angle, 2), (rate, 1))
     yield from shapes.stops(string, angle, STOP)
-    yield from shapes.one_sided(string, angle, rate, RUB, DRY)
-    yield from shapes.fading(string, rate, {"narrow": 0.1 * rate.size, "wide": 0.4 * rate.size}, "sticky seal",
-                             "dry friction that is largest near standstill", DRY)  # fmt: skip
-    yield from shapes.warming(string, rate, time, DRY)
+    yield from shapes.one_sided(string, angle, rate, RUB)
+    yield from shapes.sticky(string, rate, {"narrow": 0.1 * rate.size, "wide": 0.4 * rate.size})
+    yield from shapes.warming(string, rate, time)

@@ -28,7 +28,7 @@ class Finding:
 
     Attributes:
         effect: its name.
-        joint: of an arm; None for every other base.
+        joints: of an arm; empty for every other base.
         acts_on: the stage.
         kind: of the law in a word or two; the effect's name where it is of the catalogue.
         says: what it does.
@@ -41,7 +41,7 @@ class Finding:
     """
 
     effect: str
-    joint: str | None
+    joints: tuple[str, ...]
     acts_on: str
     kind: str
     says: str
@@ -51,6 +51,11 @@ class Finding:
     known_as: str | None
     rivals: tuple[str, ...]
     term: Term | None
+
+    @property
+    def joint(self) -> str | None:
+        """The joint, or several with commas; None for a base without joints."""
+        return ",".join(self.joints) or None
 
     @property
     def label(self) -> str:

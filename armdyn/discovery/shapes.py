@@ -1,6 +1,7 @@
 """Shapes that a force may have over one variable or two, as terms at a site, with the grids where places are sought."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -32,69 +33,80 @@ def stops(site: Site, v: Variable, places: int) -> Shapes:
         where = {"place": _place(v, place, places)}
         side, least = ("above", "ca.fmax") if place > np.median(v.samples) else ("below", "ca.fmin")
         says = f"a spring that is touched {side} a certain {v.name}"
-        yield _single(site, "stop", says, (v,), f"-{least}(0, {v.name} - place)", [(v, 1)], where, size="stiffness",
-                      positive=True, scale=0.3 * v.span, name=f"stop_{v.name}_{i}")  # fmt: skip
+        yield _single(
+            site, "stop", says, (v,), f"{site.resists}{least}(0, {v.name} - place)", [(v, 1)], where,
+            size="stiffness", positive=True, scale=0.3 * v.span, name=f"stop_{v.name}_{i}",
+        )  # fmt: skip
 
 
-def one_sided(site: Site, v: Variable, speed: Variable, places: int, dry: str | None) -> Shapes:
-    """Friction on one side of a place: in proportion to speed, and of constant size where the site has dry friction.
-
-    Args:
-        site: where the friction acts.
-        v: the variable with the place.
-        speed: against which it acts.
-        places: number of places.
-        dry: how dry friction is added; None where only smooth forces are.
-    """
+def one_sided(site: Site, v: Variable, speed: Variable, places: int) -> Shapes:
+    """Friction on one side of a place: in proportion to speed, and of constant size."""
     for i, place in enumerate(_between(v, places)):
         for side, sign in (("above", "+"), ("below", "-")):
             where = {"place": _place(v, place, places)}
             step = f"(1 {sign} ca.tanh(({v.name} - place) / {STEEP[v.unit]:g})) / 2"
             says = f"friction only {side} a certain {v.name}"
             yield _single(
-                site, "one-sided rub", says, (v, speed), f"-{speed.name} * {step}", [(speed, 1)], where,
+                site, "one-sided rub", says, (v, speed), f"{site.resists}{speed.name} * {step}", [(speed, 1)], where,
                 size="coefficient", positive=True, scale=speed.size, name=f"rub_{side}_{v.name}_{i}",
             )  # fmt: skip
-            if dry is not None:
-                rubbing = Site(site.stage, site.unit, dry, site.typical, site.joint)
-                yield _single(rubbing, "one-sided rub", f"dry {says}", (v,), step, [], where, size="friction",
-                              positive=True, scale=1.0, name=f"dry_rub_{side}_{v.name}_{i}")  # fmt: skip
+            if site.dry is not None:
+                yield _single(
+                    site.dry, "one-sided rub", f"dry {says}", (v,), step, [], where,
+                    size="friction", positive=True, scale=1.0, name=f"dry_rub_{side}_{v.name}_{i}",
+                )  # fmt: skip
 
 
 def magnets(site: Site, v: Variable, places: int) -> Shapes:
-    """A force -k u / (1 + u^2)^2 with u = (v - place) / width: what pulls towards a place, and lets go away from it."""
+    """A pull k / (1 + u^2)^2 times u = (v - place) / width back to a place; a site may add what is across to it."""
     for i, place in enumerate(np.linspace(v.low, v.high, places)):
         width = v.span / places
         where = {
             "place": _place(v, float(place), places),
             "width": Constant(v.unit, width, width / 2, 0.1 * width, 4.0 * v.span),
         }
-        u = f"(({v.name} - place) / width)"
-        shapes = {"pull": f"-{u} / (1 + {u}**2)**2"}
-        units, typical = {"pull": site.unit}, {"pull": site.typical}
+        u = f"({v.name} - place) / width"
+        across = "{away}" in site.adds
+        shapes = {"pull": f"{site.resists}1 / (1 + ({u})**2)**2" + ("" if across else f" * {u}")}
+        here = replace(site, adds=site.adds.replace("{away}", u), shown=site.shown.replace("{away}", u))
         says = f"something at a certain {v.name} pulls or pushes, as a magnet does"
-        yield Term("magnet", says, site, (v,), shapes, units, typical, where, name=f"magnet_{v.name}_{i}")
+        yield Term("magnet", says, here, (v,), shapes, {"pull": site.unit}, {"pull": site.typical}, where,
+                   name=f"magnet_{v.name}_{i}")  # fmt: skip
 
 
-def fading(site: Site, v: Variable, sizes: Mapping[str, float], kind: str, says: str, dry: str | None = None) -> Shapes:
-    """Friction that goes with exp(-|v| / width) of a speed."""
-    for label, width in sizes.items():
+def sticky(site: Site, v: Variable, widths: Mapping[str, float]) -> Shapes:
+    """Dry friction k exp(-|v| / width), largest near standstill."""
+    assert site.dry is not None
+    for label, width in widths.items():
         where = {"width": Constant(v.unit, width, width / 2, 0.05 * width, 20.0 * width)}
-        if dry is not None:
-            rubbing = Site(site.stage, site.unit, dry, site.typical, site.joint)
-            yield _single(rubbing, kind, says, (v,), f"ca.exp(-ca.fabs({v.name}) / width)", [], where, size="friction",
-                          positive=True, scale=0.5, name=f"sticky_{v.name}_{label}")  # fmt: skip
+        yield _single(
+            site.dry, "sticky seal", "dry friction that is largest near standstill", (v,),
+            f"ca.exp(-ca.fabs({v.name}) / width)", [], where,
+            size="friction", positive=True, scale=0.5, name=f"sticky_{v.name}_{label}",
+        )  # fmt: skip
 
 
 def growing(site: Site, v: Variable) -> Shapes:
-    """A force k exp((v - edge) / width) to either side: a cable or hose that tightens."""
-    for label, sign in (("up", ""), ("down", "-")):
+    """A force k exp((v - edge) / width) to either side, edge the end of the range: a cable or hose that tightens."""
+    for label, back, sign, edge in (("up", site.resists, "", v.high), ("down", _other(site.resists), "-", v.low)):
         width = 0.2 * v.span
         where = {"width": Constant(v.unit, width, width / 2, 0.05 * width, 10.0 * width)}
-        edge = v.high if not sign else v.low
-        shape = f"-{sign}ca.exp({sign}({v.name} - {edge:.4g}) / width)".replace("--", "")
-        yield _single(site, "tightening cable", f"a cable that tightens with {v.name}", (v,), shape, [], where,
-                      size="tension", positive=True, scale=1.0, name=f"tightens_{v.name}_{label}")  # fmt: skip
+        away = f"({v.name} - {edge:.4g})".replace("- -", "+ ")
+        yield _single(
+            site, "tightening cable", f"a cable that tightens with {v.name}", (v,),
+            f"{back}ca.exp({sign}{away} / width)", [], where,
+            size="tension", positive=True, scale=1.0, name=f"tightens_{v.name}_{label}",
+        )  # fmt: skip
+
+
+def play(site: Site, speed: Variable, position: Variable, travels: Mapping[str, float]) -> Shapes:
+    """A force k z that turns round over a travel: z' = (v - |v| z) / travel, from -1 to 1, knows the last turn."""
+    for label, travel in travels.items():
+        where = {"travel": Constant(position.unit, travel, travel / 2, 0.05 * travel, 20.0 * travel)}
+        state = f"{site.stage}, turned = {site.stage}.with_state(lambda z: (speed - ca.fabs(speed) * z) / travel)"
+        says = "a torque that turns round over some travel after every turn: backlash, the play of a gear"
+        yield Term("backlash", says, site, (speed,), {"k": f"{site.resists}turned"}, {"k": site.unit},
+                   {"k": site.typical}, where, True, state, f"backlash_{label}")  # fmt: skip
 
 
 def waves(site: Site, v: Variable, periods: Mapping[str, float]) -> Shapes:
@@ -108,18 +120,21 @@ def waves(site: Site, v: Variable, periods: Mapping[str, float]) -> Shapes:
                    name=f"wave_{v.name}_{label}")  # fmt: skip
 
 
-def warming(site: Site, v: Variable, time: Variable, dry: str | None) -> Shapes:
+def warming(site: Site, v: Variable, time: Variable) -> Shapes:
     """Friction that fades over time, as of grease that warms up."""
     width = time.span / 2
     where = {"warm_up": Constant(time.unit, width, width / 2, 0.05 * width, 20.0 * width)}
     fade = f"ca.exp(-{time.name} / warm_up)"
     says = "friction that fades over the run, as of grease that warms up"
-    yield _single(site, "warming friction", says, (v, time), f"-{v.name} * {fade}", [(v, 1)], where,
-                  size="coefficient", positive=True, scale=v.size, name=f"warming_{v.name}")  # fmt: skip
-    if dry is not None:
-        rubbing = Site(site.stage, site.unit, dry, site.typical, site.joint)
-        yield _single(rubbing, "warming friction", f"dry {says}", (time,), fade, [], where, size="friction",
-                      positive=True, scale=1.0, name="warming_dry")  # fmt: skip
+    yield _single(
+        site, "warming friction", says, (v, time), f"{site.resists}{v.name} * {fade}", [(v, 1)], where,
+        size="coefficient", positive=True, scale=v.size, name=f"warming_{v.name}",
+    )  # fmt: skip
+    if site.dry is not None:
+        yield _single(
+            site.dry, "warming friction", f"dry {says}", (time,), fade, [], where,
+            size="friction", positive=True, scale=1.0, name="warming_dry",
+        )  # fmt: skip
 
 
 def curve(site: Site, v: Variable) -> Term:
@@ -154,7 +169,11 @@ def _single(
     label = name or "_".join([kind.replace(" ", "_").replace("-", "_"), *(f"{v.name}{n}" for v, n in powers)])
     units = {size: over(site.unit, *((v.unit, n) for v, n in powers))}
     typical = {size: site.typical / (of_powers if scale is None else scale)}
-    return Term(kind, says, site, variables, {size: shape}, units, typical, constants or {}, positive, label)
+    return Term(kind, says, site, variables, {size: shape}, units, typical, constants or {}, positive, name=label)
+
+
+def _other(sign: str) -> str:
+    return "" if sign else "-"
 
 
 def _between(v: Variable, places: int) -> list[float]:

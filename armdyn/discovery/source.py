@@ -7,7 +7,8 @@ from textwrap import wrap
 
 from armdyn.discovery.term import Constant, Term
 from armdyn.effects.effect import Effect
-from armdyn.effects.user import load_effects
+from armdyn.effects.user import effects_of
+from armdyn.user_code import load_module
 
 HEAD = '''"""{title}"""
 
@@ -21,11 +22,12 @@ SYMBOLS = {"N": "F", "N m": "M", "m": "z"}
 
 
 def effects_of_terms(terms: Sequence[Term]) -> tuple[Effect, ...]:
-    """The effects of terms, loaded as a user's file is."""
+    """The effects of terms, read from a file as a user's are; those of a joint on that joint."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "terms.py")
         path.write_text(file_text("Candidate terms.", terms))
-        return load_effects(path, stages=None)
+        found = effects_of(path, vars(load_module(path, "terms")))
+    return tuple(e.on(t.site.joint) if t.site.joint else e for e, t in zip(found, terms, strict=True))
 
 
 def file_text(title: str, terms: Iterable[Term], evidence: Mapping[str, str] | None = None) -> str:
@@ -45,7 +47,7 @@ def _effect_text(term: Term, evidence: str) -> str:
         _argument(size, Constant(term.units[size], 0.0, 0.0, 0.0 if term.positive else float("-inf")), typical)
         for size, typical in term.typical.items()
     ] + [_argument(name, constant, constant.spread) for name, constant in term.constants.items()]
-    reads = [f"    {v.name} = {v.source}" for v in term.variables]
+    reads = [f"    {v.name} = {v.source}" for v in term.variables] + ([f"    {term.memory}"] if term.memory else [])
     doc = f'    """{SYMBOLS.get(term.site.unit, "y")} = {term.formula}.'
     doc += f'\n\n{evidence}\n    """' if evidence else '"""'
     lines = [

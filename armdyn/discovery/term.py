@@ -55,6 +55,10 @@ class Site:
         unit: of what is added there.
         adds: expression that returns the changed stage, with ``{}`` for what is added.
         typical: size of what may be missing there.
+        resists: sign with which what is added takes energy or pulls back: ``"-"`` of a force on the load, nothing of
+            a drive's torque.
+        dry: where dry friction enters; its shapes are sizes, at least zero.
+        shown: how a formula writes what is added, with ``{}`` for it.
         joint: the joint of an arm; empty for every other base.
     """
 
@@ -62,6 +66,9 @@ class Site:
     unit: str
     adds: str
     typical: float
+    resists: str = "-"
+    dry: "Site | None" = None
+    shown: str = "{}"
     joint: str = ""
 
 
@@ -75,6 +82,7 @@ class Constant:
         spread: standard deviation about it before the runs are asked: half the distance to the next one tried.
         lower: smallest value.
         upper: largest value.
+        scale: by which an arm multiplies what the effect declares, to have the value of its joint.
     """
 
     unit: str
@@ -82,6 +90,12 @@ class Constant:
     spread: float
     lower: float = -np.inf
     upper: float = np.inf
+    scale: float = 1.0
+
+    def scaled(self, scale: float) -> "Constant":
+        """The same constant as an effect declares it that an arm multiplies by `scale`."""
+        value, spread, lower, upper = (x / scale for x in (self.value, self.spread, self.lower, self.upper))
+        return Constant(self.unit, value, spread, lower, upper, scale)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +112,7 @@ class Term:
         typical: of the sizes, by their names.
         constants: by name; they are fitted as well.
         positive: whether sizes are at least zero: friction takes energy.
+        memory: a line of code that brings a state of the effect's own; empty where it has none.
         name: of the effect that it is written as.
     """
 
@@ -110,6 +125,7 @@ class Term:
     typical: Mapping[str, float]
     constants: Mapping[str, Constant] = field(default_factory=dict)
     positive: bool = False
+    memory: str = ""
     name: str = ""
 
     @property
@@ -124,14 +140,19 @@ class Term:
             f"-{size} * {_factor(shape[1:])}" if shape.startswith("-") else f"{size} * {_factor(shape)}"
             for size, shape in self.shapes.items()
         )
-        return " + ".join(parts).replace("+ -", "- ")
+        return " + ".join(parts).replace("+ -", "- ").replace(" * 1 / ", " / ")
 
     @property
     def formula(self) -> str:
         """The same for a reader: ``"stiffness * max(0, angle - place)"``."""
         if self.is_curve:
             return f"smooth curve over {self.variables[0].name} through {len(self.shapes)} values"
-        text = self.force.replace("ca.fabs", "abs").replace("ca.fmax", "max").replace("ca.fmin", "min")
+        text = (
+            self.site.shown.format(self.force)
+            .replace("ca.fabs", "abs")
+            .replace("ca.fmax", "max")
+            .replace("ca.fmin", "min")
+        )
         return re.sub(r"\bca\.", "", text).replace("**", "^")
 
     def named(self, name: str) -> "Term":
@@ -140,7 +161,10 @@ class Term:
 
     def at(self, values: Mapping[str, float]) -> "Term":
         """The same term whose constants begin at other values."""
-        moved = {n: replace(c, value=float(values.get(n, c.value))) for n, c in self.constants.items()}
+        moved = {
+            n: replace(c, value=float(values[n] / c.scale) if n in values else c.value)
+            for n, c in self.constants.items()
+        }
         return replace(self, constants=moved)
 
 

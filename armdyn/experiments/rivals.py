@@ -133,14 +133,10 @@ def contested(study: Study, found: Diagnosis, *, designed: bool) -> Rivals | Non
     others = [s.effect for s in found.suspects if s.effect not in {c.effect for c in added}]
     sets = [tuple(added), *((*rest, by_name[name]) for name in others[: MOST - 1])]
     all_of_them = _fitted(study, sets, steps[0].fit)
-    margin = MARGIN if designed else _surely(study)
+    # Else one effect among all of the catalogue is believed by the same fall of chi2 as in a diagnosis.
+    margin = MARGIN if designed else 2.0 * (SURE + float(np.log(len(study.candidates))))
     close = tuple(h for h in all_of_them.hypotheses if h.misfit <= margin)
     return replace(all_of_them, hypotheses=close) if len(close) > 1 else None
-
-
-def _surely(study: Study) -> float:
-    """Fall of chi2 by which one effect among all of the catalogue is believed."""
-    return 2.0 * (SURE + float(np.log(len(study.candidates))))
 
 
 def named(study: Study, names: Sequence[str]) -> Rivals:

@@ -113,6 +113,8 @@ class Appraiser(ABC):
         given: those of them that the model has already: every set holds them.
     """
 
+    tried = 0
+    """Effects among which the candidates were chosen, where these were more."""
     most_named: ClassVar[int]
     """Effects of a table of suspects."""
 
@@ -173,4 +175,6 @@ class Appraiser(ABC):
         beyond that.
         """
         joints = Counter(c.effect for c in effects)
-        return sum(log(len(self._reach)) + n * (log(self._reach[name]) + SURE) for name, n in joints.items())
+        return sum(
+            log(max(len(self._reach), self.tried)) + n * (log(self._reach[name]) + SURE) for name, n in joints.items()
+        )

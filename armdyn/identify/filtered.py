@@ -21,6 +21,8 @@ VERIFIED = 4
 """Changes of a set, those that promise most of their kind, that are settled before one of them is taken."""
 COMPARED = 3
 """Next steps of a way, those that promise most, that are compared by what they leave."""
+MANY = 36
+"""Effects, those that promise most alone, of which two are added at once: more than any catalogue has for a model."""
 MOST_PAIRED = 3
 """Effects of a set to which two more are added at once: what one imitates, two may be."""
 
@@ -40,6 +42,7 @@ class Filtered(Appraiser):
         problem = self._motion.problem
         seen = [c for c in study.candidates if np.any(problem.of(c.names) & self._motion.seen)]
         super().__init__(problem, tuple(atom for c in seen for atom in c.apart()))
+        self.tried = study.tried
         self._columns = {c: problem.of(c.names) & self._motion.seen for c in self.candidates}
         self._always = self._motion.base
         self._tables: dict[frozenset[Candidate], Tables] = {}
@@ -111,20 +114,27 @@ class Filtered(Appraiser):
 
     def _looked_at(self, sets: Sequence[tuple[Candidate, ...]]) -> Sequence[tuple[Candidate, ...]]:
         """Those of many sets that are worth a closer look."""
-        here = self._tables[self._at]
-        coarse = here.coarse(here.evidence(self._free(self._at)))
-
-        def worth(one: tuple[Candidate, ...]) -> float:
-            found = coarse.evidence(self._free(one))
-            return found.value + found.predicted - self.price(one) if found.inside else -np.inf
-
-        ranked = sorted(sets, key=worth, reverse=True)
+        coarse = self._coarse()
+        ranked = sorted(sets, key=lambda one: self._promised(coarse, one), reverse=True)
         return list(dict.fromkeys([*ranked[:LOOKED_AT], *_unlike(ranked, self._at)[:LOOKED_AT]]))
+
+    def _coarse(self) -> Tables:
+        """Sums at few noises, those near the one that suits the present set."""
+        here = self._tables[self._at]
+        return here.coarse(here.evidence(self._free(self._at)))
+
+    def _promised(self, coarse: Tables, one: tuple[Candidate, ...]) -> float:
+        found = coarse.evidence(self._free(one))
+        return found.value + found.predicted - self.price(one) if found.inside else -np.inf
 
     def _changed(self, effects: tuple[Candidate, ...]) -> Iterator[tuple[Candidate, ...]]:
         """Sets that differ from one by little."""
         left = [c for c in self.candidates if c not in effects]
-        coming = [(), *((c,) for c in left), *(combinations(left, 2) if len(effects) <= MOST_PAIRED else ())]
+        paired = left
+        if len(left) > MANY:
+            coarse = self._coarse()
+            paired = sorted(left, key=lambda c: -self._promised(coarse, (*effects, c)))[:MANY]
+        coming = [(), *((c,) for c in left), *(combinations(paired, 2) if len(effects) <= MOST_PAIRED else ())]
         for gone in (None, *effects):
             rest = tuple(c for c in effects if c != gone)
             yield from (tuple(c for c in self.candidates if c in {*rest, *come}) for come in coming if come or gone)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -35,6 +36,8 @@ FIRST_PIECES, STRETCHED, FOLLOWED = 2, 2, 2
 """Pieces through which a force is followed first, growth of their number, and most steps of the smoother at each."""
 UNBELIEVED = 4.0
 """Standard deviations of an innovation beyond which a sample is no noise: one in 16,000 by chance."""
+MOST_ACTING = 0.75
+"""Share of the unknowns that act, above which it saves nothing to leave out the others."""
 MOST_UNBELIEVED = 0.1
 """Share of the samples that can be glitches; more are how the sensor is."""
 
@@ -210,13 +213,28 @@ class Around:
 
     def innovations(self, noises: Sequence[Noise], kicks: np.ndarray) -> Innovations:
         """At the colours and levels of C noises, with (K,) sizes of the kicks each; 0 for unknowns taken as known."""
-        found = filtered(self._sums(noises, len(kicks)), self.chain, kicks)
-        if self._wanted.all():
-            return found
-        S, P = len(found.square), len(self._wanted)
-        gram, slope, where = np.zeros((S, P, P)), np.zeros((S, P)), np.flatnonzero(self._wanted)
+        acting = self._acting
+        if acting.all() and self._wanted.all():
+            return filtered(self._sums(noises, len(kicks)), self.chain, kicks)
+        n, P = self.states.shape[1], len(acting)
+        columns = np.concatenate([np.arange(n), n + np.flatnonzero(acting), [n + P]])
+        parts = (
+            (sums[:, :, columns[:, None], columns], logs, rows) for sums, logs, rows in self._sums(noises, len(kicks))
+        )
+        found = filtered(parts, self.chain.of(acting), kicks)
+        S, where = len(found.square), np.flatnonzero(self._wanted)[acting]
+        gram, slope = (np.zeros((S, *[len(self._wanted)] * k)) for k in (2, 1))
         gram[:, where[:, None], where], slope[:, where] = found.gram, found.slope
         return replace(found, gram=gram, slope=slope)
+
+    @cached_property
+    def _acting(self) -> np.ndarray:
+        """(P',) bool: unknowns that change anything, as the place of an absent force does not; all where most do."""
+        n = self.states.shape[1]
+        acting = np.any(self.chain.by_unknown != 0.0, axis=(0, 1)) | np.any(self.chain.start[:, :-1] != 0.0, axis=0)
+        for rows in self.rows:
+            acting = acting | np.any(rows.value[:, :, n:-1] != 0.0, axis=(0, 1))
+        return np.asarray(acting if acting.mean() < MOST_ACTING else np.ones_like(acting))
 
     def _sums(self, noises: Sequence[Noise], kicks: int) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
         """Sums of consecutive pieces at C noises, for `filtered` with so many kicks."""

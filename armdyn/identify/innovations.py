@@ -16,7 +16,7 @@ Sources: Kristensen, Madsen & Jorgensen, Automatica 40 (2004) 225; Comput. Chem.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -215,6 +215,11 @@ class Chain:
     start: np.ndarray
     start_variance: np.ndarray
     kicked: np.ndarray
+
+    def of(self, acting: np.ndarray) -> "Chain":
+        """The same for some of the unknowns, (P,) bool."""
+        start = self.start[:, np.append(acting, True)]
+        return replace(self, by_unknown=self.by_unknown[:, :, acting], start=start)
 
 
 @dataclass(frozen=True, eq=False)

@@ -68,6 +68,8 @@ class Study:
     ) -> None:
         self.model = model
         self.asked = frozenset(asked)
+        self.tried = 0
+        """Effects among which the catalogue was chosen, where these were more."""
         self.runs, self.held_out = prepared(model, runs, held_out)
         names = [run.name for run in (*self.runs, *self.held_out)]
         self.exam = prepared_exam(model, runs, held_out, exam, names)
@@ -259,7 +261,9 @@ class Study:
         absent = [c for c in atoms if not np.any(free & everything.of(c.names))]
         around = sums(everything, {run.name for run in self.runs}, values, absent)
         always = (base | (present & everything.fitted)) & (free | everything.per_run)
-        return Summed(around, always, atoms, own, sparse)
+        found = Summed(around, always, atoms, own, sparse)
+        found.tried = self.tried
+        return found
 
     def own_values(self, appraiser: Appraiser, one: Appraisal) -> np.ndarray:
         """(P,) values of the study's unknowns at an appraised set."""

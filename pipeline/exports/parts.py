@@ -1,4 +1,4 @@
-"""An arm in the parts that simulators know: inertias, damping, friction, armature, springs; and what is left over."""
+"""An arm as simulators describe it: inertias, damping, friction, armature, springs; and which effects do not fit."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -55,7 +55,7 @@ class JointParts:
 
 @dataclass(frozen=True)
 class ArmParts:
-    """All joints, and what no simulator's parts can say.
+    """All joints, and gravity.
 
     Attributes:
         joints: from base to tool.

@@ -1,4 +1,4 @@
-"""Units that the numbers of an arm's columns speak for or against: ranges of joints, slopes, efforts of motors."""
+"""Units of an arm's columns, judged by their numbers: ranges of joints, slopes of positions, efforts of motors."""
 
 from collections.abc import Sequence
 

@@ -10,7 +10,8 @@ from armdyn.discovery.term import Site, Variable
 from armdyn.discovery.units import over
 from armdyn.effects.user import load_effects
 
-STRING = Site("string", "N m", "string.with_torque({})", 0.005)
+DRY = Site("string", "N m", "string.with_dry_torque({})", 0.005)
+STRING = Site("string", "N m", "string.with_torque({})", 0.005, dry=DRY)
 ANGLE = Variable("angle", "string.angle", "rad", np.linspace(-0.5, 0.6, 200))
 SPEED = Variable("speed", "string.rate", "rad/s", np.linspace(-2.0, 2.0, 200))
 
@@ -33,7 +34,7 @@ def test_every_shape_is_an_effect_that_vanishes_at_null():
     terms = [
         shapes.power(STRING, SPEED, 3, "cubic drag", "drag"),
         *shapes.stops(STRING, ANGLE, 3),
-        *shapes.one_sided(STRING, ANGLE, SPEED, 2, "string.with_dry_torque({})"),
+        *shapes.one_sided(STRING, ANGLE, SPEED, 2),
         *shapes.magnets(STRING, ANGLE, 2),
         *shapes.growing(STRING, ANGLE),
         *shapes.waves(STRING, ANGLE, {"short": 0.1}),

@@ -1,0 +1,99 @@
+"""Terms that a joint of an arm may lack: what its drive gives besides moving the rigid bodies."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from armdyn.arm.model import ArmModel
+from armdyn.channels import FloatArray
+from armdyn.discovery import shapes
+from armdyn.discovery.term import Site, Term, Variable
+from armdyn.identify.fit import Fit
+from armdyn.parameter import Quantity
+
+SHARE = 0.1
+"""Of the joint's torque, root mean square: typical size of one that is missing."""
+STOP, RUB, MAGNET = 5, 2, 5
+PERIODS = 28
+"""Of waves along the position, evenly in the logarithm: neighbours are 15 % apart, as far as a fit reaches."""
+SHORTEST, LONGEST = 0.03, 1.5
+"""Periods, over the range of the position."""
+
+
+def arm_terms(fit: Fit) -> Iterator[Term]:
+    """Every formula, for every joint whose torque was measured."""
+    for site, v in _joints(fit):
+        yield from (_as_declared(fit, term) for term in _of_joint(site, v))
+
+
+def arm_curves(fit: Fit) -> Iterator[Term]:
+    """Smooth curves over what a joint's torque may depend on."""
+    for site, v in _joints(fit):
+        for name in ("position", "speed", "load"):
+            yield _as_declared(fit, shapes.curve(site, v[name]))
+
+
+def _of_joint(site: Site, v: dict[str, Variable]) -> Iterator[Term]:
+    q, speed, load, time = v["position"], v["speed"], v["load"], v["time"]
+    yield shapes.power(site, speed, 3, "cubic drag", "friction with the cube of the speed")
+    yield shapes.power(site, q, 2, "crooked spring", "a torque with the square of the position")
+    yield shapes.power(site, q, 3, "flexure", "a spring that stiffens with the cube of the position")
+    yield shapes.product(site, "damping by position", "friction that grows with the position", (q, 2), (speed, 1))
+    yield shapes.power(site, load, 2, "saturating motor", "a torque with the square of the load")
+    yield shapes.power(site, load, 3, "saturating motor", "a torque with the cube of the load: a motor that saturates")
+    yield from shapes.stops(site, q, STOP)
+    yield from shapes.one_sided(site, q, speed, RUB)
+    yield from shapes.sticky(site, speed, {"narrow": 0.05 * speed.size, "wide": 0.3 * speed.size})
+    yield from shapes.warming(site, speed, time)
+    yield from shapes.growing(site, q)
+    yield from shapes.magnets(site, q, MAGNET)
+    yield from shapes.play(site, speed, q, {name: s * q.span for name, s in (("tight", 0.01), ("wide", 0.05))})
+    periods = q.span * np.geomspace(SHORTEST, LONGEST, PERIODS)
+    yield from shapes.waves(site, q, {str(i): float(period) for i, period in enumerate(periods)})
+
+
+def _joints(fit: Fit) -> Iterator[tuple[Site, dict[str, Variable]]]:
+    """Every joint with what its torque may depend on, in the ranges of the runs."""
+    model = fit.problem.model
+    assert isinstance(model, ArmModel)
+    seen: dict[str, list[FloatArray]] = {}
+    for run in fit.problem.runs:
+        states = model.covariates(run, fit.values)
+        for name, channel in {**states, **{c: run.channels[c] for c in model.force_channels(run)}}.items():
+            seen.setdefault(name, []).append(channel.value)
+            seen.setdefault("time", []).append(channel.time - channel.time[0])
+    time = np.concatenate(seen["time"])
+    for joint in model.joints:
+        if f"tau.{joint}" not in seen:
+            continue
+        q, speed, torque = (np.concatenate(seen[f"{kind}.{joint}"]) for kind in ("q", "v", "tau"))
+        typical = SHARE * float(np.sqrt(np.mean(torque**2)))
+        rubs = "joint.with_torque(joint.direction * ({}))"
+        dry = Site("joint", "N m", rubs, typical, "", shown="sign(speed) * ({})", joint=joint)
+        site = Site("joint", "N m", "joint.with_torque({})", typical, "", dry, joint=joint)
+        yield (
+            site,
+            {
+                "position": Variable("position", "joint.position", "rad", q),
+                "speed": Variable("speed", "joint.velocity", "rad/s", speed),
+                "load": Variable("load", "joint.load", "N m", torque),
+                "time": Variable("time", "joint.time", "s", time),
+            },
+        )
+
+
+def _as_declared(fit: Fit, term: Term) -> Term:
+    """A term in numbers of a usual joint, which the arm turns into those of its own; see `Arm.parameter`."""
+    model, joint = fit.problem.model, term.site.joint
+    assert isinstance(model, ArmModel)
+
+    def scale(unit: str) -> float:
+        return float(model.arm.parameter(Quantity(unit, 1.0), "term", "size", joint).typical)
+
+    return replace(
+        term,
+        name=f"{term.name}_{joint}",
+        typical={size: value / scale(term.units[size]) for size, value in term.typical.items()},
+        constants={name: c.scaled(scale(c.unit)) for name, c in term.constants.items()},
+    )
