@@ -13,6 +13,7 @@ from armdyn.identify.candidate import Candidate
 from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.fit import Fit
 from armdyn.identify.noise import correlation_time
+from armdyn.identify.problem import by_channel
 from armdyn.identify.study import Study
 from armdyn.identify.suspects import merged
 from armdyn.pendulum.model import PendulumModel
@@ -200,7 +201,7 @@ def weakest(study: Study, found: Diagnosis) -> Rivals | None:
 
 
 def _fitted(study: Study, sets: Sequence[tuple[Candidate, ...]], first: Fit, most: int = MOST) -> Rivals:
-    fits = [study.to_the_end(study.fit_with((*study.present, *s), first)) for s in sets]
+    fits = [study.converge(study.fit_with((*study.present, *s), first)) for s in sets]
     best = min(fits, key=lambda one: one.cost)
     noise = _effective_noise(best)
     common = set.intersection(*(set(s) for s in sets))
@@ -217,17 +218,17 @@ def _fitted(study: Study, sets: Sequence[tuple[Candidate, ...]], first: Fit, mos
 def _effective_noise(best: Fit) -> dict[str, float]:
     """By channel, what the best model leaves, at least the noise; of one sample of as many as are independent."""
     noise = {}
-    for channel in dict.fromkeys(block.channel for block in best.blocks):
-        blocks = [block for block in best.blocks if block.channel == channel]
-        left = float(np.sqrt(np.mean(np.concatenate([block.misfit for block in blocks]) ** 2)))
+    left = best.rmse()
+    for channel, blocks in by_channel(best.blocks).items():
         stated = max(block.noise for block in blocks)
-        noise[channel] = max(left, stated) * float(np.sqrt(correlation_time([block.misfit for block in blocks])))
+        together = correlation_time([block.misfit for block in blocks])
+        noise[channel] = max(left[channel], stated) * float(np.sqrt(together))
     return noise
 
 
 def _hypothesis(study: Study, found: Fit, own: Sequence[Candidate], noise: dict[str, float]) -> Hypothesis:
     """A fit as a hypothesis: values, and information from all runs with everything that belongs to one run unknown."""
-    lean = study.lean(found)
+    lean = study.without_unused_effects(found)
     problem, model = lean.problem, lean.problem.model
     assert isinstance(model, PendulumModel), "asked for with `require_gripper`"
     blocks = problem.blocks(lean.values, lean.free)
