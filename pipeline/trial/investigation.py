@@ -169,7 +169,7 @@ def investigate(
     if most < 1:
         raise InputError(f"--investigate {most}: allow at least one experiment")
     tell = say or (lambda _: None)
-    model = questioned(settings)
+    model = model_in_question(settings)
     stages: list[Stage] = []
     questions: dict[tuple[str, ...], None] = {}
     motion: LineTrajectory | None = None
@@ -217,7 +217,7 @@ def investigate(
 S = TypeVar("S", bound=ProtocolSettings)
 
 
-def after(settings: S, found: Investigation) -> S:
+def settings_after(settings: S, found: Investigation) -> S:
     """Settings of the trial that follows, with what was found."""
     settings = replace(settings, hangs_still=False)
     if found.model is None:
@@ -228,7 +228,7 @@ def after(settings: S, found: Investigation) -> S:
     return replace(settings, model=model, length_guess=length.value)
 
 
-def ended_before(experiment: Experiment, found: Investigation | None) -> Ending | None:
+def ending_before(experiment: Experiment, found: Investigation | None) -> Ending | None:
     """How the trial ended where an experiment before it was ended before its time; None where it may go on."""
     if found is None or found.ending is None:
         return None
@@ -236,7 +236,7 @@ def ended_before(experiment: Experiment, found: Investigation | None) -> Ending 
     return found.ending
 
 
-def questioned(settings: ProtocolSettings) -> PendulumModel:
+def model_in_question(settings: ProtocolSettings) -> PendulumModel:
     """The model that is held against the recordings: the robot's, but drag is a question and no nuisance.
 
     Its start is nearly at rest, and not held there: the robot may have left the load swaying.
