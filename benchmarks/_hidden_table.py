@@ -23,10 +23,10 @@ import numpy as np
 
 from armdyn.identify.diagnose import Diagnosis
 from armdyn.identify.fit import Fit
+from armdyn.identify.holdout import held_out_blocks
 from armdyn.identify.prepare import noise_of_runs
-from armdyn.identify.problem import Problem
+from armdyn.identify.problem import Problem, chi2_of
 from armdyn.identify.study import Study
-from armdyn.identify.unseen import chi2_of, held_out_blocks
 from armdyn.run import Run
 
 Row = dict[str, Any]

@@ -31,10 +31,10 @@ from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.compare import fitted_parameters
 from armdyn.identify.diagnose import Diagnosis, diagnose
+from armdyn.identify.problem import chi2_of
 from armdyn.identify.repair import repair
 from armdyn.identify.search import Step
 from armdyn.identify.study import Study
-from armdyn.identify.unseen import chi2_of
 from armdyn.run import Run
 
 hidden_arm = hidden_table.generator("arm")

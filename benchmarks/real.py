@@ -33,7 +33,8 @@ from armdyn.errors import ArmdynError
 from armdyn.identify.compare import FittedParameter
 from armdyn.identify.repair import Repair, add, repair
 from armdyn.identify.study import Study
-from armdyn.pendulum.model import STANDARD_GRAVITY, pendulum_model
+from armdyn.pendulum.model import pendulum_model
+from armdyn.pendulum.physics import STANDARD_GRAVITY
 from armdyn.run import read_run
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"

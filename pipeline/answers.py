@@ -85,8 +85,6 @@ def history_entries(study: Study, found: Repair) -> list[dict[str, Any]]:
 
     `contribution` is the rms, by channel, of what the step's effects do in the repaired model.
     """
-    from armdyn.identify.contribution import contribution
-
     names = {"runs": [run.name for run in study.runs], "held_out": [run.name for run in study.held_out]}
     if study.exam:
         names["exam"] = [run.name for run in study.exam]
@@ -99,7 +97,7 @@ def history_entries(study: Study, found: Repair) -> list[dict[str, Any]]:
             "held_out_rmse": plain(step.held_out_rmse) or None,
             "exam_rmse": plain(step.exam_rmse) or None,
             **fields(step, "chi2_per_sample bic"),
-            "contribution": plain(contribution(found.steps[-1].fit, step.added)),
+            "contribution": plain(found.steps[-1].fit.contribution(step.added)),
             "as_given_rmse": plain(found.path[0].rmse) if k == 0 else None,
         }
         for k, step in enumerate(found.path[1:])

@@ -3,10 +3,9 @@
 What is linear in its parameter, with a factor that only the motion decides, is kept apart and evaluated once per run.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -16,7 +15,7 @@ from armdyn.arm.physics import Base, Expression, Joint, Link, Neighbour
 from armdyn.arm.rigid import inertial_parameters
 from armdyn.arm.vectorised import OverTime
 from armdyn.codegen import Buffered
-from armdyn.effects.effect import Effect, apply_effect
+from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
 from armdyn.readout import Sensor
 
@@ -156,23 +155,11 @@ def compose_joint(effects: Sequence[Effect]) -> JointFunctions:
     Raises:
         InputError: an effect lets gain, lag, delay or link change with the motion.
     """
-    # The same effect on other joints is another object with the same function.
-    return _composed(tuple(_Applied(e.name, e.function, *_quantities(e)) for e in effects))
-
-
-class _Applied(NamedTuple):
-    name: str
-    function: Callable[..., Any]
-    quantities: tuple[str, ...]
-    null: tuple[float, ...]
-
-
-def _quantities(effect: Effect) -> tuple[tuple[str, ...], tuple[float, ...]]:
-    return tuple(effect.quantities), tuple(q.null for q in effect.quantities.values())
+    return _composed(tuple(e.on() for e in effects))  # on whichever joints it acts, it does the same to each
 
 
 @lru_cache(maxsize=256)
-def _composed(effects: tuple[_Applied, ...]) -> JointFunctions:
+def _composed(effects: tuple[Effect, ...]) -> JointFunctions:
     names = tuple(f"{e.name}.{short}" for e in effects for short in e.quantities)
     theta = ca.SX.sym("theta", len(names))
     by_name = dict(zip(names, ca.vertsplit(theta), strict=True)) if names else {}
@@ -182,8 +169,7 @@ def _composed(effects: tuple[_Applied, ...]) -> JointFunctions:
     joint = Joint(time, q, v, a, direction, load, Neighbour(*inner), Link(shape, ca.SX(4, 4)), zero, zero, one, zero)
     added = []
     for e in effects:
-        joint = replace(joint, torque=before)
-        joint = apply_effect(e.name, e.function, joint, {short: by_name[f"{e.name}.{short}"] for short in e.quantities})
+        joint = e.apply(replace(joint, torque=before), by_name)
         added.append(ca.substitute(joint.torque, before, 0))
         if not ca.is_equal(ca.jacobian(joint.torque, before), ca.SX(1)):
             raise InputError(f"effect '{e.name}': what it does to the joint's torque must be added, by 'with_torque'")
@@ -195,7 +181,7 @@ def _composed(effects: tuple[_Applied, ...]) -> JointFunctions:
             f"effects {', '.join(e.name for e in effects)}: gain, lag, delay and link of a joint can depend on "
             "parameters only: write what changes with the motion as a torque or an offset"
         )
-    null = [null for e in effects for null in e.null]
+    null = [q.null for e in effects for q in e.quantities.values()]
     return JointFunctions(
         names=names,
         torque=_terms(added, inputs, theta, remembered),

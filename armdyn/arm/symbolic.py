@@ -13,7 +13,6 @@ import numpy as np
 from armdyn.arm.model import ArmModel
 from armdyn.arm.physics import Expression, Joint, Link, Neighbour
 from armdyn.arm.rigid import inertia_matrix, joint_axes, parents
-from armdyn.effects.effect import apply_effect
 from armdyn.errors import InputError
 
 
@@ -95,11 +94,10 @@ def _with_effects(
     for effect in model.effects:
         if effect.reach == "base" or name not in model.joints_with(effect.name):
             continue
-        parameters = {
-            short: ca.SX(model.parameters[f"{effect.name}.{short}[{name}]"].value) for short in effect.quantities
-        }
+        full = (f"{effect.name}.{short}" for short in effect.quantities)
+        values = {quantity: ca.SX(model.parameters[f"{quantity}[{name}]"].value) for quantity in full}
         # What an effect does to the link is in the link's parameters already.
-        joint = replace(apply_effect(effect.name, effect.function, joint, parameters), link=joint.link)
+        joint = replace(effect.apply(joint, values), link=joint.link)
         if joint.memory or ca.depends_on(ca.vertcat(joint.torque, joint.inner_torque), time):
             why = "has a state of its own" if joint.memory else "depends on time"
             raise InputError(

@@ -8,8 +8,8 @@ import numpy as np
 
 from armdyn.control.projection import DiscreteProblem, ProjectionOptimizer, Solution
 from armdyn.errors import InputError, TaskFailedError
-from armdyn.pendulum.composition import STANDARD_GRAVITY
 from armdyn.pendulum.model import PendulumModel
+from armdyn.pendulum.physics import STANDARD_GRAVITY
 from armdyn.pendulum.variational import STATE_SIZE, VariationalStep
 
 CONTINUATION = (0.0, 0.2, 0.4, 0.7, 1.0)

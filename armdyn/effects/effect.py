@@ -72,37 +72,26 @@ class Effect:
         Args:
             stage: symbolic physics of the stage `acts_on`.
             parameters: expressions by full name, ``"<effect>.<quantity>"``.
+
+        Raises:
+            InputError: the effect's function fails, or returns something else than a stage.
         """
         values = {short: parameters[f"{self.name}.{short}"] for short in self.quantities}
-        return apply_effect(self.name, self.function, stage, values)
+        try:
+            changed = self.function(stage, **values)
+        except (AttributeError, TypeError, ValueError, ZeroDivisionError, NotImplementedError) as error:
+            fault = f"{type(error).__name__}: {error}"
+            raise InputError(f"the effect '{self.name}' fails with {fault}: mend its file") from error
+        if not isinstance(changed, type(stage)):
+            kind, given = type(changed).__name__, type(stage).__name__.lower()
+            raise InputError(
+                f"the effect '{self.name}' returns a {kind}: return the {given} that it was given, with something added"
+            )
+        return changed
 
     def parameters(self) -> tuple[Parameter, ...]:
         """The parameters with their full names, at their null values."""
         return tuple(q.parameter(self.name, short) for short, q in self.quantities.items())
-
-
-def apply_effect(name: str, function: Callable[..., Any], stage: Physics, values: Mapping[str, Any]) -> Physics:
-    """The stage after an effect's function, with the faults of a user's file as sentences.
-
-    Args:
-        name: of the effect.
-        function: ``(stage, **values) -> stage``.
-        stage: symbolic physics.
-        values: expressions by short name.
-
-    Raises:
-        InputError: the function fails, or returns something else than a stage.
-    """
-    try:
-        changed = function(stage, **values)
-    except (AttributeError, TypeError, ValueError, ZeroDivisionError, NotImplementedError) as error:
-        raise InputError(f"the effect '{name}' fails with {type(error).__name__}: {error}: mend its file") from error
-    if not isinstance(changed, type(stage)):
-        kind, given = type(changed).__name__, type(stage).__name__.lower()
-        raise InputError(
-            f"the effect '{name}' returns a {kind}: return the {given} that it was given, with something added"
-        )
-    return changed
 
 
 def effect(

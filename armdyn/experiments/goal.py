@@ -157,6 +157,6 @@ def _cases(
         fitted = np.unique(np.concatenate([_indices(columns, [rival]), *nuisance]))
         for joint in truth.joints or columns.model.joints_with(truth.name):
             own = columns.of(truth.name, joint)
-            directions = structure.told(own, np.setdiff1d(fitted, own))
+            directions = structure.distinguishable(own, np.setdiff1d(fitted, own))
             found.append(Hidden(truth.name, joint, rival.name, own, np.setdiff1d(fitted, own), directions))
     return tuple(found)

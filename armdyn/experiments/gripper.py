@@ -17,7 +17,7 @@ import numpy as np
 from armdyn.errors import InputError, TaskFailedError
 from armdyn.experiments.hypothesis import Experiment, Hypothesis, Motion, PredictedExperiment
 from armdyn.experiments.limits import GripperLimits, two_sided
-from armdyn.experiments.search import Evaluated, MotionProblem, Say, random_motions, search, shrunk
+from armdyn.experiments.search import Evaluated, MotionProblem, Say, random_motions, search, shrink
 from armdyn.experiments.separation import Rival, linear_separation
 from armdyn.experiments.series import Basis, Series
 
@@ -237,5 +237,5 @@ def design_motion(
         problem, rises = problem.only(tuple(problem.pairs[k] for k in wanted)), rises[:, wanted]
     found = search(problem, starts, [-float(rise) for rise in rises.min(axis=1)], say)
     fine = GripperProblem(hypotheses, experiment, series, limits, STEP)
-    inside = shrunk(fine, found)
+    inside = shrink(fine, found)
     return fine.motion(found * 0.0 if inside is None else inside), float(np.median(rises.min(axis=1)))

@@ -13,6 +13,7 @@ from armdyn.identify.candidate import Candidate
 from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.fit import Fit
 from armdyn.identify.noise import correlation_time
+from armdyn.identify.problem import by_channel
 from armdyn.identify.study import Study
 from armdyn.identify.suspects import merged
 from armdyn.pendulum.model import PendulumModel
@@ -133,14 +134,10 @@ def contested(study: Study, found: Diagnosis, *, designed: bool) -> Rivals | Non
     others = [s.effect for s in found.suspects if s.effect not in {c.effect for c in added}]
     sets = [tuple(added), *((*rest, by_name[name]) for name in others[: MOST - 1])]
     all_of_them = _fitted(study, sets, steps[0].fit)
-    margin = MARGIN if designed else _surely(study)
+    # Else one effect among all of the catalogue is believed by the same fall of chi2 as in a diagnosis.
+    margin = MARGIN if designed else 2.0 * (SURE + float(np.log(len(study.candidates))))
     close = tuple(h for h in all_of_them.hypotheses if h.misfit <= margin)
     return replace(all_of_them, hypotheses=close) if len(close) > 1 else None
-
-
-def _surely(study: Study) -> float:
-    """Fall of chi2 by which one effect among all of the catalogue is believed."""
-    return 2.0 * (SURE + float(np.log(len(study.candidates))))
 
 
 def named(study: Study, names: Sequence[str]) -> Rivals:
@@ -204,7 +201,7 @@ def weakest(study: Study, found: Diagnosis) -> Rivals | None:
 
 
 def _fitted(study: Study, sets: Sequence[tuple[Candidate, ...]], first: Fit, most: int = MOST) -> Rivals:
-    fits = [study.to_the_end(study.fit_with((*study.present, *s), first)) for s in sets]
+    fits = [study.converge(study.fit_with((*study.present, *s), first)) for s in sets]
     best = min(fits, key=lambda one: one.cost)
     noise = _effective_noise(best)
     common = set.intersection(*(set(s) for s in sets))
@@ -221,17 +218,17 @@ def _fitted(study: Study, sets: Sequence[tuple[Candidate, ...]], first: Fit, mos
 def _effective_noise(best: Fit) -> dict[str, float]:
     """By channel, what the best model leaves, at least the noise; of one sample of as many as are independent."""
     noise = {}
-    for channel in dict.fromkeys(block.channel for block in best.blocks):
-        blocks = [block for block in best.blocks if block.channel == channel]
-        left = float(np.sqrt(np.mean(np.concatenate([block.misfit for block in blocks]) ** 2)))
+    left = best.rmse()
+    for channel, blocks in by_channel(best.blocks).items():
         stated = max(block.noise for block in blocks)
-        noise[channel] = max(left, stated) * float(np.sqrt(correlation_time([block.misfit for block in blocks])))
+        together = correlation_time([block.misfit for block in blocks])
+        noise[channel] = max(left[channel], stated) * float(np.sqrt(together))
     return noise
 
 
 def _hypothesis(study: Study, found: Fit, own: Sequence[Candidate], noise: dict[str, float]) -> Hypothesis:
     """A fit as a hypothesis: values, and information from all runs with everything that belongs to one run unknown."""
-    lean = study.lean(found)
+    lean = study.without_unused_effects(found)
     problem, model = lean.problem, lean.problem.model
     assert isinstance(model, PendulumModel), "asked for with `require_gripper`"
     blocks = problem.blocks(lean.values, lean.free)

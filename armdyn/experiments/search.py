@@ -116,18 +116,18 @@ class MotionProblem(ABC):
         return max(float(part.max()) for part in self.limits.beyond(self.finer.motion(x)))
 
 
-def scaled(x: np.ndarray, size: float) -> np.ndarray:
+def scale(x: np.ndarray, size: float) -> np.ndarray:
     """The motion made smaller about its centre."""
     smaller = size * x
     smaller[:, 0] = x[:, 0]
     return smaller
 
 
-def shrunk(problem: MotionProblem, x: np.ndarray, tolerance: float = 0.0) -> np.ndarray | None:
+def shrink(problem: MotionProblem, x: np.ndarray, tolerance: float = 0.0) -> np.ndarray | None:
     """The motion made smaller until its limits hold on the grid; None where almost nothing would be left of it."""
     size = 1.0
     while size >= SMALLEST:
-        smaller = scaled(x, size)
+        smaller = scale(x, size)
         excess = problem.excess(smaller)
         if excess <= tolerance:
             return smaller
@@ -166,7 +166,7 @@ def random_motion(problem: MotionProblem, rng: np.random.Generator) -> np.ndarra
     allowed = (apart, limits.velocity, limits.acceleration)
     x *= (1.0 - ROUNDING) * np.min([size / peak for size, peak in zip(allowed, peaks, strict=True)], axis=0)[:, None]
     x[:, 0] = centre
-    return shrunk(problem, x)
+    return shrink(problem, x)
 
 
 def search(problem: MotionProblem, starts: Sequence[np.ndarray], costs: Sequence[float], say: Say) -> np.ndarray:
@@ -181,8 +181,8 @@ def search(problem: MotionProblem, starts: Sequence[np.ndarray], costs: Sequence
     rounds = len(problem.steps) + min(problem.starts, len(starts)) - 1
     tried = []
     for k, i in enumerate(np.argsort(costs)[: problem.starts]):
-        x = improved(problem, starts[i], last=1)
-        inside = shrunk(problem, x, NEARLY)
+        x = improve(problem, starts[i], last=1)
+        inside = shrink(problem, x, NEARLY)
         tried.append((np.inf if inside is None else problem.cost(inside), k, x))
         say(f"{k + 1} of {rounds} rounds of the design done")
     done = len(tried)
@@ -191,10 +191,10 @@ def search(problem: MotionProblem, starts: Sequence[np.ndarray], costs: Sequence
     def count(k: int) -> None:
         say(f"{done + k} of {rounds} rounds of the design done")
 
-    return improved(problem, x, first=1, done=count)
+    return improve(problem, x, first=1, done=count)
 
 
-def improved(
+def improve(
     problem: MotionProblem,
     start: np.ndarray,
     *,

@@ -40,10 +40,10 @@ class Structure:
         rows[:, np.abs(rows).max(axis=0) < ROUNDING] = 0.0
         return cls(rows)
 
-    def told(self, own: np.ndarray, others: np.ndarray) -> np.ndarray:
+    def distinguishable(self, own: np.ndarray, others: np.ndarray) -> np.ndarray:
         """(len(own), k) orthonormal changes of some unknowns that some motion tells from changes of others.
 
-        A change of typical size that the noise hides even at full speed and acceleration counts as told by none.
+        One of typical size that the noise hides even at full speed and acceleration counts as one that no motion tells.
         """
         X = self.rows[:, own]
         left = X - self._span(others) @ (self._span(others).T @ X)

@@ -72,7 +72,7 @@ def _added(appraiser: Summed, now: Appraisal, firm: Sequence[Candidate], refused
     left = [c for c in appraiser.candidates if c not in now.effects]
     if not left:
         return None
-    options = appraiser.promising(now, [((), (c,)) for c in left], PROMISING)
+    options = appraiser.shortlist(now, [((), (c,)) for c in left], PROMISING)
     if not now.effects:
         options += _whole(appraiser, left)
     options = _better(appraiser, now, options, refused)
@@ -173,7 +173,7 @@ def _exchanged(appraiser: Summed, now: Appraisal, firm: Sequence[Candidate], ref
     left = [c for c in appraiser.candidates if c not in now.effects]
     changes = [(part, (c,)) for part in parts for c in left]
     best: Appraisal | None = None
-    options = appraiser.promising(now, changes, PROMISING // 2 * len(parts))
+    options = appraiser.shortlist(now, changes, PROMISING // 2 * len(parts))
     for option in options:
         if option.worth <= max(now.worth, best.worth if best else -np.inf) or frozenset(option.effects) in refused:
             continue

@@ -12,7 +12,7 @@ from armdyn.identify.force_law import opening
 from armdyn.identify.localise import Place, localise
 from armdyn.identify.missing_force import ForceCurve, between
 from armdyn.identify.noise import ljung_box
-from armdyn.identify.problem import Problem
+from armdyn.identify.problem import Problem, by_channel, chi2_of
 from armdyn.identify.score import ResidualTests, residual_tests
 from armdyn.identify.study import Study
 from armdyn.identify.tables import (
@@ -25,7 +25,6 @@ from armdyn.identify.tables import (
 )
 from armdyn.identify.uncertainty import uncertainty
 from armdyn.identify.unknown import behaves_like, process_error_share
-from armdyn.identify.unseen import chi2_of
 from armdyn.preparation import of_all_runs, sentence
 from armdyn.shown import Shown
 
@@ -247,13 +246,12 @@ def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bo
     held_out_rmse = channel_rmse(held_out) if held_out is not None else {}
     exam_rmse = channel_rmse(study.exam_blocks(fit))
     rmse, channels = fit.rmse(), {}
-    for channel, error in rmse.items():
-        blocks = [block for block in fit.blocks if block.channel == channel]
+    for channel, blocks in by_channel(fit.blocks).items():
         samples = sum(len(block.residual) for block in blocks)
         channels[channel] = ChannelQuality(
-            unit=next(run.channels[channel].unit for run in study.runs if channel in run.channels),
+            unit=study.unit(channel),
             noise_std=float(np.sqrt(np.mean([block.noise**2 for block in blocks]))),
-            rmse=error,
+            rmse=rmse[channel],
             held_out_rmse=held_out_rmse.get(channel),
             chi2_per_sample=chi2_of(blocks) / samples,
             white=min(ljung_box(block.residual) for block in blocks),

@@ -13,7 +13,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from armdyn.identify.unseen import Judge
+from armdyn.identify.holdout import HoldoutKind
 
 WRONG = 2.0
 """Times its noise, from which a channel's error is one that wants to be explained."""
@@ -57,16 +57,16 @@ class Scale:
     noise: Mapping[str, float]
 
 
-def judged(errors: RepairStep, judge: Judge, scale: Scale) -> Mapping[str, float]:
+def judged(errors: RepairStep, judge: HoldoutKind, scale: Scale) -> Mapping[str, float]:
     """The errors that a judge found, by channel; those of channels that no training run has are left out."""
-    if judge is Judge.EXAM:
+    if judge is HoldoutKind.EXAM:
         found = errors.exam_rmse
     else:
-        found = errors.rmse if judge is Judge.TRAINING else errors.held_out_rmse
+        found = errors.rmse if judge is HoldoutKind.TRAINING else errors.held_out_rmse
     return {channel: error for channel, error in found.items() if channel in scale.units}
 
 
-def explained(before: RepairStep, after: RepairStep, judge: Judge, scale: Scale) -> float:
+def explained(before: RepairStep, after: RepairStep, judge: HoldoutKind, scale: Scale) -> float:
     """The share, at most 1; negative where the error grew. 1 where there was nothing to explain.
 
     Args:

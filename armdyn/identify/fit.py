@@ -1,14 +1,14 @@
 """One fit of a model to runs, with what is known of its quality."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from armdyn.identify.estimator import until
 from armdyn.identify.least_squares import Outcome
-from armdyn.identify.problem import Block, Problem
+from armdyn.identify.problem import Block, Problem, by_channel, chi2_of
 from armdyn.run import Run
 
 GROSS = 20.0
@@ -48,13 +48,14 @@ class Fit:
     @cached_property
     def chi2(self) -> float:
         """Sum of squared residuals over the noise, without priors."""
-        return float(sum(block.residual @ block.residual for block in self.blocks))
+        return chi2_of(self.blocks)
 
     @property
     def cost(self) -> float:
-        """Chi2 with the priors' share."""
+        """Chi2 with the priors' share; infinite where a simulation diverged."""
         prior = self.problem.prior_weight * (self.problem.prior_mean - self.values)
-        return self.chi2 + float(prior @ prior)
+        cost = self.chi2 + float(prior @ prior)
+        return cost if np.isfinite(cost) else np.inf
 
     @property
     def chi2_per_sample(self) -> float:
@@ -78,14 +79,18 @@ class Fit:
         """Root mean square residual by channel, in its unit."""
         return channel_rmse(self.blocks)
 
+    def contribution(self, effects: Collection[str]) -> dict[str, float]:
+        """By channel, root mean square of what `effects` change in the predictions of the fitted runs, in its unit."""
+        own = np.array([column.parameter.effect in effects for column in self.problem.columns])
+        here, without = (self.problem.blocks(v) for v in (self.values, np.where(own, self.problem.null, self.values)))
+        pairs = zip(here, without, strict=True)
+        return channel_rmse([replace(there, residual=there.residual - one.residual) for one, there in pairs])
+
 
 def channel_rmse(blocks: Sequence[Block]) -> dict[str, float]:
     """Root mean square residual by channel, in its unit."""
-    result = {}
-    for channel in dict.fromkeys(block.channel for block in blocks):
-        misfits = np.concatenate([block.misfit for block in blocks if block.channel == channel])
-        result[channel] = float(np.sqrt(np.mean(misfits**2)))
-    return result
+    misfits = {channel: np.concatenate([b.misfit for b in mine]) for channel, mine in by_channel(blocks).items()}
+    return {channel: float(np.sqrt(np.mean(misfit**2))) for channel, misfit in misfits.items()}
 
 
 def fit(problem: Problem, free: np.ndarray, start: np.ndarray, *, most_steps: int = 30) -> Fit:

@@ -60,7 +60,7 @@ class GreyBox:
 
     def begin(self, values: np.ndarray) -> Point:
         """The measured motions, or those that follow a force at (P,) values."""
-        states = tuple(run.begun(values) for run in self.runs)
+        states = tuple(run.initial_states(values) for run in self.runs)
         quiet = tuple(Noise(1.0, (1.0,) * len(r.channels), (Colour(),) * len(r.channels)) for r in self.runs)
         even = tuple(tuple(np.ones(len(r.run.channels[c].time)) for c in r.channels) for r in self.runs)
         return Point(values, states, quiet, even)
@@ -89,6 +89,7 @@ class GreyBox:
         found = [at(a, n) for a, n in zip(arounds, point.noises, strict=True)]
         return Tables(found, point.values, self.problem, self.training, self.removable)
 
+    @np.errstate(all="ignore")  # sums that a divergence has spoilt are no finite evidence
     def settled(
         self, free: np.ndarray, point: Point, *, rounds: int = 6, wide: int = 1, coloured: bool = True
     ) -> Point:
@@ -101,10 +102,6 @@ class GreyBox:
             wide: rounds that look at every noise.
             coloured: whether sensors may have a coloured error.
         """
-        with np.errstate(all="ignore"):  # sums that a divergence has spoilt are no finite evidence
-            return self._settled(free, point, rounds, wide, coloured)
-
-    def _settled(self, free: np.ndarray, point: Point, rounds: int, wide: int, coloured: bool) -> Point:
         arounds: Sequence[Around] = self.around(point, free)
         best = point
         for k in range(rounds):
@@ -155,7 +152,7 @@ class GreyBox:
         pairs = list(zip(arounds, point.noises, strict=True))[: self.training]
         return float(sum(tabled(a, [n], np.array([n.kick])).square[0] for a, n in pairs))
 
-    def told(self, point: Point, wanted: np.ndarray) -> np.ndarray:
+    def determined(self, point: Point, wanted: np.ndarray) -> np.ndarray:
         """(P,) bool: those of `wanted` that the runs around their motion, with the priors, tell from those before them.
 
         Looked at with kicks as large as they may be: what shows only in a motion that nothing kicks is not lost then.
@@ -176,7 +173,7 @@ class GreyBox:
             gram += run.innovations([noise], np.array([run.kick_unit])).gram[0] * np.outer(typical, typical)
         return gram
 
-    def tied_down(self, free: np.ndarray, point: Point) -> list[np.ndarray]:
+    def values_while_kicks_shrink(self, free: np.ndarray, point: Point) -> list[np.ndarray]:
         """(P,) values while kicks shrink to nothing, the last first: the motions become the model's own (output error).
 
         The kicks shrink from round to round, so that the motions go over from what was measured to what the model says
@@ -200,11 +197,11 @@ class GreyBox:
             point, arounds = self._moved(before, left, arounds, found.change, free)
             if point is before:
                 break
-            found_values.append(self.begun(point))
+            found_values.append(self.with_starts(point))
             share *= SHRINK
         return found_values[::-1]
 
-    def begun(self, point: Point) -> np.ndarray:
+    def with_starts(self, point: Point) -> np.ndarray:
         """(P,) values at a point, those that say how a run begins as its first state does."""
         values = point.values.copy()
         for run, states in zip(self.runs, point.states, strict=True):

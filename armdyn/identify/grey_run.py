@@ -83,7 +83,7 @@ class GreyRun:
         self.quiet = [quiet_noise(self.run.channels[c], problem.noise[self.run.name, c]) for c in self.channels]
         self._typical = np.array([model.parameters[name].typical for name in model.start_names])
 
-    def begun(self, values: np.ndarray) -> np.ndarray:
+    def initial_states(self, values: np.ndarray) -> np.ndarray:
         """(J, n) states from what was measured of the motion; else those that a smoother makes of a simulation.
 
         A piece in which an error grows out of all proportion, as near the upright, is cut.
@@ -93,7 +93,7 @@ class GreyRun:
         """
         theta = values[self.places]
         while True:
-            states = self._begun(values)
+            states = self._from_measured(values)
             found = self.pieces.linearised(theta, states)
             _, by_start = self.pieces.motion(theta, states)
             size = by_start * self._typical
@@ -101,12 +101,12 @@ class GreyRun:
             if not self.pieces.halve(~(grown < UNSTABLE)):
                 return states
 
-    def _begun(self, values: np.ndarray) -> np.ndarray:
+    def _from_measured(self, values: np.ndarray) -> np.ndarray:
         theta = values[self.places]
         begin = self.pieces.model.measured_motion(self.run, self.pieces.starts, theta, self.swing)
-        return self._followed(values) if begin is None else self.pieces.states(theta, begin)
+        return self._from_force(values) if begin is None else self.pieces.states(theta, begin)
 
-    def _followed(self, values: np.ndarray) -> np.ndarray:
+    def _from_force(self, values: np.ndarray) -> np.ndarray:
         """(J, n) states that follow a force: simulated from the start, smoothed over a stretch that grows.
 
         What the model lacks, such as friction or a length that is a little wrong, has grown to another swing at the end
@@ -259,8 +259,7 @@ class Around:
 
     def smoothed(self, noise: Noise, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(J, n) states and (J, n) kicks after a (P,) change of the unknowns."""
-        grams = [self.gram(c, colour) for c, colour in enumerate(noise.colour)]
-        moved, kicks = smoothed(combined(grams, noise.level)[0], self.chain, noise.kick, change[self._wanted])
+        moved, kicks = smoothed(self._at(noise), self.chain, noise.kick, change[self._wanted])
         return self.states + moved + self._definition @ change[self._wanted], kicks
 
     def left(self, begin: int, end: int) -> float:
@@ -270,18 +269,19 @@ class Around:
 
     def smoothed_until(self, known: int) -> np.ndarray:
         """(J, n) states that follow the samples of the first pieces alone, at kicks that one piece tells."""
-        sums = combined([self.gram(c, Colour()) for c in range(len(self.rows))], [1.0] * len(self.rows))[0]
+        channels = len(self.rows)
+        sums = self._at(Noise(self.kick_unit, (1.0,) * channels, (Colour(),) * channels))
         sums[known:] = 0.0
-        return (
-            self.states
-            + smoothed(sums, self.chain, self.kick_unit, np.zeros(sums.shape[1] - len(self.states[0]) - 1))[0]
-        )
+        return self.states + smoothed(sums, self.chain, self.kick_unit, np.zeros(int(self._wanted.sum())))[0]
+
+    def _at(self, noise: Noise) -> np.ndarray:
+        """(J, w, w) whitened sums of all channels at a noise."""
+        return combined([self.gram(c, colour) for c, colour in enumerate(noise.colour)], noise.level)[0]
 
     def believed(self, noise: Noise, change: np.ndarray) -> tuple[np.ndarray, ...]:
         """By channel (N,) weights of the samples after a (P,) change, larger where no noise explains one."""
-        grams = [self.gram(c, colour) for c, colour in enumerate(noise.colour)]
         change = change[self._wanted]
-        moved, _ = smoothed(combined(grams, noise.level)[0], self.chain, noise.kick, change)
+        moved, _ = smoothed(self._at(noise), self.chain, noise.kick, change)
         found = []
         for rows, colour, level in zip(self.rows, noise.colour, noise.level, strict=True):
             z = rows.deviates(colour, level, moved, change)

@@ -1,12 +1,12 @@
 """Where a model fails: stretches of time, angle, rate or joint speed whose residual is far above the noise."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from armdyn.identify.fit import Fit
-from armdyn.identify.problem import Block
+from armdyn.identify.problem import Block, by_channel, chi2_of
 from armdyn.run import Channel
 
 BINS = 16
@@ -49,9 +49,8 @@ def localise(fit: Fit) -> tuple[Place, ...]:
     covariates = [problem.model.covariates(run, problem.theta(i, fit.values)) for i, run in enumerate(problem.runs)]
     by_name = {run.name: found for run, found in zip(problem.runs, covariates, strict=True)}
     places: list[Place] = []
-    for channel in dict.fromkeys(block.channel for block in fit.blocks):
-        blocks = [block for block in fit.blocks if block.channel == channel]
-        total = sum(float(b.residual @ b.residual) for b in blocks)
+    for channel, blocks in by_channel(fit.blocks).items():
+        total = chi2_of(blocks)
         samples = sum(len(b.residual) for b in blocks)
         overall = total / samples
         if (total - samples) / np.sqrt(2 * samples) < SIGNIFICANT:
@@ -64,9 +63,8 @@ def localise(fit: Fit) -> tuple[Place, ...]:
             if joint and not name.endswith(f".{joint}"):
                 continue
             found += _against(channel, name, [(b, by_name[b.run][name]) for b in blocks if name in by_name[b.run]])
-        places += [
-            _with_share(p, total) for p in found if p.chi2_per_sample > FAR_ABOVE * overall or p.against == "run"
-        ]
+        far = (p for p in found if p.chi2_per_sample > FAR_ABOVE * overall or p.against == "run")
+        places += [replace(p, share=min(1.0, p.share / total)) for p in far]
     return tuple(sorted(places, key=lambda p: -p.chi2_per_sample)[:MOST])
 
 
@@ -127,8 +125,3 @@ def _bins(
                                 float(sums[first:i].sum())))  # fmt: skip
             first = None
     return places
-
-
-def _with_share(place: Place, total: float) -> Place:
-    return Place(place.channel, place.run, place.against, place.start, place.end, place.unit, place.chi2_per_sample,
-                 min(1.0, place.share / total))  # fmt: skip

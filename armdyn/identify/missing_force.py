@@ -14,7 +14,7 @@ from armdyn.channels import FloatArray
 from armdyn.identify.fit import Fit
 from armdyn.identify.grey_box import GreyBox, Point
 from armdyn.identify.output_error import AroundMotion
-from armdyn.identify.problem import Problem, transferred
+from armdyn.identify.problem import Problem, transferred, transferred_mask
 from armdyn.physics.pieces import pseudo_inverse
 from armdyn.physics.simulated import SimulatedModel
 
@@ -103,7 +103,7 @@ def accelerations(fit: Fit) -> list[Unexplained]:
     model = problem.model
     assert isinstance(model, SimulatedModel)
     values = transferred(fit.values, fit.problem, problem)
-    free = transferred(fit.free.astype(float), fit.problem, problem, missing=0.0) > 0.0
+    free = transferred_mask(fit.free, fit.problem, problem)
     swings = [model.swing(run, problem.theta(i, values)) for i, run in enumerate(problem.runs)]
     if fit.settled is None:
         effects = np.array([bool(column.parameter.effect) for column in problem.columns])

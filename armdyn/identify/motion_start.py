@@ -33,7 +33,7 @@ SETTLED_WINDOW = 3.0
 """s; shorter windows tell friction and creep too little to be fitted in them."""
 
 
-def begun(problem: Problem, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def initial_values(problem: Problem, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Where each run's motion began.
 
     Args:
@@ -77,7 +77,7 @@ def start_of(single: Problem, values: np.ndarray, free: np.ndarray) -> np.ndarra
     if near_noise and np.array_equal(determined(cut, moved, own), moved):
         return own
     rows = [values, *(_with(single, values, guess, moved) for guess in guesses)]
-    shared = told(single, free, window) & ~moved
+    shared = free_in_window(single, free, window) & ~moved
     promised = [_promised_cost(cut, shared, row) for row in rows]
     order = sorted(range(len(rows)), key=lambda i: float(f"{promised[i]:.5g}"))  # mirror images keep their order
     found = [_descended(cut, free, window, rows[i]) for i in order[:DESCENDED]]
@@ -87,16 +87,16 @@ def start_of(single: Problem, values: np.ndarray, free: np.ndarray) -> np.ndarra
         cut = _cut(single, window)
         now = [_descended(cut, free, window, rival.now) for rival in rivals]
         rivals = [
-            _Rival(rival.begun, values, rival.cost + _log_cost(cut, values))
+            _Rival(rival.initial_values, values, rival.cost + _log_cost(cut, values))
             for rival, values in zip(rivals, now, strict=True)
         ]
         rivals = _best(single, rivals)
-    return rivals[0].begun
+    return rivals[0].initial_values
 
 
 def stretched(cut: Problem, free: np.ndarray, window: float, values: np.ndarray, *, tolerance: float = 0.02) -> Descent:
     """A few steps on a stretch of `window` s; effects are fitted where it is long, or not explained without them."""
-    first = told(cut, free, window)
+    first = free_in_window(cut, free, window)
     found = cut.fit(first, values, most_steps=8, tolerance=tolerance)
     if np.array_equal(first, free) or 2.0 * found.at.cost < NEAR_NOISE * cut.samples:
         return found
@@ -105,7 +105,7 @@ def stretched(cut: Problem, free: np.ndarray, window: float, values: np.ndarray,
     return other if other.at.cost < found.at.cost else found
 
 
-def told(problem: Problem, free: np.ndarray, window: float) -> np.ndarray:
+def free_in_window(problem: Problem, free: np.ndarray, window: float) -> np.ndarray:
     """(P,) bool: what of `free` is fitted to a stretch of `window` s: the base, and effects where it is long enough."""
     base = np.array([not column.parameter.effect for column in problem.columns])
     return free if window >= SETTLED_WINDOW else free & (problem.per_run | base)
@@ -121,7 +121,7 @@ class _Rival:
         cost: sum over the stretches of the cost's logarithm.
     """
 
-    begun: np.ndarray
+    initial_values: np.ndarray
     now: np.ndarray
     cost: float
 
@@ -132,7 +132,7 @@ def _cut(problem: Problem, window: float) -> Problem:
 
 
 def _descended(cut: Problem, free: np.ndarray, window: float, values: np.ndarray) -> np.ndarray:
-    return stretched(cut.held_near(values), free, window, values).values
+    return stretched(cut.with_weak_priors(values), free, window, values).values
 
 
 def _with(single: Problem, values: np.ndarray, guess: Mapping[str, float], moved: np.ndarray) -> np.ndarray:
@@ -143,7 +143,7 @@ def _with(single: Problem, values: np.ndarray, guess: Mapping[str, float], moved
 def _promised_cost(cut: Problem, free: np.ndarray, values: np.ndarray) -> float:
     """Cost of a start, once the shared values have made their best of it: a wrong mass must not choose the swing."""
     with np.errstate(all="ignore"):
-        at = cut.held_near(values).expansion(values, free)
+        at = cut.with_weak_priors(values).expansion(values, free)
     if not np.isfinite(at.cost):
         return np.inf
     return at.cost - 0.5 * float(at.gradient @ np.linalg.lstsq(at.hessian, at.gradient, rcond=1e-12)[0])

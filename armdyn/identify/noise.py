@@ -7,7 +7,7 @@ from scipy.special import chdtrc
 
 from armdyn.channels import Channel
 from armdyn.differences import NORMAL_MEDIAN, normalised_differences
-from armdyn.identify.problem import Block
+from armdyn.identify.problem import Block, by_channel
 
 LAGS = 20
 """Lags of the whiteness test."""
@@ -174,8 +174,8 @@ def whitened(rows: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
 def whitening(blocks: Sequence[Block]) -> dict[str, tuple[np.ndarray, float]]:
     """Per channel: coefficients of the autoregression, and the standard deviation of what it leaves over the noise."""
     found = {}
-    for channel in dict.fromkeys(block.channel for block in blocks):
-        stretches = [block.residual for block in blocks if block.channel == channel]
+    for channel, mine in by_channel(blocks).items():
+        stretches = [block.residual for block in mine]
         coefficients = likeliest_autoregression(stretches)
         left = np.concatenate([whitened(stretch, coefficients) for stretch in stretches])
         found[channel] = coefficients, float(np.sqrt(np.mean(left**2)))

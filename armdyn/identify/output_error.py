@@ -113,7 +113,7 @@ class AroundMotion:
     def _settled_from(self, option: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, Point]:
         """Those of (P,) `wanted` unknowns that the runs tell, and the runs settled with them from (P,) values."""
         begin = self.box.begin(option)
-        base = self.box.told(begin, wanted)
+        base = self.box.determined(begin, wanted)
         return base, self.box.settled(base, begin)
 
     def settled(self, free: np.ndarray, like: np.ndarray | None = None) -> Point:
@@ -128,7 +128,7 @@ class AroundMotion:
             if other.evidence > self._settled[key][1].evidence:
                 self._settled[key] = free, other
         if key not in self._settled:
-            self._settled[key] = free, self._unstuck(free, self.box.settled(free, self._near(free), wide=0))
+            self._settled[key] = free, self._followed_anew(free, self.box.settled(free, self._near(free), wide=0))
         return self._settled[key][1]
 
     def settled_point(self, free: np.ndarray) -> Point | None:
@@ -136,7 +136,7 @@ class AroundMotion:
         found = self._settled.get(free.tobytes())
         return None if found is None else found[1]
 
-    def _unstuck(self, free: np.ndarray, point: Point) -> Point:
+    def _followed_anew(self, free: np.ndarray, point: Point) -> Point:
         """A settled point, or a better one where a force is followed anew with its values.
 
         The motion that followed a force with other values, such as without the bias that is most of it, may be another
@@ -144,7 +144,7 @@ class AroundMotion:
         """
         if self.measured or self.box.largest_kick(point) < ASTRAY:
             return point
-        other = self.box.settled(free, self.box.begin(self.box.begun(point)))
+        other = self.box.settled(free, self.box.begin(self.box.with_starts(point)))
         return max(point, other, key=lambda one: one.evidence)
 
     def believed(self, free: np.ndarray) -> tuple[tuple[np.ndarray, ...], ...]:
@@ -169,7 +169,7 @@ class AroundMotion:
         than in other runs.
         """
         found, sized = list[np.ndarray](), free & self.box.removable
-        for values in untied(self.box, free, self._near(free)):
+        for values in starts_while_kicks_shrink(self.box, free, self._near(free)):
             found.append(values)
             yield values
         if sized.any():
@@ -189,7 +189,7 @@ class AroundMotion:
         for i, run in enumerate(problem.runs[:count]):
             single = Problem(problem.model, [run], problem.noise)
             places = problem.places(i)[[column.index for column in single.columns]]
-            alone = followed_run(single, values[places], (free | self.of_starts)[places])
+            alone = fit_run(single, values[places], (free | self.of_starts)[places])
             told = values.copy()
             told[places] = alone.values
             found.append(told)
@@ -198,13 +198,13 @@ class AroundMotion:
         return [np.where(problem.per_run, starts, told) for told in found]
 
 
-def untied(box: GreyBox, free: np.ndarray, point: Point) -> Iterator[np.ndarray]:
+def starts_while_kicks_shrink(box: GreyBox, free: np.ndarray, point: Point) -> Iterator[np.ndarray]:
     """(P,) values at a point, then those of the way on which kicks shrink to nothing, its end first."""
-    yield box.begun(point)
-    yield from box.tied_down(free, point)
+    yield box.with_starts(point)
+    yield from box.values_while_kicks_shrink(free, point)
 
 
-def descended(problem: Problem, free: np.ndarray, starts: Iterable[np.ndarray], others: int = OTHERS) -> Fit:
+def best_minimum(problem: Problem, free: np.ndarray, starts: Iterable[np.ndarray], others: int = OTHERS) -> Fit:
     """The best of the minima next to (P,) values, of which the first is the likeliest; at most so many `others`.
 
     A fit that ends at the noise, or near enough where no `others` are asked for, is in no wrong minimum: then the kicks
@@ -214,18 +214,14 @@ def descended(problem: Problem, free: np.ndarray, starts: Iterable[np.ndarray], 
     found = [_bounded_fit(problem, free, next(values), steps)]
     if found[0].chi2_per_sample > (NEAR_NOISE if others else GROSS):
         found += [_bounded_fit(problem, free, tied, steps) for tied in islice(values, 1)]
-    best = min(found, key=_finite_cost)
+    best = min(found, key=lambda one: one.cost)
     others = min(others, MOST_PREDICTED // (problem.samples * (3 * SKETCHED + MOST_STEPS)))
     if best.chi2_per_sample > GROSS and others:
         # With large errors the kicks' way may have left the best minimum; other places on it are nearer then.
         nearer = sorted(values, key=lambda one: _cost(problem, one))[: 3 * others]
         sketched = sorted((_bounded_fit(problem, free, v, SKETCHED) for v in nearer), key=lambda one: one.cost)
         found += [_bounded_fit(problem, free, one.values, MOST_STEPS) for one in sketched[:others]]
-    return min(found, key=_finite_cost)
-
-
-def _finite_cost(one: Fit) -> float:
-    return one.cost if np.isfinite(one.cost) else np.inf
+    return min(found, key=lambda one: one.cost)
 
 
 def _bounded_fit(problem: Problem, free: np.ndarray, values: np.ndarray, steps: int) -> Fit:
@@ -239,7 +235,7 @@ def _cost(problem: Problem, values: np.ndarray) -> float:
     return found if np.isfinite(found) else np.inf
 
 
-def followed_run(single: Problem, values: np.ndarray, free: np.ndarray) -> Fit:
+def fit_run(single: Problem, values: np.ndarray, free: np.ndarray) -> Fit:
     """A run fitted by its start, and what else is (P,) `free`, from its measured motion; the rest stays."""
     model = single.model
     assert isinstance(model, SimulatedModel)
@@ -247,4 +243,4 @@ def followed_run(single: Problem, values: np.ndarray, free: np.ndarray) -> Fit:
     box = GreyBox(single, [swing], 1, np.zeros(len(values), dtype=bool))
     own = free & ~single.of(model.start_names)
     point = box.settled(own, box.begin(values))
-    return descended(single, free, untied(box, own, point))
+    return best_minimum(single, free, starts_while_kicks_shrink(box, own, point))

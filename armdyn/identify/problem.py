@@ -20,8 +20,8 @@ from armdyn.units import Known
 
 REMEMBERED = 3
 HELD = 0.1
-"""Share of its typical size to which `Problem.held_near` takes a parameter of all runs as known: a stretch of motion
-knows a length ten times better, and one of rest must not lead away."""
+"""Standard deviation, in typical sizes, of the prior that `Problem.with_weak_priors` gives a parameter of all runs: a
+stretch of motion tells a length ten times better, and one of rest must not lead away."""
 Noise = Mapping[tuple[str, str], float]
 """Standard deviation by run and channel, in the channel's unit."""
 
@@ -67,6 +67,19 @@ class Block:
     def misfit(self) -> np.ndarray:
         """(n,) measured minus predicted, in the channel's unit."""
         return self.residual * self.noise
+
+
+def by_channel(blocks: Sequence[Block]) -> dict[str, list[Block]]:
+    """Blocks of every channel, in the order in which channels come first."""
+    found: dict[str, list[Block]] = {}
+    for block in blocks:
+        found.setdefault(block.channel, []).append(block)
+    return found
+
+
+def chi2_of(blocks: Sequence[Block]) -> float:
+    """Sum of squared residuals over the noise."""
+    return float(sum(block.residual @ block.residual for block in blocks))
 
 
 class Problem:
@@ -135,7 +148,7 @@ class Problem:
         """Number of measured samples."""
         return sum(len(run.channels[name].value) for run in self.runs for name in self.model.predicted_channels(run))
 
-    def held_near(self, values: np.ndarray) -> "Problem":
+    def with_weak_priors(self, values: np.ndarray) -> "Problem":
         """The problem with (P,) values known, weakly, where nothing better is: for runs that hardly tell anything."""
         held = copy(self)
         unknown = self.prior_weight == 0.0
@@ -243,6 +256,11 @@ def transferred(values: np.ndarray, source: Problem, target: Problem, *, missing
         if key is not None:
             result[i] = values[place[key]]
     return result
+
+
+def transferred_mask(mask: np.ndarray, source: Problem, target: Problem) -> np.ndarray:
+    """(P',) bool of another problem's unknowns, of (P,) bool of one's; what that one lacks is False."""
+    return transferred(mask.astype(float), source, target, missing=0.0) > 0.0
 
 
 class _Part:

@@ -11,11 +11,12 @@ from armdyn.document import Document, Level, Section
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
 from armdyn.faults import outlier_sentence
-from armdyn.identify.compare import Comparison, comparison
+from armdyn.identify.compare import Comparison, comparison, fitted_parameters
 from armdyn.identify.diagnose import IDEALISED, explained_share, judge
 from armdyn.identify.explained import RepairStep, explained
 from armdyn.identify.fit import Fit
 from armdyn.identify.force_law import opening
+from armdyn.identify.holdout import HoldoutKind
 from armdyn.identify.missing_force import ForceCurve, between
 from armdyn.identify.score import residual_tests
 from armdyn.identify.search import Progress, Search, Step, repair_step, search
@@ -31,8 +32,8 @@ from armdyn.identify.tables import (
 )
 from armdyn.identify.uncertainty import FAR_ABOVE_STATED, uncertainty
 from armdyn.identify.unknown import Unknown, characterise
-from armdyn.identify.unseen import Judge
 from armdyn.model import Model
+from armdyn.parameter import Parameter
 from armdyn.shown import Shown
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ class Repair(Shown):
     steps: tuple[Step, ...] = ()
     missing_force: tuple[ForceCurve, ...] = ()
 
-    def document(self, judges: Sequence[Judge] = (), summaries: Mapping[str, str] | None = None) -> Document:
+    def document(self, judges: Sequence[HoldoutKind] = (), summaries: Mapping[str, str] | None = None) -> Document:
         """The error falling, what became of an arm's links, then how well the repaired model does.
 
         Args:
@@ -173,27 +174,15 @@ def fitted_model(study: Study, step: Step) -> Model:
         if candidate not in study.present:
             effect = study.effects[candidate.effect]
             model = model.with_effect(effect.on(*candidate.joints) if candidate.joints else effect)
-    fitted = _values(study, step.fit)
-    changed = {}
-    for name, parameter in model.parameters.items():
-        if name in fitted and parameter.scope == "shared":
-            value, std, free = fitted[name]
-            changed[name] = replace(parameter, value=value, std=std, fitted=parameter.fitted or free)
-    return model.with_parameters(changed)
-
-
-def _values(study: Study, fit: Fit) -> dict[str, tuple[float, float | None, bool]]:
-    """By parameter: value, standard deviation, whether it was fitted; of the first run where runs differ."""
-    from armdyn.identify.compare import fitted_parameters
-
-    described = fitted_parameters(study, fit)
-    result: dict[str, tuple[float, float | None, bool]] = {}
+    described, changed = fitted_parameters(study, step.fit), dict[str, Parameter]()
     for column in study.problem.columns:
         name = column.parameter.name
-        if column.name in described and name not in result:
-            found = described[column.name]
-            result[name] = (found.value, found.std, found.fitted)
-    return result
+        # Where runs differ, the first one counts.
+        if column.name in described and name not in changed and name in model.parameters:
+            kept, found = model.parameters[name], described[column.name]
+            if kept.scope == "shared":
+                changed[name] = replace(kept, value=found.value, std=found.std, fitted=kept.fitted or found.fitted)
+    return model.with_parameters(changed)
 
 
 def _verdict(study: Study, found: Search, unknown: Unknown | None) -> Verdict:

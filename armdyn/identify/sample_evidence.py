@@ -7,7 +7,7 @@ import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri
 
 from armdyn.identify.appraisal import SURE
-from armdyn.identify.leftover import independent_samples, level_of
+from armdyn.identify.noise import correlation_time
 from armdyn.identify.subset import Solver, Subset
 
 NOISY = 1.2
@@ -70,17 +70,22 @@ class SampleEvidence:
             values: numbers that the runs determine there; as many samples follow any noise.
         """
         samples = float(np.sum(self.sums.count[self.training]))
-        self.level = self._levels(left, samples / max(samples - values, 0.5 * samples))
-        self.independent = independent_samples(self.sums, left)
+        error = np.zeros(len(self.sums.count))
+        for unit, residual in left.items():
+            error[unit] = np.mean(residual**2) * samples / max(samples - values, 0.5 * samples)
+        self.level = self.sums.level(error)
+        self.independent = self._independent_samples(left)
         self.imitable, self.limited = self._beyond_noise()
         self.solver.weigh(self.independent / (self.sums.count * self.level))
 
-    def _levels(self, left: Mapping[int, np.ndarray], larger: float) -> np.ndarray:
-        """(U,) `larger` times each channel's variance, from every training unit's residual; at least the noise's."""
-        error = np.zeros(len(self.sums.count))
-        for unit, residual in left.items():
-            error[unit] = larger * np.mean(residual**2)
-        return level_of(self.sums, error)
+    def _independent_samples(self, left: Mapping[int, np.ndarray]) -> np.ndarray:
+        """(U,) number of samples over their correlation time, from the residual of each training unit."""
+        independent = self.sums.count.copy()
+        for units in self._by_channel:
+            times = [correlation_time([left[unit]]) for unit in units.tolist()]
+            same = self.sums.channel == self.sums.channel[units[0]]
+            independent[same] /= np.average(times, weights=self.sums.count[units])
+        return independent
 
     def _beyond_noise(self) -> tuple[np.ndarray, float]:
         """`imitable` and `limited`: a shoulder whose torque is noisy hides nothing of what an elbow's shows."""
@@ -123,12 +128,7 @@ class SampleEvidence:
         T = self._typical[C]
         A = T[:, None] * self.solver.normal(units)[0][C[:, None], C] * T
         A.flat[:: len(C) + 1] += 1.0
-        factor, failed = dpotrf(A, lower=1, clean=1)
-        if failed:  # where errors grow from swing to swing, rounding leaves less than the one that was added
-            spread = np.maximum(np.linalg.eigvalsh(A), 1.0)
-            return float(0.5 * np.sum(np.log(spread)) + np.sum(np.log1p((d / T) ** 2))), float(
-                np.sum(1.0 - 1.0 / spread)
-            )
+        factor, _ = dpotrf(A, lower=1, clean=1)
         inverse, _ = dtrtri(factor, lower=1)
         values = len(C) - float(np.sum(inverse**2))
         return float(np.sum(np.log(np.diag(factor))) + np.sum(np.log1p((d / T) ** 2))), values

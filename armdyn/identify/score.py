@@ -8,12 +8,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import lsq_linear
 from scipy.special import chdtrc
 
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.fit import Fit
 from armdyn.identify.noise import ljung_box
-from armdyn.identify.problem import Block, Problem
+from armdyn.identify.problem import Block, Problem, by_channel, chi2_of
+from armdyn.identify.sums import WIDE
 
 IDENTIFIABLE = 1e-3
 """An effect of whose derivatives the fitted parameters leave less than this share cannot be seen in these runs."""
@@ -69,6 +71,23 @@ def scores(fit: Fit, candidates: Sequence[Candidate]) -> list[Score]:
         columns = np.flatnonzero(problem.of(candidate.names))
         found.append(_score(fit, candidate, columns, scaled[:, columns], Q, R, residual))
     return sorted(found, key=lambda score: -score.drop)
+
+
+def linear_fit(fit: Fit, names: Sequence[str]) -> np.ndarray:
+    """(P,) values within their bounds that fit best, with the parameters `names` free as well, linear around a fit.
+
+    Unknowns without a prior stay within `WIDE` typical sizes where the runs do not tell them.
+    """
+    problem = fit.problem
+    columns = np.flatnonzero(fit.free | problem.of(names))
+    residual, jacobian = stacked(problem, problem.blocks(fit.values), fit.values)
+    width = WIDE * problem.typical[columns]
+    matrix = np.vstack([jacobian[:, columns] * width, np.eye(len(columns))])
+    lower, upper = ((bound - fit.values)[columns] / width for bound in (problem.lower, problem.upper))
+    change = lsq_linear(matrix, np.append(residual, np.zeros(len(columns))), (lower, upper)).x
+    values = fit.values.copy()
+    values[columns] += width * change
+    return values
 
 
 def _score(
@@ -134,12 +153,14 @@ class ResidualTests:
 
 def residual_tests(fit: Fit, promised: list[Score]) -> ResidualTests:
     """Compare a fit's residual with the noise."""
-    z = -np.inf
-    for channel in dict.fromkeys(block.channel for block in fit.blocks):
-        blocks = [block for block in fit.blocks if block.channel == channel]
-        n = sum(len(block.residual) for block in blocks)
-        z = max(z, (sum(float(b.residual @ b.residual) for b in blocks) - n) / np.sqrt(2 * n))
+    z = max(_excess(blocks) for blocks in by_channel(fit.blocks).values())
     whiteness = min(ljung_box(block.residual) for block in fit.blocks) * len(fit.blocks)
     chances = (float(chdtrc(max(1, len(s.candidate.names)), s.drop)) for s in promised)
     score = min(chances, default=1.0) * max(1, len(promised))
-    return ResidualTests(float(z), min(1.0, whiteness), min(1.0, score))
+    return ResidualTests(z, min(1.0, whiteness), min(1.0, score))
+
+
+def _excess(blocks: Sequence[Block]) -> float:
+    """Standard deviations by which chi2 exceeds the number of samples."""
+    samples = sum(len(block.residual) for block in blocks)
+    return float((chi2_of(blocks) - samples) / np.sqrt(2 * samples))

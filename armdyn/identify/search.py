@@ -14,7 +14,8 @@ from armdyn.identify.filtered import Filtered
 from armdyn.identify.fit import GROSS, Fit, channel_rmse
 from armdyn.identify.score import ResidualTests, residual_tests
 from armdyn.identify.study import Study
-from armdyn.identify.suspects import Suspect, merged, rises, suspects
+from armdyn.identify.summed import Summed
+from armdyn.identify.suspects import Suspect, merged, ordered_steps, suspects
 
 FAR = 3.0
 """Typical sizes beyond which sums around null say little of a base that is turned: 0.3 rad."""
@@ -88,25 +89,25 @@ def search(study: Study, progress: Progress | None = None) -> Search:
     say = progress or (lambda _: None)
     say("fitting the model as it is")
     first = study.first()
+    appraiser: Appraiser
     given = Step((), (), study.present, first, residual_tests(first, study.scores(first, study.present)))
     if study.model.linear:
-        choice, steps = _whole_story(study, given, say, sparse=True)
-        if not study.leaves_noise(
-            steps[-1].fit
-        ):  # many small errors, of which only what is large beside them has a name
-            choice, steps = _whole_story(study, given, say, sparse=False)
+        appraiser, steps = _whole_story(study, given, say, sparse=True)
+        # Where many small errors are left, only what is large beside them has a name.
+        if not study.leaves_noise(steps[-1].fit):
+            appraiser, steps = _whole_story(study, given, say, sparse=False)
     else:
-        choice = _by_evidence(study, first, say)
-        steps = without_little(study, [given, *_climbed(study, choice.appraiser, choice.whole, given, first, say)])
+        appraiser, whole = _by_evidence(study, first, say)
+        steps = without_little(study, [given, *_climbed(study, appraiser, whole, given, first, say)])
     named = steps[min(1, len(steps) - 1)]
-    return Search(tuple(steps), suspects(choice.given, choice.given.within(named.added), named.tied))
+    return Search(tuple(steps), suspects(appraiser, appraiser.within(named.added), named.tied))
 
 
-def _whole_story(study: Study, given: Step, say: Progress, sparse: bool) -> tuple["_Choice", list[Step]]:
-    """What was chosen for an arm around its fit as given, and the way to the fixed point; see `Summed` for `sparse`."""
-    choice = _by_sums(study, given.fit, say, sparse)
-    way = _climbed(study, choice.appraiser, choice.whole, given, choice.ahead, say, choice.appraiser.given)
-    return choice, _to_fixed_point(study, [given, *way], say, sparse)
+def _whole_story(study: Study, given: Step, say: Progress, sparse: bool) -> tuple[Appraiser, list[Step]]:
+    """The appraiser of an arm around its fit as given, and the way to the fixed point; see `Summed` for `sparse`."""
+    appraiser, whole, ahead, around_given = _by_sums(study, given.fit, say, sparse)
+    way = _climbed(study, appraiser, whole, given, ahead, say, appraiser.given)
+    return around_given, _to_fixed_point(study, [given, *way], say, sparse)
 
 
 def _to_fixed_point(study: Study, steps: list[Step], say: Progress, sparse: bool) -> list[Step]:
@@ -134,25 +135,8 @@ def _to_fixed_point(study: Study, steps: list[Step], say: Progress, sparse: bool
     return steps
 
 
-@dataclass(frozen=True, eq=False)
-class _Choice:
-    """What was chosen.
-
-    Attributes:
-        appraiser: by which.
-        whole: the set.
-        ahead: the fit around which it appraises.
-        given: appraiser of the model as given.
-    """
-
-    appraiser: Appraiser
-    whole: Appraisal
-    ahead: Fit
-    given: Appraiser
-
-
-def _by_evidence(study: Study, first: Fit, say: Progress) -> _Choice:
-    """The set chosen around the motion."""
+def _by_evidence(study: Study, first: Fit, say: Progress) -> tuple[Filtered, Appraisal]:
+    """The set chosen around the motion, and by which appraiser."""
     appraiser = Filtered(study)
     whole = appraiser.best_set(say)
     fit = study.fit_with((*study.present, *whole.effects), first)
@@ -162,8 +146,7 @@ def _by_evidence(study: Study, first: Fit, say: Progress) -> _Choice:
         fit = study.fit_with((*study.present, *whole.effects), first)
     # What came first may have stood for what came later.
     useless = [c for c in whole.effects if np.all(_at_null(fit, c))]
-    whole = appraiser.settle([c for c in whole.effects if c not in useless])
-    return _Choice(appraiser, whole, first, appraiser)
+    return appraiser, appraiser.settle([c for c in whole.effects if c not in useless])
 
 
 def _pair_or(study: Study, appraiser: Filtered, whole: Appraisal) -> tuple[Candidate, ...]:
@@ -190,13 +173,13 @@ def _at_null(fit: Fit, candidate: Candidate) -> np.ndarray:
     return fit.values[own] == fit.problem.null[own]
 
 
-def _by_sums(study: Study, first: Fit, say: Progress, sparse: bool) -> _Choice:
-    """The set chosen by sums, and the fit around which they are."""
+def _by_sums(study: Study, first: Fit, say: Progress, sparse: bool) -> tuple[Summed, Appraisal, Fit, Summed]:
+    """The set chosen by sums, with its appraiser and the fit around which that is; the appraiser around `first`."""
     starts: list[tuple[Fit, tuple[Candidate, ...]]] = [(first, ())]
     for candidate in study.candidates:
         if not candidate.joints:  # it turns the whole arm, and a large angle is far from linear
             say(f"fitting with {candidate.spoken}")
-            turned = study.to_the_end(study.fit_with((*study.present, candidate), first))
+            turned = study.converge(study.fit_with((*study.present, candidate), first))
             own = study.problem.of(candidate.names)
             angles, typical = turned.values[own] - study.problem.null[own], study.problem.typical[own]
             if np.any(np.abs(angles) > FAR * typical):
@@ -217,7 +200,7 @@ def _by_sums(study: Study, first: Fit, say: Progress, sparse: bool) -> _Choice:
     better = [one for one in found if one.misfit < nothing.misfit]
     whole = best_set(appraisers[0], nothing, better) if better else nothing
     appraiser = found.get(whole, appraisers[0])
-    return _Choice(appraiser, whole, starts[appraisers.index(appraiser)][0], appraisers[0])
+    return appraiser, whole, starts[appraisers.index(appraiser)][0], appraisers[0]
 
 
 def _climbed(
@@ -243,13 +226,13 @@ def _climbed(
     effects = last.effects
     steps: list[Step] = []
     given = study.present  # stays as it is, also where the same effect comes on further joints
-    way = list(rises(appraiser, whole, firm))
+    way = list(ordered_steps(appraiser, whole, firm))
     for i, rise in enumerate(way):
         effects = (*given, *merged((*(e for e in effects if e not in given), rise.added)))
         say(f"{i} of {len(way)} steps fitted, now {rise.added.spoken}")
         fit = study.fit_with(effects, ahead, study.own_values(appraiser, rise.appraisal))
         if rise is way[-1]:
-            fit = study.to_the_end(fit)
+            fit = study.converge(fit)
         steps.append(Step((rise.added,), rise.tied, effects, fit, residual_tests(fit, study.scores(fit, effects))))
     return steps
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from armdyn.identify.explained import RepairStep, Scale, explained, in_percent, judged, least_explained
-from armdyn.identify.unseen import Judge
+from armdyn.identify.holdout import HoldoutKind
 
 
 class Verdict(Enum):
@@ -27,10 +27,10 @@ class Verdict(Enum):
 
 
 WHOSE = {
-    Judge.EXAM: "on the exam, which took part in nothing,",
-    Judge.HELD_OUT: "on held-out runs, which took part in choosing,",
-    Judge.IN_TURN: "of runs predicted from the others",
-    Judge.TRAINING: "on the run that it was fitted to",
+    HoldoutKind.EXAM: "on the exam, which took part in nothing,",
+    HoldoutKind.HELD_OUT: "on held-out runs, which took part in choosing,",
+    HoldoutKind.IN_TURN: "of runs predicted from the others",
+    HoldoutKind.TRAINING: "on the run that it was fitted to",
 }
 NOTICEABLE = 0.01
 """Relative change of an error that is called one."""
@@ -60,7 +60,7 @@ class Left:
     warnings: Sequence[str] = ()
 
 
-def repair_sentences(steps: Sequence[RepairStep], judge: Judge, scale: Scale, left: Left) -> str:
+def repair_sentences(steps: Sequence[RepairStep], judge: HoldoutKind, scale: Scale, left: Left) -> str:
     """What a repair found.
 
     Args:
@@ -99,7 +99,7 @@ def added_effects(steps: Sequence[RepairStep]) -> list[str]:
 
 def _found(
     steps: Sequence[RepairStep],
-    judge: Judge,
+    judge: HoldoutKind,
     scale: Scale,
     before: Mapping[str, float],
     after: Mapping[str, float],

@@ -11,17 +11,18 @@ import numpy as np
 from armdyn.effects.effect import Effect
 from armdyn.identify.appraisal import Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate
+from armdyn.identify.explained import Scale
 from armdyn.identify.fit import Fit, determined, fit
+from armdyn.identify.holdout import HoldoutKind, held_out_blocks, judges, prepared_exam
 from armdyn.identify.least_squares import Outcome
-from armdyn.identify.motion_start import begun
-from armdyn.identify.output_error import OTHERS, AroundMotion, descended, shows_motion
+from armdyn.identify.motion_start import initial_values
+from armdyn.identify.output_error import OTHERS, AroundMotion, best_minimum, shows_motion
 from armdyn.identify.prepare import noise_of_runs, prepared, stated_noise
-from armdyn.identify.problem import Block, Problem, transferred
+from armdyn.identify.problem import Block, Problem, by_channel, chi2_of, transferred, transferred_mask
 from armdyn.identify.sample_evidence import NOISY
 from armdyn.identify.score import Score, scores
 from armdyn.identify.summed import Summed
 from armdyn.identify.sums import sums
-from armdyn.identify.unseen import Judge, held_out_blocks, judges, prepared_exam
 from armdyn.model import Model
 from armdyn.physics.simulated import SimulatedModel
 from armdyn.run import Run
@@ -90,16 +91,20 @@ class Study:
             for effect in extended.effects
         )
         self.candidates = tuple(Candidate.of(name, parts) for name, parts in absent if parts)
-        self._held_out: dict[int, tuple[Fit, list[Block] | None]] = {}
-        self._exam: dict[int, tuple[Fit, list[Block]]] = {}
+        self._held_out: dict[Fit, list[Block] | None] = {}
+        self._exam: dict[Fit, list[Block]] = {}
         self._starts: dict[frozenset[str], Iterator[np.ndarray]] = {}
-        self._started: dict[int, tuple[Fit, Iterator[np.ndarray]]] = {}
+        self._started: dict[Fit, Iterator[np.ndarray]] = {}
         self._around_motion: dict[tuple[frozenset[str], int], Fit] = {}
         self._present_names = [name for c in self.present for name in c.names]
 
     def unit(self, channel: str) -> str:
         """In which a channel is measured."""
         return next(run.channels[channel].unit for run in self.runs if channel in run.channels)
+
+    def scale(self, blocks: Sequence[Block]) -> Scale:
+        """Units and noise of the channels of some blocks."""
+        return Scale({b.channel: self.unit(b.channel) for b in blocks}, {b.channel: b.noise for b in blocks})
 
     @cached_property
     def motion(self) -> AroundMotion | None:
@@ -115,7 +120,7 @@ class Study:
         if shows_motion(everything):
             return AroundMotion(everything, len(self.runs), present, [everything.start()])
         alone = Problem(self.model, everything.runs, self.noise)
-        options = [transferred(values, alone, everything) for values in reversed(begun(alone, alone.start()))]
+        options = [transferred(values, alone, everything) for values in reversed(initial_values(alone, alone.start()))]
         return AroundMotion(everything, len(self.runs), present, options)
 
     @cached_property
@@ -128,7 +133,7 @@ class Study:
         found = fit(alone, free, alone.start())
         again = determined(alone, alone.fitted, found.values)
         found = found if np.array_equal(again, free) else fit(alone, again, found.values)
-        mask = transferred(found.free.astype(float), alone, self.problem, missing=0.0) > 0.0
+        mask = transferred_mask(found.free, alone, self.problem)
         values = transferred(found.values, alone, self.problem)
         return Fit(self.problem, mask, values, tuple(self.problem.blocks(values, mask)), found.outcome)
 
@@ -162,11 +167,8 @@ class Study:
 
     def leaves_noise(self, fit: Fit) -> bool:
         """Whether what a fit leaves of each channel of the training runs is noise, the mean over channels."""
-        noise = []
-        for channel in dict.fromkeys(block.channel for block in fit.blocks):
-            residual = np.concatenate([block.residual for block in fit.blocks if block.channel == channel])
-            noise.append(1.0 / max(float(np.mean(residual**2)), 1.0))
-        return NOISY * float(np.mean(noise)) >= 1.0
+        ratios = [chi2_of(b) / sum(len(block.residual) for block in b) for b in by_channel(fit.blocks).values()]
+        return NOISY * float(np.mean([1.0 / max(ratio, 1.0) for ratio in ratios])) >= 1.0
 
     def is_at_noise(self, fit: Fit) -> bool:
         """Whether a fit leaves no more than noise may by chance, in training and in held-out runs."""
@@ -177,7 +179,7 @@ class Study:
         """Mean squared error above the noise, over it, of training and of held-out runs, and how much is chance."""
         kinds = [list(fit.blocks), list(self.held_out_blocks(fit) or []) if self.held_out else []]
         samples = np.array([sum(len(b.residual) for b in kind) for kind in kinds if kind])
-        means = np.array([sum(float(b.residual @ b.residual) for b in kind) for kind in kinds if kind]) / samples
+        means = np.array([chi2_of(kind) for kind in kinds if kind]) / samples
         return means - 1.0, CHANCE * float(np.sqrt(2.0 / samples.min()))
 
     def disbelieved(self, fit: Fit) -> list[str]:
@@ -185,7 +187,7 @@ class Study:
         motion, found = self.motion, list[str]()
         if motion is None:
             return found
-        free = transferred(fit.free.astype(float), fit.problem, motion.problem, missing=0.0) > 0.0
+        free = transferred_mask(fit.free, fit.problem, motion.problem)
         for run, weights in zip(motion.box.runs, motion.believed(free & ~motion.of_starts), strict=True):
             for channel, weight in zip(run.channels, weights, strict=True):
                 when = run.run.channels[channel].time[weight > 1.0]
@@ -202,7 +204,7 @@ class Study:
         return self._fit_around(effects, 0)
 
     def _fit_around(self, effects: Sequence[Candidate], others: int) -> Fit:
-        """The fit with these effects from the measured motion; see `descended` for `others`."""
+        """The fit with these effects from the measured motion; see `best_minimum` for `others`."""
         motion, names = self.motion, {name for c in effects for name in c.names}
         assert motion is not None
         key = frozenset(names), others
@@ -214,15 +216,15 @@ class Study:
         if key[0] not in self._starts:
             (self._starts[key[0]],) = tee(motion.starts(free), 1)
         starts, point = self._starts[key[0]], motion.settled_point(free)
-        free = transferred((free | motion.of_starts).astype(float), motion.problem, self.problem, missing=0.0) > 0.0
-        found = descended(self.problem, free, (self.own(values, motion.problem) for values in copy(starts)), others)
+        free = transferred_mask(free | motion.of_starts, motion.problem, self.problem)
+        found = best_minimum(self.problem, free, (self.own(values, motion.problem) for values in copy(starts)), others)
         if point is not None:
             found = replace(found, settled=self.own(point.values, motion.problem))
-        self._started[id(found)] = found, starts
+        self._started[found] = starts
         self._around_motion[key] = found
         return found
 
-    def to_the_end(self, found: Fit) -> Fit:
+    def converge(self, found: Fit) -> Fit:
         """A fit after as many more steps as lower the cost by what matters in a comparison."""
         for _ in range(MORE):
             if found.outcome is not Outcome.OUT_OF_STEPS:
@@ -233,7 +235,7 @@ class Study:
                 break
         return found
 
-    def lean(self, found: Fit) -> Fit:
+    def without_unused_effects(self, found: Fit) -> Fit:
         """The same fit in a formulation with only those effects that it fitted: faster, where much is computed."""
         model = self.model
         for candidate in self.candidates:
@@ -252,7 +254,7 @@ class Study:
         """What sets of effects are worth, from sums around a fit; see `Summed` for `sparse`."""
         everything = Problem(self.problem.model, [*self.runs, *self.held_out], self.noise)
         values = transferred(at.values, self.problem, everything)
-        free = transferred(at.free.astype(float), self.problem, everything, missing=0.0) > 0.0
+        free = transferred_mask(at.free, self.problem, everything)
         present = everything.of([n for c in self.present for n in c.names])
         base = everything.fitted & ~everything.of([n for c in (*self.candidates, *self.present) for n in c.names])
         own = [a for c in self.present for a in c.apart() if np.all(everything.fitted[everything.of(a.names)])]
@@ -280,28 +282,27 @@ class Study:
         return scores(at, [c for c in left if c.names])
 
     def held_out_blocks(self, found: Fit) -> list[Block] | None:
-        """Residuals of runs that took no part; see `held_out.held_out_blocks`."""
-        if id(found) not in self._held_out:  # the fit is kept with its answer, so that its id stays its own
-            started = self._started.get(id(found))
-            starts = None if started is None or self.motion is None else (self.motion.problem, started[1])
-            self._held_out[id(found)] = found, held_out_blocks(self._quick(found), self.held_out, starts)
-        return self._held_out[id(found)][1]
+        """Residuals of runs that took no part; see `holdout.held_out_blocks`."""
+        if found not in self._held_out:
+            started = self._started.get(found)
+            starts = None if started is None or self.motion is None else (self.motion.problem, started)
+            self._held_out[found] = held_out_blocks(self._quick(found), self.held_out, starts)
+        return self._held_out[found]
 
     @property
-    def judges(self) -> tuple[Judge, ...]:
+    def judges(self) -> tuple[HoldoutKind, ...]:
         """Who judges a model of this study, the most independent first."""
         return judges(self.held_out, self.exam, self.runs)
 
     def exam_blocks(self, found: Fit) -> list[Block]:
         """Residuals of the exam runs, empty where there are none; ask when nothing is left to choose."""
-        if id(found) not in self._exam:
-            blocks = held_out_blocks(self._quick(found), self.exam) if self.exam else None
-            self._exam[id(found)] = found, blocks or []
-        return self._exam[id(found)][1]
+        if found not in self._exam:
+            self._exam[found] = (held_out_blocks(self._quick(found), self.exam) if self.exam else None) or []
+        return self._exam[found]
 
     def _quick(self, found: Fit) -> Fit:
         """The fit in a formulation that predicts many samples fast."""
-        return self.lean(found) if found.samples > LONG and found.problem is self.problem else found
+        return self.without_unused_effects(found) if found.samples > LONG and found.problem is self.problem else found
 
     def _released(self, effects: Sequence[Candidate], near: Fit) -> tuple[np.ndarray, np.ndarray]:
         """What is free with these effects, and values near a fit; other effects are at their null values."""

@@ -36,15 +36,6 @@ class _Bent:
     bend: Bend
 
 
-def inverse_of_at_least_one(A: np.ndarray) -> np.ndarray:
-    """(n, n) inverse of a symmetric matrix to which one was added: of eigenvalues below one, rounding took the rest.
-
-    Where errors grow from swing to swing, the largest eigenvalue is beyond 1e16 times the smallest.
-    """
-    values, vectors = np.linalg.eigh(A)
-    return (vectors / np.maximum(values, 1.0)) @ vectors.T
-
-
 class Solver:
     """Fits of sets of effects to units, by weighted sums.
 
@@ -211,7 +202,7 @@ class Solver:
             change[outside] = np.clip(change, lower, upper)[outside]
             moving &= ~outside
         change = np.where(free, np.clip(change, lower, upper), change)
-        # Where errors grow from swing to swing, rounding and bounds may leave an answer that is worse than none.
+        # Bounds may leave an answer that is worse than none.
         G, weight = G[columns[:, None], columns], np.where(free, width**-2.0, 0.0)
         costs = [self._cost(G, slope[columns], d, weight, d - self.centre[columns]) for d in (change, still)]
         return change if costs[0] <= costs[1] else still

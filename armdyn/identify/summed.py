@@ -8,10 +8,9 @@ import numpy as np
 
 from armdyn.identify.appraisal import Appraisal, Appraiser, Described
 from armdyn.identify.candidate import Candidate
-from armdyn.identify.leftover import level_of
 from armdyn.identify.sample_evidence import SampleEvidence, misfit_of
 from armdyn.identify.simplest import simplest_of_best
-from armdyn.identify.subset import Solver, inverse_of_at_least_one
+from armdyn.identify.subset import Solver
 from armdyn.identify.sums import Sums
 
 DIMINISHED = 0.2
@@ -210,12 +209,14 @@ class Summed(Appraiser):
                 result[name] = float(np.sqrt(np.average(errors[mine], weights=s.count[units][mine])))
         return result
 
-    def promising(self, now: Appraisal, changes: Sequence[Change], most: int) -> list[Appraisal]:
+    def shortlist(self, now: Appraisal, changes: Sequence[Change], most: int) -> list[Appraisal]:
         """Of sets that differ from one by changes, those that are foretold to be worth most, at most so many."""
-        return [self.of(effects) for effects, _ in self._foretold(now, changes)[:most]]
+        return [self.of(effects) for effects, _ in self._by_predicted_gain(now, changes)[:most]]
 
-    def _foretold(self, now: Appraisal, changes: Sequence[Change]) -> list[tuple[tuple[Candidate, ...], float]]:
-        """Sets after changes, best first, each with weighted squared error and twice the price."""
+    def _by_predicted_gain(
+        self, now: Appraisal, changes: Sequence[Change]
+    ) -> list[tuple[tuple[Candidate, ...], float]]:
+        """Sets after changes, best first, each with its predicted weighted squared error plus twice its price."""
         found: list[tuple[tuple[Candidate, ...], float]] = []
         coming: dict[tuple[Candidate, ...], list[Sequence[Candidate]]] = {}
         for gone, come in changes:
@@ -247,7 +248,7 @@ class Summed(Appraiser):
         slope = slope - G[:, gone] @ now.effective[~now.free] + self._solver.centre * width**-2.0
         # In units of their widths, so that the matrices are no worse than one, whatever the runs tell.
         G, slope = width[:, None] * G * width, width * slope
-        inner = inverse_of_at_least_one(G[np.ix_(C, C)] + np.eye(len(C))) @ np.column_stack([G[C], slope[C]])
+        inner = np.linalg.solve(G[np.ix_(C, C)] + np.eye(len(C)), np.column_stack([G[C], slope[C]]))
         left, rest = G - G[:, C] @ inner[:, :-1], slope - G[:, C] @ inner[:, -1]
         there, most = set(C.tolist()), self._remaining(now)
         gains = np.zeros(len(options))
@@ -268,7 +269,7 @@ class Summed(Appraiser):
         width = self._solver.width[C]
         G = width[:, None] * self._solver.normal(self._training)[0][np.ix_(C, C)] * width
         result = np.zeros(len(self.sums.values))
-        result[C] = width * np.sqrt(np.diag(inverse_of_at_least_one(G + np.eye(len(C)))))
+        result[C] = width * np.sqrt(np.diag(np.linalg.inv(G + np.eye(len(C)))))
         return result
 
     def _richest(self) -> tuple[dict[int, np.ndarray], float]:
@@ -276,14 +277,10 @@ class Summed(Appraiser):
         s = self.sums
         whole = self._solver.subset(self.candidates)
         every, units = whole.columns, self._training
-        level, still = s.noise**2, s.square / s.count
+        level = s.noise**2
         for _ in range(LEVELS):
             self._solver.weigh(1.0 / level)
             change = self._solver.linear(every, whole.free, units)
-            error = s.errors(every, change, np.arange(len(s.count)))
-            if (s.count / level)[units] @ (error - still)[units] > 0.0:
-                # Where errors grow from swing to swing, bounds leave a linear answer that is worse than none.
-                change, error = np.zeros(len(every)), still
-            level = level_of(s, error)
+            level = s.level(s.errors(every, change, np.arange(len(s.count))))
         _, values = self._evidence.freedom(every[whole.free], change[whole.free], units)
         return {unit: s.residual(unit, every, change) for unit in units.tolist()}, values

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armdyn.identify.candidate import Candidate
-from armdyn.identify.fit import Fit
 from armdyn.identify.problem import Block, Problem
 
 ALONE = 3
@@ -95,6 +94,15 @@ class Sums:
         total = self.square[units] - 2.0 * slope @ change + (gram @ change) @ change
         return np.maximum(total, 0.0) / self.count[units]
 
+    def level(self, error: np.ndarray) -> np.ndarray:
+        """(U,) variance of each channel, at least its noise's, from (U,) mean squared errors of the training units."""
+        level = self.noise**2
+        for channel in np.unique(self.channel[self.training]):
+            units = self.channel == channel
+            known = units & self.training
+            level = np.where(units, np.maximum(level, np.average(error[known], weights=self.count[known])), level)
+        return level
+
     def residual(self, unit: int, columns: np.ndarray, change: np.ndarray) -> np.ndarray:
         """(n,) residual of a unit after a change (c,) of the unknowns `columns` (c,), in the channel's unit."""
         block = self.blocks[unit]
@@ -117,35 +125,7 @@ def sums(problem: Problem, training: Collection[str], values: np.ndarray, absent
     if np.any(acting != values):
         latent = driver != np.arange(len(values))
         blocks = [_with_latent(h, t, latent) for h, t in zip(blocks, problem.blocks(acting), strict=True)]
-    size = np.where(driver != np.arange(len(values)), (acting - values)[driver], 0.0)
-    absence = np.where(problem.prior_weight > 0, problem.prior_mean, problem.null) - values
-    return _collected(problem, values, blocks, training, driver, size, absence)
-
-
-def sums_at(fit: Fit, blocks: Sequence[Block]) -> Sums:
-    """Sums around a minimum, at which unknowns without a prior stay where the runs do not tell them.
-
-    Args:
-        fit: to the training runs.
-        blocks: of the training runs there, with the derivatives that are wanted.
-    """
-    p = fit.problem
-    near = np.where(p.prior_weight > 0, p.prior_mean - fit.values, 0.0)
-    itself = np.arange(len(fit.values))
-    training = {run.name for run in p.runs}
-    return _collected(p, fit.values, blocks, training, itself, np.zeros(len(itself)), near)
-
-
-def _collected(
-    problem: Problem,
-    values: np.ndarray,
-    blocks: Sequence[Block],
-    training: Collection[str],
-    driver: np.ndarray,
-    size: np.ndarray,
-    centre: np.ndarray,
-) -> Sums:
-    runs = tuple(dict.fromkeys([*(run.name for run in problem.runs), *(block.run for block in blocks)]))
+    runs = tuple(run.name for run in problem.runs)
     channels = tuple(dict.fromkeys(block.channel for block in blocks))
     X = [block.sensitivities * block.noise for block in blocks]
     return Sums(
@@ -162,11 +142,13 @@ def _collected(
         count=np.array([len(block.residual) for block in blocks], dtype=float),
         noise=np.array([block.noise for block in blocks]),
         driver=driver,
-        size=size,
+        size=np.where(driver != np.arange(len(values)), (acting - values)[driver], 0.0),
         blocks=tuple(blocks),
         width=_width(problem),
-        centre=centre,
+        centre=np.where(problem.prior_weight > 0, problem.prior_mean, problem.null) - values,
     )
+
+
 
 
 def _width(problem: Problem) -> np.ndarray:

@@ -20,7 +20,7 @@ PROMISED = 12.0
 
 
 @dataclass(frozen=True)
-class Rise:
+class OrderedStep:
     """One step from a smaller set to a larger one.
 
     Attributes:
@@ -45,7 +45,7 @@ def merged(candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
     return tuple(found.values())
 
 
-def rises(appraiser: Appraiser, whole: Appraisal, firm: Sequence[Candidate] = ()) -> list[Rise]:
+def ordered_steps(appraiser: Appraiser, whole: Appraisal, firm: Sequence[Candidate] = ()) -> list[OrderedStep]:
     """The way from the effects `firm` to the set `whole`, what explains most first.
 
     A reader of joint torques counts N m, also where what a joint with little noise shows is surer.
@@ -67,7 +67,7 @@ def rises(appraiser: Appraiser, whole: Appraisal, firm: Sequence[Candidate] = ()
         found.append((joined, after, after.worth - now.worth))
         now, left = after, [c for c in left if c not in joined]
     whole = appraiser.settle(whole.effects)
-    return [Rise(merged(new)[0], after, gain, tied(appraiser, whole, new)) for new, after, gain in found]
+    return [OrderedStep(merged(new)[0], after, gain, tied(appraiser, whole, new)) for new, after, gain in found]
 
 
 def tied(appraiser: Appraiser, whole: Appraisal, part: Sequence[Candidate]) -> tuple[Candidate, ...]:
@@ -80,9 +80,9 @@ def tied(appraiser: Appraiser, whole: Appraisal, part: Sequence[Candidate]) -> t
     joints = {j for c in part for j in c.joints}
     found = []
     without = appraiser.of(rest)
-    contenders = appraiser.candidates
-    for name in dict.fromkeys(c.effect for c in contenders if c.effect != part[0].effect):
-        others = [c for c in contenders if c.effect == name and set(c.joints) <= joints]
+    plausible_effects = appraiser.candidates
+    for name in dict.fromkeys(c.effect for c in plausible_effects if c.effect != part[0].effect):
+        others = [c for c in plausible_effects if c.effect == name and set(c.joints) <= joints]
         if any(c in rest for c in others) or len(others) < len(part):
             continue
         other = appraiser.of((*rest, *others))
@@ -136,10 +136,10 @@ def suspects(appraiser: Appraiser, first: Sequence[Candidate], tied: Sequence[Ca
     """
     nothing = appraiser.of(appraiser.given)
     found = [appraiser.of((*appraiser.given, *first))] if first else []
-    contenders = [c for c in appraiser.candidates if c not in appraiser.given]
-    for name in dict.fromkeys(c.effect for c in contenders):
+    plausible_effects = [c for c in appraiser.candidates if c not in appraiser.given]
+    for name in dict.fromkeys(c.effect for c in plausible_effects):
         if not first or name != first[0].effect:
-            found.append(_alone(appraiser, [c for c in contenders if c.effect == name], nothing))
+            found.append(_alone(appraiser, [c for c in plausible_effects if c.effect == name], nothing))
     leading = found[:1] if first else []
     worth = [one for one in found[len(leading) :] if one.worth > nothing.worth]
     rest = sorted(worth, key=lambda one: -one.worth)

@@ -9,10 +9,10 @@ from armdyn.channels import FloatArray
 from armdyn.document import Column, Columns, Curve, Section, Table, columns_of
 from armdyn.identify.explained import RepairStep, Scale
 from armdyn.identify.fit import Fit
+from armdyn.identify.holdout import HoldoutKind
 from armdyn.identify.localise import Place
 from armdyn.identify.missing_force import ForceCurve
 from armdyn.identify.sentence import MOST_JOINTS, totals
-from armdyn.identify.unseen import Judge
 
 if TYPE_CHECKING:
     from armdyn.arm.links import LinkChange
@@ -121,7 +121,7 @@ def missing_force_columns(curves: Sequence[ForceCurve]) -> Columns:
 
 
 def step_table(
-    path: Sequence[RepairStep], scale: Scale, judges: Sequence[Judge], summaries: Mapping[str, str]
+    path: Sequence[RepairStep], scale: Scale, judges: Sequence[HoldoutKind], summaries: Mapping[str, str]
 ) -> Table:
     """The error falling: a row per step, the error on every kind of runs as a bar.
 

@@ -14,7 +14,6 @@ values within 3 standard deviations, with whitening 76 % (docs/repair.md). What 
 more than any residual shows.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -22,7 +21,7 @@ import numpy as np
 
 from armdyn.identify.fit import Fit
 from armdyn.identify.noise import variance_inflation, whitened, whitening
-from armdyn.identify.problem import Block
+from armdyn.identify.problem import by_channel, chi2_of
 from armdyn.identify.study import Study
 
 FAR_ABOVE_STATED = 2.0
@@ -103,8 +102,10 @@ def whitened_covariance(fit: Fit) -> np.ndarray:
     weight = problem.prior_weight[free]
     information = np.diag(weight**2)
     gradient = weight**2 * (problem.prior_mean - fit.values)[free]
-    for channel, (coefficients, std) in whitening(fit.blocks).items():
-        for block in (b for b in fit.blocks if b.channel == channel):
+    filters = whitening(fit.blocks)
+    for channel, blocks in by_channel(fit.blocks).items():
+        coefficients, std = filters[channel]
+        for block in blocks:
             residual = whitened(block.residual, coefficients) / std
             sensitivities = whitened(block.sensitivities[:, free], coefficients) / std
             information += sensitivities.T @ sensitivities
@@ -126,14 +127,14 @@ def _inverse(matrix: np.ndarray, scale: np.ndarray) -> np.ndarray:
 
 def _model_limited(study: Study, fit: Fit) -> bool:
     """Whether in some channel the model's own error is larger than the noise."""
-    for blocks in _by_channel(fit).values():
+    for blocks in by_channel(fit.blocks).values():
         stated = [study.stated_noise.get((block.run, block.channel)) for block in blocks]
         samples = sum(len(block.residual) for block in blocks)
         if all(stated):
             chi2 = sum(float(b.misfit @ b.misfit) / s**2 for b, s in zip(blocks, stated, strict=True) if s)
             far = FAR_ABOVE_STATED
         else:
-            chi2, far = sum(float(b.residual @ b.residual) for b in blocks), FAR_ABOVE_ESTIMATED
+            chi2, far = chi2_of(blocks), FAR_ABOVE_ESTIMATED
         if chi2 > far * samples:
             return True
     return False
@@ -143,10 +144,5 @@ def _inflation(fit: Fit) -> dict[str, float]:
     """By channel, at least 1."""
     return {
         channel: max(1.0, variance_inflation([block.residual for block in blocks]))
-        for channel, blocks in _by_channel(fit).items()
+        for channel, blocks in by_channel(fit.blocks).items()
     }
-
-
-def _by_channel(fit: Fit) -> dict[str, Sequence[Block]]:
-    channels = dict.fromkeys(block.channel for block in fit.blocks)
-    return {channel: [block for block in fit.blocks if block.channel == channel] for channel in channels}

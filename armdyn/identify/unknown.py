@@ -8,7 +8,7 @@ from scipy.special import chdtrc
 
 from armdyn.identify.fit import Fit
 from armdyn.identify.noise import whitened, whitening
-from armdyn.identify.problem import Problem
+from armdyn.identify.problem import Problem, by_channel, chi2_of
 from armdyn.run import Channel, Run
 
 MOST_TERMS = 3
@@ -134,8 +134,9 @@ def process_error_share(fit: Fit) -> float | None:
                     start[j] = np.interp(begin, states["swing_rate"].time, states["swing_rate"].value)
             free = alone.of(own)
             found = alone.fit(free, start, most_steps=6, tolerance=0.1)
-            left += sum(float(b.residual @ b.residual) for b in alone.blocks(found.values, free))
-            samples += sum(len(b.residual) for b in alone.blocks(found.values, free)) - free.sum()
+            blocks = alone.blocks(found.values, free)
+            left += chi2_of(blocks)
+            samples += sum(len(b.residual) for b in blocks) - free.sum()
     excess = fit.chi2 - fit.samples
     return (
         float(np.clip((fit.chi2 - left * fit.samples / max(samples, 1.0)) / excess, 0.0, 1.0)) if excess > 0 else None
@@ -167,10 +168,9 @@ def sparse_terms(fit: Fit) -> tuple[Term, ...]:
         run.name: problem.model.covariates(run, problem.theta(i, fit.values)) for i, run in enumerate(problem.runs)
     }
     found: list[Term] = []
-    channels = dict.fromkeys(block.channel for block in fit.blocks)
-    for channel in channels:
+    channels = by_channel(fit.blocks)
+    for channel, blocks in channels.items():
         coefficients, std = filters[channel]
-        blocks = [b for b in fit.blocks if b.channel == channel]
         names = set.intersection(*(set(states[b.run]) for b in blocks))
         joint = channel.partition(".")[2]
         if joint:
@@ -208,10 +208,9 @@ def spectral_peaks(fit: Fit) -> tuple[SpectralPeak, ...]:
     """The strongest frequency of each channel's whitened residual, where it is stronger than noise makes one."""
     filters = whitening(fit.blocks)
     found = []
-    channels = dict.fromkeys(block.channel for block in fit.blocks)
-    for channel in channels:
+    channels = by_channel(fit.blocks)
+    for channel, blocks in channels.items():
         coefficients, std = filters[channel]
-        blocks = [b for b in fit.blocks if b.channel == channel]
         interval = float(np.median(np.concatenate([np.diff(b.time) for b in blocks])))
         longest = max(float(b.time[-1] - b.time[0]) for b in blocks)
         frequencies = np.linspace(2.0 / longest, 0.45 / interval, FREQUENCIES * 4)

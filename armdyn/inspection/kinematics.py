@@ -1,6 +1,6 @@
 """Recorded velocities against the derivatives of recorded positions: units, signs, columns and clocks of rates."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -33,18 +33,14 @@ CLEARLY = 0.4
 """Share of what a rate does not follow that another position, or another clock, must explain."""
 NOTHING_ALIKE = 0.5
 """Correlation below which a rate is not that of its position."""
-FACTORS: Mapping[str, tuple[float, Kind, str]] = {
-    "degrees per second": (180.0 / np.pi, "angle_unit", "are in degrees per second and called rad/s"),
-    "turns per minute": (30.0 / np.pi, "angle_unit", "are in turns per minute and called rad/s"),
-    "turns per second": (0.5 / np.pi, "angle_unit", "are in turns per second and called rad/s"),
-    "radians": (
-        np.pi / 180.0,
-        "angle_unit",
-        "are in rad/s and called degrees per second, or the positions are in degrees",
-    ),
-    "the other way": (-1.0, "position_sign", "count the other way than the positions"),
-}
-"""Rate over slope, by what it means."""
+FACTORS: tuple[tuple[float, Kind, str], ...] = (
+    (180.0 / np.pi, "angle_unit", "are in degrees per second and called rad/s"),
+    (30.0 / np.pi, "angle_unit", "are in turns per minute and called rad/s"),
+    (0.5 / np.pi, "angle_unit", "are in turns per second and called rad/s"),
+    (np.pi / 180.0, "angle_unit", "are in rad/s and called degrees per second, or the positions are in degrees"),
+    (-1.0, "position_sign", "count the other way than the positions"),
+)
+"""Rate over slope, the kind of mistake, and what it means."""
 PAIRS = {"swing_angle": "swing_rate", "gripper_x": "gripper_v"}
 
 
@@ -90,7 +86,7 @@ def rate_checks(run: Run) -> Iterator[Check]:
                 kind, said, reading = other
                 told.setdefault((kind, said), []).append((pair, reading))
                 continue
-        meant = next((m for m, (factor, *_) in FACTORS.items() if OFF[0] < pair.factor / factor < OFF[1]), None)
+        meant = next((meaning for meaning in FACTORS if OFF[0] < pair.factor / meaning[0] < OFF[1]), None)
         if pair.alike < NOTHING_ALIKE:
             yield Check(
                 "rate", Severity.SUSPECT, run.name, (pair.rate, pair.position),
@@ -98,7 +94,7 @@ def rate_checks(run: Run) -> Iterator[Check]:
                 f"leave {pair.rate} out, or find out what it is",
             )  # fmt: skip
         elif meant is not None and pair.alike > ALIKE:
-            factor, kind, said = FACTORS[meant]
+            factor, kind, said = meant
             told.setdefault((kind, said), []).append((pair, Reading(pair.rate, 1.0 / factor)))
         elif pair.alike > ALIKE and not OFF[0] < pair.factor < OFF[1]:
             yield Check(

@@ -9,7 +9,6 @@ import numpy as np
 from armdyn.inspection.arm import AS_DESCRIBED, ArmRun
 from armdyn.inspection.check import MODEL, Check, Severity, amount
 from armdyn.inspection.correction import Correction
-from armdyn.inspection.evidence import Evidence
 from armdyn.inspection.hypotheses import MISTAKES, Hypothesis
 from armdyn.inspection.swing import SwingRun, mistakes
 
@@ -42,16 +41,14 @@ class Verdict:
         hypothesis: the best.
         gain: nats against "as it stands".
         lead: nats against the next best.
-        found: with every effect.
     """
 
     hypothesis: Hypothesis
     gain: float
     lead: float
-    found: Evidence
 
 
-def tested(run: Modelled) -> Iterator[Verdict]:
+def find_mistakes(run: Modelled) -> Iterator[Verdict]:
     """Mistakes of a recording, one after the other, each undone before the next is looked for."""
     told: set[tuple[str, tuple[str, ...]]] = set()
     for _ in range(AT_ONCE):
@@ -128,12 +125,12 @@ def _best(run: Modelled, sets: Sequence[tuple[Hypothesis, ...]], as_is: float) -
     if values[best] - least < SURE:
         return ()
     lead = values[best] - max([*(v for k, v in enumerate(values) if k != best), as_is])
-    return tuple(Verdict(h, values[best] - least, lead, found[best]) for h in chosen)
+    return tuple(Verdict(h, values[best] - least, lead) for h in chosen)
 
 
 def checks(run: Modelled) -> list[Check]:
     """What is wrong with a recording, as the model sees it."""
-    return [_check(run, verdict) for verdict in tested(run)]
+    return [_check(run, verdict) for verdict in find_mistakes(run)]
 
 
 def _check(run: Modelled, v: Verdict) -> Check:

@@ -150,7 +150,7 @@ class SwingRun:
         rows, described, columns, volume, least = [], [], [], [], []
         signs: list[np.ndarray] = []
         angle, rate, bend = np.zeros(n), np.zeros(n), np.zeros(n)
-        length, told = self._known("length")
+        length, measured = self._known("length")
         u = np.zeros(n)
         if "gripper_x" in self._curves:
             r = correction.reading("gripper_x")
@@ -160,17 +160,17 @@ class SwingRun:
             angle, rate, bend = (r.factor * x for x in self.motion(r.late))
             angle = angle + r.offset
             drive, weightless = u * np.cos(angle) / length, -STANDARD_GRAVITY * np.sin(angle) / length
-            width = MEASURED if told else GUESSED["length"]
+            width = MEASURED if measured else GUESSED["length"]
             pace = STANDARD_GRAVITY / length
             rows.append(bend)
-            described.append((drive + weightless) if told else np.zeros(n))
+            described.append((drive + weightless) if measured else np.zeros(n))
             X = [
                 width * (drive + weightless), 0.15 * drive, -0.5 * rate, -np.tanh(20.0 * rate),
                 -0.05 * rate * np.abs(rate), 0.05 * pace * np.cos(angle), 0.02 * pace * angle**2,
                 0.02 * pace * angle**3, 0.05 * pace * np.linspace(-1.0, 1.0, n),
             ]  # fmt: skip
             columns.append(np.column_stack(X))
-            signs.append(np.array([not told, False, True, True, True, *([False] * 4)]))
+            signs.append(np.array([not measured, False, True, True, True, *([False] * 4)]))
             volume.append(np.log(abs(r.factor)))
             least.append(1e-3 * STANDARD_GRAVITY / length)
         if "load_force" in self.channels:

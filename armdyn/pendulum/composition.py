@@ -12,8 +12,7 @@ import casadi as ca
 from armdyn.effects.catalogue import natural_order
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
-from armdyn.pendulum.physics import STANDARD_GRAVITY as STANDARD_GRAVITY
-from armdyn.pendulum.physics import Expression, Gripper, Load, Sensor, String, Tension
+from armdyn.pendulum.physics import STANDARD_GRAVITY, Expression, Gripper, Load, Sensor, String, Tension
 from armdyn.physics.definition import Moment
 
 STAGES = ("gripper", "string", "load", "tension", "sensor")

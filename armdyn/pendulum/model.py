@@ -149,7 +149,7 @@ class PendulumModel(SimulatedModel):
 
     def dynamics(self) -> Dynamics:
         """Continuous equations with two states and four inputs, for sequential action control."""
-        return _planar(natural_order(self.effects))
+        return _dynamics(natural_order(self.effects), planar=True)
 
     def variational(self) -> VariationalStep:
         """Discrete variational equations, for planning."""
@@ -170,7 +170,7 @@ class PendulumModel(SimulatedModel):
             raise InputError("the load of this model does not come to rest below the gripper: check its effects")
         return float(brentq(moment, -STEEPEST, STEEPEST, xtol=1e-12))
 
-    def driven_by(self, path: GripperPath, physics: np.ndarray) -> Path:
+    def driven_by(self, path: Path, physics: np.ndarray) -> Path:
         """The path of the string's upper end where the gripper's was recorded; see `SimulatedModel`."""
         return path if self.system.input_lag is None else trailing(path, self.gripper_lag(physics))
 
@@ -230,9 +230,9 @@ class PendulumModel(SimulatedModel):
         return _dynamics(natural_order(self.effects))
 
 
-@lru_cache(maxsize=64)
-def _dynamics(effects: tuple[Effect, ...]) -> Dynamics:
-    return derive_dynamics(Composition(effects))
+@lru_cache(maxsize=128)
+def _dynamics(effects: tuple[Effect, ...], *, planar: bool = False) -> Dynamics:
+    return derive_dynamics(Composition(effects), planar=planar)
 
 
 @lru_cache(maxsize=256)
@@ -240,11 +240,6 @@ def _cost(effect: Effect) -> int:
     """How much an effect adds to every step of a simulation: 2 for further states, 1 for further inputs, else 0."""
     with_it = Composition([effect])
     return 2 if with_it.crosses or with_it.remembers else int(with_it.yields or with_it.trails)
-
-
-@lru_cache(maxsize=64)
-def _planar(effects: tuple[Effect, ...]) -> Dynamics:
-    return derive_dynamics(Composition(effects), planar=True)
 
 
 @lru_cache(maxsize=64)

@@ -88,14 +88,14 @@ def _inputs(t: np.ndarray, along: np.ndarray, level: np.ndarray, dt: float) -> t
     return np.vstack([t, along, level, jerk]), np.vstack(between)
 
 
-def trailing(path: GripperPath, lag: float) -> Path:
+def trailing(path: Path, lag: float) -> Path:
     """The path of what follows a gripper with a lag, and its derivative with respect to the lag.
 
     tau z' + z = x, from a start at constant acceleration: z(0) = x - tau v + tau^2 a. Position, velocity and
     acceleration pass the same lag, each exactly for the signal that is linear between the nodes.
 
     Args:
-        path: what the encoders say.
+        path: what the encoders say, with the inputs of a `GripperPath`.
         lag: tau, s.
     """
     (x, v, a), tau = path.nodes[1:4, 0], lag
@@ -107,7 +107,7 @@ def trailing(path: GripperPath, lag: float) -> Path:
         ),
         strict=True,
     )
-    t, level = path.nodes[0], path.height
+    t, level = path.nodes[0], path.nodes[4:7]
     values = _inputs(t, np.hstack(along).T, level, path.dt)
     return Path(path.start, path.dt, *values, by_lag=_inputs(0.0 * t, np.vstack(by_lag), 0.0 * level, path.dt))
 

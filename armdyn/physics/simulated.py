@@ -3,7 +3,6 @@
 from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -104,18 +103,17 @@ class SimulatedModel(Model):
     def path(self, run: Run) -> Path:
         """The recorded inputs of a run on an even grid."""
 
-    def driven_by(self, path: Any, physics: np.ndarray) -> Path:
+    def driven_by(self, path: Path, physics: np.ndarray) -> Path:
         """What drives the motion where `path` was recorded; `physics` as `physics_theta`."""
         del physics
-        found: Path = path
-        return found
+        return path
 
     @property
     def physics_names(self) -> tuple[str, ...]:
         """Parameters of the equations and of the sensors, in the order of theta there: all but those of the start."""
         return self.system.names
 
-    def rollout(self, path: Any, theta: np.ndarray, channels: tuple[str, ...] | None = None) -> Rollout:
+    def rollout(self, path: Path, theta: np.ndarray, channels: tuple[str, ...] | None = None) -> Rollout:
         """Simulate `channels`, all when not given, along recorded inputs; `theta` (p,) in the order of `names`."""
         system, physics = self.system, theta[self.places[1]]
         channels = system.outputs if channels is None else channels

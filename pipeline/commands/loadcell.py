@@ -49,7 +49,7 @@ def calibrate(
     """Find offset, scale and noise with known weights."""
     import time
 
-    from armdyn.pendulum.composition import STANDARD_GRAVITY
+    from armdyn.pendulum.physics import STANDARD_GRAVITY
     from pipeline.loadcell.calibration import default_path
     from pipeline.loadcell.cell import LoadCell
     from pipeline.loadcell.fit import calibrate as guided
@@ -166,7 +166,7 @@ def _cell(port: str) -> "Iterator[tuple[str, EmulatedCell | None]]":
         return
     import numpy as np
 
-    from armdyn.pendulum.composition import STANDARD_GRAVITY
+    from armdyn.pendulum.physics import STANDARD_GRAVITY
     from pipeline.loadcell.emulator import EmulatedCell, swinging_load
 
     load = swinging_load(mass=0.08, length=0.368, amplitude=0.3, gravity=STANDARD_GRAVITY)

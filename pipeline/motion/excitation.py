@@ -13,7 +13,7 @@ from armdyn.experiments.arm import ArmProblem
 from armdyn.experiments.criteria import covariance
 from armdyn.experiments.goal import Goal
 from armdyn.experiments.limits import MotionLimits
-from armdyn.experiments.search import NEARLY, Say, improved, random_motions, scaled, search, shrunk
+from armdyn.experiments.search import NEARLY, Say, improve, random_motions, scale, search, shrink
 from armdyn.experiments.series import AxisMotion, Series
 from armdyn.run import Channel, Run
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, check_joints
@@ -168,7 +168,7 @@ def excitation(
         say("designing the motion with the least condition number")
         rival = replace(problem, criterion=goal.conditioned)
         other = search(rival, starts, [goal.conditioned(information)[0] for information in informations], say)
-        inside = shrunk(rival, other, NEARLY)
+        inside = shrink(rival, other, NEARLY)
         conditioned = expectation(problem, goal, other if inside is None else inside)
     return Excitation(
         goal=goal,
@@ -223,14 +223,14 @@ def _feasible(
             break
         problem = _with_less_room(problem, check)
         say(f"{k + 1} of {REPAIRS} repairs, as the {check.violations[0].broken}")
-        x = improved(problem, x, first=len(problem.steps) - 2)
+        x = improve(problem, x, first=len(problem.steps) - 2)
         say("checking the motion on the whole arm")
         trajectory, check = checked(x)
     if check.feasible:
         return x, trajectory, check
     smaller: list[tuple[float, tuple[Array, JointTrajectory, FeasibilityReport]]] = []
     for motion in (x, best):
-        for small in (scaled(motion, size) for size in SMALLER):
+        for small in (scale(motion, size) for size in SMALLER):
             trajectory, check = checked(small)
             if check.feasible:
                 smaller.append((problem.cost(small), (small, trajectory, check)))

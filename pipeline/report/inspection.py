@@ -87,15 +87,14 @@ def channel_chart(name: str, channel: Channel, checks: Sequence[Check]) -> Chart
 
 
 def spectrum(channel: Channel) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies [Hz] and power density of a channel less its mean, averaged over neighbours on a logarithmic grid."""
-    n = max(len(channel), 16)
-    time = np.linspace(channel.time[0], channel.time[-1], n)
+    """Frequencies [Hz] and one-sided power density of a channel less its mean, on a logarithmic grid."""
+    from scipy.signal import periodogram
+
+    time = np.linspace(channel.time[0], channel.time[-1], max(len(channel), 16))
     value = np.interp(time, channel.time, channel.value)
-    window = np.hanning(n + 2)[1:-1]
-    interval = float(time[1] - time[0])
-    power = interval * np.abs(np.fft.rfft(window * (value - value.mean()))) ** 2 / float(window @ window)
-    frequency = np.fft.rfftfreq(n, interval)[1:]
+    frequency, power = periodogram(value, 1.0 / (time[1] - time[0]), "hann")
+    frequency, power = frequency[1:], power[1:]
     edges = np.unique(np.geomspace(1, len(frequency), 200).astype(int)) - 1
     counts = np.diff(np.append(edges, len(frequency)))
-    mean = np.add.reduceat(power[1:], edges) / counts
+    mean = np.add.reduceat(power, edges) / counts
     return np.add.reduceat(frequency, edges) / counts, np.maximum(mean, 1e-300)

@@ -10,10 +10,10 @@ import numpy as np
 from armdyn.channels import Channel, FloatArray
 from armdyn.document import Section, Widget
 from armdyn.identify.fit import Fit
+from armdyn.identify.holdout import HoldoutKind
 from armdyn.identify.localise import Place
 from armdyn.identify.problem import Block
 from armdyn.identify.study import Study
-from armdyn.identify.unseen import Judge
 from armdyn.preparation import of_all_runs, sentence
 from armdyn.run import Run
 from pipeline.report.page import pills
@@ -24,7 +24,9 @@ MOST_VALUES = 200_000
 LEAST_POINTS = 300
 
 FITTED, HELD_OUT, IN_TURN, EXAM = "fitted", "held out", "predicted from the other runs", "exam"
-KINDS = {Judge.TRAINING: FITTED, Judge.HELD_OUT: HELD_OUT, Judge.IN_TURN: IN_TURN, Judge.EXAM: EXAM}
+KINDS = {
+    HoldoutKind.TRAINING: FITTED, HoldoutKind.HELD_OUT: HELD_OUT, HoldoutKind.IN_TURN: IN_TURN, HoldoutKind.EXAM: EXAM,
+}  # fmt: skip
 """What a run was to the model whose prediction is shown."""
 
 

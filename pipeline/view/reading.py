@@ -1,7 +1,6 @@
 """The scene of a file: a recording, a trajectory, a table of postures, a trial."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,12 +10,10 @@ from armdyn.channels import FloatArray
 from armdyn.errors import InputError
 from armdyn.model import Model
 from armdyn.run import Run, read_run
+from pipeline.box import Box
 from pipeline.view.motion import arm_scene, joint_motion, swing_of, swing_scene, trial_scene
 from pipeline.view.scene import Mark, Scene
 from pipeline.view.shapes import links_of
-
-if TYPE_CHECKING:
-    from pipeline.motion.feasibility import FeasibilityReport
 
 MOST_MARKS = 200
 """Moments at which a checked trajectory passes a limit."""
@@ -43,15 +40,20 @@ def scene_of(path: Path, model: Model | None = None, robot: urdf.Robot | None = 
     if path.suffix.lower() == ".npz":
         return _table(path, robot)
     if _is_line(path):
-        return _line(path, robot or _known("baxter"))
+        return _trajectory(path, robot or _known("baxter"))
     run = read_run(path)
     if (model is None and not run.joints) or "gripper_x" in run.channels:
         model = _model_beside(path, model)
-    if run.joints and "gripper_x" in run.channels and "load_force" in run.channels:
-        return _trial(path, run, model, robot or _robot_of(run))
-    if run.joints:
-        return _joints(path, run, robot or _robot_of(run))
-    return swing_scene(path.name, "run", swing_of(run, model))
+    if not run.joints:
+        return swing_scene(path.name, "run", swing_of(run, model))
+    robot = robot or _robot_of(run)
+    if {"gripper_x", "load_force"} <= set(run.channels):
+        if robot.given_line is not None:
+            swing = swing_of(run, None if isinstance(model, ArmModel) else model)
+            return trial_scene(path.parent.name or path.name, links_of(robot), run, swing, Box())
+    elif not any(name.startswith("tau.") for name in run.channels) and set(robot.joint_names) <= set(run.joints):
+        return _trajectory(path, robot)
+    return arm_scene(path.name, "run", links_of(robot), *joint_motion(run, robot))
 
 
 def _trial_in(folder: Path) -> Path:
@@ -71,68 +73,38 @@ def _model_beside(path: Path, model: Model | None) -> Model | None:
     return read_model(beside)
 
 
-def _trial(path: Path, run: Run, model: Model | None, robot: urdf.Robot) -> Scene:
-    from pipeline.box import Box
-
-    swing = swing_of(run, None if isinstance(model, ArmModel) else model)
-    if robot.given_line is None:
-        return arm_scene(path.name, "run", links_of(robot), *joint_motion(run, robot))
-    return trial_scene(path.parent.name or path.name, links_of(robot), run, swing, Box())
-
-
 def _is_line(path: Path) -> bool:
     from pipeline.motion.feasibility.read import is_line_csv
 
     return path.suffix.lower() == ".csv" and is_line_csv(path)
 
 
-def _line(path: Path, robot: urdf.Robot) -> Scene:
-    """A motion along a robot's line, as its joints make it."""
+def _trajectory(path: Path, robot: urdf.Robot) -> Scene:
+    """A motion of the joints or along the robot's line, with what a check says and marks where a limit is passed."""
     from ik import default_table
-    from pipeline.motion.feasibility import CheckSettings, check_line
+    from pipeline.motion.feasibility import CheckSettings, check_joints, check_line
     from pipeline.motion.feasibility.read import read_trajectory
     from pipeline.motion.trajectory import LineTrajectory
 
-    motion = read_trajectory(path, robot)
-    assert isinstance(motion, LineTrajectory)  # `_is_line` has looked
-    table = default_table(robot)
-    beyond = (motion.s < table.s[0]) | (motion.s > table.s[-1])
-    if np.any(beyond):
-        where = int(np.argmax(beyond))
-        raise InputError(
-            f"{path}: s is {motion.s[where]:.3g} m at {motion.time[where]:.3g} s, beyond the line of '{robot.name}' "
-            f"from {table.s[0]:.3g} to {table.s[-1]:.3g} m"
-        )
-    return _checked(
-        path,
-        robot,
-        check_line(table, robot, motion, CheckSettings(collision=False)),
-        motion.time,
-        table.posture(motion.s).q,
-    )
-
-
-def _joints(path: Path, run: Run, robot: urdf.Robot) -> Scene:
-    """A motion of joints: a recording where torques were measured, else a trajectory, which is checked."""
-    from pipeline.motion.feasibility import CheckSettings, check_joints
-    from pipeline.motion.feasibility.read import read_trajectory
-    from pipeline.motion.trajectory import JointTrajectory
-
-    if not any(name.startswith("tau.") for name in run.channels) and set(robot.joint_names) <= set(run.joints):
-        motion = read_trajectory(path, robot)
-        assert isinstance(motion, JointTrajectory)  # it has joints
-        return _checked(path, robot, check_joints(robot, motion, CheckSettings(collision=False)), motion.time, motion.q)
-    return arm_scene(path.name, "run", links_of(robot), *joint_motion(run, robot))
-
-
-def _checked(path: Path, robot: urdf.Robot, found: "FeasibilityReport", time: FloatArray, q: FloatArray) -> Scene:
-    """A trajectory with what a check of its limits says; the moments at which a limit is passed are marked."""
+    motion, settings = read_trajectory(path, robot), CheckSettings(collision=False)
+    if isinstance(motion, LineTrajectory):
+        table = default_table(robot)
+        beyond = np.flatnonzero((motion.s < table.s[0]) | (motion.s > table.s[-1]))
+        if len(beyond):
+            where = beyond[0]
+            raise InputError(
+                f"{path}: s is {motion.s[where]:.3g} m at {motion.time[where]:.3g} s, beyond the line of "
+                f"'{robot.name}' from {table.s[0]:.3g} to {table.s[-1]:.3g} m"
+            )
+        found, q = check_line(table, robot, motion, settings), table.posture(motion.s).q
+    else:
+        found, q = check_joints(robot, motion, settings), motion.q
     marks = [
         Mark(v.time, v.time, f"{v.limit}{f' of {v.joint}' if v.joint else ''}: {v.value:.3g} of {v.bound:.3g} {v.unit}")
         for v in found.violations[:MOST_MARKS]
     ]
     note = f"{found.sentence} Whether it touches anything, 'armdyn check' tells."
-    return arm_scene(path.name, "trajectory", links_of(robot), time, q, marks, note)
+    return arm_scene(path.name, "trajectory", links_of(robot), motion.time, q, marks, note)
 
 
 def _table(path: Path, robot: urdf.Robot | None) -> Scene:

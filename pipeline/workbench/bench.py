@@ -15,9 +15,9 @@ from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.localise import Place, localise
 from armdyn.identify.missing_force import ForceCurve, Unexplained, curves, unexplained
 from armdyn.identify.problem import Block, Problem
+from armdyn.identify.score import linear_fit
 from armdyn.identify.study import Study
 from armdyn.identify.summed import Summed
-from armdyn.identify.sums import sums_at
 from armdyn.identify.suspects import merged
 from armdyn.parameter import Parameter
 from pipeline.report.overlay import FITTED, HELD_OUT, Overlay, overlays
@@ -109,18 +109,13 @@ class Workbench:
         ]
 
     @cached_property
-    def expansion(self) -> Summed:
-        """Sums around the fit of the model as given, which say at once what sets of effects would do.
+    def expansion(self) -> Summed | None:
+        """Sums around the fit of an arm as given, which say at once what sets of effects would do; None for others.
 
-        Exact for an arm's effects that are linear, and its links and payloads; for a pendulum near that fit, so that a
-        refit follows. Made when it is first asked for: the model as given is shown before.
+        Exact for effects that are linear, and for links and payloads. Made when it is first asked for: the model as
+        given is shown before.
         """
-        study, problem = self.study, self.study.problem
-        if study.model.linear:
-            return study.appraiser(self.first)
-        base = problem.fitted & ~problem.of([name for c in study.candidates for name in c.names])
-        sums = sums_at(self.first, problem.blocks(self.first.values))
-        return Summed(sums, base, tuple(self._candidates.values()))
+        return self.study.appraiser(self.first) if self.study.model.linear else None
 
     @cached_property
     def opening(self) -> TickedModel:
@@ -144,15 +139,22 @@ class Workbench:
         """
         if not effects:
             return self.opening
-        chosen, sums = self._candidates_of(effects), self.expansion.sums
-        columns, change, values = self.expansion.minimum(chosen)
-        residuals = {
-            (sums.runs[sums.run[unit]], sums.channels[sums.channel[unit]]): sums.residual(unit, columns, change)
-            for unit in range(len(sums.count))
-            if self.study.model.linear or sums.training[unit]
-        }
+        chosen = self._candidates_of(effects)
+        if self.expansion is None:
+            # Near the fit of the model as given a pendulum is linear too; a refit follows.
+            values = linear_fit(self.first, [name for c in chosen for name in c.names])
+            blocks, moved = self.study.problem.blocks(self.first.values), values - self.first.values
+            residuals = {(b.run, b.channel): b.misfit - b.noise * (b.sensitivities @ moved) for b in blocks}
+        else:
+            sums = self.expansion.sums
+            columns, change, foretold = self.expansion.minimum(chosen)
+            values = self.study.own(foretold, sums.problem)
+            residuals = {
+                (sums.runs[sums.run[unit]], sums.channels[sums.channel[unit]]): sums.residual(unit, columns, change)
+                for unit in range(len(sums.count))
+            }
         absent = {name for c in self.study.candidates for name in c.names} - {name for c in chosen for name in c.names}
-        knobs = self._knobs_at(self.study.own(values, sums.problem), {}, without=absent)
+        knobs = self._knobs_at(values, {}, without=absent)
         return self._state(effects, "foretold", residuals, knobs)
 
     def refit(self, effects: Sequence[Atom]) -> TickedModel:
@@ -168,16 +170,15 @@ class Workbench:
         return replace(state, places=localise(fit))
 
     def fit(self, effects: Sequence[Atom]) -> Fit:
-        """The minimum with these effects, made once: the best of those from the nearest fit and from the sums."""
+        """The minimum with these effects, made once; of an arm from the nearest fit and what the sums say."""
         key = frozenset(effects)
         if key not in self._fits:
             study, chosen = self.study, self._candidates_of(effects)
             whole = (*study.present, *merged(chosen))
             near = self._fits[min(self._fits, key=lambda other: (len(other ^ key), self._fits[other].cost))]
-            foretold = study.own(self.expansion.minimum(chosen)[2], self.expansion.sums.problem)
-            starts = [foretold] if study.model.linear else [foretold, None]
-            best = min((study.fit_with(whole, near, start) for start in starts), key=lambda fit: fit.cost)
-            self._fits[key] = study.to_the_end(best)
+            around = self.expansion
+            start = None if around is None else study.own(around.minimum(chosen)[2], around.sums.problem)
+            self._fits[key] = study.converge(study.fit_with(whole, near, start))
         return self._fits[key]
 
     def with_values(self, effects: Sequence[Atom], values: Mapping[str, float]) -> TickedModel:
@@ -187,7 +188,7 @@ class Workbench:
             UnknownNameError: the model has no such parameter.
         """
         fit = self.fit(effects)
-        lean, knobs, at = self.study.lean(fit), dict(self._knobs(fit)), {}
+        lean, knobs, at = self.study.without_unused_effects(fit), dict(self._knobs(fit)), {}
         for name, value in values.items():
             if name not in knobs:
                 raise UnknownNameError("parameter", name, list(knobs))

@@ -6,7 +6,7 @@ from armdyn.experiments.columns import random_states
 from armdyn.experiments.criteria import covariance
 from armdyn.experiments.goal import determining
 from armdyn.experiments.limits import MotionLimits
-from armdyn.experiments.search import Lagrangian, improved, random_motion
+from armdyn.experiments.search import Lagrangian, improve, random_motion
 from armdyn.experiments.series import Series
 
 
@@ -59,7 +59,7 @@ def test_the_gradient_of_the_objective_is_that_of_finite_differences(design, sta
 
 
 def test_a_designed_motion_tells_more_and_stays_inside(design, goal, start):
-    found = improved(design, start)
+    found = improve(design, start)
 
     def stds(x):
         return np.sqrt(np.diag(covariance(design.information(x), goal.columns.prior)))[goal.wanted]

@@ -1,12 +1,11 @@
 """From a diagnosis to hypotheses; the recordings come from equations of their own."""
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hidden_effects.pendulum import Setup, record, weighed
 
 from armdyn.channels import Channel
 from armdyn.effects.catalogue import CATALOGUE
@@ -20,9 +19,6 @@ from armdyn.identify.study import Study
 from armdyn.pendulum.model import pendulum_model
 from armdyn.run import Run
 from armdyn.units import Known
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-from hidden_effects.pendulum import Setup, record, weighed
 
 FRICTIONS = [CATALOGUE[n] for n in ("pivot_viscous_friction", "linear_drag", "wind", "path_tilt")]
 

@@ -11,10 +11,9 @@ import pytest
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.compare import compare
 from armdyn.identify.diagnose import diagnose
-from armdyn.identify.problem import Problem
+from armdyn.identify.problem import Problem, chi2_of
 from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
-from armdyn.identify.unseen import chi2_of
 from armdyn.pendulum.model import pendulum_model
 from armdyn.run import Channel, Run
 from armdyn.units import Known

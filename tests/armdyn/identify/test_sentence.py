@@ -3,8 +3,8 @@
 import pytest
 
 from armdyn.identify.explained import RepairStep, Scale, explained
+from armdyn.identify.holdout import HoldoutKind
 from armdyn.identify.sentence import Left, repair_sentences, totals
-from armdyn.identify.unseen import Judge
 
 ARM = Scale({"tau.a": "N m", "tau.b": "N m"}, {"tau.a": 0.3, "tau.b": 0.4})
 CELL = Scale({"load_force": "N"}, {"load_force": 0.003})
@@ -15,7 +15,7 @@ def step(rmse, added=(), joints=(), *, tied=(), held_out=None, exam=None):
     return RepairStep(tuple(added), tuple(joints), tuple(tied), rmse, held_out or rmse, 1.0, 0.0, exam or {})
 
 
-def said(steps, judge=Judge.HELD_OUT, scale=ARM, left=NOISE):
+def said(steps, judge=HoldoutKind.HELD_OUT, scale=ARM, left=NOISE):
     text = repair_sentences(steps, judge, scale, left)
     assert text.endswith(".")
     assert text.count(". ") == 1  # two sentences
@@ -27,7 +27,7 @@ SPRING = step({"tau.a": 3.0, "tau.b": 4.0}, ["gravity_spring"], ["left_s1"])
 
 
 def test_the_headline_names_the_effect_and_its_joint_and_the_fall_of_the_error():
-    assert said([GIVEN, SPRING], Judge.IN_TURN, left=Left(True, "it depends on v.b")) == (
+    assert said([GIVEN, SPRING], HoldoutKind.IN_TURN, left=Left(True, "it depends on v.b")) == (
         "gravity_spring on left_s1 is missing: it explains 99 % of the misfit; the error of runs predicted from the "
         "others falls from 50 to 5 N m. What is left, 10 times the noise, is more than noise (it depends on v.b), and "
         "nothing in the catalogue explains it."
@@ -40,7 +40,7 @@ def test_runs_that_took_part_in_choosing_are_called_so_and_an_exam_goes_before_t
         step({"tau.a": 3.0}, ["gravity_spring"], ["b"], exam={"tau.a": 10.0}),
     ]
     assert "on held-out runs, which took part in choosing, falls from 30 to 3 N m" in said(steps)
-    assert "on the exam, which took part in nothing, falls from 20 to 10 N m" in said(steps, Judge.EXAM)
+    assert "on the exam, which took part in nothing, falls from 20 to 10 N m" in said(steps, HoldoutKind.EXAM)
 
 
 def test_add_does_not_speak_for_the_catalogue():
@@ -82,7 +82,7 @@ def test_ties_and_warnings_are_said():
 
 
 def test_nothing_added_says_the_error():
-    text = said([GIVEN], Judge.TRAINING)
+    text = said([GIVEN], HoldoutKind.TRAINING)
     assert text.startswith("Nothing was added: the error on the run that it was fitted to is 50 N m.")
     assert text.endswith("What is left, 100 times the noise, shows no structure that armdyn looks for.")
 
@@ -93,15 +93,15 @@ def test_totals_are_over_channels_of_one_unit():
 
 
 def test_explained_is_the_share_of_the_squared_error_above_the_noise():
-    assert explained(GIVEN, SPRING, Judge.TRAINING, ARM) == pytest.approx(1 - (25 - 0.25) / (2500 - 0.25))
+    assert explained(GIVEN, SPRING, HoldoutKind.TRAINING, ARM) == pytest.approx(1 - (25 - 0.25) / (2500 - 0.25))
     at_noise = step({"tau.a": 0.3, "tau.b": 0.4}, ["payload"])
-    assert explained(GIVEN, at_noise, Judge.HELD_OUT, ARM) == 1.0
-    assert explained(at_noise, at_noise, Judge.HELD_OUT, ARM) == 1.0
-    assert explained(SPRING, GIVEN, Judge.HELD_OUT, ARM) < 0.0
+    assert explained(GIVEN, at_noise, HoldoutKind.HELD_OUT, ARM) == 1.0
+    assert explained(at_noise, at_noise, HoldoutKind.HELD_OUT, ARM) == 1.0
+    assert explained(SPRING, GIVEN, HoldoutKind.HELD_OUT, ARM) < 0.0
 
 
 def test_channels_of_different_units_are_weighed_by_their_noise():
     scale = Scale({"load_force": "N", "swing_angle": "rad"}, {"load_force": 1.0, "swing_angle": 0.001})
     before = step({"load_force": 11.0, "swing_angle": 0.011})
     after = step({"load_force": 1.0, "swing_angle": 0.011}, ["sensor_bias"])
-    assert explained(before, after, Judge.TRAINING, scale) == pytest.approx(0.5)
+    assert explained(before, after, HoldoutKind.TRAINING, scale) == pytest.approx(0.5)

@@ -8,7 +8,6 @@ from hidden_effects.arm import generate
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
-from armdyn.identify.contribution import contribution
 from armdyn.identify.study import Study
 from armdyn.model_file import ModelFile, base_pendulum, read_model_file, write_model_file
 from pipeline.exports.left_out import left_out
@@ -59,7 +58,7 @@ def test_what_an_offset_does_is_the_offset():
     )
     study = Study(baxter.with_effect(CATALOGUE[OFFSET]), [generate(OFFSET, 1.0, 3)], [], [])
     fit = study.first()
-    for channel, value in contribution(fit, [OFFSET]).items():
+    for channel, value in fit.contribution([OFFSET]).items():
         offset = fit.values[list(fit.problem.of([f"{OFFSET}.torque[{channel[4:]}]"])).index(True)]
         assert value == pytest.approx(abs(offset), rel=1e-6)
         assert np.isfinite(value)

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from armdyn.pendulum.composition import STANDARD_GRAVITY
+from armdyn.pendulum.physics import STANDARD_GRAVITY
 from pipeline.loadcell.calibration import Calibration
 from pipeline.loadcell.cell import count_limits
 from pipeline.loadcell.emulator import swinging_load

@@ -8,10 +8,10 @@ import pytest
 from armdyn.arm.links import LinkChange, LinkQuantity
 from armdyn.document import Document, Level
 from armdyn.identify.explained import RepairStep, Scale
+from armdyn.identify.holdout import HoldoutKind
 from armdyn.identify.repair import Repair
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.tables import fall_sentence, link_section, step_table
-from armdyn.identify.unseen import Judge
 from pipeline.answers import link_answer
 from pipeline.console.screen import show
 
@@ -66,7 +66,7 @@ def test_the_repair_path_tells_total_errors_and_the_exams():
     given = RepairStep((), (), (), {"tau.a": 3.0, "tau.b": 4.0}, {"tau.a": 6.0, "tau.b": 8.0}, 9.0, 1.0, {"tau.a": 7.0})
     better = replace(given, added=("payload",), rmse={"tau.a": 0.3, "tau.b": 0.4}, held_out_rmse={}, exam_rmse={})
     path, scale = [given, better], Scale({"tau.a": "N m", "tau.b": "N m"}, {})
-    table = step_table(path, scale, (Judge.EXAM, Judge.HELD_OUT), {"payload": "A mass at the tool."})
+    table = step_table(path, scale, (HoldoutKind.EXAM, HoldoutKind.HELD_OUT), {"payload": "A mass at the tool."})
     columns = {column.heading: column for column in table.columns}
     assert list(columns) == [
         "step",

@@ -99,6 +99,22 @@ def test_heavy_meshes_become_coarse_and_keep_their_size(ur5):
     assert (len(once.vertices), len(once.faces)) == (8, len(fine.faces))
 
 
+BOX_ON_A_FIXED_LINK = """<robot name="arm"><material name="red"><color rgba="1 0 0 1"/></material>
+<link name="base"/><link name="a">{mass}</link><link name="b"><visual><origin xyz="0 0 0.05"/>
+<geometry><box size="0.1 0.2 0.3"/></geometry><material name="red"/></visual>{mass}</link>
+<joint name="turn" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/><origin xyz="0 0 0.4"/>
+<limit lower="-1" upper="1" velocity="1" effort="10"/></joint>
+<joint name="fixed" type="fixed"><parent link="a"/><child link="b"/><origin xyz="0.7 0 0"/></joint></robot>"""
+MASS = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+
+
+def test_a_shape_is_drawn_where_the_urdf_puts_it_in_its_colour(tmp_path):
+    (tmp_path / "arm.urdf").write_text(BOX_ON_A_FIXED_LINK.format(mass=MASS))
+    (box,) = links_of(urdf.load(str(tmp_path / "arm.urdf"))).meshes[1]
+    assert np.allclose([box.vertices.min(axis=0), box.vertices.max(axis=0)], [[0.65, -0.1, -0.1], [0.75, 0.1, 0.2]])
+    assert box.colour == "#FF0000"
+
+
 @pytest.mark.parametrize(
     ("name", "content", "hint"),
     [

@@ -9,9 +9,9 @@ from hidden_effects.pendulum import Setup, record, weighed
 from armdyn.effects.catalogue import CATALOGUE, find
 from armdyn.errors import InputError
 from armdyn.identify.compare import compare
+from armdyn.identify.holdout import HoldoutKind
 from armdyn.identify.repair import add
 from armdyn.identify.study import Study
-from armdyn.identify.unseen import Judge
 from armdyn.pendulum.model import pendulum_model
 from armdyn.units import Known
 
@@ -60,10 +60,10 @@ def test_a_training_run_is_no_exam_and_a_copy_neither():
 
 def test_who_judged_is_said():
     runs = recordings()
-    assert study_of(runs).judges == (Judge.IN_TURN,)
-    assert study_of(runs[:1]).judges == (Judge.TRAINING,)
-    assert study_of(runs[:1], runs[1:]).judges == (Judge.HELD_OUT,)
-    assert study_of(runs, exam=recordings(seed=8)[:1]).judges == (Judge.EXAM, Judge.IN_TURN)
+    assert study_of(runs).judges == (HoldoutKind.IN_TURN,)
+    assert study_of(runs[:1]).judges == (HoldoutKind.TRAINING,)
+    assert study_of(runs[:1], runs[1:]).judges == (HoldoutKind.HELD_OUT,)
+    assert study_of(runs, exam=recordings(seed=8)[:1]).judges == (HoldoutKind.EXAM, HoldoutKind.IN_TURN)
 
 
 def test_no_exam_run_no_exam_error():

@@ -14,7 +14,7 @@ import numpy as np
 
 from armdyn.identify.fit import Fit, determined, fit
 from armdyn.identify.motion_start import start_of
-from armdyn.identify.output_error import descended, followed_run, shows_motion
+from armdyn.identify.output_error import best_minimum, fit_run, shows_motion
 from armdyn.identify.prepare import check_distinct, check_distinct_data, pieces
 from armdyn.identify.problem import Block, Problem, transferred
 from armdyn.model import Model
@@ -57,11 +57,6 @@ def _without_each(found: Fit) -> Iterator[tuple[Run, Fit]]:
         yield left_out, Fit(others, free, rest.values, tuple(others.blocks(rest.values, free)), rest.outcome)
 
 
-def chi2_of(blocks: Sequence[Block]) -> float:
-    """Sum of squared residuals over the noise."""
-    return float(sum(block.residual @ block.residual for block in blocks))
-
-
 def _predicted(
     found: Fit, values: np.ndarray, run: Run, whole: Fit | None = None, starts: Starts | None = None
 ) -> tuple[Block, ...]:
@@ -76,9 +71,9 @@ def _predicted(
         start = np.where(own, _transferred(whole, whole.values, alone)[1], start)
     elif starts is not None:
         each = (np.where(own, transferred(v, starts[0], alone), start) for v in copy(starts[1]))
-        return descended(alone, free, each).blocks
+        return best_minimum(alone, free, each).blocks
     elif isinstance(alone.model, SimulatedModel):
-        return followed_run(alone, start if shows_motion(alone) else start_of(alone, start, free), free).blocks
+        return fit_run(alone, start if shows_motion(alone) else start_of(alone, start, free), free).blocks
     return fit(alone, free, start).blocks
 
 
@@ -111,7 +106,7 @@ def _transferred(found: Fit, values: np.ndarray, target: Problem) -> tuple[np.nd
     return free, start
 
 
-class Judge(Enum):
+class HoldoutKind(Enum):
     """Runs that an error belongs to; the value says what part they took."""
 
     EXAM = "exam: runs that took part in nothing, neither in a fit nor in choosing"
@@ -120,10 +115,10 @@ class Judge(Enum):
     TRAINING = "a single run: nothing was held out"
 
 
-def judges(held_out: Sequence[Run], exam: Sequence[Run], runs: Sequence[Run]) -> tuple[Judge, ...]:
+def judges(held_out: Sequence[Run], exam: Sequence[Run], runs: Sequence[Run]) -> tuple[HoldoutKind, ...]:
     """Who judged the model besides the runs that it was fitted to, the most independent first."""
-    others = Judge.HELD_OUT if held_out else Judge.IN_TURN if len(runs) > 1 else Judge.TRAINING
-    return (Judge.EXAM, others) if exam else (others,)
+    others = HoldoutKind.HELD_OUT if held_out else HoldoutKind.IN_TURN if len(runs) > 1 else HoldoutKind.TRAINING
+    return (HoldoutKind.EXAM, others) if exam else (others,)
 
 
 def prepared_exam(
