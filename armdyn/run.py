@@ -123,7 +123,7 @@ class Run(Shown):
         # A MappingProxyType cannot be pickled, and runs go to other processes.
         values: dict[str, Any] = {each.name: getattr(self, each.name) for each in fields(self)}
         plain: dict[str, Any] = {name: dict(v) if isinstance(v, MappingProxyType) else v for name, v in values.items()}
-        return partial(Run, **plain), ()
+        return partial(type(self), **plain), ()
 
     def __str__(self) -> str:
         """One line: its name, what was measured, how long."""

@@ -52,8 +52,7 @@ def path_of(content: dict[str, Any]) -> Path:
 
     Raises:
         KeyError: an entry is missing.
-        TypeError: an entry is of the wrong kind.
-        ValueError: an entry has the wrong length.
+        TypeError, ValueError: an entry is of the wrong kind or length.
         InputError: the path is not one.
     """
     path = _path_of(content)

@@ -54,7 +54,7 @@ class JointTorque:
 
 @dataclass(frozen=True)
 class PathTorque:
-    """The four terms of the torque along a path, and what springs add; every array is (k, n).
+    """The terms of the torque along a path at k of its coordinates; every array is (k, n).
 
     Attributes:
         inertial: torque per acceleration [N m s^2/m].
@@ -76,14 +76,7 @@ class PathTorque:
 
     @classmethod
     def of(cls, robot: Robot, q: Array, dq_ds: Array, d2q_ds2: Array) -> "PathTorque":
-        """The terms at postures of a path.
-
-        Args:
-            robot: the arm.
-            q: postures, (k, n).
-            dq_ds: their first derivatives by the path coordinate, (k, n).
-            d2q_ds2: their second derivatives, (k, n).
-        """
+        """The terms at postures and their first and second derivatives by the path coordinate, (k, n) each."""
         model, still = robot.model, np.zeros_like(q)
         gravity = inverse_dynamics(model, q, still, still)
         return cls(
@@ -95,12 +88,7 @@ class PathTorque:
         )
 
     def at(self, s: Array, at: ArrayLike) -> "PathTorque":
-        """The terms between nodes, linear from node to node.
-
-        Args:
-            s: evenly spaced nodes, (k,) [m].
-            at: path coordinates on them, a scalar or (m,).
-        """
+        """The terms at path coordinates `at` [m], a scalar or (m,), linear between evenly spaced nodes s, (k,) [m]."""
         place = (np.asarray(at, dtype=np.float64) - s[0]) / (s[-1] - s[0]) * (len(s) - 1)
         node = np.clip(place.astype(int), 0, len(s) - 2)
         share = (place - node)[..., None]
@@ -125,15 +113,10 @@ class PathTorque:
         return without.max(axis=1), helped.max(axis=1)
 
     def acceleration_range(self, effort: Array, v: ArrayLike, springs: bool = False) -> tuple[Array, Array]:
-        """Lowest and highest acceleration [m/s^2] that the motors can give, (k,) each.
+        """Lowest and highest acceleration [m/s^2] that motors with torque limits (n,) [N m] can give, (k,) each.
 
         Where the torques do not even suffice for a = 0, the range is what is nearest: it may exclude 0 or be empty
-        (lowest > highest).
-
-        Args:
-            effort: torque limits, (n,) [N m].
-            v: speed, a scalar or (k,) [m/s].
-            springs: whether the robot's springs help.
+        (lowest > highest). Speeds v are a scalar or (k,) [m/s].
         """
         taken = self.torque(v, 0.0, springs)
         inertial = np.where(np.abs(self.inertial) < 1e-12, 1e-12, self.inertial)

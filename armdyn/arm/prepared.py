@@ -10,10 +10,8 @@ grows like f^2, and above some frequency it causes more of the predicted torque 
 the drive smoothed the torque before it was recorded (see `drive`).
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -114,11 +112,6 @@ class PreparedRun(Run):
 
     original: Run = field(kw_only=True)
     done: Mapping[str, Preparation] = field(kw_only=True)
-
-    def __reduce__(self) -> tuple[Callable[..., Run], tuple[Any, ...]]:
-        _, arguments = super().__reduce__()
-        made = partial(PreparedRun, original=self.original, done=dict(self.done))
-        return partial(made, began=self.began, outliers=dict(self.outliers)), arguments
 
     @property
     def recording(self) -> Run:

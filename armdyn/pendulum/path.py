@@ -1,9 +1,7 @@
 """The gripper's path: whole, still growing, or trailed by what hangs from it; in a run, recorded or being recorded."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import lru_cache, partial
-from typing import Any
+from functools import lru_cache
 
 import numpy as np
 
@@ -156,10 +154,6 @@ class GrowingRun(Run):
     """
 
     path: GripperPath = field(kw_only=True)
-
-    def __reduce__(self) -> tuple[Callable[..., Run], tuple[Any, ...]]:
-        _make, arguments = super().__reduce__()
-        return partial(GrowingRun, began=self.began, path=self.path, spread=dict(self.spread)), arguments
 
 
 def run_path(run: Run) -> GripperPath:

@@ -70,8 +70,9 @@ class BlockSolver:
     def _guess(self, rotation: int, position: Array) -> Array:
         """The skeleton between its targets, (k, n): trilinear; nan where none of a cell's corners is solved."""
         coarse = self.grid.coarse()
-        place = coarse.steps(position)
-        cell = np.clip(place.astype(int), 0, np.array(coarse.counts) - 2)
+        cells = np.array(coarse.counts) - 1
+        place = (position - coarse.low) / (coarse.high - coarse.low) * cells
+        cell = np.clip(place.astype(int), 0, cells - 1)
         share = place - cell
         skeleton = self.skeleton[rotation]
         corners, weights = [], []

@@ -94,10 +94,6 @@ class Grid:
             axes = [axis[part] for axis, part in zip(axes, self.place(block)[1:], strict=True)]
         return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
 
-    def steps(self, position: Array) -> Array:
-        """Positions (..., 3) [m] as numbers of steps from the lowest corner, (..., 3)."""
-        return (position - self.low) / (self.high - self.low) * (np.array(self.counts) - 1)
-
     def coarse(self) -> "Grid":
         """The grid of the skeleton: the same corners, a few centimetres between targets."""
         wanted = np.ceil((self.high - self.low) / SKELETON).astype(int) + 1

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from armdyn.errors import InputError
 from ik.errors import StaleTableError, check_owner
@@ -178,25 +178,6 @@ class VolumeTable:
     def missing(self) -> list[Block]:
         """Blocks that are not done."""
         return [block for block, digest in np.ndenumerate(np.asarray(self.digests[:])) if not digest]
-
-    def nearest(self, position: ArrayLike, rotation: int = 0) -> Array:
-        """Postures of the targets nearest to positions, (k, n) for positions (k, 3) [m]; nan where unreachable.
-
-        Args:
-            position: in the robot's base frame.
-            rotation: number of the orientation.
-
-        Raises:
-            InputError: a position is outside the volume by more than half a step, or there is no such orientation.
-        """
-        points = np.atleast_2d(np.asarray(position, dtype=np.float64))
-        place = self.grid.steps(points)
-        if not 0 <= rotation < len(self.grid.rotations):
-            raise InputError(f"volume: orientation {rotation} is none of its {len(self.grid.rotations)}")
-        if not np.all((place >= -0.5) & (place <= np.array(self.grid.counts) - 0.5)):
-            raise InputError(f"volume: a position is outside {self.grid.low.tolist()} to {self.grid.high.tolist()} m")
-        index = np.rint(place).astype(int)
-        return np.array([self.q[(rotation, *at)] for at in index])
 
     def reached(self) -> float:
         """Share of targets that are reached and touch nothing."""

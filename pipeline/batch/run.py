@@ -18,7 +18,7 @@ from armdyn.bytes_in import read_bytes
 from armdyn.errors import InputError
 from pipeline.batch.spec import Item, Spec
 from pipeline.batch.work import Job, Outcome, key_of, key_of_model
-from pipeline.batch.workers import in_processes, on_cluster
+from pipeline.batch.workers import outcomes
 from pipeline.processes import Closing
 from urdf.bounds import LARGEST_JOURNAL, LARGEST_LINE
 
@@ -142,8 +142,7 @@ def run_batch(
         say(f"{there} of {len(jobs)} recordings done")
         if todo and not stopped():
             processes = min(workers or os.cpu_count() or 1, len(todo))
-            on = in_processes(todo, processes, stopped) if scheduler is None else on_cluster(todo, scheduler, stopped)
-            for outcome in on:
+            for outcome in outcomes(todo, processes, scheduler, stopped):
                 journal.add(outcome)
                 worked += 1
                 say(f"{there + worked} of {len(jobs)} recordings done")

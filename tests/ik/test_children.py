@@ -9,6 +9,7 @@ import pytest
 from descendants import PATIENCE, becomes, linux, marked, of_mark
 
 from ik.children import is_running, worker_pool
+from ik.workers import Lost, in_processes
 
 METHODS = [name for name in ("fork", "spawn", "forkserver") if name in multiprocessing.get_all_start_methods()]
 
@@ -70,3 +71,29 @@ def test_a_pool_begins_each_worker_and_gives_answers():
     with worker_pool(2, None, KEPT.append, 10) as pool:
         assert list(pool.map(add, range(5))) == [10, 11, 12, 13, 14]
     assert KEPT == []
+
+
+class Dies:
+    """Stands in for work: ends its process without a word at an odd number, at 1 once and at 3 whenever it is asked."""
+
+    def __init__(self, mark):
+        self.mark = mark
+
+    def __call__(self, number):
+        if number == 3 or (number == 1 and not self.mark.exists()):
+            self.mark.touch()
+            os._exit(1)
+        return 10 * number
+
+
+def test_work_of_which_processes_die_is_tried_again_alone_and_then_lost(tmp_path):
+    done = dict(in_processes(Dies(tmp_path / "died"), range(6), 2, "fork"))
+    assert {item: result for item, result in done.items() if item != 3} == {0: 0, 1: 10, 2: 20, 4: 40, 5: 50}
+    assert done[3] == Lost("the process that worked on it died 2 times")
+
+
+def test_work_that_a_user_stops_ends_at_once():
+    done = []
+    for item, _ in in_processes(abs, range(1000), 2, "fork", stopped=lambda: len(done) >= 5):
+        done.append(item)
+    assert 5 <= len(done) < 20

@@ -8,7 +8,6 @@ import urdf
 from armdyn.errors import InputError
 from ik.errors import StaleTableError, UnreachableError
 from ik.volume import Grid, Status, VolumeTable, build_volume
-from ik.volume.build import in_processes
 
 
 @pytest.fixture(scope="module")
@@ -77,29 +76,6 @@ def test_a_pool_of_processes_gives_the_same(volume, baxter, small, tmp_path) -> 
     assert np.array_equal(np.asarray(report.table.q[:]), np.asarray(volume.q[:]), equal_nan=True)
 
 
-def test_a_pool_whose_worker_dies_starts_again(tmp_path) -> None:
-    blocks = [(0, x, y, 0) for x in range(2) for y in range(2)]
-    solver = DiesOnce(str(tmp_path / "died"))
-    assert sorted(block for block, _ in in_processes(solver, blocks, 2)) == sorted(blocks)
-    assert (tmp_path / "died").exists()
-
-
-class DiesOnce:
-    """Stands in for a solver: ends its process without a word the first time it is asked."""
-
-    def __init__(self, mark: str) -> None:
-        self.mark = mark
-
-    def __call__(self, block):
-        import os
-        from pathlib import Path
-
-        if not Path(self.mark).exists():
-            Path(self.mark).touch()
-            os._exit(1)
-        return block
-
-
 def test_collisions_are_told_where_they_are_asked_for(baxter, tmp_path) -> None:
     near = Grid(np.array([0.3, -0.5, -0.3]), np.array([0.5, -0.1, 0.0]), (8, 12, 8), baxter.line.rotation[None])
     table = build_volume(baxter, near, tmp_path / "near.zarr", collisions=True).table
@@ -110,15 +86,6 @@ def test_collisions_are_told_where_they_are_asked_for(baxter, tmp_path) -> None:
         assert touches == (status[tuple(index)] == Status.TOUCHING)
     with pytest.raises(StaleTableError, match="was built with '--collisions', not without"):
         build_volume(baxter, near, table.path)
-
-
-def test_the_nearest_target_is_looked_up(volume, small) -> None:
-    point = small.positions()[5, 20, 10]
-    assert np.array_equal(volume.nearest(point + 0.002)[0], volume.q[0, 5, 20, 10], equal_nan=True)
-    with pytest.raises(InputError, match="a position is outside"):
-        volume.nearest([2.0, 0.0, 0.0])
-    with pytest.raises(InputError, match="orientation 2 is none of its 2"):
-        volume.nearest(point, 2)
 
 
 def test_a_volume_of_other_settings_or_targets_is_refused(volume, baxter, other, small, tmp_path) -> None:
