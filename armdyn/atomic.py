@@ -53,19 +53,38 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
         InputError: the directory is missing, it or the file cannot be written to, or the disk is full; the old file is
             then as it was, and nothing is left beside it.
     """
-    try:
+    with _refusing(path):
         if is_stream(path):
             with _stream(path) as file:
                 yield file
         else:
-            with _beside(Path(os.path.realpath(path))) as file:
+            with _beside(_replaceable(path)) as file:
                 yield file
+
+
+@contextmanager
+def _refusing(path: Path) -> Iterator[None]:
+    """What the system says against writing a file becomes an `InputError`."""
+    try:
+        yield
     except OSError as error:
         raise InputError(f"cannot write {path}: {error.strerror or error}; choose another place") from error
     except ValueError as error:
         if "null" not in str(error):
             raise
         raise InputError(f"cannot write {str(path)!r}: a name holds no null character; choose another") from error
+
+
+def _replaceable(path: Path) -> Path:
+    """The file that a path leads to, whether or not it is there."""
+    target = Path(os.path.realpath(path))
+    if target.is_symlink():  # what is left of links in a circle
+        raise OSError(0, "it is a link that leads back to itself")
+    if target.is_dir():
+        raise IsADirectoryError(0, "it is a directory")
+    if target.exists() and not os.access(target, os.W_OK):
+        raise PermissionError(0, "it is write-protected")
+    return target
 
 
 @contextmanager
@@ -128,26 +147,15 @@ class GrowingFile:
 
     def __init__(self, path: Path) -> None:
         self._target = self._beside = None
-        try:
+        with _refusing(path):
             if is_stream(path):
                 self.stream = _stream(path)
                 return
-            target = Path(os.path.realpath(path))
-            if target.is_dir():
-                raise IsADirectoryError(0, "it is a directory")
-            try:
-                self.stream = target.open("xb")
-            except FileExistsError:
-                if not os.access(target, os.W_OK):
-                    raise PermissionError(0, "it is write-protected") from None
-                self._target = target
-                self._beside = target.with_name(
-                    f"{target.stem}-unfinished-{os.getpid()}-{secrets.token_hex(3)}{target.suffix}"
-                )
-                self.stream = self._beside.open("xb")
-        except (OSError, ValueError) as error:
-            why = getattr(error, "strerror", None) or error
-            raise InputError(f"cannot write {path}: {why}; choose another place") from error
+            target = _replaceable(path)
+            if target.exists():
+                unfinished = f"{target.stem}-unfinished-{os.getpid()}-{secrets.token_hex(3)}{target.suffix}"
+                self._target, self._beside = target, target.with_name(unfinished)
+            self.stream = (self._beside or target).open("xb")
 
     def finish(self) -> None:
         """Close it and let it take its place.
@@ -166,13 +174,7 @@ class GrowingFile:
 
 @contextmanager
 def _beside(target: Path) -> Iterator[BinaryIO]:
-    if target.is_symlink():  # what is left of links in a circle
-        raise OSError(0, "it is a link that leads back to itself")
-    if target.is_dir():
-        raise IsADirectoryError(0, "it is a directory")
     old = target.stat() if target.exists() else None
-    if old is not None and not os.access(target, os.W_OK):
-        raise PermissionError(0, "it is write-protected")
     _remove_abandoned(target.parent)
     temporary = target.with_name(_TEMPORARY.format(f"{os.getpid()}-{secrets.token_hex(6)}"))
     mode = 0o666 if old is None else stat.S_IMODE(old.st_mode)

@@ -162,13 +162,13 @@ def plan_experiment(
         say: told how far it is.
     """
     from armdyn.experiments.plan import HOPELESS, plan
-    from pipeline.motion.offered import arranged
+    from pipeline.motion.feasible_motion import with_feasible_motion
 
     tell = say or (lambda _: None)
     made = plan(rivals, seconds, limits, seed=seed, say=tell)
     if limits is None:
         tell("checking the motion on the whole arm")
-        made, offer = arranged(made, LOAD_RADIUS)
+        made, offer = with_feasible_motion(made, LOAD_RADIUS)
         return made, offer.motion if offer is not None else None
     moving = made.motion
     useful = moving is not None and moving.outlook.probability > HOPELESS

@@ -22,7 +22,7 @@ from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.identify.change import FALSE_ALARMS
 from armdyn.sidecar import utc
 from armdyn.toml_file import read_toml
-from pipeline.batch.times import Clock, TimeFrom, When, shown
+from pipeline.batch.times import Clock, TimeFrom, When, seen_from
 from urdf.table_file import check_keys
 
 TASKS = ("compare", "repair")
@@ -79,7 +79,7 @@ class Spec:
 
     def name(self, path: Path) -> str:
         """A path as seen from the SPEC."""
-        return shown(path, self.folder)
+        return seen_from(path, self.folder)
 
 
 def read_spec(path: Path) -> Spec:
@@ -142,7 +142,7 @@ def _items(entry: Mapping[str, Any], where: str, folder: Path, clock: Clock) -> 
             if not found:
                 raise InputError(f"{where}: runs: '{run.replace(ROBOT, robot)}' matches no recording: correct it")
             for path in found:
-                named |= {path.name, shown(path, folder)}
+                named |= {path.name, seen_from(path, folder)}
                 yield Item(label or robot or model.stem, model, path, clock.of(path, folder, times))
     for name in times:
         if name not in named:

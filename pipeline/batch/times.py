@@ -68,7 +68,7 @@ class Clock:
             folder: of the SPEC: names of folders from there on may hold the date, where the file's own does not.
             given: times by name of a file or path from `folder`, as the SPEC has them.
         """
-        name = shown(path, folder)
+        name = seen_from(path, folder)
         for source in [self.only] if self.only is not None else [TimeFrom.SPEC, TimeFrom.SIDECAR, TimeFrom.NAME]:
             found: datetime | str | None
             if source is TimeFrom.SPEC:
@@ -100,7 +100,7 @@ class Clock:
         return None
 
 
-def shown(path: Path, folder: Path) -> str:
+def seen_from(path: Path, folder: Path) -> str:
     """A path as seen from the SPEC's folder, if it lies there."""
     return (path.relative_to(folder) if path.is_relative_to(folder) else path).as_posix()
 

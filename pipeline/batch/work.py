@@ -240,6 +240,6 @@ def digest(parts: list[str]) -> str:
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:32]
 
 
-def lost(job: Job, why: str) -> Outcome:
+def lost_outcome(job: Job, why: str) -> Outcome:
     """The outcome of a job whose workers died."""
     return Outcome(job.key, problem=f"{why}; the same command tries it again", passing=True)

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from multiprocessing import set_forkserver_preload
 
 from ik.workers import Lost, in_processes, on_cluster
-from pipeline.batch.work import Job, Outcome, lost, work
+from pipeline.batch.work import Job, Outcome, lost_outcome, work
 
 START = "forkserver"
 """How processes begin: with everything loaded, and free of the threads of this one."""
@@ -34,4 +34,4 @@ def outcomes(
     else:
         done = on_cluster(work, jobs, scheduler, "batch", stopped)
     for job, outcome in done:
-        yield lost(job, outcome.reason) if isinstance(outcome, Lost) else outcome
+        yield lost_outcome(job, outcome.reason) if isinstance(outcome, Lost) else outcome

@@ -39,7 +39,7 @@ def next_(
     from armdyn.experiments.rivals import undecided
     from pipeline.answers_motion import next_answer
     from pipeline.front import plan_experiment, rig_limits
-    from pipeline.motion.offered import write_motion
+    from pipeline.motion.feasible_motion import write_motion
     from pipeline.report.next_experiment import next_document, next_report
 
     inputs.check(report, json_file)

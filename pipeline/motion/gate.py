@@ -73,11 +73,10 @@ class Gate:
     Args:
         names: of the joints.
         limits: of the joints.
-        tracking: farthest that a joint may be from its command [rad].
     """
 
-    def __init__(self, names: tuple[str, ...], limits: urdf.Limits, tracking: float = TRACKING) -> None:
-        self._names, self._limits, self._tracking = names, limits, tracking
+    def __init__(self, names: tuple[str, ...], limits: urdf.Limits) -> None:
+        self._names, self._limits = names, limits
 
     def check(self, q: Array, v: Array, a: Array, measured: Array | None = None) -> Refusal | None:
         """The first limit that a command breaks; None where it may be sent.
@@ -99,11 +98,11 @@ class Gate:
         return None
 
     def _follows(self, q: Array, measured: Array) -> Refusal | None:
-        return self._most(Withheld.TRACKING, np.abs(q - measured), np.full(len(q), self._tracking), "rad")
+        return self._most(Withheld.TRACKING, np.abs(q - measured), TRACKING, "rad")
 
     def _beyond(self, q: Array, v: Array, a: Array) -> Refusal | None:
         limits, more = self._limits, 1.0 + TOLERANCE
-        outside = (q < limits.lower) | (q > limits.upper)
+        outside = ~((q >= limits.lower) & (q <= limits.upper))
         if np.any(outside):
             joint = int(np.argmax(outside))
             return Refusal(Withheld.POSITION, f"{self._names[joint]}: {q[joint]:.4g} rad")
@@ -111,12 +110,13 @@ class Gate:
             Withheld.ACCELERATION, np.abs(a), more * limits.acceleration, "rad/s^2"
         )
 
-    def _most(self, why: Withheld, value: Array, bound: Array, unit: str) -> Refusal | None:
+    def _most(self, why: Withheld, value: Array, bound: Array | float, unit: str) -> Refusal | None:
         """A refusal where a value exceeds its bound or is no number, naming the joint that exceeds it most."""
         if np.all(value <= bound):
             return None
         joint = int(np.argmax(value / bound))
-        return Refusal(why, f"{self._names[joint]}: {value[joint]:.3g} of {bound[joint]:.3g} {unit}")
+        most = np.broadcast_to(bound, value.shape)[joint]
+        return Refusal(why, f"{self._names[joint]}: {value[joint]:.3g} of {most:.3g} {unit}")
 
 
 @dataclass(frozen=True)
@@ -147,11 +147,12 @@ class LineGate:
             return Refusal(Withheld.NOT_A_NUMBER)
         more = 1.0 + TOLERANCE
         s, v, a = reference
+        # In this form a limit that is no number refuses, too.
         if not self.limits.s_min - 1e-9 <= s <= self.limits.s_max + 1e-9:
             return Refusal(Withheld.OFF_THE_LINE, f"s = {s:.4g} m")
-        if abs(v) > more * self.limits.speed_at(s):
+        if not abs(v) <= more * self.limits.speed_at(s):
             return Refusal(Withheld.LINE_SPEED, f"{v:.3g} m/s")
-        if abs(a) > more * self.limits.acceleration_at(s):
+        if not abs(a) <= more * self.limits.acceleration_at(s):
             return Refusal(Withheld.LINE_ACCELERATION, f"{a:.3g} m/s^2")
         if previous is not None and not self._follows(reference, previous):
             return Refusal(Withheld.JUMP)
@@ -178,8 +179,8 @@ class StreamGate(Gate):
     held against the same limits. Arguments as for `Gate`.
     """
 
-    def __init__(self, names: tuple[str, ...], limits: urdf.Limits, tracking: float = TRACKING) -> None:
-        super().__init__(names, limits, tracking)
+    def __init__(self, names: tuple[str, ...], limits: urdf.Limits) -> None:
+        super().__init__(names, limits)
         self._last: list[Array] = []
         self._sent = -np.inf
 
@@ -225,8 +226,8 @@ class StreamGate(Gate):
             return None if late <= GAP else Refusal(Withheld.GAP, f"{1e3 * late:.0f} ms")
         self._last = []
         assert state is not None, "the state was judged before"
-        moving = self._most(Withheld.ELSEWHERE, np.abs(v), np.full(len(q), REST_SPEED), "rad/s")
-        return moving or self._most(Withheld.ELSEWHERE, np.abs(q - state.q), np.full(len(q), NEAR), "rad")
+        moving = self._most(Withheld.ELSEWHERE, np.abs(v), REST_SPEED, "rad/s")
+        return moving or self._most(Withheld.ELSEWHERE, np.abs(q - state.q), NEAR, "rad")
 
     def _continued(self, q: Array, v: Array, a: Array) -> Refusal | None:
         """Do the positions, which are what the arm sees, keep the limits with what goes along as feed-forward?"""

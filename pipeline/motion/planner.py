@@ -78,7 +78,7 @@ class LinePlanner:
         motion = self._calculate(self._to_rest, state)
         return motion if motion is not None and motion.respects(limits) else None
 
-    def drawn_back(self, target: LineState) -> LineState:
+    def draw_back(self, target: LineState) -> LineState:
         """The nearest position on the line, with a share of the speed from which the tool can still stop.
 
         Args:

@@ -75,7 +75,7 @@ def smooth_reference(
     easy = replace(limits.scaled(EASY, EASY), jerk=EASY * limits.jerk)
     planner = LinePlanner(easy)
     if start is None:
-        start = planner.drawn_back(LineState(float(s_ref[0]), float(v_ref[0])))
+        start = planner.draw_back(LineState(float(s_ref[0]), float(v_ref[0])))
     # The headroom covers errors of the linearisation, and what happens between samples.
     program = _Program(s_ref, v_ref, dt, limits.tight(), start, end)
     s, v, a = _smoothed_online(s_ref, v_ref, dt, limits if planner.stop(start) is None else easy, start)

@@ -95,16 +95,16 @@ class LineSmoother:
         Returns:
             State at the end of the cycle.
         """
-        targets = self._continued(reference) if isinstance(reference, LineState) else _finite(reference)
+        targets = self._continue(reference) if isinstance(reference, LineState) else _until_not_finite(reference)
         if not targets:
             return self.stop()
         for m in LOOK_AHEAD:
             if m > len(targets):
                 break
-            if self._meet(self._planner.drawn_back(targets[m - 1]), m):
+            if self._meet(self._planner.draw_back(targets[m - 1]), m):
                 return self._state
         later = targets[min(round(PURSUIT / self._dt), len(targets) - 1)]
-        return self._state if self._pursue(self._planner.drawn_back(LineState(later.s))) else self.stop()
+        return self._state if self._pursue(self._planner.draw_back(LineState(later.s))) else self.stop()
 
     def stop(self) -> LineState:
         """Move on by one cycle, on the way to rest.
@@ -165,7 +165,7 @@ class LineSmoother:
         self._joining = motion.part(self._dt) if keep and motion.duration > 1.5 * self._dt else None
         return True
 
-    def _continued(self, reference: LineState) -> Sequence[LineState]:
+    def _continue(self, reference: LineState) -> Sequence[LineState]:
         """One reference continued: its acceleration fades, its speed stays."""
         if not reference.is_finite:
             return ()
@@ -179,7 +179,7 @@ class LineSmoother:
         return targets
 
 
-def _finite(reference: Sequence[LineState]) -> Sequence[LineState]:
+def _until_not_finite(reference: Sequence[LineState]) -> Sequence[LineState]:
     """The states before the first that is not finite, at most as many as are used."""
     targets = [LineState(*target) for target in reference[: LOOK_AHEAD[-1]]]
     for k, target in enumerate(targets):

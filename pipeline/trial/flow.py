@@ -11,9 +11,9 @@ import numpy as np
 from pipeline.record import Recorder
 from pipeline.trial.ending import Ending
 from pipeline.trial.experiment import Experiment, Progress
-from pipeline.trial.folder import gathered
-from pipeline.trial.investigation import SwingExperiment, after, ended_before, investigate
-from pipeline.trial.result import TRIAL, TrialResult, kept, recording, result_of
+from pipeline.trial.folder import gather_files
+from pipeline.trial.investigation import SwingExperiment, ending_before, investigate, settings_after
+from pipeline.trial.result import TRIAL, TrialResult, finish_recording, open_recording, result_of
 from pipeline.trial.rig import Rig
 from pipeline.trial.settings import ProtocolSettings
 
@@ -85,10 +85,10 @@ def perform(
         rig.announce(what)
         progress(what, share)
 
-    with gathered(out) as folder:
+    with gather_files(out) as folder:
 
         def recorded(name: str = TRIAL) -> AbstractContextManager[Recorder]:
-            return recording(rig.recorder, folder, rig.arm.joint_names, settings, rig.described, name)
+            return open_recording(rig.recorder, folder, rig.arm.joint_names, settings, rig.description, name)
 
         def swing(of: ProtocolSettings, number: int, place: float) -> tuple[SwingExperiment, Ending]:
             if number > 1:
@@ -104,11 +104,11 @@ def perform(
         found, of = None, settings
         if settings.investigate:
             found = investigate(settings, swing, rig.arm, rig.table, settings.investigate, tell)
-            of = after(settings, found)
+            of = settings_after(settings, found)
             if found.ending is None:
                 rig.wait_until_calm()
         with recorded() as recorder:
             experiment = Experiment(rig, recorder, of, tell, 0.0 if found is None else found.place)
-            ending = ended_before(experiment, found) or rig.judged(experiment.run())
-        ending = kept(experiment, ending, recorder, folder)
+            ending = ending_before(experiment, found) or rig.judge(experiment.run())
+        ending = finish_recording(experiment, ending, recorder, folder)
         return experiment, result_of(experiment, ending, rig.length, out / recorder.path.name if out else None, found)

@@ -21,7 +21,7 @@ MOST = 1000
 
 
 @contextmanager
-def gathered(out: Path | None) -> Iterator[Path]:
+def gather_files(out: Path | None) -> Iterator[Path]:
     """A folder to write to; at the end, also by an exception, its files take the place of those in `out` together.
 
     Args:

@@ -27,7 +27,7 @@ from armdyn.pendulum.model import PendulumModel
 from armdyn.run import Run
 from ik import LineTable
 from pipeline.motion import LineTrajectory
-from pipeline.motion.offered import offered
+from pipeline.motion.feasible_motion import fit_to_arm
 from pipeline.trial.ending import Ending
 from pipeline.trial.experiment import REST, Experiment, Phase
 from pipeline.trial.settings import ProtocolSettings
@@ -169,7 +169,7 @@ def investigate(
     if most < 1:
         raise InputError(f"--investigate {most}: allow at least one experiment")
     tell = say or (lambda _: None)
-    model = questioned(settings)
+    model = model_in_question(settings)
     stages: list[Stage] = []
     questions: dict[tuple[str, ...], None] = {}
     motion: LineTrajectory | None = None
@@ -203,7 +203,7 @@ def investigate(
             tell("designing the next motion")
             proposal = designed_motion(rivals, SECONDS, LIMITS, seed=number)
             assert proposal.experiment.motion is not None, "it was designed"
-            made = offered(proposal.experiment.motion, rivals.hypotheses, arm, table, settings.load_radius)
+            made = fit_to_arm(proposal.experiment.motion, rivals.hypotheses, arm, table, settings.load_radius)
             if made is None or not _promising(proposal):
                 stop = Stop.INSEPARABLE
             else:
@@ -217,7 +217,7 @@ def investigate(
 S = TypeVar("S", bound=ProtocolSettings)
 
 
-def after(settings: S, found: Investigation) -> S:
+def settings_after(settings: S, found: Investigation) -> S:
     """Settings of the trial that follows, with what was found."""
     settings = replace(settings, hangs_still=False)
     if found.model is None:
@@ -228,7 +228,7 @@ def after(settings: S, found: Investigation) -> S:
     return replace(settings, model=model, length_guess=length.value)
 
 
-def ended_before(experiment: Experiment, found: Investigation | None) -> Ending | None:
+def ending_before(experiment: Experiment, found: Investigation | None) -> Ending | None:
     """How the trial ended where an experiment before it was ended before its time; None where it may go on."""
     if found is None or found.ending is None:
         return None
@@ -236,7 +236,7 @@ def ended_before(experiment: Experiment, found: Investigation | None) -> Ending 
     return found.ending
 
 
-def questioned(settings: ProtocolSettings) -> PendulumModel:
+def model_in_question(settings: ProtocolSettings) -> PendulumModel:
     """The model that is held against the recordings: the robot's, but drag is a question and no nuisance.
 
     Its start is nearly at rest, and not held there: the robot may have left the load swaying.

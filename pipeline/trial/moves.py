@@ -94,7 +94,7 @@ def play(
             raise
 
 
-def along(table: LineTable, motion: LineTrajectory) -> Iterable[Posture]:
+def postures_along(table: LineTable, motion: LineTrajectory) -> Iterable[Posture]:
     """The postures of a motion along the line."""
     for state in motion:
         joints = table.joint_motion(state.s, state.v, state.a)

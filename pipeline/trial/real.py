@@ -23,7 +23,7 @@ from pipeline.robot.protocol import RealRobot
 from pipeline.trial.ending import Ending
 from pipeline.trial.experiment import Progress
 from pipeline.trial.flow import Trial, perform
-from pipeline.trial.moves import Posture, along, approach, play, rehearsal
+from pipeline.trial.moves import Posture, approach, play, postures_along, rehearsal
 from pipeline.trial.rig import Rig
 from pipeline.trial.settings import ProtocolSettings
 
@@ -90,7 +90,7 @@ def run_real(
     c = replace(settings, force_noise=link.calibration.noise)
     table = ik.default_table(link.arm, progress=lambda stage: progress(stage, 0.0))
 
-    def judged(ending: Ending) -> Ending:
+    def judge(ending: Ending) -> Ending:
         if ending.stopped:
             return ending
         success = prompts.landed()
@@ -103,7 +103,7 @@ def run_real(
         _wait_until_calm(robot, c, progress)
         rig = Rig(
             robot, True, link.arm, table, link.calibration.force_limits, f"{link.arm.name} and a load on a string",
-            judged=judged,
+            judge=judge,
             wait_until_calm=lambda: _wait_until_calm(robot, c, progress),
             announce=robot.announce,
             recorder=robot.recorder,
@@ -134,7 +134,7 @@ def rehearse(
 
         def watched() -> Iterator[Posture]:
             nonlocal farthest
-            for posture in along(table, motion):
+            for posture in postures_along(table, motion):
                 farthest = max(farthest, float(np.max(np.abs(robot.newest_state().q - posture[0]))))
                 yield posture
 

@@ -197,7 +197,7 @@ TRIAL = "trial"
 
 
 @contextmanager
-def recording(
+def open_recording(
     kind: Callable[..., Recorder],
     folder: Path,
     joints: tuple[str, ...],
@@ -230,7 +230,7 @@ def recording(
         raise
 
 
-def kept(experiment: Experiment, ending: Ending, recorder: Recorder, folder: Path) -> Ending:
+def finish_recording(experiment: Experiment, ending: Ending, recorder: Recorder, folder: Path) -> Ending:
     """Complete the recording and write the model; what cannot be written is added to how the trial ended."""
     problems = []
     try:

@@ -22,10 +22,10 @@ class Rig:
         arm: its description.
         table: from its line to its joints.
         cell: what is in order for the load cell.
-        described: a line about it, for the recordings.
+        description: a line about it, for the recordings.
         length: true length of the string [m]; None where nobody knows it.
         landed: whether the load is at rest in the box, asked once at the end of the protocol.
-        judged: what a person adds to how a trial ended, once the arm holds.
+        judge: what a person adds to how a trial ended, once the arm holds.
         wait_until_calm: waits between two experiments until the load hangs still.
         announce: told what goes on, for others to see.
         recorder: makes a recorder.
@@ -36,10 +36,10 @@ class Rig:
     arm: urdf.Robot
     table: LineTable
     cell: FaultLimits
-    described: str
+    description: str
     length: float | None = None
     landed: Callable[[], bool] = lambda: True
-    judged: Callable[[Ending], Ending] = lambda ending: ending
+    judge: Callable[[Ending], Ending] = lambda ending: ending
     wait_until_calm: Callable[[], None] = lambda: None
     announce: Callable[[str], None] = lambda _what: None
     recorder: Callable[..., Recorder] = Recorder

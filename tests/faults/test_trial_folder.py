@@ -9,7 +9,7 @@ from contextlib import ExitStack
 import pytest
 
 from armdyn.errors import InputError
-from pipeline.trial.folder import gathered, own_folder
+from pipeline.trial.folder import gather_files, own_folder
 
 
 def names(folder):
@@ -19,7 +19,7 @@ def names(folder):
 def test_what_is_there_stays_until_everything_new_is_there(tmp_path):
     (tmp_path / "trial.mcap").write_text("old")
     (tmp_path / "report.html").write_text("old")
-    with gathered(tmp_path) as folder:
+    with gather_files(tmp_path) as folder:
         (folder / "trial.mcap").write_text("new")
         (folder / "model.toml").write_text("new")
         assert (tmp_path / "trial.mcap").read_text() == "old"
@@ -29,7 +29,7 @@ def test_what_is_there_stays_until_everything_new_is_there(tmp_path):
 
 def test_what_was_written_before_an_exception_is_kept(tmp_path):
     def fails():
-        with gathered(tmp_path) as folder:
+        with gather_files(tmp_path) as folder:
             (folder / "trial.mcap").write_text("new")
             raise KeyboardInterrupt
 
@@ -44,7 +44,7 @@ def test_links_and_rights_stay(tmp_path):
     elsewhere.write_text("old")
     elsewhere.chmod(0o600)
     (out / "model.toml").symlink_to(elsewhere)
-    with gathered(out) as folder:
+    with gather_files(out) as folder:
         (folder / "model.toml").write_text("new")
     assert (out / "model.toml").is_symlink()
     assert elsewhere.read_text() == "new"
@@ -55,8 +55,8 @@ def test_a_killed_trial_leaves_the_old_files_and_its_recording(tmp_path):
     (tmp_path / "trial.mcap").write_text("old")
     (tmp_path / "report.html").write_text("old")
     code = (
-        "import os, signal, sys; from pathlib import Path; from pipeline.trial.folder import gathered\n"
-        "with gathered(Path(sys.argv[1])) as folder:\n"
+        "import os, signal, sys; from pathlib import Path; from pipeline.trial.folder import gather_files\n"
+        "with gather_files(Path(sys.argv[1])) as folder:\n"
         "    (folder / 'trial.mcap').write_text('half'); os.kill(os.getpid(), signal.SIGKILL)"
     )
     done = subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=False)
@@ -97,5 +97,5 @@ def test_a_file_in_place_of_the_folder_is_one_line(tmp_path):
     (tmp_path / "out").write_text("")
     with pytest.raises(InputError, match="choose another directory"), own_folder(tmp_path / "out", tmp_path):
         pass
-    with pytest.raises(InputError, match="choose another directory"), gathered(tmp_path / "out"):
+    with pytest.raises(InputError, match="choose another directory"), gather_files(tmp_path / "out"):
         pass

@@ -24,7 +24,7 @@ EVEN = 0.01
 """Unevenness of the sampling up to which the differences can be used [1]."""
 
 
-def differentiated(time: Array, position: Array) -> tuple[Array, Array, Array]:
+def differentiate(time: Array, position: Array) -> tuple[Array, Array, Array]:
     """Speed and acceleration by a quintic smoothing spline for the noise that the positions have.
 
     The noise is taken from sixth differences, so that rounding is smoothed away and a clean motion is left alone.
@@ -43,7 +43,7 @@ def differentiated(time: Array, position: Array) -> tuple[Array, Array, Array]:
         if time.size < ORDER:
             v = np.gradient(x, time)
             return x, v, np.gradient(v, time)
-        std = noise(time, x)
+        std = noise_std(time, x)
         # Below this the differences show only the rounding of floats, which a smoothing spline cannot follow.
         if std < 1e-10 * np.max(np.abs(x)):
             spline = make_interp_spline(time, x, k=5)
@@ -56,7 +56,7 @@ def differentiated(time: Array, position: Array) -> tuple[Array, Array, Array]:
     return q, v, a
 
 
-def noise(time: Array, position: Array) -> float:
+def noise_std(time: Array, position: Array) -> float:
     """Standard deviation of the noise of positions (n,), in their unit; 0 where it cannot be estimated.
 
     Source: robust difference estimator, Gasser et al., Biometrika 73 (1986) 625.
@@ -115,7 +115,7 @@ def read_trajectory(path: Path | str, robot: urdf.Robot) -> JointTrajectory | Li
 
 
 def _line(channels: Mapping[str, Channel], names: tuple[str, str, str]) -> LineTrajectory:
-    time, *parts = _sampled(channels, [(name,) for name in names])
+    time, *parts = _sample(channels, [(name,) for name in names])
     return LineTrajectory(time, *(part[:, 0] for part in parts))
 
 
@@ -132,10 +132,10 @@ def _joints(channels: Mapping[str, Channel], robot: urdf.Robot) -> JointTrajecto
         )
     names = [[f"{kind}.{joint}" for joint in robot.joint_names] for kind in "qva"]
     _refuse_degrees(channels, robot)
-    return JointTrajectory(*_sampled(channels, names), robot.joint_names)
+    return JointTrajectory(*_sample(channels, names), robot.joint_names)
 
 
-def _sampled(channels: Mapping[str, Channel], kinds: Sequence[Sequence[str]]) -> tuple[Array, Array, Array, Array]:
+def _sample(channels: Mapping[str, Channel], kinds: Sequence[Sequence[str]]) -> tuple[Array, Array, Array, Array]:
     """Time (n,), positions, speeds and accelerations (n, k) of the channels named by kind; the latter two may lack.
 
     A recording leaves missing samples out, so a channel with fewer of them than another has holes.
@@ -150,9 +150,9 @@ def _sampled(channels: Mapping[str, Channel], kinds: Sequence[Sequence[str]]) ->
             raise InputError(f"{name} has no sample{where}: a trajectory has no missing samples; fill them in")
     values = [np.column_stack([channels[name].value for name in kind]) for kind in given]
     if kinds[1] not in given:
-        return time, *differentiated(time, values[0])
+        return time, *differentiate(time, values[0])
     q, v, *a = values
-    return time, q, v, a[0] if a else differentiated(time, v)[1]
+    return time, q, v, a[0] if a else differentiate(time, v)[1]
 
 
 def _refuse_degrees(channels: Mapping[str, Channel], robot: urdf.Robot) -> None:

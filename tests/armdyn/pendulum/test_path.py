@@ -1,10 +1,13 @@
+import pickle
+
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
 from armdyn.errors import InputError
-from armdyn.pendulum.path import GripperPath, GrowingPath
+from armdyn.pendulum.path import GripperPath, GrowingPath, GrowingRun, fixed_path, run_path
 from armdyn.physics.recorded import differentiated, smoothed_motion
+from armdyn.run import Channel
 
 DT = 0.01
 TIME = np.arange(0.0, 10.0, DT)
@@ -74,3 +77,11 @@ def test_halfway_inputs_are_exact_for_a_quintic():
 def test_too_few_samples_are_refused_in_one_line():
     with pytest.raises(InputError, match="3 samples"):
         smoothed_motion(TIME[:3], X[:3], DT)
+
+
+def test_a_growing_run_goes_to_another_process_with_its_path():
+    path = fixed_path(0.0, 1.0, DT)
+    run = GrowingRun("trial", {"load_force": Channel(np.arange(5.0), np.zeros(5), "N")}, noise={}, path=path)
+    copy = pickle.loads(pickle.dumps(run))
+    assert isinstance(copy, GrowingRun)
+    np.testing.assert_array_equal(run_path(copy).x, path.x)

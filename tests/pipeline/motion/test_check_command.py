@@ -10,7 +10,7 @@ import urdf
 from armdyn.errors import InputError
 from pipeline.console.app import application
 from pipeline.motion.feasibility import Margin
-from pipeline.motion.feasibility.read import differentiated, noise
+from pipeline.motion.feasibility.read import differentiate, noise_std
 
 TIME = 0.01 * np.arange(200)
 S = 0.1 * (1 - np.cos(2 * np.pi * 0.5 * TIME)) * (1 - np.cos(2 * np.pi * TIME / 2)) / 2
@@ -43,9 +43,7 @@ def answer(folder: Path, *arguments: str | Path) -> tuple[int, dict]:
     return status, json.loads((folder / "answer.json").read_text())
 
 
-def test_a_feasible_joint_motion_exits_with_0(
-    tmp_path: Path, joints: list[str], q: np.ndarray, capsys: pytest.CaptureFixture
-) -> None:
+def test_a_feasible_joint_motion_exits_with_0(tmp_path, joints, q, capsys):
     assert run(write(tmp_path / "a.csv", joints, q)) == 0
     assert capsys.readouterr().out.startswith("Feasible")
     # So are positions with few digits, and degrees that say so.
@@ -54,7 +52,7 @@ def test_a_feasible_joint_motion_exits_with_0(
     assert run(write(tmp_path / "a.csv", [name.replace("rad", "deg") for name in joints], np.degrees(q))) == 0
 
 
-def test_columns_in_any_order_are_the_same_motion(tmp_path: Path, joints: list[str], q: np.ndarray) -> None:
+def test_columns_in_any_order_are_the_same_motion(tmp_path, joints, q):
     one, other = (
         answer(tmp_path, write(tmp_path / "a.csv", joints[order], q[:, order]))
         for order in (slice(None), slice(None, None, -1))
@@ -63,13 +61,11 @@ def test_columns_in_any_order_are_the_same_motion(tmp_path: Path, joints: list[s
 
 
 @pytest.mark.parametrize("column", ["s [m]", "gripper_x [m]", "s [mm]"])
-def test_a_line_motion_may_have_either_name(tmp_path: Path, column: str) -> None:
+def test_a_line_motion_may_have_either_name(tmp_path, column):
     assert run(write(tmp_path / "a.csv", [column], S * (1000.0 if "mm" in column else 1.0))) == 0
 
 
-def test_a_motion_that_is_too_fast_exits_with_1_and_says_which_joint(
-    tmp_path: Path, joints: list[str], q: np.ndarray
-) -> None:
+def test_a_motion_that_is_too_fast_exits_with_1_and_says_which_joint(tmp_path, joints, q):
     status, found = answer(tmp_path, write(tmp_path / "a.csv", joints, q, time=TIME / 4))
     assert status == 1
     assert not found["feasible"]
@@ -77,12 +73,12 @@ def test_a_motion_that_is_too_fast_exits_with_1_and_says_which_joint(
     assert {v["joint"] for v in found["violations"]} <= {name[2:-6] for name in joints}
 
 
-def test_json_on_standard_output_is_all_that_is_there(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+def test_json_on_standard_output_is_all_that_is_there(tmp_path, capsys):
     run(write(tmp_path / "a.csv", ["s [m]"], S), "--json", "-")
     assert json.loads(capsys.readouterr().out)["schema"] == "armdyn.check/1"
 
 
-def test_the_report_is_one_offline_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_report_is_one_offline_page(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "argv", ["armdyn", "check", "a.csv"])
     run(write(tmp_path / "a.csv", ["s [m]"], S), "--report", tmp_path / "a.html")
     text = (tmp_path / "a.html").read_text()
@@ -90,7 +86,7 @@ def test_the_report_is_one_offline_page(tmp_path: Path, monkeypatch: pytest.Monk
     assert "<script src" not in text
 
 
-def test_a_start_elsewhere_exits_with_1(tmp_path: Path, joints: list[str], q: np.ndarray) -> None:
+def test_a_start_elsewhere_exits_with_1(tmp_path, joints, q):
     file = write(tmp_path / "a.csv", joints, q)
     assert run(file, "--start", ",".join(f"{value:.6f}" for value in q[0])) == 0
     assert run(file, "--start", ",".join(["0"] * 7)) == 1
@@ -120,7 +116,7 @@ HOLE = np.where(np.arange(TIME.size) == 30, np.nan, 1.0)
         (["s [m]"], None, ("--start", "1,2"), "7 numbers"),
     ],
 )
-def test_what_is_wrong_is_one_line(tmp_path, joints, q, header, columns, options, match) -> None:
+def test_what_is_wrong_is_one_line(tmp_path, joints, q, header, columns, options, match):
     names = {"joints": joints, "renamed": ["q.right_s7 [rad]", *joints[1:]], "missing": joints[:-1]}
     header = names.get(header, header) if isinstance(header, str) else header
     values = np.array(q[:, : len(header)]) if header[0].startswith("q.") else np.column_stack([S] * len(header))
@@ -135,36 +131,36 @@ def test_what_is_wrong_is_one_line(tmp_path, joints, q, header, columns, options
 
 
 @pytest.mark.parametrize(("name", "match"), [("none.csv", "no such file"), (".", "directory"), ("empty.csv", "empty")])
-def test_files_that_are_no_trajectory_are_named(tmp_path: Path, name: str, match: str) -> None:
+def test_files_that_are_no_trajectory_are_named(tmp_path, name, match):
     (tmp_path / "empty.csv").touch()
     with pytest.raises(InputError, match=match):
         run(tmp_path / name)
 
 
-def test_the_noise_of_positions_is_found_under_their_motion() -> None:
+def test_the_noise_of_positions_is_found_under_their_motion():
     rng = np.random.default_rng(0)
     for std in (1e-5, 1e-4, 1e-3):
-        assert noise(TIME, S + rng.normal(0.0, std, S.size)) == pytest.approx(std, rel=0.25)
+        assert noise_std(TIME, S + rng.normal(0.0, std, S.size)) == pytest.approx(std, rel=0.25)
 
 
-def test_derivatives_of_noisy_positions_are_near_the_true_ones() -> None:
+def test_derivatives_of_noisy_positions_are_near_the_true_ones():
     t = 0.01 * np.arange(400)
     clean, rng = np.sin(2 * np.pi * 0.5 * t), np.random.default_rng(1)
-    q, v, a = differentiated(t, (clean + rng.normal(0.0, 3e-4, t.size))[:, None])
+    q, v, a = differentiate(t, (clean + rng.normal(0.0, 3e-4, t.size))[:, None])
     w, inside = 2 * np.pi * 0.5, slice(30, -30)
     assert np.max(np.abs(v[inside, 0] - w * np.cos(w * t[inside]))) < 0.02 * w
     assert np.max(np.abs(a[inside, 0] + w**2 * clean[inside])) < 0.1 * w**2
     assert np.max(np.abs(q[inside, 0] - clean[inside])) < 3e-4
 
 
-def test_derivatives_of_clean_positions_are_exact() -> None:
+def test_derivatives_of_clean_positions_are_exact():
     w = 2 * np.pi * 0.7
-    _, v, a = differentiated(TIME, np.sin(w * TIME)[:, None])
+    _, v, a = differentiate(TIME, np.sin(w * TIME)[:, None])
     assert np.max(np.abs(v[:, 0] - w * np.cos(w * TIME))) < 1e-6
     assert np.max(np.abs(a[:, 0] + w**2 * np.sin(w * TIME))) < 1e-3
 
 
-def test_away_from_the_line_there_is_no_box(tmp_path: Path, joints: list[str], q: np.ndarray) -> None:
+def test_away_from_the_line_there_is_no_box(tmp_path, joints, q):
     """The box is where the tool's line is: a motion that begins elsewhere is another task."""
     looked_at = []
     for shift in (0.0, 0.5):
@@ -176,7 +172,7 @@ def test_away_from_the_line_there_is_no_box(tmp_path: Path, joints: list[str], q
     assert all("box" in name or "table" in name for name in gone)
 
 
-def test_a_robot_is_named_or_described_by_a_urdf(tmp_path: Path) -> None:
+def test_a_robot_is_named_or_described_by_a_urdf(tmp_path):
     ur5 = urdf.load("ur5")
     path = tmp_path / "ur5.urdf"
     path.write_text(ur5.urdf_xml)
@@ -195,6 +191,6 @@ def test_a_robot_is_named_or_described_by_a_urdf(tmp_path: Path) -> None:
         (Margin("position", "elbow", 0.2, -1.6, -1.7, "rad", 0.1, 0.9), "-1.6 of -1.7 rad"),
     ],
 )
-def test_a_margin_in_words(margin: Margin, words: str) -> None:
+def test_a_margin_in_words(margin, words):
     assert str(margin).startswith(words)
     assert str(margin).endswith("at 0.200 s")

@@ -6,7 +6,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import ik
 import urdf
 from armdyn.errors import InputError, TaskFailedError
 from ik.torque import JointTorque, PathTorque
@@ -46,7 +45,7 @@ def broken(report: FeasibilityReport) -> set[tuple[str, str]]:
     return {(v.limit, v.joint) for v in report.violations}
 
 
-def test_a_slow_motion_along_the_line_is_feasible(robot: urdf.Robot, table: ik.LineTable) -> None:
+def test_a_slow_motion_along_the_line_is_feasible(robot, table):
     report = check_line(table, robot, line_sine(0.15, 0.5))
     assert report.feasible
     assert report.sentence.startswith("Feasible")
@@ -57,7 +56,7 @@ def test_a_slow_motion_along_the_line_is_feasible(robot: urdf.Robot, table: ik.L
     }  # fmt: skip
 
 
-def test_the_first_joint_to_be_too_fast_is_named_with_its_bound(robot: urdf.Robot, table: ik.LineTable) -> None:
+def test_the_first_joint_to_be_too_fast_is_named_with_its_bound(robot, table):
     report = check_line(table, robot, line_sine(0.25, 0.8), PLAIN)
     fast = [violation for violation in report.violations if violation.limit == "velocity"]
     assert {violation.joint for violation in fast} <= {"right_s0", "right_s1", "right_e0", "right_e1"}
@@ -66,7 +65,7 @@ def test_the_first_joint_to_be_too_fast_is_named_with_its_bound(robot: urdf.Robo
         report.require_feasible("swing")
 
 
-def test_leaving_the_line_is_a_violation_of_the_line(robot: urdf.Robot, table: ik.LineTable) -> None:
+def test_leaving_the_line_is_a_violation_of_the_line(robot, table):
     report = check_line(table, robot, line_sine(0.1, 0.2, centre=0.5), PLAIN)
     violation = next(v for v in report.violations if v.limit == "line")
     assert violation.value == pytest.approx(0.6, abs=1e-3)
@@ -74,7 +73,7 @@ def test_leaving_the_line_is_a_violation_of_the_line(robot: urdf.Robot, table: i
 
 
 @pytest.mark.parametrize(("column", "limit"), [(0, "position"), (1, "velocity"), (2, "acceleration")])
-def test_one_sample_beyond_a_limit_is_found_at_its_time(robot: urdf.Robot, column: int, limit: str) -> None:
+def test_one_sample_beyond_a_limit_is_found_at_its_time(robot, column, limit):
     still = np.repeat(robot.home[None], 50, axis=0)
     q, v, a = still.copy(), 0 * still, 0 * still
     (q, v, a)[column][20, 3] = {"position": 2.7, "velocity": 1.6, "acceleration": -21.0}[limit]
@@ -83,7 +82,7 @@ def test_one_sample_beyond_a_limit_is_found_at_its_time(robot: urdf.Robot, colum
     assert violation.time == pytest.approx(0.2, abs=DT)
 
 
-def test_a_jump_is_found_though_the_speed_columns_deny_it(robot: urdf.Robot) -> None:
+def test_a_jump_is_found_though_the_speed_columns_deny_it(robot):
     q = np.repeat(robot.home[None], 50, axis=0)
     q[25:, 0] += 0.1
     report = check_joints(robot, JointTrajectory(DT * np.arange(50), q, 0 * q, 0 * q, robot.joint_names), PLAIN)
@@ -93,7 +92,7 @@ def test_a_jump_is_found_though_the_speed_columns_deny_it(robot: urdf.Robot) -> 
 
 @settings(max_examples=40, deadline=None)
 @given(data=st.data())
-def test_the_check_agrees_with_brute_force_at_ten_times_the_sampling(robot: urdf.Robot, data: st.DataObject) -> None:
+def test_the_check_agrees_with_brute_force_at_ten_times_the_sampling(robot, data):
     amplitude = np.array(data.draw(st.lists(st.floats(0.01, 0.4), min_size=7, max_size=7)))
     frequency = np.array(data.draw(st.lists(st.floats(0.1, 2.5), min_size=7, max_size=7)))
     report = check_joints(robot, joint_sines(robot, amplitude, frequency), PLAIN)
@@ -123,13 +122,13 @@ def test_the_check_agrees_with_brute_force_at_ten_times_the_sampling(robot: urdf
         assert wrong <= {robot.joint_names[k] for k in np.flatnonzero(~clear | (expected < 0))}
 
 
-def test_renaming_or_reordering_joints_is_refused(robot: urdf.Robot) -> None:
+def test_renaming_or_reordering_joints_is_refused(robot):
     motion = joint_sines(robot, np.full(7, 0.1), np.full(7, 0.5))
     with pytest.raises(InputError, match="its joints are"):
         check_joints(robot, replace(motion, joint_names=robot.joint_names[::-1]))
 
 
-def test_a_start_where_the_arm_is_not_is_refused(robot: urdf.Robot, table: ik.LineTable) -> None:
+def test_a_start_where_the_arm_is_not_is_refused(robot, table):
     motion, here = line_sine(0.1, 0.5), table.posture(0.0).q
     assert check_line(table, robot, motion, PLAIN, at=here).feasible
     elsewhere = here + np.array([0, 0, 0, 0.1, 0, 0, 0])
@@ -139,9 +138,7 @@ def test_a_start_where_the_arm_is_not_is_refused(robot: urdf.Robot, table: ik.Li
         check_line(table, robot, motion, PLAIN, at=here[:6])
 
 
-def test_a_joint_motion_off_the_line_is_seen_only_where_the_line_is_asked_for(
-    robot: urdf.Robot, table: ik.LineTable
-) -> None:
+def test_a_joint_motion_off_the_line_is_seen_only_where_the_line_is_asked_for(robot, table):
     q = np.repeat(table.posture(0.1).q[None], 30, axis=0)
     q[:, 3] += 0.01 * np.sin(np.linspace(0.0, np.pi, 30)) ** 2
     motion = JointTrajectory(DT * np.arange(30), q, np.gradient(q, DT, axis=0), 0 * q, robot.joint_names)
@@ -150,13 +147,13 @@ def test_a_joint_motion_off_the_line_is_seen_only_where_the_line_is_asked_for(
     assert {limit for limit, _ in broken(report)} == {"distance_off_line", "tilt"}
 
 
-def test_a_stretched_arm_is_singular(robot: urdf.Robot) -> None:
+def test_a_stretched_arm_is_singular(robot):
     motion = JointTrajectory(np.array([0.0, 0.1]), *np.zeros((3, 2, 7)), robot.joint_names)
     asked = replace(PLAIN, singular_value=0.05)
     assert ("singularity", robot.tool_frame) in broken(check_joints(robot, motion, asked))
 
 
-def test_gravity_torques_are_the_slope_of_the_potential_energy(robot: urdf.Robot) -> None:
+def test_gravity_torques_are_the_slope_of_the_potential_energy(robot):
     mass, torque, h = 0.5, JointTorque(robot, load_mass=0.5), 1e-6
     data = robot.model.createData()
 
@@ -172,7 +169,7 @@ def test_gravity_torques_are_the_slope_of_the_potential_energy(robot: urdf.Robot
         assert tau == pytest.approx(slope, abs=1e-6)
 
 
-def test_damping_and_springs_count(robot: urdf.Robot) -> None:
+def test_damping_and_springs_count(robot):
     q, v = robot.home[None], np.full((1, 7), 0.5)
     none = np.zeros((1, 7))
     still, moving = JointTorque(robot)(q, none, none), JointTorque(robot)(q, v, none)
@@ -186,12 +183,12 @@ def test_damping_and_springs_count(robot: urdf.Robot) -> None:
 
 
 @pytest.mark.parametrize("mass", [-1.0, float("nan")])
-def test_what_is_no_mass_is_refused(robot: urdf.Robot, mass: float) -> None:
+def test_what_is_no_mass_is_refused(robot, mass):
     with pytest.raises(InputError, match="mass"):
         JointTorque(robot, load_mass=mass)
 
 
-def test_torques_along_the_line_are_those_of_the_joints(robot: urdf.Robot, table: ik.LineTable) -> None:
+def test_torques_along_the_line_are_those_of_the_joints(robot, table):
     nodes = slice(0, None, 100)
     line = PathTorque.of(robot, table.q[nodes], table.dq_ds[nodes], table.d2q_ds2[nodes])
     rng = np.random.default_rng(1)
@@ -200,7 +197,7 @@ def test_torques_along_the_line_are_those_of_the_joints(robot: urdf.Robot, table
     assert line.torque(v, a) == pytest.approx(expected, abs=1e-9)
 
 
-def test_a_heavy_load_breaks_the_torque_and_the_spring_mends_it(robot: urdf.Robot, table: ik.LineTable) -> None:
+def test_a_heavy_load_breaks_the_torque_and_the_spring_mends_it(robot, table):
     motion = line_sine(0.05, 0.2, centre=0.45)
     heavy = replace(PLAIN, load_mass=2.5)
     assert broken(check_line(table, robot, motion, heavy)) == {("torque", "right_s1")}
@@ -208,7 +205,7 @@ def test_a_heavy_load_breaks_the_torque_and_the_spring_mends_it(robot: urdf.Robo
     assert check_line(table, sprung, motion, replace(heavy, springs=True)).feasible
 
 
-def test_a_block_in_the_way_is_hit_however_thin(robot: urdf.Robot, table: ik.LineTable) -> None:
+def test_a_block_in_the_way_is_hit_however_thin(robot, table):
     line = robot.line
     sheet = Obstacle("sheet", line.position(0.2), np.array([0.3, 0.002, 0.3]), np.eye(3))
     motion = line_sine(0.25, 0.3)
@@ -220,7 +217,7 @@ def test_a_block_in_the_way_is_hit_however_thin(robot: urdf.Robot, table: ik.Lin
     assert check_line(table, robot, motion, CheckSettings(obstacles=(beside,))).feasible
 
 
-def test_the_box_of_the_task_is_not_in_the_way(robot: urdf.Robot, table: ik.LineTable) -> None:
+def test_the_box_of_the_task_is_not_in_the_way(robot, table):
     box = box_and_table(robot.line, Box())
     report = check_line(table, robot, line_sine(0.2, 0.3, centre=0.25), CheckSettings(obstacles=box))
     assert report.feasible, report.sentence
@@ -229,7 +226,7 @@ def test_the_box_of_the_task_is_not_in_the_way(robot: urdf.Robot, table: ik.Line
     assert any(v.limit == "collision" and "box" in v.joint for v in report.violations)
 
 
-def test_an_arm_turned_into_its_own_body_collides(robot: urdf.Robot) -> None:
+def test_an_arm_turned_into_its_own_body_collides(robot):
     inside = np.array([1.6, 0.9, 0.0, 2.4, 0.0, 1.5, 0.0])
     q = np.linspace(robot.home, inside, 400)
     motion = JointTrajectory(DT * np.arange(400), q, np.gradient(q, DT, axis=0), 0 * q, robot.joint_names)
@@ -241,7 +238,7 @@ def swing(motion: LineTrajectory, angle: np.ndarray, tension: np.ndarray, length
     return Swing(motion.time, angle, tension, length, least_tension=0.05)
 
 
-def test_a_slack_string_is_named(robot: urdf.Robot, table: ik.LineTable) -> None:
+def test_a_slack_string_is_named(robot, table):
     motion = line_sine(0.1, 0.5)
     taut = np.full(len(motion), 0.8)
     assert check_line(table, robot, motion, PLAIN, swing(motion, 0 * taut, taut)).feasible
@@ -252,7 +249,7 @@ def test_a_slack_string_is_named(robot: urdf.Robot, table: ik.LineTable) -> None
     assert report.violations[0].time == pytest.approx(1.2)
 
 
-def test_a_load_that_swings_over_the_hand_is_seen(robot: urdf.Robot, table: ik.LineTable) -> None:
+def test_a_load_that_swings_over_the_hand_is_seen(robot, table):
     motion = line_sine(0.02, 0.5)
     taut, over = np.full(len(motion), 0.8), np.linspace(0.0, np.pi, len(motion))
     report = check_line(table, robot, motion, CheckSettings(), swing(motion, over, taut, length=0.15))
@@ -261,7 +258,7 @@ def test_a_load_that_swings_over_the_hand_is_seen(robot: urdf.Robot, table: ik.L
     assert low.feasible, low.sentence
 
 
-def test_json_is_that_of_the_contract(robot: urdf.Robot, table: ik.LineTable) -> None:
+def test_json_is_that_of_the_contract(robot, table):
     content = check_line(table, robot, line_sine(0.25, 0.8), PLAIN).to_json()
     assert content["schema"] == "armdyn.check/1"
     assert content["feasible"] is False

@@ -1,6 +1,7 @@
 """What each gate lets through, and why it refuses the rest; `test_gate_properties` tries everything else."""
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -51,6 +52,12 @@ def test_what_the_smoother_makes_of_noise_and_the_finish_pass_every_cycle(line_g
 )
 def test_a_reference_beyond_a_limit_of_the_line_is_named(line_gate, reference, before, reason):
     assert why(line_gate.check(reference, before)) is reason
+
+
+@pytest.mark.parametrize("name", ["speed", "acceleration", "jerk"])
+def test_a_limit_that_is_no_number_lets_nothing_through(line_gate, name):
+    unknown = replace(line_gate.limits, **{name: math.nan * getattr(line_gate.limits, name)})
+    assert replace(line_gate, limits=unknown).check(LineState(0.0), LineState(0.0)) is not None
 
 
 def test_joint_limits_are_watched_besides_those_of_the_line(robot, table):

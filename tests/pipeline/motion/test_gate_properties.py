@@ -35,7 +35,7 @@ asked = st.fixed_dictionaries(
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(st.lists(asked, min_size=1, max_size=30))
 def test_no_stream_of_commands_that_leaves_breaks_a_limit(stream):
-    gate = StreamGate(("a", "b"), LIMITS, TRACKING)
+    gate = StreamGate(("a", "b"), LIMITS)
     sent, at, now = [np.zeros(2)] * 3, 0.0, 0.0
     assert gate.judge(*sent, JointState(now, *sent), now) is None
     for wanted in (one for one in stream for _ in range(one["times"])):

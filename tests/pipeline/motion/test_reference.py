@@ -1,8 +1,6 @@
 import numpy as np
 import pytest
 
-import ik
-import urdf
 from armdyn.errors import InputError, TaskFailedError
 from pipeline.motion import LineLimits, LineSmoother, LineState
 from pipeline.motion.feasibility import CheckSettings, check_line
@@ -29,7 +27,7 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def test_a_feasible_reference_stays_as_it_is() -> None:
+def test_a_feasible_reference_stays_as_it_is():
     w = 2 * np.pi * 0.4
     s, v = 0.15 * np.sin(w * TIME), 0.15 * w * np.cos(w * TIME)
     start = LineState(0.0, float(v[0]), 0.0)
@@ -39,7 +37,7 @@ def test_a_feasible_reference_stays_as_it_is() -> None:
 
 
 @pytest.mark.parametrize("name", INFEASIBLE)
-def test_an_infeasible_reference_becomes_one_motion_within_the_limits(name: str) -> None:
+def test_an_infeasible_reference_becomes_one_motion_within_the_limits(name):
     s = INFEASIBLE[name]
     motion = smooth_reference(s, speeds(s), DT, LIMITS)
     assert worst_excess(LIMITS, motion) < 1e-9
@@ -47,7 +45,7 @@ def test_an_infeasible_reference_becomes_one_motion_within_the_limits(name: str)
 
 
 @pytest.mark.parametrize("name", ["too fast", "steps", "beyond the ends"])
-def test_no_online_scheme_comes_nearer_to_an_infeasible_reference(name: str) -> None:
+def test_no_online_scheme_comes_nearer_to_an_infeasible_reference(name):
     s = INFEASIBLE[name]
     motion = smooth_reference(s, speeds(s), DT, LIMITS)
     targets = [LineState(*map(float, row)) for row in zip(s, speeds(s), 0 * s, strict=True)]
@@ -56,7 +54,7 @@ def test_no_online_scheme_comes_nearer_to_an_infeasible_reference(name: str) -> 
     assert rms(motion.s - s) < rms(np.array(online)[:, 0] - s)
 
 
-def test_start_and_end_are_kept() -> None:
+def test_start_and_end_are_kept():
     s = np.linspace(0.0, 0.25, TIME.size)
     start, end = LineState(0.02, 0.1, 0.5), LineState(0.3)
     motion = smooth_reference(s, speeds(s), DT, LIMITS, start=start, end=end)
@@ -64,7 +62,7 @@ def test_start_and_end_are_kept() -> None:
     assert motion.end == pytest.approx(end, abs=1e-8)
 
 
-def test_an_end_that_cannot_be_reached_in_time_is_refused() -> None:
+def test_an_end_that_cannot_be_reached_in_time_is_refused():
     s = np.zeros(20)
     with pytest.raises(TaskFailedError, match="more time"):
         smooth_reference(s, s, DT, LIMITS, end=LineState(0.5))
@@ -79,12 +77,12 @@ def test_an_end_that_cannot_be_reached_in_time_is_refused() -> None:
         (np.zeros((5, 2)), np.zeros((5, 2))),
     ],
 )
-def test_what_is_no_reference_is_refused(s: np.ndarray, v: np.ndarray) -> None:
+def test_what_is_no_reference_is_refused(s, v):
     with pytest.raises(InputError, match="reference"):
         smooth_reference(s, v, DT, LIMITS)
 
 
-def test_the_smoothed_reference_passes_the_feasibility_check(robot: urdf.Robot, table: ik.LineTable) -> None:
+def test_the_smoothed_reference_passes_the_feasibility_check(robot, table):
     s = INFEASIBLE["too fast"]
     motion = smooth_reference(s, speeds(s), DT, LineLimits.from_table(table))
     report = check_line(table, robot, motion, CheckSettings(collision=False))

@@ -27,13 +27,13 @@ def followed(reference: list[LineState], smoother: LineSmoother, ahead: int = 0)
     return [smoother.state, *map(smoother.update, targets)]
 
 
-def test_a_feasible_reference_is_reproduced_exactly() -> None:
+def test_a_feasible_reference_is_reproduced_exactly():
     reference = sine(0.15, 0.5, 400)
     states = followed(reference, LineSmoother(LIMITS, DT, reference[0]))
     assert np.max(np.abs(np.array(states) - np.array(reference))) < 1e-9
 
 
-def test_a_reference_is_caught_up_with_from_rest_and_after_an_infeasible_stretch() -> None:
+def test_a_reference_is_caught_up_with_from_rest_and_after_an_infeasible_stretch():
     reference = sine(0.15, 0.5, 300)
     # A jump of 0.1 m for 0.3 s in the middle.
     broken = [LineState(r.s + 0.1 * (100 <= k < 130), r.v, r.a) for k, r in enumerate(reference)]
@@ -44,7 +44,7 @@ def test_a_reference_is_caught_up_with_from_rest_and_after_an_infeasible_stretch
         assert max(errors[met:]) < 1e-9
 
 
-def test_known_future_is_used_to_arrive_earlier_than_without_it() -> None:
+def test_known_future_is_used_to_arrive_earlier_than_without_it():
     reference = sine(0.15, 0.5, 200)
     one, many = (
         sum(abs(state.s - r.s) for state, r in zip(states, reference, strict=True))
@@ -53,7 +53,7 @@ def test_known_future_is_used_to_arrive_earlier_than_without_it() -> None:
     assert many <= one * 1.05
 
 
-def test_a_far_step_is_reached_at_rest_near_the_speed_limit() -> None:
+def test_a_far_step_is_reached_at_rest_near_the_speed_limit():
     smoother = LineSmoother(LIMITS, DT, LineState(-0.25))
     states = [smoother.update(LineState(0.54)) for _ in range(150)]
     s, v, _ = np.array(states).T
@@ -70,7 +70,7 @@ LOST = [
 
 
 @pytest.mark.parametrize("lost", [*LOST, LineState(-math.inf), []])
-def test_a_reference_that_is_none_brings_the_tool_to_rest(lost: LineState | list[LineState]) -> None:
+def test_a_reference_that_is_none_brings_the_tool_to_rest(lost):
     reference = sine(0.15, 0.5, 60)
     smoother = LineSmoother(LIMITS, DT, reference[0])
     states = followed(reference, smoother) + [smoother.update(lost) for _ in range(60)]
@@ -78,14 +78,14 @@ def test_a_reference_that_is_none_brings_the_tool_to_rest(lost: LineState | list
     assert worst_excess(LIMITS, states) < 1e-9
 
 
-def test_what_follows_a_nan_in_a_sequence_is_left_out() -> None:
+def test_what_follows_a_nan_in_a_sequence_is_left_out():
     clean = sine(0.15, 0.5, 50)
     lost = [*clean[:20], LineState(math.nan), *clean[21:]]
     with_nan, without = (LineSmoother(LIMITS, DT, LineState(-0.1)) for _ in range(2))
     assert with_nan.update(lost) == without.update(clean[:20])
 
 
-def test_targets_beyond_both_ends_stop_at_the_ends() -> None:
+def test_targets_beyond_both_ends_stop_at_the_ends():
     smoother = LineSmoother(LIMITS, DT, LineState(0.0))
     states = [smoother.update(LineState(5.0)) for _ in range(200)]
     assert states[-1] == pytest.approx((LIMITS.s_max, 0.0, 0.0), abs=1e-9)
@@ -94,7 +94,7 @@ def test_targets_beyond_both_ends_stop_at_the_ends() -> None:
     assert worst_excess(LIMITS, states) < 1e-9
 
 
-def test_stop_comes_to_rest_within_the_limits_from_full_speed() -> None:
+def test_stop_comes_to_rest_within_the_limits_from_full_speed():
     smoother = LineSmoother(LIMITS, DT, LineState(-0.25))
     states = [smoother.update(LineState(0.54)) for _ in range(50)]
     assert states[-1].v > 0.9
@@ -104,7 +104,7 @@ def test_stop_comes_to_rest_within_the_limits_from_full_speed() -> None:
     assert worst_excess(LIMITS, states) < 1e-9
 
 
-def test_restart_from_a_moving_state_carries_on_from_it() -> None:
+def test_restart_from_a_moving_state_carries_on_from_it():
     smoother = LineSmoother(LIMITS, DT, LineState(0.0))
     smoother.reset(LineState(0.2, -0.6, 2.0))
     states = [smoother.state, *(smoother.update(LineState(0.1)) for _ in range(100))]
@@ -116,12 +116,12 @@ def test_restart_from_a_moving_state_carries_on_from_it() -> None:
     "state",
     [(0.6,), (0.0, 1.5), (0.0, 0.0, 50.0), (0.545, 0.4), (math.nan,), (0.0, 1e300), (0.0, 0.0, math.inf)],
 )
-def test_a_start_that_cannot_be_stopped_within_the_limits_is_refused(state: tuple[float, ...]) -> None:
+def test_a_start_that_cannot_be_stopped_within_the_limits_is_refused(state):
     with pytest.raises(InputError, match="brought to rest"):
         LineSmoother(LIMITS, DT, LineState(*state))
 
 
-def test_no_intermediate_waypoint_which_ruckig_would_send_to_a_server_is_ever_used(monkeypatch) -> None:
+def test_no_intermediate_waypoint_which_ruckig_would_send_to_a_server_is_ever_used(monkeypatch):
     seen = []
 
     class Watched:
@@ -204,16 +204,12 @@ anything = given(limits=lines(), reference=references(), at=st.floats(0.0, 1.0),
 
 @settings(max_examples=150, deadline=None)
 @anything
-def test_no_reference_makes_the_tool_exceed_a_limit(
-    limits: LineLimits, reference: list[LineState], at: float, ahead: int
-) -> None:
+def test_no_reference_makes_the_tool_exceed_a_limit(limits, reference, at, ahead):
     stays_within(limits, reference, at, ahead)
 
 
 @pytest.mark.slow
 @settings(max_examples=1000, deadline=None)
 @anything
-def test_none_of_a_thousand_references_makes_the_tool_exceed_a_limit(
-    limits: LineLimits, reference: list[LineState], at: float, ahead: int
-) -> None:
+def test_none_of_a_thousand_references_makes_the_tool_exceed_a_limit(limits, reference, at, ahead):
     stays_within(limits, reference, at, ahead)

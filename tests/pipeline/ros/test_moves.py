@@ -12,7 +12,7 @@ from pipeline.motion.transitions import DURATION, FARTHEST, Blend
 from pipeline.record import Recorder
 from pipeline.robot.protocol import ForceSample
 from pipeline.ros.telemetry import PublishingRecorder, Telemetry
-from pipeline.trial.moves import JOINT_SPEED, LINE_SPEED, along, approach, play, rehearsal
+from pipeline.trial.moves import JOINT_SPEED, LINE_SPEED, approach, play, postures_along, rehearsal
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +44,7 @@ def test_the_rehearsal_covers_the_line_slowly_and_is_feasible(baxter, table):
     assert motion.s.max() == pytest.approx(0.46)
     assert np.max(np.abs(motion.v)) <= LINE_SPEED * 1.001
     assert check_line(table, baxter, motion).feasible
-    assert len(list(along(table, motion))) == len(motion)
+    assert len(list(postures_along(table, motion))) == len(motion)
 
 
 class SlowRobot:

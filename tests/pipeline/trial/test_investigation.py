@@ -13,7 +13,7 @@ from pipeline.nodes.scheduler import Watchdog
 from pipeline.report.page import write_page
 from pipeline.trial import ProtocolSettings, TrialSettings, simulate
 from pipeline.trial.ending import Ending
-from pipeline.trial.investigation import Stop, ended_before, investigate, questioned
+from pipeline.trial.investigation import Stop, ending_before, investigate, model_in_question
 
 
 @pytest.mark.slow  # two experiments, their diagnoses and a design: half a minute
@@ -68,7 +68,7 @@ def test_on_a_real_clock_the_arm_stands_while_the_recordings_are_thought_over(mo
 
 
 def test_drag_is_a_question_and_the_load_may_sway():
-    model = questioned(ProtocolSettings())
+    model = model_in_question(ProtocolSettings())
     assert "linear_drag" not in {effect.name for effect in model.effects}
     assert {"sensor_bias", "sensor_delay"} <= {effect.name for effect in model.effects}
     for name in ("initial_angle", "initial_rate"):
@@ -85,9 +85,9 @@ def test_an_experiment_that_is_stopped_ends_the_investigation():
     assert found.ending is ending
     assert found.stages == ()
     trial = SimpleNamespace(interrupted=None)
-    assert ended_before(trial, found) is ending
+    assert ending_before(trial, found) is ending
     assert trial.interrupted == 15
-    assert ended_before(trial, None) is None
+    assert ending_before(trial, None) is None
     with pytest.raises(InputError, match="at least one"):
         investigate(ProtocolSettings(), lambda *_: (stopped, ending), robot, ik.default_table(robot), most=0)
 

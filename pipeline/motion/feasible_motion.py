@@ -25,7 +25,7 @@ AWAY = 0.03
 
 
 @dataclass(frozen=True, eq=False)
-class Offered:
+class FeasibleMotion:
     """A motion that may be made.
 
     Attributes:
@@ -41,25 +41,24 @@ class Offered:
     factor: float
 
 
-def offered(
+def fit_to_arm(
     motion: Motion,
     hypotheses: Sequence[Hypothesis],
     robot: urdf.Robot,
     table: LineTable,
     load_radius: float,
-    box: Box | None = None,
-) -> Offered | None:
+) -> FeasibleMotion | None:
     """The motion, or its mirror image, or as much of it as the arm can make; None where that is too little.
 
     Args:
         motion: that was designed.
-        hypotheses: that say how the load may swing; the box and the arm are kept clear of by all of them.
+        hypotheses: that say how the load may swing; by all of them it keeps clear of the box, by the first, which is
+            the likeliest, of the arm as well.
         robot: the arm.
         table: of its line.
         load_radius: m.
-        box: that stands at the line; the usual one where it is not given.
     """
-    box, limits = box or Box(), LineLimits.from_table(table)
+    box, limits = Box(), LineLimits.from_table(table)
     settings = CheckSettings(load_mass=hypotheses[0].model.value("mass"), obstacles=box_and_table(table.line, box))
     for factor in FACTORS:
         scaled = Motion(motion.time, factor * motion.along)
@@ -72,23 +71,22 @@ def offered(
         trajectory = LineTrajectory(scaled.time, s, v, a)
         check = check_line(table, robot, trajectory, settings, swings[0])
         if check.feasible:
-            return Offered(scaled, trajectory, check, factor)
+            return FeasibleMotion(scaled, trajectory, check, factor)
     return None
 
 
-def arranged(plan: Plan, load_radius: float, robot: urdf.Robot | None = None) -> tuple[Plan, Offered | None]:
-    """The plan with the motion as the arm can make it, or without it; where it differs, its promise is computed anew.
+def with_feasible_motion(plan: Plan, load_radius: float) -> tuple[Plan, FeasibleMotion | None]:
+    """The plan with the motion as Baxter can make it, or without it; where it differs, its promise is computed anew.
 
     Args:
         plan: with a designed motion.
         load_radius: m.
-        robot: the arm; Baxter where it is not given.
     """
     moving = plan.motion
     if moving is None or moving.experiment.motion is None or moving.outlook.probability <= HOPELESS:
         return plan, None
-    arm = robot or urdf.load("baxter")
-    found = offered(moving.experiment.motion, plan.rivals.hypotheses, arm, default_table(arm), load_radius)
+    arm = urdf.load("baxter")
+    found = fit_to_arm(moving.experiment.motion, plan.rivals.hypotheses, arm, default_table(arm), load_radius)
     rest = tuple(p for p in plan.proposals if p is not moving)
     if found is None:
         return replace(plan, proposals=rest), None
