@@ -14,7 +14,7 @@ from armdyn.parameter import Quantity
 
 SHARE = 0.1
 """Of the joint's torque, root mean square: typical size of one that is missing."""
-STOP, RUB, MAGNET = 5, 2, 5
+STOP, RUB, MAGNET, CABLE = 5, 2, 5, 3
 PERIODS = 28
 """Of waves along the position, evenly in the logarithm: neighbours are 15 % apart, as far as a fit reaches."""
 SHORTEST, LONGEST = 0.03, 1.5
@@ -46,7 +46,7 @@ def _of_joint(site: Site, v: dict[str, Variable]) -> Iterator[Term]:
     yield from shapes.one_sided(site, q, speed, RUB)
     yield from shapes.sticky(site, speed, {"narrow": 0.05 * speed.size, "wide": 0.3 * speed.size})
     yield from shapes.warming(site, speed, time)
-    yield from shapes.growing(site, q)
+    yield from shapes.growing(site, q, CABLE)
     yield from shapes.magnets(site, q, MAGNET)
     yield from shapes.play(site, speed, q, {name: s * q.span for name, s in (("tight", 0.01), ("wide", 0.05))})
     periods = q.span * np.geomspace(SHORTEST, LONGEST, PERIODS)

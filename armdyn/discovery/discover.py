@@ -8,6 +8,7 @@ of effects that were tried. What wins is a formula, or the name of an effect tha
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import count
 
 from armdyn.discovery.arm import arm_curves, arm_terms
 from armdyn.discovery.pendulum import pendulum_curves, pendulum_terms
@@ -113,15 +114,15 @@ def _searched(
 
 def _promising(study: Study, terms: Mapping[str, Term]) -> set[str]:
     """Names of the terms of each joint that promise most at the fit as given, few of a kind."""
-    count = Counter[tuple[str, ...]]()
+    looked_at = Counter[tuple[str, ...]]()
     found = set[str]()
     for score in study.scores(study.first(), study.present):
         term = terms.get(score.candidate.effect)
         if term is None:
             continue
         joint, kind = term.site.joint, term.kind
-        if count[joint,] < MOST and count[joint, kind] < ALIKE:
-            count.update([(joint,), (joint, kind)])
+        if looked_at[joint,] < MOST and looked_at[joint, kind] < ALIKE:
+            looked_at.update([(joint,), (joint, kind)])
             found.add(term.name)
     return found
 
@@ -146,7 +147,7 @@ def _concluded(study: Study, found: Search, terms: dict[str, Term], known: dict[
             findings.append(_finding(study, candidate, step, terms, known, values, share - before))
         before = share
     return Discovery(
-        findings=tuple(_distinct(findings)),
+        findings=tuple(_distinct(findings, {effect.name for effect in study.model.effects})),
         before=start.fit.rmse(),
         after=last.fit.rmse(),
         held_out_rmse=channel_rmse(held_out) if held_out else {},
@@ -207,14 +208,13 @@ def _formula(name: str, terms: dict[str, Term], known: dict[str, Effect]) -> str
     return f"{name}: {text}".rstrip(".")
 
 
-def _distinct(findings: Sequence[Finding]) -> Iterator[Finding]:
+def _distinct(findings: Sequence[Finding], taken: set[str]) -> Iterator[Finding]:
     """Findings with names of their own that say what they are: ``discovered_stop``, ``discovered_stop_2``."""
-    count: dict[str, int] = {}
     for one in findings:
         if one.term is None:
             yield one
             continue
         stem = f"{PREFIX}_{one.term.kind.replace(' ', '_').replace('-', '_')}"
-        count[stem] = count.get(stem, 0) + 1
-        name = stem if count[stem] == 1 else f"{stem}_{count[stem]}"
+        name = next(n for k in count(1) if (n := stem if k == 1 else f"{stem}_{k}") not in taken)
+        taken = taken | {name}
         yield replace(one, effect=name, term=one.term.named(name))

@@ -86,17 +86,23 @@ def sticky(site: Site, v: Variable, widths: Mapping[str, float]) -> Shapes:
         )  # fmt: skip
 
 
-def growing(site: Site, v: Variable) -> Shapes:
-    """A force k exp((v - edge) / width) to either side, edge the end of the range: a cable or hose that tightens."""
-    for label, back, sign, edge in (("up", site.resists, "", v.high), ("down", _other(site.resists), "-", v.low)):
-        width = 0.2 * v.span
-        where = {"width": Constant(v.unit, width, width / 2, 0.05 * width, 10.0 * width)}
-        away = f"({v.name} - {edge:.4g})".replace("- -", "+ ")
-        yield _single(
-            site, "tightening cable", f"a cable that tightens with {v.name}", (v,),
-            f"{back}ca.exp({sign}{away} / width)", [], where,
-            size="tension", positive=True, scale=1.0, name=f"tightens_{v.name}_{label}",
-        )  # fmt: skip
+def growing(site: Site, v: Variable, places: int) -> Shapes:
+    """A force k (exp(max(0, v - place) / width) - 1) to either side of places: a cable or hose that tightens."""
+    for i, place in enumerate(_between(v, places)):
+        for label, back, away in (
+            ("up", site.resists, f"{v.name} - place"),
+            ("down", "" if site.resists else "-", f"place - {v.name}"),
+        ):
+            width = 0.4 * v.span
+            where = {
+                "place": _place(v, place, places),
+                "width": Constant(v.unit, width, width / 2, 0.05 * width, 10.0 * width),
+            }
+            yield _single(
+                site, "tightening cable", f"a cable that tightens with {v.name}", (v,),
+                f"{back}(ca.exp(ca.fmax(0, {away}) / width) - 1)", [], where,
+                size="tension", positive=True, scale=1.0, name=f"tightens_{label}_{v.name}_{i}",
+            )  # fmt: skip
 
 
 def play(site: Site, speed: Variable, position: Variable, travels: Mapping[str, float]) -> Shapes:
@@ -170,10 +176,6 @@ def _single(
     units = {size: over(site.unit, *((v.unit, n) for v, n in powers))}
     typical = {size: site.typical / (of_powers if scale is None else scale)}
     return Term(kind, says, site, variables, {size: shape}, units, typical, constants or {}, positive, name=label)
-
-
-def _other(sign: str) -> str:
-    return "" if sign else "-"
 
 
 def _between(v: Variable, places: int) -> list[float]:

@@ -248,7 +248,7 @@ JointLaw = Callable[[Track], np.ndarray]
 def _hidden_torque(kind: str, rng: np.random.Generator) -> JointLaw:
     size, phase = rng.uniform(0.25, 0.6), rng.uniform(0, 2 * np.pi)
     period, play, edge = rng.uniform(0.1, 0.5), rng.uniform(0.02, 0.08), rng.uniform(0.2, 0.6)
-    fade, strength, width = rng.uniform(4.0, 12.0), rng.uniform(1.8, 3.0), rng.uniform(0.2, 0.4)
+    fade, strength, width = rng.uniform(4.0, 12.0), rng.uniform(1.8, 3.0), rng.uniform(0.3, 0.6)
 
     def backlash(at: Track) -> np.ndarray:
         turned, last, found = 0.0, at.q[0], []
@@ -260,7 +260,7 @@ def _hidden_torque(kind: str, rng: np.random.Generator) -> JointLaw:
     laws: Mapping[str, JointLaw] = {
         "backlash": backlash,
         "cogging": lambda at: size * np.sin(2 * np.pi * at.q / period + phase),
-        "tightening cable": lambda at: 2.0 * size * np.expm1(np.maximum(0.0, at.q - edge) / width),
+        "tightening cable": lambda at: size * np.expm1(np.clip(at.q - edge, 0.0, 0.6) / width),
         "warming friction": lambda at: 2.0 * size * at.v * np.exp(-at.t / fade),
         "saturating motor": lambda at: strength * np.tanh(at.load / strength) - at.load,
     }

@@ -36,7 +36,7 @@ def test_every_shape_is_an_effect_that_vanishes_at_null():
         *shapes.stops(STRING, ANGLE, 3),
         *shapes.one_sided(STRING, ANGLE, SPEED, 2),
         *shapes.magnets(STRING, ANGLE, 2),
-        *shapes.growing(STRING, ANGLE),
+        *shapes.growing(STRING, ANGLE, 2),
         *shapes.waves(STRING, ANGLE, {"short": 0.1}),
         shapes.curve(STRING, ANGLE),
     ]

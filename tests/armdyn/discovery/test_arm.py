@@ -1,0 +1,50 @@
+"""Terms of an arm: on one joint each, in the range of that joint, whatever its strength; and a law that is found."""
+
+import numpy as np
+import pytest
+
+from armdyn.arm.model import arm_model
+from armdyn.discovery.arm import arm_terms
+from armdyn.discovery.discover import discover
+from armdyn.discovery.source import effects_of_terms
+from armdyn.effects.user import available
+from armdyn.identify.study import Study
+
+from ...hidden_effects.laws import URDF, world
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    path = tmp_path_factory.mktemp("arm") / "two.urdf"
+    path.write_text(URDF)
+    return arm_model(urdf=path)
+
+
+def test_a_place_is_one_that_its_joint_reaches(model):
+    run = world("cogging", 0).runs[0]
+    terms = list(arm_terms(Study(model, [run], [], ()).first()))
+    for term, effect in zip(terms, effects_of_terms(terms), strict=True):
+        (joint,) = effect.joints
+        q = run.channels[f"q.{joint}"].value
+        parameters = model.with_effect(effect).parameters
+        if "place" in term.constants:
+            assert q.min() <= parameters[f"{effect.name}.place[{joint}]"].value <= q.max()
+        if "cubic_drag" in effect.name:
+            typical = parameters[f"{effect.name}.k[{joint}]"].typical
+            rms = np.sqrt(np.mean(run.channels[f"tau.{joint}"].value ** 2))
+            fastest = np.abs(np.gradient(q, run.channels[f"q.{joint}"].time)).max()
+            assert typical * fastest**3 == pytest.approx(0.1 * rms, rel=0.2)
+
+
+def test_nothing_is_discovered_in_a_clean_arm(model):
+    given = world("clean arm", 1)
+    assert not discover(model, given.runs, [given.held_out], available(model)).findings
+
+
+@pytest.mark.slow
+def test_cogging_is_discovered_beside_friction(model):
+    given = world("cogging", 0)
+    found = discover(model, given.runs, [given.held_out], available(model))
+    (law,) = found.new
+    assert (law.kind, law.joints) == ("cogging", ("elbow",))
+    assert {one.effect for one in found.findings} > {"joint_viscous_friction", "joint_coulomb_friction"}
