@@ -234,7 +234,7 @@ class Around:
         acting = np.any(self.chain.by_unknown != 0.0, axis=(0, 1)) | np.any(self.chain.start[:, :-1] != 0.0, axis=0)
         for rows in self.rows:
             acting = acting | np.any(rows.value[:, :, n:-1] != 0.0, axis=(0, 1))
-        return np.asarray(acting if acting.mean() < MOST_ACTING else np.ones_like(acting))
+        return np.asarray(acting if acting.sum() < MOST_ACTING * len(acting) else np.ones_like(acting))
 
     def _sums(self, noises: Sequence[Noise], kicks: int) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
         """Sums of consecutive pieces at C noises, for `filtered` with so many kicks."""
