@@ -37,7 +37,8 @@ def test_a_heavier_tool_is_found_on_its_day_and_nothing_else(done):
     assert change["last_before"][:10] == days[6]
     assert change["first_after"][:10] == days[7]
     assert change["after"] - change["before"] == pytest.approx(0.3, abs=0.01)
-    assert f"robot_01, between {days[6]} and {days[7]}" in out
+    assert "1 change: robot_01." in out
+    assert f"robot_01, between {days[6]} and {days[7]}" in (lab / "out/report.html").read_text()
 
 
 def test_columns_carry_units_and_standard_deviations(done):
