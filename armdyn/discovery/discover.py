@@ -138,7 +138,7 @@ def _concluded(study: Study, found: Search, terms: dict[str, Term], known: dict[
     start, last = found.steps[0], found.last
     values = fitted_parameters(study, last.fit)
     findings, before = list[Finding](), 0.0
-    held_out = study.held_out_blocks(last.fit)
+    unfitted = [study.held_out_blocks(step.fit) or [] for step in (start, last)]
     for step in found.steps[1:]:
         share = explained_share(study, start, step)
         for candidate in step.added:
@@ -150,12 +150,13 @@ def _concluded(study: Study, found: Search, terms: dict[str, Term], known: dict[
         findings=tuple(_distinct(findings, {effect.name for effect in study.model.effects})),
         before=start.fit.rmse(),
         after=last.fit.rmse(),
-        held_out_rmse=channel_rmse(held_out) if held_out else {},
+        held_out_before=channel_rmse(unfitted[0]),
+        held_out_rmse=channel_rmse(unfitted[1]),
         noise={b.channel: b.noise for b in last.fit.blocks},
         units={channel: study.unit(channel) for channel in last.fit.rmse()},
         explains=explained_share(study, start, last) if len(found.steps) > 1 else 0.0,
         leaves_something=last.tests.fails,
-        judged=bool(held_out),
+        judged=bool(unfitted[1]),
         runs=tuple(run.name for run in study.runs),
         held_out=tuple(run.name for run in study.held_out),
         missing_force=between(start.fit, last.fit if len(found.steps) > 1 else None),

@@ -78,7 +78,8 @@ class Discovery(Shown):
         findings: laws, what explains most first; empty where nothing was found.
         before: rms error by channel of the model as given.
         after: with everything found.
-        held_out_rmse: on held-out runs, or on runs predicted from the others; empty of a single run.
+        held_out_before: of the model as given on held-out runs, or on runs predicted from the others; empty of one run.
+        held_out_rmse: the same with everything found.
         noise: standard deviation by channel.
         units: by channel.
         explains: share of the misfit that all of it explains.
@@ -92,6 +93,7 @@ class Discovery(Shown):
     findings: tuple[Finding, ...]
     before: Mapping[str, float]
     after: Mapping[str, float]
+    held_out_before: Mapping[str, float]
     held_out_rmse: Mapping[str, float]
     noise: Mapping[str, float]
     units: Mapping[str, str]
@@ -171,7 +173,7 @@ class Discovery(Shown):
         text += f": it explains {in_percent(one.explains)} of the misfit; rms error {error}"
         if self.held_out_rmse:
             text += "; of runs not fitted " + ", ".join(
-                f"{c} {v:.3g} {self.units[c]}" for c, v in self.held_out_rmse.items()
+                f"{c} {self.held_out_before[c]:.3g} to {v:.3g} {self.units[c]}" for c, v in self.held_out_rmse.items()
             )
         if one.rivals:
             text += f". These runs cannot tell it from {'; '.join(one.rivals)}"
@@ -190,13 +192,14 @@ class Discovery(Shown):
             [o.formula, o.label, self._values(o), in_percent(o.explains), o.known_as or "", "; ".join(o.rivals)]
             for o in self.findings
         ]
-        missing = float("nan")
+        given, then = self.held_out_before, self.held_out_rmse
         errors = [
-            [c, self.units[c], self.noise[c], self.before[c], self.after[c], self.held_out_rmse.get(c, missing)]
-            for c in self.after
+            [c, self.units[c], self.noise[c], self.before[c], after, *(of.get(c, float("nan")) for of in (given, then))]
+            for c, after in self.after.items()
         ]
         found = Table.of(["formula", "effect", "values", "explains", "known as", "as good"], laws)
-        error = Table.of(["channel", "unit", "noise", "as given", "with it", "not fitted"], errors)
+        heads = ["channel", "unit", "noise", "as given", "with it", "not fitted, as given", "not fitted, with it"]
+        error = Table.of(heads, errors)
         sections = [Section("What was found", tables=[found])] if laws else []
         sections.append(Section("Errors", "Root mean square.", tables=[error]))
         level = Level.CAUTION if self.leaves_something and self.explains < SHARE_SURE else Level.GOOD

@@ -112,7 +112,7 @@ def play(site: Site, speed: Variable, position: Variable, travels: Mapping[str, 
         state = f"{site.stage}, turned = {site.stage}.with_state(lambda z: (speed - ca.fabs(speed) * z) / travel)"
         says = "a torque that turns round over some travel after every turn: backlash, the play of a gear"
         yield Term("backlash", says, site, (speed,), {"k": f"{site.resists}turned"}, {"k": site.unit},
-                   {"k": site.typical}, where, True, state, f"backlash_{label}")  # fmt: skip
+                   {"k": site.typical}, where, True, (state,), f"backlash_{label}")  # fmt: skip
 
 
 def waves(site: Site, v: Variable, periods: Mapping[str, float]) -> Shapes:
@@ -147,13 +147,17 @@ def curve(site: Site, v: Variable) -> Term:
     """A cubic spline with evenly spaced knots: any smooth dependence on v."""
     step = v.span / (CURVE_VALUES - 3)
     centres = v.low + step * (np.arange(CURVE_VALUES) - 1)
-    shapes = {}
-    for i, centre in enumerate(centres):
-        away = f"ca.fabs({v.name} - {centre:.6g}) / {step:.6g}".replace("- -", "+ ")
-        shapes[f"value_{i}"] = f"(ca.fmax(0, 2 - {away})**3 - 4 * ca.fmax(0, 1 - {away})**3) / 6"
+    lines = (
+        "",
+        "def near(centre):  # 2/3 there, nothing from two knots on",
+        f"    away = ca.fabs({v.name} - centre) / {step:.6g}",
+        "    return (ca.fmax(0, 2 - away) ** 3 - 4 * ca.fmax(0, 1 - away) ** 3) / 6",
+        "",
+    )
+    shapes = {f"value_{i}": f"near({centre:.6g})" for i, centre in enumerate(centres)}
     same = dict.fromkeys(shapes, site.unit), dict.fromkeys(shapes, site.typical)
     return Term(f"curve over {v.name}", f"a smooth function of {v.name}", site, (v,), shapes, *same,
-                name=f"curve_{v.name}")  # fmt: skip
+                lines=lines, name=f"curve_{v.name}")  # fmt: skip
 
 
 def _single(

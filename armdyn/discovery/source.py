@@ -17,6 +17,8 @@ import casadi as ca
 from armdyn import effect, quantity
 '''
 WIDTH = 110
+SHORT = 3
+"""Summands that one line takes."""
 SYMBOLS = {"N": "F", "N m": "M", "m": "z"}
 """Of what a term is, by its unit."""
 
@@ -47,7 +49,8 @@ def _effect_text(term: Term, evidence: str) -> str:
         _argument(size, Constant(term.units[size], 0.0, 0.0, 0.0 if term.positive else float("-inf")), typical)
         for size, typical in term.typical.items()
     ] + [_argument(name, constant, constant.spread) for name, constant in term.constants.items()]
-    reads = [f"    {v.name} = {v.source}" for v in term.variables] + ([f"    {term.memory}"] if term.memory else [])
+    reads = [f"    {v.name} = {v.source}" for v in term.variables]
+    reads += [f"    {line}" if line else "" for line in term.lines]
     doc = f'    """{SYMBOLS.get(term.site.unit, "y")} = {term.formula}.'
     doc += f'\n\n{evidence}\n    """' if evidence else '"""'
     lines = [
@@ -63,9 +66,18 @@ def _effect_text(term: Term, evidence: str) -> str:
         "):",
         *doc.split("\n"),
         *reads,
-        f"    return {term.site.adds.format(term.force)}",
+        *_returned(term),
     ]  # fmt: skip
     return "\n".join(lines) + "\n"
+
+
+def _returned(term: Term) -> list[str]:
+    """The changed stage; a sum of many is a value of its own, a line each."""
+    if len(term.shapes) <= SHORT:
+        return [f"    return {term.site.adds.format(term.force)}"]
+    first, *others = term.summands
+    total = ["    total = (", f"        {first}", *(f"        + {other}" for other in others), "    )"]
+    return [*total, f"    return {term.site.adds.format('total')}"]
 
 
 def _argument(name: str, of: Constant, typical: float) -> str:

@@ -112,7 +112,7 @@ class Term:
         typical: of the sizes, by their names.
         constants: by name; they are fitted as well.
         positive: whether sizes are at least zero: friction takes energy.
-        memory: a line of code that brings a state of the effect's own; empty where it has none.
+        lines: of code before the force: a state of the effect's own, or a function that its shapes call.
         name: of the effect that it is written as.
     """
 
@@ -125,7 +125,7 @@ class Term:
     typical: Mapping[str, float]
     constants: Mapping[str, Constant] = field(default_factory=dict)
     positive: bool = False
-    memory: str = ""
+    lines: tuple[str, ...] = ()
     name: str = ""
 
     @property
@@ -134,13 +134,18 @@ class Term:
         return self.kind.startswith("curve")
 
     @property
-    def force(self) -> str:
-        """What is added at the site, as a CasADi expression of variables, sizes and constants."""
+    def summands(self) -> list[str]:
+        """CasADi expressions of variables, sizes and constants, whose sum is added at the site."""
         parts = (
             f"-{size} * {_factor(shape[1:])}" if shape.startswith("-") else f"{size} * {_factor(shape)}"
             for size, shape in self.shapes.items()
         )
-        return " + ".join(parts).replace("+ -", "- ").replace(" * 1 / ", " / ")
+        return [part.replace(" * 1 / ", " / ") for part in parts]
+
+    @property
+    def force(self) -> str:
+        """Their sum."""
+        return " + ".join(self.summands).replace("+ -", "- ")
 
     @property
     def formula(self) -> str:

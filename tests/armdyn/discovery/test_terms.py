@@ -56,7 +56,9 @@ def test_a_formula_is_read_as_it_is_computed(tmp_path):
 def test_a_curve_follows_any_smooth_function():
     curve = shapes.curve(STRING, ANGLE)
     x = np.linspace(ANGLE.low, ANGLE.high, 100)
-    columns = np.column_stack([eval(s, {"ca": ca, "angle": ca.DM(x)}).full()[:, 0] for s in curve.shapes.values()])
+    names = {"ca": ca, "angle": ca.DM(x)}
+    exec("\n".join(curve.lines), names)
+    columns = np.column_stack([eval(shape, names).full()[:, 0] for shape in curve.shapes.values()])
     target = np.exp(-(((x - 0.1) / 0.25) ** 2))
     left = target - columns @ np.linalg.lstsq(columns, target, rcond=None)[0]
     assert np.sqrt(np.mean(left**2)) < 0.03
