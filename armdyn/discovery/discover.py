@@ -109,7 +109,16 @@ def _searched(
         promising = _promising(study, terms)
         study = Study(model, runs, held_out, [*catalogue, *(e for e in effects if e.name in promising)])
     study.tried = len(catalogue) + len(effects) // max(len({t.site.joint for t in terms.values()}), 1)
-    return study, search(study, say)
+    found = search(study, say)
+    return study, found if _is_believed(study, found) else Search(found.steps[:1])
+
+
+def _is_believed(study: Study, found: Search) -> bool:
+    """Whether runs that were not fitted are predicted better than by the model as given, where there are any."""
+    given, then = (study.held_out_blocks(step.fit) or [] for step in (found.steps[0], found.last))
+    return not then or sum(float(b.residual @ b.residual) for b in then) < sum(
+        float(b.residual @ b.residual) for b in given
+    )
 
 
 def _promising(study: Study, terms: Mapping[str, Term]) -> set[str]:

@@ -22,8 +22,9 @@ def pendulum_terms(fit: Fit) -> Iterator[Term]:
     yield from _of_string(string, v["angle"], v["speed"], v["time"])
     if v["along"].span > 0.0:
         below = "load.with_force({} * ca.vertcat({away}, 0, 1))"  # it is below the line, as far as it is wide
-        magnet = replace(load, adds=below, shown="{} * ({away} along the line, 1 upwards)")
-        yield from shapes.magnets(magnet, v["position"], MAGNET)
+        yield from shapes.magnets(load, v["position"], MAGNET)
+        under = replace(load, adds=below, shown="{} * ({away} along the line, 1 upwards)")
+        yield from shapes.magnets(under, v["position"], MAGNET)
         for n in (1, 2, 3):
             yield shapes.power(rail, v["along"], n, "rail", "the rail is not level along the way")
 

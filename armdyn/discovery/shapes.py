@@ -71,7 +71,7 @@ def magnets(site: Site, v: Variable, places: int) -> Shapes:
         here = replace(site, adds=site.adds.replace("{away}", u), shown=site.shown.replace("{away}", u))
         says = f"something at a certain {v.name} pulls or pushes, as a magnet does"
         yield Term("magnet", says, here, (v,), shapes, {"pull": site.unit}, {"pull": site.typical}, where,
-                   name=f"magnet_{v.name}_{i}")  # fmt: skip
+                   name=f"magnet_{'under' if across else 'at'}_{v.name}_{i}")  # fmt: skip
 
 
 def sticky(site: Site, v: Variable, widths: Mapping[str, float]) -> Shapes:

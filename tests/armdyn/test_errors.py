@@ -15,7 +15,7 @@ from pipeline.imports.foreign import ImportProblemsError
         InputError("a sentence"),
         UnknownNameError("effect", "linear_drog", ["linear_drag", "quadratic_drag"]),
         ImportProblemsError("run.csv", ["one", "another"]),
-        UnreachableError("no way", misses=()),
+        UnreachableError("no way"),
     ],
     ids=lambda error: type(error).__name__,
 )

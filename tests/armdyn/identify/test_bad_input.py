@@ -93,7 +93,7 @@ def test_a_bad_recording_is_refused(armdyn, place, case):
         ('base = "pendulm"\n', "did you mean 'pendulum'"),
         ("base = \n", "not TOML"),
         ('base = "pendulum"\n[parameters]\nlength = { value = -1.0 }\n', "physical range"),
-        ('base = "pendulum"\n[parameters]\nlength = { value = 1.0, std = nan }\n', "std is nan"),
+        ('base = "pendulum"\n[parameters]\nlength = { value = 1.0, std = nan }\n', "std = nan"),
         ('base = "pendulum"\n[parameters]\nlength = { value = 1.0, prior = "9.0 +/- 0.1" }\n', "physical range"),
         ("effects = []\n", "there is no base"),
     ],

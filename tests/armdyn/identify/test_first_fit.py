@@ -107,7 +107,7 @@ def test_weak_priors_make_a_new_problem():
     truth = recorded("pull_and_release")
     problem = Problem(model_for("pull_and_release"), truth.runs, {(f"r{k}.csv", "load_force"): 3e-3 for k in range(2)})
     weights = problem.prior_weight.copy()
-    held = problem.held_near(problem.start())
+    held = problem.with_weak_priors(problem.start())
     assert np.all(held.prior_weight > 0)
     assert np.array_equal(problem.prior_weight, weights)
 
