@@ -110,15 +110,14 @@ def _searched(
         study = Study(model, runs, held_out, [*catalogue, *(e for e in effects if e.name in promising)])
     study.tried = len(catalogue) + len(effects) // max(len({t.site.joint for t in terms.values()}), 1)
     found = search(study, say)
-    return study, found if _is_believed(study, found) else Search(found.steps[:1])
+    return study, found if predicts_better(study, found) else Search(found.steps[:1])
 
 
-def _is_believed(study: Study, found: Search) -> bool:
+def predicts_better(study: Study, found: Search) -> bool:
     """Whether runs that were not fitted are predicted better than by the model as given, where there are any."""
-    given, then = (study.held_out_blocks(step.fit) or [] for step in (found.steps[0], found.last))
-    return not then or sum(float(b.residual @ b.residual) for b in then) < sum(
-        float(b.residual @ b.residual) for b in given
-    )
+    unfitted = [study.held_out_blocks(step.fit) or [] for step in (found.steps[0], found.last)]
+    given, then = (sum(float(block.residual @ block.residual) for block in blocks) for blocks in unfitted)
+    return not unfitted[1] or then < given
 
 
 def _promising(study: Study, terms: Mapping[str, Term]) -> set[str]:

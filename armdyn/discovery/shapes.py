@@ -46,15 +46,7 @@ def one_sided(site: Site, v: Variable, speed: Variable, places: int) -> Shapes:
             where = {"place": _place(v, place, places)}
             step = f"(1 {sign} ca.tanh(({v.name} - place) / {STEEP[v.unit]:g})) / 2"
             says = f"friction only {side} a certain {v.name}"
-            yield _single(
-                site, "one-sided rub", says, (v, speed), f"{site.resists}{speed.name} * {step}", [(speed, 1)], where,
-                size="coefficient", positive=True, scale=speed.size, name=f"rub_{side}_{v.name}_{i}",
-            )  # fmt: skip
-            if site.dry is not None:
-                yield _single(
-                    site.dry, "one-sided rub", f"dry {says}", (v,), step, [], where,
-                    size="friction", positive=True, scale=1.0, name=f"dry_rub_{side}_{v.name}_{i}",
-                )  # fmt: skip
+            yield from _frictions(site, "one-sided rub", says, v, speed, step, where, f"rub_{side}_{v.name}_{i}")
 
 
 def magnets(site: Site, v: Variable, places: int) -> Shapes:
@@ -132,15 +124,7 @@ def warming(site: Site, v: Variable, time: Variable) -> Shapes:
     where = {"warm_up": Constant(time.unit, width, width / 2, 0.05 * width, 20.0 * width)}
     fade = f"ca.exp(-{time.name} / warm_up)"
     says = "friction that fades over the run, as of grease that warms up"
-    yield _single(
-        site, "warming friction", says, (v, time), f"{site.resists}{v.name} * {fade}", [(v, 1)], where,
-        size="coefficient", positive=True, scale=v.size, name=f"warming_{v.name}",
-    )  # fmt: skip
-    if site.dry is not None:
-        yield _single(
-            site.dry, "warming friction", f"dry {says}", (time,), fade, [], where,
-            size="friction", positive=True, scale=1.0, name="warming_dry",
-        )  # fmt: skip
+    yield from _frictions(site, "warming friction", says, time, v, fade, where, f"warming_{v.name}")
 
 
 def curve(site: Site, v: Variable) -> Term:
@@ -158,6 +142,28 @@ def curve(site: Site, v: Variable) -> Term:
     same = dict.fromkeys(shapes, site.unit), dict.fromkeys(shapes, site.typical)
     return Term(f"curve over {v.name}", f"a smooth function of {v.name}", site, (v,), shapes, *same,
                 lines=lines, name=f"curve_{v.name}")  # fmt: skip
+
+
+def _frictions(
+    site: Site,
+    kind: str,
+    says: str,
+    by: Variable,
+    speed: Variable,
+    share: str,
+    where: Mapping[str, Constant],
+    name: str,
+) -> Shapes:
+    """Friction in proportion to speed, and dry friction, each times a share that depends on the variable `by`."""
+    yield _single(
+        site, kind, says, (by, speed), f"{site.resists}{speed.name} * {share}", [(speed, 1)], where,
+        size="coefficient", positive=True, scale=speed.size, name=name,
+    )  # fmt: skip
+    if site.dry is not None:
+        yield _single(
+            site.dry, kind, f"dry {says}", (by,), share, [], where,
+            size="friction", positive=True, scale=1.0, name=f"dry_{name}",
+        )  # fmt: skip
 
 
 def _single(

@@ -213,7 +213,7 @@ def advanced(
     inputs: tuple[Expression, ...],
     theta: Expression,
     dt: Expression,
-    lifted: Callable[..., Callable[..., Expression]] = lambda function, states, moments: function,  # noqa: ARG005
+    lifted: Callable[..., Callable[..., Expression]] = lambda function, *_: function,
 ) -> Expression:
     """The state after one step of the simulation.
 
