@@ -301,6 +301,14 @@ class Model(Shown):
         """
         return run
 
+    def noise(self, run: Run, theta: np.ndarray) -> Mapping[str, float]:
+        """By channel of a prepared run, the standard deviation of what is compared, where it depends on (p,) `theta`.
+
+        The noise of an arm's positions becomes torque through its inertias.
+        """
+        del run, theta
+        return {}
+
     def parts(self, effect: str) -> Mapping[str, tuple[str, ...]]:
         """Names of an effect's parameters by the joint that they belong to, ``""`` where there is none."""
         return {

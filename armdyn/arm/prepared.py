@@ -159,8 +159,7 @@ def prepare(run: Run, model: pin.Model, joints: tuple[str, ...], measured: tuple
         # Thinned samples vary too much to show their noise; the recording at its own rate does.
         # Steps of a friction look like noise to a smooth curve; behind a low-pass there is more than the samples show.
         sensor = run.noise.get(name) or (drive.noise if smoothed else min(drive.noise, choice.noise))
-        from_positions = 2.0 * float(np.sum(brought_in[j, cutoff >= FREQUENCIES]) * FREQUENCIES[1])
-        noise[name] = float(np.sqrt(low.noise_gain(time) * sensor**2 + from_positions))
+        noise[name] = float(np.sqrt(low.noise_gain(time) * sensor**2 + _below(cutoff, brought_in[j])))
         preparations[name] = Preparation(
             cutoff=cutoff,
             position_cutoff=motion.joints[j].choice.cutoff,
@@ -178,6 +177,32 @@ def prepare(run: Run, model: pin.Model, joints: tuple[str, ...], measured: tuple
         run.name, channels, run.known, noise, run.description, run.source, run.warnings,
         original=run, done=preparations, outliers=run.outliers,
     )  # fmt: skip
+
+
+def torque_noise(run: PreparedRun, arm: pin.Model, described: pin.Model, joints: tuple[str, ...]) -> dict[str, float]:
+    """By torque channel, the noise of a run where the arm is not as described when its run was prepared.
+
+    A rotor or a payload that nobody knew of makes more torque of the positions' noise.
+
+    Args:
+        run: a recording as prepared.
+        arm: what it is.
+        described: what it was when the run was prepared.
+        joints: all joints of the arm, in its order.
+    """
+    motion = measured_motion(run.recording, joints)
+    before, after = (position_noise(model, motion) for model in (described, arm))
+    found = {}
+    for name, done in run.preparations.items():
+        j = joints.index(name.removeprefix("tau."))
+        more = _below(done.cutoff, after[j]) - _below(done.cutoff, before[j])
+        found[name] = float(np.sqrt(max(run.noise[name] ** 2 + more, 0.0)))
+    return found
+
+
+def _below(cutoff: float, spectrum: np.ndarray) -> float:
+    """Variance of an (nf,) two-sided spectrum at `FREQUENCIES` up to a cut-off, Hz."""
+    return 2.0 * float(np.sum(spectrum[cutoff >= FREQUENCIES]) * FREQUENCIES[1])
 
 
 def interior(channel: Channel, motion: MeasuredMotion) -> np.ndarray:
@@ -237,12 +262,12 @@ def _thinned(stamps: np.ndarray, known: np.ndarray, cutoff: float) -> np.ndarray
     Before and after a long one, such as a rest, a smoothed torque has neighbours on one side only, as at the ends.
     """
     step = 1.0 / (2.0 * WHITE * cutoff)
+    usual = float(np.median(np.diff(stamps)))
+    stamps = stamps[known]
     edge = min(EDGE / cutoff, 0.1 * (stamps[-1] - stamps[0]))
     first, last = stamps[0] + edge, stamps[-1] - edge
     count = int((last - first) / step)
     time = first + (last - first - count * step) / 2.0 + step * np.arange(count + 1)
-    usual = float(np.median(np.diff(stamps)))
-    stamps = stamps[known]
     after = np.clip(np.searchsorted(stamps, time), 1, len(stamps) - 1)
     nearest = np.minimum(np.abs(time - stamps[after - 1]), np.abs(stamps[after] - time))
     time = time[nearest <= step / 2.0]
