@@ -70,7 +70,7 @@ def compare(
         InputError: something cannot be read or compared.
         WrongRecordingError: see `inspect`.
     """
-    study = study_of(model, runs, held_out, None, exam, trust_data)
+    study = study_of(model, runs, held_out, (), exam, trust_data)
     found = _compare.compare(study)
     return _plausible(study, compared_model(study.model, found), found, trust_data)
 

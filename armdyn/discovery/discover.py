@@ -10,6 +10,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import count
 
+import numpy as np
+
 from armdyn.discovery.arm import arm_curves, arm_terms
 from armdyn.discovery.pendulum import pendulum_curves, pendulum_terms
 from armdyn.discovery.result import Discovery, Finding
@@ -64,7 +66,7 @@ def discover(
     first = bare.first()
     given = Search((Step((), (), bare.present, first, residual_tests(first, [])),))
     if not given.last.tests.fails:
-        return _concluded(bare, given, {}, {})
+        return concluded(bare, given, {}, {})
     formulas, curves = BASES[model.base]
     terms = _named(model, catalogue, formulas(first))
     study, found = _searched(model, runs, held_out, catalogue, terms, say)
@@ -73,7 +75,7 @@ def discover(
         other, drawn = _searched(model, runs, held_out, catalogue, smooth, say)
         if other.squared_error(drawn.last.fit) < LEAVES * study.squared_error(found.last.fit):
             study, found, terms = other, drawn, smooth
-    return _concluded(study, found, terms, {e.name: e for e in catalogue})
+    return concluded(study, found, terms, {e.name: e for e in catalogue})
 
 
 MOST, ALIKE = 12, 3
@@ -141,19 +143,19 @@ def _is_whole(study: Study, found: Search) -> bool:
     return not last.tests.fails or (len(found.steps) > 1 and explained_share(study, start, last) > IDEALISED)
 
 
-def _concluded(study: Study, found: Search, terms: dict[str, Term], known: dict[str, Effect]) -> Discovery:
+def concluded(study: Study, found: Search, terms: dict[str, Term], known: dict[str, Effect]) -> Discovery:
     """What a search found, in formulas."""
     start, last = found.steps[0], found.last
     values = fitted_parameters(study, last.fit)
-    findings, before = list[Finding](), 0.0
+    shares = [explained_share(study, start, step) for step in found.steps[1:]]
+    gains = dict(zip(found.steps[1:], np.diff([0.0, *shares]).tolist(), strict=True))
+    findings = [
+        _finding(study, candidate, {step: gain for step, gain in gains.items() if _brings(step, candidate)},
+                 terms, known, values)
+        for candidate in last.effects
+        if candidate not in start.effects
+    ]  # fmt: skip
     unfitted = [study.held_out_blocks(step.fit) or [] for step in (start, last)]
-    for step in found.steps[1:]:
-        share = explained_share(study, start, step)
-        for candidate in step.added:
-            if candidate not in last.effects:
-                continue
-            findings.append(_finding(study, candidate, step, terms, known, values, share - before))
-        before = share
     return Discovery(
         findings=tuple(_distinct(findings, {effect.name for effect in study.model.effects})),
         before=start.fit.rmse(),
@@ -171,21 +173,25 @@ def _concluded(study: Study, found: Search, terms: dict[str, Term], known: dict[
     )
 
 
+def _brings(step: Step, candidate: Candidate) -> bool:
+    """Whether a step added an effect, or one joint of those that it ended with."""
+    return any(not set(candidate.names).isdisjoint(added.names) for added in step.added)
+
+
 def _finding(
     study: Study,
     candidate: Candidate,
-    step: Step,
+    gains: Mapping[Step, float],
     terms: dict[str, Term],
     known: dict[str, Effect],
     values: Mapping[str, FittedParameter],
-    share: float,
 ) -> Finding:
-    """One effect of a step."""
+    """One effect of the end, with the share that each step which brought it explains."""
     own = {n.split(".", 1)[1]: values[n] for n in candidate.names if n in values}
     if len(candidate.joints) == 1:
         own = {name.partition("[")[0]: value for name, value in own.items()}
     term = terms.get(candidate.effect)
-    tied = [c.effect for c in step.tied]
+    tied = [c.effect for step in gains for c in step.tied]
     same = [name for name in tied if name in known]
     rivals = dict.fromkeys(
         _formula(name, terms, known)
@@ -203,7 +209,7 @@ def _finding(
         says=effect.summary.rstrip("."),
         formula=_formula(candidate.effect, terms, known),
         values=own,
-        explains=share,
+        explains=sum(gains.values()),
         known_as=candidate.effect if term is None else next(iter(same), None),
         rivals=tuple(rivals),
         term=term,

@@ -94,7 +94,7 @@ class GreyRun:
         theta = values[self.places]
         while True:
             states = self._from_measured(values)
-            found = self.pieces.linearised(theta, states)
+            found = self.pieces.linearised(theta, states, np.zeros(0, dtype=int))
             _, by_start = self.pieces.motion(theta, states)
             size = by_start * self._typical
             grown = np.abs(pseudo_inverse(size) @ found.transition @ size).max(axis=(1, 2), initial=0.0)
@@ -141,16 +141,11 @@ class GreyRun:
         parameters = np.flatnonzero(wanted[self.places])
         columns = np.searchsorted(unknowns, self.places[parameters])
         found = self.pieces.linearised(theta, states, parameters)
-        gap = found.ends - np.append(states[1:], found.ends[-1:], axis=0)
         # States are momenta; what stays while a parameter changes, and what is kicked, are their rates.
-        ends = np.concatenate([states, found.ends])
-        nodes = np.concatenate([self.pieces.edges[:-1], self.pieces.edges[1:]])
-        if np.isfinite(ends).all() and len(parameters):
-            here, there = np.split(self.pieces.by_definition(theta, ends, nodes)[:, :, parameters], 2)
-        else:
-            here, there = np.zeros((2, *found.by_theta.shape))
-        by_unknown = np.zeros((*states.shape, len(unknowns)))
-        by_unknown[:, :, columns] = found.by_theta + found.transition @ here - there
+        gap = found.ends - np.append(states[1:], found.ends[-1:], axis=0)
+        by_unknown, definition = np.zeros((2, *states.shape, len(unknowns)))
+        here, there = found.definition
+        by_unknown[:, :, columns], definition[:, :, columns] = found.by_theta + found.transition @ here - there, here
         begin, by_start, by_theta = self.pieces.beginning(theta)
         model = self.pieces.model
         kicked = by_start[:, model.kicked] * self._typical[model.kicked]
@@ -165,8 +160,6 @@ class GreyRun:
             Rows(found.samples.pop(c), len(states), columns, len(unknowns), quiet, weight, here)
             for c, quiet, weight in given
         ]
-        definition = np.zeros_like(by_unknown)
-        definition[:, :, columns] = here
         return Around(self, states, chain, rows, definition, wanted)
 
 

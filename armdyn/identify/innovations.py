@@ -73,7 +73,7 @@ class Rows:
         noise: standard deviation of one sample.
         weight: (N,) variance of each sample over that; larger where a sample is not believed.
         definition: (J, n, q) how the states at the beginning of the pieces change with the parameters where the motion
-            stays; see `Pieces.by_definition`.
+            stays; see `Linearised.definition`.
     """
 
     def __init__(

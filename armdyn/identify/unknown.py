@@ -1,20 +1,25 @@
 """What can be said of an effect that is in no catalogue: dynamics or sensor, on what it depends, its frequency."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import chdtrc
 
 from armdyn.identify.fit import Fit
 from armdyn.identify.noise import whitened, whitening
-from armdyn.identify.problem import Problem, by_channel, chi2_of
-from armdyn.run import Channel, Run
+from armdyn.identify.problem import by_channel
+from armdyn.physics.pieces import Pieces, pseudo_inverse
+from armdyn.physics.simulated import SimulatedModel
 
 MOST_TERMS = 3
 SIGNIFICANCE = 1e-3
 SEGMENT = 1.5
 """s; in so short a stretch a free start absorbs missing dynamics, but no sensor error."""
+STATE_STEPS = 4
+"""Gauss-Newton steps for such a start: in so short a stretch predictions are nearly linear in it."""
+LITTLE_LEFT = 1.05
+"""Squared error per sample, over the noise's, below which too little is left to ask what it is."""
 MOSTLY_DYNAMICS, MOSTLY_SENSOR = 0.7, 0.4
 """Process-error shares above and below which it is said whether dynamics or a sensor is to blame."""
 FREQUENCIES = 600
@@ -97,68 +102,39 @@ def characterise(fit: Fit) -> Unknown:
 
 
 def process_error_share(fit: Fit) -> float | None:
-    """Share of the misfit that vanishes when every `SEGMENT` starts with a state of its own."""
+    """Share of the misfit that vanishes when every `SEGMENT` starts with a state of its own.
+
+    Every piece is fitted by Gauss-Newton steps from the simulated motion; None for a model without states, and where
+    nothing is left to explain.
+    """
     problem = fit.problem
     model = problem.model
-    own = [p.name for p in model.parameters.values() if p.scope == "per_run" and "." not in p.name]
-    if not own or fit.chi2_per_sample < 1.05:
+    if not (isinstance(model, SimulatedModel) and model.start_names) or fit.chi2_per_sample < LITTLE_LEFT:
         return None
     left = samples = 0.0
     for i, run in enumerate(problem.runs):
-        theta = problem.theta(i, fit.values)
-        settled = model.with_parameters(
-            {
-                name: replace(
-                    p,
-                    value=float(np.clip(v, p.lower, p.upper)),
-                    fitted=name in own,
-                    scope="per_run" if name in own else "shared",
-                )
-                for (name, p), v in zip(model.parameters.items(), theta, strict=True)
-            }
-        )
-        states = model.covariates(run, theta)
-        for piece in segments(run):
-            noise = {
-                (piece.name, channel): problem.noise[run.name, channel]
-                for channel in piece.channels
-                if (run.name, channel) in problem.noise
-            }
-            alone = Problem(settled, [piece], noise)
-            start = alone.start()
-            begin = min(c.time[0] for c in piece.channels.values())
-            for j, column in enumerate(alone.columns):
-                if column.parameter.name == "initial_angle" and "swing_angle" in states:
-                    start[j] = np.interp(begin, states["swing_angle"].time, states["swing_angle"].value)
-                if column.parameter.name == "initial_rate" and "swing_rate" in states:
-                    start[j] = np.interp(begin, states["swing_rate"].time, states["swing_rate"].value)
-            free = alone.of(own)
-            found = alone.fit(free, start, most_steps=6, tolerance=0.1)
-            blocks = alone.blocks(found.values, free)
-            left += chi2_of(blocks)
-            samples += sum(len(b.residual) for b in blocks) - free.sum()
+        theta, pieces = problem.theta(i, fit.values), Pieces(model, run, SEGMENT)
+        states, none = pieces.rolled(theta), np.zeros(0, dtype=int)
+        J, n = states.shape
+        best, count = np.full(J, np.inf), np.zeros(J)
+        for _ in range(STATE_STEPS):
+            square, count, gram, slope = np.zeros(J), np.zeros(J), np.zeros((J, n, n)), np.zeros((J, n))
+            for channel, s in pieces.linearised(theta, states, none).samples.items():
+                noise = problem.noise[run.name, channel]
+                r, X = (s.measured - s.predicted) / noise, s.by_state / noise
+                square += np.bincount(s.piece, r**2, J)
+                count += np.bincount(s.piece, minlength=J)
+                np.add.at(gram, s.piece, X[:, :, None] * X[:, None])
+                np.add.at(slope, s.piece, X * r[:, None])
+            best = np.fmin(best, square)
+            states = states + (pseudo_inverse(gram) @ slope[:, :, None])[:, :, 0]
+        told = count > n
+        left += float(best[told].sum())
+        samples += float((count[told] - n).sum())
     excess = fit.chi2 - fit.samples
-    return (
-        float(np.clip((fit.chi2 - left * fit.samples / max(samples, 1.0)) / excess, 0.0, 1.0)) if excess > 0 else None
-    )
-
-
-def segments(run: Run) -> list[Run]:
-    """A run in pieces of `SEGMENT`; a piece with too few samples is left out."""
-    begin = min(c.time[0] for c in run.channels.values())
-    end = max(c.time[-1] for c in run.channels.values())
-    pieces = []
-    for k in range(int((end - begin) / SEGMENT)):
-        lower, upper = begin + k * SEGMENT, begin + (k + 1) * SEGMENT
-        inside = {name: slice(*np.searchsorted(c.time, (lower, upper))) for name, c in run.channels.items()}
-        channels = {
-            name: Channel(c.time[inside[name]], c.value[inside[name]], c.unit)
-            for name, c in run.channels.items()
-            if inside[name].stop - inside[name].start >= 12
-        }
-        if len(channels) == len(run.channels):
-            pieces.append(Run(f"{run.name}#{k}", channels, {}, run.noise))
-    return pieces
+    if excess <= 0.0:
+        return None
+    return float(np.clip((fit.chi2 - left * fit.samples / max(samples, 1.0)) / excess, 0.0, 1.0))
 
 
 def sparse_terms(fit: Fit) -> tuple[Term, ...]:

@@ -5,22 +5,21 @@ motion nothing is carried on: predictions are nearly linear in all unknowns, as 
 lacks to the beginning of the next is what the model lacks (multiple shooting: Bock, Proc. IFAC 1981).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import casadi as ca
 import numpy as np
 
 from armdyn.physics.recorded import Path
-from armdyn.physics.simulate import Simulator, System, evaluated
+from armdyn.physics.shooting import shooting
+from armdyn.physics.simulate import System, evaluated
 from armdyn.physics.simulated import SimulatedModel
 from armdyn.readout import Interpolated
 from armdyn.run import Run
 
 INVERSIONS = 3
 """Newton steps from a state to the values that begin a motion with it; a momentum is linear in its rate."""
-SHORT = 16
-"""Steps per compiled call: pieces are short."""
 NEXT_TO = 3
 """Pieces on which one sample may depend: its own, the one that a sensor remembers, the one that is interpolated to."""
 AT_ONCE = 2**13
@@ -37,12 +36,15 @@ class Linearised:
         transition: (J, n, n) derivative of the state at the end of a piece by that at its beginning.
         by_theta: (J, n, k) derivative of the state at the end of a piece by the parameters that were asked for.
         ends: (J, n) states at the ends of the pieces.
+        definition: (2, J, n, k) how the states at the beginnings and at the ends change with these parameters where the
+            motion stays: a momentum is a mass times a rate.
         samples: by channel, what is compared; see `Samples`.
     """
 
     transition: np.ndarray
     by_theta: np.ndarray
     ends: np.ndarray
+    definition: np.ndarray
     samples: dict[str, "Samples"]
 
 
@@ -83,6 +85,7 @@ class Pieces:
         self.model, self.run = model, run
         self.channels = model.predicted_channels(run)
         self._path = model.path(run)
+        self._driven: tuple[bytes, Path] | None = None
         begin = min(float(run.channels[c].time[0]) for c in self.channels)
         end = max(float(run.channels[c].time[-1]) for c in self.channels)
         path = self._path
@@ -146,7 +149,7 @@ class Pieces:
         if state is None:
             state = self.beginning(theta)[0]
         a = self.edges[first]
-        simulator = _from_states(system, self.model.formulation, self.channels)
+        simulator = shooting(system, self.model.formulation, self.channels).simulator
         return simulator.integrated(path.part(a), physics, *state).states[self.edges[first:-1] - a]
 
     def beginning(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -167,18 +170,14 @@ class Pieces:
         starts, by_start, _ = self._inverted(theta, states, self.edges[:-1])
         return starts, by_start
 
-    def by_definition(self, theta: np.ndarray, states: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-        """(K, n, q) how states change with the parameters where the motion stays: a momentum is a mass times a rate.
-
-        Args:
-            theta: (q,).
-            states: (K, n).
-            nodes: (K,) of the inputs, at which they are.
-        """
-        _, by_start, by_physics = self._inverted(theta, states, nodes)
-        result = np.zeros((*states.shape, len(theta)))
-        free = np.abs(by_start).sum(axis=2) > 0.0
-        result[:, :, self.model.places[1]] = by_physics * free[:, :, None]
+    def _defined(self, theta: np.ndarray, states: np.ndarray, nodes: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+        """(K, n, k) see `Linearised.definition`, for (K, n) states at (K,) nodes; zeros where it diverged."""
+        result = np.zeros((*states.shape, len(wanted)))
+        if len(wanted) and np.isfinite(states).all():
+            own, of_physics = self._physical(wanted)
+            _, by_start, by_physics = self._inverted(theta, states, nodes)
+            free = np.abs(by_start).sum(axis=2) > 0.0
+            result[:, :, own] = (by_physics * free[:, :, None])[:, :, of_physics]
         return result
 
     def _inverted(
@@ -197,7 +196,9 @@ class Pieces:
 
     def _given(self, theta: np.ndarray) -> tuple[System, np.ndarray, Path]:
         physics = theta[self.model.places[1]]
-        return self.model.system, physics, self.model.driven_by(self._path, physics)
+        if self._driven is None or self._driven[0] != physics.tobytes():
+            self._driven = physics.tobytes(), self.model.driven_by(self._path, physics)
+        return self.model.system, physics, self._driven[1]
 
     def linearised(self, theta: np.ndarray, states: np.ndarray, wanted: np.ndarray | None = None) -> Linearised:
         """The run around (J, n) states at the beginning of the pieces, and (q,) parameters.
@@ -211,28 +212,30 @@ class Pieces:
         wanted = np.arange(len(theta)) if wanted is None else wanted
         if not system.states:
             return self._algebra(system, path, physics, wanted)
-        simulator = _from_states(system, self.model.formulation, self.channels)
+        engine = shooting(system, self.model.formulation, self.channels)
         n, q, J = system.states, len(physics), len(self)
-        transition, by_physics, ends = np.empty((J, n, n)), np.empty((J, n, q)), np.empty((J, n))
-        signal = np.zeros((self.edges[-1] - self.edges[0] + 1, simulator.columns, 1 + q + NEXT_TO * n))
-        for j, (a, b) in enumerate(zip(self.edges[:-1], self.edges[1:], strict=True)):
-            rolled = simulator.integrated(path.part(a, b), physics, *states[j])
-            by_physics[j], transition[j] = rolled.state_sensitivities[:, :q], rolled.state_sensitivities[:, q:]
-            ends[j] = rolled.states[-1]
-            own, at = signal[a - self.edges[0] : b + 1 - self.edges[0]], 1 + q + n * (j % NEXT_TO)
-            own[:, :, 0], own[:, :, 1 : 1 + q] = rolled.outputs, rolled.sensitivities[:, :, :q]
-            own[:, :, at : at + n] = rolled.sensitivities[:, :, q:]
-            if j:  # the node where two pieces meet is the later one's
-                own[0, :, 1 + q : at], own[0, :, at + n :] = 0.0, 0.0
+        shot = engine.shoot(path, self.edges, physics, states)
+        transition, ends = shot.transition, shot.ends
+        signal = np.zeros((*shot.outputs.shape, 1 + q + NEXT_TO * n))
+        signal[:, :, 0], signal[:, :, 1 : 1 + q] = shot.outputs, shot.outputs_by_theta
+        piece = np.minimum(np.searchsorted(self.edges, self.edges[0] + np.arange(len(signal)), side="right") - 1, J - 1)
+        for k in range(NEXT_TO):
+            own = piece % NEXT_TO == k
+            signal[own, :, 1 + q + n * k : 1 + q + n * (k + 1)] = shot.by_state[own]
+        simulator = engine.simulator
         outputs, slopes = simulator.with_impulse(signal[:, :, 0], signal[:, :, 1:], physics, path.dt)
         count = len(self.channels)
         signal[:, :count, 0], signal[:, :count, 1:] = outputs, slopes
         own, of_physics = self._physical(wanted)
         by_theta = np.zeros((J, n, len(wanted)))
-        by_theta[:, :, own] = by_physics[:, :, of_physics]
-        join = _Join(transition, by_theta, ends - np.append(states[1:], ends[-1:], axis=0))
+        by_theta[:, :, own] = shot.by_theta[:, :, of_physics]
+        edges = np.concatenate([self.edges[:-1], self.edges[1:]])
+        definition = self._defined(theta, np.concatenate([states, ends]), edges, wanted).reshape(2, J, n, -1)
+        # A sample that depends on a neighbour as well depends on that one's motion, which is at another state.
+        following = np.append(definition[0, 1:], definition[1, -1:], axis=0)
+        join = _Join(transition, by_theta - definition[1] + following, ends - np.append(states[1:], ends[-1:], axis=0))
         samples = {c: self._samples(c, signal[:, k], physics, wanted, join) for k, c in enumerate(self.channels)}
-        return Linearised(transition, by_theta, ends, samples)
+        return Linearised(transition, by_theta, ends, definition, samples)
 
     def _physical(self, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Which of (k,) parameters belong to the physics, and where each of these is among the physics' parameters."""
@@ -248,7 +251,8 @@ class Pieces:
         join = _Join(np.zeros((J, 0, 0)), np.zeros((J, 0, len(wanted))), np.zeros((J, 0)))
         signals = np.concatenate([found.outputs[inside, :, None], found.sensitivities[inside]], axis=2)
         samples = {c: self._samples(c, signals[:, k], physics, wanted, join) for k, c in enumerate(self.channels)}
-        return Linearised(join.transition, join.by_theta, join.gap, samples)
+        none = np.zeros((2, *join.by_theta.shape))
+        return Linearised(join.transition, join.by_theta, join.gap, none, samples)
 
     def _samples(
         self, channel: str, signal: np.ndarray, physics: np.ndarray, wanted: np.ndarray, join: "_Join"
@@ -281,7 +285,7 @@ class _Join:
 
     Attributes:
         transition: (J, n, n) A.
-        by_theta: (J, n, q) B.
+        by_theta: (J, n, q) B, of the next piece's motion.
         gap: (J, n) from the next piece's beginning to the end, 0 of the last.
     """
 
@@ -327,15 +331,6 @@ def pseudo_inverse(matrices: np.ndarray) -> np.ndarray:
     """Of (..., n, m) matrices; zeros where a simulation has diverged, which shows elsewhere."""
     finite = np.isfinite(matrices).all(axis=(-2, -1), keepdims=True)
     return np.asarray(np.linalg.pinv(np.where(finite, matrices, 0.0)))
-
-
-@lru_cache(maxsize=64)
-def _from_states(system: System, name: str, channels: tuple[str, ...]) -> Simulator:
-    """A simulator that begins anywhere, with derivatives by the whole state."""
-    states = [ca.SX.sym(f"s{i}") for i in range(system.states)]
-    given, theta = ca.SX.sym("w", system.inputs), ca.SX.sym("theta", len(system.names))
-    itself = ca.Function("initial", [*states, given, theta], [ca.vertcat(*states)])
-    return Simulator(replace(system, starts=system.states, initial=itself), f"{name}_pieces", channels, SHORT)
 
 
 @lru_cache(maxsize=64)

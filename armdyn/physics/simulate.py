@@ -93,6 +93,12 @@ class Simulator:
         name: identifier of the composition, for the cache of compiled code.
         channels: the outputs that are wanted, all when not given; fewer are faster.
         block: steps per compiled call; a run is continued to a multiple of it.
+
+    Attributes:
+        active: columns of (theta, start) on which the motion depends.
+        columns: number of outputs, with the impulse.
+        steps: one block, ``(state, derivatives by active, inputs, steps in s, theta) -> (states before each step,
+            outputs, their derivatives, state, derivatives)``.
     """
 
     def __init__(
@@ -102,13 +108,14 @@ class Simulator:
         self.channels = dynamics.outputs if channels is None else channels
         self.parameters = len(dynamics.names)
         self._dynamics = dynamics
-        self._active = _active(dynamics)
+        self.active = _active(dynamics)
         self._impulse = dynamics.impulse_adds_to in self.channels
         self.columns = len(self.channels) + self._impulse
         rows = [dynamics.outputs.index(name) for name in self.channels] + [len(dynamics.outputs)] * self._impulse
-        steps, start = _steps(dynamics, self._active, rows, block), _start(dynamics, self._active)
+        steps, start = _steps(dynamics, self.active, rows, block), _start(dynamics, self.active)
         built = compile_functions(f"simulate_{name}", {"steps": steps, "start": start})
-        self._steps, self._start = Buffered(built["steps"]), Buffered(built["start"])
+        self.steps = built["steps"]
+        self._steps, self._start = Buffered(self.steps), Buffered(built["start"])
 
     def rollout(self, path: Path, theta: np.ndarray, *start: float) -> Rollout:
         """Simulate along recorded inputs.
@@ -145,7 +152,7 @@ class Simulator:
             states[block], outputs[block] = before.T, y.T
             sensitivities[block] = dy.T.reshape(self._block, m, columns)
         last = np.zeros((n, m))
-        last[:, self._active] = sensitivity
+        last[:, self.active] = sensitivity
         return Rollout(states[:K], last, outputs[:K], sensitivities[:K].transpose(0, 2, 1))
 
     def with_impulse(

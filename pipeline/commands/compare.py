@@ -23,7 +23,7 @@ def compare(
 
     inputs.check(report, json_file)
     with stopped_if_wrong(json_file), spinner() as say:
-        given = inputs.read()
+        given = inputs.read(choosing=False)
         say("fitting")
         found = hold_against(given.study)
         given.require_plausible(compared_model(given.study.model, found))

@@ -63,11 +63,12 @@ class Inputs:
         words += ["--trust-data"] if self.trust_data and name in ("compare", "diagnose", "repair") else []
         return shlex.join([*words, *options])
 
-    def read(self, adding: str | None = None) -> "Given":
+    def read(self, adding: str | None = None, *, choosing: bool = True) -> "Given":
         """Read everything that a study needs, and ask whether the recordings are what they say they are.
 
         Args:
             adding: name of an effect that the model is about to get.
+            choosing: whether effects are chosen from the catalogue; a study without it is faster.
 
         Raises:
             InputError: something cannot be used.
@@ -92,7 +93,8 @@ class Inputs:
         found = inspected([*runs, *held_out, *exam], file.model, catalogue).naming(self.model)
         if not self.trust_data:
             require_usable(found)
-        return Given(file, catalogue, Study(file.model, runs, held_out, catalogue, exam), found, self.trust_data)
+        study = Study(file.model, runs, held_out, catalogue if choosing else (), exam)
+        return Given(file, catalogue, study, found, self.trust_data)
 
 
 @dataclass(frozen=True)

@@ -5,10 +5,13 @@ import pytest
 
 from armdyn.arm.model import arm_model
 from armdyn.discovery.arm import arm_terms
-from armdyn.discovery.discover import discover
+from armdyn.discovery.discover import concluded, discover
 from armdyn.discovery.source import effects_of_terms
 from armdyn.effects.user import available
+from armdyn.identify.score import residual_tests
+from armdyn.identify.search import Search, Step
 from armdyn.identify.study import Study
+from armdyn.identify.suspects import merged
 
 from ...hidden_effects.laws import URDF, world
 
@@ -39,6 +42,22 @@ def test_a_place_is_one_that_its_joint_reaches(model):
 def test_nothing_is_discovered_in_a_clean_arm(model):
     given = world("clean arm", 1)
     assert not discover(model, given.runs, [given.held_out], available(model)).findings
+
+
+def test_an_effect_that_came_on_one_joint_after_the_other_is_told_on_both(model):
+    """Viscous friction of a shoulder, then of an elbow, was once found and not told."""
+    run, viscous = world("cogging", 0).runs[0], next(e for e in available(model) if e.name == "joint_viscous_friction")
+    study = Study(model, [run], [], [viscous])
+    (both,) = study.candidates
+    steps, effects = [Step((), (), (), study.first(), residual_tests(study.first(), []))], ()
+    for one in both.apart():
+        effects = merged((*effects, one))
+        fit = study.fit_with(effects, steps[-1].fit)
+        steps.append(Step((one,), (), effects, fit, residual_tests(fit, [])))
+    found = concluded(study, Search(tuple(steps)), {}, {viscous.name: viscous})
+    (law,) = found.findings
+    assert law.joints == ("shoulder", "elbow")
+    assert law.explains == pytest.approx(found.explains)
 
 
 @pytest.mark.slow

@@ -1,0 +1,108 @@
+"""Many short simulations at once, each from a state of its own: multiple shooting (Bock & Plitt, IFAC 1984)."""
+
+from dataclasses import replace
+from functools import lru_cache
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from armdyn.codegen import Buffered
+from armdyn.physics.recorded import Path
+from armdyn.physics.simulate import Simulator, System
+
+SHORT = 16
+"""Steps per compiled call: pieces are short."""
+TOGETHER = 64
+"""Pieces per compiled call."""
+
+
+class Shots(NamedTuple):
+    """J pieces over K nodes; n states, c outputs, q parameters of the equations. A shared node is the later piece's.
+
+    Attributes:
+        ends: (J, n) states at the ends.
+        transition: (J, n, n) derivative of `ends` by the states at the beginnings.
+        by_theta: (J, n, q) derivative of `ends` by the parameters.
+        outputs: (K, c), before impulse, lag, delay and sampling; see `Simulator.integrated`.
+        by_state: (K, c, n) derivative by the state at the beginning of the piece.
+        outputs_by_theta: (K, c, q).
+    """
+
+    ends: np.ndarray
+    transition: np.ndarray
+    by_theta: np.ndarray
+    outputs: np.ndarray
+    by_state: np.ndarray
+    outputs_by_theta: np.ndarray
+
+
+class Shooting:
+    """Simulates one system in pieces.
+
+    Args:
+        system: the equations.
+        name: identifier of the composition, for the cache of compiled code.
+        channels: the outputs that are wanted.
+
+    Attributes:
+        simulator: of one piece, which begins anywhere, with derivatives by the whole state.
+    """
+
+    def __init__(self, system: System, name: str, channels: tuple[str, ...]) -> None:
+        states = [ca.SX.sym(f"s{i}") for i in range(system.states)]
+        given, theta = ca.SX.sym("w", system.inputs), ca.SX.sym("theta", len(system.names))
+        itself = ca.Function("initial", [*states, given, theta], [ca.vertcat(*states)])
+        free = replace(system, starts=system.states, initial=itself)
+        self._inputs = system.inputs
+        self.simulator = Simulator(free, f"{name}_pieces", channels, SHORT)
+        self._steps = Buffered(self.simulator.steps.map("shots", "serial", TOGETHER, [4], []))
+
+    def shoot(self, path: Path, edges: np.ndarray, theta: np.ndarray, states: np.ndarray) -> Shots:
+        """Simulate from each edge to the next.
+
+        Args:
+            path: what drives the motion.
+            edges: (J + 1,) nodes of the path at which pieces begin and end.
+            theta: (q,) in the order of the system's names.
+            states: (J, n) at the beginnings.
+        """
+        s = self.simulator
+        J, n, q, c, K = len(states), states.shape[1], len(theta), s.columns, edges[-1] - edges[0] + 1
+        m = q + n
+        nodes, middle = path.rows(self._inputs)
+        ends, slopes = np.empty((J, n)), np.zeros((J, n, m))
+        outputs, sensitivities = np.empty((K, c)), np.empty((K, c, m))
+        steps = np.diff(edges)
+        begin = np.hstack([np.zeros((n, len(s.active) - n)), np.eye(n)])
+        for first in range(0, J, TOGETHER):
+            these = slice(first, min(first + TOGETHER, J))
+            size, width = these.stop - first, TOGETHER * SHORT
+            at, lasts = np.zeros(TOGETHER, dtype=int), np.zeros(TOGETHER, dtype=int)
+            at[:size], lasts[:size] = edges[:-1][these], steps[these]
+            shown = lasts + (np.arange(TOGETHER) == J - 1 - first)  # the last piece's end is nobody else's
+            state, sensitivity = np.zeros((n, TOGETHER)), np.tile(begin, TOGETHER)
+            state[:, :size] = states[these].T
+            for done in range(0, int(shown.max()), SHORT):
+                step = done + np.arange(SHORT)
+                node = at[:, None] + step
+                here = np.minimum(node, nodes.shape[1] - 1)
+                now, there = np.minimum(here, middle.shape[1] - 1), np.minimum(here + 1, nodes.shape[1] - 1)
+                inputs = np.concatenate([nodes[:, here], middle[:, now], nodes[:, there]]).reshape(-1, width)
+                moving = np.where(step < lasts[:, None], path.dt, 0.0).reshape(1, width)
+                _, y, dy, state, sensitivity = self._steps(state, sensitivity, inputs, moving, theta)
+                kept = step < shown[:, None]
+                target = (node - edges[0])[kept]
+                outputs[target] = y.T.reshape(TOGETHER, SHORT, c)[kept]
+                by = dy.T.reshape(TOGETHER, SHORT, m, c)[kept]
+                sensitivities[target] = by.transpose(0, 2, 1)
+            ends[these] = state.T[:size]
+            slopes[these][:, :, s.active] = sensitivity.reshape(n, TOGETHER, -1).transpose(1, 0, 2)[:size]
+        by_theta, by_state = sensitivities[:, :, :q], sensitivities[:, :, q:]
+        return Shots(ends, slopes[:, :, q:], slopes[:, :, :q], outputs, by_state, by_theta)
+
+
+@lru_cache(maxsize=64)
+def shooting(system: System, name: str, channels: tuple[str, ...]) -> Shooting:
+    """The pieces of a system; kept, since compiling takes long."""
+    return Shooting(system, name, channels)
