@@ -162,11 +162,12 @@ class ArmModel(Model):
                 )
         return channels
 
-    def prepared(self, run: Run) -> Run:
+    def prepared(self, run: Run, beside: Sequence[Run] = ()) -> Run:
         """See `Model.prepared`; a run that is prepared already is returned as it is."""
         if isinstance(run, PreparedRun):
             return run
-        return prepared_once(run, self.arm, self.predicted_channels(run))
+        self.predicted_channels(run)
+        return prepared_once(run, self.arm, tuple(one.recording for one in beside))
 
     def noise(self, run: Run, theta: np.ndarray) -> Mapping[str, float]:
         """See `Model.noise`."""

@@ -72,8 +72,7 @@ class Study:
         self.tried = 0
         """Effects among which the catalogue was chosen, where these were more."""
         self.runs, self.held_out = prepared(model, runs, held_out)
-        names = [run.name for run in (*self.runs, *self.held_out)]
-        self.exam = prepared_exam(model, runs, held_out, exam, names)
+        self.exam = prepared_exam(model, runs, held_out, exam, (*self.runs, *self.held_out))
         everything = [*self.runs, *self.held_out, *self.exam]
         self.noise = noise_of_runs(model, everything)
         self.stated_noise = stated_noise(model, everything)

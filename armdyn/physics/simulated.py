@@ -4,6 +4,7 @@ from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
+from collections.abc import Sequence
 import numpy as np
 
 from armdyn.channels import Channel
@@ -134,8 +135,9 @@ class SimulatedModel(Model):
             raise InputError(f"{run.name}: holds none of {', '.join(outputs)}, so there is nothing to compare")
         return channels
 
-    def prepared(self, run: Run) -> Run:
+    def prepared(self, run: Run, beside: Sequence[Run] = ()) -> Run:
         """See `Model.prepared`: without faulty samples, thinned."""
+        del beside
         return clean(run, self.predicted_channels(run), self.inputs)
 
     def predict(self, run: Run, theta: np.ndarray) -> Prediction:
