@@ -9,8 +9,8 @@ import numpy as np
 from armdyn.arm.arm import Arm
 from armdyn.arm.bodies import OF_BASE, Bodies, Stretch
 from armdyn.arm.composition import DIRECTION, LOAD, JointFunctions, Term
-from armdyn.arm.motion import MeasuredMotion, measured_motion
 from armdyn.arm.drive import Drive, Recorded
+from armdyn.arm.motion import MeasuredMotion, measured_motion
 from armdyn.arm.prepared import PreparedRun, drives_of, interior, prepare, recorded, settled
 from armdyn.faults import without_spikes
 from armdyn.readout import Interpolated, LowPassed, Sampler

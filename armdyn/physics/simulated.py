@@ -1,10 +1,10 @@
 """What models have in common that simulate a motion in time and read it with sensors."""
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
-from collections.abc import Sequence
 import numpy as np
 
 from armdyn.channels import Channel
