@@ -14,8 +14,9 @@ from armdyn.channels import (
     check_clock,
     name_and_unit,
 )
-from armdyn.errors import InputError, at, collect, join_problems
+from armdyn.errors import InputError, at, collect
 from armdyn.units import si_factor
+from urdf.table_file import join_problems
 
 
 def channels_of(

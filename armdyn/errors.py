@@ -1,7 +1,7 @@
 """One root error; its kinds carry what was wrong and what to do next."""
 
 import difflib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -45,13 +45,6 @@ def collect(problems: list[str], where: str = "") -> Iterator[None]:
         yield
     except InputError as error:
         problems.append(f"{where}: {error}" if where else str(error))
-
-
-def join_problems(problems: Sequence[str]) -> str:
-    """All problems in one line."""
-    if len(problems) == 1:
-        return problems[0]
-    return f"{len(problems)} problems: " + "; ".join(f"({i}) {text}" for i, text in enumerate(problems, start=1))
 
 
 class UnknownNameError(InputError):

@@ -1,10 +1,10 @@
 """Model files: readable TOML, the only state that is kept between commands."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, fields, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from armdyn import atomic
 from armdyn.effects.catalogue import find
@@ -12,36 +12,45 @@ from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.model import Model
 from armdyn.parameter import Parameter, Prior
-from armdyn.toml_file import Entry, is_names, is_number, is_text, problems_in, read_toml
+from armdyn.toml_file import read_toml
 from armdyn.units import parse_quantity, si_factor
 from urdf.bounds import LARGEST
+from urdf.table_file import Check, read_as
 
 BASES = {"pendulum": "armdyn.pendulum.model", "arm": "armdyn.arm.model"}
 """Where each base is read; a user's own is the path of a Python file."""
 KEYS = ("base", "effects", "parameters", "history")
 """Keys of every model file; each base has its own besides."""
-_NAMES = Entry(lambda given: isinstance(given, str) or is_names(given), "write a name, or a list of names")
-_SIZES = Entry(
-    lambda given: isinstance(given, dict) and all(is_number(size) and size >= 0.0 for size in given.values()),
-    "write a table of numbers that are not negative",
-)
-_NUMBER = Entry(is_number, "write a number")
-CHANGE = {
-    "added": _NAMES, "removed": _NAMES, "runs": _NAMES, "held_out": _NAMES, "rmse": _SIZES, "held_out_rmse": _SIZES,
-    "exam_rmse": _SIZES, "as_given_rmse": _SIZES, "contribution": _SIZES, "chi2_per_sample": _NUMBER, "bic": _NUMBER,
-}  # fmt: skip
-"""What the entries of a change in the history are; others are let pass."""
-PARAMETER = {
-    "value": Entry(lambda given: is_number(given) and abs(given) <= LARGEST, "write a number, in SI units"),
-    "std": Entry(
-        lambda given: is_number(given) and 0.0 <= given <= LARGEST,
-        "write a finite number that is not negative, or none",
-    ),
-    "unit": Entry(is_text, 'write a text such as "kg"'),
-    "fitted": Entry(lambda given: isinstance(given, bool), "write true or false"),
-    "prior": Entry(is_text, 'write a text such as "0.08 +/- 0.0004"'),
-}
-"""What the fields of a parameter are."""
+_Names = str | tuple[str, ...]
+_Sizes = dict[str, Annotated[float, Check(lambda size: size >= 0.0, "write a number that is not negative")]]
+
+
+@dataclass(frozen=True)
+class _Change:
+    """Entries of a change in the history that are looked at; others are let pass."""
+
+    added: _Names = ()
+    removed: _Names = ()
+    runs: _Names = ()
+    held_out: _Names = ()
+    rmse: _Sizes = field(default_factory=dict)
+    held_out_rmse: _Sizes = field(default_factory=dict)
+    exam_rmse: _Sizes = field(default_factory=dict)
+    as_given_rmse: _Sizes = field(default_factory=dict)
+    contribution: _Sizes = field(default_factory=dict)
+    chi2_per_sample: float = 1.0
+    bic: float = 0.0
+
+
+@dataclass(frozen=True)
+class _ParameterEntry:
+    """The entries of a parameter; what is left out stays as the model has it."""
+
+    value: Annotated[float, Check(lambda value: abs(value) <= LARGEST, "write a number, in SI units")]
+    std: Annotated[float, Check(lambda std: 0.0 <= std <= LARGEST, "write one that is not negative")] | None = None
+    unit: str | None = None
+    fitted: bool | None = None
+    prior: str | None = None
 
 
 @dataclass(frozen=True)
@@ -198,9 +207,9 @@ def _parsed(table: Mapping[str, Any], folder: Path, extra: Sequence[Effect]) -> 
     history = table.get("history", [])
     if not isinstance(history, list) or not all(isinstance(entry, dict) for entry in history):
         raise InputError("[[history]]: write a list of tables")
-    for number, entry in enumerate(history, start=1):
-        for problem in problems_in({key: value for key, value in entry.items() if key in CHANGE}, CHANGE):
-            raise InputError(f"[[history]] {number}: {problem}")
+    declared = {each.name for each in fields(_Change)}
+    for number, change in enumerate(history, start=1):
+        read_as(_Change, {key: value for key, value in change.items() if key in declared}, f"[[history]] {number}")
     return ModelFile(model.with_parameters(changed), description, tuple(history))
 
 
@@ -211,18 +220,20 @@ def _parameter(model: Model, name: str, entry: Any) -> Parameter:
     if not isinstance(entry, dict) or "value" not in entry:
         raise InputError(f'parameter {name}: write it as {{ value = 1.0, unit = "{model.parameters[name].unit}" }}')
     parameter = model.parameters[name]
-    for problem in problems_in(entry, PARAMETER):
-        raise InputError(f"parameter {name}: {problem}")
-    factor = si_factor(entry["unit"], parameter.unit) if "unit" in entry else 1.0
-    value = float(entry["value"]) * factor
-    std = float(entry["std"]) * factor if "std" in entry else None
-    fitted = entry.get("fitted", parameter.fitted)
+    said = read_as(_ParameterEntry, entry, f"parameter {name}")
+    factor = si_factor(said.unit, parameter.unit) if said.unit is not None else 1.0
     prior = parameter.prior
-    if "prior" in entry:
-        known = parse_quantity(f"{entry['prior']} {parameter.unit}", parameter.unit)
+    if said.prior is not None:
+        known = parse_quantity(f"{said.prior} {parameter.unit}", parameter.unit)
         if known.std is None:
             raise InputError(f'parameter {name}: write its prior as "0.08 +/- 0.0004", in {parameter.unit}')
         prior = Prior(known.value, known.std)
         if not parameter.lower <= prior.mean <= parameter.upper:
             raise InputError(f"parameter {name}: the mean of its prior, {prior.mean:g}, is outside its physical range")
-    return replace(parameter, value=value, std=std, fitted=fitted, prior=prior)
+    return replace(
+        parameter,
+        value=factor * said.value,
+        std=None if said.std is None else factor * said.std,
+        fitted=parameter.fitted if said.fitted is None else said.fitted,
+        prior=prior,
+    )

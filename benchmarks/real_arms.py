@@ -14,8 +14,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-# First, because it keeps numpy to one thread.
-import _timing  # noqa: F401 - keeps numpy to one thread
+import _timing as bench  # isort: skip (BLAS keeps to one thread: before NumPy)
+
 import numpy as np
 
 from armdyn.arm.model import arm_model
@@ -68,7 +68,7 @@ def total(errors: Mapping[str, float]) -> float:
     return float(np.linalg.norm(list(errors.values())))
 
 
-def examine(recorded: Recorded, data: Path) -> str:
+def examine(recorded: Recorded, data: Path) -> list[str]:
     """One row of the table."""
     folder = data / recorded.folder
 
@@ -86,10 +86,8 @@ def examine(recorded: Recorded, data: Path) -> str:
     names = ", ".join(dict.fromkeys(f"`{name}`" for step in found.path[1:] for name in step.added))
     values = sum(len(effect.names) for effect in found.steps[-1].effects)
     hand = "" if recorded.by_hand is None else f"{recorded.by_hand:.3g}"
-    return (
-        f"| {recorded.folder} | {names} | {values} | {total(first.rmse):.3g}, {total(first.exam_rmse):.3g} "
-        f"| {total(last.rmse):.3g}, {total(last.exam_rmse):.3g} | {hand} | {seconds:.0f} |"
-    )
+    before, after = (f"{total(step.rmse):.3g}, {total(step.exam_rmse):.3g}" for step in (first, last))
+    return [recorded.folder, names, str(values), before, after, hand, f"{seconds:.0f}"]
 
 
 def main() -> None:
@@ -99,10 +97,8 @@ def main() -> None:
     data = parser.parse_args().data
     if not data.is_dir():
         raise SystemExit(f"{data}: there is no such folder: give --data")
-    print("| set | named | values | as given: training, exam | repaired | exam by hand | processor s |")
-    print("|---|---|--:|--:|--:|--:|--:|")
-    for recorded in SETS:
-        print(examine(recorded, data), flush=True)
+    headings = ["set", "named", "values", "as given: training, exam", "repaired", "exam by hand", "processor s"]
+    bench.print_table("found in recordings of real arms", headings, [examine(each, data) for each in SETS], texts=2)
 
 
 if __name__ == "__main__":

@@ -120,9 +120,9 @@ def read_settings(path: Path) -> tuple[str, Settings]:
         _check(settings)
     except FileNotFoundError as error:
         raise UrdfError(f"{path}: cannot be read (no such file); give the path of a settings file") from error
-    except KeyError as error:
-        raise UrdfError(f"{path}: entry {error} is missing; see urdf/robots/baxter.toml for an example") from error
-    except (TableFileError, UrdfError) as error:
+    except TableFileError as error:
+        raise UrdfError(f"{path}: {error}; see urdf/robots/baxter.toml for an example") from error
+    except UrdfError as error:
         raise UrdfError(f"{path}: {error}") from error
     return text, settings
 

@@ -4,17 +4,34 @@ import difflib
 import math
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import MISSING, fields, is_dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from datetime import datetime
+from enum import Enum
 from pathlib import Path
-from types import NoneType
-from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+from types import NoneType, UnionType
+from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 from urdf.bounds import DEEPEST_TABLE, LARGEST, LARGEST_INTEGER, LARGEST_TEXT, shown
 
 
 class TableFileError(ValueError):
-    """A file that is no table: the message, which lacks the file's name, says what is wrong and what to do."""
+    """A file that is no table: the message, which lacks the file's name, says what is wrong and what to do.
+
+    Args:
+        problems: one sentence or more, each about another entry.
+    """
+
+    def __init__(self, *problems: str) -> None:
+        self.problems = problems
+        super().__init__(join_problems(problems))
+
+
+def join_problems(problems: Sequence[str]) -> str:
+    """All problems in one line."""
+    if len(problems) == 1:
+        return problems[0]
+    return f"{len(problems)} problems: " + "; ".join(f"({i}) {text}" for i, text in enumerate(problems, start=1))
 
 
 def read_table(path: Path, *, finite: bool = False) -> tuple[str, dict[str, Any]]:
@@ -93,11 +110,11 @@ def _check_spelling(text: str) -> None:
             raise TableFileError(f"{where} = {value.as_string()[:60]} is not a number: write its decimal digits alone")
 
 
-def check_keys(table: Mapping[str, Any], known: Iterable[str], where: str = "") -> None:
+def check_keys(table: Iterable[str], known: Iterable[str], where: str = "") -> None:
     """Refuse a key that nobody reads.
 
     Args:
-        table: whose keys.
+        table: its keys.
         known: keys that are read.
         where: the table is, such as ``"[limits]"``; empty for the file itself.
 
@@ -113,58 +130,96 @@ def check_keys(table: Mapping[str, Any], known: Iterable[str], where: str = "") 
 
 
 Declared = TypeVar("Declared")
-_KINDS = {
+_KINDS: dict[Any, tuple[Any, str]] = {
     str: (str, "is not a text: put it in quotes"),
     float: (int | float, "is not a number"),
     bool: (bool, "is neither true nor false"),
+    datetime: (datetime, "is not a date with a time"),
 }
 
 
-def read_as(kind: type[Declared], table: Any, where: str = "") -> Declared:
+@dataclass(frozen=True)
+class Check:
+    """What a value must be besides of its type, in `Annotated[float, Check(...)]`.
+
+    Attributes:
+        fits: whether a value of the type can be used.
+        remedy: what to write instead.
+    """
+
+    fits: Callable[[Any], bool]
+    remedy: str
+
+
+def read_as(kind: type[Declared], table: Mapping[str, Any], where: str = "") -> Declared:
     """What a table says, as a dataclass: its fields are the keys, their types what a value must be.
 
-    Types are `str`, `float`, `bool`, dataclasses (tables), tuples (lists; of one length where it is declared), `dict`
-    (whatever is in a table) and any of them or None. A key without a default must be there.
+    Types are `str`, `float`, `bool`, `datetime`, enums (a text of their values), dataclasses (tables), tuples (lists;
+    of one length where it is declared), `dict` (tables of any keys), `Any`, each of them or None, a list or one of it,
+    and any of them `Annotated` with a `Check`. A key without a default must be there.
 
     Args:
-        kind: the dataclass.
+        kind: the dataclass; the field of a key that Python keeps for itself ends in ``_``, as in ``from_``.
         table: what tomllib made of the file, or of a table in it.
-        where: name of the table; empty for the file itself.
+        where: the table is, such as ``"[limits]"``; empty for the file itself.
 
     Raises:
-        KeyError: an entry is missing.
-        TableFileError: an entry is unknown or of the wrong kind.
+        TableFileError: entries are missing, unknown or of the wrong kind; all of them are told.
     """
-    if not isinstance(table, dict):
-        raise TableFileError(f"'{where}' is not a table: write '[{where}]' on a line of its own")
-    declared = {field.name: field for field in fields(kind)}  # type: ignore[arg-type]
-    check_keys(table, declared, where and f"[{where}]")
-    types = get_type_hints(kind)
+    declared = {field.name.rstrip("_"): field for field in fields(cast(Any, kind))}
+    types, values, problems = get_type_hints(kind, include_extras=True), {}, list[str]()
+    for name, value in table.items():
+        try:
+            check_keys([name], declared)
+            values[declared[name].name] = _value(types[declared[name].name], value, name)
+        except TableFileError as error:
+            problems += error.problems
     for name, field in declared.items():
-        if name not in table and field.default is MISSING:
-            raise KeyError(name)
-    return kind(**{name: _value(types[name], value, name) for name, value in table.items()})
+        if name not in table and field.default is MISSING and field.default_factory is MISSING:
+            problems.append(f"entry '{name}' is missing")
+    if problems:
+        raise TableFileError(*(f"{where}: {problem}" if where else problem for problem in problems))
+    return kind(**values)
 
 
 def _value(kind: Any, value: Any, name: str) -> Any:
     """A value of a declared type."""
-    arguments = get_args(kind)
-    if NoneType in arguments:
-        return _value(arguments[0], value, name)
-    if is_dataclass(kind):
-        return read_as(kind, value, name)  # type: ignore[arg-type]
-    if get_origin(kind) is dict:
+    origin, arguments = get_origin(kind), get_args(kind)
+    if kind is Any:
         return value
-    if get_origin(kind) is tuple:
+    if origin is Annotated:
+        read = _value(arguments[0], value, name)
+        for check in arguments[1:]:
+            if not check.fits(read):
+                raise TableFileError(f"{name} = {value!r:.60}: {check.remedy}")
+        return read
+    if origin in (Union, UnionType):
+        choices = [choice for choice in arguments if choice is not NoneType]
+        lists = [choice for choice in choices if get_origin(choice) is tuple]
+        return _value(lists[0] if lists and isinstance(value, list) else choices[0], value, name)
+    if is_dataclass(kind) or origin is dict:
+        if not isinstance(value, dict):
+            raise TableFileError(f"'{name}' is not a table: write '[{name}]' on a line of its own")
+        if origin is dict:
+            return {key: _value(arguments[1], part, f"{name}.{key}") for key, part in value.items()}
+        return read_as(cast(Any, kind), value, f"[{name}]")
+    if origin is tuple and is_dataclass(arguments[0]):
+        if not isinstance(value, list) or not all(isinstance(part, dict) for part in value):
+            raise TableFileError(f"'{name}' is not a table: write '[[{name}]]' on a line of its own")
+        return tuple(read_as(cast(Any, arguments[0]), part, f"[[{name}]] {i}") for i, part in enumerate(value, start=1))
+    if origin is tuple:
         if not isinstance(value, list):
-            if is_dataclass(arguments[0]):
-                raise TableFileError(f"'{name}' is not a table: write '[[{name}]]' on a line of its own")
             what = {str: "names", float: "numbers"}.get(arguments[0], "lists")
             raise TableFileError(f"{name} = {value!r:.60} is not a list of {what}")
         kinds = [arguments[0]] * len(value) if arguments[-1] is Ellipsis else arguments
         if len(kinds) != len(value):
             raise TableFileError(f"{name} = {value!r:.60} should be {len(kinds)} entries")
         return tuple(_value(entry, part, name) for entry, part in zip(kinds, value, strict=True))
+    if issubclass(kind, Enum):
+        known = {member.value: member for member in kind}
+        if not isinstance(value, str) or value not in known:
+            raise TableFileError(f"{name} = {value!r:.60}: choose one of {', '.join(known)}")
+        return known[value]
     accepted, otherwise = _KINDS[kind]
     if not isinstance(value, accepted) or (isinstance(value, bool) and kind is not bool):
         raise TableFileError(f"{name} = {value!r:.60} {otherwise}")

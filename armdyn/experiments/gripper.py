@@ -110,7 +110,7 @@ class GripperProblem(MotionProblem):
         return self._basis
 
     @property
-    def steps(self) -> tuple[int, ...]:  # type: ignore[override]
+    def steps(self) -> tuple[int, ...]:
         """Of the rounds, fewer for more pairs."""
         share = 2.0 / min(len(self.pairs), HARDEST)
         return tuple(max(round(share * count), FEWEST_STEPS) for count in STEPS)

@@ -57,14 +57,17 @@ class MotionProblem(ABC):
         series: of which motions are made.
         limits: of every axis.
         finer: the series at the instants at which positions, velocities and accelerations are held against the limits.
-        steps: L-BFGS steps of the rounds; limits are worked in a little more sharply in each.
         starts: random motions, the best of all, from which a search starts; the best after its first round goes on.
     """
 
     series: Series
     limits: MotionLimits
-    steps: tuple[int, ...]
     starts: int
+
+    @property
+    @abstractmethod
+    def steps(self) -> tuple[int, ...]:
+        """L-BFGS steps of the rounds; limits are worked in a little more sharply in each."""
 
     @property
     @abstractmethod

@@ -13,31 +13,68 @@ from = "name"
 import glob
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from datetime import datetime
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.identify.change import FALSE_ALARMS
 from armdyn.sidecar import utc
 from armdyn.toml_file import read_toml
 from pipeline.batch.times import Clock, TimeFrom, When, seen_from
-from urdf.table_file import check_keys
+from urdf.table_file import Check, read_as
 
 TASKS = ("compare", "repair")
-KEYS: Mapping[str, tuple[str, ...]] = {
-    "": ("task", "trust_data", "effects", "recordings", "time", "changes"),
-    "[[recordings]]": ("model", "runs", "robot", "times"),
-    "[time]": ("from", "form"),
-    "[changes]": ("false_alarms",),
-}
-"""By table: what it may hold."""
 ROBOT = "{robot}"
 FALSE_ALARM_RANGE = (1e-3, 0.2)
 """Rarer ones cannot be told from the simulated batches; more often than that a mark means nothing."""
+PLACES = {place.key: place for place in TimeFrom if place is not TimeFrom.NOWHERE}
+"""Where a time may be looked for, by its name in a SPEC."""
 MOST = 200_000
 """Recordings; their rows are held in memory."""
+
+
+_Text = Annotated[str, Check(bool, "give a name")]
+_LOW, _HIGH = FALSE_ALARM_RANGE
+
+
+@dataclass(frozen=True)
+class _Recordings:
+    """A table ``[[recordings]]``: a model and recordings of it."""
+
+    model: _Text
+    runs: Annotated[_Text | tuple[_Text, ...], Check(bool, 'write a list of files or patterns, such as ["logs/*.csv"]')]
+    robot: str = ""
+    times: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class _Time:
+    """The table ``[time]``: see `Clock`."""
+
+    from_: Annotated[str, Check(PLACES.__contains__, f"choose one of {', '.join(PLACES)}")] | None = None
+    form: Annotated[str, Check(lambda f: not f or "%" in f, 'write what the name is, such as "log_%d%m%Y_%H%M"')] = ""
+
+
+@dataclass(frozen=True)
+class _Changes:
+    """The table ``[changes]``: how rare a mark is where nothing changes."""
+
+    false_alarms: Annotated[
+        float, Check(lambda rate: _LOW <= rate <= _HIGH, f"give a probability from {_LOW:g} to {_HIGH:g}")
+    ] = FALSE_ALARMS
+
+
+@dataclass(frozen=True)
+class _Entries:
+    """What a SPEC says."""
+
+    task: str = "compare"
+    trust_data: bool = False
+    effects: _Text | None = None
+    recordings: tuple[_Recordings, ...] = ()
+    time: _Time = _Time()
+    changes: _Changes = _Changes()
 
 
 @dataclass(frozen=True)
@@ -94,48 +131,30 @@ def read_spec(path: Path) -> Spec:
 
 
 def _spec(table: Mapping[str, Any], folder: Path) -> Spec:
-    check_keys(table, KEYS[""])
-    task = table.get("task", "compare")
-    if task not in TASKS:
-        raise UnknownNameError("task", str(task), TASKS)
-    trust = table.get("trust_data", False)
-    if not isinstance(trust, bool):
-        raise InputError(f"trust_data: {trust!r:.40}: write true or false")
-    effects = folder / _text(table, "effects") if "effects" in table else None
-    clock = _clock(_table(table, "time"))
-    changes = _table(table, "changes")
-    check_keys(changes, KEYS["[changes]"], "[changes]")
-    low, high = FALSE_ALARM_RANGE
-    rate = changes.get("false_alarms", FALSE_ALARMS)
-    if isinstance(rate, bool) or not isinstance(rate, int | float) or not low <= rate <= high:
-        raise InputError(f"[changes] false_alarms: {rate!r:.40}: give a probability from {low:g} to {high:g}")
-    entries = table.get("recordings")
-    if not isinstance(entries, list) or not entries or not all(isinstance(entry, dict) for entry in entries):
+    said = read_as(_Entries, table)
+    if said.task not in TASKS:
+        raise UnknownNameError("task", said.task, TASKS)
+    if not said.recordings:
         raise InputError('there are no [[recordings]]: write below such a line model = "m.toml" and runs = ["*.csv"]')
+    effects = folder / said.effects if said.effects is not None else None
+    clock = Clock(None if said.time.from_ is None else PLACES[said.time.from_], said.time.form)
     items: dict[tuple[Path, Path], Item] = {}
-    for number, entry in enumerate(entries, start=1):
+    for number, entry in enumerate(said.recordings, start=1):
         where = f"[[recordings]] {number}"
         for item in _items(entry, where, folder, clock):
             items.setdefault((item.model, item.run), item)
             if len(items) > MOST:
                 raise InputError(f"{where}: more than {MOST} recordings: split the batch")
-    return Spec(folder, task, effects, tuple(items.values()), float(rate), trust)
+    return Spec(folder, said.task, effects, tuple(items.values()), said.changes.false_alarms, said.trust_data)
 
 
-def _items(entry: Mapping[str, Any], where: str, folder: Path, clock: Clock) -> Iterator[Item]:
-    check_keys(entry, KEYS["[[recordings]]"], where)
-    for key, example in (("model", '"m.toml"'), ("runs", '["*.csv"]')):
-        if key not in entry:
-            raise InputError(f"{where}: '{key}' is missing: write {key} = {example}")
-    pattern, label = _text(entry, "model", where), _text(entry, "robot", where) if "robot" in entry else ""
-    runs = entry["runs"] if isinstance(entry["runs"], list) else [entry["runs"]]
-    if not runs or not all(isinstance(run, str) for run in runs):
-        raise InputError(f'{where}: runs: write a list of files or patterns, such as ["logs/*.csv"]')
-    if ROBOT not in pattern and any(ROBOT in run for run in runs):
+def _items(entry: _Recordings, where: str, folder: Path, clock: Clock) -> Iterator[Item]:
+    runs = [entry.runs] if isinstance(entry.runs, str) else entry.runs
+    if ROBOT not in entry.model and any(ROBOT in run for run in runs):
         raise InputError(f"{where}: runs: {ROBOT} stands for what it is in `model`, which lacks it: write it there")
-    times = _times(entry.get("times", {}), where)
+    times = {name: utc(value, f"{where}: times: '{name}'") for name, value in entry.times.items()}
     named: set[str] = set()
-    for robot, model in _models(pattern, where, folder):
+    for robot, model in _models(entry.model, where, folder):
         for run in runs:
             found = _matching(run.replace(ROBOT, glob.escape(robot)), folder)
             found = [path for path in found if path.suffix.lower() != ".toml"]
@@ -143,7 +162,7 @@ def _items(entry: Mapping[str, Any], where: str, folder: Path, clock: Clock) -> 
                 raise InputError(f"{where}: runs: '{run.replace(ROBOT, robot)}' matches no recording: correct it")
             for path in found:
                 named |= {path.name, seen_from(path, folder)}
-                yield Item(label or robot or model.stem, model, path, clock.of(path, folder, times))
+                yield Item(entry.robot or robot or model.stem, model, path, clock.of(path, folder, times))
     for name in times:
         if name not in named:
             raise UnknownNameError(f"recording in times of {where}", name, sorted(named))
@@ -164,39 +183,6 @@ def _models(pattern: str, where: str, folder: Path) -> list[tuple[str, Path]]:
 
 def _matching(pattern: str, folder: Path) -> list[Path]:
     """Files of a pattern, sorted; a name without wildcards is taken as it is, whether or not the file is there."""
-    if "\0" in pattern:
-        raise InputError(f"{pattern!r}: a name holds no null character: correct it")
     if not glob.has_magic(pattern):
         return [folder / pattern]
     return sorted(folder / found for found in glob.glob(pattern, root_dir=folder, recursive=True))
-
-
-def _clock(table: Mapping[str, Any]) -> Clock:
-    check_keys(table, KEYS["[time]"], "[time]")
-    places = {place.key: place for place in TimeFrom if place is not TimeFrom.NOWHERE}
-    source, form = table.get("from"), table.get("form", "")
-    if source is not None and source not in places:
-        raise UnknownNameError("place in [time] from", str(source), places)
-    if not isinstance(form, str) or (form and "%" not in form):
-        raise InputError(f'[time] form: {form!r:.40}: write what the name is, such as "log_%d%m%Y_%H%M"')
-    return Clock(None if source is None else places[source], form)
-
-
-def _times(given: Any, where: str) -> dict[str, datetime]:
-    if not isinstance(given, dict):
-        raise InputError(f'{where}: times: write times = {{ "a.csv" = 2026-05-04 }}')
-    return {name: utc(value, f"{where}: times: '{name}'") for name, value in given.items()}
-
-
-def _table(table: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-    value = table.get(key, {})
-    if not isinstance(value, dict):
-        raise InputError(f"'{key}' is not a table: write '[{key}]' on a line of its own")
-    return value
-
-
-def _text(table: Mapping[str, Any], key: str, where: str = "") -> str:
-    value = table[key]
-    if not isinstance(value, str) or not value or "\0" in value:
-        raise InputError(f"{where + ': ' if where else ''}{key}: {value!r:.60} is not a text: put it in quotes")
-    return value

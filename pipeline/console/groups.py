@@ -33,8 +33,9 @@ def with_groups(command: Callable[..., Any]) -> Callable[..., Any]:
         return command(**made, **given)
 
     called.__name__, called.__doc__ = command.__name__, command.__doc__
-    called.__signature__ = inspect.Signature(sorted(flat, key=_takes_the_rest))  # type: ignore[attr-defined]
     called.__annotations__ = {parameter.name: parameter.annotation for parameter in flat}
+    # What `inspect.signature`, by which Typer reads a command, takes in place of the function's own.
+    vars(called)["__signature__"] = inspect.Signature(sorted(flat, key=_takes_the_rest))
     return called
 
 

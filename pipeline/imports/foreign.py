@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from armdyn.channels import FloatArray, name_and_unit
-from armdyn.errors import InputError, join_problems
+from armdyn.errors import InputError
+from urdf.table_file import join_problems
 
 MIN_SAMPLES = 10
 

@@ -13,12 +13,11 @@ motor turns N times as far and as fast as the joint and gives an Nth of its torq
 torques multiplied. ``description``, ``[known]`` and ``[noise]`` are those of a run's sidecar and go there.
 """
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
-from armdyn import toml_file as declared
 from armdyn.channels import channel_kind, in_contract
 from armdyn.errors import InputError, collect
 from armdyn.inspection.correction import Correction
@@ -27,23 +26,8 @@ from armdyn.run import Run
 from armdyn.sidecar import Sidecar, sidecar_of
 from armdyn.toml_file import read_toml
 from pipeline.imports.foreign import Foreign, ImportProblemsError
+from urdf.table_file import Check, TableFileError, read_as
 
-_WITH_UNIT = declared.Entry(declared.is_text, "is no text: put it in quotes, with its unit")
-COLUMN = {
-    "channel": declared.Entry(declared.is_text, 'write the name of a channel, such as "q.shoulder"'),
-    "unit": _WITH_UNIT,
-    "sign": declared.Entry(lambda sign: sign in (1, -1), "write 1 or -1"),
-    "offset": _WITH_UNIT,
-    "gear_ratio": declared.Entry(
-        lambda ratio: declared.is_number(ratio) and 0 < ratio < 1e6, "write turns of the motor per turn of the joint"
-    ),
-    "torque_constant": _WITH_UNIT,
-    "scale": declared.Entry(
-        lambda scale: declared.is_number(scale) and 0 < scale < 1e12, "write a positive number; 'sign' turns it round"
-    ),
-    "late": _WITH_UNIT,
-}
-"""What may stand in the line of a column."""
 SIDECAR_KEYS = ("description", "recorded", "known", "noise")
 
 
@@ -58,20 +42,24 @@ class Entry:
         offset: added in the end, with its unit; empty for none.
         gear_ratio: turns of the motor per turn of the joint, where the column is the motor's.
         torque_constant: torque per current, with its unit; empty where the column is no current.
-        why: how it was guessed; for a person.
         scale: what its values are multiplied by besides.
         late: by which its stamps are too large, with its unit; empty for 0.
+        why: how it was guessed; for a person.
     """
 
     channel: str
     unit: str = ""
-    sign: float = 1.0
+    sign: Annotated[float, Check(lambda sign: sign in (1, -1), "write 1 or -1")] = 1.0
     offset: str = ""
-    gear_ratio: float = 1.0
+    gear_ratio: Annotated[
+        float, Check(lambda ratio: 0 < ratio < 1e6, "write turns of the motor per turn of the joint")
+    ] = 1.0
     torque_constant: str = ""
-    why: str = ""
-    scale: float = 1.0
+    scale: Annotated[float, Check(lambda scale: 0 < scale < 1e12, "write a positive number; 'sign' turns it round")] = (
+        1.0
+    )
     late: str = ""
+    why: str = ""
 
 
 @dataclass(frozen=True)
@@ -114,26 +102,23 @@ def read_map(path: Path) -> ColumnMap:
     if not isinstance(columns, dict) or not columns:
         problems.append('no [columns]: write lines such as "J1 pos" = { channel = "q.shoulder", unit = "deg" }')
         columns = {}
+    entries = {}
     for name, column in columns.items():
-        problems += [f"'{name}': {problem}" for problem in _problems_of(column)]
+        if not isinstance(column, dict) or "channel" not in column:
+            problems.append(f'\'{name}\': write it as {{ channel = "q.shoulder", unit = "deg" }}')
+            continue
+        try:
+            entries[name] = read_as(Entry, column)
+        except TableFileError as error:
+            problems += [f"'{name}': {problem}" for problem in error.problems]
+        with collect(problems, f"'{name}'"):
+            channel_kind(str(column["channel"]))
     sidecar = Sidecar()
     with collect(problems):
         sidecar = sidecar_of({key: table[key] for key in SIDECAR_KEYS if key in table})
     if problems:
         raise ImportProblemsError(str(path), problems)
-    entries = {name: Entry(**column) for name, column in columns.items()}
     return ColumnMap(entries, str(time.get("column", "")), str(time.get("unit", "")), sidecar)
-
-
-def _problems_of(column: Any) -> Iterator[str]:
-    if not isinstance(column, dict) or "channel" not in column:
-        yield 'write it as { channel = "q.shoulder", unit = "deg" }'
-        return
-    yield from declared.problems_in(column, COLUMN)
-    try:
-        channel_kind(str(column["channel"]))
-    except InputError as error:
-        yield str(error)
 
 
 def map_text(mapping: ColumnMap, comment: str = "") -> str:
@@ -147,7 +132,7 @@ def map_text(mapping: ColumnMap, comment: str = "") -> str:
         ]
     lines.append("[columns]")
     for column, entry in mapping.entries.items():
-        values = {key: getattr(entry, key) for key in COLUMN}
+        values = {each.name: getattr(entry, each.name) for each in fields(entry) if each.name != "why"}
         parts = [
             f"{key} = {toml_string(value) if isinstance(value, str) else f'{value:.12g}'}"
             for key, value in values.items()

@@ -5,17 +5,46 @@ import os
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
 from armdyn.atomic import write_text
 from armdyn.errors import InputError
 from pipeline.loadcell.faults import FaultLimits
 from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS
 from urdf.bounds import is_sane
-from urdf.table_file import TableFileError, read_table
+from urdf.table_file import Check, TableFileError, read_as, read_table
 
 UNITS = {"offset": "count", "scale": "N/count", "noise": "N"}
 """Of the file's quantities; all but the noise have a standard deviation."""
+
+
+_Number = Annotated[float, Check(is_sane, "give a size that a load cell has")]
+
+
+def _in_unit(name: str) -> Check:
+    return Check(lambda quantity: quantity.unit == UNITS[name], f"give it in {UNITS[name]}")
+
+
+@dataclass(frozen=True)
+class _Noise:
+    value: _Number
+    unit: str
+
+
+@dataclass(frozen=True)
+class _Fitted(_Noise):
+    std: _Number
+
+
+@dataclass(frozen=True)
+class _File:
+    """What the file of a calibration holds."""
+
+    date: datetime
+    source: str
+    offset: Annotated[_Fitted, _in_unit("offset")]
+    scale: Annotated[_Fitted, _in_unit("scale")]
+    noise: Annotated[_Noise, _in_unit("noise")]
 
 
 @dataclass(frozen=True)
@@ -105,35 +134,13 @@ class Calibration:
         """
         remedy = "run 'armdyn loadcell calibrate PORT'"
         try:
-            return cls._from_table(read_table(path, finite=True)[1])
+            file = read_as(_File, read_table(path, finite=True)[1])
+            offset, scale, noise = file.offset, file.scale, file.noise
+            return cls(offset.value, offset.std, scale.value, scale.std, noise.value, file.date, file.source)
         except FileNotFoundError as error:
             raise InputError(f"{path}: there is no load cell calibration: {remedy}") from error
-        except TableFileError as error:
-            raise InputError(f"{path}: the load cell calibration {error}: {remedy}") from error
-        except InputError as error:
+        except (TableFileError, InputError) as error:
             raise InputError(f"{path}: the load cell calibration cannot be used, {error}: {remedy}") from error
-
-    @classmethod
-    def _from_table(cls, table: dict[str, Any]) -> "Calibration":
-        date, source = table.get("date"), table.get("source")
-        if not isinstance(date, datetime):
-            raise InputError("date is missing or is no date with time")
-        if not isinstance(source, str):
-            raise InputError("source is missing or is no text")
-        numbers = []
-        for name, unit in UNITS.items():
-            entry = table.get(name)
-            if not isinstance(entry, dict) or entry.get("unit") != unit:
-                raise InputError(f"{name} is missing or is not in {unit}")
-            for part in ("value",) if name == "noise" else ("value", "std"):
-                number = entry.get(part)
-                if isinstance(number, bool) or not isinstance(number, int | float):  # in Python, True is an int
-                    raise InputError(f"{name} lacks a number, its {part}")
-                if not is_sane(number):
-                    raise InputError(f"{name} is {number:g}, of no size that a load cell has")
-                numbers.append(float(number))
-        offset, offset_std, scale, scale_std, noise = numbers
-        return cls(offset, offset_std, scale, scale_std, noise, date, source)
 
 
 def default_path() -> Path:

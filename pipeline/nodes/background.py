@@ -56,10 +56,11 @@ class BackgroundWorker:
     def __init__(self) -> None:
         self.thinking = False
         self._work: dict[str, Work] = {}
+        self._then: dict[str, list[Then]] = {}  # what waits for results, oldest first; nothing where they come at once
 
     def provide(self, name: str, work: Work) -> None:
         """Make known what can be asked for; before `start`."""
-        self._work[name] = work
+        self._work[name], self._then[name] = work, []
 
     def start(self) -> None:
         """Get ready; from now on changes of what the work belongs to may no longer reach it."""
@@ -73,9 +74,9 @@ class BackgroundWorker:
             self.thinking = False
         then(result)
 
-    def busy(self, name: str) -> bool:  # noqa: ARG002
+    def busy(self, name: str) -> bool:
         """Whether work of this name was asked for and is not done."""
-        return False
+        return bool(self._then[name])
 
     def collect(self) -> None:
         """Take what is done; called in every round of the loop.
@@ -104,13 +105,8 @@ class ProcessWorker(BackgroundWorker):
         if "fork" not in multiprocessing.get_all_start_methods():
             raise InputError("a robot that moves by itself needs Linux or macOS: this system cannot copy a process")
         super().__init__()
-        self._then: dict[str, list[Then]] = {}
         self._connection: Connection | None = None
         self._process: multiprocessing.process.BaseProcess | None = None
-
-    def provide(self, name: str, work: Work) -> None:
-        """See `BackgroundWorker`."""
-        self._work[name], self._then[name] = work, []
 
     def start(self) -> None:
         """See `BackgroundWorker`."""
@@ -131,10 +127,6 @@ class ProcessWorker(BackgroundWorker):
             self._connection.send_bytes(pickle.dumps((name, argument)))
         except OSError as error:
             raise _gone() from error
-
-    def busy(self, name: str) -> bool:
-        """See `BackgroundWorker`."""
-        return bool(self._then[name])
 
     def collect(self) -> None:
         """See `BackgroundWorker`."""

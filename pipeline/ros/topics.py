@@ -3,14 +3,14 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from armdyn.errors import InputError, at
 from armdyn.toml_file import read_toml
 from pipeline.robot.protocol import Vector
 from urdf.loader import SETTINGS, known_robots
+from urdf.table_file import Check, read_as
 
 
 class CommandKind(Enum):
@@ -23,6 +23,12 @@ class CommandKind(Enum):
 
 MODES = {"position": 1, "raw_position": 4}
 """How Baxter takes a ``JointCommand``: the message's constants, by the word of the settings file."""
+
+
+_Name = Annotated[
+    str, Check(lambda name: name[:1] == "/" and name[-1] != "/", "give a name that begins with '/' and ends otherwise")
+]
+_Seconds = Annotated[float, Check(lambda seconds: 0.02 <= seconds <= 1.0, "give a time from 0.02 to 1 s")]
 
 
 @dataclass(frozen=True)
@@ -42,16 +48,16 @@ class RosTopics:
         horizon: how far ahead the point of a ``JointTrajectory`` is [s].
     """
 
-    joint_states: str
-    command: str
+    joint_states: _Name
+    command: _Name
     type: CommandKind = CommandKind.JOINT_COMMAND
-    mode: str = "raw_position"
-    feed_forward: str | None = None
-    timeout: str | None = None
-    command_timeout: float = 0.1
-    speed_ratio: str | None = None
-    enabling: str | None = None
-    horizon: float = 0.02
+    mode: Annotated[str, Check(MODES.__contains__, f"choose one of {', '.join(MODES)}")] = "raw_position"
+    feed_forward: _Name | None = None
+    timeout: _Name | None = None
+    command_timeout: _Seconds = 0.1
+    speed_ratio: _Name | None = None
+    enabling: _Name | None = None
+    horizon: _Seconds = 0.02
 
 
 def settings_file(robot: str) -> Path:
@@ -68,35 +74,8 @@ def read_topics(file: Path) -> RosTopics:
     table = read_toml(file, "; give a robot's settings file").get("ros")
     if not isinstance(table, dict):
         raise InputError(f"{file}: there is no table [ros]; see urdf/robots/baxter.toml for an example")
-    with at(f"{file}: [ros]"):
-        try:
-            return RosTopics(**{name: _entry(name, value) for name, value in table.items()})
-        except TypeError as error:  # the two entries that have no default
-            missing = next(name for name in ("joint_states", "command") if name not in table)
-            raise InputError(f"entry '{missing}' is missing") from error
-
-
-def _entry(name: str, value: object) -> Any:
-    """The value of one entry, or what is wrong with it."""
-    choices: Mapping[str, Any]
-    match name:
-        case "type" | "mode":
-            choices = MODES if name == "mode" else {kind.value: kind for kind in CommandKind}
-            if not isinstance(value, str) or value not in choices:
-                raise InputError(f"{name} = {value!r}: choose one of {', '.join(choices)}")
-            return value if name == "mode" else choices[value]
-        case "command_timeout" | "horizon":
-            number = value if isinstance(value, int | float) and not isinstance(value, bool) else float("nan")
-            if not (isfinite(number) and 0.02 <= number <= 1.0):
-                raise InputError(f"{name} = {value!r}: give a time from 0.02 to 1 s")
-            return float(number)
-        case _ if name not in RosTopics.__dataclass_fields__:
-            known = ", ".join(sorted(RosTopics.__dataclass_fields__))
-            raise InputError(f"there is no entry '{name}'; choose among {known}")
-        case _:
-            if not (isinstance(value, str) and value.startswith("/") and len(value) > 1):
-                raise InputError(f"{name} = {value!r}: give a name that begins with '/'")
-            return value.rstrip("/")
+    with at(file):
+        return read_as(RosTopics, table, "[ros]")
 
 
 def command_message(topics: RosTopics, names: Sequence[str], q: Vector, v: Vector, a: Vector) -> dict[str, Any]:

@@ -34,7 +34,7 @@ def test_another_arm_needs_three_lines(tmp_path):
     [
         ("", r"there is no table \[ros\]"),
         ("[ros]\ncommand = '/a'", "'joint_states' is missing"),
-        (UR + "speed = 1", "no entry 'speed'; choose among"),
+        (UR + "speed = 1", "unknown key 'speed': did you mean 'speed_ratio'"),
         (UR.replace("/joint_states", "joint_states"), "begins with '/'"),
         (UR.replace("Float64MultiArray", "String"), "choose one of baxter_core_msgs/JointCommand"),
         (UR + "mode = 'torque'", "choose one of position, raw_position"),
