@@ -4,8 +4,9 @@
 
 Recordings and mistakes come from `sound_recordings.py` and `mistakes.py` of `tests/hidden_effects`: four arms with a
 little of everything wrong and one real effect each (a payload, a spring, gains of a tenth, a tilt of five degrees,
-friction, offsets), three pendulums, and what is done to them: units, signs, columns, zeros, clocks, mountings, descriptions in other units, and
-faults of signals. Where a mistake changes hardly anything that rigid bodies ask, it is not asked for.
+friction, offsets), three pendulums, and what is done to them: units, signs, columns, zeros, clocks, mountings,
+descriptions in other units, and faults of signals. Where a mistake changes hardly anything that rigid bodies ask, it is
+not asked for.
 
 - `found`: the right kind on a right channel, and nothing of another kind that is called wrong;
 - `undone`: of mistakes that a correction can undo, the corrected recording has the sound one's values to rounding, so
