@@ -14,8 +14,8 @@ STEEP: Mapping[str, float] = {"rad": 0.01, "m": 3e-3}
 """Over which a step goes from nothing to all, by the unit of its variable: samples resolve no sharper one. The same in
 every recording, so that equations that were compiled once serve them all."""
 ABRUPT = 8
-"""Exponent with which a play's force comes to its limit. Of a spring that slips there at once, 1 leaves 0.8 to 1.4 times
-the noise of a torque in the benchmark's hidden laws, 4 leaves 0.3, and 8 leaves 0.15."""
+"""Exponent with which a play's force comes to its limit. Of a spring that slips there at once, 1 leaves 0.8 to 1.4
+times the noise of a torque in the benchmark's hidden laws, 4 leaves 0.3, and 8 leaves 0.15."""
 Shapes = Iterator[Term]
 
 
