@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from armdyn.document import Document, NextStep
-from pipeline.console.inputs import Inputs, UnexaminedInputs, checked, stopped_if_wrong
+from pipeline.console.inputs import Inputs, UnexaminedInputs, checked
 from pipeline.console.options import JsonOption, ReportOption
-from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import finish, spinner
+from pipeline.console.screen import finish
 
 if TYPE_CHECKING:
     from armdyn.discovery.result import Discovery
@@ -28,13 +27,8 @@ def discover(
     json_file: JsonOption = None,
 ) -> None:
     """Find a formula for the force that a model lacks, and write it as an effect."""
-    from armdyn.discovery.discover import discover as look
-
-    own = [inputs.effects] if inputs.effects is not None else []
-    check_outputs(output, report, json_file, inputs=[inputs.model, *inputs.recordings, *own])
-    with stopped_if_wrong(json_file), spinner() as say:
-        given = inputs.read()
-        found = look(given.file.model, given.study.runs, given.study.held_out, given.catalogue, say)
+    with inputs.begin(report, json_file, output) as (given, say):
+        found = given.discover(say)
     if output is not None and found.new:
         found.write(output)
     document = replace(found.document(), next_steps=_next_steps(inputs, found, output))
