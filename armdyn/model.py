@@ -290,16 +290,29 @@ class Model(Shown):
         del needed
         return self
 
-    def prepared(self, run: Run) -> Run:
+    def prepared(self, run: Run, beside: Sequence[Run] = ()) -> Run:
         """The run as this model is compared with it; prepare every run once, before its noise is estimated.
 
         An arm low-passes and thins out the measured torques here, and does the same to what it predicts for the run
         that it returns. Other models take runs as they are.
 
+        Args:
+            run: a recording.
+            beside: recordings that show what the sensors did; this one alone if there are none.
+
         Raises:
             InputError: the run cannot be compared with this model.
         """
+        del beside
         return run
+
+    def noise(self, run: Run, theta: np.ndarray) -> Mapping[str, float]:
+        """By channel of a prepared run, the standard deviation of what is compared, where it depends on (p,) `theta`.
+
+        The noise of an arm's positions becomes torque through its inertias.
+        """
+        del run, theta
+        return {}
 
     def parts(self, effect: str) -> Mapping[str, tuple[str, ...]]:
         """Names of an effect's parameters by the joint that they belong to, ``""`` where there is none."""

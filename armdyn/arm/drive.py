@@ -11,7 +11,7 @@ S_q of the torque that the positions' noise causes. It is read from differences 
 is a band-pass around 1/(2h), and their median passes over the moments at which friction changes its sign.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -27,7 +27,9 @@ from armdyn.differences import NORMAL_MEDIAN
 DENSEST = 125.0
 """Samples per second that are looked at; drives smooth well below half of it."""
 MOST, FEWEST = 2500, 200
-"""Samples that are looked at, and how many there must be."""
+"""Samples of all recordings together that are looked at, and how many there must be."""
+ALIKE = 0.01
+"""Share by which the sampling rates of recordings that are looked at together differ at most."""
 APART = np.array([1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20])
 """Distances, in samples, of those that a difference is taken of."""
 LONGEST = 0.11
@@ -81,29 +83,35 @@ class Torque(NamedTuple):
     spectrum: np.ndarray
 
 
-def smoothing_drives(
-    torques: Mapping[str, Torque], model: pin.Model, motion: MeasuredMotion, frequencies: np.ndarray
-) -> dict[str, Drive]:
+class Recorded(NamedTuple):
+    """What one recording holds of an arm: its torques by channel, and the motion of all joints."""
+
+    torques: Mapping[str, Torque]
+    motion: MeasuredMotion
+
+
+def smoothing_drives(recordings: Sequence[Recorded], model: pin.Model, frequencies: np.ndarray) -> dict[str, Drive]:
     """What the drives of an arm did, by channel; without those of which there is too little to tell.
 
-    Drives of one arm are alike: where most torques show a low-pass, all have it.
+    Drives of one arm are alike, and the same in all its recordings, of which one alone may be too short to tell: where
+    most torques show a low-pass, all have it.
 
     Args:
-        torques: by channel.
+        recordings: of the arm.
         model: the arm as described.
-        motion: of all its joints.
         frequencies: (f,) Hz of the torques' spectra.
     """
-    found = dict[str, _Seen]()
+    found, most = dict[str, _Seen](), MOST // len(recordings)
 
-    @lru_cache(maxsize=1)
-    def moved(stamps: bytes) -> Stretch:
+    @lru_cache(maxsize=2 * len(recordings))
+    def moved(recording: int, stamps: bytes) -> Stretch:
         """What rigid bodies make of the motion at some stamps, which torques often share."""
         time = np.frombuffer(stamps)
-        return Stretch(model, motion.at(time), time)
+        return Stretch(model, recordings[recording].motion.at(time), time)
 
-    for name, torque in torques.items():
-        seen = _seen(torque, moved, frequencies)
+    for name in dict.fromkeys(name for recorded in recordings for name in recorded.torques):
+        torques = [(i, recorded.torques[name]) for i, recorded in enumerate(recordings) if name in recorded.torques]
+        seen = _seen(torques, moved, frequencies, most)
         if seen is not None:
             found[name] = seen
     if len(found) < AGREEING or np.median([one.ratio for one in found.values()]) < SMOOTHED:
@@ -126,32 +134,61 @@ class _Seen(NamedTuple):
     ratio: float
 
 
-def _seen(torque: Torque, moved: Callable[[bytes], Stretch], frequencies: np.ndarray) -> _Seen | None:
-    """What one torque shows; None where there is too little of it."""
-    stamps, joint = torque.stamps, torque.joint
-    interval = float((stamps[-1] - stamps[0]) / (len(stamps) - 1))
+def _seen(
+    torques: Sequence[tuple[int, Torque]],
+    moved: Callable[[int, bytes], Stretch],
+    frequencies: np.ndarray,
+    most: int,
+) -> _Seen | None:
+    """What the torque of one joint shows; None where there is too little of it.
+
+    Args:
+        torques: each with the place of its recording.
+        moved: motion and regressor of a recording at some stamps.
+        frequencies: (f,) Hz.
+        most: samples of a recording that are looked at.
+    """
+    intervals = [float((t.stamps[-1] - t.stamps[0]) / (len(t.stamps) - 1)) for _, t in torques]
+    interval = intervals[int(np.argmax([len(t.stamps) for _, t in torques]))]
     every = max(1, int(np.ceil(1.0 / (DENSEST * interval) - 1e-6)))
-    begin = max(0, (len(stamps) - every * MOST) // 2)
-    time, values = (part[begin::every][:MOST] for part in (stamps, torque.values))
-    stretch = moved(time.tobytes())
-    motion = stretch.motion
     step = every * interval
+    parts, values, spectra = [], [], []
+    for (recording, torque), own in zip(torques, intervals, strict=True):
+        if abs(own / interval - 1.0) < ALIKE:
+            begin = max(0, (len(torque.stamps) - every * most) // 2)
+            time, value = (part[begin::every][:most] for part in (torque.stamps, torque.values))
+            parts.append(moved(recording, time.tobytes()))
+            values.append(value)
+            spectra.append(torque.spectrum)
+    joint = torques[0][1].joint
+    motion = _one_after_the_other([part.motion for part in parts], step)
     uncertain = np.abs(motion.direction[:, joint]) < CERTAIN
-    used = np.convolve(uncertain, np.ones(2 * round(BESIDE / step) + 1), "same")[: len(time)] < 0.5
+    uncertain[np.cumsum([len(value) for value in values]) - 1] = True  # no difference reaches into another recording
+    used = np.convolve(uncertain, np.ones(2 * round(BESIDE / step) + 1), "same")[: len(uncertain)] < 0.5
     apart = APART[APART * step <= LONGEST]
     if np.count_nonzero(used) < FEWEST or len(apart) < 3:
         return None
-    of_links = stretch.regressor[:, joint, joint:].reshape(len(time), -1)
-    residual = _unexplained(motion, of_links, joint, values, used)
+    of_links = np.concatenate([part.regressor[:, joint, joint:] for part in parts]).reshape(len(used), -1)
+    residual = _unexplained(motion, of_links, joint, np.concatenate(values), used)
     levels = np.array([_level(residual, used, h) for h in apart])
-    brought_in = np.array([_passed(frequencies, torque.spectrum, h * step) for h in apart])
+    spectrum = np.average(spectra, axis=0, weights=[len(value) for value in values])
+    brought_in = np.array([_passed(frequencies, spectrum, h * step) for h in apart])
     variance = levels**2
     if not np.all(variance > brought_in):
         return None
-    own, smoothed, cutoff = _fitted(apart * step, variance, brought_in)
+    own_noise, smoothed, cutoff = _fitted(apart * step, variance, brought_in)
     below = smoothed / float(np.sqrt(2.0 * cutoff * interval * BANDWIDTH))
     noise = float(np.sqrt(variance[0] - brought_in[0]))
-    return _Seen(noise, Drive(cutoff, float(np.hypot(own, below))), below / max(own, np.finfo(float).tiny))
+    ratio = below / max(own_noise, np.finfo(float).tiny)
+    return _Seen(noise, Drive(cutoff, float(np.hypot(own_noise, below))), ratio)
+
+
+def _one_after_the_other(motions: Sequence[Motion], step: float) -> Motion:
+    """Motions as if each began where the one before ended."""
+    q, v, a, way = (np.concatenate([getattr(m, part) for m in motions]) for part in ("q", "v", "a", "direction"))
+    begins = np.cumsum([0.0, *(float(m.time[-1] - m.time[0]) + step for m in motions)])
+    time = np.concatenate([m.time - m.time[0] + begin for m, begin in zip(motions, begins[:-1], strict=True)])
+    return Motion(time, q, v, a, way)
 
 
 def _unexplained(motion: Motion, regressor: np.ndarray, joint: int, torque: np.ndarray, used: np.ndarray) -> np.ndarray:

@@ -9,13 +9,14 @@ from types import MappingProxyType
 from typing import Any, Self
 
 import numpy as np
+import pinocchio as pin
 
 from armdyn.arm.arm import Arm, find_arm
 from armdyn.arm.bodies import OF_BASE, Bodies, Stretch
 from armdyn.arm.composition import Change, JointFunctions, base_change, compose_joint
 from armdyn.arm.motion import measured_motion
 from armdyn.arm.prediction import ChannelPredictor, predictor_of, prepared_once
-from armdyn.arm.prepared import PreparedRun
+from armdyn.arm.prepared import PreparedRun, torque_noise
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.model import Bend, Model, Prediction, join_channels
@@ -161,11 +162,28 @@ class ArmModel(Model):
                 )
         return channels
 
-    def prepared(self, run: Run) -> Run:
+    def prepared(self, run: Run, beside: Sequence[Run] = ()) -> Run:
         """See `Model.prepared`; a run that is prepared already is returned as it is."""
         if isinstance(run, PreparedRun):
             return run
-        return prepared_once(run, self.arm, self.predicted_channels(run))
+        self.predicted_channels(run)
+        return prepared_once(run, self.arm, tuple(one.recording for one in beside))
+
+    def noise(self, run: Run, theta: np.ndarray) -> Mapping[str, float]:
+        """See `Model.noise`."""
+        if not isinstance(run, PreparedRun):
+            return {}
+        return torque_noise(run, self._rigid(theta), self.arm.model, self.joints)
+
+    def _rigid(self, theta: np.ndarray) -> pin.Model:
+        """The links and rotors as effects with (p,) `theta` leave them."""
+        rigid, armature = self.arm.model.copy(), np.zeros(len(self.joints))
+        for i, change in self._bodies(theta).links.items():
+            rigid.inertias[i + 1] = pin.Inertia.FromDynamicParameters(self.arm.described[i] + change)
+        for joint, (name,) in self.parts(ROTOR).items():
+            armature[self.joints.index(joint)] = theta[self.names.index(name)]
+        rigid.armature = armature
+        return rigid
 
     def predict(self, run: Run, theta: np.ndarray) -> Prediction:
         """See `Model.predict`."""
@@ -271,6 +289,8 @@ class ArmModel(Model):
 
 DEFORMATION = "link_inertia"
 """The effect whose parameters span all that can change in a link."""
+ROTOR = "rotor_inertia"
+"""The effect that adds to the inertia of a joint by itself."""
 
 _REASON = {
     "every": "the arm has no joint",

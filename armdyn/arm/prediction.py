@@ -1,6 +1,6 @@
 """Torques of one run with exact derivatives: what does not depend on the parameters is computed once per run."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache, cached_property, lru_cache
 from typing import NamedTuple
 
@@ -9,8 +9,9 @@ import numpy as np
 from armdyn.arm.arm import Arm
 from armdyn.arm.bodies import OF_BASE, Bodies, Stretch
 from armdyn.arm.composition import DIRECTION, LOAD, JointFunctions, Term
+from armdyn.arm.drive import Drive, Recorded
 from armdyn.arm.motion import MeasuredMotion, measured_motion
-from armdyn.arm.prepared import PreparedRun, interior, prepare, settled
+from armdyn.arm.prepared import PreparedRun, drives_of, interior, prepare, recorded, settled
 from armdyn.faults import without_spikes
 from armdyn.readout import Interpolated, LowPassed, Sampler
 from armdyn.run import Channel, Run
@@ -281,11 +282,29 @@ class ChannelPredictor:
 
 
 @lru_cache(maxsize=64)
-def prepared_once(run: Run, arm: Arm, measured: tuple[str, ...]) -> PreparedRun:
-    """See `prepare`; isolated outliers are left out before."""
-    motion = (f"{kind}.{joint}" for joint in arm.joints for kind in "qva")
-    clean = without_spikes(run, (*(name for name in motion if name in run.channels), *measured))
-    return prepare(clean, arm.model, arm.joints, measured)
+def prepared_once(run: Run, arm: Arm, beside: tuple[Run, ...]) -> PreparedRun:
+    """See `prepare`; isolated outliers are left out before.
+
+    Args:
+        run: a recording.
+        arm: that moved.
+        beside: recordings that show what its drives did; this one alone if there are none.
+    """
+    clean, own = _recorded(run, arm)
+    return prepare(clean, arm.joints, own, _drives(beside or (run,), arm))
+
+
+@lru_cache(maxsize=8)
+def _drives(runs: tuple[Run, ...], arm: Arm) -> Mapping[str, Drive]:
+    return drives_of([_recorded(run, arm)[1] for run in runs], arm.model)
+
+
+@lru_cache(maxsize=64)
+def _recorded(run: Run, arm: Arm) -> tuple[Run, Recorded]:
+    """A run without isolated outliers, and its torques and motion."""
+    names = (f"{kind}.{joint}" for joint in arm.joints for kind in ("q", "v", "a", "tau"))
+    clean = without_spikes(run, [name for name in names if name in run.channels])
+    return clean, recorded(clean, arm.model, arm.joints)
 
 
 @lru_cache(maxsize=512)

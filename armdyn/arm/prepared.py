@@ -10,13 +10,13 @@ grows like f^2, and above some frequency it causes more of the predicted torque 
 the drive smoothed the torque before it was recorded (see `drive`).
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pinocchio as pin
 
-from armdyn.arm.drive import Drive, Torque, smoothing_drives
+from armdyn.arm.drive import Drive, Recorded, Torque, smoothing_drives
 from armdyn.arm.motion import CERTAIN, MeasuredMotion, measured_motion
 from armdyn.channels import MIN_SAMPLES, Channel
 from armdyn.errors import InputError
@@ -124,31 +124,41 @@ class PreparedRun(Run):
         return self.done
 
 
-def prepare(run: Run, model: pin.Model, joints: tuple[str, ...], measured: tuple[str, ...]) -> PreparedRun:
-    """The run with its torques low-passed and thinned, and its motion smoothed.
-
-    Args:
-        run: a recording.
-        model: the arm as described.
-        joints: all joints of the arm, in its order.
-        measured: torque channels to prepare.
+def recorded(run: Run, model: pin.Model, joints: tuple[str, ...]) -> Recorded:
+    """The torques of a run without the ends of its motion, and that motion.
 
     Raises:
         InputError: a torque is constant or too short.
     """
     motion = measured_motion(run, joints)
     brought_in = position_noise(model, motion)
-    channels, noise, preparations = dict(run.channels), dict(run.noise), {}
     torques = {}
-    for name in measured:
-        run.require_informative(name)
-        j = joints.index(name.removeprefix("tau."))
-        torques[name] = Torque(j, *_inside(run, name, motion), brought_in[j])
-    drives = smoothing_drives(torques, model, motion, FREQUENCIES)
-    for name in measured:
-        raw, (j, stamps, values, _) = run.channels[name], torques[name]
-        choice = best_smoothing(stamps, values)
-        cutoff = cutoff_of(stamps, values, choice, brought_in[j])
+    for j, joint in enumerate(joints):
+        name = f"tau.{joint}"
+        if name in run.channels:
+            run.require_informative(name)
+            torques[name] = Torque(j, *_inside(run, name, motion), brought_in[j])
+    return Recorded(torques, motion)
+
+
+def drives_of(recordings: Sequence[Recorded], model: pin.Model) -> Mapping[str, Drive]:
+    """What the drives of an arm did to the torques of its recordings, by channel."""
+    return smoothing_drives(recordings, model, FREQUENCIES)
+
+
+def prepare(run: Run, joints: tuple[str, ...], own: Recorded, drives: Mapping[str, Drive]) -> PreparedRun:
+    """The run with its torques low-passed and thinned, and its motion smoothed.
+
+    Args:
+        run: a recording.
+        joints: all joints of the arm, in its order.
+        own: its torques and its motion.
+        drives: see `smoothing_drives`.
+    """
+    motion, channels, noise, preparations = own.motion, dict(run.channels), dict(run.noise), {}
+    for name, (j, stamps, values, brought_in) in own.torques.items():
+        raw, choice = run.channels[name], best_smoothing(stamps, values)
+        cutoff = cutoff_of(stamps, values, choice, brought_in)
         drive = drives.get(name, Drive(np.inf, choice.noise))
         smoothed = bool(np.isfinite(drive.cutoff))
         cutoff = min(cutoff, WITHIN * drive.cutoff)
@@ -159,8 +169,7 @@ def prepare(run: Run, model: pin.Model, joints: tuple[str, ...], measured: tuple
         # Thinned samples vary too much to show their noise; the recording at its own rate does.
         # Steps of a friction look like noise to a smooth curve; behind a low-pass there is more than the samples show.
         sensor = run.noise.get(name) or (drive.noise if smoothed else min(drive.noise, choice.noise))
-        from_positions = 2.0 * float(np.sum(brought_in[j, cutoff >= FREQUENCIES]) * FREQUENCIES[1])
-        noise[name] = float(np.sqrt(low.noise_gain(time) * sensor**2 + from_positions))
+        noise[name] = float(np.sqrt(low.noise_gain(time) * sensor**2 + _below(cutoff, brought_in)))
         preparations[name] = Preparation(
             cutoff=cutoff,
             position_cutoff=motion.joints[j].choice.cutoff,
@@ -172,12 +181,38 @@ def prepare(run: Run, model: pin.Model, joints: tuple[str, ...], measured: tuple
             moving=float(np.mean(np.abs(motion.direction(j, stamps)) >= CERTAIN)),
             smoothed=drive.cutoff if smoothed else None,
         )
-    for i, joint in enumerate(joints):
-        channels |= _smooth_channels(run.channels[f"q.{joint}"], joint, motion.joints[i].curve)
+    for joint, path in zip(joints, motion.joints, strict=True):
+        channels |= _smooth_channels(run.channels[f"q.{joint}"], joint, path.curve)
     return PreparedRun(
         run.name, channels, run.known, noise, run.description, run.source, run.warnings,
         original=run, done=preparations, outliers=run.outliers,
     )  # fmt: skip
+
+
+def torque_noise(run: PreparedRun, arm: pin.Model, described: pin.Model, joints: tuple[str, ...]) -> dict[str, float]:
+    """By torque channel, the noise of a run where the arm is not as described when its run was prepared.
+
+    A rotor or a payload that nobody knew of makes more torque of the positions' noise.
+
+    Args:
+        run: a recording as prepared.
+        arm: what it is.
+        described: what it was when the run was prepared.
+        joints: all joints of the arm, in its order.
+    """
+    motion = measured_motion(run.recording, joints)
+    before, after = (position_noise(model, motion) for model in (described, arm))
+    found = {}
+    for name, done in run.preparations.items():
+        j = joints.index(name.removeprefix("tau."))
+        more = _below(done.cutoff, after[j]) - _below(done.cutoff, before[j])
+        found[name] = float(np.sqrt(max(run.noise[name] ** 2 + more, 0.0)))
+    return found
+
+
+def _below(cutoff: float, spectrum: np.ndarray) -> float:
+    """Variance of an (nf,) two-sided spectrum at `FREQUENCIES` up to a cut-off, Hz."""
+    return 2.0 * float(np.sum(spectrum[cutoff >= FREQUENCIES]) * FREQUENCIES[1])
 
 
 def interior(channel: Channel, motion: MeasuredMotion) -> np.ndarray:
@@ -237,12 +272,12 @@ def _thinned(stamps: np.ndarray, known: np.ndarray, cutoff: float) -> np.ndarray
     Before and after a long one, such as a rest, a smoothed torque has neighbours on one side only, as at the ends.
     """
     step = 1.0 / (2.0 * WHITE * cutoff)
+    usual = float(np.median(np.diff(stamps)))
+    stamps = stamps[known]
     edge = min(EDGE / cutoff, 0.1 * (stamps[-1] - stamps[0]))
     first, last = stamps[0] + edge, stamps[-1] - edge
     count = int((last - first) / step)
     time = first + (last - first - count * step) / 2.0 + step * np.arange(count + 1)
-    usual = float(np.median(np.diff(stamps)))
-    stamps = stamps[known]
     after = np.clip(np.searchsorted(stamps, time), 1, len(stamps) - 1)
     nearest = np.minimum(np.abs(time - stamps[after - 1]), np.abs(stamps[after] - time))
     time = time[nearest <= step / 2.0]

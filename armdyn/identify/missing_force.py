@@ -224,8 +224,9 @@ def _means(place: np.ndarray, value: FloatArray) -> tuple[FloatArray, FloatArray
         together += 2.0 * r * np.bincount(same, minlength=len(count))
     independent = np.maximum(count**2 / together, 2.0)
     scatter = np.bincount(place, rest**2) / count
-    # A few samples may lie together by chance: a bin's scatter is at least the usual one.
-    return mean, np.sqrt(np.maximum(scatter, np.median(scatter)) / (independent - 1.0)), float(np.median(independent))
+    # A few samples may lie together by chance: a bin's scatter is at least the usual one. A single one shows none.
+    usual = np.median(scatter[count > 1]) if np.any(count > 1) else np.var(value)
+    return mean, np.sqrt(np.maximum(scatter, usual) / (independent - 1.0)), float(np.median(independent))
 
 
 def pooled(found: Iterable[ForceCurve]) -> tuple[ForceCurve, ...]:

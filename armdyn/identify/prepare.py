@@ -29,7 +29,9 @@ def prepared(model: Model, runs: Sequence[Run], held_out: Sequence[Run] = ()) ->
     check_distinct({"a training run": runs, "a held-out run": held_out})
     check_distinct_data(model, [*runs, *held_out])
     named = with_distinct_names([*runs, *held_out])
-    found = [pieces(model, run) for run in named]
+    parts = {run: without_gaps(model, run) for run in named}
+    beside = list(chain(*parts.values()))
+    found = [pieces(model, parts[run], beside) for run in named]
     return list(chain(*found[: len(runs)])), list(chain(*found[len(runs) :]))
 
 
@@ -57,8 +59,8 @@ def stated_noise(model: Model, runs: Sequence[Run]) -> dict[tuple[str, str], flo
     }
 
 
-def ready(model: Model, run: Run) -> Run:
-    """A run as the model is compared with it.
+def without_gaps(model: Model, run: Run) -> tuple[Run, ...]:
+    """A run that can be compared with the model, cut where samples are missing that the model cannot do without.
 
     Raises:
         InputError: it is too long, a signal is constant or too short, or there is nothing that the model predicts.
@@ -66,19 +68,25 @@ def ready(model: Model, run: Run) -> Run:
     longest = max((len(channel) for channel in run.channels.values()), default=0)
     if longest > LARGEST_SAMPLE_COUNT:
         raise InputError(f"{run.source or run.name}: {longest} samples are too many: cut it or record at a lower rate")
-    for name in model.predicted_channels(run):
-        run.require_informative(name)
-    return model.prepared(run)
+    parts = cut_at_gaps(run) if model.linear else (run,)  # what is simulated goes on through a gap
+    for part in parts:
+        for name in model.predicted_channels(part):
+            part.require_informative(name)
+    return parts
 
 
-def pieces(model: Model, run: Run) -> list[Run]:
-    """A run as the model is compared with it, cut where samples are missing that the model cannot do without.
+def pieces(model: Model, parts: Sequence[Run], beside: Sequence[Run] = ()) -> list[Run]:
+    """A run as the model is compared with it, piece by piece.
+
+    Args:
+        model: to be compared.
+        parts: of the run, see `without_gaps`.
+        beside: see `Model.prepared`.
 
     Raises:
-        InputError: see `ready`.
+        InputError: a signal is constant or too short.
     """
-    parts = cut_at_gaps(run) if model.linear else (run,)  # what is simulated goes on through a gap
-    return [piece for part in parts for piece in model.pieces(ready(model, part))]
+    return [piece for part in parts for piece in model.pieces(model.prepared(part, beside))]
 
 
 def check_distinct(runs: Mapping[str, Sequence[Run]]) -> None:

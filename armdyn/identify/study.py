@@ -72,8 +72,7 @@ class Study:
         self.tried = 0
         """Effects among which the catalogue was chosen, where these were more."""
         self.runs, self.held_out = prepared(model, runs, held_out)
-        names = [run.name for run in (*self.runs, *self.held_out)]
-        self.exam = prepared_exam(model, runs, held_out, exam, names)
+        self.exam = prepared_exam(model, runs, held_out, exam, (*self.runs, *self.held_out))
         everything = [*self.runs, *self.held_out, *self.exam]
         self.noise = noise_of_runs(model, everything)
         self.stated_noise = stated_noise(model, everything)
@@ -166,8 +165,18 @@ class Study:
         return float(np.sum(np.maximum(excess, by_chance)))
 
     def leaves_noise(self, fit: Fit) -> bool:
-        """Whether what a fit leaves of each channel of the training runs is noise, the mean over channels."""
-        ratios = [chi2_of(b) / sum(len(block.residual) for block in b) for b in by_channel(fit.blocks).values()]
+        """Whether what a fit leaves of each channel of the training runs is noise, the mean over channels.
+
+        The fitted model says how much noise there is: a heavy rotor makes more torque of the positions' noise.
+        """
+        problem, noise = fit.problem, dict(fit.problem.noise)
+        for i, run in enumerate(problem.runs):
+            there = problem.model.noise(run, problem.theta(i, fit.values))
+            noise |= {(run.name, channel): std for channel, std in there.items()}
+        ratios = []
+        for blocks in by_channel(fit.blocks).values():
+            left = np.concatenate([block.misfit / noise[block.run, block.channel] for block in blocks])
+            ratios.append(float(np.mean(left**2)))
         return NOISY * float(np.mean([1.0 / max(ratio, 1.0) for ratio in ratios])) >= 1.0
 
     def is_at_noise(self, fit: Fit) -> bool:

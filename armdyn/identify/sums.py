@@ -149,8 +149,6 @@ def sums(problem: Problem, training: Collection[str], values: np.ndarray, absent
     )
 
 
-
-
 def _width(problem: Problem) -> np.ndarray:
     """(P,) see `Sums.width`."""
     with np.errstate(divide="ignore"):

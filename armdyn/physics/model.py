@@ -154,7 +154,7 @@ class PhysicsModel(SimulatedModel):
                 raise InputError(f"{run.source or run.name}: '{name}' is in {run.channels[name].unit}, not in {unit}")
         return channels
 
-    def prepared(self, run: Run) -> Run:
+    def prepared(self, run: Run, beside: Sequence[Run] = ()) -> Run:
         """See `Model.prepared`; what was measured before or after the inputs were is left out."""
         names = self.predicted_channels(run)
         driving = [run.channels[name].time for name in self.physics.inputs]
@@ -169,7 +169,7 @@ class PhysicsModel(SimulatedModel):
                 driven = f"{' and '.join(self.physics.inputs)} were not recorded together with {', '.join(names)}"
                 raise InputError(f"{run.source or run.name}: {driven}: record them together")
             run = replace(run, channels={**run.channels, **cut})
-        return super().prepared(run)
+        return super().prepared(run, beside)
 
     @property
     def kicked(self) -> list[int]:

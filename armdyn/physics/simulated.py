@@ -1,6 +1,7 @@
 """What models have in common that simulate a motion in time and read it with sensors."""
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -134,8 +135,9 @@ class SimulatedModel(Model):
             raise InputError(f"{run.name}: holds none of {', '.join(outputs)}, so there is nothing to compare")
         return channels
 
-    def prepared(self, run: Run) -> Run:
+    def prepared(self, run: Run, beside: Sequence[Run] = ()) -> Run:
         """See `Model.prepared`: without faulty samples, thinned."""
+        del beside
         return clean(run, self.predicted_channels(run), self.inputs)
 
     def predict(self, run: Run, theta: np.ndarray) -> Prediction:

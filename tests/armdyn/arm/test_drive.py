@@ -4,24 +4,19 @@ import numpy as np
 import pytest
 from hidden_effects.generated_arm import generate
 
-from armdyn.arm.drive import Torque, smoothing_drives
+from armdyn.arm.drive import smoothing_drives
 from armdyn.arm.model import arm_model
-from armdyn.arm.motion import measured_motion
-from armdyn.arm.prepared import FREQUENCIES, _inside, position_noise
+from armdyn.arm.prepared import FREQUENCIES, recorded
 from armdyn.preparation import of_all_runs, sentence
 
 
-def drives_of(seed):
+def drives_of(seed, cut=None):
     robot = generate(seed)
-    run = robot.runs()[0]
+    runs = robot.runs()[:1] if cut is None else robot.cut(robot.rate, *cut).runs()
     model = arm_model(robot.name) if "/" in robot.name else arm_model(robot=robot.name)
-    motion = measured_motion(run, model.arm.joints)
-    brought_in = position_noise(model.arm.model, motion)
-    torques = {
-        f"tau.{joint}": Torque(j, *_inside(run, f"tau.{joint}", motion), brought_in[j])
-        for j, joint in enumerate(model.arm.joints)
-    }
-    return robot, model, run, smoothing_drives(torques, model.arm.model, motion, FREQUENCIES)
+    arm = model.arm
+    found = smoothing_drives([recorded(run, arm.model, arm.joints) for run in runs], arm.model, FREQUENCIES)
+    return robot, model, runs, found
 
 
 @pytest.mark.parametrize("seed", [16, 17, 26])
@@ -33,6 +28,13 @@ def test_the_cut_off_and_the_noise_below_it_are_found(seed):
     assert np.median(noise / drive.noise) == pytest.approx(1.0, rel=0.15)
 
 
+def test_short_recordings_show_together_what_none_shows_alone():
+    robot, model, runs, found = drives_of(16, (12.0, 6))
+    assert [one.cutoff for one in found.values()] == pytest.approx([robot.worlds[0].drive.smoothing] * 7, rel=0.1)
+    cutoffs = [done.cutoff for run in runs for done in model.prepared(run, runs).done.values()]
+    assert max(cutoffs) <= 0.55 * robot.worlds[0].drive.smoothing
+
+
 @pytest.mark.parametrize("seed", [1, 9, 12])
 def test_a_torque_that_was_not_smoothed_is_taken_as_it_is(seed):
     robot, _, _, found = drives_of(seed)
@@ -42,7 +44,7 @@ def test_a_torque_that_was_not_smoothed_is_taken_as_it_is(seed):
 
 
 def test_what_is_compared_ends_well_below_the_cut_off_and_is_said():
-    robot, model, run, _ = drives_of(16)
+    robot, model, (run,), _ = drives_of(16)
     prepared = model.prepared(run)
     done = of_all_runs([prepared.done])
     assert all(one.cutoff <= 0.55 * robot.worlds[0].drive.smoothing for one in done.values())

@@ -112,6 +112,14 @@ def test_a_swing_is_slowed_in_words_of_a_swing(drag, more):
     assert law(curves([swing])).sentence == expected
 
 
+def test_recordings_with_a_sample_for_each_bin_have_errors():
+    short = [
+        Unexplained(u.run, u.joint, u.unit, u.time[:9], u.value[:9], {"speed": (u.against["speed"][0][:9], "rad/s")})
+        for u in (_samples(0, 1.0), _samples(1, 1.0))
+    ]
+    assert all(np.all(curve.std > 0.0) for curve in pooled(curves(short)))
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_noise_follows_no_law(seed):
     assert law(curves([_samples(seed, 0.0)])) is None
