@@ -1,28 +1,17 @@
 """What a script or notebook asks for: inspect, fit, compare, diagnose and repair, in one call each."""
 
-from collections.abc import Iterable, Sequence
-from pathlib import Path
-from typing import TypeAlias, TypeVar
+from collections.abc import Iterable
 
-from armdyn.discovery.discover import discover as _discover
+from armdyn.checked_study import AnyModel, CheckedStudy, Known, Runs
 from armdyn.discovery.result import Discovery
 from armdyn.effects.effect import Effect
-from armdyn.effects.user import available
-from armdyn.identify import compare as _compare
-from armdyn.identify import diagnose as _diagnose
-from armdyn.identify import repair as _repair
-from armdyn.identify.study import Study
+from armdyn.identify.compare import Comparison
+from armdyn.identify.diagnose import Diagnosis
+from armdyn.identify.repair import Repair, add
 from armdyn.inspection.check import Inspection
-from armdyn.inspection.inspect import inspected, require_usable
-from armdyn.inspection.plausible import compared_model, require_plausible
+from armdyn.inspection.inspect import inspected
 from armdyn.model import Model
-from armdyn.model_file import read_model
 from armdyn.run import Run, read_run
-from armdyn.run_checks import check_run
-
-AnyModel: TypeAlias = Model | str | Path
-Answer = TypeVar("Answer")
-Runs: TypeAlias = Sequence[Run | str | Path]
 
 
 def fit(model: AnyModel, runs: Runs, *, trust_data: bool = False) -> Model:
@@ -37,7 +26,7 @@ def fit(model: AnyModel, runs: Runs, *, trust_data: bool = False) -> Model:
         InputError: something cannot be read or compared.
         WrongRecordingError: see `inspect`.
     """
-    return _repair.add(study_of(model, runs, (), (), trust_data=trust_data), ()).model
+    return add(CheckedStudy.of(model, runs, effects=(), trusted=trust_data).study, ()).model
 
 
 def inspect(runs: Runs, model: AnyModel | None = None) -> Inspection:
@@ -50,13 +39,13 @@ def inspect(runs: Runs, model: AnyModel | None = None) -> Inspection:
     Raises:
         InputError: something cannot be read.
     """
-    known = model if model is None or isinstance(model, Model) else read_model(model)
-    return inspected([r if isinstance(r, Run) else read_run(r) for r in runs], known)
+    read = [run if isinstance(run, Run) else read_run(run) for run in runs]
+    return inspected(read) if model is None else Known.of(model).inspect(read)
 
 
 def compare(
     model: AnyModel, runs: Runs, held_out: Runs = (), exam: Runs = (), *, trust_data: bool = False
-) -> _compare.Comparison:
+) -> Comparison:
     """Fit the model and see where it fails.
 
     Args:
@@ -70,9 +59,7 @@ def compare(
         InputError: something cannot be read or compared.
         WrongRecordingError: see `inspect`.
     """
-    study = study_of(model, runs, held_out, (), exam, trust_data)
-    found = _compare.compare(study)
-    return _plausible(study, compared_model(study.model, found), found, trust_data)
+    return CheckedStudy.of(model, runs, held_out, exam, effects=(), trusted=trust_data).compare()
 
 
 def diagnose(
@@ -82,7 +69,7 @@ def diagnose(
     effects: Iterable[Effect] | None = None,
     *,
     trust_data: bool = False,
-) -> _diagnose.Diagnosis:
+) -> Diagnosis:
     """Find out which effect the model lacks.
 
     Args:
@@ -96,9 +83,7 @@ def diagnose(
         InputError: something cannot be read or compared.
         WrongRecordingError: see `inspect`.
     """
-    study = study_of(model, runs, held_out, effects, trust_data=trust_data)
-    found = _diagnose.diagnose(study)
-    return _plausible(study, _repair.fitted_model(study, found.search.last), found, trust_data)
+    return CheckedStudy.of(model, runs, held_out, effects=effects, trusted=trust_data).diagnose()
 
 
 def repair(
@@ -109,7 +94,7 @@ def repair(
     exam: Runs = (),
     *,
     trust_data: bool = False,
-) -> _repair.Repair:
+) -> Repair:
     """Diagnose and add until nothing is left to explain.
 
     Args:
@@ -124,9 +109,7 @@ def repair(
         InputError: something cannot be read or compared.
         WrongRecordingError: see `inspect`.
     """
-    study = study_of(model, runs, held_out, effects, exam, trust_data)
-    found = _repair.repair(study)
-    return _plausible(study, found.model, found, trust_data)
+    return CheckedStudy.of(model, runs, held_out, exam, effects=effects, trusted=trust_data).repair()
 
 
 def discover(
@@ -150,33 +133,4 @@ def discover(
         InputError: something cannot be read or compared, or there are no terms for such a model.
         WrongRecordingError: see `inspect`.
     """
-    study = study_of(model, runs, held_out, effects, trust_data=trust_data)
-    known = available(study.model) if effects is None else tuple(effects)
-    return _discover(study.model, study.runs, study.held_out, known)
-
-
-def _plausible(study: Study, model: Model, found: Answer, trust_data: bool) -> Answer:
-    """An answer, unless nothing can have the values of its model."""
-    if not trust_data:
-        require_plausible(model, study.runs, study.model)
-    return found
-
-
-def study_of(
-    model: AnyModel,
-    runs: Runs,
-    held_out: Runs,
-    effects: Iterable[Effect] | None,
-    exam: Runs = (),
-    trust_data: bool = False,
-) -> Study:
-    """A model against recordings, each given as it is or as its file; see `repair`."""
-    known = model if isinstance(model, Model) else read_model(model)
-    training, others, last = (
-        [run if isinstance(run, Run) else read_run(run) for run in given] for given in (runs, held_out, exam)
-    )
-    for run in (*training, *others, *last):
-        check_run(known, run)
-    if not trust_data:
-        require_usable(inspected([*training, *others, *last], known))
-    return Study(known, training, others, available(known) if effects is None else tuple(effects), last)
+    return CheckedStudy.of(model, runs, held_out, effects=effects, trusted=trust_data).discover()

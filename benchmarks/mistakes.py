@@ -2,10 +2,11 @@
 
     python benchmarks/mistakes.py --seeds 3 --data DIR
 
-Recordings and mistakes come from `tests/hidden_effects/mistakes.py`: four arms with a little of everything wrong and
-one real effect each (a payload, a spring, gains of a tenth, a tilt of five degrees, friction, offsets), three
-pendulums, and what is done to them: units, signs, columns, zeros, clocks, mountings, descriptions in other units, and
-faults of signals. Where a mistake changes hardly anything that rigid bodies ask, it is not asked for.
+Recordings and mistakes come from `sound_recordings.py` and `mistakes.py` of `tests/hidden_effects`: four arms with a
+little of everything wrong and one real effect each (a payload, a spring, gains of a tenth, a tilt of five degrees,
+friction, offsets), three pendulums, and what is done to them: units, signs, columns, zeros, clocks, mountings,
+descriptions in other units, and faults of signals. Where a mistake changes hardly anything that rigid bodies ask, it is
+not asked for.
 
 - `found`: the right kind on a right channel, and nothing of another kind that is called wrong;
 - `undone`: of mistakes that a correction can undo, the corrected recording has the sound one's values to rounding, so
@@ -35,7 +36,7 @@ from armdyn.model import Model
 from armdyn.pendulum.model import pendulum_model
 from armdyn.run import Run, read_run
 
-made = hidden_table.generator("mistakes")
+made, recorded = hidden_table.generator("mistakes"), hidden_table.generator("sound_recordings")
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 DESCRIBED = {
@@ -98,8 +99,8 @@ def as_written(model: ArmModel, mass: float, length: float) -> ArmModel:
 
 def of_arm(robot: str, seed: int) -> Iterator[Answer]:
     """Every mistake with one recording of an arm."""
-    real = made.SOUND[seed % len(made.SOUND)]
-    sound = made.arm(robot, real, seed)
+    real = recorded.SOUND[seed % len(recorded.SOUND)]
+    sound = recorded.arm(robot, real, seed)
     model = arm_model(robot=robot, joints=made.Plant(robot).joints)
     mistakes = [*made.of_arms(sound, seed), *made.of_signals(sound, np.random.default_rng(seed))]
     for mistake in (*mistakes, *made.mounted(robot, real, seed)):
@@ -110,7 +111,7 @@ def of_arm(robot: str, seed: int) -> Iterator[Answer]:
 def of_pendulum(kind: int, seed: int) -> Iterator[Answer]:
     """Every mistake with one recording of a pendulum."""
     driven, channels = PENDULUMS[kind]
-    sound = made.pendulum(REAL[seed % len(REAL)], seed, driven=driven, channels=channels)
+    sound = recorded.pendulum(REAL[seed % len(REAL)], seed, driven=driven, channels=channels)
     for mistake in (*made.of_pendulums(sound, seed), *made.of_signals(sound, np.random.default_rng(seed))):
         yield judged(mistake, sound.run, inspected([mistake.run], pendulum_model(0.35, 0.1)))
 
@@ -120,12 +121,12 @@ def sound_runs(robots: list[str], seeds: int) -> Iterator[tuple[str, Model, Run]
     for seed in range(100, 100 + seeds):
         for robot in robots:
             model = arm_model(robot=robot, joints=made.Plant(robot).joints)
-            for real in made.SOUND:
-                sound = made.arm(robot, real, seed)
+            for real in recorded.SOUND:
+                sound = recorded.arm(robot, real, seed)
                 yield sound.name, model, sound.run
         for driven, channels in PENDULUMS:
             for real in REAL:
-                sound = made.pendulum(real, seed, driven=driven, channels=channels)
+                sound = recorded.pendulum(real, seed, driven=driven, channels=channels)
                 yield sound.name, pendulum_model(0.35, 0.1), sound.run
 
 
@@ -157,7 +158,7 @@ def main() -> int:
         description=__doc__, formatter_class=bench.argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--robots", default=",".join(made.ROBOTS), help="names, with commas")
+    parser.add_argument("--robots", default=",".join(recorded.ROBOTS), help="names, with commas")
     parser.add_argument("--data", type=Path, default=DATA, metavar="DIR", help="folder of the real recordings")
     parser.add_argument("--quick", action="store_true", help="one pendulum and one arm's mistakes, once")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write what is printed as JSON too")

@@ -4,8 +4,8 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from armdyn.checked_study import AnyModel, CheckedStudy, Runs
 from armdyn.errors import InputError, TaskFailedError
-from armdyn.front import AnyModel, Runs, study_of
 from armdyn.model import Model
 from armdyn.model_file import ModelFile, read_model_file
 
@@ -128,7 +128,7 @@ def next_experiment(
     """
     from armdyn.experiments.rivals import undecided
 
-    _, sentence, found = undecided(study_of(model, runs, held_out, effects), rivals)
+    _, sentence, found = undecided(CheckedStudy.of(model, runs, held_out, effects=effects).study, rivals)
     if found is None:
         raise TaskFailedError(sentence)
     return plan_experiment(found, seconds, rig_limits(travel, speed, acceleration, swing), seed)[0]

@@ -16,9 +16,8 @@ from armdyn.inspection.check import WrongRecordingError
 from urdf.table_file import read_table
 
 if TYPE_CHECKING:
-    from armdyn.effects.effect import Effect
+    from armdyn.checked_study import Known
     from armdyn.identify.compare import Comparison
-    from armdyn.model import Model
 
 NOT_EXPLAINED = "not_explained"
 """Verdict of a comparison that leaves something; which effect that is, only a repair says."""
@@ -126,43 +125,30 @@ def work(job: Job) -> Outcome:
 
 
 def _found(job: Job) -> dict[str, Any]:
-    from armdyn.identify.study import Study
-    from armdyn.inspection.inspect import inspected, require_usable
-    from armdyn.inspection.plausible import compared_model, require_plausible
+    from armdyn.checked_study import CheckedStudy
     from armdyn.run import read_run
-    from armdyn.run_checks import check_run
+    from pipeline.fields import number
 
-    model, catalogue = _model(job.model, job.model_key, job.effects)
-    run = read_run(job.run)
-    check_run(model, run)
-    if not job.trust:
-        require_usable(inspected([run], model, catalogue).naming(job.model))
+    known, run = _known(job.model, job.model_key, job.effects), read_run(job.run)
     duration = max((float(c.time[-1] - c.time[0]) for c in run.channels.values()), default=0.0)
-    study = Study(model, [run], [], catalogue)
+    choosing = None if job.task == "repair" else ()
+    given = CheckedStudy.of(known, [run], effects=choosing, trusted=job.trust)
     if job.task == "compare":
-        from armdyn.identify.compare import compare
-
-        compared = compare(study)
-        fitted = compared_model(model, compared)
+        compared = given.compare()
         answer: dict[str, Any] = {
             "verdict": "explained" if compared.explained else NOT_EXPLAINED,
             "sentence": compared.sentence,
-            "effects": tuple(effect.name for effect in model.effects),
+            "effects": tuple(effect.name for effect in given.study.model.effects),
         }
     else:
-        from armdyn.identify.repair import repair
-        from pipeline.fields import number
-
-        repaired = repair(study)
-        compared, fitted = repaired.after, repaired.model
+        repaired = given.repair()
+        compared = repaired.after
         answer = {
             "verdict": repaired.verdict.key,
             "sentence": repaired.sentence,
             "explained": number(repaired.explained),
             "effects": tuple(effect.name for effect in repaired.model.effects),
         }
-    if not job.trust:
-        require_plausible(fitted, [run], model)
     return {**answer, **_numbers(compared), "duration": duration}
 
 
@@ -184,24 +170,12 @@ def _numbers(found: "Comparison") -> dict[str, Any]:
 
 
 @lru_cache(maxsize=64)
-def _model(path: Path, key: str, effects: Path | None) -> "tuple[Model, tuple[Effect, ...]]":
+def _known(path: Path, key: str, effects: Path | None) -> "Known":
     """Model and effects to choose from, read once per content: the key is part of the question."""
     del key
-    return model_of(path, effects)
+    from armdyn.checked_study import Known
 
-
-def model_of(path: Path, effects: Path | None) -> "tuple[Model, tuple[Effect, ...]]":
-    """A model and the effects to choose from.
-
-    Raises:
-        InputError: a file cannot be used.
-    """
-    from armdyn.effects.user import available, load_effects
-    from armdyn.model_file import read_model_file
-
-    own = load_effects(effects, stages=None)
-    model = read_model_file(path, own).model
-    return model, available(model, own, effects)
+    return Known.of(path, effects)
 
 
 def key_of_model(path: Path, effects: Path | None) -> str:
@@ -211,8 +185,9 @@ def key_of_model(path: Path, effects: Path | None) -> str:
         InputError: one of them cannot be used.
     """
     from armdyn.arm.model import ArmModel
+    from armdyn.checked_study import Known
 
-    model, _ = model_of(path, effects)
+    model = Known.of(path, effects).file.model
     base = str(read_table(path)[1]["base"])
     files = [path, effects, path.parent / base if base.endswith(".py") else None]
     robot = [model.arm.robot.fingerprint] if isinstance(model, ArmModel) else []

@@ -4,10 +4,9 @@ from typing import Annotated
 
 import typer
 
-from pipeline.console.inputs import Inputs, stopped_if_wrong
+from pipeline.console.inputs import Inputs
 from pipeline.console.options import JsonOption, OutputOption, ReportOption
 from pipeline.console.repaired import conclude_repair
-from pipeline.console.screen import spinner
 
 PANEL = "What a model lacks"
 
@@ -21,14 +20,10 @@ def add(
 ) -> None:
     """Add an effect to a model and refit."""
     from armdyn.effects.catalogue import find
-    from armdyn.identify.repair import add as extend
 
-    inputs.check_repair(output, report, json_file)
-    with stopped_if_wrong(json_file), spinner() as say:
-        given = inputs.read(adding=effect)
-        wanted = find(effect, given.catalogue)
-        given.file.model.with_effect(wanted)  # refuses an effect that does not fit before anything is fitted
+    with inputs.begin(report, json_file, output, over_model=True, adding=effect) as (given, say):
+        wanted = find(effect, given.known.catalogue)
+        given.study.model.with_effect(wanted)  # refuses an effect that does not fit before anything is fitted
         say("fitting")
-        found = extend(given.study, [wanted])
-        given.require_plausible(found.model)
+        found = given.add([wanted])
     conclude_repair(inputs, given, found, output or inputs.model, report, json_file)

@@ -3,10 +3,10 @@
 from dataclasses import replace
 
 from armdyn.document import Document, NextStep
-from pipeline.console.inputs import Inputs, checked, stopped_if_wrong
+from pipeline.console.inputs import Inputs, checked
 from pipeline.console.options import JsonOption, ReportOption
 from pipeline.console.repaired import REPAIRED
-from pipeline.console.screen import finish, spinner
+from pipeline.console.screen import finish
 
 PANEL = "What a model lacks"
 
@@ -17,16 +17,11 @@ def compare(
     json_file: JsonOption = None,
 ) -> None:
     """Fit what is free, and say how well the model does and where it fails."""
-    from armdyn.identify.compare import compare as hold_against
-    from armdyn.inspection.plausible import compared_model
     from pipeline.answers import comparison_answer
 
-    inputs.check(report, json_file)
-    with stopped_if_wrong(json_file), spinner() as say:
-        given = inputs.read(choosing=False)
+    with inputs.begin(report, json_file, choosing=False) as (given, say):
         say("fitting")
-        found = hold_against(given.study)
-        given.require_plausible(compared_model(given.study.model, found))
+        found = given.compare()
 
     def page() -> Document:
         from pipeline.report.repair import comparison_report

@@ -3,10 +3,10 @@
 from dataclasses import replace
 
 from armdyn.document import Document, NextStep
-from pipeline.console.inputs import Inputs, checked, stopped_if_wrong
+from pipeline.console.inputs import Inputs, checked
 from pipeline.console.options import JsonOption, ReportOption
 from pipeline.console.repaired import REPAIRED
-from pipeline.console.screen import finish, spinner
+from pipeline.console.screen import finish
 
 PANEL = "What a model lacks"
 
@@ -17,15 +17,10 @@ def diagnose(
     json_file: JsonOption = None,
 ) -> None:
     """Find out which physical effect is missing, with an honest verdict."""
-    from armdyn.identify.diagnose import diagnose as find_missing
-    from armdyn.identify.repair import fitted_model
     from pipeline.answers import diagnosis_answer
 
-    inputs.check(report, json_file)
-    with stopped_if_wrong(json_file), spinner() as say:
-        given = inputs.read()
-        found = find_missing(given.study, say)
-        given.require_plausible(fitted_model(given.study, found.search.last))
+    with inputs.begin(report, json_file) as (given, say):
+        found = given.diagnose(say)
 
     def page() -> Document:
         from pipeline.report.repair import diagnosis_report

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from armdyn.document import Document, NextStep
-from pipeline.console.inputs import Inputs, UnexaminedInputs, checked, stopped_if_wrong
+from pipeline.console.inputs import Inputs, UnexaminedInputs, checked
 from pipeline.console.options import JsonOption, ReportOption
-from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import finish, spinner
+from pipeline.console.screen import finish
 
 if TYPE_CHECKING:
     from armdyn.discovery.result import Discovery
@@ -28,13 +27,8 @@ def discover(
     json_file: JsonOption = None,
 ) -> None:
     """Find a formula for the force that a model lacks, and write it as an effect."""
-    from armdyn.discovery.discover import discover as look
-
-    own = [inputs.effects] if inputs.effects is not None else []
-    check_outputs(output, report, json_file, inputs=[inputs.model, *inputs.recordings, *own])
-    with stopped_if_wrong(json_file), spinner() as say:
-        given = inputs.read()
-        found = look(given.file.model, given.study.runs, given.study.held_out, given.catalogue, say)
+    with inputs.begin(report, json_file, output) as (given, say):
+        found = given.discover(say)
     if output is not None and found.new:
         found.write(output)
     document = replace(found.document(), next_steps=_next_steps(inputs, found, output))
@@ -53,9 +47,11 @@ def _page(document: Document, found: "Discovery") -> Document:
 
 
 def _next_steps(inputs: Inputs, found: "Discovery", output: Path | None) -> list[NextStep]:
-    """Adding what was found, or an experiment that tells it from its rivals."""
+    """Adding what was found, and the recording or the experiment that would say more."""
+    another = inputs.command("discover", "--held-out", "ANOTHER.csv")
+    judge = [NextStep("record another motion, that judges it", another)] if not found.judged else []
     if not found.findings:
-        return []
+        return judge if found.leaves_something else []
     first = found.findings[0]
     file = output or Path("effect.py")
     own = ["--effects", str(file)] if first.term is not None else []
@@ -66,7 +62,16 @@ def _next_steps(inputs: Inputs, found: "Discovery", output: Path | None) -> list
         steps = [
             NextStep("add them all", inputs.command("repair", "--effects", str(file), "--output", "repaired.toml"))
         ]
-    return steps
+    return [*steps, *judge, *_told_apart(inputs, found, file)]
+
+
+def _told_apart(inputs: Inputs, found: "Discovery", file: Path) -> list[NextStep]:
+    """The experiment that tells a law of a pendulum from the effect of the catalogue that does as well."""
+    rival = next((one for one in found.new if one.known_as and one.joint is None), None)
+    if rival is None:
+        return []
+    words = ("--effects", str(file), "--rivals", f"{rival.effect},{rival.known_as}", "--output", "motion.csv")
+    return [NextStep("tell them apart", inputs.command("next", *words))]
 
 
 def _answer(found: "Discovery", output: Path | None) -> dict[str, Any]:

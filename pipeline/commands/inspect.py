@@ -14,9 +14,7 @@ from pipeline.console.outputs import check_outputs, free_to_write
 from pipeline.console.screen import finish, spinner
 
 if TYPE_CHECKING:
-    from armdyn.effects.effect import Effect
     from armdyn.inspection.check import Inspection
-    from armdyn.model import Model
 
 PANEL = "Recordings"
 
@@ -36,7 +34,7 @@ def inspect(
     json_file: JsonOption = None,
 ) -> None:
     """Ask whether recordings are what they say they are: gaps, units, signs, swapped columns, clocks, mountings."""
-    from armdyn.inspection.check import MODEL
+    from armdyn.checked_study import Known
     from armdyn.inspection.inspect import inspected
     from armdyn.run import read_run
     from pipeline.answers import inspection_answer
@@ -49,9 +47,9 @@ def inspect(
     check_outputs(report, json_file, inputs=files)
     with spinner() as say:
         runs = [read_run(path) for path in run_files]
-        model, catalogue = _model(model_file, effects)
+        known = None if model_file is None else Known.of(model_file, effects)
         say("looking")
-        found = inspected(runs, model, catalogue).naming(model_file or Path(MODEL))
+        found = inspected(runs) if known is None else known.inspect(runs)
         written = write_fixed(found, fix, force) if fix is not None else []
     steps, lines = [], [f"written to {path}" for path in written]
     if written:
@@ -73,17 +71,6 @@ def inspect(
     )
     if not found.usable:
         raise typer.Exit(1)
-
-
-def _model(file: Path | None, effects: Path | None) -> "tuple[Model | None, tuple[Effect, ...]]":
-    from armdyn.effects.user import available, load_effects
-    from armdyn.model_file import read_model_file
-
-    if file is None:
-        return None, ()
-    own = load_effects(effects, stages=None)
-    model = read_model_file(file, own).model
-    return model, available(model, own, effects)
 
 
 def write_fixed(found: "Inspection", folder: Path, force: bool) -> list[Path]:

@@ -5,10 +5,9 @@ from typing import Annotated
 
 import typer
 
-from pipeline.console.inputs import UnexaminedInputs, stopped_if_wrong
+from pipeline.console.inputs import UnexaminedInputs
 from pipeline.console.options import JsonOption, ReportOption
-from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import finish, spinner
+from pipeline.console.screen import finish
 
 PANEL = "What a model lacks"
 
@@ -42,12 +41,9 @@ def next_(
     from pipeline.motion.feasible_motion import write_motion
     from pipeline.report.next_experiment import next_document, next_report
 
-    inputs.check(report, json_file)
-    check_outputs(output, inputs=[inputs.model, *inputs.recordings])
     limits = rig_limits(travel, speed, acceleration, swing)
     motion_series(seconds)  # refuses a duration that no motion can have, before anything is fitted
-    with stopped_if_wrong(json_file), spinner() as say:
-        given = inputs.read()
+    with inputs.begin(report, json_file, output) as (given, say):
         named = [name.strip() for name in (rivals or "").split(",") if name.strip()]
         verdict, sentence, found = undecided(given.study, named if rivals is not None else None, say)
         made, offer = None, None

@@ -1,9 +1,8 @@
 """`armdyn repair`: the effects that a model lacks, added one after the other."""
 
-from pipeline.console.inputs import Inputs, stopped_if_wrong
+from pipeline.console.inputs import Inputs
 from pipeline.console.options import JsonOption, OutputOption, ReportOption
 from pipeline.console.repaired import conclude_repair
-from pipeline.console.screen import spinner
 
 PANEL = "What a model lacks"
 
@@ -15,11 +14,6 @@ def repair(
     json_file: JsonOption = None,
 ) -> None:
     """Add the effects that are missing, one after the other, and watch the error fall."""
-    from armdyn.identify.repair import repair as mend
-
-    inputs.check_repair(output, report, json_file)
-    with stopped_if_wrong(json_file), spinner() as say:
-        given = inputs.read()
-        found = mend(given.study, say)
-        given.require_plausible(found.model)
+    with inputs.begin(report, json_file, output, over_model=True) as (given, say):
+        found = given.repair(say)
     conclude_repair(inputs, given, found, output or inputs.model, report, json_file)

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -18,14 +18,10 @@ from pipeline.console.options import (
     TrustOption,
 )
 from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import finish
+from pipeline.console.screen import Say, finish, spinner
 
 if TYPE_CHECKING:
-    from armdyn.effects.effect import Effect
-    from armdyn.identify.study import Study
-    from armdyn.inspection.check import Inspection
-    from armdyn.model import Model
-    from armdyn.model_file import ModelFile
+    from armdyn.checked_study import CheckedStudy
 
 
 @dataclass(frozen=True)
@@ -38,16 +34,6 @@ class Inputs:
     exam: ExamOption = None
     effects: EffectsOption = None
     trust_data: TrustOption = False
-
-    def check(self, report: Path | None, json_file: Path | None) -> None:
-        """Refuse outputs that cannot be written or would replace an input."""
-        check_outputs(report, json_file, inputs=[self.model, *self.recordings])
-
-    def check_repair(self, output: Path | None, report: Path | None, json_file: Path | None) -> None:
-        """The same for a command that writes a model, which may replace the old one where it is named as the output."""
-        over = output is not None and output.resolve() == self.model.resolve()
-        inputs = [*self.recordings, *([] if over else [self.model])]
-        check_outputs(output, report, json_file, inputs=inputs)
 
     @property
     def recordings(self) -> list[Path]:
@@ -63,7 +49,38 @@ class Inputs:
         words += ["--trust-data"] if self.trust_data and name in ("compare", "diagnose", "repair") else []
         return shlex.join([*words, *options])
 
-    def read(self, adding: str | None = None, *, choosing: bool = True) -> "Given":
+    @contextmanager
+    def begin(
+        self,
+        report: Path | None,
+        json_file: Path | None,
+        output: Path | None = None,
+        *,
+        over_model: bool = False,
+        adding: str | None = None,
+        choosing: bool = True,
+    ) -> "Iterator[tuple[CheckedStudy, Say]]":
+        """Look at the outputs, read everything, and go on with what is said meanwhile; a wrong recording ends it.
+
+        Args:
+            report: file to write.
+            json_file: likewise.
+            output: likewise.
+            over_model: whether the output may be the model's own file.
+            adding: see `read`.
+            choosing: see `read`.
+
+        Raises:
+            InputError: an output cannot be written or would replace an input, or an input cannot be used.
+            typer.Exit: a recording is not what it says it is; that was told, and no effect is named.
+        """
+        kept = [] if over_model and output is not None and output.resolve() == self.model.resolve() else [self.model]
+        own = [self.effects] if self.effects is not None else []
+        check_outputs(output, report, json_file, inputs=[*kept, *self.recordings, *own])
+        with stopped_if_wrong(json_file), spinner() as say:
+            yield self.read(adding, choosing=choosing), say
+
+    def read(self, adding: str | None = None, *, choosing: bool = True) -> "CheckedStudy":
         """Read everything that a study needs, and ask whether the recordings are what they say they are.
 
         Args:
@@ -74,27 +91,12 @@ class Inputs:
             InputError: something cannot be used.
             WrongRecordingError: a recording is not what it says it is, and is not trusted.
         """
-        from armdyn.effects.catalogue import find
-        from armdyn.effects.user import available, load_effects
-        from armdyn.identify.study import Study
-        from armdyn.inspection.inspect import inspected, require_usable
-        from armdyn.model_file import read_model_file
-        from armdyn.run import read_run
-        from armdyn.run_checks import check_run
+        from armdyn.checked_study import CheckedStudy, Known
 
-        own = load_effects(self.effects, stages=None)
-        file = read_model_file(self.model, own)
-        catalogue = available(file.model, own, self.effects)
-        runs, held_out, exam = (
-            [read_run(path) for path in paths or ()] for paths in (self.runs, self.held_out, self.exam)
-        )
-        for run in (*runs, *held_out, *exam):
-            check_run(file.model, run, [find(adding, catalogue)] if adding is not None else ())
-        found = inspected([*runs, *held_out, *exam], file.model, catalogue).naming(self.model)
-        if not self.trust_data:
-            require_usable(found)
-        study = Study(file.model, runs, held_out, catalogue if choosing else (), exam)
-        return Given(file, catalogue, study, found, self.trust_data)
+        return CheckedStudy.of(
+            Known.of(self.model, self.effects), self.runs, self.held_out or (), self.exam or (),
+            effects=None if choosing else (), adding=adding, trusted=self.trust_data,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -102,27 +104,6 @@ class UnexaminedInputs(Inputs):
     """The same for a command that never says how large an error is, and has no use for ``--exam``."""
 
     exam: list[Path] | None = field(default=None, init=False)
-
-
-class Given(NamedTuple):
-    """What was read: the model's file, the effects to choose from, the study, what was found in the recordings."""
-
-    file: "ModelFile"
-    catalogue: "tuple[Effect, ...]"
-    study: "Study"
-    inspection: "Inspection"
-    trust: bool
-
-    def require_plausible(self, model: "Model") -> None:
-        """Refuse what was fitted where nothing can have such values, unless the data are trusted.
-
-        Raises:
-            WrongRecordingError: has the checks.
-        """
-        from armdyn.inspection.plausible import require_plausible
-
-        if not self.trust:
-            require_plausible(model, self.inspection.runs, self.file.model)
 
 
 @contextmanager
@@ -142,7 +123,7 @@ def stopped_if_wrong(json_file: Path | None) -> "Iterator[None]":
         raise typer.Exit(1) from error
 
 
-def checked(given: Given) -> dict[str, Any]:
+def checked(given: "CheckedStudy") -> dict[str, Any]:
     """What every answer says of its recordings."""
     from pipeline.answers import checks_answer
 

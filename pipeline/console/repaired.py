@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from armdyn.document import Document, NextStep
-from pipeline.console.inputs import Given, Inputs, checked
+from pipeline.console.inputs import Inputs, checked
 from pipeline.console.screen import finish
 
 if TYPE_CHECKING:
+    from armdyn.checked_study import CheckedStudy
     from armdyn.identify.repair import Repair
     from armdyn.model import Model
 
@@ -18,16 +19,16 @@ REPAIRED = ("--output", "repaired.toml", "--report", "repair.html")
 
 
 def conclude_repair(
-    inputs: Inputs, given: Given, found: "Repair", output: Path, report: Path | None, json_file: Path | None
+    inputs: Inputs, given: "CheckedStudy", found: "Repair", output: Path, report: Path | None, json_file: Path | None
 ) -> None:
     """Write the repaired model, its report and its answer, and print how the error fell."""
     from armdyn.model_file import ModelFile, write_model_file
     from pipeline.answers import history_entries, repair_answer
 
     steps = next_steps(given.study.model, output, inputs.effects)
-    history = (*given.file.history, *history_entries(given.study, found))
+    history = (*given.known.file.history, *history_entries(given.study, found))
     over = " (over the earlier one)" if output.exists() else ""
-    write_model_file(output, ModelFile(found.model, given.file.description, history))
+    write_model_file(output, ModelFile(found.model, given.known.file.description, history))
 
     def page() -> Document:
         from pipeline.report.repair import repair_report

@@ -9,9 +9,10 @@ from multiprocessing.connection import Connection
 from threading import Thread
 from typing import Any, TypeVar
 
+from armdyn.checked_study import CheckedStudy
 from armdyn.errors import ArmdynError
 from ik.children import begin_child
-from pipeline.console.inputs import Given, Inputs
+from pipeline.console.inputs import Inputs
 from pipeline.workbench.bench import Workbench
 
 T = TypeVar("T")
@@ -29,7 +30,7 @@ class Session:
         bench = self._bench = self._thread.submit(_first_look, given)
         self._ready = self._thread.submit(lambda: bench.result().expansion)
 
-    async def opened(self) -> tuple[Given, Workbench]:
+    async def opened(self) -> tuple[CheckedStudy, Workbench]:
         """Both, as soon as the model as given can be shown.
 
         Raises:
@@ -46,7 +47,7 @@ class Session:
         return await asyncio.wrap_future(self._thread.submit(work))
 
 
-def _first_look(given: Future[Given]) -> Workbench:
+def _first_look(given: Future[CheckedStudy]) -> Workbench:
     bench = Workbench(given.result().study)
     _ = bench.opening
     return bench
@@ -124,7 +125,7 @@ def diagnosed(inputs: Inputs, effects: Sequence[str], say: Callable[[str], None]
     given = inputs.read()
     study, model = given.study, given.study.model
     for label in effects:
-        model = model.with_effect(find(label, given.catalogue))
+        model = model.with_effect(find(label, given.known.catalogue))
     if effects:
-        study = Study(model, study.runs, study.held_out, given.catalogue)
+        study = Study(model, study.runs, study.held_out, given.known.catalogue)
     return {**diagnosis_answer(study, diagnose(study, say)), "beside": list(effects)}

@@ -16,12 +16,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 from armdyn.arm.model import ArmModel
+from armdyn.checked_study import CheckedStudy
 from armdyn.errors import InputError
 from armdyn.model import Model
 from armdyn.model_file import ModelFile, base_pendulum, read_model_file, write_model_file
 from armdyn.run import Run, read_run, write_run_csv
 from ik.children import is_running
-from pipeline.console.inputs import Given, Inputs
+from pipeline.console.inputs import Inputs
 from pipeline.workbench.bench import Atom, Workbench
 
 PREFIX = "armdyn-page-"
@@ -250,7 +251,7 @@ class Kept(NamedTuple):
 
 def keep(
     opened: Inputs,
-    given: Given,
+    given: CheckedStudy,
     bench: Workbench,
     effects: Sequence[Atom],
     model: Path,
@@ -293,7 +294,7 @@ def keep(
             writable.check(target, over)
     found = add(study, bench.effects_of(effects))
     kept, copied = _with_its_urdf(found.model, model, writable, over)
-    file = ModelFile(kept, given.file.description, (*given.file.history, *history_entries(study, found)))
+    file = ModelFile(kept, given.known.file.description, (*given.known.file.history, *history_entries(study, found)))
     write_model_file(model, file)
     files, notes = [model, *copied], list[str]()
     command = replace(opened, model=model).command("compare", "--report", "compare.html")

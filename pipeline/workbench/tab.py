@@ -8,10 +8,11 @@ from typing import Any, NamedTuple
 from nicegui import Client
 
 from armdyn.arm.model import ArmModel
+from armdyn.checked_study import CheckedStudy
 from armdyn.errors import ArmdynError, InputError
 from armdyn.inspection.check import WrongRecordingError
 from armdyn.quoting import script_json
-from pipeline.console.inputs import Given, Inputs
+from pipeline.console.inputs import Inputs
 from pipeline.report.missing_force import missing_force_charts
 from pipeline.report.overlay import Overlays, changed
 from pipeline.report.page import LOOK, tabs_html, widget_html
@@ -38,7 +39,7 @@ class Opened(NamedTuple):
     """
 
     session: Session
-    given: Given
+    given: CheckedStudy
     bench: Workbench
 
 

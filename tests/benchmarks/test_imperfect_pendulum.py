@@ -7,8 +7,9 @@ import pytest
 from hidden_effects import dry_swing
 from hidden_effects import pendulum as in_space
 from hidden_effects.dry_swing import G, Pendulum, Push, swing
-from hidden_effects.imperfect_pendulum import KINDS, VISIBLE, world
+from hidden_effects.imperfect_pendulum import KINDS, world
 from hidden_effects.output_error import fitted, predicted
+from hidden_effects.pendulum_sight import VISIBLE
 
 STILL = Push()
 

@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from hidden_effects import mistakes
+from hidden_effects import mistakes, sound_recordings
 
 from armdyn.run import read_run, write_run_csv
 
@@ -15,7 +15,7 @@ JOINTS = ("panda_joint1", "panda_joint2", "panda_joint3", "panda_joint4", "panda
 def files(armdyn, tmp_path):
     """A model, a sound recording and one whose torques are in mN m."""
     assert armdyn("new", "arm", "m.toml", "--robot", "panda")[0] == 0
-    sound = mistakes.arm("panda", "as described", 0, duration=6.0).run
+    sound = sound_recordings.arm("panda", "as described", 0, duration=6.0).run
     write_run_csv(sound, tmp_path / "sound.csv")
     write_run_csv(mistakes.scaled(sound, [f"tau.{j}" for j in JOINTS], 1e3), tmp_path / "wrong.csv")
     return tmp_path

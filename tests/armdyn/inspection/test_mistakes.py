@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from hidden_effects import mistakes
+from hidden_effects import mistakes, sound_recordings
 
 from armdyn.arm.model import arm_model
 from armdyn.inspection.check import Inspection, Severity
@@ -32,7 +32,7 @@ def panda():
 
 @pytest.fixture(scope="module")
 def sound():
-    return mistakes.arm("panda", "as described", 0)
+    return sound_recordings.arm("panda", "as described", 0)
 
 
 @pytest.fixture(scope="module")
@@ -66,10 +66,10 @@ def test_the_corrected_recording_is_the_sound_one(panda, made, sound, name):
         np.testing.assert_allclose(mended.channels[channel].time, right.time, atol=1e-9)
 
 
-@pytest.mark.parametrize("real", mistakes.SOUND)
+@pytest.mark.parametrize("real", sound_recordings.SOUND)
 @pytest.mark.parametrize("robot", ["baxter", "ur5"])
 def test_what_is_real_in_an_arm_is_no_mistake(robot, real):
-    run = mistakes.arm(robot, real, 1).run
+    run = sound_recordings.arm(robot, real, 1).run
     found = inspected([run], arm_model(robot=robot, joints=mistakes.Plant(robot).joints))
     assert not found.wrong, found.sentence
     assert not found.of(Severity.SUSPECT), found.sentence
@@ -91,7 +91,7 @@ def test_two_mistakes_in_one_recording_are_undone_one_after_the_other(panda, sou
     [(False, ("swing_angle",)), (True, ("swing_angle", "swing_rate")), (True, ("swing_angle", "load_force"))],
 )
 def test_a_mistake_with_a_pendulum_is_named(driven, channels):
-    sound = mistakes.pendulum("pivot_coulomb_friction", 3, driven=driven, channels=channels)
+    sound = sound_recordings.pendulum("pivot_coulomb_friction", 3, driven=driven, channels=channels)
     model = pendulum_model(0.35, 0.1)
     assert inspected([sound.run], model).usable
     for mistake in mistakes.of_pendulums(sound, 3):
@@ -101,7 +101,7 @@ def test_a_mistake_with_a_pendulum_is_named(driven, channels):
 @pytest.mark.parametrize("late", [0.03, 0.05, 0.08])
 @pytest.mark.parametrize("channels", [("swing_angle", "swing_rate"), ("swing_angle", "load_force")])
 def test_a_sensor_that_lags_is_no_late_clock(channels, late):
-    run = mistakes.pendulum("pivot_coulomb_friction", 3, driven=True, channels=channels).run
+    run = sound_recordings.pendulum("pivot_coulomb_friction", 3, driven=True, channels=channels).run
     assert inspected([mistakes.late(run, channels, late)], pendulum_model(0.35, 0.1)).usable
 
 

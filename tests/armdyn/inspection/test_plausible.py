@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_effects import mistakes
+from hidden_effects import mistakes, sound_recordings
 
 import armdyn
 from armdyn.arm.model import arm_model
@@ -46,7 +46,8 @@ def test_a_length_at_the_end_of_its_range_is_said():
 
 def test_wrong_recordings_end_a_comparison_and_trusted_ones_do_not():
     joints = mistakes.Plant("panda").joints
-    model, sound = arm_model(robot="panda", joints=joints), mistakes.arm("panda", "as described", 0, duration=6.0)
+    model = arm_model(robot="panda", joints=joints)
+    sound = sound_recordings.arm("panda", "as described", 0, duration=6.0)
     wrong = mistakes.scaled(sound.run, [f"tau.{j}" for j in joints], 1e3)
     with pytest.raises(WrongRecordingError) as caught:
         armdyn.compare(model, [wrong])
@@ -56,7 +57,8 @@ def test_wrong_recordings_end_a_comparison_and_trusted_ones_do_not():
 
 def test_a_run_is_cut_where_samples_are_missing():
     joints = mistakes.Plant("panda").joints
-    model, sound = arm_model(robot="panda", joints=joints), mistakes.arm("panda", "as described", 0, duration=8.0)
+    model = arm_model(robot="panda", joints=joints)
+    sound = sound_recordings.arm("panda", "as described", 0, duration=8.0)
     found = armdyn.compare(model, [mistakes.without(sound.run, 4.0, 5.2)])
     assert [run.name for run in found.fit.problem.runs] == [f"{sound.run.name}#1", f"{sound.run.name}#2"]
     assert any("cut there" in text for text in found.left_out)

@@ -1,0 +1,157 @@
+"""A model against recordings that are asked first whether they are what they say they are: how every question begins.
+
+A mistake in a recording, such as torques with the wrong sign, looks like a missing effect. So no effect is named and no
+value told before the recordings are inspected, nor where nothing can have the values that were fitted.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+from armdyn.discovery.discover import discover
+from armdyn.discovery.result import Discovery
+from armdyn.effects.catalogue import find
+from armdyn.effects.effect import Effect
+from armdyn.effects.user import available, load_effects
+from armdyn.identify.compare import Comparison, compare
+from armdyn.identify.diagnose import Diagnosis, diagnose
+from armdyn.identify.repair import Repair, add, fitted_model, repair
+from armdyn.identify.study import Study
+from armdyn.inspection.check import MODEL, Inspection
+from armdyn.inspection.inspect import inspected, require_usable
+from armdyn.inspection.plausible import compared_model, require_plausible
+from armdyn.model import Model
+from armdyn.model_file import ModelFile, read_model_file
+from armdyn.run import Run, read_run
+from armdyn.run_checks import check_run
+
+AnyModel: TypeAlias = Model | str | Path
+Runs: TypeAlias = Sequence[Run | str | Path]
+Say: TypeAlias = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Known:
+    """A model and the effects that it can have.
+
+    Attributes:
+        file: the model, and how it came to be.
+        catalogue: effects of the catalogue, of the model's base, and of the user's file.
+        path: of the model's file; ``M.toml`` where it comes from no file.
+    """
+
+    file: ModelFile
+    catalogue: tuple[Effect, ...]
+    path: Path = Path(MODEL)
+
+    @classmethod
+    def of(cls, model: AnyModel, effects: Path | None = None) -> "Known":
+        """A model, or its file, with a file of the user's own effects.
+
+        Raises:
+            InputError: a file cannot be used.
+        """
+        if isinstance(model, Model):
+            return cls(ModelFile(model, {}), available(model))
+        own = load_effects(effects, stages=None)
+        file = read_model_file(model, own)
+        return cls(file, available(file.model, own, effects), Path(model))
+
+    def inspect(self, runs: Sequence[Run]) -> Inspection:
+        """Ask whether recordings of it are what they say they are."""
+        return inspected(runs, self.file.model, self.catalogue).naming(self.path)
+
+
+@dataclass(frozen=True, eq=False)
+class CheckedStudy:
+    """A study, what was found in its recordings, and the answers that it gives.
+
+    Each answer raises a `WrongRecordingError` where nothing can have the values that were fitted, and the recordings
+    are not trusted.
+
+    Attributes:
+        known: the model as given.
+        study: of it.
+        effects: to choose from.
+        inspection: of the recordings.
+        trusted: go on where recordings are not what they say they are.
+    """
+
+    known: Known
+    study: Study
+    effects: tuple[Effect, ...]
+    inspection: Inspection
+    trusted: bool = False
+
+    @classmethod
+    def of(
+        cls,
+        model: Known | AnyModel,
+        runs: Runs,
+        held_out: Runs = (),
+        exam: Runs = (),
+        *,
+        effects: Iterable[Effect] | None = None,
+        adding: str | None = None,
+        trusted: bool = False,
+    ) -> "CheckedStudy":
+        """Check recordings, and make a study of them.
+
+        Args:
+            model: or its file.
+            runs: recordings to fit, or their files.
+            held_out: recordings that take part in choosing effects, never in a fit.
+            exam: recordings that take part in nothing: their error is computed at the very end.
+            effects: to choose from; all that the model can have where they are not given.
+            adding: name of an effect that the model is about to get, whose values the recordings may state.
+            trusted: go on where recordings are not what they say they are.
+
+        Raises:
+            InputError: something cannot be read or compared.
+            WrongRecordingError: a recording is not what it says it is, and is not trusted.
+        """
+        known = model if isinstance(model, Known) else Known.of(model)
+        training, others, last = (
+            [run if isinstance(run, Run) else read_run(run) for run in given] for given in (runs, held_out, exam)
+        )
+        every = [*training, *others, *last]
+        for run in every:
+            check_run(known.file.model, run, [find(adding, known.catalogue)] if adding is not None else ())
+        found = known.inspect(every)
+        if not trusted:
+            require_usable(found)
+        chosen = known.catalogue if effects is None else tuple(effects)
+        return cls(known, Study(known.file.model, training, others, chosen, last), chosen, found, trusted)
+
+    def compare(self) -> Comparison:
+        """Fit the model and see where it fails."""
+        found = compare(self.study)
+        self._require_plausible(compared_model(self.study.model, found))
+        return found
+
+    def diagnose(self, say: Say | None = None) -> Diagnosis:
+        """Find out which effect the model lacks."""
+        found = diagnose(self.study, say)
+        self._require_plausible(fitted_model(self.study, found.search.last))
+        return found
+
+    def repair(self, say: Say | None = None) -> Repair:
+        """Diagnose and add until nothing is left to explain."""
+        found = repair(self.study, say)
+        self._require_plausible(found.model)
+        return found
+
+    def add(self, wanted: Iterable[Effect]) -> Repair:
+        """Add these effects, one after the other, whether or not the recordings ask for them."""
+        found = add(self.study, wanted)
+        self._require_plausible(found.model)
+        return found
+
+    def discover(self, say: Say | None = None) -> Discovery:
+        """Find a formula for the force that the model lacks."""
+        return discover(self.study.model, self.study.runs, self.study.held_out, self.effects, say)
+
+    def _require_plausible(self, model: Model) -> None:
+        if not self.trusted:
+            require_plausible(model, self.inspection.runs, self.study.model)
