@@ -104,14 +104,28 @@ class LowPassed(Sampler):
         cutoff: of the low-pass, Hz.
         time: (n,) s of the samples.
         used: (K,) bool, the nodes that the low-pass takes in.
+        recorded_below: cut-off, Hz, of a low-pass before that through which the samples were recorded, of all nodes: a
+            Butterworth filter of second order forwards and backwards; None where there was none.
     """
 
-    def __init__(self, nodes: np.ndarray, cutoff: float, time: np.ndarray, used: np.ndarray) -> None:
-        self.nodes, self._time, self._used = nodes, time, used
+    def __init__(
+        self,
+        nodes: np.ndarray,
+        cutoff: float,
+        time: np.ndarray,
+        used: np.ndarray,
+        recorded_below: float | None = None,
+    ) -> None:
+        self.nodes, self._time, self._used, self._before = nodes, time, used, None
+        if recorded_below is not None:
+            # Penalised second differences pass 1 / (1 + (f/f_c)^4), as that filter does.
+            self._before = LowPass(Samples(nodes, UNDISTORTED / recorded_below, order=2), recorded_below)
         self._filter = LowPass(Samples(nodes[used], UNDISTORTED / cutoff), cutoff)
 
     def coefficients(self, signals: np.ndarray) -> np.ndarray:
         """See `Sampler.coefficients`."""
+        if self._before is not None:
+            signals = self._before.curve(signals)(self.nodes)
         return self._filter.curve(signals[self._used]).coefficients
 
     def matrix(self, delay: float, derivative: int = 0) -> csr_matrix:

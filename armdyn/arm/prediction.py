@@ -315,9 +315,9 @@ def predictor_of(arm: Arm, run: Run, channel: Channel, name: str) -> ChannelPred
     motion = measured_motion(run.recording, arm.joints)
     if run.recording is not run:
         stretch = _stretch(run.recording, arm, name, True)
-        stamps, cutoff = stretch.motion.time, run.preparations[name].cutoff
-        known = settled(motion, joint, stamps, cutoff)
-        sampler = LowPassed(stamps, cutoff, channel.time, known)
+        stamps, done = stretch.motion.time, run.preparations[name]
+        known = settled(motion, joint, stamps, done.cutoff)
+        sampler = LowPassed(stamps, done.cutoff, channel.time, known, done.smoothed)
     else:
         stretch = _stretch(run, arm, name, False)
         sampler = Interpolated(channel.time, channel.time)

@@ -87,6 +87,7 @@ def _argument(name: str, of: Constant, typical: float) -> str:
     parts += [f"lower={_short(of.lower)}"] if of.lower > float("-inf") else []
     parts += [f"upper={_short(of.upper)}"] if of.upper < float("inf") else []
     parts += [f"spread={_short(of.spread)}"] if of.spread else []
+    parts += [f'scope="{of.scope}"'] if of.scope != "shared" else []
     return f"{name}=quantity({', '.join(parts)})"
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from armdyn.channels import FloatArray
+from armdyn.parameter import Scope
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +84,7 @@ class Constant:
         lower: smallest value.
         upper: largest value.
         scale: by which an arm multiplies what the effect declares, to have the value of its joint.
+        scope: ``"shared"`` by all runs, or one value ``"per_run"``, as of where a state begins.
     """
 
     unit: str
@@ -91,11 +93,12 @@ class Constant:
     lower: float = -np.inf
     upper: float = np.inf
     scale: float = 1.0
+    scope: Scope = "shared"
 
     def scaled(self, scale: float) -> "Constant":
         """The same constant as an effect declares it that an arm multiplies by `scale`."""
         value, spread, lower, upper = (x / scale for x in (self.value, self.spread, self.lower, self.upper))
-        return Constant(self.unit, value, spread, lower, upper, scale)
+        return replace(self, value=value, spread=spread, lower=lower, upper=upper, scale=scale)
 
 
 @dataclass(frozen=True, eq=False)

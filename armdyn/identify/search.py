@@ -95,7 +95,9 @@ def search(study: Study, progress: Progress | None = None) -> Search:
         appraiser, steps = _whole_story(study, given, say, sparse=True)
         # Where many small errors are left, only what is large beside them has a name.
         if not study.leaves_noise(steps[-1].fit):
-            appraiser, steps = _whole_story(study, given, say, sparse=False)
+            other, way = _whole_story(study, given, say, sparse=False)
+            if not _better_and_no_larger(study, steps[-1].fit, way[-1].fit):
+                appraiser, steps = other, way
     else:
         appraiser, whole = _by_evidence(study, first, say)
         steps = without_little(study, [given, *_climbed(study, appraiser, whole, given, first, say)])
@@ -110,6 +112,11 @@ def _whole_story(study: Study, given: Step, say: Progress, sparse: bool) -> tupl
     return around_given, _to_fixed_point(study, [given, *way], say, sparse)
 
 
+def _better_and_no_larger(study: Study, one: Fit, other: Fit) -> bool:
+    """Whether a fit leaves less than another one, with no more values."""
+    return bool(one.free.sum() <= other.free.sum()) and study.squared_error(one) < study.squared_error(other)
+
+
 def _to_fixed_point(study: Study, steps: list[Step], say: Progress, sparse: bool) -> list[Step]:
     """The way with what is still found around its end, until nothing is: a repair of the repaired model adds nothing.
 
@@ -118,8 +125,6 @@ def _to_fixed_point(study: Study, steps: list[Step], say: Progress, sparse: bool
     for _ in range(MOST_ROUNDS if len(steps) > 1 else 0):
         around, last = study.appraiser(steps[-1].fit, sparse), steps[-1]
         present = around.within(last.effects)
-        if around.of(present).worth == -np.inf:
-            break
         kept = without_worthless(around, around.of(present), around.given).effects
         whole = chosen(around, kept, say)
         if set(whole.effects) == set(present):

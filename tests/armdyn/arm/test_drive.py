@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 from hidden_effects.generated_arm import generate
+from scipy.signal import butter, filtfilt
 
 from armdyn.arm.drive import smoothing_drives
 from armdyn.arm.model import arm_model
 from armdyn.arm.prepared import FREQUENCIES, recorded
 from armdyn.preparation import of_all_runs, sentence
+from armdyn.readout import LowPassed
 
 
 def drives_of(seed, cut=None):
@@ -49,3 +51,18 @@ def test_what_is_compared_ends_well_below_the_cut_off_and_is_said():
     done = of_all_runs([prepared.done])
     assert all(one.cutoff <= 0.55 * robot.worlds[0].drive.smoothing for one in done.values())
     assert "The drives smoothed their torques below" in sentence(done)
+
+
+def test_what_steps_is_predicted_as_the_drive_smoothed_it():
+    time, rate, cutoff = np.arange(0.0, 20.0, 0.004), 250.0, 8.0
+    steps = np.sign(np.sin(2.3 * time))[:, None]
+    recorded = filtfilt(*butter(2, cutoff / (0.5 * rate)), steps, axis=0)
+    at, everything = np.arange(1.0, 19.0, 0.1), np.ones(len(time), dtype=bool)
+
+    def sampled(signal, below):
+        low = LowPassed(time, 0.5 * cutoff, at, everything, below)
+        return low.matrix(0.0) @ low.coefficients(signal)
+
+    measured = sampled(recorded, None)
+    error, without = (np.sqrt(np.mean((sampled(steps, below) - measured) ** 2)) for below in (cutoff, None))
+    assert error < 0.1 * without
