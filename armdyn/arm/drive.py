@@ -247,9 +247,11 @@ def _fitted(apart: np.ndarray, variance: np.ndarray, brought_in: np.ndarray) -> 
     """
     cutoffs = np.geomspace(SLOWEST, max(FASTEST / apart[0], SLOWEST), TRIED)
     wanted = (variance - brought_in) / variance
-    fits = [nnls(np.column_stack([1.0 / variance, _shared(cutoff * apart) / variance]), wanted) for cutoff in cutoffs]
+    # A payload that nobody knew of makes more torque of the positions' noise.
+    columns = ([np.ones(len(apart)), _shared(cutoff * apart), brought_in] for cutoff in cutoffs)
+    fits = [nnls(np.column_stack(three) / variance[:, None], wanted) for three in columns]
     best = int(np.argmin([left for _, left in fits]))
-    own, smoothed = np.sqrt(fits[best][0]).tolist()
+    own, smoothed, _ = np.sqrt(fits[best][0]).tolist()
     return own, smoothed if best > 0 else 0.0, float(cutoffs[best])
 
 

@@ -115,9 +115,12 @@ class Discovery(Shown):
         if not self.findings:
             if not self.leaves_something:
                 return "Nothing is missing: what is left is noise."
+            why = "the force of another body, or depend on what was not recorded. Record what it may depend on as well"
+            if not self.judged:
+                why += ", and another motion: one alone shows a force in few places and at few speeds"
             return (
                 "Something is missing, and no formula and no curve over what this model knows explains it: it may be "
-                "the force of another body, or depend on what was not recorded. Record what it may depend on as well."
+                f"{why}."
             )
         parts = [one.sentence for one in self.findings]
         text = f"Found {'; '.join(parts)}. It explains {in_percent(self.explains)} of the misfit"

@@ -3,7 +3,7 @@
 Likewise a curve through a signal and its measured derivatives.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +16,8 @@ HIGHEST = 0.3
 """Highest cut-off that is tried, as a share of the sampling rate."""
 COARSER = 4
 """Factor between the knot intervals of two searches."""
-TRIED = 12
+TRIED, SKIPPED = 12, 3
+"""Cut-offs of a search; of these, distance of those that are tried first."""
 DOUBT = 20.0
 """By how much, in twice the log-likelihood, another order must be more probable than the preferred one."""
 
@@ -45,11 +46,12 @@ def best_smoothing(time: np.ndarray, values: np.ndarray, orders: Sequence[int] =
     first = _best_cutoff(time, scaled, rounding, orders[0])
     best, best_score = first, -np.inf
     if len(orders) > 1:
-        others = [_best_cutoff(time, scaled, rounding, order, around=first.cutoff) for order in orders[1:]]
-        step = UNDISTORTED / max(choice.cutoff for choice in (first, *others))
-        best_score = _score(Samples(time, step, first.order), first.cutoff, scaled, rounding) - DOUBT
+        near = Samples(time, 0.5 * UNDISTORTED / first.cutoff)
+        others = [_best_near(near.of_order(order), first.cutoff, scaled, rounding) for order in orders[1:]]
+        all_alike = Samples(time, UNDISTORTED / max(choice.cutoff for choice in (first, *others)))
+        best_score = _score(all_alike.of_order(first.order), first.cutoff, scaled, rounding) - DOUBT
         for choice in others:
-            score = _score(Samples(time, step, choice.order), choice.cutoff, scaled, rounding)
+            score = _score(all_alike.of_order(choice.order), choice.cutoff, scaled, rounding)
             if score < best_score:
                 best, best_score = choice, score
     return best._replace(noise=best.noise * span)
@@ -61,28 +63,41 @@ def resolution(values: np.ndarray) -> float:
     return float(np.min(differences[differences > 1e-9 * np.ptp(values)], initial=np.ptp(values)))
 
 
-def _best_cutoff(
-    time: np.ndarray, values: np.ndarray, least_noise: float, order: int, around: float | None = None
-) -> Choice:
-    """The most probable cut-off for one order, of all or of those near one."""
-    samples = Samples(time, None if around is None else 0.5 * UNDISTORTED / around, order)
+def _best_cutoff(time: np.ndarray, values: np.ndarray, least_noise: float, order: int) -> Choice:
+    """The most probable cut-off for one order; by coarser knots as long as it is below what the finer ones can have."""
+    samples = Samples(time, None, order)
     slowest = 2.0 / float(time[-1] - time[0])
-    low, high = (
-        (samples.lowest, HIGHEST / samples.interval)
-        if around is None
-        else (0.4 * around, min(2.0 * around, HIGHEST / samples.interval))
-    )
-    tried = TRIED if around is None else TRIED // 2
+    low, high = samples.lowest, HIGHEST / samples.interval
     while True:
-        cutoffs = np.geomspace(max(low, slowest), max(high, 2.0 * slowest), tried)
-        scores = [_score(samples, cutoff, values, least_noise) for cutoff in cutoffs]
-        best = int(np.argmin(scores))
-        if best > 0 or low <= slowest or samples.size < 8 * COARSER or around is not None:
-            break
+        cutoffs = np.geomspace(max(low, slowest), max(high, 2.0 * slowest), TRIED)
+        choice = _best_of(cutoffs, samples, values, least_noise)
+        if choice.cutoff > cutoffs[0] or low <= slowest or samples.size < 8 * COARSER:
+            return choice
         samples = Samples(time, COARSER * samples.step, order)
         low, high = samples.lowest, UNDISTORTED / samples.step
+
+
+def _best_near(samples: Samples, around: float, values: np.ndarray, least_noise: float) -> Choice:
+    """The most probable of the cut-offs near one."""
+    slowest = 2.0 / float(samples.time[-1] - samples.time[0])
+    low, high = 0.4 * around, min(2.0 * around, HIGHEST / samples.interval)
+    cutoffs = np.geomspace(max(low, slowest), max(high, 2.0 * slowest), TRIED // 2)
+    return _best_of(cutoffs, samples, values, least_noise)
+
+
+def _best_of(cutoffs: np.ndarray, samples: Samples, values: np.ndarray, least_noise: float) -> Choice:
+    """The most probable of (k,) cut-offs, or one between it and its neighbours; the first one only where it is best.
+
+    Every third is tried, then the neighbours of the best so far.
+    """
+    scores: dict[int, float] = {}
+    new = {*range(0, len(cutoffs), SKIPPED), len(cutoffs) - 1}
+    while new:
+        scores |= {i: _score(samples, float(cutoffs[i]), values, least_noise) for i in sorted(new)}
+        best = min(scores, key=lambda i: (scores[i], i))
+        new = {i for i in (best - 1, best + 1) if 0 <= i < len(cutoffs)} - scores.keys()
     cutoff = _vertex(cutoffs, scores, best)
-    return Choice(cutoff, LowPass(samples, cutoff).evidence(values, least_noise)[1], order)
+    return Choice(cutoff, LowPass(samples, cutoff).evidence(values, least_noise)[1], samples.order)
 
 
 def derivative_noise(choice: Choice, interval: float, derivative: int) -> float:
@@ -104,7 +119,7 @@ def _score(samples: Samples, cutoff: float, values: np.ndarray, least_noise: flo
     return LowPass(samples, cutoff).evidence(values, least_noise)[0]
 
 
-def _vertex(cutoffs: np.ndarray, scores: Sequence[float], best: int) -> float:
+def _vertex(cutoffs: np.ndarray, scores: Mapping[int, float], best: int) -> float:
     """Minimum of the parabola, over the logarithm, through the best and its neighbours."""
     if not 0 < best < len(cutoffs) - 1:
         return float(cutoffs[best])

@@ -11,6 +11,7 @@ where signal and noise are equally strong. The order m can be chosen in the same
 one that friction and servo disturb a low one.
 """
 
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from math import comb
@@ -106,6 +107,15 @@ class Samples:
         self.step = self.interval if step is None else max(step, self.interval)
         self.size = int(np.ceil((time[-1] - time[0]) / self.step - 1e-9)) + DEGREE
         self.matrix = basis_matrix(time, self.start, self.step, self.size)
+
+    def of_order(self, order: int) -> "Samples":
+        """The same samples, with differences of another order penalised."""
+        other, bands = copy(self), max(DEGREE, order) + 1
+        other.order = order
+        for known in ("penalty", "penalty_determinant"):
+            other.__dict__.pop(known, None)
+        other.__dict__["normal"] = np.vstack([self.normal, np.zeros((bands, self.size))])[:bands]
+        return other
 
     @cached_property
     def normal(self) -> np.ndarray:

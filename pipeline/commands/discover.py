@@ -47,9 +47,11 @@ def _page(document: Document, found: "Discovery") -> Document:
 
 
 def _next_steps(inputs: Inputs, found: "Discovery", output: Path | None) -> list[NextStep]:
-    """Adding what was found, or an experiment that tells it from its rivals."""
+    """Adding what was found, and the recording or the experiment that would say more."""
+    another = inputs.command("discover", "--held-out", "ANOTHER.csv")
+    judge = [NextStep("record another motion, that judges it", another)] if not found.judged else []
     if not found.findings:
-        return []
+        return judge if found.leaves_something else []
     first = found.findings[0]
     file = output or Path("effect.py")
     own = ["--effects", str(file)] if first.term is not None else []
@@ -60,7 +62,16 @@ def _next_steps(inputs: Inputs, found: "Discovery", output: Path | None) -> list
         steps = [
             NextStep("add them all", inputs.command("repair", "--effects", str(file), "--output", "repaired.toml"))
         ]
-    return steps
+    return [*steps, *judge, *_told_apart(inputs, found, file)]
+
+
+def _told_apart(inputs: Inputs, found: "Discovery", file: Path) -> list[NextStep]:
+    """The experiment that tells a law of a pendulum from the effect of the catalogue that does as well."""
+    rival = next((one for one in found.new if one.known_as and one.joint is None), None)
+    if rival is None:
+        return []
+    words = ("--effects", str(file), "--rivals", f"{rival.effect},{rival.known_as}", "--output", "motion.csv")
+    return [NextStep("tell them apart", inputs.command("next", *words))]
 
 
 def _answer(found: "Discovery", output: Path | None) -> dict[str, Any]:

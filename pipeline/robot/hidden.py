@@ -23,6 +23,7 @@ class Stage(Enum):
     """Where an effect adds something; the value says what, and from what."""
 
     LOAD = "force on the load (3,) [N], from its velocity (3,) [m/s]"
+    PLACE = "force on the load along the line [N], from its position along the line [m]"
     PIVOT = "resistance to the swing [N m s/rad], from its rate [rad/s] and the rate that 1 N m reverses in a step"
     JOINTS = "dry friction (n,) [N m], from the share of effort, velocity and gravity torque of every joint (n,)"
     FORCE = "what the load cell shows more [N], from the force [N] and the time [s]"
@@ -138,6 +139,17 @@ def linear_drag(value: float, velocity: Vector) -> Vector:
 def quadratic_drag(value: float, velocity: Vector) -> Vector:
     """Air drag growing with the square of the load's speed."""
     return -(value * math.sqrt(velocity @ velocity)) * velocity
+
+
+MAGNET_PLACE, MAGNET_DEPTH = 0.1, 0.04
+"""Of the magnet under the track: along the line, and below the load [m]."""
+
+
+@hidden_effect(Stage.PLACE, "N", 0.1, lower=-1.0, upper=1.0)
+def magnet(value: float, along: float) -> float:
+    """A magnet under the track, 0.1 m along the line, pulls the load to itself: the part along the line of a dipole."""
+    away = (along - MAGNET_PLACE) / MAGNET_DEPTH
+    return -value * away / (1.0 + away**2) ** 2.5
 
 
 @hidden_effect(Stage.PIVOT, "N m s/rad", 1e-3, upper=0.5)

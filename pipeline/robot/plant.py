@@ -124,7 +124,7 @@ class LoadString:
 
 
 class LoadForces:
-    """Drag, wind, friction at the pivot and the inner damping of an elastic string.
+    """Drag, wind, a magnet, friction at the pivot and the inner damping of an elastic string.
 
     The reaction of these forces of some millinewton on the arm is left out; the string passes the rest on.
     """
@@ -134,7 +134,8 @@ class LoadForces:
         self._wind = plant.hidden["wind"] * plant.line.direction
         plant.pull_on_load[:] = self._wind
         self._on_load, self._at_pivot = terms(plant.hidden, Stage.LOAD), terms(plant.hidden, Stage.PIVOT)
-        self._active = bool(self._on_load or self._at_pivot or plant.hidden["string_elasticity"])
+        self._at_place = terms(plant.hidden, Stage.PLACE)
+        self._active = bool(self._on_load or self._at_pivot or self._at_place or plant.hidden["string_elasticity"])
         self._reversal = plant.model.opt.timestep / (plant.mass * plant.settings.length**2)
 
     def apply(self) -> None:
@@ -143,6 +144,10 @@ class LoadForces:
             return
         pivot, load = self._plant.velocities(self._plant.data)
         force = self._wind + sum(term(load) for term in self._on_load)
+        if self._at_place:
+            line = self._plant.line
+            along = float((self._plant.load - line.origin) @ line.direction)
+            force = force + sum(term(along) for term in self._at_place) * line.direction
         if self._string.pull(self._plant.data) > 0.0:
             force = force + self._along_string(load - pivot)
         self._plant.pull_on_load[:] = force

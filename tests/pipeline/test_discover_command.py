@@ -1,11 +1,16 @@
 """From a recording to an effect file that repairs the model, in commands."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from armdyn.discovery.result import Discovery, Finding
+from armdyn.discovery.term import Site, Term
 from armdyn.run import read_run
+from pipeline.commands.discover import _next_steps
+from pipeline.console.inputs import Inputs
 
 RECORDINGS = Path(__file__).parents[2] / "examples/pendulum"
 
@@ -46,3 +51,24 @@ def test_its_file_must_not_replace_an_input(armdyn):
     status, _, error = armdyn("discover", "m.toml", run, "--output", "m.toml")
     assert status == 2
     assert "is an input" in error
+
+
+NOTHING = Discovery((), {}, {}, {}, {}, {}, {}, 0.0, leaves_something=True, judged=False, runs=("a.csv",), held_out=())
+GIVEN = Inputs(Path("m.toml"), [Path("a.csv")])
+
+
+def test_where_one_motion_shows_no_law_another_one_is_asked_for():
+    assert "another motion" in NOTHING.sentence
+    (step,) = _next_steps(GIVEN, NOTHING, None)
+    assert step.command == "armdyn discover m.toml a.csv --held-out ANOTHER.csv"
+    assert not _next_steps(GIVEN, replace(NOTHING, judged=True), None)
+
+
+def test_a_law_that_an_effect_of_the_catalogue_imitates_comes_with_the_experiment_that_tells_them_apart():
+    term = Term("flexure", "a spring", Site("string", "N m", "{}", 1.0), (), {}, {}, {}, name="discovered_flexure")
+    law = Finding("discovered_flexure", (), "string", "flexure", "a spring", "k * angle^3", {}, 0.9,
+                  "pivot_stiffness", (), term)  # fmt: skip
+    steps = _next_steps(GIVEN, replace(NOTHING, findings=(law,), judged=True), Path("law.py"))
+    assert steps[-1].command == (
+        "armdyn next m.toml a.csv --effects law.py --rivals discovered_flexure,pivot_stiffness --output motion.csv"
+    )
