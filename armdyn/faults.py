@@ -275,7 +275,7 @@ HIGHEST_RATE = 125.0
 """Hz; what is sampled faster is averaged in groups: a swing has no signal above."""
 
 
-def thin_out(run: Run, highest_rate: float = HIGHEST_RATE) -> Run:
+def thin_out(run: Run) -> Run:
     """The run with channels that were sampled faster averaged in groups, at the groups' mean times.
 
     Averaging k samples shifts nothing in time and lowers white noise by sqrt(k); see `Run.spread` for what bends.
@@ -283,7 +283,7 @@ def thin_out(run: Run, highest_rate: float = HIGHEST_RATE) -> Run:
     channels, noise, spread = {}, dict(run.noise), dict(run.spread)
     for name, channel in run.channels.items():
         interval = float(np.median(np.diff(channel.time))) if len(channel) > 1 else np.inf
-        group = int(1.0 / (highest_rate * interval) + 1e-6) if interval > 0 else 1
+        group = int(1.0 / (HIGHEST_RATE * interval) + 1e-6) if interval > 0 else 1
         if group < 2 or len(channel) < 4 * group:
             channels[name] = channel
             continue

@@ -24,41 +24,37 @@ SURVEYED = 86  # targets looked at when a path cannot be followed
 Progress = Callable[[str], None]
 
 
-def build_line_table(
-    robot: Robot, line: Line | None = None, spacing: float = SPACING, progress: Progress | None = None
-) -> LineTable:
+def build_line_table(robot: Robot, line: Line | None = None, progress: Progress | None = None) -> LineTable:
     """Plan the branch along a line and solve it at every node.
 
     Args:
         robot: the arm.
         line: where the tool point moves; the robot's own line if not given.
-        spacing: distance between nodes [m].
         progress: told what is being done.
 
     Raises:
         UnreachableError: a target on the line cannot be reached; the message says which, how far off and why.
         InputError: the arm has too few joints to hold a tool.
     """
-    return LineTable(**_content(robot, line or robot.line, spacing, progress))
+    return LineTable(**_content(robot, line or robot.line, progress))
 
 
-def build_path_table(robot: Robot, path: Path, spacing: float = SPACING, progress: Progress | None = None) -> PathTable:
+def build_path_table(robot: Robot, path: Path, progress: Progress | None = None) -> PathTable:
     """Plan the branch along any smooth path in SE(3) and solve it at every node.
 
     Args:
         robot: the arm.
         path: where the tool moves.
-        spacing: distance between nodes [m].
         progress: told what is being done.
 
     Raises:
         UnreachableError: a target on the path cannot be reached; the message says which, how far off and why.
         InputError: the arm has too few joints to hold a tool.
     """
-    return PathTable(**_content(robot, path, spacing, progress))
+    return PathTable(**_content(robot, path, progress))
 
 
-def _content(robot: Robot, path: Path, spacing: float, progress: Progress | None) -> dict[str, Any]:
+def _content(robot: Robot, path: Path, progress: Progress | None) -> dict[str, Any]:
     """Everything that a table holds."""
     say = progress or (lambda _: None)
     say("planning the branch")
@@ -69,7 +65,7 @@ def _content(robot: Robot, path: Path, spacing: float, progress: Progress | None
     except UnreachableError as error:
         raise UnreachableError(_why_not(robot, path, collisions, str(error))) from error
     say("solving the nodes")
-    s = np.linspace(path.s_min, path.s_max, max(8, round((path.s_max - path.s_min) / spacing)) + 1)
+    s = np.linspace(path.s_min, path.s_max, max(8, round((path.s_max - path.s_min) / SPACING)) + 1)
     q, _ = branch.solve(planner.chain, path, s, CubicSpline(planner.s, guess)(s))
     rate, bending, jacobian = branch.derivatives(planner.chain, path, s, q)
     return {

@@ -18,6 +18,7 @@ PATIENCE = 4  # steps after which a target that is still further off than `hopel
 LIBRARY = 10_000  # random postures to start from; more cost more to search than they save in iterations
 SEED = 1_618_033  # of the library; unusual, so that no test or user draws its targets from the same seed
 STARTS = 32  # nearest of them tried in turn
+TRIED = 64  # nearest of them tried for different postures of one target
 REACH_SCALE = 0.5  # m that count as much as a radian when postures are compared
 
 
@@ -163,21 +164,20 @@ class Solver:
             angle=np.linalg.norm(errors[3:], axis=0),
         )
 
-    def postures(self, rotation: Array, position: Array, starts: int = 64) -> Array:
+    def postures(self, rotation: Array, position: Array) -> Array:
         """Different postures that hold the tool at one target.
 
         Args:
             rotation: orientation of the tool, (3, 3).
             position: position of the tool point, (3,) [m].
-            starts: how many starting postures are tried.
 
         Returns:
-            Those that reached it, (m, n) with m from 0 to starts, from the nearest start on.
+            Those that reached it, (m, n) with m from 0 to `TRIED`, from the nearest start on.
         """
         turned, placed = np.asarray(rotation)[:, :, None], np.asarray(position)[:, None]
-        nearest = self._tree.query(_features(turned, placed)[0], k=starts)[1]
+        nearest = self._tree.query(_features(turned, placed)[0], k=TRIED)[1]
         guess = self._library[nearest]
-        q, error = descend(self.chain, self._limits, turned, np.repeat(placed, starts, axis=1), guess)
+        q, error = descend(self.chain, self._limits, turned, np.repeat(placed, TRIED, axis=1), guess)
         return q[np.abs(error).max(axis=0) < TOLERANCE]
 
 

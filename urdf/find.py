@@ -1,8 +1,10 @@
-"""Where robot descriptions live on this machine."""
+"""Where robot descriptions and their meshes live on this machine."""
 
 import os
+from collections.abc import Iterable
 from importlib import metadata
 from pathlib import Path, PurePosixPath
+from xml.etree import ElementTree as ET
 
 from urdf.robot import UrdfError
 
@@ -27,15 +29,16 @@ def distribution_file(distribution: str, tail: str) -> Path:
     raise UrdfError(f"package '{distribution}' has no file '{tail}': install another version of it")
 
 
-def package_dirs(urdf_path: Path, names: set[str]) -> tuple[Path, ...]:
+def package_dirs(urdf_path: Path, uris: Iterable[str]) -> tuple[Path, ...]:
     """Directories that hold the packages which a URDF names in ``package://name/...``.
 
     The directories above the URDF are tried first, nearest first, then ``$ROS_PACKAGE_PATH``.
 
     Args:
         urdf_path: the URDF's file.
-        names: the package names in it.
+        uris: names of the meshes in it.
     """
+    names = {uri.removeprefix("package://").partition("/")[0] for uri in uris if uri.startswith("package://")}
     searched = [
         *urdf_path.resolve().parents,
         *map(Path, filter(None, os.environ.get("ROS_PACKAGE_PATH", "").split(":"))),
@@ -59,3 +62,37 @@ def locate_mesh(uri: str, urdf_path: Path, directories: tuple[Path, ...]) -> Pat
     else:
         candidates = [urdf_path.parent / uri]
     return next((path for path in candidates if path.is_file()), None)
+
+
+def find_meshes(root: ET.Element, path: Path) -> tuple[tuple[Path, ...], tuple[str, ...]]:
+    """The package directories of a URDF, and the names of meshes that are not there."""
+    uris = dict.fromkeys(str(mesh.get("filename")) for mesh in root.iter("mesh") if mesh.get("filename"))
+    directories = package_dirs(path, uris)
+    return directories, tuple(uri for uri in uris if locate_mesh(uri, path, directories) is None)
+
+
+def make_absolute(root: ET.Element, path: Path) -> None:
+    """Write relative mesh names of a URDF in full, in place, so that its text can be read from anywhere."""
+    for mesh in root.iter("mesh"):
+        uri = str(mesh.get("filename", ""))
+        if uri and "://" not in uri:
+            mesh.set("filename", str((path.parent / uri).resolve()))
+
+
+def leave_out_shapes(root: ET.Element, missing: Iterable[str]) -> list[str]:
+    """Remove visual and collision shapes whose mesh is not there.
+
+    Args:
+        root: the URDF; changed in place.
+        missing: names of meshes as the URDF writes them.
+
+    Returns:
+        A sentence per mesh.
+    """
+    gone = dict.fromkeys(missing)
+    for link in root.iter("link"):
+        for shape in [*link.findall("visual"), *link.findall("collision")]:
+            mesh = shape.find("geometry/mesh")
+            if mesh is not None and mesh.get("filename") in gone:
+                link.remove(shape)
+    return [f"mesh '{uri}' is missing; left out, and no collision is checked against it" for uri in gone]

@@ -11,8 +11,8 @@ import numpy as np
 import pinocchio as pin
 
 from urdf import infer, validate
-from urdf.find import distribution_file
-from urdf.mend import add_frames, bound_continuous_joints, leave_out_shapes, mend_inertias, tell_apart
+from urdf.find import distribution_file, find_meshes, leave_out_shapes, make_absolute
+from urdf.mend import add_frames, bound_continuous_joints, mend_inertias, tell_apart
 from urdf.mjcf import as_urdf
 from urdf.quiet import Said, quiet, reason
 from urdf.robot import Limits, Robot, UrdfError
@@ -128,7 +128,7 @@ def _assemble(
     joints = settings.arm.joints
     defects = [*changed, *bound_continuous_joints(root, joints)]
     validate.check_limits(root, path, joints)
-    directories, missing = validate.find_meshes(root, path)
+    directories, missing = find_meshes(root, path)
     if missing and meshes:
         raise UrdfError(
             f"{path}: mesh '{missing[0]}' is missing{f', and {len(missing) - 1} more' if missing[1:] else ''}; "
@@ -146,7 +146,7 @@ def _assemble(
             raise UrdfError(f"robot '{settings.name}': [[frames]] {frame.name}: {wrong}; name a link of the URDF")
     add_frames(root, settings.frames)
     digest = hashlib.sha256(ET.tostring(root)).hexdigest()
-    validate.make_absolute(root, path)
+    make_absolute(root, path)
     xml = ET.tostring(root, encoding="unicode")
     model, tool = _reduced(xml, joints, path), settings.tool
     if not model.existFrame(tool.frame):

@@ -74,25 +74,6 @@ def bound_continuous_joints(root: ET.Element, joints: tuple[str, ...]) -> list[s
     return sentences
 
 
-def leave_out_shapes(root: ET.Element, missing: Iterable[str]) -> list[str]:
-    """Remove visual and collision shapes whose mesh is not there.
-
-    Args:
-        root: the URDF; changed in place.
-        missing: names of meshes as the URDF writes them.
-
-    Returns:
-        A sentence per mesh.
-    """
-    gone = dict.fromkeys(missing)
-    for link in root.iter("link"):
-        for shape in [*link.findall("visual"), *link.findall("collision")]:
-            mesh = shape.find("geometry/mesh")
-            if mesh is not None and mesh.get("filename") in gone:
-                link.remove(shape)
-    return [f"mesh '{uri}' is missing; left out, and no collision is checked against it" for uri in gone]
-
-
 PLACEHOLDER = 0.01  # m; smaller shapes are placeholders
 SMALLEST_SHARE = 0.1  # share of the radius of gyration that a link's shapes suggest; less is a point mass
 LIGHTEST = 1e-3  # kg; lighter links only mark a place

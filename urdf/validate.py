@@ -12,7 +12,6 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from urdf.bounds import DEEPEST_XML, LARGEST_XML, LONGEST_NAME, MOST_LINKS, number, shown
-from urdf.find import locate_mesh, package_dirs
 from urdf.robot import UrdfError
 
 LARGEST_NUMBER = 1e9
@@ -248,19 +247,3 @@ def check_limits(root: ET.Element, path: Path, joints: tuple[str, ...]) -> None:
                 f"{path}: joint '{name}' has limits {values['lower']:g} to {values['upper']:g}; "
                 "the lower one must be the smaller"
             )
-
-
-def find_meshes(root: ET.Element, path: Path) -> tuple[tuple[Path, ...], tuple[str, ...]]:
-    """The package directories of a URDF, and the names of meshes that are not there."""
-    uris = dict.fromkeys(str(mesh.get("filename")) for mesh in root.iter("mesh") if mesh.get("filename"))
-    names = {uri.removeprefix("package://").split("/")[0] for uri in uris if uri.startswith("package://")}
-    directories = package_dirs(path, names)
-    return directories, tuple(uri for uri in uris if locate_mesh(uri, path, directories) is None)
-
-
-def make_absolute(root: ET.Element, path: Path) -> None:
-    """Write relative mesh names of a URDF in full, in place, so that its text can be read from anywhere."""
-    for mesh in root.iter("mesh"):
-        uri = str(mesh.get("filename", ""))
-        if uri and "://" not in uri:
-            mesh.set("filename", str((path.parent / uri).resolve()))

@@ -181,9 +181,9 @@ class LowPass:
             c = c + cho_solve_banded((self.factor, True), missing, check_finite=False)
         return Curve(self.samples.start, self.samples.step, c + offset)
 
-    def noise_gain(self, time: np.ndarray, most: int = 50) -> float:
-        """Mean variance, at (k,) times, that is left of white noise of unit variance; at `most` of the times."""
-        chosen = time[:: max(1, len(time) // most)]
+    def noise_gain(self, time: np.ndarray) -> float:
+        """Mean variance, at (k,) times, that is left of white noise of unit variance; at 50 of the times."""
+        chosen = time[:: max(1, len(time) // 50)]
         B = self.samples.matrix
         at = basis_matrix(chosen, self.samples.start, self.samples.step, self.samples.size)
         rows = B @ cho_solve_banded((self.factor, True), at.T.toarray(), check_finite=False)

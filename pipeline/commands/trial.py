@@ -1,6 +1,5 @@
 """`armdyn trial`: one whole experiment."""
 
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,8 +9,8 @@ import typer
 from armdyn.errors import InputError
 from pipeline.console.options import EffectsOption, JsonOption, parse_hidden, quantity
 from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import spinner, write_json
-from pipeline.console.trial_result import end_with, say_result, write_report
+from pipeline.console.screen import Say, spinner
+from pipeline.console.trial_result import conclude_trial, real_trial
 
 if TYPE_CHECKING:
     from armdyn.pendulum.model import PendulumModel
@@ -98,8 +97,6 @@ def trial(
         raise InputError("--investigate and --motion: need an estimate; leave out --no-estimation")
     along = _motion(motion) if motion is not None else None
     if robot != "simulated":
-        from pipeline.console.trial_result import real_trial
-
         for option, unused in (("--hidden", hidden), ("--picture", picture)):
             if unused:
                 raise InputError(f"{option}: only the simulated robot has it; leave it out, or leave out --robot")
@@ -129,21 +126,12 @@ def _run(settings: "TrialSettings", out: Path, json_file: Path | None, note: str
 
     with spinner() as progress:
         done = simulate(settings, progress)
-        # The result first: a report that cannot be made, after a fault or on a full disk, must not cost it.
-        result = done.result
-        if json_file is not None:
-            write_json(result.as_json(), json_file)
-        report = out / "report.html"
-        told: str | None = "no report: who interrupts a trial wants it to end"
-        pictures: Sequence[Path] = ()
-        if result.signal is None:
-            progress("writing the report", 0.97)
-            told = write_report(done, report)
-            pictures = _render(done, out, progress) if picture else ()
-    if json_file != Path("-"):
-        lines = (*result.notes, *([told] if told else []))
-        say_result(result, lines, None if told else report, f"true {settings.length:g} m, ", note, pictures)
-    end_with(result)
+
+    def draw(show: Say) -> tuple[Path, ...]:
+        return _render(done, out, show) if picture else ()
+
+    known = f"true {settings.length:g} m, "
+    conclude_trial(done, out, json_file, done.result.as_json(), (), known=known, note=note, draw=draw)
 
 
 def _motion(file: Path) -> "LineTrajectory":
@@ -168,7 +156,7 @@ def _pendulum(file: Path, effects: Path | None) -> "PendulumModel":
     return model
 
 
-def _render(done: "SimulatedTrial", out: Path, show: Callable[[str, float], None]) -> tuple[Path, ...]:
+def _render(done: "SimulatedTrial", out: Path, show: Say) -> tuple[Path, ...]:
     """Draw the swing; the files that were written."""
     from pipeline.robot.picture import render_swing
 

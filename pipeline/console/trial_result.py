@@ -1,13 +1,13 @@
 """What is said of a trial, simulated or real: its result, its report, its exit status; and how a real one is led."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
 from armdyn.errors import InputError
-from pipeline.console.screen import save_report, spinner, to_screen, write_answer, write_json
+from pipeline.console.screen import Say, save_report, spinner, to_screen, write_answer, write_json
 
 if TYPE_CHECKING:
     from pipeline.robot.link import LinkStatistics
@@ -15,24 +15,54 @@ if TYPE_CHECKING:
     from pipeline.trial.real import Link, OperatorPrompts, RealTrial
 
 
-def say_result(
-    result: "TrialResult",
+def conclude_trial(
+    done: "SimulatedTrial | RealTrial",
+    out: Path,
+    json_file: Path | None,
+    answer: dict[str, Any],
     lines: Iterable[str],
-    report: Path | None,
+    *,
     known: str = "",
     note: str = "",
-    pictures: Sequence[Path] = (),
+    draw: Callable[[Say], Sequence[Path]] = lambda _: (),
+    always_report: bool = False,
 ) -> None:
-    """Print what came of a trial.
+    """Write what came of a trial and print it; exit status 1 where it did not land, 128 and the signal that ended it.
 
     Args:
-        result: its numbers.
-        lines: that stand below its message.
-        report: its file; None where it could not be made.
+        done: the trial.
+        out: folder of its report.
+        json_file: where the answer goes.
+        answer: as JSON.
+        lines: that stand below the result's message.
         known: what stands before the guess of the length.
         note: stands below the length.
-        pictures: that were drawn.
+        draw: makes pictures.
+        always_report: also of a trial that was interrupted, as one on a real robot cannot be made again.
     """
+    result, report = done.result, out / "report.html"
+    # The result first: a report that cannot be made, after a fault or on a full disk, must not cost it.
+    if json_file is not None:
+        write_json(answer, json_file)
+    pictures: Sequence[Path] = ()
+    if result.signal is not None and not always_report:
+        problem = "no report: who interrupts a trial wants it to end"
+    else:
+        with spinner() as progress:
+            progress("writing the report")
+            problem = _report_problem(done, report)
+            pictures = draw(progress)
+    if json_file != Path("-"):
+        files = f"{'' if problem else f'report {report}, '}recording {result.recording}"
+        below = [*result.notes, *lines, problem, files, *(f"picture {drawn}" for drawn in pictures)]
+        _say_result(result, filter(None, below), known, note)
+    if result.signal is not None:
+        raise typer.Exit(128 + result.signal)
+    if not result.success:
+        raise typer.Exit(1)
+
+
+def _say_result(result: "TrialResult", below: Iterable[str], known: str, note: str) -> None:
     say = to_screen().print
     if result.estimates:
         say(
@@ -40,38 +70,27 @@ def say_result(
             f"({known}guess {result.length_guess:g} m)"
         )
     if note:
-        say(note, markup=False)
+        say(note)
     if result.investigation is not None:
         for number, stage in enumerate(result.investigation.stages, start=1):
-            say(f"experiment {number}: {stage.diagnosis.sentence}", markup=False)
-        say(result.investigation.sentence, markup=False)
-    say(result.message, style=f"bold {'green' if result.success else 'red'}", markup=False)
-    for line in lines:
-        say(line, soft_wrap=True, markup=False)
-    say(f"{'' if report is None else f'report {report}, '}recording {result.recording}", soft_wrap=True)
-    for drawn in pictures:
-        say(f"picture {drawn}", soft_wrap=True)
+            say(f"experiment {number}: {stage.diagnosis.sentence}")
+        say(result.investigation.sentence)
+    say(result.message, style=f"bold {'green' if result.success else 'red'}")
+    for line in below:
+        say(line, soft_wrap=True)
     if result.repair_command is not None:
         say(f"what the model lacks: {result.repair_command}", soft_wrap=True)
 
 
-def end_with(result: "TrialResult") -> None:
-    """Exit status 128 and the signal that ended a trial, 1 where it did not land."""
-    if result.signal is not None:
-        raise typer.Exit(128 + result.signal)
-    if not result.success:
-        raise typer.Exit(1)
-
-
-def write_report(done: "SimulatedTrial | RealTrial", report: Path) -> str | None:
-    """Write the report; a sentence where what stopped the trial also keeps the report from being made."""
+def _report_problem(done: "SimulatedTrial | RealTrial", report: Path) -> str:
+    """Write the report; what keeps it from being made where that also stopped the trial, empty where nothing does."""
     try:
         save_report(done.report(), report)
     except Exception as error:
         if not done.result.stopped:
             raise
         return f"no report: {type(error).__name__}: {' '.join(str(error).split())}"
-    return None
+    return ""
 
 
 def real_trial(
@@ -101,8 +120,9 @@ def real_trial(
     if rehearsed:
         _show_rehearsal(statistics, farthest, json_file)
         return
-    _show(done, out, json_file, note)
-    end_with(done.result)
+    statistics = done.robot.statistics
+    answer = {**done.result.as_json(), "robot": statistics.as_json(), "nodes": _nodes(done)}
+    conclude_trial(done, out, json_file, answer, _timing(statistics), note=note, always_report=True)
 
 
 def _link(robot: str, address: str | None, arm: str, port: str | None, calibration: Path | None) -> "Link":
@@ -139,18 +159,6 @@ def _prompts(yes: bool, landed: str | None, json_file: Path | None) -> "Operator
         return typer.confirm("Did the load come to rest in the box?", err=True)
 
     return OperatorPrompts(tell, may_move, has_landed)
-
-
-def _show(done: "RealTrial", out: Path, json_file: Path | None, note: str) -> None:
-    result = done.result
-    answer: dict[str, Any] = {**result.as_json(), "robot": done.robot.statistics.as_json(), "nodes": _nodes(done)}
-    if json_file is not None:
-        write_json(answer, json_file)
-    report = out / "report.html"
-    told = write_report(done, report)
-    if json_file != Path("-"):
-        lines = filter(None, (note, *result.notes, *_timing(done.robot.statistics), told))
-        say_result(result, lines, None if told else report)
 
 
 def _show_rehearsal(statistics: "LinkStatistics", farthest: float, json_file: Path | None) -> None:

@@ -8,6 +8,7 @@ from armdyn.channels import channel_kind
 from armdyn.units import si_factor
 from pipeline.imports.foreign import Column
 from pipeline.imports.mapping import Entry
+from pipeline.imports.sizes import TURNS, largest
 from pipeline.imports.words import COMMANDED, Label, is_unit, words_in
 
 FORCE = words_in("force tension loadcell load kraft")
@@ -18,8 +19,10 @@ HEIGHT = words_in("z height")
 DERIVATIVE = {"v": ("swing_rate", "gripper_v"), "a": ("", "gripper_a")}
 UPSIDE_DOWN = 0.5
 """rad; within it of half a turn, the mean of an angle shows that it is not counted from hanging."""
-TURNS, FARTHEST = 7.0, 10.0
-"""rad and m beyond which an angle is in degrees and a position in mm."""
+FARTHEST = 10.0
+"""m beyond which a position is in mm."""
+FASTEST = 10.0 * TURNS
+"""rad/s beyond which a swing's rate is in degrees."""
 
 
 def pendulum_entries(labels: Mapping[str, Label], columns: Mapping[str, Sequence[Column]]) -> dict[str, Entry]:
@@ -34,8 +37,7 @@ def pendulum_entries(labels: Mapping[str, Label], columns: Mapping[str, Sequence
     for name, label in labels.items():
         channel = "" if COMMANDED & set(label.words) else _channel(label, swings)
         if channel and channel not in {entry.channel for entry in entries.values()}:
-            value = np.concatenate([column.value for column in columns[name]])
-            entries[name] = _entry(channel, label, value)
+            entries[name] = _entry(channel, label, columns[name])
     return entries
 
 
@@ -59,18 +61,17 @@ def _turns(unit: str) -> bool:
     return any(is_unit(unit, kind) and "m" not in unit for kind in ("q", "v"))
 
 
-def _entry(channel: str, label: Label, value: np.ndarray) -> Entry:
-    si = channel_kind(channel).units[0]
-    largest = float(np.nanmax(np.abs(value))) if np.isfinite(value).any() else 0.0
+def _entry(channel: str, label: Label, columns: Sequence[Column]) -> Entry:
+    si, most = channel_kind(channel).units[0], largest(columns)
     unit, why = label.unit, "unit as written"
     if not unit:
-        unit, why = si, f"up to {largest:.4g}; CHECK: unit assumed"
-        if si in ("rad", "rad/s") and largest > TURNS and (si == "rad" or largest > FARTHEST * TURNS):
-            unit, why = si.replace("rad", "deg"), f"up to {largest:.4g}"
-        elif si == "m" and largest > FARTHEST:
-            unit, why = "mm", f"up to {largest:.4g}; CHECK: unit assumed"
+        unit, why = si, f"up to {most:.4g}; CHECK: unit assumed"
+        if most > {"rad": TURNS, "rad/s": FASTEST}.get(si, np.inf):
+            unit, why = si.replace("rad", "deg"), f"up to {most:.4g}"
+        elif si == "m" and most > FARTHEST:
+            unit = "mm"
     if channel == "swing_angle":
-        mean = float(np.nanmean(value)) * si_factor(unit, "rad")
+        mean = float(np.nanmean(np.concatenate([column.value for column in columns]))) * si_factor(unit, "rad")
         if abs(abs(mean) - np.pi) < UPSIDE_DOWN:
             why += "; CHECK: it hangs at half a turn; 0 is hanging, give an offset"
     return Entry(channel, unit, why=why)

@@ -61,26 +61,25 @@ class EmulatedCell(Closing):
     Args:
         rng: source of the noise.
         force: what pulls; see `hang`.
-        offset: counts of the empty cell.
         scale: [N/count]; a 1 kg cell of 1 mV/V by default.
-        noise: standard deviation of one sample [counts].
         rate: samples per second.
-        clock: the cell's own [s].
+
+    Attributes:
+        offset: counts of the empty cell.
+        noise: standard deviation of one sample [counts].
     """
+
+    offset, noise = 84213.0, 40.0
 
     def __init__(
         self,
         rng: np.random.Generator,
         force: Callable[[float], float] | float = 0.0,
         *,
-        offset: float = 84213.0,
         scale: float = 5.6e-6,
-        noise: float = 40.0,
         rate: float = 80.0,
-        clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._rng, self._clock = rng, clock
-        self.offset, self.scale, self.noise, self.rate = offset, scale, noise, rate
+        self._rng, self.scale, self.rate = rng, scale, rate
         self.hang(force)
         self._line = EmulatedPort()
         self.port = self._line.port
@@ -89,7 +88,7 @@ class EmulatedCell(Closing):
         self._thread.start()
 
     def hang(self, force: Callable[[float], float] | float) -> None:
-        """From now on this pulls [N]: a constant, or a function of the cell's clock [s]."""
+        """From now on this pulls [N]: a constant, or a function of the time [s]."""
         self._force: Callable[[float], float] = force if callable(force) else lambda _: force
 
     def close(self) -> None:
@@ -99,8 +98,8 @@ class EmulatedCell(Closing):
         self._line.close()
 
     def _run(self) -> None:
-        due = self._clock()
-        while not self._stop.wait(max(0.0, due - self._clock())):
+        due = time.monotonic()
+        while not self._stop.wait(max(0.0, due - time.monotonic())):
             counts = self.offset + self._force(due) / self.scale + self.noise * self._rng.standard_normal()
             self._line.send(self._line.line(round(counts)))
             due += 1.0 / self.rate

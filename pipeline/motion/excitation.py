@@ -125,6 +125,10 @@ class Excitation:
         return float(np.trapezoid(power, self.trajectory.time))
 
 
+ONE_BY_ONE = CheckSettings(singular_value=0.0)
+"""Joints that are led one by one race for no tool."""
+
+
 def excitation(
     goal: Goal,
     seconds: float,
@@ -132,7 +136,6 @@ def excitation(
     random: int = 100,
     compare: bool = True,
     seed: int = 0,
-    settings: CheckSettings | None = None,
     say: Say = lambda _: None,
 ) -> Excitation:
     """Design a motion.
@@ -143,13 +146,11 @@ def excitation(
         random: number of random motions to start from and to compare with.
         compare: whether the motion with the least condition number is looked for as well.
         seed: of the random motions.
-        settings: of the feasibility check.
         say: told what is going on.
 
     Raises:
         TaskFailedError: no feasible motion was found.
     """
-    settings = settings or CheckSettings(singular_value=0.0)  # joints that are led one by one race for no tool
     robot = goal.columns.arm.robot
     postures = FreePostures(robot, CLEARANCE)
     problem = ArmProblem(goal.columns, goal.criterion, Series(seconds), MotionLimits.of(robot), postures)
@@ -162,7 +163,7 @@ def excitation(
     informations = [problem.information(x) for x in starts]
     costs = [goal.criterion(information)[0] for information in informations]
     best = starts[int(np.argmin(costs))]
-    x, trajectory, check = _feasible(problem, search(problem, starts, costs, say), best, settings, say)
+    x, trajectory, check = _feasible(problem, search(problem, starts, costs, say), best, say)
     conditioned = None
     if compare:
         say("designing the motion with the least condition number")
@@ -200,9 +201,7 @@ def sampled(problem: ArmProblem, x: Array) -> JointTrajectory:
     return JointTrajectory(time, motion.q, motion.v, motion.a, problem.columns.arm.joints)
 
 
-def _feasible(
-    problem: ArmProblem, x: Array, best: Array, settings: CheckSettings, say: Say
-) -> tuple[Array, JointTrajectory, FeasibilityReport]:
+def _feasible(problem: ArmProblem, x: Array, best: Array, say: Say) -> tuple[Array, JointTrajectory, FeasibilityReport]:
     """The motion after the check, designed again with less room where it breaks a limit.
 
     Where it still does, the motion or the `best` random one is made smaller, whichever then tells more.
@@ -213,7 +212,7 @@ def _feasible(
 
     def checked(x: Array) -> tuple[JointTrajectory, FeasibilityReport]:
         trajectory = sampled(problem, x)
-        return trajectory, check_joints(problem.columns.arm.robot, trajectory, settings)
+        return trajectory, check_joints(problem.columns.arm.robot, trajectory, ONE_BY_ONE)
 
     say("checking the motion on the whole arm")
     trajectory, check = checked(x)

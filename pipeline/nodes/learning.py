@@ -149,15 +149,9 @@ class SacNode:
     name = "sac"
     period = 0.05
 
-    def __init__(
-        self,
-        measurement: MeasurementNode,
-        estimator: EstimatorNode,
-        drive: DriveNode,
-        settings: SacSettings | None = None,
-    ) -> None:
+    def __init__(self, measurement: MeasurementNode, estimator: EstimatorNode, drive: DriveNode) -> None:
         self._measurement, self._estimator, self._drive = measurement, estimator, drive
-        self.settings = settings or SacSettings(sample_time=self.period)
+        self.settings = SacSettings(sample_time=self.period)
         self._control = SequentialActionControl(estimator.model, self.settings)
         self._begun: float | None = None
         self._plan_start = 0.0

@@ -35,9 +35,9 @@ class Spread:
         median, p95, p99 = np.percentile(array, [50, 95, 99])
         return cls(array.size, float(median), float(p95), float(p99), float(array.max()))
 
-    def as_json(self, digits: int = 5) -> dict[str, float]:
+    def as_json(self) -> dict[str, float]:
         """For the answer of a command."""
-        return {name: round(value, digits) for name, value in vars(self).items()}
+        return {name: round(value, 5) for name, value in vars(self).items()}
 
     @property
     def milliseconds(self) -> str:

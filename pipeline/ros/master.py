@@ -52,6 +52,8 @@ class MasterWatch:
 
 
 TOPIC = "/armdyn/ping"
+PINGS = 50
+"""How many pings are sent."""
 EVERY = 0.01
 """Time between two pings [s]: the bridge's delays depend on it."""
 PATIENCE = 3.0
@@ -61,7 +63,7 @@ ENOUGH = 0.5
 _names = count()
 
 
-def round_trip(bridge: Bridge, pings: int = 50) -> Spread:
+def round_trip(bridge: Bridge) -> Spread:
     """Send pings at 100 Hz and see when they come back [s].
 
     Raises:
@@ -85,16 +87,16 @@ def round_trip(bridge: Bridge, pings: int = 50) -> Spread:
         bridge.publish(topic, {"data": -1.0})
         if heard.wait(0.05):
             break
-    for number in range(pings):
+    for number in range(PINGS):
         sent[number] = bridge.time
         bridge.publish(topic, {"data": float(number)})
         time.sleep(EVERY)
     end = time.monotonic() + PATIENCE
-    while len(took) < pings and time.monotonic() < end:
+    while len(took) < PINGS and time.monotonic() < end:
         time.sleep(EVERY)
     spread = Spread.of(took.values())
-    if spread is None or spread.count < ENOUGH * pings:
+    if spread is None or spread.count < ENOUGH * PINGS:
         raise InputError(
-            f"{bridge.uri}: {len(took)} of {pings} messages came back: does the bridge reach the ROS master?"
+            f"{bridge.uri}: {len(took)} of {PINGS} messages came back: does the bridge reach the ROS master?"
         )
     return spread

@@ -13,7 +13,6 @@ import numpy as np
 
 import urdf
 from armdyn.effects.catalogue import CATALOGUE
-from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
 from armdyn.experiments.limits import GripperLimits
 from armdyn.experiments.plan import HOPELESS, Proposal, designed_motion
@@ -150,7 +149,6 @@ def investigate(
     table: LineTable,
     most: int = MOST,
     say: Callable[[str], None] | None = None,
-    catalogue: Sequence[Effect] = tuple(CATALOGUE.values()),
 ) -> Investigation:
     """Swing, diagnose, design, and again.
 
@@ -161,7 +159,6 @@ def investigate(
         table: of its line.
         most: experiments, at most.
         say: told what is going on.
-        catalogue: effects that may be missing.
 
     Raises:
         InputError: there is not one experiment to make.
@@ -185,7 +182,7 @@ def investigate(
         run = experiment.recording(f"experiment {number}")
         tell(f"thinking over {number} experiment{'s' if number > 1 else ''}")
         asked = {name for names in questions for name in names}
-        study = Study(model, [*(stage.run for stage in stages), run], [], catalogue, asked=asked)
+        study = Study(model, [*(stage.run for stage in stages), run], [], tuple(CATALOGUE.values()), asked=asked)
         found = diagnose(study)
         rivals = of_diagnosis(study, found)
         close: tuple[str, ...] = ()

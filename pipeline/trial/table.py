@@ -113,16 +113,13 @@ class TableOne:
         }
 
 
-def run_table(
-    seeds: int, first_seed: int = 0, progress: Callable[[int, int], None] | None = None, workers: int | None = None
-) -> TableOne:
+def run_table(seeds: int, first_seed: int = 0, progress: Callable[[int, int], None] | None = None) -> TableOne:
     """Run every guess with and without estimation for `seeds` seeds, in parallel processes.
 
     Args:
         seeds: trials per guess and way.
         first_seed: the seeds are first_seed, first_seed + 1, ...
         progress: called with the number of trials done and their total.
-        workers: processes; as many as there are cores when not given.
 
     Raises:
         InputError: fewer than one seed.
@@ -130,7 +127,7 @@ def run_table(
     if seeds < 1:
         raise InputError(f"{seeds} seeds: give at least 1")
     keys = list(product(GUESSES, (False, True), range(first_seed, first_seed + seeds)))
-    with worker_pool(workers or os.cpu_count() or 1) as pool:
+    with worker_pool(os.cpu_count() or 1) as pool:
         futures = [pool.submit(_outcome, TrialSettings(length_guess=g, estimate=e, seed=s)) for g, e, s in keys]
         for done, _ in enumerate(as_completed(futures), start=1):
             if progress is not None:

@@ -84,7 +84,7 @@ def joint_motion(run: Run, robot: Robot) -> tuple[FloatArray, FloatArray]:
     return time, q
 
 
-def swing_scene(title: str, kind: str, swing: Swing, marks: Sequence[Mark] = ()) -> Scene:
+def swing_scene(title: str, kind: str, swing: Swing) -> Scene:
     """A load on a string below a gripper that moves along a line, from left to right."""
     at = _frames_of(swing)
     pivot = np.column_stack([_follow(at, swing.gripper), np.zeros(len(at)), _follow(at, swing.height)])
@@ -94,7 +94,7 @@ def swing_scene(title: str, kind: str, swing: Swing, marks: Sequence[Mark] = ())
                 standing((0.5 * (low + high), 0.0, float(pivot[:, 2].max()) + 0.02)))  # fmt: skip
     bodies = [rail, Body("gripper", [block((0.05, 0.035, 0.03), DARK)], moved(pivot)),
               Body("load", [ball(RADIUS)], moved(load))]  # fmt: skip
-    return Scene(title, kind, at, bodies, [np.stack([pivot, load], axis=1)], load, marks, swing.note)
+    return Scene(title, kind, at, bodies, [np.stack([pivot, load], axis=1)], load, note=swing.note)
 
 
 def trial_scene(title: str, links: Links, run: Run, swing: Swing, box: Box | None) -> Scene:

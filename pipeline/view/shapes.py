@@ -81,8 +81,7 @@ def _visuals(robot: Robot) -> tuple[list[list[Mesh]], int]:
     colours = {material.name: material.color for material in described.materials}
     shown = [visual.geometry for link in links for visual in link.visuals if visual.geometry is not None]
     uris = [geometry.mesh.filename for geometry in shown if geometry.mesh is not None]
-    packages = {uri.removeprefix("package://").partition("/")[0] for uri in uris if uri.startswith("package://")}
-    folders = (*robot.package_dirs, *package_dirs(robot.urdf_path, packages))
+    folders = (*robot.package_dirs, *package_dirs(robot.urdf_path, uris))
     for link in links:
         frame = model.frames[model.getFrameId(link.name, pin.FrameType.BODY)]
         for visual in link.visuals:

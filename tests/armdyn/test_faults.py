@@ -26,7 +26,7 @@ def test_a_spike_at_an_end_is_found_where_the_one_difference_that_sees_it_is_lar
         assert np.flatnonzero(spikes(TIME, value)).tolist() == [at]
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 1000), st.integers(1, 1498), st.sampled_from([-0.3, 0.3, 0.8]))
 def test_a_spike_is_found_wherever_it_is(seed, at, height):
     value = noisy(seed)

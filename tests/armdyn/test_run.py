@@ -256,7 +256,7 @@ def runs(draw):
     )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(runs())
 def test_a_written_run_reads_back_to_the_last_digit(tmp_path_factory, run):
     path = tmp_path_factory.mktemp("run") / "swing.csv"
@@ -270,7 +270,7 @@ def test_a_written_run_reads_back_to_the_last_digit(tmp_path_factory, run):
         assert back.channel(name).unit == channel.unit
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     st.sampled_from([("ms", "s", 1e3), ("s", "s", 1.0), ("min", "s", 1 / 60)]),
     st.sampled_from([("mN", 1e3), ("gram_force", 1 / 9.80665e-3), ("N", 1.0), ("kgf", 1 / 9.80665)]),
@@ -287,7 +287,7 @@ def test_units_of_the_file_do_not_change_the_run(tmp_path_factory, time_unit, fo
     np.testing.assert_allclose(channel.value, force, rtol=1e-14, atol=1e-300)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(200, len(GOOD) - 1))
 def test_a_csv_cut_anywhere_is_refused_or_loses_whole_rows_only(tmp_path_factory, size):
     path = tmp_path_factory.mktemp("run") / "swing.csv"

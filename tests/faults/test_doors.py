@@ -19,7 +19,7 @@ EXAMPLES = int(os.environ.get("ARMDYN_BAD_FILES", "20"))
 """Of each kind; a campaign is ARMDYN_BAD_FILES=200."""
 NAMES = sorted(doors.doors())
 campaign = settings(
-    max_examples=EXAMPLES, deadline=None, derandomize=True, database=None,
+    max_examples=EXAMPLES, derandomize=True, database=None,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.large_base_example],
 )  # fmt: skip
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import urdf
-from urdf import validate
+from urdf.find import find_meshes, make_absolute
 
 AXES = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0")
 LIMIT = '<limit lower="-1.5" upper="2" velocity="2" effort="30"/>'
@@ -179,8 +179,8 @@ def test_a_mesh_beside_the_urdf_or_in_its_package_is_found(tmp_path, uri: str) -
     mesh.write_bytes(b"solid")
     shape = f'<visual><geometry><mesh filename="{uri}"/></geometry></visual>'
     root = ElementTree.fromstring(robot(link("a", shape=shape)))
-    assert validate.find_meshes(root, path) == ((tmp_path,) if uri.startswith("package") else (), ())
-    validate.make_absolute(root, path)
+    assert find_meshes(root, path) == ((tmp_path,) if uri.startswith("package") else (), ())
+    make_absolute(root, path)
     (element,) = root.iter("mesh")
     assert element.get("filename") in (uri if uri.startswith("package") else "", str(mesh))
 

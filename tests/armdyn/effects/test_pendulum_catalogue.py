@@ -74,7 +74,7 @@ def test_an_effect_is_the_physics_of_equations_written_apart(name):
     assert np.sqrt(np.mean(error**2)) < min(AGREEMENT[name], 0.2 * np.sqrt(np.mean(change**2)))
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(order=st.permutations(["sensor_bias", "sensor_gain", "linear_drag"]))
 def test_the_order_in_which_effects_are_added_does_not_matter(order):
     values = {"sensor_bias.force": 0.1, "sensor_gain.error": 0.05, "linear_drag.coefficient": 0.01}

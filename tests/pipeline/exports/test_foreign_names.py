@@ -83,7 +83,7 @@ def test_an_identifier_is_one_in_every_language(name):
     assert found.isidentifier()
 
 
-@settings(max_examples=30, suppress_health_check=[HealthCheck.too_slow], deadline=None)
+@settings(max_examples=30, suppress_health_check=[HealthCheck.too_slow])
 @given(shown)
 def test_generated_files_of_any_joint_name_hold_it_and_nothing_else(name):
     with tempfile.TemporaryDirectory() as folder:

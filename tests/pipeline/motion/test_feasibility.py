@@ -90,7 +90,7 @@ def test_a_jump_is_found_though_the_speed_columns_deny_it(robot):
     assert (violation.joint, violation.value) == ("right_s0", pytest.approx(10.0))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(data=st.data())
 def test_the_check_agrees_with_brute_force_at_ten_times_the_sampling(robot, data):
     amplitude = np.array(data.draw(st.lists(st.floats(0.01, 0.4), min_size=7, max_size=7)))

@@ -49,7 +49,7 @@ def test_a_start_that_cannot_be_stopped_has_no_finish():
         finish_over_box(LineState(0.54, 0.4, 5.0), 0.46, LIMITS, DT)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(start=st.floats(-0.25, 0.5), end=st.floats(-0.3, 0.55), v=st.floats(-0.35, 0.35), a=st.floats(-3.0, 3.0))
 def test_every_move_is_one_motion_within_the_limits(start, end, v, a):
     try:

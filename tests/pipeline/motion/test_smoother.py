@@ -202,14 +202,14 @@ def stays_within(limits: LineLimits, reference: list[LineState], at: float, ahea
 anything = given(limits=lines(), reference=references(), at=st.floats(0.0, 1.0), ahead=st.integers(0, 20))
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @anything
 def test_no_reference_makes_the_tool_exceed_a_limit(limits, reference, at, ahead):
     stays_within(limits, reference, at, ahead)
 
 
 @pytest.mark.slow
-@settings(max_examples=1000, deadline=None)
+@settings(max_examples=1000)
 @anything
 def test_none_of_a_thousand_references_makes_the_tool_exceed_a_limit(limits, reference, at, ahead):
     stays_within(limits, reference, at, ahead)

@@ -10,7 +10,7 @@ from .lines import TWO_JOINTS as LIMITS
 share = st.floats(-1.0, 1.0)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.tuples(share, share), st.tuples(share, share))
 def test_every_joint_comes_to_rest_with_bounded_acceleration_and_jerk(speeds, pulls):
     start = np.zeros(2), np.array(speeds) * LIMITS.velocity, np.array(pulls) * LIMITS.acceleration

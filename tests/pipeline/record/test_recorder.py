@@ -138,7 +138,7 @@ def whole(tmp_path_factory):
     return record(tmp_path_factory.mktemp("whole") / "trial.mcap").path.read_bytes()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(part=st.floats(0.0, 0.9999))
 def test_a_recording_cut_anywhere_is_refused_and_recovered_up_to_the_cut(tmp_path_factory, whole, part):
     directory = tmp_path_factory.mktemp("cut")
@@ -160,7 +160,7 @@ def test_a_recording_cut_anywhere_is_refused_and_recovered_up_to_the_cut(tmp_pat
         np.testing.assert_array_equal(channel.value, original.channel(name).value[: len(channel)])
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(part=st.floats(0.0, 0.9999), change=st.integers(1, 255))
 def test_a_damaged_recording_gives_its_numbers_or_one_line(tmp_path_factory, whole, part, change):
     directory = tmp_path_factory.mktemp("damaged")
