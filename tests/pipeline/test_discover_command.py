@@ -45,6 +45,18 @@ def test_a_magnet_is_discovered_and_its_file_repairs_the_model(armdyn):
     assert steps[-1]["held_out_rmse"]["load_force"] < 1.2 * read_run(first).noise["load_force"]
 
 
+@pytest.mark.slow
+def test_a_swing_that_an_unknown_magnet_spoils_lands_with_the_law_that_is_discovered(armdyn):
+    hidden = ("--hidden", "magnet=0.1")
+    assert armdyn("trial", *hidden, "--out", "first")[0] != 0
+    armdyn("trial", *hidden, "--length-guess", "0.35", "--out", "second")  # another guess, so another motion
+    runs = ("first/trial.csv", "--held-out", "second/trial.csv")
+    assert armdyn("discover", "first/model.toml", *runs, "--output", "law.py")[0] == 0
+    law = ("--effects", "law.py")
+    assert armdyn("add", "first/model.toml", "discovered_magnet", *runs, *law, "--output", "repaired.toml")[0] == 0
+    assert armdyn("trial", *hidden, "--model", "repaired.toml", *law, "--out", "third")[0] == 0
+
+
 def test_its_file_must_not_replace_an_input(armdyn):
     run = RECORDINGS / "magnet_1.csv"
     armdyn("new", "pendulum", "m.toml", "--set", "length=0.37 m")
