@@ -238,7 +238,8 @@ def _passed(frequencies: np.ndarray, spectrum: np.ndarray, apart: float) -> floa
 def _fitted(apart: np.ndarray, variance: np.ndarray, brought_in: np.ndarray) -> tuple[float, float, float]:
     """Standard deviations of what came after the low-pass and of what passed it, and the cut-off, Hz.
 
-    What is best explained by the lowest cut-off that is tried is motion and passed no low-pass.
+    What is best explained by the lowest cut-off that is tried is motion and passed no low-pass, nor did what more of
+    the positions' noise explains.
 
     Args:
         apart: (h,) s.
@@ -247,12 +248,12 @@ def _fitted(apart: np.ndarray, variance: np.ndarray, brought_in: np.ndarray) -> 
     """
     cutoffs = np.geomspace(SLOWEST, max(FASTEST / apart[0], SLOWEST), TRIED)
     wanted = (variance - brought_in) / variance
-    # A payload that nobody knew of makes more torque of the positions' noise.
-    columns = ([np.ones(len(apart)), _shared(cutoff * apart), brought_in] for cutoff in cutoffs)
-    fits = [nnls(np.column_stack(three) / variance[:, None], wanted) for three in columns]
+    fits = [nnls(np.column_stack([1.0 / variance, _shared(cutoff * apart) / variance]), wanted) for cutoff in cutoffs]
     best = int(np.argmin([left for _, left in fits]))
-    own, smoothed, _ = np.sqrt(fits[best][0]).tolist()
-    return own, smoothed if best > 0 else 0.0, float(cutoffs[best])
+    own, smoothed = np.sqrt(fits[best][0]).tolist()
+    # A payload that nobody knew of makes more torque of the positions' noise.
+    _, beside = nnls(np.column_stack([1.0 / variance, brought_in / variance]), wanted)
+    return own, smoothed if best > 0 and fits[best][1] < beside else 0.0, float(cutoffs[best])
 
 
 def _shared(apart: np.ndarray) -> np.ndarray:
