@@ -9,7 +9,7 @@ import numpy as np
 from armdyn.identify.appraisal import Appraisal, Appraiser, Described
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.fit import channel_rmse
-from armdyn.identify.grey_box import SETTLED
+from armdyn.identify.grey_box import SETTLED, Point
 from armdyn.identify.grey_run import LOOSE
 from armdyn.identify.noise_evidence import Tables
 from armdyn.identify.problem import transferred
@@ -45,19 +45,29 @@ class Filtered(Appraiser):
         self.tried = study.tried
         self._columns = {c: problem.of(c.names) & self._motion.seen for c in self.candidates}
         self._always = self._motion.base
-        self._tables: dict[frozenset[Candidate], Tables] = {}
+        self._tables: dict[frozenset[Candidate], tuple[Point, Tables]] = {}
+        self._verified: dict[frozenset[Candidate], tuple[Point, Appraisal]] = {}
         self.settle(())
 
     def settle(self, effects: Iterable[Candidate]) -> Appraisal:
         """A set at its own motion and noise; other sets are appraised from there until another one is settled."""
         self._at = frozenset(effects)
-        if self._at not in self._tables:
+        point = self._motion.settled(self._free(self._at))
+        if self._at not in self._tables or self._tables[self._at][0] is not point:
             box = self._motion.box
-            point = self._motion.settled(self._free(self._at))
-            self._tables[self._at] = box.tables(box.around(point), point, wide=True)
+            self._tables[self._at] = point, box.tables(box.around(point), point, wide=True)
         # What was appraised from elsewhere is looked at anew; what was settled stays.
         self._known = {key: one for key, one in self._known.items() if key in self._tables and key != self._at}
         return self.of(self._at)
+
+    def _verify(self, effects: tuple[Candidate, ...]) -> Appraisal:
+        """What a set is worth at its own motion and noise; linearised by its own unknowns alone, it is faster found."""
+        key, free, box = frozenset(effects), self._free(effects), self._motion.box
+        point = self._motion.settled(free)
+        if key not in self._verified or self._verified[key][0] is not point:
+            own = box.tables(box.around(point, free), point, wide=True)
+            self._verified[key] = point, self._appraised_by(own, effects)
+        return self._verified[key][1]
 
     def _free(self, effects: Iterable[Candidate]) -> np.ndarray:
         """(P,) bool: what is fitted with a set."""
@@ -66,9 +76,16 @@ class Filtered(Appraiser):
             free |= self._columns[c]
         return free
 
+    @property
+    def _here(self) -> Tables:
+        return self._tables[self._at][1]
+
     def _appraised(self, effects: tuple[Candidate, ...]) -> Appraisal:
+        return self._appraised_by(self._here, effects)
+
+    def _appraised_by(self, tables: Tables, effects: tuple[Candidate, ...]) -> Appraisal:
         free = self._free(effects)
-        found = self._tables[self._at].evidence(free)
+        found = tables.evidence(free)
         columns = np.flatnonzero(free | (found.change != 0.0))
         price, nothing = self.price(effects), np.zeros(0)
         worth = found.value + found.predicted - price if found.inside else -np.inf
@@ -95,22 +112,17 @@ class Filtered(Appraiser):
             found = []
             for i, option in enumerate(options):
                 say(f"{i} of {len(options)} candidates tried")
-                found.append(self.settle(option))
+                found.append(self._verify(option))
             better = [one for one in sorted(found, key=lambda o: -o.worth) if one.worth > now.worth + SETTLED]
-            taken = (one for one in better if one.worth > self._again(now, one).worth + SETTLED)
-            following = next(taken, None)
+            following = next((one for one in better if one.worth > self._again(now, one).worth + SETTLED), None)
             if following is None:
                 return self.settle(now.effects)
             now = self.settle(following.effects)
 
     def _again(self, now: Appraisal, better: Appraisal) -> Appraisal:
         """The appraisal of a set, settled from where a better one stands as well: its noise may be better there."""
-        before = self._motion.settled(self._free(now.effects))
-        if self._motion.settled(self._free(now.effects), self._free(better.effects)) is not before:
-            del self._tables[frozenset(now.effects)]
-        found = self.settle(now.effects)
-        self.settle(better.effects)
-        return found
+        self._motion.settled(self._free(now.effects), self._free(better.effects))
+        return self._verify(now.effects)
 
     def _looked_at(self, sets: Sequence[tuple[Candidate, ...]]) -> Sequence[tuple[Candidate, ...]]:
         """Those of many sets that are worth a closer look."""
@@ -120,7 +132,7 @@ class Filtered(Appraiser):
 
     def _coarse(self) -> Tables:
         """Sums at few noises, those near the one that suits the present set."""
-        here = self._tables[self._at]
+        here = self._here
         return here.coarse(here.evidence(self._free(self._at)))
 
     def _promised(self, coarse: Tables, one: tuple[Candidate, ...]) -> float:
@@ -152,20 +164,20 @@ class Filtered(Appraiser):
 
     def values(self, one: Appraisal) -> np.ndarray:
         """See `Appraiser.values`."""
-        values = self._tables[self._at].values.copy()
+        values = self._here.values.copy()
         values[one.columns] += one.change
         return values
 
     def standing(self, one: Appraisal) -> float:
         """See `Appraiser.standing`."""
-        return one.likelihood + one.transfer - 0.5 * one.values * log(self._tables[self._at].rows)
+        return one.likelihood + one.transfer - 0.5 * one.values * log(self._here.rows)
 
     def described(self, one: Appraisal, own: np.ndarray) -> Described:
         """See `Appraiser.described`: in output error, what users compare."""
         study = self._study
         fit = study.quick_fit((*study.present, *one.effects))
         held_out = study.held_out_blocks(fit) if study.held_out else None
-        found = self._tables[self._at].evidence(self._free(one.effects))
+        found = self._here.evidence(self._free(one.effects))
         T = self.problem.typical
         spread = np.linalg.pinv(np.eye(len(T)) / LOOSE**2 + T[:, None] * found.information * T, hermitian=True)
         return Described(

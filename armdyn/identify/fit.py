@@ -11,8 +11,6 @@ from armdyn.identify.least_squares import Outcome
 from armdyn.identify.problem import Block, Problem, by_channel, chi2_of
 from armdyn.run import Run
 
-GROSS = 20.0
-"""Chi2 per sample beyond which derivatives at the present fit say little about a distant minimum."""
 DEPENDENT = 1e-5
 """A sensitivity of which the others leave less than this share cannot be told from them."""
 NEAR_NOISE = 1.5

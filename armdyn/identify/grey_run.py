@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from armdyn.identify.estimator import until
-from armdyn.identify.fit import GROSS, NEAR_NOISE
+from armdyn.identify.fit import NEAR_NOISE
 from armdyn.identify.innovations import (
     Chain,
     Colour,
@@ -19,6 +19,7 @@ from armdyn.identify.innovations import (
     filtered,
     smoothed,
 )
+from armdyn.identify.least_squares import GROSS
 from armdyn.identify.noise import quiet_noise
 from armdyn.identify.problem import Problem
 from armdyn.physics.pieces import Pieces, pseudo_inverse

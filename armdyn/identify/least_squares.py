@@ -19,6 +19,10 @@ from armdyn.model import Model
 from armdyn.parameter import Parameter
 from armdyn.run import Run
 
+GROSS = 20.0
+"""Squared error per sample, over the noise's, beyond which derivatives say little about a distant minimum."""
+PATIENCE = 2
+"""Steps in a row that take next to nothing from a gross error before a descent gives up."""
 SUFFICIENT_DECREASE = 1e-4
 """Share of the predicted decrease that a step must deliver (Armijo)."""
 
@@ -179,11 +183,17 @@ def levenberg_marquardt(
     return _estimate(problem, values, at, evaluations, outcome)
 
 
-def descend(problem: Cost, start: np.ndarray, *, most_steps: int = 50, tolerance: float = 1e-2) -> Descent:
-    """The iteration of `levenberg_marquardt`, with the same arguments, on any cost."""
+def descend(
+    problem: Cost, start: np.ndarray, *, most_steps: int = 50, tolerance: float = 1e-2, samples: int = 0
+) -> Descent:
+    """The iteration of `levenberg_marquardt`, with the same arguments, on any cost.
+
+    Where the number of samples is given, a cost that is gross and creeps ends as stalled: `PATIENCE` steps in a row
+    that take from it less than one sample's share.
+    """
     values = np.clip(start, problem.lower, problem.upper)
     at = problem.evaluate(values)
-    evaluations, damping, outcome = 1, 0.0, Outcome.OUT_OF_STEPS
+    evaluations, damping, outcome, creeping = 1, 0.0, Outcome.OUT_OF_STEPS, 0
     for _ in range(most_steps):
         free = off_bounds(problem, values, at.gradient)
         step, size = _newton_step(at, free, 0.0)
@@ -202,7 +212,12 @@ def descend(problem: Cost, start: np.ndarray, *, most_steps: int = 50, tolerance
             if damping > 1e9:
                 return Descent(values, at, evaluations, Outcome.STALLED)
             step, _ = _newton_step(at, free, damping)
+        gross = 2.0 * after.cost > GROSS * samples > 0.0
+        creeping = creeping + 1 if gross and at.cost - after.cost < after.cost / samples else 0
         values, at = trial, after
+        if creeping == PATIENCE:
+            outcome = Outcome.STALLED
+            break
         damping = damping / 10 if damping > 1e-6 else 0.0
     return Descent(values, at, evaluations, outcome)
 

@@ -11,8 +11,9 @@ from itertools import islice
 
 import numpy as np
 
-from armdyn.identify.fit import GROSS, NEAR_NOISE, Fit, fit
+from armdyn.identify.fit import NEAR_NOISE, Fit, fit
 from armdyn.identify.grey_box import GreyBox, Point
+from armdyn.identify.least_squares import GROSS
 from armdyn.identify.problem import Problem
 from armdyn.physics.simulated import SimulatedModel
 

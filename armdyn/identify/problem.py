@@ -238,7 +238,7 @@ class Problem:
     def fit(self, free: np.ndarray, start: np.ndarray, *, most_steps: int = 30, tolerance: float = 0.02) -> Descent:
         """Minimise over the unknowns `free`, (P,) bool, the others staying at `start`; the result holds all."""
         part = _Part(self, free, start)
-        found = descend(part, start[free], most_steps=most_steps, tolerance=tolerance)
+        found = descend(part, start[free], most_steps=most_steps, tolerance=tolerance, samples=self.samples)
         return found._replace(values=part.whole(found.values))
 
 

@@ -11,7 +11,8 @@ from armdyn.identify.candidate import Candidate
 from armdyn.identify.choose import best_set, chosen, without_worthless
 from armdyn.identify.explained import RepairStep
 from armdyn.identify.filtered import Filtered
-from armdyn.identify.fit import GROSS, Fit, channel_rmse
+from armdyn.identify.fit import Fit, channel_rmse
+from armdyn.identify.least_squares import GROSS
 from armdyn.identify.score import ResidualTests, residual_tests
 from armdyn.identify.study import Study
 from armdyn.identify.summed import Summed

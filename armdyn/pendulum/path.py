@@ -177,10 +177,15 @@ def _recorded_path(run: Run) -> GripperPath:
     if "gripper_z" in run.channels:
         z = run.channels["gripper_z"]
         level = np.interp(grid, z.time, z.value)
-        height = smoothed_motion(grid, level - level[0], dt, exact=run.noise.get("gripper_z") == 0.0)
+        height = _smoothed(run, "gripper_z", grid, level - level[0], dt)
     given = [run.channels[n] for n in ("gripper_x", "gripper_v", "gripper_a") if n in run.channels]
     if len(given) == 3:
         motion = np.array([np.interp(grid, c.time, c.value) for c in given])
     else:
-        motion = smoothed_motion(x.time, x.value, dt, exact=run.noise.get("gripper_x") == 0.0)
+        motion = _smoothed(run, "gripper_x", x.time, x.value, dt)
     return GripperPath(start, dt, motion[0], motion[1], motion[2], height, elapsed)
+
+
+def _smoothed(run: Run, name: str, time: np.ndarray, value: np.ndarray, dt: float) -> np.ndarray:
+    exact, spread = run.noise.get(name) == 0.0, run.spread.get(name, 0.0)
+    return smoothed_motion(time, value, dt, exact=exact, spread=spread)

@@ -128,12 +128,9 @@ class Pieces:
             begin: (J, starts) values that say how a motion begins, at the beginning of every piece.
         """
         system, physics, path = self._given(theta)
-        rows = path.nodes[: system.inputs]
-        found = [
-            np.asarray(system.initial(*map(float, b), rows[:, e], physics)).ravel()
-            for b, e in zip(begin, self.edges, strict=False)
-        ]
-        return np.array(found)
+        many = np.repeat(physics[:, None], len(begin), axis=1)
+        found = system.initial.map(len(begin))(*begin.T[:, None], path.nodes[: system.inputs, self.edges[:-1]], many)
+        return np.asarray(found).T
 
     def rolled(self, theta: np.ndarray, first: int = 0, state: np.ndarray | None = None) -> np.ndarray:
         """(J - first, n) states at the beginning of the pieces in a simulation from one of them on.

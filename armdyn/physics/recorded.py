@@ -22,7 +22,9 @@ SEARCH = WEAKEST * np.logspace(0, 8, 17)
 """Smoothing strengths that are tried, in samples^8; neighbours are a factor of 3.2 apart."""
 
 
-def smoothed_motion(time: np.ndarray, x: np.ndarray, dt: float, *, exact: bool = False) -> np.ndarray:
+def smoothed_motion(
+    time: np.ndarray, x: np.ndarray, dt: float, *, exact: bool = False, spread: float = 0.0
+) -> np.ndarray:
     """(3, K) position, velocity and acceleration from noisy positions, on an even grid that begins at the first stamp.
 
     By penalised least squares (Whittaker 1923; Eilers, Anal. Chem. 2003).
@@ -34,14 +36,20 @@ def smoothed_motion(time: np.ndarray, x: np.ndarray, dt: float, *, exact: bool =
         x: (n,).
         dt: grid step, s.
         exact: the positions have no noise.
+        spread: variance of the stamps over which each position was averaged, s^2; see `Run.spread`.
     """
     if len(time) < ORDER + 2:
         raise InputError(f"a recorded motion has {len(time)} samples: {ORDER + 2} or more are needed")
     grid = time[0] + dt * np.arange(grid_size(time[0], time[-1], dt))
     if not (len(grid) == len(time) and np.allclose(grid, time, atol=1e-3 * dt, rtol=0)):
-        return np.vstack(_off_grid(time, x, np.minimum(grid, time[-1]), exact=exact))
-    smooth = x if exact else penalised(x, best_strength(x))
-    return np.vstack([smooth, *differentiated(smooth, dt)])
+        motion = np.vstack(_off_grid(time, x, np.minimum(grid, time[-1]), exact=exact))
+    else:
+        smooth = x if exact else penalised(x, best_strength(x))
+        motion = np.vstack([smooth, *differentiated(smooth, dt)])
+    if spread > 0.0:  # the mean of what bends lies inside the bend
+        jerk = slope(motion[2], dt)
+        motion = motion - spread / 2.0 * np.vstack([motion[2], jerk, slope(jerk, dt)])
+    return motion
 
 
 def _off_grid(
@@ -188,7 +196,9 @@ def recorded_inputs(run: Run, inputs: Iterable[str], outputs: Iterable[str], ste
     since = grid - grid[0] + (0.0 if run.began is None else grid[0] - run.began)
     nodes, middle = [since[None]], [(since[None, 1:] + since[None, :-1]) / 2]
     for name, channel in driving.items():
-        motion = smoothed_motion(channel.time, channel.value, dt, exact=run.noise.get(name) == 0.0)
+        motion = smoothed_motion(
+            channel.time, channel.value, dt, exact=run.noise.get(name) == 0.0, spread=run.spread.get(name, 0.0)
+        )
         if channel.time[0] != start or motion.shape[1] != len(grid):
             own = channel.time[0] + dt * np.arange(motion.shape[1])
             curve = BPoly.from_derivatives(own, motion.T)
