@@ -1,14 +1,13 @@
 """One root error; its kinds carry what was wrong and what to do next."""
 
-import difflib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from urdf.table_file import TableFileError
+from urdf.table_file import TableFileError, hint
 
-LONGEST_NAME, MOST_NAMES = 60, 60
-"""Characters of a name, and names of a list, that a message shows."""
+LONGEST_NAME = 60
+"""Characters of a name that a message shows."""
 
 
 class ArmdynError(Exception):
@@ -59,10 +58,7 @@ class UnknownNameError(InputError):
     def __init__(self, kind: str, name: str, valid: Iterable[str]) -> None:
         self.kind, self.name, self.valid = kind, name, tuple(valid)
         shown = name if len(name) <= LONGEST_NAME else f"{name[:LONGEST_NAME]}..."
-        close = difflib.get_close_matches(shown, self.valid, n=1, cutoff=0.5)
-        listed = ", ".join(self.valid[:MOST_NAMES]) + (", ..." if len(self.valid) > MOST_NAMES else "")
-        hint = f"did you mean '{close[0]}'?" if close else f"choose one of: {listed}"
-        super().__init__(f"unknown {kind} '{shown}': {hint}")
+        super().__init__(f"unknown {kind} '{shown}': {hint(shown, self.valid)}")
 
 
 class TaskFailedError(ArmdynError):

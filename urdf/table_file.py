@@ -110,13 +110,23 @@ def _check_spelling(text: str) -> None:
             raise TableFileError(f"{where} = {value.as_string()[:60]} is not a number: write its decimal digits alone")
 
 
-def check_keys(table: Iterable[str], known: Iterable[str], where: str = "") -> None:
+MOST_NAMES = 60
+"""Names of a list that a message shows."""
+
+
+def hint(name: str, valid: Sequence[str]) -> str:
+    """What to write in place of an unknown name: the valid one that is most like it, or one of all."""
+    close = difflib.get_close_matches(name, valid, n=1, cutoff=0.5)
+    listed = ", ".join(valid[:MOST_NAMES]) + (", ..." if len(valid) > MOST_NAMES else "")
+    return f"did you mean '{close[0]}'?" if close else f"choose one of: {listed}"
+
+
+def check_keys(table: Iterable[str], known: Iterable[str]) -> None:
     """Refuse a key that nobody reads.
 
     Args:
         table: its keys.
         known: keys that are read.
-        where: the table is, such as ``"[limits]"``; empty for the file itself.
 
     Raises:
         TableFileError: names the key and the nearest one.
@@ -124,9 +134,7 @@ def check_keys(table: Iterable[str], known: Iterable[str], where: str = "") -> N
     valid = tuple(known)
     for key in table:
         if key not in valid:
-            close = difflib.get_close_matches(key.lower(), valid, n=1, cutoff=0.5)
-            hint = f"did you mean '{close[0]}'?" if close else f"choose one of: {', '.join(valid)}"
-            raise TableFileError(f"{where + ': ' if where else ''}unknown key '{key[:60]}': {hint}")
+            raise TableFileError(f"unknown key '{key[:60]}': {hint(key.lower(), valid)}")
 
 
 Declared = TypeVar("Declared")

@@ -9,9 +9,9 @@ import numpy as np
 from armdyn.arm.arm import Arm
 from armdyn.arm.bodies import OF_BASE, Bodies, Stretch
 from armdyn.arm.composition import DIRECTION, LOAD, JointFunctions, Term
-from armdyn.arm.drive import Drive, Recorded
+from armdyn.arm.drive import Drive, Recorded, smoothing_drives
 from armdyn.arm.motion import MeasuredMotion, measured_motion
-from armdyn.arm.prepared import PreparedRun, drives_of, interior, prepare, recorded, settled
+from armdyn.arm.prepared import FREQUENCIES, PreparedRun, interior, prepare, recorded, settled
 from armdyn.faults import without_spikes
 from armdyn.readout import Interpolated, LowPassed, Sampler
 from armdyn.run import Channel, Run
@@ -296,7 +296,7 @@ def prepared_once(run: Run, arm: Arm, beside: tuple[Run, ...]) -> PreparedRun:
 
 @lru_cache(maxsize=8)
 def _drives(runs: tuple[Run, ...], arm: Arm) -> Mapping[str, Drive]:
-    return drives_of([_recorded(run, arm)[1] for run in runs], arm.model)
+    return smoothing_drives([_recorded(run, arm)[1] for run in runs], arm.model, FREQUENCIES)
 
 
 @lru_cache(maxsize=64)

@@ -10,13 +10,13 @@ grows like f^2, and above some frequency it causes more of the predicted torque 
 the drive smoothed the torque before it was recorded (see `drive`).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pinocchio as pin
 
-from armdyn.arm.drive import Drive, Recorded, Torque, smoothing_drives
+from armdyn.arm.drive import Drive, Recorded, Torque
 from armdyn.arm.motion import CERTAIN, MeasuredMotion, measured_motion
 from armdyn.channels import MIN_SAMPLES, Channel
 from armdyn.errors import InputError
@@ -139,11 +139,6 @@ def recorded(run: Run, model: pin.Model, joints: tuple[str, ...]) -> Recorded:
             run.require_informative(name)
             torques[name] = Torque(j, *_inside(run, name, motion), brought_in[j])
     return Recorded(torques, motion)
-
-
-def drives_of(recordings: Sequence[Recorded], model: pin.Model) -> Mapping[str, Drive]:
-    """What the drives of an arm did to the torques of its recordings, by channel."""
-    return smoothing_drives(recordings, model, FREQUENCIES)
 
 
 def prepare(run: Run, joints: tuple[str, ...], own: Recorded, drives: Mapping[str, Drive]) -> PreparedRun:
