@@ -9,7 +9,7 @@ from _pendulum import Pendulum, sum_of_cosines
 from _rival_fits import NAMES, Data, Fit, over_windows, with_floats
 
 from armdyn.effects.catalogue import CATALOGUE
-from armdyn.identify.estimator import WINDOWS, Estimator, estimate_recorded
+from armdyn.identify.estimator import Estimator, until
 from armdyn.identify.least_squares import Estimate
 from armdyn.pendulum.model import PendulumModel, pendulum_model
 from armdyn.run import Channel, Run
@@ -24,6 +24,10 @@ FIXED = {"mass": MASS, "drag": 0.0, "bias": 0.0, "delay": 0.0}
 """What is not fitted where only the length is."""
 KNOWN = {"mass": (0.1, 0.001), "drag": (0.0, 0.01), "bias": (0.0, 0.02), "delay": (0.01, 0.01)}
 OUR_NAMES = ("length", "mass", "linear_drag.coefficient", "sensor_bias.force", "sensor_delay.time")
+
+
+WINDOWS = (0.75, 1.5, 3.0, 6.0)
+"""s, over which a start that is far off is followed; the whole recording comes last."""
 
 
 @dataclass(frozen=True)
@@ -44,9 +48,10 @@ class Scenario:
 
     def ours(self) -> Estimate:
         """By armdyn."""
-        if self.windows:
-            return estimate_recorded(self.model, self.run, {"load_force": NOISE})
-        return Estimator(self.model, {"load_force": NOISE}).update(self.run)
+        estimator, begin = Estimator(self.model, {"load_force": NOISE}), self.run.channels["load_force"].time[0]
+        for window in WINDOWS if self.windows else ():
+            estimator.update(until(self.run, begin + window))
+        return estimator.update(self.run)
 
     def theirs(self, fit: Fit) -> np.ndarray:
         """By a rival: the free parameters."""

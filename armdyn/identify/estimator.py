@@ -18,8 +18,6 @@ METHODS: Mapping[str, Callable[..., Estimate]] = {
     "levenberg_marquardt": levenberg_marquardt,
     "gradient_descent": gradient_descent,
 }
-WINDOWS = (0.75, 1.5, 3.0, 6.0)
-"""s; a recorded run is fitted over these windows first, each from the last one's result."""
 
 
 class Estimator(Generic[ModelT]):
@@ -61,18 +59,6 @@ class Estimator(Generic[ModelT]):
             for channel, rows in prediction.slices.items()
         ]
         return float(np.sqrt(max([1.0, *(variance_inflation([residual]) for residual in residuals)])))
-
-
-def estimate_recorded(
-    model: Model, run: Run, noise: Mapping[str, float], method: Method = "levenberg_marquardt"
-) -> Estimate:
-    """Estimate from a finished recording, over windows that grow so that the first guess may be far off."""
-    estimator = Estimator(model, noise, method)
-    start = min(channel.time[0] for channel in run.channels.values())
-    end = max(channel.time[-1] for channel in run.channels.values())
-    for window in (*(w for w in WINDOWS if w < end - start), np.inf):
-        estimate = estimator.update(until(run, start + window))
-    return estimate
 
 
 def until(run: Run, end: float) -> Run:
