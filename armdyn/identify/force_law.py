@@ -103,7 +103,7 @@ class Law:
         # A drive must make up for what friction takes; a swing is slowed by it.
         friction = [t for t in self.terms if t.shape.cause]
         loss = 1.0 if self.joint else -1.0
-        drives = bool(friction) and loss * friction[0].size < 0.0
+        drives = bool(friction) and all(loss * t.size < 0.0 for t in friction)
         along = -loss if drives else loss
         said = " and ".join(_said(t, what, t.size * (along if t.shape.cause else 1.0) > 0.0) for t in self.terms)
         text = f"the missing {self.quantity}{whose} {said}"

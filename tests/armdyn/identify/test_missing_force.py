@@ -80,6 +80,15 @@ def test_a_friction_that_drives_is_called_none():
     assert law(curves(given)).sentence.endswith("which drives the motion and is no friction")
 
 
+def test_beside_a_drag_less_viscous_friction_than_was_fitted_is_no_drive():
+    given = [_samples(seed, 0.0, 0.4) for seed in range(2)]
+    less = [
+        Unexplained(u.run, u.joint, u.unit, u.time, u.value - 0.6 * u.against["speed"][0], u.against) for u in given
+    ]
+    sentence = law(curves(less)).sentence
+    assert "falls in proportion to the speed" in sentence and sentence.endswith(": drag")
+
+
 def _samples(seed, friction, drag=0.0, noise=0.2):
     """White noise with what a friction and a drag take, over speeds of a swing."""
     rng, time = np.random.default_rng(seed), np.arange(0.0, 40.0, 0.05)
