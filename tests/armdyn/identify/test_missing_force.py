@@ -86,7 +86,8 @@ def test_beside_a_drag_less_viscous_friction_than_was_fitted_is_no_drive():
         Unexplained(u.run, u.joint, u.unit, u.time, u.value - 0.6 * u.against["speed"][0], u.against) for u in given
     ]
     sentence = law(curves(less)).sentence
-    assert "falls in proportion to the speed" in sentence and sentence.endswith(": drag")
+    assert "falls in proportion to the speed" in sentence
+    assert sentence.endswith(": drag")
 
 
 def _samples(seed, friction, drag=0.0, noise=0.2):
