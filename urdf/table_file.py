@@ -14,6 +14,9 @@ from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, g
 
 from urdf.bounds import DEEPEST_TABLE, LARGEST, LARGEST_INTEGER, LARGEST_TEXT, shown
 
+MOST_TOLD = 12
+"""Problems of a file that its line lists."""
+
 
 class TableFileError(ValueError):
     """A file that is no table: the message, which lacks the file's name, says what is wrong and what to do.
@@ -28,10 +31,12 @@ class TableFileError(ValueError):
 
 
 def join_problems(problems: Sequence[str]) -> str:
-    """All problems in one line."""
+    """Problems in one line, the first `MOST_TOLD` of them: more would be no line that anybody reads."""
     if len(problems) == 1:
         return problems[0]
-    return f"{len(problems)} problems: " + "; ".join(f"({i}) {text}" for i, text in enumerate(problems, start=1))
+    told = "; ".join(f"({i}) {text}" for i, text in enumerate(problems[:MOST_TOLD], start=1))
+    more = f"; and {len(problems) - MOST_TOLD} more" if len(problems) > MOST_TOLD else ""
+    return f"{len(problems)} problems: {told}{more}"
 
 
 def read_table(path: Path, *, finite: bool = False) -> tuple[str, dict[str, Any]]:

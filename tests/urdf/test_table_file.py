@@ -66,3 +66,9 @@ def test_everything_that_is_wrong_is_told_with_its_table():
 def test_an_entry_of_another_kind_is_refused(text, says):
     with pytest.raises(TableFileError, match=says):
         read(text)
+
+
+def test_of_many_problems_the_first_are_told_and_the_others_counted():
+    told = str(TableFileError(*(f"entry 'p{i}' is missing" for i in range(46))))
+    assert told.startswith("46 problems: (1) entry 'p0' is missing; (2)")
+    assert told.endswith("(12) entry 'p11' is missing; and 34 more")
