@@ -146,8 +146,9 @@ class GripperProblem(MotionProblem):
         taut = all(float(p.tension(p.start).min()) > 0.0 for p in here)
         return max(excess, widest) if taut else SLACK
 
-    def centre(self, rng: np.random.Generator) -> np.ndarray:  # noqa: ARG002
+    def centre(self, rng: np.random.Generator) -> np.ndarray:
         """Where the motion starts."""
+        del rng
         return np.zeros(1)
 
     def about(self, x: np.ndarray) -> "GripperProblem":

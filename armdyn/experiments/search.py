@@ -90,12 +90,14 @@ class MotionProblem(ABC):
     def centre(self, rng: np.random.Generator) -> np.ndarray | None:
         """(axes,) about which a random motion may be made; None where none was found."""
 
-    def about(self, x: np.ndarray) -> "MotionProblem":  # noqa: ARG002
+    def about(self, x: np.ndarray) -> "MotionProblem":
         """The problem of one round, with what is linearised or chosen at the motion with which it begins."""
+        del x
         return self
 
-    def accepted(self, before: np.ndarray, after: np.ndarray) -> np.ndarray:  # noqa: ARG002
+    def accepted(self, before: np.ndarray, after: np.ndarray) -> np.ndarray:
         """The motion after a round, or one between; for limits that are linearised."""
+        del before
         return after
 
     @property
