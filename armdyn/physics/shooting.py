@@ -14,7 +14,7 @@ from armdyn.physics.simulate import Simulator, System
 SHORT = 16
 """Steps per compiled call: pieces are short."""
 TOGETHER = 64
-"""Pieces per compiled call."""
+"""Pieces per compiled call, at most."""
 
 
 class Shots(NamedTuple):
@@ -56,7 +56,13 @@ class Shooting:
         free = replace(system, starts=system.states, initial=itself)
         self._inputs = system.inputs
         self.simulator = Simulator(free, f"{name}_pieces", channels, SHORT)
-        self._steps = Buffered(self.simulator.steps.map("shots", "serial", TOGETHER, [4], []))
+        self._together: dict[int, Buffered] = {}
+
+    def _steps(self, pieces: int) -> Buffered:
+        """The compiled steps of so many pieces."""
+        if pieces not in self._together:
+            self._together[pieces] = Buffered(self.simulator.steps.map(f"shots_{pieces}", "serial", pieces, [4], []))
+        return self._together[pieces]
 
     def shoot(self, path: Path, edges: np.ndarray, theta: np.ndarray, states: np.ndarray) -> Shots:
         """Simulate from each edge to the next.
@@ -77,27 +83,25 @@ class Shooting:
         begin = np.hstack([np.zeros((n, len(s.active) - n)), np.eye(n)])
         for first in range(0, J, TOGETHER):
             these = slice(first, min(first + TOGETHER, J))
-            size, width = these.stop - first, TOGETHER * SHORT
-            at, lasts = np.zeros(TOGETHER, dtype=int), np.zeros(TOGETHER, dtype=int)
-            at[:size], lasts[:size] = edges[:-1][these], steps[these]
-            shown = lasts + (np.arange(TOGETHER) == J - 1 - first)  # the last piece's end is nobody else's
-            state, sensitivity = np.zeros((n, TOGETHER)), np.tile(begin, TOGETHER)
-            state[:, :size] = states[these].T
+            size = these.stop - first
+            at, lasts, advance = edges[:-1][these], steps[these], self._steps(size)
+            shown = lasts + (np.arange(size) == J - 1 - first)  # the last piece's end is nobody else's
+            state, sensitivity = states[these].T, np.tile(begin, size)
             for done in range(0, int(shown.max()), SHORT):
                 step = done + np.arange(SHORT)
                 node = at[:, None] + step
                 here = np.minimum(node, nodes.shape[1] - 1)
                 now, there = np.minimum(here, middle.shape[1] - 1), np.minimum(here + 1, nodes.shape[1] - 1)
-                inputs = np.concatenate([nodes[:, here], middle[:, now], nodes[:, there]]).reshape(-1, width)
-                moving = np.where(step < lasts[:, None], path.dt, 0.0).reshape(1, width)
-                _, y, dy, state, sensitivity = self._steps(state, sensitivity, inputs, moving, theta)
+                inputs = np.concatenate([nodes[:, here], middle[:, now], nodes[:, there]]).reshape(-1, size * SHORT)
+                moving = np.where(step < lasts[:, None], path.dt, 0.0).reshape(1, -1)
+                _, y, dy, state, sensitivity = advance(state, sensitivity, inputs, moving, theta)
                 kept = step < shown[:, None]
                 target = (node - edges[0])[kept]
-                outputs[target] = y.T.reshape(TOGETHER, SHORT, c)[kept]
-                by = dy.T.reshape(TOGETHER, SHORT, m, c)[kept]
+                outputs[target] = y.T.reshape(size, SHORT, c)[kept]
+                by = dy.T.reshape(size, SHORT, m, c)[kept]
                 sensitivities[target] = by.transpose(0, 2, 1)
-            ends[these] = state.T[:size]
-            slopes[these][:, :, s.active] = sensitivity.reshape(n, TOGETHER, -1).transpose(1, 0, 2)[:size]
+            ends[these] = state.T
+            slopes[these][:, :, s.active] = sensitivity.reshape(n, size, -1).transpose(1, 0, 2)
         by_theta, by_state = sensitivities[:, :, :q], sensitivities[:, :, q:]
         return Shots(ends, slopes[:, :, q:], slopes[:, :, :q], outputs, by_state, by_theta)
 
