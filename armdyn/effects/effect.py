@@ -31,6 +31,7 @@ class Effect:
         joints: joints that it does act on, in the order of the arm; all within its reach where empty.
         wrong: whether it is a formula known to be wrong, which a comparison holds against the right one.
         needs: channels of which a recording must have one to show it; any will do where empty.
+        usual: standard deviation, in typical sizes, by which every description is wrong: as much of it is no finding.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Effect:
     joints: tuple[str, ...] = ()
     wrong: bool = False
     needs: tuple[str, ...] = ()
+    usual: float = 0.0
 
     def shows_in(self, channels: Collection[str]) -> bool:
         """Whether recordings of these channels can show it: an angle shows no load cell's lag."""
@@ -103,6 +105,7 @@ def effect(
     reach: Reach = "every",
     wrong: bool = False,
     needs: tuple[str, ...] = (),
+    usual: float = 0.0,
 ) -> Callable[[Callable[..., Physics]], Effect]:
     """Make an `Effect` of a function whose first argument is the stage and whose others default to `quantity`.
 
@@ -131,6 +134,6 @@ def effect(
             quantities[argument.name] = argument.default
         at = stage.name if acts_on is None else acts_on
         declared = MappingProxyType(quantities)
-        return Effect(called, at, declared, summary, source, function, reach, wrong=wrong, needs=needs)
+        return Effect(called, at, declared, summary, source, function, reach, wrong=wrong, needs=needs, usual=usual)
 
     return make

@@ -95,7 +95,7 @@ def _carries_over(appraiser: Summed, after: Appraisal, before: Appraisal) -> boo
 
 def best_set(appraiser: Summed, now: Appraisal, options: Sequence[Appraisal]) -> Appraisal:
     """What is worth most; where the model's own error is left, what leads."""
-    if appraiser.limited == 0.0:
+    if appraiser.complete:
         return max(options, key=lambda o: o.worth)
     return simplest_of_best(now, options)
 
@@ -123,7 +123,7 @@ def _simplified(appraiser: Summed, now: Appraisal, firm: Sequence[Candidate]) ->
             o
             for o in simpler
             if np.isfinite(o.worth)
-            and (o.worth > surely or (appraiser.limited and np.log(without.overall / o.overall) >= enough))
+            and (o.worth > surely or (not appraiser.complete and np.log(without.overall / o.overall) >= enough))
         ]
         if near:
             now = min(near, key=lambda o: o.overall)

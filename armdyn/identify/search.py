@@ -97,8 +97,7 @@ def search(study: Study, progress: Progress | None = None) -> Search:
     given = Step((), (), study.present, first, residual_tests(first, study.scores(first, study.present)))
     if study.model.linear:
         appraiser, steps = _whole_story(study, given, say, sparse=True)
-        # Where many small errors are left, only what is large beside them has a name.
-        if not study.leaves_noise(steps[-1].fit):
+        if not _few_explain_all(study, appraiser, steps[-1]):
             other, way = _whole_story(study, given, say, sparse=False)
             if not _better_and_no_larger(study, steps[-1].fit, way[-1].fit):
                 appraiser, steps = other, way
@@ -109,11 +108,24 @@ def search(study: Study, progress: Progress | None = None) -> Search:
     return Search(tuple(steps), suspects(appraiser, appraiser.within(named.added), named.tied))
 
 
-def _whole_story(study: Study, given: Step, say: Progress, sparse: bool) -> tuple[Appraiser, list[Step]]:
+def _whole_story(study: Study, given: Step, say: Progress, sparse: bool) -> tuple[Summed, list[Step]]:
     """The appraiser of an arm around its fit as given, and the way to the fixed point; see `Summed` for `sparse`."""
     appraiser, whole, ahead, around_given = _by_sums(study, given.fit, say, sparse)
     way = _climbed(study, appraiser, whole, given, ahead, say, appraiser.given)
     return around_given, _to_fixed_point(study, [given, *way], say, sparse)
+
+
+def _few_explain_all(study: Study, around_given: Summed, last: Step) -> bool:
+    """Whether few effects leave nothing but noise: where many small errors remain, only what is large has a name.
+
+    An effect that is no larger than every description is wrong by is one of many small errors, found or not.
+    """
+    if around_given.limited > 0.0 and not study.leaves_noise(last.fit):
+        return False
+    if not any(study.effects[candidate.effect].usual for candidate in last.effects):
+        return True
+    around = study.appraiser(last.fit, sparse=True)
+    return not around.usual(around.of(around.within(last.effects)))
 
 
 def _better_and_no_larger(study: Study, one: Fit, other: Fit) -> bool:

@@ -1,12 +1,14 @@
 """Appraisal by sums around one fit: for models that are linear in most of their unknowns, as an arm is."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
-from math import log, sqrt
+from math import exp, log, sqrt
 
 import numpy as np
+from scipy.special import chdtri
 
-from armdyn.identify.appraisal import Appraisal, Appraiser, Described
+from armdyn.identify.appraisal import SURE, Appraisal, Appraiser, Described
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.sample_evidence import SampleEvidence, misfit_of
 from armdyn.identify.simplest import simplest_of_best
@@ -40,6 +42,7 @@ class Summed(Appraiser):
 
     Attributes:
         limited: share of what the richest model leaves that is more than noise: 0 noise-limited, 1 model-limited.
+        complete: whether few effects are hoped to explain everything, and all together leave no more than noise.
     """
 
     most_named = 8
@@ -64,6 +67,7 @@ class Summed(Appraiser):
         self._kinds = np.array([sorted(set(measured)).index(unit) for unit in measured])
         self._evidence.measure(*self._richest())
         self.limited = self._evidence.limited
+        self.complete = sparse and self.limited == 0.0
 
     def values(self, one: Appraisal) -> np.ndarray:
         """See `Appraiser.values`; foretold."""
@@ -164,9 +168,7 @@ class Summed(Appraiser):
         imitation could is enough. Training counts as much as held-out runs: what is strong in one kind of motion may be
         weak in another, and small errors beside it are small all the same.
         """
-        if self.limited == 0.0:
-            return True
-        if self.surely(more, fewer):
+        if self.complete or self.surely(more, fewer):
             return True
         had = int(np.sum(fewer.free) - np.sum(self._always))
         further = int(np.sum(more.free) - np.sum(fewer.free))
@@ -174,6 +176,26 @@ class Summed(Appraiser):
         if fewer.overall - more.overall >= DIMINISHED * further * max(expected, 0.0):
             return True
         return log(fewer.overall / more.overall) >= MARKED * sqrt(max(further, 0))
+
+    def usual(self, one: Appraisal) -> tuple[Candidate, ...]:
+        """Effects of a set that are no larger than every description is wrong by; see `Effect.usual`.
+
+        Their values, fitted with that as their prior, are such as it draws: the sum of their squares, over its
+        variances, is below the `SURE` quantile of chi-squared.
+        """
+        share = {effect.name: effect.usual for effect in self.problem.model.effects}
+        return tuple(c for c in one.effects if share[c.effect] and self._is_usual(one, c, share[c.effect]))
+
+    def _is_usual(self, one: Appraisal, candidate: Candidate, share: float) -> bool:
+        own, p = self._solver.columns[candidate], self.sums.problem
+        width, centre = self.sums.width.copy(), self.sums.centre.copy()
+        width[own], centre[own] = share * p.typical[own], (p.null - self.sums.values)[own]
+        solver = Solver(replace(self.sums, width=width, centre=centre), self._always, self.candidates)
+        solver.weigh(self._solver.weight)
+        subset = solver.subset(one.effects)
+        change, _ = solver.minimum(subset, self._training)
+        off = (change[np.searchsorted(subset.columns, own)] - centre[own]) / width[own]
+        return float(off @ off) < chdtri(len(own), exp(-SURE))
 
     def best_with_one_more(self, now: Appraisal, left: Sequence[Candidate]) -> Appraisal:
         """See `Appraiser.best_with_one_more`: what leaves least, or stands in for it."""
