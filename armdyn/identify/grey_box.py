@@ -18,7 +18,7 @@ UNSEEN = 1e-9
 """Information on an unknown of typical size, in squared deviations, that is none but rounding."""
 SETTLED = 0.5
 """Nats that do not matter."""
-SHRINK, TIED = 0.15, 1e-6
+SHRINK, TIED = 0.03, 1e-6
 """By which the kicks shrink from round to round, and the share of them that counts as nothing."""
 
 
