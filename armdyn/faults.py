@@ -2,13 +2,13 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
 from scipy.ndimage import median_filter
 
 from armdyn.differences import LONGEST_SPAN, normalised_differences
+from armdyn.kept import kept_alongside
 from armdyn.run import Channel, Run
 from armdyn.smoothing.choice import resolution
 
@@ -134,7 +134,7 @@ def at_the_end(value: np.ndarray) -> np.ndarray:
     return found
 
 
-@lru_cache(maxsize=512)
+@kept_alongside
 def spikes_of(channel: Channel) -> np.ndarray:
     """(n,) bool: `spikes` of a channel; asked for by the inspection of a run and again when it is prepared."""
     found = spikes(channel.time, channel.value)

@@ -192,7 +192,7 @@ class ArmModel(Model):
         bodies = self._bodies(theta)
         parts = []
         for name in channels:
-            predictor = predictor_of(self.arm, run, run.channels[name], name)
+            predictor = predictor_of(run, self.arm, run.channels[name], name)
             values, derivatives = predictor.predict(self._functions, per_joint, bodies)
             parts.append((name, run.channels[name].time, values, self._by_theta(derivatives, len(values))))
         return join_channels(parts)

@@ -1,13 +1,13 @@
 """How an arm moved in a run: positions smoothed with the noise that they have, and differentiated."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from scipy.special import erf
 
 from armdyn.channels import Channel
 from armdyn.errors import InputError
+from armdyn.kept import kept_alongside
 from armdyn.run import Run
 from armdyn.smoothing import FEWEST, ORDERS, Choice, Curve, Rates, best_smoothing, derivative_noise, smoothed
 
@@ -98,7 +98,7 @@ def expected_sign(velocity: np.ndarray, noise: float) -> np.ndarray:
     return np.asarray(erf(velocity / (np.sqrt(2.0) * noise)))
 
 
-@lru_cache(maxsize=64)
+@kept_alongside
 def measured_motion(run: Run, joints: tuple[str, ...]) -> MeasuredMotion:
     """Smooth the recorded motion of `joints`.
 
@@ -130,7 +130,7 @@ def measured_motion(run: Run, joints: tuple[str, ...]) -> MeasuredMotion:
     return MeasuredMotion(tuple(curves), start, end)
 
 
-@lru_cache(maxsize=512)
+@kept_alongside
 def _joint_curve(q: Channel, v: Channel | None, a: Channel | None) -> JointCurve:
     """By channels, which a run keeps when others of its channels are cleaned."""
     interval = float((q.time[-1] - q.time[0]) / (len(q) - 1))

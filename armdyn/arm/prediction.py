@@ -1,7 +1,7 @@
 """Torques of one run with exact derivatives: what does not depend on the parameters is computed once per run."""
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache, cached_property, lru_cache
+from functools import cache, cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +13,7 @@ from armdyn.arm.drive import Drive, Recorded, smoothing_drives
 from armdyn.arm.motion import MeasuredMotion, measured_motion
 from armdyn.arm.prepared import FREQUENCIES, PreparedRun, interior, prepare, recorded, settled
 from armdyn.faults import without_spikes
+from armdyn.kept import kept_alongside
 from armdyn.readout import Interpolated, LowPassed, Sampler
 from armdyn.run import Channel, Run
 
@@ -281,7 +282,7 @@ class ChannelPredictor:
         return found
 
 
-@lru_cache(maxsize=64)
+@kept_alongside
 def prepared_once(run: Run, arm: Arm, beside: tuple[Run, ...]) -> PreparedRun:
     """See `prepare`; isolated outliers are left out before.
 
@@ -291,15 +292,16 @@ def prepared_once(run: Run, arm: Arm, beside: tuple[Run, ...]) -> PreparedRun:
         beside: recordings that show what its drives did; this one alone if there are none.
     """
     clean, own = _recorded(run, arm)
-    return prepare(clean, arm.joints, own, _drives(beside or (run,), arm))
+    first, *others = beside or (run,)
+    return prepare(clean, arm.joints, own, _drives(first, arm, tuple(others)))
 
 
-@lru_cache(maxsize=8)
-def _drives(runs: tuple[Run, ...], arm: Arm) -> Mapping[str, Drive]:
-    return smoothing_drives([_recorded(run, arm)[1] for run in runs], arm.model, FREQUENCIES)
+@kept_alongside
+def _drives(first: Run, arm: Arm, others: tuple[Run, ...]) -> Mapping[str, Drive]:
+    return smoothing_drives([_recorded(run, arm)[1] for run in (first, *others)], arm.model, FREQUENCIES)
 
 
-@lru_cache(maxsize=64)
+@kept_alongside
 def _recorded(run: Run, arm: Arm) -> tuple[Run, Recorded]:
     """A run without isolated outliers, and its torques and motion."""
     names = (f"{kind}.{joint}" for joint in arm.joints for kind in ("q", "v", "a", "tau"))
@@ -307,8 +309,8 @@ def _recorded(run: Run, arm: Arm) -> tuple[Run, Recorded]:
     return clean, recorded(clean, arm.model, arm.joints)
 
 
-@lru_cache(maxsize=512)
-def predictor_of(arm: Arm, run: Run, channel: Channel, name: str) -> ChannelPredictor:
+@kept_alongside
+def predictor_of(run: Run, arm: Arm, channel: Channel, name: str) -> ChannelPredictor:
     """What predicts the samples of a torque channel called `name`; filtered as the run was, where it was."""
     joint = arm.joints.index(name.removeprefix("tau."))
     sampler: Sampler
@@ -324,7 +326,7 @@ def predictor_of(arm: Arm, run: Run, channel: Channel, name: str) -> ChannelPred
     return ChannelPredictor(stretch, sampler, joint, motion)
 
 
-@lru_cache(maxsize=64)
+@kept_alongside
 def _stretch(run: Run, arm: Arm, name: str, without_ends: bool) -> Stretch:
     """The motion at the stamps of a channel; channels that were sampled together share it."""
     channel = run.channels[name]

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from armdyn.identify.noise import white_noise_std
 from armdyn.inspection import signals
 from armdyn.inspection.check import Check, Kind, Severity, amount, listed
 from armdyn.inspection.correction import Correction, Reading
+from armdyn.kept import kept_alongside
 from armdyn.run import Run
 
 MOMENTS = 400
@@ -121,7 +121,7 @@ def consistent(run: Run) -> Run:
     return replace(run, channels={n: c for n, c in run.channels.items() if n not in wrong}) if wrong else run
 
 
-@lru_cache(maxsize=16)
+@kept_alongside
 def paired(run: Run) -> tuple[list[Pair], np.ndarray]:
     """Every rate with the position that it should be the rate of, and the (n,) moments."""
     named = [(f"q.{j}", f"v.{j}") for j in run.joints] + list(PAIRS.items())

@@ -1,10 +1,10 @@
 """The gripper's path: whole, still growing, or trailed by what hangs from it; in a run, recorded or being recorded."""
 
 from dataclasses import dataclass, field
-from functools import lru_cache
 
 import numpy as np
 
+from armdyn.kept import kept_alongside
 from armdyn.pendulum.dynamics import OUTPUTS
 from armdyn.physics.recorded import (
     COARSEST_GRID,
@@ -161,7 +161,7 @@ def run_path(run: Run) -> GripperPath:
     return run.path if isinstance(run, GrowingRun) else _recorded_path(run)
 
 
-@lru_cache(maxsize=64)
+@kept_alongside
 def _recorded_path(run: Run) -> GripperPath:
     ends = [(c.time[0], c.time[-1]) for name, c in run.channels.items() if name in OUTPUTS or name == "gripper_x"]
     start, end = float(min(e[0] for e in ends)), max(e[1] for e in ends)

@@ -15,6 +15,7 @@ from armdyn.channels import MIN_SAMPLES
 from armdyn.effects.catalogue import natural_order
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
+from armdyn.kept import kept_alongside
 from armdyn.parameter import Parameter
 from armdyn.physics.definition import Physics
 from armdyn.physics.formulation import Formulation, formulated
@@ -260,6 +261,6 @@ def _remembers(physics: Physics, effect: Effect) -> bool:
     return with_it.states > _bare(physics).states
 
 
-@lru_cache(maxsize=64)
+@kept_alongside
 def _recorded(run: Run, physics: Physics) -> Path:
     return recorded_inputs(run, physics.inputs, physics.outputs, physics.step)

@@ -1,6 +1,7 @@
 """One model against one recording: what a worker does, on this machine or another."""
 
 import dataclasses
+import gc
 import hashlib
 import json
 import threading
@@ -121,6 +122,7 @@ def work(job: Job) -> Outcome:
                 "problem": f"not foreseen: {what} ({Path(frame.filename).name}, line {frame.lineno})",
                 "passing": True,
             }
+        gc.collect()  # what was worked out of a recording refers to it; the next one needs the memory
         return Outcome(job.key, seconds=time.perf_counter() - began, **found)
 
 

@@ -1,9 +1,13 @@
 """Sums over samples foretell what a model predicts; effects are chosen by what they are worth to other runs."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hidden_effects.arm import generate
+from hidden_effects.dominant import Hidden, Lump
 from hidden_effects.imperfect_arm import generate as imperfect
+from hidden_effects.plant import perfect
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
@@ -109,3 +113,16 @@ def test_what_dominates_is_named_where_everything_is_a_little_wrong(robot, name)
     true = add(Study(model, case.train, case.held_out, JOINT, case.exam), [CATALOGUE[hidden.effect].on(hidden.joint)])
     error, best = (np.linalg.norm(list(r.path[-1].exam_rmse.values())) for r in (found, true))
     assert error < 1.2 * best
+
+
+def test_a_link_is_usual_where_it_is_wrong_by_as_little_as_descriptions_are():
+    rng = np.random.default_rng(5)
+    world = perfect("ur5", "multisine", seed=5, duration=20.0)
+    drive = replace(world.drive, noise=0.002 * world.plant.effort)
+    world = replace(world, drive=drive, links=world.plant.described.off(rng))  # all of them by 3 to 8 %
+    heavy = Hidden("link_inertia", "wrist_2_joint", lump=Lump(1.0, (0.04, 0.07, 0.08), 0.001))
+    noise = rng.standard_normal((3, len(world.stamps), len(world.plant.joints)))
+    study = Study(arm_model(robot="ur5"), [world.recorded((heavy,), noise, "off")], [], [CATALOGUE["link_inertia"]])
+    appraiser = study.appraiser(study.converge(study.fit_with(study.candidates, study.first())))
+    usual = appraiser.usual(appraiser.of(appraiser.candidates))
+    assert {c.joints[0] for c in usual} == set(world.plant.joints) - {"wrist_2_joint"}

@@ -16,7 +16,7 @@ class Set(Plain):
     __hash__ = object.__hash__
 
 
-LIMITED = Plain(limited=0.9)
+LIMITED = Plain(complete=False)
 NOTHING = Plain(overall=1.0)
 
 
@@ -50,7 +50,7 @@ def test_where_nothing_explains_anything_what_does_most_harm_is_not_simpler():
 
 
 def test_at_the_noise_the_worth_decides():
-    noise = Plain(limited=0.0)
+    noise = Plain(complete=True)
     options = [option("link", 0.05, 10, worth=3.0), option("spring", 0.5, 2, worth=4.0)]
     assert best_set(noise, NOTHING, options).name == "spring"
 
@@ -60,7 +60,7 @@ def test_at_the_noise_the_worth_decides():
 )
 def test_beside_one_strong_effect_a_second_is_wanted_that_explains_most_of_what_is_left(left, values, wanted):
     given, strong = Plain(overall=100.0), Plain(overall=10.0, free=np.ones(1))
-    appraiser = Plain(limited=0.9, surely=lambda *_: False, _always=np.zeros(1), of={(): given}.get)
+    appraiser = Plain(complete=False, surely=lambda *_: False, _always=np.zeros(1), of={(): given}.get)
     assert Summed.useful(appraiser, Plain(overall=left, free=np.ones(1 + values)), strong) is wanted
 
 

@@ -8,12 +8,15 @@ import signal
 import subprocess
 import sys
 import time
+import weakref
 
 import pytest
 from dask_cluster import dask_cluster, free_port
 
+from armdyn.run import read_run
 from pipeline.batch.run import JOURNAL, run_batch
 from pipeline.batch.spec import read_spec
+from pipeline.batch.work import Job, work
 
 FEW = 6
 pq = pytest.importorskip("pyarrow.parquet")
@@ -129,3 +132,18 @@ def test_a_scheduler_that_does_not_answer_is_bad_input(lab, monkeypatch):
     (lab / "out").mkdir()
     with pytest.raises(InputError, match="no dask scheduler answers there"):
         run_batch(read_spec(lab / "spec.toml"), lab / "out", scheduler=f"tcp://127.0.0.1:{free_port()}")
+
+
+def test_a_worker_keeps_nothing_of_a_recording_that_is_done(lab, monkeypatch):
+    seen = []
+
+    def read(path):
+        run = read_run(path)
+        seen.append(weakref.ref(run))
+        return run
+
+    monkeypatch.setattr("armdyn.run.read_run", read)
+    item = read_spec(lab / "spec.toml").items[0]
+    outcome = work(Job("key", "repair", item.model, "key of the model", item.run, None))
+    assert outcome.verdict
+    assert [one() for one in seen] == [None]
