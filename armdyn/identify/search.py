@@ -96,11 +96,7 @@ def search(study: Study, progress: Progress | None = None) -> Search:
     appraiser: Appraiser
     given = Step((), (), study.present, first, residual_tests(first, study.scores(first, study.present)))
     if study.model.linear:
-        appraiser, steps = _whole_story(study, given, say, sparse=True)
-        if not _few_explain_all(study, appraiser, steps[-1]):
-            other, way = _whole_story(study, given, say, sparse=False)
-            if not _better_and_no_larger(study, steps[-1].fit, way[-1].fit):
-                appraiser, steps = other, way
+        appraiser, steps = _by_sums(study, given, say)
     else:
         appraiser, whole = _by_evidence(study, first, say)
         steps = without_little(study, [given, *_climbed(study, appraiser, whole, given, first, say)])
@@ -108,23 +104,37 @@ def search(study: Study, progress: Progress | None = None) -> Search:
     return Search(tuple(steps), suspects(appraiser, appraiser.within(named.added), named.tied))
 
 
+def _by_sums(study: Study, given: Step, say: Progress) -> tuple[Summed, list[Step]]:
+    """The appraiser of an arm around its fit as given, and the way to where nothing is missing that can be told.
+
+    Few effects are hoped to explain everything; where many small errors remain, only what is large has a name.
+    """
+    appraiser, steps = _whole_story(study, given, say, sparse=True)
+    if _few_explain_all(study, steps[-1]):
+        return appraiser, steps
+    other, way = _whole_story(study, given, say, sparse=False)
+    if _better_and_no_larger(study, steps[-1].fit, way[-1].fit):
+        return appraiser, steps
+    # What was far from linear at first is linear around what leads.
+    whole = _to_fixed_point(study, way, say, sparse=True)
+    return other, whole if len(whole) > len(way) and _few_explain_all(study, whole[-1]) else way
+
+
 def _whole_story(study: Study, given: Step, say: Progress, sparse: bool) -> tuple[Summed, list[Step]]:
     """The appraiser of an arm around its fit as given, and the way to the fixed point; see `Summed` for `sparse`."""
-    appraiser, whole, ahead, around_given = _by_sums(study, given.fit, say, sparse)
+    appraiser, whole, ahead, around_given = _best_around(study, given.fit, say, sparse)
     way = _climbed(study, appraiser, whole, given, ahead, say, appraiser.given)
     return around_given, _to_fixed_point(study, [given, *way], say, sparse)
 
 
-def _few_explain_all(study: Study, around_given: Summed, last: Step) -> bool:
-    """Whether few effects leave nothing but noise: where many small errors remain, only what is large has a name.
+def _few_explain_all(study: Study, last: Step) -> bool:
+    """Whether few effects leave nothing but noise, of what is told or of all that could be.
 
     An effect that is no larger than every description is wrong by is one of many small errors, found or not.
     """
-    if around_given.limited > 0.0 and not study.leaves_noise(last.fit):
-        return False
-    if not any(study.effects[candidate.effect].usual for candidate in last.effects):
-        return True
     around = study.appraiser(last.fit, sparse=True)
+    if not (around.complete or study.leaves_noise(last.fit)):
+        return False
     return not around.usual(around.of(around.within(last.effects)))
 
 
@@ -194,7 +204,7 @@ def _at_null(fit: Fit, candidate: Candidate) -> np.ndarray:
     return fit.values[own] == fit.problem.null[own]
 
 
-def _by_sums(study: Study, first: Fit, say: Progress, sparse: bool) -> tuple[Summed, Appraisal, Fit, Summed]:
+def _best_around(study: Study, first: Fit, say: Progress, sparse: bool) -> tuple[Summed, Appraisal, Fit, Summed]:
     """The set chosen by sums, with its appraiser and the fit around which that is; the appraiser around `first`."""
     starts: list[tuple[Fit, tuple[Candidate, ...]]] = [(first, ())]
     for candidate in study.candidates:
