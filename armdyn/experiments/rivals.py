@@ -97,11 +97,9 @@ def tied_sets(found: Diagnosis) -> list[tuple[Candidate, ...]]:
     added = merged([c for c in last.effects if c not in given])
     sets = [tuple(added)]
     for step in found.search.steps[1:]:
-        mine = {c.effect for c in step.added}
-        if not any(c in last.effects for c in step.added):
-            continue
-        rest = [c for c in added if c.effect not in mine]
-        sets += [(*rest, tied) for tied in step.tied if tied not in last.effects]
+        mine = {name for c in step.added for name in c.names}
+        rest = [left for c in added if (left := c.without(mine)).parts]
+        sets += [merged([*rest, tied]) for tied in found.search.ties(step)]
     return sets
 
 

@@ -75,11 +75,14 @@ class Search:
     @property
     def tied(self) -> tuple[Candidate, ...]:
         """Effects that these runs cannot tell from those that it ended with."""
-        found: dict[Candidate, None] = {}
-        for step in reversed(self.steps):
-            if any(effect in self.last.effects for effect in step.added):
-                found.update(dict.fromkeys(step.tied))
-        return tuple(effect for effect in found if effect not in self.last.effects)
+        return tuple(dict.fromkeys(effect for step in reversed(self.steps) for effect in self.ties(step)))
+
+    def ties(self, step: Step) -> tuple[Candidate, ...]:
+        """Effects that these runs cannot tell from what a step added; none where that is gone at the end."""
+        ended = {name for effect in self.last.effects for name in effect.names}
+        if ended.isdisjoint(name for effect in step.added for name in effect.names):
+            return ()
+        return tuple(effect for effect in step.tied if not ended.issuperset(effect.names))
 
 
 def search(study: Study, progress: Progress | None = None) -> Search:
