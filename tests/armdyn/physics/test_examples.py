@@ -1,31 +1,20 @@
 """Bases from users' files, on data from MuJoCo, through the commands."""
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-from pipeline.cli import main
+from command import called
 
 from . import plants
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 
 
-def status(*arguments):
-    """Exit status of a command."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["armdyn", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-    return stop.value.code
-
-
 def armdyn(*arguments):
     """Run a command that must succeed."""
-    assert status(*arguments) == 0
+    assert called(*arguments)[0] == 0
 
 
 def answer(folder, command, model, runs, *more):
@@ -153,7 +142,7 @@ def test_a_file_of_effects_may_act_on_a_stage_of_ones_own_base(tmp_path, capsys,
     armdyn("add", crane, "stiff_rope", runs[0], "--effects", mine, "--output", output)
     assert 'effects = ["stiff_rope"]' in output.read_text()
     mine.write_text(text.replace("sheave'", "sheeve'"))
-    assert status("add", crane, "stiff_rope", runs[0], "--effects", mine, "--output", output) == 2
+    assert called("add", crane, "stiff_rope", runs[0], "--effects", mine, "--output", output)[0] == 2
     assert "acts on 'sheeve': choose one of" in capsys.readouterr().err
 
 
@@ -167,7 +156,7 @@ def test_a_file_of_effects_may_act_on_a_stage_of_ones_own_base(tmp_path, capsys,
 )  # fmt: skip
 def test_a_bad_base_is_refused_in_one_line(tmp_path, capsys, text, message):
     (tmp_path / "mine.py").write_text(text)
-    assert status("new", "--base", tmp_path / "mine.py", tmp_path / "m.toml") == 2
+    assert called("new", "--base", tmp_path / "mine.py", tmp_path / "m.toml")[0] == 2
     said = capsys.readouterr().err.strip()
     assert message in said
     assert "\n" not in said
