@@ -87,6 +87,7 @@ class Tab:
         self._call("panel", "files", panels.files_panel(self._model, self._runs, self._said))
         self._call("panel", "ranking", "<p class='caption'>A search ranks every effect beside what is ticked.</p>")
         self._call("panel", "effects", "")
+        self._call("panel", "proposal", "")
         self._call("say", "")
         self._call("show", "stop", False)
         self._call("show", "trust", False)
@@ -143,7 +144,9 @@ class Tab:
         await asyncio.sleep(FIRST)
         if asked != self._asked:
             return
-        charts = await asyncio.to_thread(lambda: missing_force_charts(bench.missing_force(state), AS_TICKED))
+        charts = await asyncio.to_thread(
+            lambda: missing_force_charts(bench.missing_force(state), AS_TICKED, explained=True)
+        )
         shown = {chart.tab: {"figure": chart.figure, "caption": chart.caption} for chart in charts}
         if asked == self._asked:
             self._call("missing", shown)

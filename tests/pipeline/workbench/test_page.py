@@ -6,8 +6,11 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 from browser import Browser, chromium
+from hidden_effects.laws import world
 from hidden_effects.pendulum import Setup, record
 
+from armdyn.effects.user import load_effects
+from armdyn.model_file import ModelFile, base_pendulum, write_model_file
 from armdyn.run import write_run_csv
 
 from .conftest import HIDDEN, RIVALS, workbench
@@ -94,6 +97,30 @@ def test_a_search_ranks_it_and_what_is_kept_is_a_model_file(browser):
     assert "repaired.toml" in browser.ask("document.querySelector('#kept').innerText")
     browser.click("#keep")
     browser.wait("document.querySelector('#said').innerText.includes('is there already')")
+
+
+@pytest.mark.slow
+def test_a_click_on_the_missing_force_proposes_a_law_and_adds_it(tmp_path):
+    """What is kept then has the law's file beside it, and the next command names it."""
+    given, noise = world("cubic drag", 3), 1e-3  # rad
+    write_model_file(tmp_path / "m.toml", ModelFile(base_pendulum({"mass": f"{given.mass} kg"}), {}))
+    for run, name in zip((given.runs[0], given.held_out), ("a.csv", "b.csv"), strict=True):
+        write_run_csv(run, tmp_path / name)
+    with served(tmp_path, "m.toml", "a.csv", "--held-out", "b.csv") as found, Browser() as browser:
+        browser.go(found)
+        browser.wait(READY)
+        browser.wait("document.querySelector('#missing .point')")
+        before = browser.ask(ERROR)
+        browser.click("#missing .point:nth-child(9)")
+        browser.wait("document.querySelector('#proposal').innerText.includes('k * speed^3')")
+        browser.wait(f"document.querySelector('[data-pick=discovered_cubic_drag]:checked') && {FITTED}")
+        assert browser.ask(ERROR) < min(1.3 * noise, 0.2 * before)
+        browser.wait("document.querySelector('#missing').innerText.includes('what that explains')")
+        browser.click("#keep")
+        browser.wait("document.querySelector('#go-on')")
+        assert "--effects repaired_effects.py" in browser.ask("document.querySelector('#kept').innerText")
+        assert [effect.name for effect in load_effects(tmp_path / "repaired_effects.py")] == ["discovered_cubic_drag"]
+        assert browser.errors == []
 
 
 @pytest.mark.slow
