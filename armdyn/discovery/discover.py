@@ -169,7 +169,7 @@ def concluded(study: Study, found: Search, terms: dict[str, Term], known: dict[s
         judged=bool(unfitted[1]),
         runs=tuple(run.name for run in study.runs),
         held_out=tuple(run.name for run in study.held_out),
-        missing_force=between(start.fit, last.fit if len(found.steps) > 1 else None),
+        missing_force=between(start.fit, last.fit if len(found.steps) > 1 else None, law=True),
     )
 
 

@@ -43,9 +43,7 @@ def _page(document: Document, found: "Discovery") -> Document:
     from pipeline.report.missing_force import missing_force_sections
 
     added = " + ".join(one.effect for one in found.findings)
-    return replace(
-        document, sections=[*missing_force_sections(found.missing_force, added, explained=True), *document.sections]
-    )
+    return replace(document, sections=[*missing_force_sections(found.missing_force, added), *document.sections])
 
 
 def _next_steps(inputs: Inputs, found: "Discovery", output: Path | None) -> list[NextStep]:

@@ -25,20 +25,19 @@ EXPLAINED, LAW = "what that explains", {"color": INK, "width": 2, "dash": "dash"
 SPOKEN = {"load": "predicted load", "pivot_acceleration": "pivot acceleration"}
 
 
-def missing_force_sections(curves: Sequence[ForceCurve], added: str = "", *, explained: bool = False) -> list[Section]:
+def missing_force_sections(curves: Sequence[ForceCurve], added: str = "") -> list[Section]:
     """One section, with a picture for each joint; none where the missing force is not known.
 
     Args:
         curves: the joint that lacks most first.
         added: what the repaired model has besides, for the legend.
-        explained: whether what that explains is drawn over the missing force.
     """
-    charts = missing_force_charts(curves, added, explained=explained)
+    charts = missing_force_charts(curves, added)
     tabs = {chart.tab: short_name(chart.tab) for chart in charts if chart.tab}
     return [Section(TITLE, HINT, charts, tabs=tabs)] if charts else []
 
 
-def missing_force_charts(curves: Iterable[ForceCurve], added: str = "", *, explained: bool = False) -> list[Chart]:
+def missing_force_charts(curves: Iterable[ForceCurve], added: str = "") -> list[Chart]:
     """A picture of all runs together for each joint, the one that lacks most first; see `missing_force_sections`."""
     by_joint: dict[str | None, list[ForceCurve]] = {}
     for curve in pooled(curves):
@@ -48,11 +47,11 @@ def missing_force_charts(curves: Iterable[ForceCurve], added: str = "", *, expla
         found = law(mine)
         nothing = f"None of the simple laws is clear{f' for {joint}' if joint else ''}."
         caption = f"{f'Here {found.sentence}.' if found else nothing} Shaded: ± {WIDTH:g} standard errors of the mean."
-        charts.append(Chart(_row(mine, added or "repaired", explained), caption, f"tau.{joint}" if joint else ""))
+        charts.append(Chart(_row(mine, added or "repaired"), caption, f"tau.{joint}" if joint else ""))
     return charts
 
 
-def _row(curves: Sequence[ForceCurve], added: str, explained: bool) -> dict[str, Any]:
+def _row(curves: Sequence[ForceCurve], added: str) -> dict[str, Any]:
     """Panels side by side on one vertical axis; without `go.Figure`, for whose checks a click would have to wait."""
     unit, count = curves[0].unit, len(curves)
     width = (1.0 - GAP * (count - 1)) / count
@@ -69,14 +68,9 @@ def _row(curves: Sequence[ForceCurve], added: str, explained: bool) -> dict[str,
         panel += _line(curve.x, curve.as_given, curve.std, "as given", ORANGE, SHADE_GIVEN)
         if curve.repaired is not None and curve.repaired_std is not None:
             panel += _line(curve.x, curve.repaired, curve.repaired_std, added, BLUE, SHADE)
-            if explained:
-                found = {
-                    "x": _short(curve.x),
-                    "y": _short(curve.as_given - curve.repaired),
-                    "mode": "lines",
-                    "line": LAW,
-                }
-                panel.append({**found, "name": EXPLAINED, "legendgroup": EXPLAINED})
+        if curve.law is not None:
+            drawn = {"x": _short(curve.x), "y": _short(curve.law), "name": EXPLAINED, "legendgroup": EXPLAINED}
+            panel.append({**drawn, "mode": "lines", "line": LAW})
         traces += [{"showlegend": i == 0, "type": "scatter", **trace, "xaxis": f"x{number}"} for trace in panel]
     return {"data": traces, "layout": layout}
 

@@ -144,9 +144,7 @@ class Tab:
         await asyncio.sleep(FIRST)
         if asked != self._asked:
             return
-        charts = await asyncio.to_thread(
-            lambda: missing_force_charts(bench.missing_force(state), AS_TICKED, explained=True)
-        )
+        charts = await asyncio.to_thread(lambda: missing_force_charts(bench.missing_force(state), AS_TICKED))
         shown = {chart.tab: {"figure": chart.figure, "caption": chart.caption} for chart in charts}
         if asked == self._asked:
             self._call("missing", shown)

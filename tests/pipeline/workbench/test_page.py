@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from browser import Browser, chromium
+from browser import SIXTY, Browser, chromium
 from hidden_effects.laws import world
 from hidden_effects.pendulum import Setup, record
 
@@ -19,6 +19,12 @@ ERROR = "Number(document.querySelector('.key').dataset.value)"
 NONE = "!document.querySelector('[data-pick]:checked')"
 FITTED = "document.querySelector('.how.fitted')"
 READY = "document.querySelector('[data-pick]') && document.body.dataset.ready"
+POINT = """(() => {
+    const point = document.querySelector("#missing .point:nth-child(9)");
+    point.scrollIntoView({ block: "center", behavior: "instant" });
+    const { x, y, width, height } = point.getBoundingClientRect();
+    return [x + width / 2, y + height / 2];
+})()"""
 TURNED = """(() => {
     const knob = document.querySelector("[data-knob=length]");
     knob.value = knob.value / 2;
@@ -111,8 +117,10 @@ def test_a_click_on_the_missing_force_proposes_a_law_and_adds_it(tmp_path):
         browser.wait(READY)
         browser.wait("document.querySelector('#missing .point')")
         before = browser.ask(ERROR)
+        browser.point(*browser.ask(POINT))
+        browser.wait("document.querySelector('#missing .hovertext')")
         browser.click("#missing .point:nth-child(9)")
-        browser.wait("document.querySelector('#proposal').innerText.includes('k * speed^3')")
+        browser.wait("document.querySelector('#proposal').innerText.includes('k * speed^3')", 5 * SIXTY)
         browser.wait(f"document.querySelector('[data-pick=discovered_cubic_drag]:checked') && {FITTED}")
         assert browser.ask(ERROR) < min(1.3 * noise, 0.2 * before)
         browser.wait("document.querySelector('#missing').innerText.includes('what that explains')")
