@@ -34,3 +34,11 @@ def rubber_seal(
 def leaf(string, stiffness=quantity("N m/rad^3", typical=0.06, lower=0, upper=1.0)):
     """M = -k angle^3."""
     return string.with_torque(-stiffness * string.angle**3)
+
+
+@effect(summary="The string touches a soft stop at an angle.", source="a pad of foam")
+def pad(
+    string, stiffness=quantity("N m/rad", typical=0.2, lower=0, upper=5.0), place=quantity("rad", typical=0.1, null=0.2)
+):
+    """M = -k (angle - place) beyond the place."""
+    return string.with_torque(-stiffness * ca.fmax(0, string.angle - place))
