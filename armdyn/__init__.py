@@ -11,8 +11,9 @@ print(found.sentence)
 Everything is loaded when it is first asked for (PEP 562), so that the import itself takes no time.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from urdf.lazy import lazy_names
 
 if TYPE_CHECKING:
     from armdyn import arm, effects, pendulum
@@ -40,6 +41,7 @@ _MODULES = {
     "discover": "armdyn.front", "Discovery": "armdyn.discovery.result",
     "repair": "armdyn.front", "Inspection": "armdyn.inspection.check", "Comparison": "armdyn.identify.compare",
     "Diagnosis": "armdyn.identify.diagnose", "Repair": "armdyn.identify.repair",
+    "arm": "armdyn.arm", "effects": "armdyn.effects", "pendulum": "armdyn.pendulum",
     # Not of the science, which imports nothing of `pipeline`: looked up there when a user asks for them.
     "excite": "pipeline.front", "export": "pipeline.front", "next_experiment": "pipeline.front",
 }  # fmt: skip
@@ -49,14 +51,7 @@ __all__ = [
     "arm", "compare", "diagnose", "discover", "effect", "effects", "excite", "export", "fit", "inspect", "load_effects",
     "next_experiment", "pendulum", "quantity", "read_model", "read_run", "repair",
 ]  # fmt: skip
-
-
-def __getattr__(name: str) -> Any:
-    if name in _MODULES:
-        return getattr(import_module(_MODULES[name]), name)
-    if name in __all__:
-        return import_module(f"armdyn.{name}")
-    raise AttributeError(f"module 'armdyn' has no attribute '{name}'")
+__getattr__ = lazy_names(__name__, _MODULES)
 
 
 def __dir__() -> list[str]:

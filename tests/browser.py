@@ -16,6 +16,8 @@ import pytest
 FLAGS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--remote-debugging-port=0",
          "--no-first-run", "--disable-background-networking", "--disable-dev-shm-usage")  # fmt: skip
 SIXTY = 60.0
+LONGEST = 7 * SIXTY
+"""s for one answer of the browser; longer than any test waits for a page."""
 
 
 def chromium() -> str:
@@ -72,7 +74,7 @@ class Browser:
             answer = self._answers[self._number] = self._loop.create_future()
             session = {} if self._session is None else {"sessionId": self._session}
             await self._socket.send(json.dumps({"id": self._number, "method": method, "params": params} | session))
-            return await asyncio.wait_for(answer, 1.5 * SIXTY)
+            return await asyncio.wait_for(answer, LONGEST)
 
         message = self._loop.run_until_complete(ask())
         assert "error" not in message, message["error"]

@@ -21,6 +21,14 @@ BASE = ""
 """Where an effect on the base acts, in place of a joint's name."""
 METRES_PER_RADIAN = 0.1
 """What counts as much for a joint that slides as a radian for one that turns."""
+CANNOT: Mapping[Reach, str] = {
+    "every": "the arm has no joint",
+    "turning": "it acts on joints that turn",
+    "coupled": "it acts on joints whose neighbour towards the base is of the same kind",
+    "last": "it acts on the last joint of an arm",
+    "base": "it acts on the base of the arm; leave out the joint",
+}
+"""Why an effect with this reach cannot act on an arm, or on a joint."""
 
 
 @dataclass(frozen=True, eq=False)

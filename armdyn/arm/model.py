@@ -2,30 +2,27 @@
 
 import os
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 import pinocchio as pin
 
-from armdyn.arm.arm import Arm, find_arm
+from armdyn.arm.arm import CANNOT, Arm, find_arm
 from armdyn.arm.bodies import OF_BASE, Bodies, Stretch
 from armdyn.arm.composition import Change, JointFunctions, base_change, compose_joint
-from armdyn.arm.motion import measured_motion
-from armdyn.arm.prediction import ChannelPredictor, predictor_of, prepared_once
+from armdyn.arm.motion import motion_channels, torque_channels
+from armdyn.arm.prediction import predict_at_states, predictor_of, prepared_once
 from armdyn.arm.prepared import PreparedRun, torque_noise
 from armdyn.effects.effect import Effect
-from armdyn.errors import InputError, UnknownNameError
+from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.model import Bend, Model, Prediction, join_channels
 from armdyn.parameter import Parameter, Quantity
-from armdyn.readout import Interpolated
 from armdyn.run import Channel, Run
-
-KEYS = ("urdf", "robot", "joints", "tool")
-"""Keys of a model file that belong to this base."""
+from urdf.table_file import Check, read_as
 
 
 @dataclass(frozen=True, repr=False)
@@ -77,7 +74,7 @@ class ArmModel(Model):
             if joint not in self.joints:
                 raise UnknownNameError("joint of the arm", joint, self.joints)
             if joint not in reachable:
-                raise InputError(f"the effect '{effect.name}' cannot act on joint '{joint}': {_REASON[effect.reach]}")
+                raise InputError(f"the effect '{effect.name}' cannot act on joint '{joint}': {CANNOT[effect.reach]}")
         return reachable
 
     def with_effect(self, effect: Effect) -> Self:
@@ -87,7 +84,7 @@ class ArmModel(Model):
             InputError: this arm has no joint on which the effect can act, or not the joint that it names.
         """
         if effect.acts_on in self.stages and not self.reachable(effect):
-            raise InputError(f"the effect '{effect.name}' cannot act on this arm: {_REASON[effect.reach]}")
+            raise InputError(f"the effect '{effect.name}' cannot act on this arm: {CANNOT[effect.reach]}")
         return super().with_effect(effect)
 
     def effect_parameter(self, quantity: Quantity, effect: str, short: str, joint: str) -> Parameter:
@@ -106,34 +103,15 @@ class ArmModel(Model):
             return None
         i = self.joints.index(joint)
         columns, link = self._columns[i], self._functions[i].link
-        here = theta[columns]
         own, others = ([columns.index(self.names.index(name)) for name in of] for of in (names, through))
         if link is None or not link.depends[own].all():
             return None
-        value, slopes = link.at(self.arm.shapes[i], here)
-        inverse = np.linalg.inv(slopes[:, others])
-
-        def bent(change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            there = here.copy()
-            there[own] += change
-            inertial, derivatives = link.at(self.arm.shapes[i], there)
-            return inverse @ (inertial - value), inverse @ derivatives[:, own]
-
-        return Bend(tuple(through), bent)
+        return Bend(tuple(through), link.through_others(self.arm.shapes[i], theta[columns], own, others))
 
     def covariates(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
         """See `Model.covariates`: position, velocity and acceleration of every joint."""
         del theta
-        motion = measured_motion(run.recording, self.joints)
-        first = run.recording.channels[f"q.{self.joints[0]}"]
-        time = first.time[(first.time >= motion.start) & (first.time <= motion.end)]
-        at = motion.at(time)
-        found = {}
-        for i, joint in enumerate(self.joints):
-            unit = "m" if self.arm.slides[i] else "rad"
-            for kind, values, per in (("q", at.q, ""), ("v", at.v, "/s"), ("a", at.a, "/s^2")):
-                found[f"{kind}.{joint}"] = Channel(time, values[:, i], f"{unit}{per}")
-        return found
+        return motion_channels(run, self.joints, self.arm.slides)
 
     def force_channels(self, run: Run) -> Mapping[str, str]:
         """See `Model.force_channels`: the measured torques."""
@@ -141,26 +119,7 @@ class ArmModel(Model):
 
     def predicted_channels(self, run: Run) -> tuple[str, ...]:
         """See `Model.predicted_channels`: the measured torques of the arm's joints."""
-        channels = tuple(f"tau.{joint}" for joint in self.joints if f"tau.{joint}" in run.channels)
-        where = run.source or run.name
-        if not channels:
-            raise InputError(
-                f"{where}: holds no torque of {', '.join(self.joints)}, so there is nothing to compare: record "
-                "'tau.<joint>'"
-            )
-        for i, joint in enumerate(self.joints):
-            if f"q.{joint}" not in run.channels:
-                raise InputError(
-                    f"{where}: holds no 'q.{joint}', the position of a joint of the arm: record it, or choose the "
-                    "arm's joints without it"
-                )
-            if (run.channels[f"q.{joint}"].unit == "m") != self.arm.slides[i]:
-                moves = "slides" if self.arm.slides[i] else "turns"
-                raise InputError(
-                    f"{where}: 'q.{joint}' is in {run.channels[f'q.{joint}'].unit}, but the joint {moves}: mend the "
-                    "column's unit"
-                )
-        return channels
+        return torque_channels(run, self.joints, self.arm.slides)
 
     def prepared(self, run: Run, beside: Sequence[Run] = ()) -> Run:
         """See `Model.prepared`; a run that is prepared already is returned as it is."""
@@ -206,25 +165,11 @@ class ArmModel(Model):
         Raises:
             InputError: an effect makes a torque depend on what was before.
         """
-        for functions in self._functions:
-            if functions.remembers or functions.sensor.lags or functions.sensor.delays:
-                late = ", ".join(dict.fromkeys(name.partition(".")[0] for name in functions.names))
-                raise InputError(
-                    f"among the effects {late} is one by which a torque depends on what was before, a delay or a state "
-                    "of its own: leave it out"
-                )
         theta, count = self.theta(), len(stretch.time)
         per_joint, bodies = [theta[columns] for columns in self._columns], self._bodies(theta)
-        apart = np.arange(count, dtype=float)
-        sampler = Interpolated(apart, apart)
-        torques = np.empty((count, len(self.joints)))
-        found = np.zeros((count, len(self.joints), len(theta)))
-        for j in range(len(self.joints)):
-            torques[:, j], derivatives = ChannelPredictor(stretch, sampler, j).predict(
-                self._functions, per_joint, bodies
-            )
-            found[:, j] = self._by_theta(derivatives, count)
-        return torques, found
+        found = predict_at_states(stretch, self._functions, per_joint, bodies)
+        derivatives = [self._by_theta(by_joint, count) for _, by_joint in found]
+        return np.column_stack([torques for torques, _ in found]), np.stack(derivatives, axis=1)
 
     def _by_theta(self, derivatives: Mapping[int, np.ndarray], count: int) -> np.ndarray:
         """(count, p) of the derivatives by the parameters of each joint and of the base."""
@@ -292,14 +237,6 @@ DEFORMATION = "link_inertia"
 ROTOR = "rotor_inertia"
 """The effect that adds to the inertia of a joint by itself."""
 
-_REASON = {
-    "every": "the arm has no joint",
-    "turning": "it acts on joints that turn",
-    "coupled": "it acts on joints whose neighbour towards the base is of the same kind",
-    "last": "it acts on the last joint of an arm",
-    "base": "it acts on the base of the arm; leave out the joint",
-}
-
 
 def arm_model(
     urdf: str | Path | None = None,
@@ -330,6 +267,22 @@ def arm_model(
     return model
 
 
+_Name = Annotated[str, Check(bool, "write a name")]
+
+
+@dataclass(frozen=True)
+class Keys:
+    """Keys of a model file that say which arm it is; see `arm_model`."""
+
+    urdf: _Name | None = None
+    robot: _Name | None = None
+    joints: tuple[str, ...] | None = None
+    tool: _Name | None = None
+
+
+KEYS = tuple(field.name for field in fields(Keys))
+
+
 def read_base(table: Mapping[str, Any], folder: Path) -> tuple[ArmModel, dict[str, Any]]:
     """The model without effects, and the keys that say which arm it is.
 
@@ -341,15 +294,11 @@ def read_base(table: Mapping[str, Any], folder: Path) -> tuple[ArmModel, dict[st
         InputError: not exactly one of both is given, or the arm cannot be used.
     """
     description = {key: table[key] for key in KEYS if key in table}
-    if ("urdf" in description) == ("robot" in description):
+    with at("the arm"):
+        keys = read_as(Keys, description)
+    if (keys.urdf is None) == (keys.robot is None):
         raise InputError('an arm needs either urdf = "path" or robot = "baxter"')
-    for key in ("urdf", "robot", "tool"):
-        if not isinstance(description.get(key, ""), str) or description.get(key) == "":
-            raise InputError(f"{key} = {description[key]!r:.60} is no name: put a text in quotes")
-    joints = description.get("joints")
-    if joints is not None and not (isinstance(joints, list) and all(isinstance(name, str) for name in joints)):
-        raise InputError(f'joints = {joints!r:.60}: write a list of names, such as joints = ["right_s0", "right_s1"]')
-    urdf, robot, tool = (description.get(key) for key in ("urdf", "robot", "tool"))
     # Where the URDF is depends on where the model is written: `ArmModel.described` says it.
     rest = {key: value for key, value in description.items() if key != "urdf"}
-    return arm_model(None if urdf is None else folder / urdf, robot, joints, tool=tool), rest
+    urdf = None if keys.urdf is None else folder / keys.urdf
+    return arm_model(urdf, keys.robot, keys.joints, tool=keys.tool), rest

@@ -1,5 +1,6 @@
 """How an arm moved in a run: positions smoothed with the noise that they have, and differentiated."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -166,3 +167,56 @@ def _moves(recorded: np.ndarray, smoothed: np.ndarray, begins: np.ndarray, noise
     seen = expected_sign(along / np.maximum(noise * np.sqrt(square), np.finfo(float).tiny), 1.0) >= CERTAIN
     way_there = np.abs(smoothed[np.append(begins[1:], len(smoothed)) - 1] - smoothed[begins])
     return seen & (way_there > noise)
+
+
+def motion_channels(run: Run, joints: Sequence[str], slides: Sequence[bool]) -> dict[str, Channel]:
+    """Position ``q``, velocity ``v`` and acceleration ``a`` of every joint, at the stamps of the first one's position.
+
+    Args:
+        run: a recording.
+        joints: names from base to tool.
+        slides: whether each slides.
+
+    Raises:
+        InputError: a position is missing, or its samples are too few.
+    """
+    motion = measured_motion(run.recording, tuple(joints))
+    first = run.recording.channels[f"q.{joints[0]}"]
+    time = first.time[(first.time >= motion.start) & (first.time <= motion.end)]
+    at = motion.at(time)
+    found = {}
+    for i, joint in enumerate(joints):
+        unit = "m" if slides[i] else "rad"
+        for kind, values, per in (("q", at.q, ""), ("v", at.v, "/s"), ("a", at.a, "/s^2")):
+            found[f"{kind}.{joint}"] = Channel(time, values[:, i], f"{unit}{per}")
+    return found
+
+
+def torque_channels(run: Run, joints: Sequence[str], slides: Sequence[bool]) -> tuple[str, ...]:
+    """The measured torques of an arm's joints, of a recording that also holds how every joint moved.
+
+    Args:
+        run: a recording.
+        joints: names from base to tool.
+        slides: whether each slides.
+
+    Raises:
+        InputError: it holds no torque, or lacks a position, or one is in the unit of another kind of joint.
+    """
+    channels = tuple(f"tau.{joint}" for joint in joints if f"tau.{joint}" in run.channels)
+    where = run.source or run.name
+    if not channels:
+        raise InputError(
+            f"{where}: holds no torque of {', '.join(joints)}, so there is nothing to compare: record 'tau.<joint>'"
+        )
+    for joint, sliding in zip(joints, slides, strict=True):
+        if f"q.{joint}" not in run.channels:
+            raise InputError(
+                f"{where}: holds no 'q.{joint}', the position of a joint of the arm: record it, or choose the "
+                "arm's joints without it"
+            )
+        unit = run.channels[f"q.{joint}"].unit
+        if (unit == "m") != sliding:
+            moves = "slides" if sliding else "turns"
+            raise InputError(f"{where}: 'q.{joint}' is in {unit}, but the joint {moves}: mend the column's unit")
+    return channels

@@ -1,127 +1,21 @@
 """Torques of one run with exact derivatives: what does not depend on the parameters is computed once per run."""
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import cache, cached_property
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from armdyn.arm.arm import Arm
 from armdyn.arm.bodies import OF_BASE, Bodies, Stretch
-from armdyn.arm.composition import DIRECTION, LOAD, JointFunctions, Term
+from armdyn.arm.composition import LOAD, JointFunctions, Term
 from armdyn.arm.drive import Drive, Recorded, smoothing_drives
 from armdyn.arm.motion import MeasuredMotion, measured_motion
 from armdyn.arm.prepared import FREQUENCIES, PreparedRun, interior, prepare, recorded, settled
+from armdyn.arm.reduction import Earlier, Reduction, Rest, Signal
+from armdyn.errors import InputError
 from armdyn.faults import without_spikes
 from armdyn.kept import kept_alongside
 from armdyn.readout import Interpolated, LowPassed, Sampler
 from armdyn.run import Channel, Run
-
-
-class Signal:
-    """A torque while its parts are added up, with its derivatives by the joints that matter.
-
-    Args:
-        size: N, coefficients or samples.
-        widths: number of parameters by joint.
-
-    Attributes:
-        block: (N, 1 + sum of the widths), the torque first.
-        value: (N,) view of the torque.
-        columns: by joint, where its parameters are in the block.
-    """
-
-    def __init__(self, size: int, widths: dict[int, int]) -> None:
-        ends = np.cumsum([1, *widths.values()]).tolist()
-        self.columns = {joint: slice(*ends[i : i + 2]) for i, joint in enumerate(widths)}
-        self.block = np.zeros((size, ends[-1]))
-        self.value = self.block[:, 0]
-
-    def by(self, joint: int) -> np.ndarray:
-        """(N, k) view of the derivatives by a joint's parameters."""
-        return self.block[:, self.columns[joint]]
-
-
-class _Rest(NamedTuple):
-    """What a term that is not linear came to last: for which parameters, and the coefficients."""
-
-    key: bytes
-    coefficients: np.ndarray
-    slopes: dict[int, np.ndarray]
-
-
-class _Reduction:
-    """What signals at the stamps are reduced to, and what was reduced before.
-
-    Args:
-        reduce: linear map of (n, m) signals at the stamps to (N, m).
-        stretch: the motion at the stamps.
-        joint: index of the joint whose torque is predicted.
-        earlier: what gives joints' inputs and other signals at the stamps as they were before; as they are if None.
-    """
-
-    def __init__(
-        self,
-        reduce: Callable[[np.ndarray], np.ndarray],
-        stretch: Stretch,
-        joint: int,
-        earlier: "_Earlier | None" = None,
-    ) -> None:
-        self.reduce = reduce
-        self._stretch, self._joint = stretch, joint
-        self.inputs = cache(stretch.inputs if earlier is None else earlier.inputs)
-        self.signal: Callable[[np.ndarray], np.ndarray] = (lambda s: s) if earlier is None else earlier.signal
-        self.link = cache(lambda link: reduce(stretch.regressor[:, joint, link]))
-        # Not a method: large arrays in a circle of references would stay until Python looks for circles.
-        self.weight = cache(lambda link: _reduced_weight(reduce, stretch.gravity_regressor[:, joint, link]))
-        self.linear: dict[Term, np.ndarray] = {}
-        self.rests: dict[Term, _Rest] = {}
-
-    @cached_property
-    def described(self) -> np.ndarray:
-        """(N,) the torque of the arm as described."""
-        return self.reduce(self._stretch.described[:, [self._joint]])[:, 0]
-
-    @cached_property
-    def per_gravity(self) -> np.ndarray:
-        """(N, 3) the torque of the arm as described per component of gravity."""
-        return self.reduce(self._stretch.described_per_gravity[self._joint])
-
-
-class _Earlier:
-    """What drove the joints some time before each stamp, where the motion is known at any time.
-
-    A dry friction changes its sign between two stamps: of what was sampled and is then moved, nobody knows where.
-
-    Args:
-        stretch: the motion at the stamps.
-        motion: at any time.
-        delay: s.
-    """
-
-    def __init__(self, stretch: Stretch, motion: MeasuredMotion, delay: float) -> None:
-        self._stretch, self._motion = stretch, motion
-        time = stretch.motion.time
-        self._time = np.clip(time - delay, time[0], time[-1])
-        self._after = np.clip(np.searchsorted(time, self._time), 1, len(time) - 1)
-        before = time[self._after - 1]
-        self._share = (self._time - before) / (time[self._after] - before)
-
-    def signal(self, at_stamps: np.ndarray) -> np.ndarray:
-        """(n, ...) of a smooth signal, linear between the stamps."""
-        share = self._share.reshape(-1, *[1] * (at_stamps.ndim - 1))
-        return (1.0 - share) * at_stamps[self._after - 1] + share * at_stamps[self._after]
-
-    def inputs(self, joint: int) -> np.ndarray:
-        """(9, n) inputs of a joint's functions."""
-        found = self.signal(self._stretch.inputs(joint).T).T
-        found[DIRECTION] = self._motion.direction(joint, self._time)
-        return found
-
-
-def _reduced_weight(reduce: Callable[[np.ndarray], np.ndarray], columns: np.ndarray) -> np.ndarray:
-    """(N, 3, 4) of (n, 3, 4) torques per gravity and per mass and first moment of a link."""
-    return reduce(columns.reshape(len(columns), -1)).reshape(-1, *columns.shape[1:])
 
 
 class ChannelPredictor:
@@ -136,12 +30,12 @@ class ChannelPredictor:
 
     def __init__(self, stretch: Stretch, sampler: Sampler, joint: int, motion: MeasuredMotion | None = None) -> None:
         self._stretch, self._sampler, self._joint, self._motion = stretch, sampler, joint, motion
-        self._late: tuple[float, _Reduction] | None = None
-        self._coefficients = _Reduction(sampler.coefficients, stretch, joint)
+        self._late: tuple[float, Reduction] | None = None
+        self._coefficients = Reduction(sampler.coefficients, stretch, joint)
         # Without lag and delay the samples are all that is asked for: a few of them for many coefficients.
         on_time = sampler.matrix(0.0)
-        self._samples = _Reduction(lambda signals: on_time @ sampler.coefficients(signals), stretch, joint)
-        self._nodes = _Reduction(lambda signals: signals, stretch, joint)
+        self._samples = Reduction(lambda signals: on_time @ sampler.coefficients(signals), stretch, joint)
+        self._nodes = Reduction(lambda signals: signals, stretch, joint)
 
     def predict(
         self, functions: Sequence[JointFunctions], theta: Sequence[np.ndarray], bodies: Bodies
@@ -170,18 +64,18 @@ class ChannelPredictor:
             read += sensor.moved(on_time, at_joints.value, self._sampler, own, 0.0)
         return read[:, 0], {i: read[:, columns] for i, columns in total.columns.items()}
 
-    def _read_late(self, delay: float) -> _Reduction:
+    def _read_late(self, delay: float) -> Reduction:
         """Coefficients of what acted in the joints before each stamp."""
         if self._late is None or self._late[0] != delay:
             if self._motion is None:
                 raise ValueError("a torque that is read late needs the motion at any time")
-            earlier = _Earlier(self._stretch, self._motion, delay)
-            self._late = delay, _Reduction(self._sampler.coefficients, self._stretch, self._joint, earlier)
+            earlier = Earlier(self._stretch, self._motion, delay)
+            self._late = delay, Reduction(self._sampler.coefficients, self._stretch, self._joint, earlier)
         return self._late[1]
 
     def _total(
         self,
-        reduced: _Reduction,
+        reduced: Reduction,
         functions: Sequence[JointFunctions],
         theta: Sequence[np.ndarray],
         bodies: Bodies,
@@ -222,7 +116,7 @@ class ChannelPredictor:
         return total
 
     def _add_gravity(
-        self, total: Signal, carried: Sequence[int], bodies: Bodies, gravity: np.ndarray, reduced: "_Reduction"
+        self, total: Signal, carried: Sequence[int], bodies: Bodies, gravity: np.ndarray, reduced: Reduction
     ) -> None:
         """Add the torque that follows from a gravity other than the described one."""
         columns = reduced.per_gravity
@@ -236,7 +130,7 @@ class ChannelPredictor:
         total.by(OF_BASE)[:] += columns @ bodies.derivatives[OF_BASE]
 
     def _add(
-        self, total: Signal, term: Term, joint: int, theta: np.ndarray, bodies: Bodies, reduced: "_Reduction"
+        self, total: Signal, term: Term, joint: int, theta: np.ndarray, bodies: Bodies, reduced: Reduction
     ) -> None:
         """Add a term of a joint's functions."""
         if term.empty:
@@ -256,7 +150,7 @@ class ChannelPredictor:
             for i, slopes in rest.slopes.items():
                 total.by(i)[:] += slopes @ bodies.derivatives[i]
 
-    def _rest(self, term: Term, joint: int, theta: np.ndarray, bodies: Bodies, reduced: "_Reduction") -> _Rest:
+    def _rest(self, term: Term, joint: int, theta: np.ndarray, bodies: Bodies, reduced: Reduction) -> Rest:
         """Most fits leave most of these parameters alone, so that the last answer often still holds."""
         carried = [i for i in bodies.links if self._stretch.carries(joint, i)] if term.loaded else []
         changes = [bodies.links[i] for i in carried]
@@ -277,9 +171,38 @@ class ChannelPredictor:
                 slopes[i] = reduced.reduce(per_load * reduced.signal(self._stretch.by_link(joint, i, bodies)))
             if term.loaded and bodies.gravity is not None:
                 slopes[OF_BASE] = reduced.reduce(per_load * reduced.signal(self._stretch.per_gravity(joint, bodies)))
-        found = _Rest(key, reduced.reduce(rest[:, :-1]), slopes)
+        found = Rest(key, reduced.reduce(rest[:, :-1]), slopes)
         reduced.rests[term] = found
         return found
+
+
+def predict_at_states(
+    stretch: Stretch, functions: Sequence[JointFunctions], theta: Sequence[np.ndarray], bodies: Bodies
+) -> list[tuple[np.ndarray, dict[int, np.ndarray]]]:
+    """The torque of each joint at n states that need not follow each other.
+
+    Args:
+        stretch: the states.
+        functions: of all joints.
+        theta: (k,) parameters of each joint.
+        bodies: at these parameters.
+
+    Returns:
+        By joint (n,) torques, and by joint that matters their derivatives (n, k) by its parameters.
+
+    Raises:
+        InputError: an effect makes a torque depend on what was before.
+    """
+    for own in functions:
+        if own.remembers or own.sensor.lags or own.sensor.delays:
+            late = ", ".join(dict.fromkeys(name.partition(".")[0] for name in own.names))
+            raise InputError(
+                f"among the effects {late} is one by which a torque depends on what was before, a delay or a state "
+                "of its own: leave it out"
+            )
+    apart = np.arange(len(stretch.time), dtype=float)
+    sampler = Interpolated(apart, apart)
+    return [ChannelPredictor(stretch, sampler, j).predict(functions, theta, bodies) for j in range(len(functions))]
 
 
 @kept_alongside

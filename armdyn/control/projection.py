@@ -57,15 +57,6 @@ class DiscreteProblem:
     terminal_residual: ca.Function
 
 
-class Iteration(NamedTuple):
-    """One step of the optimiser."""
-
-    cost: float
-    cost_derivative: float
-    step_size: float
-    kind: str
-
-
 @dataclass(frozen=True)
 class Solution:
     """A locally optimal trajectory.
@@ -75,7 +66,7 @@ class Solution:
         controls: (N,).
         cost: value of the cost.
         cost_derivative: along the last direction; its magnitude is below the tolerance.
-        iterations: what happened, one entry per step.
+        iterations: the cost after each step.
         seconds: spent solving.
     """
 
@@ -83,7 +74,7 @@ class Solution:
     controls: np.ndarray
     cost: float
     cost_derivative: float
-    iterations: tuple[Iteration, ...]
+    iterations: tuple[float, ...]
     seconds: float
 
 
@@ -142,7 +133,7 @@ class ProjectionOptimizer:
 
         controls = np.zeros((1, N)) if guess is None else np.asarray(guess, dtype=float).reshape(1, N)
         at = project(np.tile(start, (1, N + 1)), controls, np.zeros((n, N)))
-        history: list[Iteration] = []
+        history: list[float] = []
         while len(history) < most_iterations:
             newton = len(history) >= QUASI_NEWTON_FIRST
             model = quadratic_model(newton)
@@ -167,7 +158,7 @@ class ProjectionOptimizer:
                     "the target may be out of reach"
                 )
             at = trial
-            history.append(Iteration(at.cost, model.slope, size, "newton" if newton else "quasi-newton"))
+            history.append(at.cost)
         raise TaskFailedError(
             f"the optimiser did not converge in {most_iterations} steps (cost derivative {model.slope:.1e})"
         )

@@ -157,7 +157,7 @@ def concluded(study: Study, found: Search, terms: dict[str, Term], known: dict[s
     ]  # fmt: skip
     unfitted = [study.held_out_blocks(step.fit) or [] for step in (start, last)]
     return Discovery(
-        findings=tuple(_distinct(findings, {effect.name for effect in study.model.effects})),
+        findings=tuple(_distinct(findings, {*known, *(effect.name for effect in study.model.effects)})),
         before=start.fit.rmse(),
         after=last.fit.rmse(),
         held_out_before=channel_rmse(unfitted[0]),
@@ -169,7 +169,7 @@ def concluded(study: Study, found: Search, terms: dict[str, Term], known: dict[s
         judged=bool(unfitted[1]),
         runs=tuple(run.name for run in study.runs),
         held_out=tuple(run.name for run in study.held_out),
-        missing_force=between(start.fit, last.fit if len(found.steps) > 1 else None),
+        missing_force=between(start.fit, last.fit if len(found.steps) > 1 else None, law=True),
     )
 
 

@@ -1,13 +1,7 @@
 """The catalogue of physical effects: one small definition each, in a file per place where it acts."""
 
-from typing import Any
+from urdf.lazy import lazy_names
 
+_CATALOGUE = "armdyn.effects.catalogue"
 __all__ = ["CATALOGUE", "find", "load_effects"]
-
-
-def __getattr__(name: str) -> Any:
-    if name not in __all__:
-        raise AttributeError(f"module 'armdyn.effects' has no attribute '{name}'")
-    from armdyn.effects import catalogue, user
-
-    return getattr(user if name == "load_effects" else catalogue, name)
+__getattr__ = lazy_names(__name__, {"CATALOGUE": _CATALOGUE, "find": _CATALOGUE, "load_effects": "armdyn.effects.user"})

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armdyn.channels import FloatArray
+from armdyn.channels import Channel, FloatArray
 from armdyn.identify.fit import Fit
 from armdyn.identify.grey_box import GreyBox, Point
 from armdyn.identify.output_error import AroundMotion
@@ -68,6 +68,7 @@ class ForceCurve:
         std: (b,) standard error of `as_given`; it counts that neighbouring samples are correlated.
         repaired: (b,) what the repaired model lacks; None where nothing was repaired.
         repaired_std: (b,) standard error of `repaired`.
+        law: (b,) what the repaired model says that the model as given lacks; None where nobody asked.
     """
 
     run: str
@@ -80,12 +81,29 @@ class ForceCurve:
     std: FloatArray
     repaired: FloatArray | None = None
     repaired_std: FloatArray | None = None
+    law: FloatArray | None = None
 
 
 def unexplained(fit: Fit) -> list[Unexplained]:
     """The missing force at a fit, of every run that was fitted."""
     joints = [fit.problem.model.force_channels(run) for run in fit.problem.runs]
     return _torques(fit, joints) if any(joints) else accelerations(fit)
+
+
+def explained(given: Fit, repaired: Fit) -> list[Unexplained]:
+    """What a repaired model says that another one lacks: its missing force where it meets what the repaired predicts.
+
+    That is the formula without the noise of the recordings, less what the other model makes up for by its own values.
+    """
+    problem = given.problem
+    runs = {run.name: dict(run.channels) for run in problem.runs}
+    for block in repaired.blocks:
+        measured = runs[block.run][block.channel]
+        predicted = np.interp(block.time, measured.time, measured.value) - block.misfit
+        runs[block.run][block.channel] = Channel(block.time, predicted, measured.unit)
+    ideal = Problem(problem.model, [replace(run, channels=runs[run.name]) for run in problem.runs], problem.noise)
+    blocks = ideal.blocks(given.values, np.zeros(len(given.values), dtype=bool))
+    return unexplained(replace(given, problem=ideal, blocks=tuple(blocks)))
 
 
 def accelerations(fit: Fit) -> list[Unexplained]:
@@ -158,32 +176,43 @@ def _torques(fit: Fit, joints: Sequence[Mapping[str, str]]) -> list[Unexplained]
     return found
 
 
-def curves(given: Sequence[Unexplained], repaired: Sequence[Unexplained] | None = None) -> tuple[ForceCurve, ...]:
+def curves(
+    given: Sequence[Unexplained],
+    repaired: Sequence[Unexplained] | None = None,
+    law: Sequence[Unexplained] | None = None,
+) -> tuple[ForceCurve, ...]:
     """The missing force against everything that it may depend on, the joint that lacks most first.
 
     Args:
         given: of the model as given.
         repaired: of the repaired one, where there is one; it is averaged over the bins of the model as given.
+        law: what the repaired one explains, likewise.
     """
-    after = {(u.run, u.joint): u for u in repaired or ()}
+    after, brought = ({(u.run, u.joint): u for u in of or ()} for of in (repaired, law))
     largest = {u.joint: max(float(np.mean(o.value**2)) for o in given if o.joint == u.joint) for u in given}
     found = []
     for u in sorted(given, key=lambda u: -largest[u.joint]):
-        other = after.get((u.run, u.joint))
-        left = None if other is None else np.interp(u.time, other.time, other.value)
+        left, gain = (
+            None if other is None else np.interp(u.time, other.time, other.value)
+            for other in (of.get((u.run, u.joint)) for of in (after, brought))
+        )
         for name, (x, x_unit) in {**u.against, "time": (u.time, "s")}.items():
             if len(x) >= BINS[-1] and np.ptp(x) > 0.0:
-                found.append(_curve(u, name, x, x_unit, left))
+                found.append(_curve(u, name, x, x_unit, left, gain))
     return tuple(found)
 
 
-def between(given: Fit, repaired: Fit | None = None) -> tuple[ForceCurve, ...]:
-    """The missing force at a fit, and at that of the repaired model where there is one."""
-    return curves(unexplained(given), None if repaired is None else unexplained(repaired))
+def between(given: Fit, repaired: Fit | None = None, *, law: bool = False) -> tuple[ForceCurve, ...]:
+    """The missing force at a fit, and at that of the repaired model where there is one, with what that explains."""
+    if repaired is None:
+        return curves(unexplained(given))
+    return curves(unexplained(given), unexplained(repaired), explained(given, repaired) if law else None)
 
 
-def _curve(u: Unexplained, against: str, x: FloatArray, x_unit: str, left: FloatArray | None) -> ForceCurve:
-    """The missing force, and what is left of it after a repair, over bins of (n,) x."""
+def _curve(
+    u: Unexplained, against: str, x: FloatArray, x_unit: str, left: FloatArray | None, gain: FloatArray | None
+) -> ForceCurve:
+    """The missing force, what is left of it after a repair, and what that explains, over bins of (n,) x."""
     rank = np.argsort(np.argsort(x, kind="stable"), kind="stable")
     for bins in BINS:
         if bins > max(BINS[-1], len(x) / INDEPENDENT):
@@ -194,7 +223,8 @@ def _curve(u: Unexplained, against: str, x: FloatArray, x_unit: str, left: Float
             break
     after, after_std = (None, None) if left is None else _means(place, left)[:2]
     at = np.bincount(place, x) / np.bincount(place)
-    return ForceCurve(u.run, u.joint, u.unit, against, x_unit, at, mean, std, after, after_std)
+    law = None if gain is None else np.bincount(place, gain) / np.bincount(place)
+    return ForceCurve(u.run, u.joint, u.unit, against, x_unit, at, mean, std, after, after_std, law)
 
 
 def _means(place: np.ndarray, value: FloatArray) -> tuple[FloatArray, FloatArray, float]:
@@ -249,6 +279,8 @@ def _together(mine: Sequence[ForceCurve]) -> ForceCurve:
     weight = 1.0 / np.maximum(std, smallest(std)) ** 2
     at = np.bincount(place, weight * x) / np.bincount(place, weight)
     curve = ForceCurve("", first.joint, first.unit, first.against, first.x_unit, at, *_weighted(place, given, std))
+    if all(c.law is not None for c in mine):
+        curve = replace(curve, law=_weighted(place, np.concatenate([c.law for c in mine if c.law is not None]), std)[0])
     if any(c.repaired is None for c in mine):
         return curve
     left, left_std = (np.concatenate([getattr(c, part) for c in mine]) for part in ("repaired", "repaired_std"))

@@ -30,7 +30,10 @@ def trial(
     no_estimation: Annotated[bool, typer.Option("--no-estimation", help="Plan with the guess, learn nothing.")] = False,
     hidden: Annotated[
         list[str] | None,
-        typer.Option(help="EFFECT or EFFECT=VALUE that the simulated robot has and the model does not know."),
+        typer.Option(
+            help="EFFECT or EFFECT=VALUE that the simulated robot has and the model does not know; FILE.py:EFFECT of "
+            "your own."
+        ),
     ] = None,
     model: Annotated[
         Path | None, typer.Option(help="Model file for estimator, control and planner, such as a repaired one.")

@@ -20,7 +20,8 @@ TWIN_LENGTH = 0.368
 def twin(
     ros: RosOption,
     hidden: Annotated[
-        list[str] | None, typer.Option(help="EFFECT or EFFECT=VALUE that the twin has and no model knows.")
+        list[str] | None,
+        typer.Option(help="EFFECT or EFFECT=VALUE that the twin has and no model knows; FILE.py:EFFECT of your own."),
     ] = None,
     length: Annotated[float, typer.Option(help="True length, pivot to the load's centre [m].")] = TWIN_LENGTH,
     seed: Annotated[int, typer.Option(min=0, help="Of everything random.")] = 0,

@@ -12,7 +12,7 @@ from armdyn.run import Run
 from armdyn.units import parse_quantity, si_factor
 from pipeline.imports.foreign import Column, Foreign, ImportProblemsError
 from pipeline.imports.mapping import ColumnMap, Entry
-from pipeline.imports.words import is_unit
+from pipeline.imports.words import fits
 
 YEARS = 2000, 2100
 """Between which stamps since 1970 are dates; no recording lasts so long that its own time goes so far."""
@@ -105,7 +105,7 @@ def _in_si(column: Column, entry: Entry) -> tuple[str, FloatArray]:
         except InputError:
             constant, si = parse_quantity(entry.torque_constant, "N/A").value, "N"
         factor = si_factor(unit, "A") * constant
-    elif quantity == "tau" and is_unit(unit, "current"):
+    elif quantity == "tau" and fits(unit, "A"):
         raise InputError('is a current: add torque_constant = "... N m/A" to its line')
     else:
         si, factor = channel_unit(entry.channel, unit)

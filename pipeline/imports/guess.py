@@ -1,24 +1,26 @@
 """A mapping proposed from names, units and ranges; a person reads it before it is used.
 
-What the names say is held against the numbers: positions against the joints' ranges, speeds against the slopes of the
-positions, torques against the motors' efforts. A line that names or numbers leave open says CHECK.
+What the names say, of an arm or of a pendulum, are claims to channels; the best claim to a channel is held against the
+numbers: positions against the joints' ranges, speeds against the slopes of the positions, torques against the motors'
+efforts. A line that names or numbers leave open says CHECK.
 """
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from armdyn.channels import FloatArray, in_contract
+from armdyn.channels import in_contract
 from armdyn.errors import InputError
 from armdyn.units import si_factor
+from pipeline.imports.claims import Claim, best_claims
 from pipeline.imports.foreign import Column, Foreign
-from pipeline.imports.joints import AMPERE, IN_AMPERE, Joints, Match, contains, match_joints, skeleton
+from pipeline.imports.joints import Joints, contains, match_joints, skeleton
 from pipeline.imports.mapping import ColumnMap, Entry
-from pipeline.imports.pendulum import pendulum_entries
-from pipeline.imports.sizes import angle_unit, largest, length_unit, position_doubt, rate_unit, slope, torque_doubt
-from pipeline.imports.words import IDLE, Label, is_unit, label_of, words_in, words_of
+from pipeline.imports.pendulum import PARTS, pendulum_claims
+from pipeline.imports.units import judged_entries, reason
+from pipeline.imports.words import IDLE, Label, fits, label_of, words_in, words_of
 from urdf.infer import is_gripper
 
 TIME_WORDS = words_in("time t timestamp timestamps stamp clock seconds secs sec zeit duration elapsed utime ts epoch")
@@ -27,21 +29,6 @@ LEROBOT_STATE = "observation.state"
 STEPS = (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9))
 FASTEST, SLOWEST = 5e-5, 0.5
 """s between samples that a robot's recording has."""
-
-
-@dataclass(frozen=True)
-class _Candidate:
-    """A column that may become a channel."""
-
-    column: str
-    label: Label
-    match: Match
-    channel: str
-
-    @property
-    def rank(self) -> tuple[bool, bool, bool]:
-        """Smaller is better: a torque before a current, the joint's before the motor's, the sure before the unsure."""
-        return self.label.quantity == "current", "motor" in self.label.words, bool(self.match.doubt or self.label.doubt)
 
 
 def guess_map(recordings: Sequence[Foreign], joints: Joints | None = None) -> ColumnMap:
@@ -70,13 +57,12 @@ def guess_map(recordings: Sequence[Foreign], joints: Joints | None = None) -> Co
         else:
             labels[name] = label_of(name, found[0].unit)
     arm = _of_joints(labels, known)
-    if not known.arm and not _is_arm(arm):
-        entries |= pendulum_entries({n: label_of(n, c[0].unit) for n, c in columns.items() if n in labels}, columns)
+    if known.arm or _is_arm(arm):
+        claims = _joint_claims(arm, known, first.texts)
     else:
-        names = {n: first.texts[f] for n in arm if (f := _name_column(n, arm[n])) in first.texts}
-        matches = match_joints(arm, known, names)
-        seconds = first.columns[time].value * si_factor(unit, "s") if time else None
-        entries |= _joint_entries(_candidates(arm, matches), columns, known, first, seconds)
+        claims, known = pendulum_claims(labels), PARTS
+    seconds = first.columns[time].value * si_factor(unit, "s") if time else None
+    entries |= judged_entries(best_claims(claims), columns, known, first, seconds)
     if not entries:
         shown = ", ".join(f"'{name}'" for name in list(columns)[:6])
         raise InputError(f"{first.name}: none of its columns ({shown}) looks like a channel: write a mapping, --map")
@@ -147,86 +133,23 @@ def _name_column(name: str, label: Label) -> str:
     return ""
 
 
-def _candidates(labels: Mapping[str, Label], matches: Mapping[str, Match]) -> list[_Candidate]:
-    """The best column of every channel, in the order of the columns."""
-    best: dict[str, _Candidate] = {}
-    for column, label in labels.items():
-        match = matches[column]
-        if not match.joint:
-            continue
-        quantity = "tau" if label.quantity == "current" else label.quantity
-        one = _Candidate(column, label, match, f"{quantity}.{match.joint}")
-        other = best.get(one.channel)
-        if other is not None and one.rank == other.rank:
-            best[one.channel] = replace(other, match=Match(match.joint, f"or is it '{column}'?"))
-        elif other is None or one.rank < other.rank:
-            best[one.channel] = one
-    return list(best.values())
+def _joint_claims(labels: Mapping[str, Label], known: Joints, texts: Mapping[str, str]) -> list[Claim]:
+    """What headers of joints claim.
 
-
-def _joint_entries(
-    candidates: Sequence[_Candidate],
-    columns: Mapping[str, list[Column]],
-    known: Joints,
-    first: Foreign,
-    time: FloatArray | None,
-) -> dict[str, Entry]:
-    positions = {c.match.joint: c for c in candidates if c.label.quantity == "q"}
-    sizes = {joint: largest(columns[c.column]) for joint, c in positions.items()}
-    turning = [j for j, c in positions.items() if not (known.slides(j) or c.label.unit)]
-    angle = angle_unit([sizes[joint] for joint in turning])
-    shares = [
-        largest(columns[c.column]) * _newtons(c, known) / known.ranges[c.match.joint].effort
-        for c in candidates
-        if c.label.quantity == "tau" and c.match.joint in known.ranges
-    ]
-    entries: dict[str, Entry] = {}
-    for c in candidates:
-        label, joint = c.label, c.match.joint
-        limits, at = known.ranges.get(joint), positions.get(joint)
-        unit, why, doubts = label.unit, "unit as written", [c.match.doubt, label.doubt]
-        constant = ""
-        if label.quantity == "current":
-            unit, constant, why = unit or "A", "1 N m/A", "a current"
-            doubts.append("the torque constant and the gear")
-        elif label.quantity == "q":
-            if not unit:
-                slides = limits is not None and limits.slides
-                unit, why, doubt = length_unit(sizes[joint], limits) if limits is not None and slides else angle
-                doubts.append(doubt)
-            doubts.append(position_doubt(sizes[joint], unit, limits))
-        elif label.quantity == "tau":
-            doubts.append(torque_doubt(shares))
-            if not unit:
-                unit, why = ("N" if known.slides(joint) else "N m"), "unit assumed"
-                doubts.append(IN_AMPERE if "effort" in label.words and AMPERE & set(known.arm) else "")
-        elif label.quantity == "v":
-            of = (at.label.unit if at is not None else "") or angle[0]
-            unit, why, doubt = rate_unit(unit, of, _slope(first, c, at, time))
-            doubts.append(doubt)
-        elif not unit:
-            unit, why = f"{(at.label.unit if at is not None else '') or angle[0]}/s^2", "as the position"
-        entries[c.column] = Entry(c.channel, unit, torque_constant=constant, why=_reason(why, doubts))
-    return entries
-
-
-def _newtons(c: _Candidate, known: Joints) -> float:
-    """Factor from a torque's unit to N m, or of a force's to N; 1 where none is written."""
-    return si_factor(c.label.unit, "N" if known.slides(c.match.joint) else "N m") if c.label.unit else 1.0
-
-
-def _slope(
-    first: Foreign, c: _Candidate, position: _Candidate | None, time: FloatArray | None
-) -> tuple[float, float] | None:
-    if position is None or not {c.column, position.column} <= first.columns.keys():
-        return None
-    x, v = first.columns[position.column], first.columns[c.column]
-    stamps = time if time is not None else x.time
-    return slope(stamps, x.value, v.value) if stamps is not None and len(x.value) == len(v.value) else None
-
-
-def _reason(why: str, doubts: Sequence[str]) -> str:
-    return "; ".join([why, *(f"CHECK: {doubt}" for doubt in dict.fromkeys(doubts) if doubt)])
+    Args:
+        labels: by column, with their quantities.
+        known: joints of the robot.
+        texts: of the recording's columns of text.
+    """
+    names = {column: texts[f] for column, label in labels.items() if (f := _name_column(column, label)) in texts}
+    claims = []
+    for column, match in match_joints(labels, known, names).items():
+        label = labels[column]
+        if match.joint:
+            quantity = "tau" if label.quantity == "current" else label.quantity
+            doubts = tuple(filter(None, (match.doubt, label.doubt)))
+            claims.append(Claim(column, f"{quantity}.{match.joint}", match.joint, label, doubts))
+    return claims
 
 
 def _time(foreign: Foreign) -> tuple[str, str, str]:
@@ -250,9 +173,9 @@ def _time(foreign: Foreign) -> tuple[str, str, str]:
         doubts.append(f"{len(column.value) - choice[name]} stamps are those of the row before")
     written = column.unit or label_of(name).unit
     step = float(np.median(np.diff(np.unique(column.value))))
-    if is_unit(written, "time"):
-        return name, written, _reason("as written", doubts)
+    if fits(written, "s"):
+        return name, written, reason("as written", doubts)
     for unit, factor in STEPS:
         if FASTEST <= step * factor <= SLOWEST:
-            return name, unit, _reason(f"a sample every {step:.4g} {unit}", doubts)
-    return name, "s", _reason(f"a sample every {step:.4g}", [*doubts, "of no unit that a recording has"])
+            return name, unit, reason(f"a sample every {step:.4g} {unit}", doubts)
+    return name, "s", reason(f"a sample every {step:.4g}", [*doubts, "of no unit that a recording has"])

@@ -97,52 +97,150 @@ def match_joints(labels: Mapping[str, Label], joints: Joints, names: Mapping[str
         joints: of the robot.
         names: by column: the joint as the file itself says it in a column of text.
     """
-    rests = _without_common({column: label.rest for column, label in labels.items()})
-    cores = _cores(joints.arm)
-    found: dict[str, Match] = {}
-    for column, label in labels.items():
-        words = words_of(names[column]) if column in names else label.words
-        if match := _by_name(words, rests[column] if column not in names else (), cores, joints):
-            found[column] = match
+    rests = _differing({column: label.rest for column, label in labels.items()})
     groups: dict[tuple[str, ...], list[str]] = {}
     for column in labels:
         groups.setdefault(skeleton(labels[column].words), []).append(column)
-    other: set[str] = set()
-    for kind, columns in list(groups.items()):
-        # Of joints that only differ in a number all are found by name, or none: files may count from another one.
-        counted = [c for c in columns if c in found and "".join(cores.get(found[c].joint, ("a",))).isdigit()]
-        if any(column not in found for column in columns):
-            for column in counted:
-                del found[column]
-                other.add(column)
-        groups[kind] = [column for column in columns if column not in found]
-    groups = {kind: columns for kind, columns in groups.items() if columns}
-    complete = {base for columns in groups.values() if (base := _base(columns, labels, rests, joints)) is not None}
-    for columns in groups.values():
-        numbered = _by_number(columns, labels, rests, joints, complete)
-        if other & set(columns):
-            numbered = {
-                c: Match(m.joint, m.doubt or "the robot's joints count from another number")
-                for c, m in numbered.items()
-            }
-        found |= numbered
-    _by_order(found, labels, rests, joints)
-    return found
+    headers = _Headers(labels, rests, joints, tuple(groups.values()))
+    return headers.named_by_robot(names) if joints.arm else headers.named_by_themselves()
+
+
+@dataclass(frozen=True)
+class _Headers:
+    """Headers of joints.
+
+    Attributes:
+        labels: by column.
+        rests: by column: the words in which they differ.
+        joints: of the robot.
+        groups: columns that differ in numbers only.
+    """
+
+    labels: Mapping[str, Label]
+    rests: Mapping[str, tuple[str, ...]]
+    joints: Joints
+    groups: tuple[Sequence[str], ...]
+
+    def named_by_themselves(self) -> dict[str, Match]:
+        """Joints as the headers call them, where no robot is known."""
+        found = {}
+        for columns in self.groups:
+            numbers = self._numbers(columns) or {}
+            for column in columns:
+                # Of several numbers of one thing, such as the coordinates of an elbow, the thing is told.
+                numbered = column in numbers and not self._names(column)
+                joint = f"joint_{numbers[column]}" if numbered else "_".join(self.rests[column]) or "joint_1"
+                sure = numbered or self.rests[column]
+                found[column] = Match(_own_name(column, joint), "" if sure else "no joint is named")
+        return found
+
+    def named_by_robot(self, names: Mapping[str, str]) -> dict[str, Match]:
+        """By the names of the robot's joints, else by their numbers, else in their order."""
+        differing = _differing({joint: words_of(joint) for joint in self.joints.arm})
+        cores = {joint: tuple(word for word in core if word not in IDLE) or core for joint, core in differing.items()}
+        found: dict[str, Match] = {}
+        for column, label in self.labels.items():
+            words, rest = (words_of(names[column]), ()) if column in names else (label.words, self.rests[column])
+            if match := _by_name(words, rest, cores, self.joints):
+                found[column] = match
+        left: list[tuple[list[str], str]] = []
+        for columns in self.groups:
+            doubt = ""
+            if any(column not in found for column in columns):
+                # Of joints that only differ in a number all are found by name, or none: files may count otherwise.
+                for column in columns:
+                    if column in found and "".join(cores.get(found[column].joint, ("a",))).isdigit():
+                        del found[column]
+                        doubt = "the robot's joints count from another number"
+                left.append(([column for column in columns if column not in found], doubt))
+        whole = {first for columns, _ in left if (first := self._first(columns)) is not None}
+        for columns, doubt in left:
+            found |= self._by_number(columns, whole, doubt)
+        return found | self._by_order([column for column in self.labels if column not in found], found)
+
+    def _names(self, column: str) -> list[str]:
+        """Words of a header that may name a thing."""
+        return [word for word in self.rests[column] if word.isalpha() and len(word) > 1]
+
+    def _numbers(self, columns: Sequence[str]) -> dict[str, int] | None:
+        """By column the number in which it differs from the others; None where there is no such, or several."""
+        rows = {column: [int(word) for word in self.labels[column].words if word.isdigit()] for column in columns}
+        width = len(rows[columns[0]])
+        varying = [k for k in range(width) if len(columns) == 1 or len({row[k] for row in rows.values()}) > 1]
+        return {column: row[varying[0]] for column, row in rows.items()} if len(varying) == 1 else None
+
+    def _first(self, columns: Sequence[str]) -> int | None:
+        """From which number a group counts that has a column for every joint; None where it has not."""
+        numbers = self._numbers(columns)
+        if numbers is None or any(self._names(column) for column in columns):
+            return None
+        first = min(numbers.values())
+        whole = set(numbers.values()) == set(range(first, first + len(self.joints.arm)))
+        return first if whole and first in (0, 1) else None
+
+    def _by_number(self, columns: Sequence[str], whole: set[int], doubt: str) -> dict[str, Match]:
+        """Columns that differ in a number only.
+
+        Args:
+            columns: of one group.
+            whole: from which numbers groups count that have a column for every joint.
+            doubt: where nothing else is doubtful.
+        """
+        numbers, arm, named = self._numbers(columns), self.joints.arm, self._names(columns[0])
+        if numbers is None:
+            return {}
+        if any(set(words_of(joint)) & set(named) for joint in arm):
+            return dict.fromkeys(columns, Match(""))  # several numbers of one joint, such as the place of an elbow
+        first, sure = self._first(columns), True
+        if first is None:
+            first = next(iter(whole)) if len(whole) == 1 else 0 if 0 in numbers.values() else 1
+            sure = len(whole) == 1 and set(numbers.values()) <= set(range(first, first + len(arm)))
+        doubts = (
+            not sure and f"{len(columns)} numbers for {len(arm)} joints",
+            self.joints.others and f"or is it of {self.joints.others[0]} and its like?",
+            self._is_message(columns[0]) and "numbered as in the message, whose order is often that of the alphabet",
+            named and f"its header also says '{' '.join(named)}'",
+            doubt,
+        )
+        why = next(filter(None, doubts), "")
+        return {
+            column: Match(arm[number - first] if 0 <= number - first < len(arm) else "", str(why))
+            for column, number in numbers.items()
+        }
+
+    def _is_message(self, column: str) -> bool:
+        """Whether a header is an entry of a JointState's arrays."""
+        words = self.labels[column].words
+        entry = any(word in MESSAGE and after.isdigit() for word, after in pairwise(words))
+        return entry and ("states" in words or any("effort" in label.words for label in self.labels.values()))
+
+    def _by_order(self, columns: Sequence[str], found: Mapping[str, Match]) -> dict[str, Match]:
+        """Names that no joint has: in the order of the columns where as many joints are left, else as they are."""
+        kinds = list(dict.fromkeys(self.rests[column] for column in columns if self.rests[column]))
+        free = [joint for joint in self.joints.arm if joint not in {match.joint for match in found.values()}]
+        matches = {}
+        for column in columns:
+            if not (rest := self.rests[column]):
+                matches[column] = Match(self.joints.arm[0] if len(self.joints.arm) == 1 else "")
+            elif len(kinds) == len(free):
+                matches[column] = Match(free[kinds.index(rest)], "taken in the order of the columns")
+            else:
+                matches[column] = Match("_".join(rest), "no joint of the robot has this name")
+        return matches
 
 
 def _by_name(
     words: Sequence[str], rest: Sequence[str], cores: Mapping[str, tuple[str, ...]], joints: Joints
 ) -> Match | None:
     """The joint whose whole name is in a header, else the one that differs from all others as the header does."""
-    everything = (*joints.arm, *joints.others, *joints.grippers)
-    inside = [j for j in everything if any(w.isalpha() for w in words_of(j)) and contains(words, words_of(j))]
+    inside = [j for j in (*joints.arm, *joints.others, *joints.grippers) if contains(words, words_of(j))]
+    inside = [j for j in inside if any(word.isalpha() for word in words_of(j))]
     inside = [j for j in inside if not any(contains(words_of(k), words_of(j)) for k in inside if k != j)]
     if len(inside) == 1:
-        joint = inside[0]
-        if joint in joints.grippers:
+        extra = list((Counter(rest) - Counter(words_of(inside[0]))).elements())
+        if inside[0] in joints.grippers:
             return Match("")
-        extra = list((Counter(rest) - Counter(words_of(joint))).elements())
-        return Match(joint, f"its header also says '{' '.join(extra)}'" if extra else "")
+        return Match(inside[0], f"its header also says '{' '.join(extra)}'" if extra else "")
     if not any(word.isalpha() for word in rest):
         return None
     same = [joint for joint, core in cores.items() if "".join(core) == "".join(rest)]
@@ -150,86 +248,8 @@ def _by_name(
         return Match(same[0])
     letters = {word for word in rest if word.isalpha() and len(word) > 1}
     numbers = {word for word in rest if word.isdigit()}
-    near = [
-        joint
-        for joint, core in cores.items()
-        if letters & set(core) and numbers == {word for word in core if word.isdigit()}
-    ]
+    near = [j for j, core in cores.items() if letters & set(core) and numbers == set(filter(str.isdigit, core))]
     return Match(near[0], "a name like it") if len(near) == 1 else None
-
-
-def _base(
-    columns: Sequence[str], labels: Mapping[str, Label], rests: Mapping[str, tuple[str, ...]], joints: Joints
-) -> int | None:
-    """From which number a group counts that has a column for every joint; None where it has not."""
-    numbers = _numbers(columns, labels)
-    if numbers is None or len(joints.arm) < 1 or any(w.isalpha() for c in columns for w in rests[c] if len(w) > 1):
-        return None
-    first = min(numbers.values())
-    whole = set(numbers.values()) == set(range(first, first + len(joints.arm)))
-    return first if whole and first in (0, 1) else None
-
-
-def _by_number(
-    columns: Sequence[str],
-    labels: Mapping[str, Label],
-    rests: Mapping[str, tuple[str, ...]],
-    joints: Joints,
-    complete: set[int],
-) -> dict[str, Match]:
-    """Columns that differ in a number only."""
-    numbers = _numbers(columns, labels)
-    if numbers is None:
-        return {}
-    named = [w for w in rests[columns[0]] if w.isalpha() and len(w) > 1]
-    if not joints.arm:
-        if named:  # several numbers of one thing, such as the coordinates of an elbow
-            return {column: Match(_own_name(column, _joined(rests[column]))) for column in columns}
-        return {column: Match(_own_name(column, f"joint_{number}")) for column, number in numbers.items()}
-    base, doubt = _base(columns, labels, rests, joints), ""
-    if base is None:
-        base = next(iter(complete)) if len(complete) == 1 else 0 if 0 in numbers.values() else 1
-        if len(complete) != 1 or not set(numbers.values()) <= set(range(base, base + len(joints.arm))):
-            doubt = f"{len(columns)} numbers for {len(joints.arm)} joints"
-    if joints.others:
-        doubt = doubt or f"or is it of {joints.others[0]} and its like?"
-    if _is_message(labels[columns[0]].words, labels):
-        doubt = doubt or "numbered as in the message, whose order is often that of the alphabet"
-    if named:
-        mixed = [joint for joint in joints.arm if set(words_of(joint)) & set(named)]
-        if mixed:  # several numbers of one joint, such as the place of an elbow
-            return {column: Match("") for column in columns}
-        doubt = doubt or f"its header also says '{' '.join(named)}'"
-    places = {column: number - base for column, number in numbers.items()}
-    return {
-        column: Match(joints.arm[place] if 0 <= place < len(joints.arm) else "", doubt)
-        for column, place in places.items()
-    }
-
-
-def _is_message(words: Sequence[str], labels: Mapping[str, Label]) -> bool:
-    """Whether a header is an entry of a JointState's arrays."""
-    entry = any(word in MESSAGE and after.isdigit() for word, after in pairwise(words))
-    return entry and ("states" in words or any("effort" in label.words for label in labels.values()))
-
-
-def _by_order(
-    found: dict[str, Match], labels: Mapping[str, Label], rests: Mapping[str, tuple[str, ...]], joints: Joints
-) -> None:
-    """Names that no joint has: in the order of the columns where as many joints are left, else as they are."""
-    left = {column: rests[column] for column in labels if column not in found}
-    kinds = list(dict.fromkeys(rest for rest in left.values() if rest))
-    free = [joint for joint in joints.arm if joint not in {match.joint for match in found.values()}]
-    for column, rest in left.items():
-        if not joints.arm:
-            found[column] = Match(_own_name(column, _joined(rest)), "" if rest else "no joint is named")
-        elif not rest:
-            only = len(joints.arm) == 1
-            found[column] = Match(joints.arm[0] if only else "", "" if only else "no joint is named")
-        elif len(kinds) == len(free):
-            found[column] = Match(free[kinds.index(rest)], "taken in the order of the columns")
-        else:
-            found[column] = Match(_joined(rest), "no joint of the robot has this name")
 
 
 _OWN_NAME = re.compile(
@@ -244,50 +264,17 @@ def _own_name(column: str, otherwise: str) -> str:
     return found["name"] if found is not None else otherwise
 
 
-def _joined(rest: Sequence[str]) -> str:
-    return "_".join(rest) or "joint_1"
-
-
-def _without_common(rests: Mapping[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
-    """Without the words that all headers share, such as a namespace, where something is left of each."""
-    common = {w for w in set.intersection(*map(set, rests.values())) if w.isalpha()} if rests else set()
-    if any(set(rest) <= common for rest in rests.values()):
-        return dict(rests)
-    return {column: tuple(word for word in rest if word not in common) for column, rest in rests.items()}
-
-
-def _cores(joints: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """By joint: the words in which it differs from the others."""
-    words = {joint: words_of(joint) for joint in joints}
-    if len(joints) < 2:
-        return words
-    start, end = (_shared([w[::step] for w in words.values()]) for step in (1, -1))
-    return {
-        joint: tuple(word for word in w[start : len(w) - end] if word not in IDLE) or w for joint, w in words.items()
-    }
-
-
-def _shared(rows: Sequence[Sequence[str]]) -> int:
-    """How many first words all rows share, none of them whole."""
-    shortest = min(map(len, rows))
-    return next((k for k in range(shortest) if len({row[k] for row in rows}) > 1), shortest - 1)
+def _differing(names: Mapping[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
+    """Without the words that all names share, such as a namespace, where something is left of each."""
+    common = {w for w in set.intersection(*map(set, names.values())) if w.isalpha()} if names else set()
+    if any(set(words) <= common for words in names.values()):
+        return dict(names)
+    return {name: tuple(word for word in words if word not in common) for name, words in names.items()}
 
 
 def skeleton(words: Iterable[str]) -> tuple[str, ...]:
     """Words with a sign in the place of every number."""
     return tuple("#" if word.isdigit() else word for word in words)
-
-
-def _numbers(columns: Sequence[str], labels: Mapping[str, Label]) -> dict[str, int] | None:
-    """By column the number in which it differs from the others; None where there is no such number, or several."""
-    rows = {column: [int(word) for word in labels[column].words if word.isdigit()] for column in columns}
-    width = len(rows[columns[0]])
-    if len(columns) == 1:
-        return {column: row[0] for column, row in rows.items()} if width == 1 else None
-    varying = [k for k in range(width) if len({row[k] for row in rows.values()}) > 1]
-    if len(varying) != 1:
-        return None
-    return {column: row[varying[0]] for column, row in rows.items()}
 
 
 def contains(words: Sequence[str], part: Sequence[str]) -> bool:

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import dataclass, replace
+from itertools import chain
 
 from armdyn.errors import InputError
 from armdyn.units import si_factor
@@ -108,7 +109,7 @@ def label_of(name: str, unit: str = "") -> Label:
         unit: that stood in brackets.
     """
     # No robot is measured in megametres: [MM] is mm, however pint reads it.
-    written = _UNIT_OF.get(unit) or _UNIT_OF.get(unit.lower()) or (unit if is_unit(unit) else "")
+    written = _UNIT_OF.get(unit) or _UNIT_OF.get(unit.lower()) or (unit if fits(unit, *chain(*KINDS.values())) else "")
     text = name.strip()
     if unit and not written:  # brackets around something else, such as the axis
         text = f"{text} {unit}"
@@ -116,15 +117,21 @@ def label_of(name: str, unit: str = "") -> Label:
     if found is not None:
         label = _without_unit(text[: found.start("unit")] + (found["index"] or ""), _UNIT_OF[found["unit"]])
         # A letter alone is a unit only of the right quantity: the A of joint_A is none.
-        fits = label.quantity and _is_of(label.unit, label.quantity)
-        if fits or len(found["unit"]) > 1:
+        suits = label.quantity and fits(label.unit, *KINDS[label.quantity])
+        if suits or len(found["unit"]) > 1:
             return _completed(label)
     return _completed(_without_unit(text, written))
 
 
-def is_unit(text: str, quantity: str = "") -> bool:
-    """Whether a text is a unit, of a quantity where one is given."""
-    return any(_is_of(text, kind) for kind in ([quantity] if quantity else KINDS))
+def fits(unit: str, *choices: str) -> bool:
+    """Whether a text is a unit of the same kind as one of some SI units."""
+    for si in choices:
+        try:
+            si_factor(unit, si)
+        except InputError:
+            continue
+        return True
+    return False
 
 
 def _without_unit(text: str, unit: str) -> Label:
@@ -135,7 +142,7 @@ def _without_unit(text: str, unit: str) -> Label:
     doubt, commanded = "", COMMANDED & set(words)
     if {"tau", "current"} <= set(kinds):
         commanded -= {"as"}
-        quantity, doubt = ("current" if unit and _is_of(unit, "current") else "tau"), "a torque made of a current?"
+        quantity, doubt = ("current" if unit and fits(unit, "A") else "tau"), "a torque made of a current?"
     elif "motor" in words and "joint" not in words and quantity in ("q", "v", "tau"):
         doubt = "the motor's or the joint's? gear_ratio"
     elif quantity == "tau" and {"est", "estimate", "estimated"} & set(words):
@@ -156,24 +163,14 @@ def _completed(label: Label) -> Label:
     quantity, unit = label.quantity, label.unit
     if not unit:
         return label
-    if not quantity or (quantity == "q" and not _is_of(unit, "q")):
-        implied = next((kind for kind in ("q", "v", "a", "force", "tau", "current") if _is_of(unit, kind)), "")
+    if not quantity or (quantity == "q" and not fits(unit, *KINDS["q"])):
+        implied = next((kind for kind in ("q", "v", "a", "force", "tau", "current") if fits(unit, *KINDS[kind])), "")
         if quantity and not implied:
             return replace(label, measured=False)
         return replace(label, quantity=implied)
     for per, kind in (("/s", "v"), ("/s^2", "a")):
-        if quantity == kind and not _is_of(unit, kind) and _is_of(unit, "q"):
+        if quantity == kind and not fits(unit, *KINDS[kind]) and fits(unit, *KINDS["q"]):
             return replace(label, unit=f"{unit}{per}")
-    if quantity == "tau" and _is_of(unit, "current"):
+    if quantity == "tau" and fits(unit, "A"):
         return replace(label, quantity="current")
-    return label if _is_of(unit, quantity) else replace(label, measured=False)
-
-
-def _is_of(unit: str, quantity: str) -> bool:
-    for si in KINDS[quantity]:
-        try:
-            si_factor(unit, si)
-        except InputError:
-            continue
-        return True
-    return False
+    return label if fits(unit, *KINDS[quantity]) else replace(label, measured=False)

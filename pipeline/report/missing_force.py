@@ -9,7 +9,7 @@ from armdyn.channels import FloatArray
 from armdyn.document import Chart, Section
 from armdyn.identify.force_law import QUANTITIES, law
 from armdyn.identify.missing_force import ForceCurve, pooled
-from pipeline.report.theme import BAND, BLUE, GREY, ORANGE, SHADE, SHADE_GIVEN, WIDE, short_name
+from pipeline.report.theme import BAND, BLUE, GREY, INK, ORANGE, SHADE, SHADE_GIVEN, WIDE, short_name
 
 TITLE = "The missing force"
 HINT = (
@@ -21,6 +21,7 @@ WIDTH = 2.0
 GAP = 0.025
 """Between two panels, as a share of the figure's width."""
 HEIGHT = 330
+EXPLAINED, LAW = "what that explains", {"color": INK, "width": 2, "dash": "dash"}
 SPOKEN = {"load": "predicted load", "pivot_acceleration": "pivot acceleration"}
 
 
@@ -67,6 +68,9 @@ def _row(curves: Sequence[ForceCurve], added: str) -> dict[str, Any]:
         panel += _line(curve.x, curve.as_given, curve.std, "as given", ORANGE, SHADE_GIVEN)
         if curve.repaired is not None and curve.repaired_std is not None:
             panel += _line(curve.x, curve.repaired, curve.repaired_std, added, BLUE, SHADE)
+        if curve.law is not None:
+            drawn = {"x": _short(curve.x), "y": _short(curve.law), "name": EXPLAINED, "legendgroup": EXPLAINED}
+            panel.append({**drawn, "mode": "lines", "line": LAW})
         traces += [{"showlegend": i == 0, "type": "scatter", **trace, "xaxis": f"x{number}"} for trace in panel]
     return {"data": traces, "layout": layout}
 

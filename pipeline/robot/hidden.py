@@ -1,8 +1,8 @@
 """Effects that can be hidden in the simulated robot, each registered by its name in the catalogue, with what it adds.
 
-None of it shares code with the models under test. An effect that adds to a force, a friction or a reading is one
-function here. One that changes how the plant is built or driven is declared in `BUILT_IN`; `scene`, `forces`, `devices`
-and `simulated` ask for its value. Every value is zero where the effect is absent.
+None of it shares code with the models under test, a law of a user's file (`own_law`) apart. An effect that adds to a
+force, a friction or a reading is one function here. One that changes how the plant is built or driven is declared in
+`BUILT_IN`; `scene`, `forces`, `devices` and `simulated` ask for its value. A value is zero where its effect is absent.
 """
 
 import math
@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from armdyn.errors import InputError, UnknownNameError
+from pipeline.robot.own_law import read_own_law
 from pipeline.robot.protocol import Vector
 
 
@@ -27,6 +28,7 @@ class Stage(Enum):
     PIVOT = "resistance to the swing [N m s/rad], from its rate [rad/s] and the rate that 1 N m reverses in a step"
     JOINTS = "dry friction (n,) [N m], from the share of effort, velocity and gravity torque of every joint (n,)"
     FORCE = "what the load cell shows more [N], from the force [N] and the time [s]"
+    OWN = "force on the load, torque and dry friction at the pivot (`own_law.Added`), from the swing (`own_law.Swing`)"
     EFFORT = "what is measured of efforts more (n,) [N m], from the torques of the motors (n,) [N m]"
     BUILT_IN = "nothing at a step: the plant is built or driven otherwise"
 
@@ -232,15 +234,23 @@ def resolve_hidden(hidden: Mapping[str, float | None]) -> Mapping[str, float]:
     """Value of every effect: typical where ``None`` was given, zero where the effect was not named.
 
     Args:
-        hidden: name to value in the effect's unit, or ``None`` for the typical value.
+        hidden: name, or ``FILE.py:NAME`` of a user's effect, to value in the effect's unit, or ``None`` for the
+            typical value.
 
     Returns:
         All names of `HIDDEN_EFFECTS` with their value, read-only.
 
     Raises:
         UnknownNameError: a name that the plant does not have.
-        InputError: a value that is not finite or outside the effect's range.
+        InputError: a value that is not finite or outside the effect's range, or a file that cannot be used.
     """
+    for name in hidden:
+        if ".py:" in name:
+            law = read_own_law(name)
+            size = law.size
+            HIDDEN_EFFECTS[name] = HiddenEffect(
+                size.unit, size.typical, law.summary, size.lower, size.upper, Stage.OWN, law.added
+            )
     values = dict.fromkeys(HIDDEN_EFFECTS, 0.0)
     for name, value in hidden.items():
         if name not in HIDDEN_EFFECTS:

@@ -10,11 +10,13 @@ from scipy.spatial.transform import Rotation
 
 import urdf
 from armdyn.errors import InputError
-from pipeline.robot.hidden import Stage, terms
+from pipeline.robot.hidden import Stage, pivot_coulomb_friction, terms
+from pipeline.robot.own_law import Swing
 from pipeline.robot.protocol import Vector
 from pipeline.robot.scene import build_scene, effort_share
 from pipeline.robot.settings import PlantSettings
 
+UP = np.array([0.0, 0.0, 1.0])
 STRING_DAMPING_RATIO = 0.05
 """Damping of an elastic string's own vibration, relative to critical: an ordinary value for cotton and nylon cords."""
 
@@ -124,7 +126,7 @@ class LoadString:
 
 
 class LoadForces:
-    """Drag, wind, a magnet, friction at the pivot and the inner damping of an elastic string.
+    """Drag, wind, a magnet, friction at the pivot, laws of a user's own and the inner damping of an elastic string.
 
     The reaction of these forces of some millinewton on the arm is left out; the string passes the rest on.
     """
@@ -134,8 +136,9 @@ class LoadForces:
         self._wind = plant.hidden["wind"] * plant.line.direction
         plant.pull_on_load[:] = self._wind
         self._on_load, self._at_pivot = terms(plant.hidden, Stage.LOAD), terms(plant.hidden, Stage.PIVOT)
-        self._at_place = terms(plant.hidden, Stage.PLACE)
-        self._active = bool(self._on_load or self._at_pivot or self._at_place or plant.hidden["string_elasticity"])
+        self._at_place, self._own = terms(plant.hidden, Stage.PLACE), terms(plant.hidden, Stage.OWN)
+        added = self._on_load or self._at_pivot or self._at_place or self._own
+        self._active = bool(added or plant.hidden["string_elasticity"])
         self._reversal = plant.model.opt.timestep / (plant.mass * plant.settings.length**2)
 
     def apply(self) -> None:
@@ -148,7 +151,10 @@ class LoadForces:
             line = self._plant.line
             along = float((self._plant.load - line.origin) @ line.direction)
             force = force + sum(term(along) for term in self._at_place) * line.direction
-        if self._string.pull(self._plant.data) > 0.0:
+        taut = self._string.pull(self._plant.data) > 0.0
+        if self._own:
+            force = force + self._by_own_laws(pivot, load, taut=taut)
+        if taut:
             force = force + self._along_string(load - pivot)
         self._plant.pull_on_load[:] = force
 
@@ -162,6 +168,23 @@ class LoadForces:
         resistance = sum(term(rate, self._reversal) for term in self._at_pivot)
         force: Vector = self._string.damping(self._plant.data) * string - resistance / length**2 * across
         return force
+
+    def _by_own_laws(self, pivot: Vector, load: Vector, *, taut: bool) -> Vector:
+        """Forces of a user's laws, and their torques about the pivot, as forces on the load (3,) [N]."""
+        plant, line = self._plant, self._plant.line
+        frame = np.array([line.direction, np.cross(UP, line.direction), UP])
+        string, relative = frame @ (plant.load - plant.pivot), frame @ (load - pivot)
+        length, angle = math.sqrt(string @ string), math.atan2(-string[0], -string[2])
+        along = np.array([-math.cos(angle), 0.0, math.sin(angle)])  # the load's way as the angle grows
+        rate = float(along @ relative) / math.hypot(string[0], string[2])
+        place = frame @ (plant.load - line.origin)
+        swing = Swing(float(plant.data.time), plant.mass, length, angle, rate, place, frame @ load)
+        force = np.zeros(3)
+        for law in self._own:
+            added = law(swing)
+            torque = added.torque - pivot_coulomb_friction(added.dry, abs(rate), self._reversal) * rate
+            force += added.force + (torque / length * along if taut else 0.0)
+        return np.asarray(force @ frame)
 
 
 class JointEffects:

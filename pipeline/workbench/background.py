@@ -1,4 +1,4 @@
-"""What works beside the page: a thread that reads, fits and writes for opened files, and a process for a diagnosis."""
+"""What works beside the page: a thread that reads, fits and writes for opened files, and a process for a search."""
 
 import asyncio
 import os
@@ -7,7 +7,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from threading import Thread
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from armdyn.checked_study import CheckedStudy
 from armdyn.errors import ArmdynError
@@ -15,7 +15,13 @@ from ik.children import begin_child
 from pipeline.console.inputs import Inputs
 from pipeline.workbench.bench import Workbench
 
+if TYPE_CHECKING:
+    from armdyn.checked_study import Known
+    from armdyn.identify.study import Study
+
 T = TypeVar("T")
+Work = Callable[[Inputs, Sequence[str], Callable[[str], None]], dict[str, Any]]
+"""From files, labels of effects that are put into the model first, and what is told of progress, to an answer."""
 Tell = Callable[[str, Any], None]
 """Told from another thread how a search goes: "progress" or "failed" with a sentence, "done" with an answer."""
 
@@ -63,19 +69,20 @@ def key_of(inputs: Inputs) -> tuple[object, ...]:
 
 
 class Search:
-    """One diagnosis in a process of its own, as `armdyn diagnose` makes it; takes from a second to minutes.
+    """One question in a process of its own; takes from a second to minutes.
 
     Args:
+        work: what is asked, `diagnosed` or `discovered`.
         inputs: files of model and runs.
         effects: labels of effects that are put into the model first.
-        tell: see `Tell`; the answer is the JSON of `diagnose` and the labels, ``beside``.
+        tell: see `Tell`; the answer is that of `work`.
     """
 
-    def __init__(self, inputs: Inputs, effects: Sequence[str], tell: Tell) -> None:
+    def __init__(self, work: Work, inputs: Inputs, effects: Sequence[str], tell: Tell) -> None:
         # Not forked: the server has threads, whose locks a copy of it would keep for ever.
         context = get_context("spawn")
         mine, theirs = context.Pipe(duplex=False)
-        arguments = (inputs, tuple(effects), theirs)
+        arguments = (work, inputs, tuple(effects), theirs)
         self._process = context.Process(target=_search, args=arguments, daemon=True, name="armdyn-search")
         self._stopped = False
         self._process.start()
@@ -99,12 +106,12 @@ class Search:
         self._process.join()
 
 
-def _search(inputs: Inputs, effects: tuple[str, ...], answers: Connection) -> None:
+def _search(work: Work, inputs: Inputs, effects: tuple[str, ...], answers: Connection) -> None:
     """In the process: what it finds goes through the pipe."""
     begin_child()
     os.nice(5)  # the page comes first
     try:
-        answers.send(("done", diagnosed(inputs, effects, lambda what: answers.send(("progress", what)))))
+        answers.send(("done", work(inputs, effects, lambda what: answers.send(("progress", what)))))
     except ArmdynError as error:
         answers.send(("failed", str(error)))
     except Exception as error:
@@ -112,20 +119,38 @@ def _search(inputs: Inputs, effects: tuple[str, ...], answers: Connection) -> No
 
 
 def diagnosed(inputs: Inputs, effects: Sequence[str], say: Callable[[str], None]) -> dict[str, Any]:
-    """The answer of a diagnosis of a model with some effects put in; see `Search`.
+    """The JSON of `armdyn diagnose` of a model with some effects put in, and their labels, ``beside``.
 
     Raises:
         InputError: something cannot be used.
     """
-    from armdyn.effects.catalogue import find
     from armdyn.identify.diagnose import diagnose
-    from armdyn.identify.study import Study
     from pipeline.answers import diagnosis_answer
+
+    _, study = _with_effects(inputs, effects)
+    return {**diagnosis_answer(study, diagnose(study, say)), "beside": list(effects)}
+
+
+def discovered(inputs: Inputs, effects: Sequence[str], say: Callable[[str], None]) -> dict[str, Any]:
+    """What `armdyn discover` finds beside some effects: a ``sentence``, ``labels`` to tick, ``text`` of a file of laws.
+
+    Raises:
+        InputError: something cannot be used.
+    """
+    from armdyn.discovery.discover import discover
+
+    known, study = _with_effects(inputs, effects)
+    found = discover(study.model, study.runs, study.held_out, known.catalogue, say)
+    labels = [one.label for one in found.findings]
+    return {"sentence": found.sentence, "labels": labels, "text": found.file_text() if found.new else ""}
+
+
+def _with_effects(inputs: Inputs, effects: Sequence[str]) -> "tuple[Known, Study]":
+    from armdyn.effects.catalogue import find
+    from armdyn.identify.study import Study
 
     given = inputs.read()
     study, model = given.study, given.study.model
     for label in effects:
         model = model.with_effect(find(label, given.known.catalogue))
-    if effects:
-        study = Study(model, study.runs, study.held_out, given.known.catalogue)
-    return {**diagnosis_answer(study, diagnose(study, say)), "beside": list(effects)}
+    return given.known, Study(model, study.runs, study.held_out, given.known.catalogue) if effects else study

@@ -13,7 +13,7 @@ from armdyn.identify.candidate import Candidate
 from armdyn.identify.compare import fitted_parameters
 from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.localise import Place, localise
-from armdyn.identify.missing_force import ForceCurve, Unexplained, curves, unexplained
+from armdyn.identify.missing_force import ForceCurve, Unexplained, curves, explained, unexplained
 from armdyn.identify.problem import Block, Problem
 from armdyn.identify.score import linear_fit
 from armdyn.identify.study import Study
@@ -203,13 +203,20 @@ class Workbench:
         return self._state(effects, "by hand", _residuals(blocks), knobs)
 
     def missing_force(self, state: TickedModel) -> tuple[ForceCurve, ...]:
-        """What the model as given cannot explain, and what the model as ticked cannot, where that is known yet."""
+        """What the model as given cannot explain; where known, what it cannot as ticked, and what that explains."""
         given = self._unexplained
         if not state.effects or any(u.joint is None for u in given):
-            known = state.effects and state.how == "fitted"
-            return curves(given, unexplained(self.fit(state.effects)) if known else None)
+            if not state.effects or state.how != "fitted":
+                return curves(given)
+            fit = self.fit(state.effects)
+            return curves(given, unexplained(fit), explained(self.first, fit))
         now = {(curve.run, curve.channel): curve.residuals[-1] for curve in state.curves if curve.kind == FITTED}
-        return curves(given, [replace(u, value=now[u.run, f"tau.{u.joint}"]) for u in given])
+        left = [now[u.run, f"tau.{u.joint}"] for u in given]
+        return curves(
+            given,
+            [replace(u, value=of) for u, of in zip(given, left, strict=True)],
+            [replace(u, value=u.value - of) for u, of in zip(given, left, strict=True)],
+        )
 
     @cached_property
     def _unexplained(self) -> list[Unexplained]:

@@ -233,6 +233,20 @@ def _write_model(path: Path, file: ModelFile) -> Path:
     return path
 
 
+def add_laws(folder: Path, own: Path | None, text: str) -> Path:
+    """A file of effects with laws that were discovered, after those of a user's file where there is one.
+
+    Args:
+        folder: of the page.
+        own: the user's file; None for none.
+        text: of a file of effects.
+    """
+    before = "" if own is None else own.read_text(encoding="utf-8") + "\n\n"
+    target = folder / "discovered.py"
+    target.write_text(before + text, encoding="utf-8")
+    return target
+
+
 class Kept(NamedTuple):
     """What was written.
 
@@ -294,6 +308,10 @@ def keep(
             writable.check(target, over)
     found = add(study, bench.effects_of(effects))
     kept, copied = _with_its_urdf(found.model, model, writable, over)
+    if opened.effects is not None and is_temporary(opened.effects):
+        laws = model.with_name(f"{model.stem}_effects.py")
+        copied += _copied(opened.effects, laws, writable, over)
+        opened = replace(opened, effects=laws)
     file = ModelFile(kept, given.known.file.description, (*given.known.file.history, *history_entries(study, found)))
     write_model_file(model, file)
     files, notes = [model, *copied], list[str]()
@@ -321,7 +339,13 @@ def _with_its_urdf(found: Model, model: Path, writable: Writable, over: bool) ->
     if not isinstance(found, ArmModel) or found.arm.file is None or not is_temporary(found.arm.file):
         return found, []
     target = model.parent / found.arm.file.name
-    if not target.exists() or target.read_bytes() != found.arm.file.read_bytes():
+    copied = _copied(found.arm.file, target, writable, over)
+    return replace(found, arm=replace(found.arm, file=target.resolve())), copied
+
+
+def _copied(file: Path, target: Path, writable: Writable, over: bool) -> list[Path]:
+    """The copy of a page's file, beside the model; nothing is written where it is there already."""
+    if not target.exists() or target.read_bytes() != file.read_bytes():
         writable.check(target, over)
-        shutil.copyfile(found.arm.file, target)
-    return replace(found, arm=replace(found.arm, file=target.resolve())), [target]
+        shutil.copyfile(file, target)
+    return [target]

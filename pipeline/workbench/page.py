@@ -1,7 +1,7 @@
 """What a person clicks on the page, and what follows from it."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from string import Template
@@ -12,7 +12,7 @@ from nicegui import Client, events, ui
 from armdyn.errors import InputError
 from pipeline.console.inputs import Inputs
 from pipeline.workbench import files, panels
-from pipeline.workbench.background import Search, Session
+from pipeline.workbench.background import Search, Session, Work, diagnosed, discovered
 from pipeline.workbench.bench import Atom
 from pipeline.workbench.tab import OpenSession, Tab, scene_of_run
 from urdf.bounds import LARGEST_UPLOAD
@@ -49,6 +49,7 @@ class Page(Tab):
         handlers: dict[str, Callable[[dict[str, Any]], Awaitable[None]]] = {
             "pick": self._pick, "every": self._every, "try": self._try, "clear": self._clear, "knob": self._knob,
             "refit": self._refit, "role": self._role, "scene": self._scene, "search": self._look, "stop": self._stop,
+            "discover": self._discover,
             "start-pendulum": self._pendulum, "start-arm": self._arm, "keep": self._keep, "go-on": self._go_on,
             "trust": self._trusted,
         }  # fmt: skip
@@ -63,7 +64,7 @@ class Page(Tab):
         await self._guarded(self._reopen())
 
     async def _pick(self, args: dict[str, Any]) -> None:
-        atom = self._atom(args["label"])
+        (atom,) = self._atoms(args["label"])
         await self._tick([*(a for a in self._ticked if a != atom), *([atom] if args["on"] else [])])
 
     async def _every(self, args: dict[str, Any]) -> None:
@@ -72,8 +73,11 @@ class Page(Tab):
         await self._tick(rest if set(mine) <= set(self._ticked) else [*rest, *mine], by_click=False)
 
     async def _try(self, args: dict[str, Any]) -> None:
-        effect, _, joints = str(args["label"]).partition(":")
-        new = [self._atom(f"{effect}:{joint}" if joint else effect) for joint in joints.split(",")]
+        await self._add([str(args["label"])])
+
+    async def _add(self, labels: Sequence[str]) -> None:
+        """Tick effects beside those that are."""
+        new = [atom for label in labels for atom in self._atoms(label)]
         await self._tick([*(a for a in self._ticked if a not in new), *new], by_click=False)
 
     async def _clear(self, _: dict[str, Any]) -> None:
@@ -116,32 +120,61 @@ class Page(Tab):
         await self._tick(list(self._ticked))
 
     async def _look(self, _: dict[str, Any]) -> None:
+        self._begin(diagnosed, self._ranked)
+
+    async def _discover(self, _: dict[str, Any]) -> None:
+        self._begin(discovered, self._proposed)
+        self._call("panel", "proposal", "Looking for a formula; what is tried is told under 'What is missing'.")
+
+    def _begin(self, work: Work, done: Callable[[Any], Awaitable[None]]) -> None:
+        """Search beside what is ticked, and go on with the answer."""
         session, _given, bench = self._opened()
         self._stop_search()
         loop = asyncio.get_running_loop()
 
         def tell(kind: str, what: Any) -> None:  # from another thread
             if not loop.is_closed():
-                loop.call_soon_threadsafe(self._heard, session, kind, what)
+                asyncio.run_coroutine_threadsafe(self._guarded(self._heard(session, kind, what, done)), loop)
 
+        self._call("panel", "proposal", "")
         self._call("panel", "ranking", "<p class='busy' id='progress'>starting the search</p>")
         self._call("show", "stop", True)
         labels = [effect.label for effect in bench.effects_of(self._ticked)]
-        self._search = Search(session.inputs, labels, tell)
+        self._search = Search(work, session.inputs, labels, tell)
 
-    def _heard(self, asked: Session, kind: str, what: Any) -> None:
+    async def _heard(self, asked: Session, kind: str, what: Any, done: Callable[[Any], Awaitable[None]]) -> None:
         if asked is not self._session:
             return
         if kind == "progress":
             self._call("panel", "progress", escape(what))
             return
         self._call("show", "stop", False)
-        done = panels.ranking_panel(what) if kind == "done" else f"<p class='caption'>{escape(what)}</p>"
-        self._call("panel", "ranking", done)
+        if kind == "done":
+            await done(what)
+        else:
+            self._call("panel", "proposal", "")
+            self._call("panel", "ranking", f"<p class='caption'>{escape(what)}</p>")
+
+    async def _ranked(self, answer: Mapping[str, Any]) -> None:
+        self._call("panel", "ranking", panels.ranking_panel(answer))
+
+    async def _proposed(self, answer: Mapping[str, Any]) -> None:
+        """Read the files anew with the laws that were discovered, tick them, and say what they are."""
+        ticked = self._ticked
+        if answer["text"]:
+            self._own_effects = files.add_laws(Path(self._folder.name), self._own_effects, str(answer["text"]))
+            await self._reopen()
+            self._ticked = ticked
+        sentence = escape(answer["sentence"])
+        self._call("panel", "proposal", sentence)
+        self._call("panel", "ranking", f"<p class='caption'>{sentence}</p>")
+        if answer["labels"]:
+            await self._add(answer["labels"])
 
     async def _stop(self, _: dict[str, Any]) -> None:
         self._stop_search()
         self._call("show", "stop", False)
+        self._call("panel", "proposal", "")
         self._call("panel", "ranking", "<p class='caption'>The search was stopped.</p>")
 
     async def _scene(self, args: dict[str, Any]) -> None:
@@ -219,6 +252,7 @@ class Page(Tab):
         await self._reopen()
 
     @staticmethod
-    def _atom(label: str) -> Atom:
-        effect, _, joint = label.partition(":")
-        return Atom(effect, joint)
+    def _atoms(label: str) -> list[Atom]:
+        """One for each joint of a label as commands take it."""
+        effect, _, joints = label.partition(":")
+        return [Atom(effect, joint) for joint in joints.split(",")]

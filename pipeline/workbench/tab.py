@@ -87,6 +87,7 @@ class Tab:
         self._call("panel", "files", panels.files_panel(self._model, self._runs, self._said))
         self._call("panel", "ranking", "<p class='caption'>A search ranks every effect beside what is ticked.</p>")
         self._call("panel", "effects", "")
+        self._call("panel", "proposal", "")
         self._call("say", "")
         self._call("show", "stop", False)
         self._call("show", "trust", False)

@@ -61,7 +61,10 @@ const armdynBench = (() => {
     if (!picture || !state.figures) return;
     at("law").textContent = picture.caption;
     at("missing").style.height = `${picture.figure.layout.height}px`;
+    const drawn = at("missing").dataset.drawn;
     state.figures.draw(at("missing"), picture.figure);
+    if (!drawn) at("missing").on("plotly_click", () => emitEvent("discover", {}));
+    at("missing").dataset.drawn = "yes";
   };
   const ticks = (labels) => {
     const on = new Set(labels);
@@ -135,7 +138,7 @@ const armdynBench = (() => {
       state.view?.draw();
     }
     if (button.id === "show-scene") emitEvent("scene", { run: state.shown?.run ?? null });
-    if (["search", "stop", "clear", "start-pendulum", "start-arm", "keep", "go-on", "trust"].includes(button.id)) {
+    if (["search", "discover", "stop", "clear", "start-pendulum", "start-arm", "keep", "go-on", "trust"].includes(button.id)) {
       const values = Object.fromEntries([...document.querySelectorAll("[data-field]")].map((field) =>
         [field.dataset.field, field.type === "checkbox" ? field.checked : field.value]));
       emitEvent(button.id, values);

@@ -30,7 +30,7 @@ def test_problem_ta_reaches_the_optimum_that_ipopt_finds(bare):
 
 def test_the_cost_falls_at_every_step(bare):
     model, planner = bare
-    costs = [i.cost for i in planner.plan(model, SWING).solution.iterations]
+    costs = planner.plan(model, SWING).solution.iterations
     assert np.all(np.diff(costs) < 0)
 
 

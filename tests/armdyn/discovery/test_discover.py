@@ -1,4 +1,4 @@
-"""Nothing is discovered where nothing is missing."""
+"""What is discovered: nothing where nothing is missing, and what is told and drawn of a law."""
 
 from types import SimpleNamespace
 
@@ -6,9 +6,15 @@ import numpy as np
 import pytest
 
 from armdyn.discovery.discover import discover, predicts_better
+from armdyn.effects.effect import effect
 from armdyn.effects.user import available
+from armdyn.identify.missing_force import between
+from armdyn.identify.repair import add
+from armdyn.identify.study import Study
+from armdyn.parameter import quantity
 from armdyn.pendulum.model import pendulum_model
 
+from ...hidden_effects.laws import world
 from ...hidden_effects.pendulum import Setup, record
 
 
@@ -18,6 +24,25 @@ def test_nothing_is_discovered_where_nothing_is_missing():
     found = discover(model, [run], [], available(model))
     assert not found.findings
     assert found.sentence.startswith("Nothing is missing")
+
+
+def test_a_law_is_drawn_over_the_missing_force_without_its_noise():
+    """Cubic drag M = -k rate^3 of a pendulum, which no length can make up for."""
+    given = world("cubic drag", 3)
+    model = pendulum_model(given.length, given.mass)
+
+    @effect("drag", acts_on="string", summary="drag", source="a test")
+    def drag(string, k=quantity("N m s^3/rad^3", typical=1e-3, lower=0)):
+        return string.with_torque(-k * string.rate**3)
+
+    study = Study(model, given.runs[:1], [], [drag])
+    first, fit = study.first(), add(study, [drag]).steps[-1].fit
+    (curve,) = (c for c in between(first, fit, law=True) if c.against == "speed")
+    (k,) = fit.values[study.problem.of(("drag.k",))]
+    torque = -k * curve.x**3 / (given.mass * given.length**2)
+    drawn, measured = (np.sqrt(np.mean((y - torque) ** 2)) for y in (curve.law, curve.as_given))
+    assert drawn < 0.3 * measured
+    assert drawn < 0.1 * np.sqrt(np.mean(torque**2))
 
 
 @pytest.mark.parametrize(("left", "better"), [([0.5, 0.5], True), ([2.0, 0.1], False), ([], True)])

@@ -188,6 +188,16 @@ def test_the_repaired_force_is_averaged_over_the_same_bins(study):
         assert both.repaired.shape == alone.x.shape
 
 
+def test_what_an_effect_explains_is_its_law_without_the_noise(study):
+    """Dry friction by sampled positions turns round where the speed does; the noise is 0.3 N m of the torque."""
+    first = study.first()
+    (candidate,) = (c for c in study.candidates if c.effect == "joint_coulomb_friction")
+    curve = of(between(first, study.fit_with([candidate], first), law=True), JOINT, "speed")
+    moving = np.abs(curve.x) > 0.2
+    given, drawn = (np.abs(y - FRICTION * np.sign(curve.x))[moving].max() for y in (curve.as_given, curve.law))
+    assert drawn < 0.02 < given
+
+
 def test_the_answers_hold_it_as_the_contract_says(study, repaired):
     answers = [
         (comparison_answer(study, compare(study)), False),

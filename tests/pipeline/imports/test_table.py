@@ -237,3 +237,12 @@ def test_time_that_goes_back_is_refused_and_repeated_rows_are_left_out(tmp_path)
         else:
             with pytest.raises(InputError, match=says):
                 run_of(foreign, known_columns(foreign))
+
+
+def test_of_three_columns_that_are_alike_the_first_is_taken_and_somebody_is_asked(tmp_path, joints):
+    path = tmp_path / "a.csv"
+    table = np.column_stack([TIME, *(k * joints[0][:, 0] for k in (1, 2, 3))])
+    np.savetxt(path, table, delimiter=",", header="time,cart x [m],trolley x [m],carriage x [m]", comments="")
+    ((column, entry),) = guess_map(read_foreign(path)).entries.items()
+    assert (column, entry.channel) == ("cart x", "gripper_x")
+    assert "CHECK: or is it 'trolley x'?" in entry.why

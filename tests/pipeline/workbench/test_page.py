@@ -5,9 +5,12 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from browser import Browser, chromium
+from browser import SIXTY, Browser, chromium
+from hidden_effects.laws import world
 from hidden_effects.pendulum import Setup, record
 
+from armdyn.effects.user import load_effects
+from armdyn.model_file import ModelFile, base_pendulum, write_model_file
 from armdyn.run import write_run_csv
 
 from .conftest import HIDDEN, RIVALS, workbench
@@ -16,6 +19,12 @@ ERROR = "Number(document.querySelector('.key').dataset.value)"
 NONE = "!document.querySelector('[data-pick]:checked')"
 FITTED = "document.querySelector('.how.fitted')"
 READY = "document.querySelector('[data-pick]') && document.body.dataset.ready"
+POINT = """(() => {
+    const point = document.querySelector("#missing .point:nth-child(9)");
+    point.scrollIntoView({ block: "center", behavior: "instant" });
+    const { x, y, width, height } = point.getBoundingClientRect();
+    return [x + width / 2, y + height / 2];
+})()"""
 TURNED = """(() => {
     const knob = document.querySelector("[data-knob=length]");
     knob.value = knob.value / 2;
@@ -94,6 +103,32 @@ def test_a_search_ranks_it_and_what_is_kept_is_a_model_file(browser):
     assert "repaired.toml" in browser.ask("document.querySelector('#kept').innerText")
     browser.click("#keep")
     browser.wait("document.querySelector('#said').innerText.includes('is there already')")
+
+
+@pytest.mark.slow
+def test_a_click_on_the_missing_force_proposes_a_law_and_adds_it(tmp_path):
+    """What is kept then has the law's file beside it, and the next command names it."""
+    given, noise = world("cubic drag", 3), 1e-3  # rad
+    write_model_file(tmp_path / "m.toml", ModelFile(base_pendulum({"mass": f"{given.mass} kg"}), {}))
+    for run, name in zip((given.runs[0], given.held_out), ("a.csv", "b.csv"), strict=True):
+        write_run_csv(run, tmp_path / name)
+    with served(tmp_path, "m.toml", "a.csv", "--held-out", "b.csv") as found, Browser() as browser:
+        browser.go(found)
+        browser.wait(READY)
+        browser.wait("document.querySelector('#missing .point')")
+        before = browser.ask(ERROR)
+        browser.point(*browser.ask(POINT))
+        browser.wait("document.querySelector('#missing .hovertext')")
+        browser.click("#missing .point:nth-child(9)")
+        browser.wait("document.querySelector('#proposal').innerText.includes('k * speed^3')", 5 * SIXTY)
+        browser.wait(f"document.querySelector('[data-pick=discovered_cubic_drag]:checked') && {FITTED}")
+        assert browser.ask(ERROR) < min(1.3 * noise, 0.2 * before)
+        browser.wait("document.querySelector('#missing').innerText.includes('what that explains')")
+        browser.click("#keep")
+        browser.wait("document.querySelector('#go-on')")
+        assert "--effects repaired_effects.py" in browser.ask("document.querySelector('#kept').innerText")
+        assert [effect.name for effect in load_effects(tmp_path / "repaired_effects.py")] == ["discovered_cubic_drag"]
+        assert browser.errors == []
 
 
 @pytest.mark.slow

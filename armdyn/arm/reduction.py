@@ -1,0 +1,117 @@
+"""A torque while its parts are added up, reduced to coefficients or samples: what parameters do not change is kept."""
+
+from collections.abc import Callable
+from functools import cache, cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from armdyn.arm.bodies import Stretch
+from armdyn.arm.composition import DIRECTION, Term
+from armdyn.arm.motion import MeasuredMotion
+
+
+class Signal:
+    """A torque while its parts are added up, with its derivatives by the joints that matter.
+
+    Args:
+        size: N, coefficients or samples.
+        widths: number of parameters by joint.
+
+    Attributes:
+        block: (N, 1 + sum of the widths), the torque first.
+        value: (N,) view of the torque.
+        columns: by joint, where its parameters are in the block.
+    """
+
+    def __init__(self, size: int, widths: dict[int, int]) -> None:
+        ends = np.cumsum([1, *widths.values()]).tolist()
+        self.columns = {joint: slice(*ends[i : i + 2]) for i, joint in enumerate(widths)}
+        self.block = np.zeros((size, ends[-1]))
+        self.value = self.block[:, 0]
+
+    def by(self, joint: int) -> np.ndarray:
+        """(N, k) view of the derivatives by a joint's parameters."""
+        return self.block[:, self.columns[joint]]
+
+
+class Rest(NamedTuple):
+    """What a term that is not linear came to last: for which parameters, and the coefficients."""
+
+    key: bytes
+    coefficients: np.ndarray
+    slopes: dict[int, np.ndarray]
+
+
+class Reduction:
+    """What signals at the stamps are reduced to, and what was reduced before.
+
+    Args:
+        reduce: linear map of (n, m) signals at the stamps to (N, m).
+        stretch: the motion at the stamps.
+        joint: index of the joint whose torque is predicted.
+        earlier: what gives joints' inputs and other signals at the stamps as they were before; as they are if None.
+    """
+
+    def __init__(
+        self,
+        reduce: Callable[[np.ndarray], np.ndarray],
+        stretch: Stretch,
+        joint: int,
+        earlier: "Earlier | None" = None,
+    ) -> None:
+        self.reduce = reduce
+        self._stretch, self._joint = stretch, joint
+        self.inputs = cache(stretch.inputs if earlier is None else earlier.inputs)
+        self.signal: Callable[[np.ndarray], np.ndarray] = (lambda s: s) if earlier is None else earlier.signal
+        self.link = cache(lambda link: reduce(stretch.regressor[:, joint, link]))
+        # Not a method: large arrays in a circle of references would stay until Python looks for circles.
+        self.weight = cache(lambda link: _reduced_weight(reduce, stretch.gravity_regressor[:, joint, link]))
+        self.linear: dict[Term, np.ndarray] = {}
+        self.rests: dict[Term, Rest] = {}
+
+    @cached_property
+    def described(self) -> np.ndarray:
+        """(N,) the torque of the arm as described."""
+        return self.reduce(self._stretch.described[:, [self._joint]])[:, 0]
+
+    @cached_property
+    def per_gravity(self) -> np.ndarray:
+        """(N, 3) the torque of the arm as described per component of gravity."""
+        return self.reduce(self._stretch.described_per_gravity[self._joint])
+
+
+class Earlier:
+    """What drove the joints some time before each stamp, where the motion is known at any time.
+
+    A dry friction changes its sign between two stamps: of what was sampled and is then moved, nobody knows where.
+
+    Args:
+        stretch: the motion at the stamps.
+        motion: at any time.
+        delay: s.
+    """
+
+    def __init__(self, stretch: Stretch, motion: MeasuredMotion, delay: float) -> None:
+        self._stretch, self._motion = stretch, motion
+        time = stretch.motion.time
+        self._time = np.clip(time - delay, time[0], time[-1])
+        self._after = np.clip(np.searchsorted(time, self._time), 1, len(time) - 1)
+        before = time[self._after - 1]
+        self._share = (self._time - before) / (time[self._after] - before)
+
+    def signal(self, at_stamps: np.ndarray) -> np.ndarray:
+        """(n, ...) of a smooth signal, linear between the stamps."""
+        share = self._share.reshape(-1, *[1] * (at_stamps.ndim - 1))
+        return (1.0 - share) * at_stamps[self._after - 1] + share * at_stamps[self._after]
+
+    def inputs(self, joint: int) -> np.ndarray:
+        """(9, n) inputs of a joint's functions."""
+        found = self.signal(self._stretch.inputs(joint).T).T
+        found[DIRECTION] = self._motion.direction(joint, self._time)
+        return found
+
+
+def _reduced_weight(reduce: Callable[[np.ndarray], np.ndarray], columns: np.ndarray) -> np.ndarray:
+    """(N, 3, 4) of (n, 3, 4) torques per gravity and per mass and first moment of a link."""
+    return reduce(columns.reshape(len(columns), -1)).reshape(-1, *columns.shape[1:])
