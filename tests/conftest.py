@@ -1,7 +1,31 @@
 """What holds for all tests."""
 
+import time
+
+import pytest
+from command import called
 from hypothesis import settings
 
 # How long an example takes says how busy the machine is, not whether the code is right.
 settings.register_profile("armdyn", deadline=None)
 settings.load_profile("armdyn")
+
+
+@pytest.fixture
+def armdyn(monkeypatch, tmp_path):
+    """Run a command in this process and a folder of its own: exit status, standard output, standard error."""
+    monkeypatch.chdir(tmp_path)
+    return called
+
+
+@pytest.fixture
+def until():
+    """Waits for a condition, generously: these tests run on busy machines."""
+
+    def wait(condition, patience=30.0):
+        end = time.monotonic() + patience
+        while not condition():
+            assert time.monotonic() < end, "waited in vain"
+            time.sleep(0.003)
+
+    return wait

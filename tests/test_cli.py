@@ -1,43 +1,30 @@
 import json
-import sys
 
-import pytest
-
-from pipeline.cli import main
 from pipeline.console.screen import to_screen
 
 
-def run(capsys, monkeypatch, *arguments):
-    monkeypatch.setattr(sys, "argv", ["armdyn", *arguments])
-    with pytest.raises(SystemExit) as stop:
-        main()
-    return stop.value.code, *capsys.readouterr()
-
-
-def test_help_says_what_each_command_does(capsys, monkeypatch):
-    status, out, _ = run(capsys, monkeypatch, "--help")
+def test_help_says_what_each_command_does(armdyn):
+    status, out, _ = armdyn("--help")
     assert status == 0
     for command in ("trial", "table", "ik", "check", "loadcell"):
         assert command in out
 
 
-def test_brackets_reach_the_terminal(capsys, monkeypatch):
-    _, out, _ = run(capsys, monkeypatch, "trial", "--help")
+def test_brackets_reach_the_terminal(armdyn, capsys):
+    _, out, _ = armdyn("trial", "--help")
     assert "[m]" in out
     to_screen().print("friction [swing_rate > 0], q [m], parameter.torque[bold]")
     assert capsys.readouterr().out == "friction [swing_rate > 0], q [m], parameter.torque[bold]\n"
 
 
-def test_json_on_standard_output_is_alone_there(capsys, monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
-    status, out, _ = run(capsys, monkeypatch, "trial", "--no-estimation", "--length-guess", "0.368", "--json", "-")
+def test_json_on_standard_output_is_alone_there(armdyn):
+    status, out, _ = armdyn("trial", "--no-estimation", "--length-guess", "0.368", "--json", "-")
     assert status == 0
     assert json.loads(out)["schema"] == "armdyn.trial/1"
 
 
-def test_a_missed_box_is_status_one(capsys, monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
-    status, out, _ = run(capsys, monkeypatch, "trial", "--no-estimation", "--length-guess", "0.428")
+def test_a_missed_box_is_status_one(armdyn):
+    status, out, _ = armdyn("trial", "--no-estimation", "--length-guess", "0.428")
     assert status == 1
     assert "report" in out
 

@@ -2,14 +2,12 @@
 
 import importlib.util
 import re
-import sys
 from pathlib import Path
 
 import pytest
 
 from armdyn import __version__
 from armdyn.run import read_run
-from pipeline.cli import main
 from pipeline.imports.mapping import read_map
 
 ROOT = Path(__file__).parents[1]
@@ -63,18 +61,15 @@ COMMANDS = [line.split("#")[0].split() for line in re.findall(r"^\$ armdyn (.*)$
 
 
 @pytest.fixture
-def page(tmp_path, monkeypatch, capsys):
+def page(armdyn, tmp_path):
     """Runs a command of the page beside the examples; returns what it printed."""
     (tmp_path / "examples").symlink_to(ROOT / "examples")
-    monkeypatch.chdir(tmp_path)
 
     def run(words):
         expanded = [path for word in words for path in (sorted(map(str, Path().glob(word))) if "*" in word else [word])]
-        monkeypatch.setattr(sys, "argv", ["armdyn", *expanded])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        assert stop.value.code == 0
-        return capsys.readouterr().out
+        status, out, _ = armdyn(*expanded)
+        assert status == 0
+        return out
 
     return run
 
@@ -112,8 +107,5 @@ def test_every_file_says_the_same_version():
     assert versions == [__version__] * 2
 
 
-def test_the_command_tells_its_version(monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["armdyn", "--version"])
-    with pytest.raises(SystemExit) as stop:
-        main()
-    assert (stop.value.code, capsys.readouterr().out) == (0, f"armdyn {__version__}\n")
+def test_the_command_tells_its_version(armdyn):
+    assert armdyn("--version")[:2] == (0, f"armdyn {__version__}\n")

@@ -10,7 +10,6 @@ from armdyn.effects.effect_checks import STAGES, check_applied, check_declared
 from armdyn.effects.user import load_effects
 from armdyn.errors import InputError
 from armdyn.physics.user import load_base
-from pipeline.cli import main
 
 HEAD = """import math, sys
 import casadi as ca
@@ -68,14 +67,11 @@ BAD = {
 
 
 @pytest.mark.parametrize(("text", "said"), BAD.values(), ids=BAD)
-def test_a_bad_effect_is_one_line_with_its_place_and_status_two(tmp_path, monkeypatch, capfd, text, said):
+def test_a_bad_effect_is_one_line_with_its_place_and_status_two(tmp_path, armdyn, text, said):
     path = tmp_path / "mine.py"
     path.write_text(HEAD + text)
-    monkeypatch.setattr("sys.argv", ["armdyn", "effects", "--effects", str(path)])
-    with pytest.raises(SystemExit) as end:
-        main()
-    err = capfd.readouterr().err
-    assert end.value.code == 2
+    status, _, err = armdyn("effects", "--effects", path)
+    assert status == 2
     assert len([line for line in err.splitlines() if line.startswith("armdyn:")]) == 1
     assert said in err
     assert "mine.py, line " in err

@@ -13,7 +13,6 @@ from armdyn.errors import InputError
 from armdyn.mcap_run import read_mcap
 from armdyn.run import read_run
 from armdyn.units import parse_quantity, si_factor
-from pipeline.cli import main
 
 TIME = np.arange(300) / 100
 RNG = np.random.default_rng(0)
@@ -27,16 +26,13 @@ def table(time=TIME, x=X, force=FORCE):
 
 
 @pytest.fixture
-def compare(tmp_path, monkeypatch, capfd):
+def compare(armdyn, tmp_path):
     def run(text, sidecar="", *, command="compare", more=()):
-        monkeypatch.chdir(tmp_path)
         (tmp_path / "m.toml").write_text('base = "pendulum"\neffects = []\n')
         (tmp_path / "a.csv").write_text(text)
         (tmp_path / "a.toml").write_text(sidecar)
-        monkeypatch.setattr("sys.argv", ["armdyn", command, "m.toml", *more, "a.csv"])
-        with pytest.raises(SystemExit) as end:
-            main()
-        return end.value.code, capfd.readouterr().err
+        status, _, err = armdyn(command, "m.toml", *more, "a.csv")
+        return status, err
 
     return run
 

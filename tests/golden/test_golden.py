@@ -3,20 +3,17 @@
 `GOLDEN=write pytest tests/golden` writes them anew; read the difference before you keep it.
 """
 
-import contextlib
-import io
 import json
 import math
 import os
 import re
+import shlex
 import shutil
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-from pipeline.cli import main
+from command import called
 
 HERE = Path(__file__).parent
 EXAMPLES = HERE.parents[1] / "examples"
@@ -25,6 +22,8 @@ DIGITS = 3e-3
 """Relative: other libraries of linear algebra round otherwise."""
 LONGEST = 4
 """Entries of a list that are kept; of a longer one its ends, and of numbers their size."""
+LOADED = re.compile(r"""<[^>]*\b(src|href)\s*=\s*["']?(https?:|//)|<script[^>]*\ssrc""")
+"""Something that a page would load from elsewhere."""
 OF_THE_CLOCK = ("seconds", "targets_per_second", "version", "estimation_cycle")
 
 CASES = {
@@ -132,22 +131,10 @@ def recordings(tmp_path_factory):
             "import sweep_1.csv sweep_2.csv --output ur5 --map ur5/map.toml",
             "new arm ur5.toml --robot ur5",
         ):
-            assert called(line)[0] == 0, line
+            assert called(*shlex.split(line))[0] == 0, line
     finally:
         os.chdir(here)
     return folder
-
-
-def called(line):
-    """Exit status, screen and complaint of a command line."""
-    import shlex
-
-    out, err = io.StringIO(), io.StringIO()
-    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        patch.setattr(sys, "argv", ["armdyn", *shlex.split(line)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-    return stop.value.code, out.getvalue(), err.getvalue()
 
 
 def worded(text):
@@ -194,11 +181,14 @@ def test_a_command_answers_as_it_did(name, recordings, tmp_path, monkeypatch):
     found = []
     for line in CASES[name]:
         Path("J.json").unlink(missing_ok=True)
-        status, out, err = called(line.replace("--json J", "--json J.json").replace("--report R", "--report R.html"))
+        words = line.replace("--json J", "--json J.json").replace("--report R", "--report R.html")
+        status, out, err = called(*shlex.split(words))
         here = str(tmp_path)
         answer = json.loads(Path("J.json").read_text().replace(here, "HERE")) if Path("J.json").is_file() else None
         screen = [*worded(out.replace(here, "HERE")), *worded(err.replace(here, "HERE"))]
         found.append({"command": line, "status": status, "screen": screen, "answer": condensed(answer)})
+        for page in tmp_path.rglob("*.html"):
+            assert not LOADED.search(page.read_text()), f"{page.name} of {line} is not one offline page"
         if "GOLDEN_PAGES" in os.environ:
             for page in tmp_path.rglob("*.html"):
                 shutil.copy(page, Path(os.environ["GOLDEN_PAGES"]) / f"{name}.{len(found)}.{page.name}")

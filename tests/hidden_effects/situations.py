@@ -5,12 +5,9 @@ wrote beside the recording. Nothing here comes from armdyn's models. Where only 
 its equations are integrated in the angle, a hundred times faster than in space; a test holds one against the other.
 """
 
-import importlib.util
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import cos, sin, sqrt, tanh
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,20 +16,8 @@ from scipy.interpolate import CubicHermiteSpline
 from armdyn.run import Channel, Run
 from armdyn.units import Known
 
+from . import pendulum
 
-def _neighbour(name: str) -> Any:
-    """A module of this folder; the tests are no package."""
-    full = f"hidden_{name}"
-    if full not in sys.modules:
-        spec = importlib.util.spec_from_file_location(full, Path(__file__).with_name(f"{name}.py"))
-        assert spec is not None
-        assert spec.loader is not None
-        sys.modules[full] = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(sys.modules[full])
-    return sys.modules[full]
-
-
-pendulum = _neighbour("pendulum")
 Motion = Callable[[np.ndarray | float], np.ndarray]
 RAMP = 0.5
 """s in which a gripper that rested gets under way."""

@@ -6,8 +6,6 @@ import tomllib
 import numpy as np
 import pytest
 
-from pipeline.cli import main
-
 GOOD = "time [s],gripper_x [m],load_force [N]\n" + "".join(
     f"{0.01 * i:.2f},{0.05 * np.sin(0.03 * i):.6f},"
     f"{0.8 + 0.01 * np.sin(0.05 * i) + 0.001 * ((i * 7919) % 13 - 6):.6f}\n"
@@ -44,21 +42,6 @@ def slip(load, coefficient=quantity("N", typical=1e-3)):
 
 
 @pytest.fixture
-def armdyn(monkeypatch, capfd):
-    """Run the command in this process; gives exit status, standard output, standard error."""
-
-    def run(*arguments, cwd):
-        monkeypatch.chdir(cwd)
-        monkeypatch.setattr("sys.argv", ["armdyn", *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
-            main()
-        written = capfd.readouterr()
-        return end.value.code, written.out, written.err
-
-    return run
-
-
-@pytest.fixture
 def place(tmp_path):
     (tmp_path / "m.toml").write_text('base = "pendulum"\neffects = []\n')
     (tmp_path / "good.csv").write_text(GOOD)
@@ -81,7 +64,7 @@ def test_a_bad_recording_is_refused(armdyn, place, case):
     text, expected = BAD_RUNS[case]
     (place / "bad.csv").write_text(text)
     before = sorted(p.name for p in place.iterdir())
-    result = armdyn("repair", "m.toml", "bad.csv", "--output", "n.toml", "--json", "-", cwd=place)
+    result = armdyn("repair", "m.toml", "bad.csv", "--output", "n.toml", "--json", "-")
     refused(result, expected, place, before)
 
 
@@ -101,7 +84,7 @@ def test_a_bad_recording_is_refused(armdyn, place, case):
 def test_a_bad_model_file_is_refused(armdyn, place, model, expected):
     (place / "m.toml").write_text(model)
     before = sorted(p.name for p in place.iterdir())
-    refused(armdyn("compare", "m.toml", "good.csv", cwd=place), expected, place, before)
+    refused(armdyn("compare", "m.toml", "good.csv"), expected, place, before)
 
 
 @pytest.mark.parametrize(
@@ -132,13 +115,13 @@ def test_a_bad_model_file_is_refused(armdyn, place, model, expected):
 )
 def test_bad_arguments_are_refused(armdyn, place, arguments, expected):
     before = sorted(p.name for p in place.iterdir())
-    refused(armdyn(*arguments, cwd=place), expected, place, before)
+    refused(armdyn(*arguments), expected, place, before)
 
 
 def test_the_exams_error_is_in_table_answer_and_model_file(armdyn, place):
     (place / "exam.csv").write_text("".join([LINES[0], *LINES[1:250]]))
     command = "add", "m.toml", "sensor_bias", "good.csv", "--exam", "exam.csv", "--output", "out.toml"
-    status, out, err = armdyn(*command, "--json", "a.json", cwd=place)
+    status, out, err = armdyn(*command, "--json", "a.json")
     assert status == 0, err
     assert "Exam: runs that took part in nothing" in out
     answer = json.loads((place / "a.json").read_text())

@@ -1,12 +1,10 @@
 """Hidden effects, made by equations of their own, are found; clean runs are left alone."""
 
-import importlib.util
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from hidden_effects import pendulum as hidden_pendulum
 from scipy.signal import lombscargle
 
 from armdyn.effects.catalogue import CATALOGUE
@@ -26,11 +24,6 @@ from armdyn.identify.study import Study
 from armdyn.identify.unknown import periodogram
 from armdyn.pendulum.model import pendulum_model
 from armdyn.units import Known
-
-PATH = Path(__file__).parents[2] / "hidden_effects/pendulum.py"
-SPEC = importlib.util.spec_from_file_location("hidden_pendulum", PATH)
-hidden_pendulum = sys.modules.setdefault("hidden_pendulum", importlib.util.module_from_spec(SPEC))
-SPEC.loader.exec_module(hidden_pendulum)
 
 EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on != "joint")
 

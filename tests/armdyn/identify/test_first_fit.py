@@ -1,12 +1,10 @@
 """The first fit finds where each run's motion began, in what users record."""
 
-import importlib.util
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from hidden_effects import pendulum, situations
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.compare import compare
@@ -17,12 +15,6 @@ from armdyn.identify.study import Study
 from armdyn.pendulum.model import pendulum_model
 from armdyn.run import Channel, Run
 from armdyn.units import Known
-
-PATH = Path(__file__).parents[2] / "hidden_effects/situations.py"
-SPEC = importlib.util.spec_from_file_location("hidden_situations", PATH)
-situations = sys.modules.setdefault("hidden_situations", importlib.util.module_from_spec(SPEC))
-SPEC.loader.exec_module(situations)
-pendulum = situations.pendulum
 
 EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on != "joint")
 LOST_EASILY = (

@@ -1,31 +1,20 @@
 """Bases from users' files, on data from MuJoCo, through the commands."""
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-from pipeline.cli import main
+from command import called
 
 from . import plants
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 
 
-def status(*arguments):
-    """Exit status of a command."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["armdyn", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-    return stop.value.code
-
-
 def armdyn(*arguments):
     """Run a command that must succeed."""
-    assert status(*arguments) == 0
+    assert called(*arguments)[0] == 0
 
 
 def answer(folder, command, model, runs, *more):
@@ -140,7 +129,7 @@ def test_a_model_file_keeps_the_way_to_its_base(tmp_path, crane):
     assert read_model_file(str(moved)).model.parameters == file.model.parameters
 
 
-def test_a_file_of_effects_may_act_on_a_stage_of_ones_own_base(tmp_path, capsys, crane, lifts):
+def test_a_file_of_effects_may_act_on_a_stage_of_ones_own_base(tmp_path, crane, lifts):
     mine = tmp_path / "mine.py"
     text = (
         "from armdyn.effects.effect import effect\nfrom armdyn.parameter import quantity\n"
@@ -153,8 +142,9 @@ def test_a_file_of_effects_may_act_on_a_stage_of_ones_own_base(tmp_path, capsys,
     armdyn("add", crane, "stiff_rope", runs[0], "--effects", mine, "--output", output)
     assert 'effects = ["stiff_rope"]' in output.read_text()
     mine.write_text(text.replace("sheave'", "sheeve'"))
-    assert status("add", crane, "stiff_rope", runs[0], "--effects", mine, "--output", output) == 2
-    assert "acts on 'sheeve': choose one of" in capsys.readouterr().err
+    status, _, err = called("add", crane, "stiff_rope", runs[0], "--effects", mine, "--output", output)
+    assert status == 2
+    assert "acts on 'sheeve': choose one of" in err
 
 
 @pytest.mark.parametrize(
@@ -165,9 +155,10 @@ def test_a_file_of_effects_may_act_on_a_stage_of_ones_own_base(tmp_path, capsys,
         ("from armdyn.physics import physics\nphysics('a')\n", "line 2"),
     ],
 )  # fmt: skip
-def test_a_bad_base_is_refused_in_one_line(tmp_path, capsys, text, message):
+def test_a_bad_base_is_refused_in_one_line(tmp_path, text, message):
     (tmp_path / "mine.py").write_text(text)
-    assert status("new", "--base", tmp_path / "mine.py", tmp_path / "m.toml") == 2
-    said = capsys.readouterr().err.strip()
+    status, _, err = called("new", "--base", tmp_path / "mine.py", tmp_path / "m.toml")
+    said = err.strip()
+    assert status == 2
     assert message in said
     assert "\n" not in said

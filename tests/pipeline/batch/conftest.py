@@ -1,12 +1,9 @@
 import contextlib
-import io
 import shutil
-import sys
 
 import pytest
+from command import called
 from hidden_effects.lab import Change, Lab
-
-from pipeline.cli import main
 
 SPEC = """task = "compare"
 [[recordings]]
@@ -46,22 +43,6 @@ def lab(logs, tmp_path, monkeypatch):
     """A folder with a SPEC and `FEW` logs."""
     monkeypatch.chdir(tmp_path)
     return linked(logs, tmp_path, few=True)
-
-
-def called(*arguments):
-    """Exit status, what was printed, what was complained of."""
-    out, err = io.StringIO(), io.StringIO()
-    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        patch.setattr(sys, "argv", ["armdyn", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-    return stop.value.code, out.getvalue(), err.getvalue()
-
-
-@pytest.fixture
-def armdyn():
-    """Runs a command."""
-    return called
 
 
 @pytest.fixture(scope="session")

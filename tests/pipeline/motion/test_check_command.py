@@ -1,5 +1,4 @@
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -71,19 +70,6 @@ def test_a_motion_that_is_too_fast_exits_with_1_and_says_which_joint(tmp_path, j
     assert not found["feasible"]
     assert {"velocity", "acceleration"} <= {v["limit"] for v in found["violations"]}
     assert {v["joint"] for v in found["violations"]} <= {name[2:-6] for name in joints}
-
-
-def test_json_on_standard_output_is_all_that_is_there(tmp_path, capsys):
-    run(write(tmp_path / "a.csv", ["s [m]"], S), "--json", "-")
-    assert json.loads(capsys.readouterr().out)["schema"] == "armdyn.check/1"
-
-
-def test_the_report_is_one_offline_page(tmp_path, monkeypatch):
-    monkeypatch.setattr(sys, "argv", ["armdyn", "check", "a.csv"])
-    run(write(tmp_path / "a.csv", ["s [m]"], S), "--report", tmp_path / "a.html")
-    text = (tmp_path / "a.html").read_text()
-    assert "Limits over time" in text
-    assert "<script src" not in text
 
 
 def test_a_start_elsewhere_exits_with_1(tmp_path, joints, q):

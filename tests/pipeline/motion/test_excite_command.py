@@ -68,14 +68,6 @@ def test_the_answer_says_what_is_expected_beside_the_best_random_motion(made):
     assert answer["energy"] > 0
 
 
-def test_the_report_is_one_offline_page(made):
-    files, answer, _ = made
-    page = files["html"].read_text()
-    assert answer["sentence"] in page
-    assert "What it tells" in page
-    assert "<script src" not in page
-
-
 def test_json_on_standard_output_is_all_that_is_there_and_a_seed_gives_the_same_motion(armdyn, tmp_path):
     small = ("excite", "--robot", "baxter", "--joints", "right_w1,right_w2", "--seconds", "3", "--random", "2")
     rivals = ("--rivals", "gravity_spring,torque_offset", "--no-compare", "--output", "a.csv", "--json", "-")

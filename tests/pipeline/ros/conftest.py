@@ -4,7 +4,6 @@ import contextlib
 import json
 import socket
 import threading
-import time
 from collections import defaultdict
 
 import pytest
@@ -124,16 +123,3 @@ def loopback():
 def bridge(loopback):
     with Bridge(loopback.uri) as client:
         yield client
-
-
-@pytest.fixture
-def until():
-    """Waits for a condition, generously: these tests run on busy machines."""
-
-    def wait(condition, patience=20.0):
-        end = time.monotonic() + patience
-        while not condition():
-            assert time.monotonic() < end, "waited in vain"
-            time.sleep(0.002)
-
-    return wait

@@ -98,28 +98,11 @@ def test_where_the_arm_is(moving, baxter):
     assert state.q[1:] == pytest.approx(np.array(baxter.home)[1:])
 
 
-def test_check_starts_from_where_the_arm_is(moving, tmp_path, monkeypatch):
-    from pipeline import cli
-
-    monkeypatch.setattr(
-        "sys.argv",
-        ["armdyn", "check", str(tmp_path / "s.csv"), "--ros", moving.uri, "--json", str(tmp_path / "answer.json")],
-    )
+def test_check_starts_from_where_the_arm_is(armdyn, moving, tmp_path):
     (tmp_path / "s.csv").write_text("time [s],s [m]\n" + "".join(f"{0.01 * k},0.0\n" for k in range(10)))
-    with pytest.raises(SystemExit) as left:
-        cli.main()
-    assert left.value.code == 1
+    assert armdyn("check", "s.csv", "--ros", moving.uri, "--json", "answer.json")[0] == 1
     answer = json.loads((tmp_path / "answer.json").read_text())
     assert any(violation["limit"].startswith("start") for violation in answer["violations"])
-
-
-def trial(monkeypatch, capsys, *arguments):
-    from pipeline import cli
-
-    monkeypatch.setattr("sys.argv", ["armdyn", *arguments])
-    with pytest.raises(SystemExit) as left:
-        cli.main()
-    return left.value.code, capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -138,15 +121,14 @@ def trial(monkeypatch, capsys, *arguments):
         (("--mass", "heavy"), "--mass"),
     ],
 )
-def test_what_cannot_be_used_is_one_line_and_status_2(monkeypatch, capsys, tmp_path, arguments, says):
-    monkeypatch.chdir(tmp_path)
-    code, said = trial(monkeypatch, capsys, "trial", *arguments)
+def test_what_cannot_be_used_is_one_line_and_status_2(armdyn, arguments, says):
+    code, _, said = armdyn("trial", *arguments)
     assert code == 2
     assert says in said
     assert said.strip().count("\n") == 0
 
 
-def test_a_file_is_a_driver(monkeypatch, capsys, tmp_path):
+def test_a_file_is_a_driver(armdyn, monkeypatch, tmp_path):
     from pipeline.robot import drivers
 
     (tmp_path / "mine.py").write_text(
@@ -157,12 +139,9 @@ def test_a_file_is_a_driver(monkeypatch, capsys, tmp_path):
     )
     monkeypatch.setattr(drivers, "__path__", [*drivers.__path__, str(tmp_path)])
     drivers.drivers.cache_clear()
-    monkeypatch.chdir(tmp_path)
     try:
-        assert trial(monkeypatch, capsys, "trial", "--robot", "mine:10.0.0.2", "--rehearse") == (
-            2,
-            "armdyn: 10.0.0.2: baxter with 7 joints is not there\n",
-        )
-        assert "--robot mine:ADDRESS, its host" in trial(monkeypatch, capsys, "trial", "--robot", "mine")[1]
+        status, _, said = armdyn("trial", "--robot", "mine:10.0.0.2", "--rehearse")
+        assert (status, said) == (2, "armdyn: 10.0.0.2: baxter with 7 joints is not there\n")
+        assert "--robot mine:ADDRESS, its host" in armdyn("trial", "--robot", "mine")[2]
     finally:
         drivers.drivers.cache_clear()

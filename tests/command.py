@@ -1,0 +1,19 @@
+"""The command line in this process."""
+
+import contextlib
+import io
+import sys
+
+import pytest
+
+from pipeline.cli import main
+
+
+def called(*arguments):
+    """Exit status of a command, what it printed, what it complained of."""
+    out, err = io.StringIO(), io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        patch.setattr(sys, "argv", ["armdyn", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stop:
+            main()
+    return stop.value.code, out.getvalue(), err.getvalue()
