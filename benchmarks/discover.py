@@ -40,7 +40,7 @@ def judged(kind: str, seed: int, folder: Path) -> dict:
     found = discover(model, given.runs, [given.held_out], available(model))
     seconds = time.process_time() - start
     kinds = [one.kind for one in found.findings] + [one.known_as for one in found.findings if one.known_as]
-    before, after = _errors(model, given, ()), _errors(model, given, _effects(model, found, folder))
+    before, after = _errors(model, given, ()), _errors(model, given, effects_found(model, found, folder))
     return {
         "kind": kind, "seed": seed, "kinds": kinds, "before": before, "after": after,
         "right": kind in LAWS and bool(set(kinds) & set(LAWS[kind].names)), "new": len(found.new),
@@ -56,7 +56,8 @@ def _model(given: World, folder: Path) -> Model:
     return arm_model(urdf=path)
 
 
-def _effects(model: Model, found: Discovery, folder: Path) -> list[Effect]:
+def effects_found(model: Model, found: Discovery, folder: Path) -> list[Effect]:
+    """What was found as effects to add: its file is written to a folder, and read as a user's."""
     own: dict[str, Effect] = {}
     if found.new:
         found.write(folder / "effect.py")

@@ -12,6 +12,7 @@ from itertools import count
 
 import numpy as np
 
+from armdyn.channels import FloatArray
 from armdyn.discovery.arm import arm_curves, arm_terms
 from armdyn.discovery.pendulum import pendulum_curves, pendulum_terms
 from armdyn.discovery.result import Discovery, Finding
@@ -24,6 +25,7 @@ from armdyn.identify.compare import FittedParameter, fitted_parameters
 from armdyn.identify.diagnose import IDEALISED, explained_share
 from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.missing_force import between
+from armdyn.identify.problem import Block
 from armdyn.identify.score import residual_tests
 from armdyn.identify.search import Progress, Search, Step, search
 from armdyn.identify.study import Study
@@ -88,13 +90,17 @@ def _named(model: Model, catalogue: Sequence[Effect], terms: Iterator[Term]) -> 
     """Terms by names that no effect has."""
     taken = {e.name for e in (*model.effects, *catalogue)}
     found: dict[str, Term] = {}
-    for term in terms:
-        name = f"{PREFIX}_{term.name}"
+    for i, term in enumerate(terms):
+        name = f"{_stem(term)}_{i}"  # a joint's name may be too long for that of an effect
         while name in taken:
             name += "_more"
         taken.add(name)
         found[name] = term.named(name)
     return found
+
+
+def _stem(term: Term) -> str:
+    return f"{PREFIX}_{term.kind.replace(' ', '_').replace('-', '_')}"
 
 
 def _searched(
@@ -169,8 +175,15 @@ def concluded(study: Study, found: Search, terms: dict[str, Term], known: dict[s
         judged=bool(unfitted[1]),
         runs=tuple(run.name for run in study.runs),
         held_out=tuple(run.name for run in study.held_out),
+        still=all(_predicted(study, block).std() < block.noise for block in start.fit.blocks),
         missing_force=between(start.fit, last.fit if len(found.steps) > 1 else None, law=True),
     )
+
+
+def _predicted(study: Study, block: Block) -> FloatArray:
+    """(n,) prediction of the samples of a block."""
+    measured = next(run for run in study.runs if run.name == block.run).channels[block.channel]
+    return np.interp(block.time, measured.time, measured.value) - block.misfit
 
 
 def _brings(step: Step, candidate: Candidate) -> bool:
@@ -229,7 +242,7 @@ def _distinct(findings: Sequence[Finding], taken: set[str]) -> Iterator[Finding]
         if one.term is None:
             yield one
             continue
-        stem = f"{PREFIX}_{one.term.kind.replace(' ', '_').replace('-', '_')}"
+        stem = _stem(one.term)
         name = next(n for k in count(1) if (n := stem if k == 1 else f"{stem}_{k}") not in taken)
         taken = taken | {name}
         yield replace(one, effect=name, term=one.term.named(name))

@@ -87,6 +87,7 @@ class Discovery(Shown):
         judged: whether a run that took no part in the fit was predicted.
         runs: names of the runs that were fitted.
         held_out: of those held out.
+        still: whether nothing that is predicted of the fitted runs changes by more than the noise.
         missing_force: before and after.
     """
 
@@ -102,6 +103,7 @@ class Discovery(Shown):
     judged: bool
     runs: tuple[str, ...]
     held_out: tuple[str, ...]
+    still: bool = False
     missing_force: tuple[ForceCurve, ...] = ()
 
     @property
@@ -114,7 +116,11 @@ class Discovery(Shown):
         """For a person."""
         if not self.findings:
             if not self.leaves_something:
-                return "Nothing is missing: what is left is noise."
+                return "Nothing is missing: what is left is noise." + (
+                    " But nothing moves by more than the noise: record a motion, which shows a law."
+                    if self.still
+                    else ""
+                )
             why = "the force of another body, or depend on what was not recorded. Record what it may depend on as well"
             if not self.judged:
                 why += ", and another motion: one alone shows a force in few places and at few speeds"

@@ -9,7 +9,7 @@ import numpy as np
 
 from armdyn.effects.effect import Effect
 from armdyn.effects.user import load_effects
-from armdyn.errors import InputError, UnknownNameError
+from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.parameter import Quantity
 from armdyn.pendulum.physics import Load, String
 from pipeline.robot.protocol import Vector
@@ -67,13 +67,14 @@ def read_own_law(name: str) -> OwnLaw:
     """The law that ``FILE.py:NAME`` names.
 
     Raises:
-        InputError: the file cannot be used, or the effect changes something else than the forces on string or load.
-        UnknownNameError: the file has no such effect.
+        InputError: the file cannot be used or has no such effect, or that changes something else than forces on string
+            or load.
     """
     path, _, called = name.rpartition(":")
     own = {effect.name: effect for effect in load_effects(path)}
-    if called not in own:
-        raise UnknownNameError(f"effect of {path}", called, own)
+    with at(path):
+        if called not in own:
+            raise UnknownNameError("effect", called, own)
     effect = own[called]
     if effect.acts_on not in ("string", "load") or not effect.quantities:
         raise InputError(

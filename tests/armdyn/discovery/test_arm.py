@@ -1,11 +1,13 @@
 """Terms of an arm: on one joint each, in the range of that joint, whatever its strength; and a law that is found."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from armdyn.arm.model import arm_model
 from armdyn.discovery.arm import arm_terms
-from armdyn.discovery.discover import concluded, discover
+from armdyn.discovery.discover import _named, concluded, discover
 from armdyn.discovery.source import effects_of_terms
 from armdyn.effects.user import available
 from armdyn.identify.score import residual_tests
@@ -37,6 +39,18 @@ def test_a_place_is_one_that_its_joint_reaches(model):
             rms = np.sqrt(np.mean(run.channels[f"tau.{joint}"].value ** 2))
             fastest = np.abs(np.gradient(q, run.channels[f"q.{joint}"].time)).max()
             assert typical * fastest**3 == pytest.approx(0.1 * rms, rel=0.2)
+
+
+def test_a_joint_may_have_a_long_name(tmp_path):
+    """A term of a UR10e's shoulder_pan once had a longer name than an effect may have."""
+    path, joint = tmp_path / "two.urdf", "elbow_of_the_left_arm_behind_the_second_gearbox"
+    path.write_text(URDF.replace('"elbow"', f'"{joint}"'))
+    run = world("cogging", 0).runs[0]
+    renamed = replace(run, channels={name.replace("elbow", joint): of for name, of in run.channels.items()}, noise={})
+    model = arm_model(urdf=path)
+    terms = _named(model, [], arm_terms(Study(model, [renamed], [], ()).first()))
+    assert {effect.name for effect in effects_of_terms(list(terms.values()))} == set(terms)
+    assert any(term.site.joint == joint for term in terms.values())
 
 
 def test_nothing_is_discovered_in_a_clean_arm(model):

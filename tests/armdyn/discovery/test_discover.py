@@ -13,6 +13,7 @@ from armdyn.identify.repair import add
 from armdyn.identify.study import Study
 from armdyn.parameter import quantity
 from armdyn.pendulum.model import pendulum_model
+from armdyn.run import Channel, Run
 
 from ...hidden_effects.laws import world
 from ...hidden_effects.pendulum import Setup, record
@@ -23,7 +24,15 @@ def test_nothing_is_discovered_where_nothing_is_missing():
     run = record("clean", Setup(duration=6.0), np.random.default_rng(3))
     found = discover(model, [run], [], available(model))
     assert not found.findings
-    assert found.sentence.startswith("Nothing is missing")
+    assert found.sentence == "Nothing is missing: what is left is noise."
+
+
+def test_what_stands_still_shows_no_law():
+    time, noise = np.arange(0.0, 8.0, 0.02), 1e-3 * np.random.default_rng(1).standard_normal(400)
+    run = Run("still", {"swing_angle": Channel(time, noise, "rad")}, {}, {"swing_angle": 1e-3})
+    found = discover(pendulum_model(0.368, 0.08), [run], [], [])
+    assert found.still
+    assert "record a motion" in found.sentence
 
 
 def test_a_law_is_drawn_over_the_missing_force_without_its_noise():

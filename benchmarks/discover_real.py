@@ -1,0 +1,111 @@
+"""What does `discover` find in public recordings, beside what a repair by the catalogue leaves, and is it believed?
+
+    python benchmarks/discover_real.py --data DIR --sets cup,emps
+
+The recordings are not in the repository; the sets are those of `real.py` and `real_arms.py`, thinned to 100 Hz. Each is
+repaired; where more than twice the noise is left, a law is looked for beside the effects that the repair found. Errors
+are the root mean square over the noise, largest over channels, of the runs that were fitted, of the held-out ones,
+which take part in choosing, and of the exam, which takes part in nothing; each before and after what was discovered.
+"""
+
+import json
+import tempfile
+import time
+from argparse import ArgumentParser
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import real as pendulums  # isort: skip (BLAS keeps to one thread: before NumPy)
+
+import numpy as np
+import real_arms as arms
+from discover import effects_found
+
+from armdyn.arm.model import arm_model
+from armdyn.discovery.discover import discover
+from armdyn.effects.catalogue import CATALOGUE
+from armdyn.effects.effect import Effect
+from armdyn.identify.fit import Fit
+from armdyn.identify.problem import Block
+from armdyn.identify.repair import add, repair
+from armdyn.identify.study import Study
+from armdyn.model import Model
+from armdyn.pendulum.model import pendulum_model
+from armdyn.run import Channel, Run, read_run
+
+RATE = 100.0
+"""Hz; the swings last a second or so."""
+LEFT = 2.0
+"""Times the noise that a repair must leave for a law to be looked for."""
+SETS: dict[str, pendulums.Recorded | arms.Recorded] = {
+    **{one.name: one for one in pendulums.SETS},
+    **{one.folder: one for one in arms.SETS},
+}
+
+
+def judged(name: str, data: Path) -> dict[str, object]:
+    """One set: the effects of the repair, what it leaves, what was found beside it, and the errors before and after."""
+    of, begun = SETS[name], time.process_time()
+    folder, exams = data / of.folder, of.exam if isinstance(of.exam, tuple) else (of.exam,)
+    runs, held_out, exam = (
+        [thinned(folder / f"{s}.csv") for s in stems] for stems in (of.training, of.held_out, exams)
+    )
+    model, catalogue = given(of, folder)
+    repaired = repair(Study(model, runs, held_out, catalogue, exam)).model
+    study = Study(repaired, runs, held_out, (), exam)
+    before = errors(study, study.first())
+    row: dict[str, object] = {"set": name, "repaired": [effect.label for effect in repaired.effects], "before": before}
+    if before["fitted"] > LEFT:
+        found = discover(repaired, runs, held_out, catalogue)
+        with tempfile.TemporaryDirectory() as file:
+            effects = effects_found(repaired, found, Path(file))
+        study = Study(repaired, runs, held_out, effects, exam)
+        row |= {"found": [one.sentence for one in found.findings], "sentence": found.sentence}
+        row |= {"after": errors(study, add(study, effects).steps[-1].fit)}
+    return row | {"seconds": round(time.process_time() - begun)}
+
+
+def given(of: pendulums.Recorded | arms.Recorded, folder: Path) -> tuple[Model, list[Effect]]:
+    """The model of a set as given, and effects to choose from."""
+    if isinstance(of, pendulums.Recorded):
+        return pendulum_model(pendulums.LENGTH, pendulums.MASS), list(CATALOGUE.values())
+    file = folder / of.robot
+    model = arm_model(file) if file.exists() else arm_model(robot=of.robot)
+    return model, [effect for effect in CATALOGUE.values() if effect.acts_on == "joint"]
+
+
+def thinned(file: Path) -> Run:
+    """A recording at no more than `RATE`."""
+    run = read_run(file)
+
+    def every(channel: Channel) -> Channel:
+        step = max(1, round(1.0 / (RATE * float(np.median(np.diff(channel.time))))))
+        return Channel(channel.time[::step], channel.value[::step], channel.unit)
+
+    return replace(run, channels={name: every(channel) for name, channel in run.channels.items()})
+
+
+def errors(study: Study, fit: Fit) -> dict[str, float]:
+    """Over the noise, by kind of run."""
+    kinds = {"fitted": fit.blocks, "held out": study.held_out_blocks(fit) or (), "exam": study.exam_blocks(fit)}
+    return {kind: worst(blocks) for kind, blocks in kinds.items() if blocks}
+
+
+def worst(blocks: Sequence[Block]) -> float:
+    """Of the runs' channels, the largest rms error over the noise."""
+    return round(max(float(np.sqrt(np.mean(b.residual**2))) for b in blocks), 2)
+
+
+def main() -> None:
+    """Print a row for each set."""
+    parser = ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--data", type=Path, default=arms.DATA, help="folder with the sets")
+    parser.add_argument("--sets", default=",".join(SETS))
+    chosen = parser.parse_args()
+    for name in chosen.sets.split(","):
+        print(json.dumps(judged(name, chosen.data)), flush=True)
+
+
+if __name__ == "__main__":
+    main()
