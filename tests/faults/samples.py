@@ -5,9 +5,10 @@ import json
 import random
 import tempfile
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -247,16 +248,20 @@ def parquet(rng: random.Random | None = None) -> bytes:
 
     rows = 60
     time = np.arange(rows) / 50
-    columns: dict[str, object] = {"time": time, "q.j0 [rad]": np.sin(time), "tau.j0 [N m]": np.cos(3 * time)}
+    columns: dict[str, Sequence[Any] | np.ndarray] = {
+        "time": time,
+        "q.j0 [rad]": np.sin(time),
+        "tau.j0 [N m]": np.cos(3 * time),
+    }
     if rng is not None:
-        odd: tuple[object, ...] = (
+        odd: tuple[Sequence[Any] | np.ndarray, ...] = (
             np.full(rows, np.nan), np.full(rows, 1e300), np.arange(rows) * 10**15, ["text"] * rows, [None] * rows,
             [[1.0, 2.0]] * rows, [[1.0]] * (rows - 1) + [[]], np.zeros(rows, dtype="M8[ns]"), np.full(rows, np.inf),
             [b"x" * 100] * rows, time[::-1].copy(), np.zeros(rows, dtype=bool), [{"a": 1}] * rows,
         )  # fmt: skip
         columns[rng.choice([*columns, "other", "a" * 500, ""])] = rng.choice(odd)
         if rng.random() < 0.2:
-            columns = {name: values[:0] for name, values in columns.items()}  # type: ignore[index]
+            columns = {name: values[:0] for name, values in columns.items()}
         elif rng.random() < 0.1:
             columns = {name: np.zeros(6_000_000) for name in columns}
     stream = io.BytesIO()

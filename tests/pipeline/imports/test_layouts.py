@@ -47,7 +47,7 @@ def scaled(entry, made):
     """Size of the unit that was taken over that which is right; 0 where they are of different kinds."""
     try:
         return si_factor(entry.unit, made.unit) if made.unit else 1.0
-    except Exception:
+    except InputError:
         return 0.0
 
 
