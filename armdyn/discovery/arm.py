@@ -44,13 +44,13 @@ def _of_joint(site: Site, v: dict[str, Variable]) -> Iterator[Term]:
     yield shapes.power(site, load, 3, "saturating motor", "a torque with the cube of the load: a motor that saturates")
     yield from shapes.stops(site, q, STOP)
     yield from shapes.one_sided(site, q, speed, RUB)
-    yield from shapes.sticky(site, speed, {"narrow": 0.05 * speed.size, "wide": 0.3 * speed.size})
+    yield from shapes.sticky(site, speed, (0.05 * speed.size, 0.3 * speed.size))
     yield from shapes.warming(site, speed, time)
     yield from shapes.growing(site, q, CABLE)
     yield from shapes.magnets(site, q, MAGNET)
-    yield from shapes.play(site, speed, q, {name: s * q.span for name, s in (("tight", 0.01), ("wide", 0.05))})
+    yield from shapes.play(site, speed, q, (0.01 * q.span, 0.05 * q.span))
     periods = q.span * np.geomspace(SHORTEST, LONGEST, PERIODS)
-    yield from shapes.waves(site, q, {str(i): float(period) for i, period in enumerate(periods)})
+    yield from shapes.waves(site, q, periods.tolist())
 
 
 def _joints(fit: Fit) -> Iterator[tuple[Site, dict[str, Variable]]]:
@@ -93,7 +93,6 @@ def _as_declared(fit: Fit, term: Term) -> Term:
 
     return replace(
         term,
-        name=f"{term.name}_{joint}",
         typical={size: value / scale(term.units[size]) for size, value in term.typical.items()},
         constants={name: c.scaled(scale(c.unit)) for name, c in term.constants.items()},
     )

@@ -12,12 +12,11 @@ from itertools import count
 
 import numpy as np
 
-from armdyn.channels import FloatArray
 from armdyn.discovery.arm import arm_curves, arm_terms
 from armdyn.discovery.pendulum import pendulum_curves, pendulum_terms
 from armdyn.discovery.result import Discovery, Finding
 from armdyn.discovery.source import effects_of_terms
-from armdyn.discovery.term import Term
+from armdyn.discovery.term import Term, named_terms
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
 from armdyn.identify.candidate import Candidate
@@ -25,15 +24,13 @@ from armdyn.identify.compare import FittedParameter, fitted_parameters
 from armdyn.identify.diagnose import IDEALISED, explained_share
 from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.missing_force import between
-from armdyn.identify.problem import Block
+from armdyn.identify.problem import predicted
 from armdyn.identify.score import residual_tests
 from armdyn.identify.search import Progress, Search, Step, search
 from armdyn.identify.study import Study
 from armdyn.model import Model
 from armdyn.run import Run
 
-PREFIX = "discovered"
-"""Of the names of what was discovered."""
 BASES: dict[str, tuple[Callable[[Fit], Iterator[Term]], Callable[[Fit], Iterator[Term]]]] = {
     "arm": (arm_terms, arm_curves),
     "pendulum": (pendulum_terms, pendulum_curves),
@@ -70,10 +67,11 @@ def discover(
     if not given.last.tests.fails:
         return concluded(bare, given, {}, {})
     formulas, curves = BASES[model.base]
-    terms = _named(model, catalogue, formulas(first))
+    taken = {effect.name for effect in (*model.effects, *catalogue)}
+    terms = named_terms(formulas(first), taken)
     study, found = _searched(model, runs, held_out, catalogue, terms, say)
     if not _is_whole(study, found):
-        smooth = _named(model, catalogue, curves(first))
+        smooth = named_terms(curves(first), taken)
         other, drawn = _searched(model, runs, held_out, catalogue, smooth, say)
         if other.squared_error(drawn.last.fit) < LEAVES * study.squared_error(found.last.fit):
             study, found, terms = other, drawn, smooth
@@ -84,23 +82,6 @@ MOST, ALIKE = 12, 3
 """Terms of a joint, and of each kind, that are looked at closely, those that promise most."""
 LEAVES = 0.7
 """Of the squared error above the noise that a formula leaves, what a curve must leave at most to be told instead."""
-
-
-def _named(model: Model, catalogue: Sequence[Effect], terms: Iterator[Term]) -> dict[str, Term]:
-    """Terms by names that no effect has."""
-    taken = {e.name for e in (*model.effects, *catalogue)}
-    found: dict[str, Term] = {}
-    for i, term in enumerate(terms):
-        name = f"{_stem(term)}_{i}"  # a joint's name may be too long for that of an effect
-        while name in taken:
-            name += "_more"
-        taken.add(name)
-        found[name] = term.named(name)
-    return found
-
-
-def _stem(term: Term) -> str:
-    return f"{PREFIX}_{term.kind.replace(' ', '_').replace('-', '_')}"
 
 
 def _searched(
@@ -162,6 +143,7 @@ def concluded(study: Study, found: Search, terms: dict[str, Term], known: dict[s
         if candidate not in start.effects
     ]  # fmt: skip
     unfitted = [study.held_out_blocks(step.fit) or [] for step in (start, last)]
+    runs = {run.name: run for run in study.runs}
     return Discovery(
         findings=tuple(_distinct(findings, {*known, *(effect.name for effect in study.model.effects)})),
         before=start.fit.rmse(),
@@ -175,15 +157,9 @@ def concluded(study: Study, found: Search, terms: dict[str, Term], known: dict[s
         judged=bool(unfitted[1]),
         runs=tuple(run.name for run in study.runs),
         held_out=tuple(run.name for run in study.held_out),
-        still=all(_predicted(study, block).std() < block.noise for block in start.fit.blocks),
+        still=all(predicted(block, runs[block.run]).std() < block.noise for block in start.fit.blocks),
         missing_force=between(start.fit, last.fit if len(found.steps) > 1 else None, law=True),
     )
-
-
-def _predicted(study: Study, block: Block) -> FloatArray:
-    """(n,) prediction of the samples of a block."""
-    measured = next(run for run in study.runs if run.name == block.run).channels[block.channel]
-    return np.interp(block.time, measured.time, measured.value) - block.misfit
 
 
 def _brings(step: Step, candidate: Candidate) -> bool:
@@ -242,7 +218,7 @@ def _distinct(findings: Sequence[Finding], taken: set[str]) -> Iterator[Finding]
         if one.term is None:
             yield one
             continue
-        stem = _stem(one.term)
+        stem = one.term.stem
         name = next(n for k in count(1) if (n := stem if k == 1 else f"{stem}_{k}") not in taken)
         taken = taken | {name}
         yield replace(one, effect=name, term=one.term.named(name))

@@ -74,5 +74,5 @@ def _of_string(string: Site, angle: Variable, rate: Variable, time: Variable) ->
     yield shapes.product(string, "damping by angle", "damping that grows with the angle", (angle, 2), (rate, 1))
     yield from shapes.stops(string, angle, STOP)
     yield from shapes.one_sided(string, angle, rate, RUB)
-    yield from shapes.sticky(string, rate, {"narrow": 0.1 * rate.size, "wide": 0.4 * rate.size})
+    yield from shapes.sticky(string, rate, (0.1 * rate.size, 0.4 * rate.size))
     yield from shapes.warming(string, rate, time)

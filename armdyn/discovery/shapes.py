@@ -32,29 +32,29 @@ def product(site: Site, kind: str, says: str, *parts: tuple[Variable, int]) -> T
 
 def stops(site: Site, v: Variable, places: int) -> Shapes:
     """Springs k max(0, v - place) beyond places above the middle, k min(0, v - place) beyond those below."""
-    for i, place in enumerate(_between(v, places)):
+    for place in _between(v, places):
         where = {"place": _place(v, place, places)}
         side, least = ("above", "ca.fmax") if place > np.median(v.samples) else ("below", "ca.fmin")
         says = f"a spring that is touched {side} a certain {v.name}"
         yield _single(
             site, "stop", says, (v,), f"{site.resists}{least}(0, {v.name} - place)", [(v, 1)], where,
-            size="stiffness", positive=True, scale=0.3 * v.span, name=f"stop_{v.name}_{i}",
+            size="stiffness", positive=True, scale=0.3 * v.span,
         )  # fmt: skip
 
 
 def one_sided(site: Site, v: Variable, speed: Variable, places: int) -> Shapes:
     """Friction on one side of a place: in proportion to speed, and of constant size."""
-    for i, place in enumerate(_between(v, places)):
+    for place in _between(v, places):
         for side, sign in (("above", "+"), ("below", "-")):
             where = {"place": _place(v, place, places)}
             step = f"(1 {sign} ca.tanh(({v.name} - place) / {STEEP[v.unit]:g})) / 2"
             says = f"friction only {side} a certain {v.name}"
-            yield from _frictions(site, "one-sided rub", says, v, speed, step, where, f"rub_{side}_{v.name}_{i}")
+            yield from _frictions(site, "one-sided rub", says, v, speed, step, where)
 
 
 def magnets(site: Site, v: Variable, places: int) -> Shapes:
     """A pull k / (1 + u^2)^2 times u = (v - place) / width back to a place; a site may add what is across to it."""
-    for i, place in enumerate(np.linspace(v.low, v.high, places)):
+    for place in np.linspace(v.low, v.high, places):
         width = v.span / places
         where = {
             "place": _place(v, float(place), places),
@@ -65,28 +65,27 @@ def magnets(site: Site, v: Variable, places: int) -> Shapes:
         shapes = {"pull": f"{site.resists}1 / (1 + ({u})**2)**2" + ("" if across else f" * {u}")}
         here = replace(site, adds=site.adds.replace("{away}", u), shown=site.shown.replace("{away}", u))
         says = f"something at a certain {v.name} pulls or pushes, as a magnet does"
-        yield Term("magnet", says, here, (v,), shapes, {"pull": site.unit}, {"pull": site.typical}, where,
-                   name=f"magnet_{'under' if across else 'at'}_{v.name}_{i}")  # fmt: skip
+        yield Term("magnet", says, here, (v,), shapes, {"pull": site.unit}, {"pull": site.typical}, where)
 
 
-def sticky(site: Site, v: Variable, widths: Mapping[str, float]) -> Shapes:
+def sticky(site: Site, v: Variable, widths: Sequence[float]) -> Shapes:
     """Dry friction k exp(-|v| / width), largest near standstill."""
     assert site.dry is not None
-    for label, width in widths.items():
+    for width in widths:
         where = {"width": Constant(v.unit, width, width / 2, 0.05 * width, 20.0 * width)}
         yield _single(
             site.dry, "sticky seal", "dry friction that is largest near standstill", (v,),
             f"ca.exp(-ca.fabs({v.name}) / width)", [], where,
-            size="friction", positive=True, scale=0.5, name=f"sticky_{v.name}_{label}",
+            size="friction", positive=True, scale=0.5,
         )  # fmt: skip
 
 
 def growing(site: Site, v: Variable, places: int) -> Shapes:
     """A force k (exp(max(0, v - place) / width) - 1) to either side of places: a cable or hose that tightens."""
-    for i, place in enumerate(_between(v, places)):
-        for label, back, away in (
-            ("up", site.resists, f"{v.name} - place"),
-            ("down", "" if site.resists else "-", f"place - {v.name}"),
+    for place in _between(v, places):
+        for back, away in (
+            (site.resists, f"{v.name} - place"),
+            ("" if site.resists else "-", f"place - {v.name}"),
         ):
             width = 0.4 * v.span
             where = {
@@ -96,11 +95,11 @@ def growing(site: Site, v: Variable, places: int) -> Shapes:
             yield _single(
                 site, "tightening cable", f"a cable that tightens with {v.name}", (v,),
                 f"{back}(ca.exp(ca.fmax(0, {away}) / width) - 1)", [], where,
-                size="tension", positive=True, scale=1.0, name=f"tightens_{label}_{v.name}_{i}",
+                size="tension", positive=True, scale=1.0,
             )  # fmt: skip
 
 
-def play(site: Site, speed: Variable, position: Variable, travels: Mapping[str, float]) -> Shapes:
+def play(site: Site, speed: Variable, position: Variable, travels: Sequence[float]) -> Shapes:
     """A force k z with z' = speed (1 - max(0, z sign(speed))^n) / travel, from -1 to 1, that knows the last turn.
 
     It grows over the travel to its limit and stays there until the motion turns (Bouc's hysteresis, as Wen, J. Eng.
@@ -110,21 +109,20 @@ def play(site: Site, speed: Variable, position: Variable, travels: Mapping[str, 
     state = f"{site.stage}, turned = {site.stage}.with_state(lambda z: {rate}, start)"
     says = "a torque that turns round over some travel after every turn: backlash, the play of a gear"
     start = Constant("1", 0.0, 1.0, -1.0, 1.0, scope="per_run")  # which way it turned before is not in the recording
-    for label, travel in travels.items():
+    for travel in travels:
         where = {"travel": Constant(position.unit, travel, travel / 2, 0.05 * travel, 20.0 * travel), "start": start}
         yield Term("backlash", says, site, (speed,), {"k": f"{site.resists}turned"}, {"k": site.unit},
-                   {"k": site.typical}, where, True, (state,), f"backlash_{label}")  # fmt: skip
+                   {"k": site.typical}, where, True, (state,))  # fmt: skip
 
 
-def waves(site: Site, v: Variable, periods: Mapping[str, float]) -> Shapes:
+def waves(site: Site, v: Variable, periods: Sequence[float]) -> Shapes:
     """Sine and cosine over a period of v: cogging, an eccentric gear."""
-    for label, period in periods.items():
+    for period in periods:
         where = {"period": Constant(v.unit, period, 0.15 * period, 0.7 * period, 1.4 * period)}
         turn = f"(2 * ca.pi * {v.name} / period)"
         shapes = {"sine": f"ca.sin{turn}", "cosine": f"ca.cos{turn}"}
         yield Term("cogging", f"a force that repeats along {v.name}: cogging or an eccentric gear", site, (v,), shapes,
-                   dict.fromkeys(shapes, site.unit), dict.fromkeys(shapes, site.typical), where,
-                   name=f"wave_{v.name}_{label}")  # fmt: skip
+                   dict.fromkeys(shapes, site.unit), dict.fromkeys(shapes, site.typical), where)  # fmt: skip
 
 
 def warming(site: Site, v: Variable, time: Variable) -> Shapes:
@@ -133,7 +131,7 @@ def warming(site: Site, v: Variable, time: Variable) -> Shapes:
     where = {"warm_up": Constant(time.unit, width, width / 2, 0.05 * width, 20.0 * width)}
     fade = f"ca.exp(-{time.name} / warm_up)"
     says = "friction that fades over the run, as of grease that warms up"
-    yield from _frictions(site, "warming friction", says, time, v, fade, where, f"warming_{v.name}")
+    yield from _frictions(site, "warming friction", says, time, v, fade, where)
 
 
 def curve(site: Site, v: Variable) -> Term:
@@ -150,7 +148,7 @@ def curve(site: Site, v: Variable) -> Term:
     shapes = {f"value_{i}": f"near({centre:.6g})" for i, centre in enumerate(centres)}
     same = dict.fromkeys(shapes, site.unit), dict.fromkeys(shapes, site.typical)
     return Term(f"curve over {v.name}", f"a smooth function of {v.name}", site, (v,), shapes, *same,
-                lines=lines, name=f"curve_{v.name}")  # fmt: skip
+                lines=lines)  # fmt: skip
 
 
 def _frictions(
@@ -161,17 +159,16 @@ def _frictions(
     speed: Variable,
     share: str,
     where: Mapping[str, Constant],
-    name: str,
 ) -> Shapes:
     """Friction in proportion to speed, and dry friction, each times a share that depends on the variable `by`."""
     yield _single(
         site, kind, says, (by, speed), f"{site.resists}{speed.name} * {share}", [(speed, 1)], where,
-        size="coefficient", positive=True, scale=speed.size, name=name,
+        size="coefficient", positive=True, scale=speed.size,
     )  # fmt: skip
     if site.dry is not None:
         yield _single(
             site.dry, kind, f"dry {says}", (by,), share, [], where,
-            size="friction", positive=True, scale=1.0, name=f"dry_{name}",
+            size="friction", positive=True, scale=1.0,
         )  # fmt: skip
 
 
@@ -187,14 +184,12 @@ def _single(
     size: str = "k",
     positive: bool = False,
     scale: float | None = None,
-    name: str = "",
 ) -> Term:
     """A term of one shape; `scale` is the size of the shape in the runs, that of the powers where it is not given."""
     of_powers = float(np.prod([v.size**n for v, n in powers]))
-    label = name or "_".join([kind.replace(" ", "_").replace("-", "_"), *(f"{v.name}{n}" for v, n in powers)])
     units = {size: over(site.unit, *((v.unit, n) for v, n in powers))}
     typical = {size: site.typical / (of_powers if scale is None else scale)}
-    return Term(kind, says, site, variables, {size: shape}, units, typical, constants or {}, positive, name=label)
+    return Term(kind, says, site, variables, {size: shape}, units, typical, constants or {}, positive)
 
 
 def _between(v: Variable, places: int) -> list[float]:

@@ -1,8 +1,9 @@
 """A candidate term: a shape of the missing force with units, written as an effect that a model can have."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import count
 
 import numpy as np
 
@@ -132,6 +133,11 @@ class Term:
     name: str = ""
 
     @property
+    def stem(self) -> str:
+        """With which the name of its effect begins."""
+        return f"discovered_{self.kind.replace(' ', '_').replace('-', '_')}"
+
+    @property
     def is_curve(self) -> bool:
         """Whether it is a smooth curve through values and no formula."""
         return self.kind.startswith("curve")
@@ -174,6 +180,16 @@ class Term:
             for n, c in self.constants.items()
         }
         return replace(self, constants=moved)
+
+
+def named_terms(terms: Iterable[Term], taken: Collection[str] = ()) -> dict[str, Term]:
+    """Terms by numbered names that are not `taken`: a joint's name may be too long for that of an effect."""
+    found: dict[str, Term] = {}
+    numbers = count()
+    for term in terms:
+        name = next(n for number in numbers if (n := f"{term.stem}_{number}") not in taken)
+        found[name] = term.named(name)
+    return found
 
 
 def _factor(shape: str) -> str:

@@ -14,7 +14,7 @@ from armdyn.channels import Channel, FloatArray
 from armdyn.identify.fit import Fit
 from armdyn.identify.grey_box import GreyBox, Point
 from armdyn.identify.output_error import AroundMotion
-from armdyn.identify.problem import Problem, transferred, transferred_mask
+from armdyn.identify.problem import Problem, predicted, transferred, transferred_mask
 from armdyn.physics.pieces import pseudo_inverse
 from armdyn.physics.simulated import SimulatedModel
 
@@ -96,12 +96,12 @@ def explained(given: Fit, repaired: Fit) -> list[Unexplained]:
     That is the formula without the noise of the recordings, less what the other model makes up for by its own values.
     """
     problem = given.problem
-    runs = {run.name: dict(run.channels) for run in problem.runs}
+    runs = {run.name: run for run in problem.runs}
     for block in repaired.blocks:
-        measured = runs[block.run][block.channel]
-        predicted = np.interp(block.time, measured.time, measured.value) - block.misfit
-        runs[block.run][block.channel] = Channel(block.time, predicted, measured.unit)
-    ideal = Problem(problem.model, [replace(run, channels=runs[run.name]) for run in problem.runs], problem.noise)
+        run = runs[block.run]
+        channel = Channel(block.time, predicted(block, run), run.channels[block.channel].unit)
+        runs[run.name] = replace(run, channels={**run.channels, block.channel: channel})
+    ideal = Problem(problem.model, list(runs.values()), problem.noise)
     blocks = ideal.blocks(given.values, np.zeros(len(given.values), dtype=bool))
     return unexplained(replace(given, problem=ideal, blocks=tuple(blocks)))
 

@@ -69,6 +69,12 @@ class Block:
         return self.residual * self.noise
 
 
+def predicted(block: Block, run: Run) -> np.ndarray:
+    """(n,) prediction of the samples of a block of a prepared run, in the channel's unit."""
+    measured = run.channels[block.channel]
+    return np.asarray(np.interp(block.time, measured.time, measured.value)) - block.misfit
+
+
 def by_channel(blocks: Sequence[Block]) -> dict[str, list[Block]]:
     """Blocks of every channel, in the order in which channels come first."""
     found: dict[str, list[Block]] = {}

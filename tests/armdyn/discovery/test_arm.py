@@ -7,8 +7,9 @@ import pytest
 
 from armdyn.arm.model import arm_model
 from armdyn.discovery.arm import arm_terms
-from armdyn.discovery.discover import _named, concluded, discover
+from armdyn.discovery.discover import concluded, discover
 from armdyn.discovery.source import effects_of_terms
+from armdyn.discovery.term import named_terms
 from armdyn.effects.user import available
 from armdyn.identify.score import residual_tests
 from armdyn.identify.search import Search, Step
@@ -27,7 +28,7 @@ def model(tmp_path_factory):
 
 def test_a_place_is_one_that_its_joint_reaches(model):
     run = world("cogging", 0).runs[0]
-    terms = list(arm_terms(Study(model, [run], [], ()).first()))
+    terms = list(named_terms(arm_terms(Study(model, [run], [], ()).first())).values())
     for term, effect in zip(terms, effects_of_terms(terms), strict=True):
         (joint,) = effect.joints
         q = run.channels[f"q.{joint}"].value
@@ -48,7 +49,7 @@ def test_a_joint_may_have_a_long_name(tmp_path):
     run = world("cogging", 0).runs[0]
     renamed = replace(run, channels={name.replace("elbow", joint): of for name, of in run.channels.items()}, noise={})
     model = arm_model(urdf=path)
-    terms = _named(model, [], arm_terms(Study(model, [renamed], [], ()).first()))
+    terms = named_terms(arm_terms(Study(model, [renamed], [], ()).first()))
     assert {effect.name for effect in effects_of_terms(list(terms.values()))} == set(terms)
     assert any(term.site.joint == joint for term in terms.values())
 

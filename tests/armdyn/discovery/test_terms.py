@@ -6,7 +6,7 @@ import pytest
 
 from armdyn.discovery import shapes
 from armdyn.discovery.source import effects_of_terms, file_text
-from armdyn.discovery.term import Site, Variable
+from armdyn.discovery.term import Site, Variable, named_terms
 from armdyn.discovery.units import over
 from armdyn.effects.user import load_effects
 
@@ -37,10 +37,11 @@ def test_every_shape_is_an_effect_that_vanishes_at_null():
         *shapes.one_sided(STRING, ANGLE, SPEED, 2),
         *shapes.magnets(STRING, ANGLE, 2),
         *shapes.growing(STRING, ANGLE, 2),
-        *shapes.waves(STRING, ANGLE, {"short": 0.1}),
+        *shapes.waves(STRING, ANGLE, [0.1]),
         shapes.curve(STRING, ANGLE),
     ]
-    assert [e.name for e in effects_of_terms(terms)] == [t.name for t in terms]
+    named = named_terms(terms)
+    assert [e.name for e in effects_of_terms(list(named.values()))] == list(named)
 
 
 def test_a_formula_is_read_as_it_is_computed(tmp_path):
