@@ -90,6 +90,8 @@ BUILT_IN: Mapping[str, HiddenEffect] = MappingProxyType({
 
 HIDDEN_EFFECTS: dict[str, HiddenEffect] = dict(BUILT_IN)
 """All that there are, by name."""
+_OWN: dict[str, HiddenEffect] = {}
+"""Laws of users' files by ``FILE.py:NAME``, as they were read last."""
 
 Term = Callable[..., Any]
 
@@ -118,11 +120,8 @@ def hidden_effect(
 
 def terms(hidden: Mapping[str, float], stage: Stage) -> tuple[Callable[..., Any], ...]:
     """What the effects that are there add at a stage."""
-    return tuple(
-        partial(effect.term, hidden[name])
-        for name, effect in HIDDEN_EFFECTS.items()
-        if effect.term is not None and effect.stage is stage and hidden[name] != 0.0
-    )
+    there = ((HIDDEN_EFFECTS.get(name) or _OWN[name], value) for name, value in hidden.items() if value != 0.0)
+    return tuple(partial(e.term, value) for e, value in there if e.term is not None and e.stage is stage)
 
 
 STANDSTILL_RATE = 1e-3
@@ -238,24 +237,23 @@ def resolve_hidden(hidden: Mapping[str, float | None]) -> Mapping[str, float]:
             typical value.
 
     Returns:
-        All names of `HIDDEN_EFFECTS` with their value, read-only.
+        All names of `HIDDEN_EFFECTS`, and the user's that were given, with their value, read-only.
 
     Raises:
         UnknownNameError: a name that the plant does not have.
         InputError: a value that is not finite or outside the effect's range, or a file that cannot be used.
     """
-    for name in hidden:
+    values = dict.fromkeys(HIDDEN_EFFECTS, 0.0)
+    for name, value in hidden.items():
         if ".py:" in name:
             law = read_own_law(name)
             size = law.size
-            HIDDEN_EFFECTS[name] = HiddenEffect(
+            _OWN[name] = HiddenEffect(
                 size.unit, size.typical, law.summary, size.lower, size.upper, Stage.OWN, law.added
             )
-    values = dict.fromkeys(HIDDEN_EFFECTS, 0.0)
-    for name, value in hidden.items():
-        if name not in HIDDEN_EFFECTS:
+        elif name not in HIDDEN_EFFECTS:
             raise UnknownNameError("hidden effect", name, HIDDEN_EFFECTS)
-        effect = HIDDEN_EFFECTS[name]
+        effect = HIDDEN_EFFECTS.get(name) or _OWN[name]
         number = effect.typical if value is None else float(value)
         if number != 0.0 and not (math.isfinite(number) and effect.lower <= number <= effect.upper):
             raise InputError(
