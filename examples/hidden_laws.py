@@ -1,4 +1,4 @@
-"""Laws that no catalogue has, for the simulated robot: `armdyn trial --hidden examples/hidden_laws.py:sticky_seal`.
+"""Laws that no catalogue has, for the simulated robot: `armdyn trial --hidden examples/hidden_laws.py:leaf`.
 
 The first parameter of each is what `=VALUE` gives, its typical size otherwise; the others are as they are here.
 """
