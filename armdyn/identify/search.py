@@ -128,7 +128,7 @@ def _whole_story(study: Study, given: Step, say: Progress, sparse: bool) -> tupl
 
 
 def _few_explain_all(study: Study, last: Step) -> bool:
-    """Whether few effects leave nothing but noise, of what is told or of all that could be.
+    """Whether noise is all that the effects found so far leave, or that the whole catalogue would, and all are large.
 
     An effect that is no larger than every description is wrong by is one of many small errors, found or not.
     """

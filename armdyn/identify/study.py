@@ -95,6 +95,7 @@ class Study:
         self._starts: dict[frozenset[str], Iterator[np.ndarray]] = {}
         self._started: dict[Fit, Iterator[np.ndarray]] = {}
         self._around_motion: dict[tuple[frozenset[str], int], Fit] = {}
+        self._appraised: tuple[Fit, bool, Summed] | None = None
         self._present_names = [name for c in self.present for name in c.names]
 
     def unit(self, channel: str) -> str:
@@ -260,7 +261,12 @@ class Study:
         return Fit(problem, free_there, values, found.blocks, found.outcome)
 
     def appraiser(self, at: Fit, sparse: bool = False) -> Summed:
-        """What sets of effects are worth, from sums around a fit; see `Summed` for `sparse`."""
+        """What sets of effects are worth, from sums around a fit; see `Summed` for `sparse`. The last one is kept."""
+        if self._appraised is None or self._appraised[:2] != (at, sparse):
+            self._appraised = at, sparse, self._summed(at, sparse)
+        return self._appraised[2]
+
+    def _summed(self, at: Fit, sparse: bool) -> Summed:
         everything = Problem(self.problem.model, [*self.runs, *self.held_out], self.noise)
         values = transferred(at.values, self.problem, everything)
         free = transferred_mask(at.free, self.problem, everything)
