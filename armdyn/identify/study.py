@@ -276,7 +276,7 @@ class Study:
         present &= ~everything.of([n for c in own for n in c.names])
         atoms = [*own, *(atom for c in self.candidates for atom in c.apart())]
         absent = [c for c in atoms if not np.any(free & everything.of(c.names))]
-        around = sums(everything, {run.name for run in self.runs}, values, absent)
+        around = sums(everything, {run.name for run in self.runs}, values, absent, free)
         always = (base | (present & everything.fitted)) & (free | everything.per_run)
         found = Summed(around, always, atoms, own, sparse)
         found.tried = self.tried
