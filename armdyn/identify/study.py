@@ -19,7 +19,7 @@ from armdyn.identify.motion_start import initial_values
 from armdyn.identify.output_error import OTHERS, AroundMotion, best_minimum, shows_motion
 from armdyn.identify.prepare import noise_of_runs, prepared, stated_noise
 from armdyn.identify.problem import Block, Problem, by_channel, chi2_of, transferred, transferred_mask
-from armdyn.identify.sample_evidence import NOISY
+from armdyn.identify.sample_evidence import noisy
 from armdyn.identify.score import Score, scores
 from armdyn.identify.summed import Summed
 from armdyn.identify.sums import sums
@@ -174,11 +174,11 @@ class Study:
         for i, run in enumerate(problem.runs):
             there = problem.model.noise(run, problem.theta(i, fit.values))
             noise |= {(run.name, channel): std for channel, std in there.items()}
-        ratios = []
+        shares = []
         for blocks in by_channel(fit.blocks).values():
             left = np.concatenate([block.misfit / noise[block.run, block.channel] for block in blocks])
-            ratios.append(float(np.mean(left**2)))
-        return NOISY * float(np.mean([1.0 / max(ratio, 1.0) for ratio in ratios])) >= 1.0
+            shares.append(noisy(len(left)) / max(float(np.mean(left**2)), 1.0))
+        return float(np.mean(shares)) >= 1.0
 
     def is_at_noise(self, fit: Fit) -> bool:
         """Whether a fit leaves no more than noise may by chance, in training and in held-out runs."""
