@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from armdyn.identify.estimator import until
+from armdyn.gaps import until
 from armdyn.identify.least_squares import Outcome
 from armdyn.identify.problem import Block, Problem, by_channel, chi2_of
 from armdyn.run import Run

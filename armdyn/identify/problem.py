@@ -222,8 +222,7 @@ class Problem:
                 noise = self.noise[run.name, channel]
                 # Column by column: columns of parameters that the model lacks are never touched, and take no memory.
                 sensitivities = np.zeros((rows.stop - rows.start, len(self.columns)), order="F")
-                sensitivities[:, self._of_run[i][places]] = prediction.sensitivities[rows]
-                sensitivities[:, self._of_run[i][places]] /= noise
+                sensitivities[:, self._of_run[i][places]] = prediction.sensitivities[rows] / noise
                 residual = (run.channels[channel].value - prediction.values[rows]) / noise
                 found.append(Block(run.name, channel, prediction.time[rows], residual, sensitivities, noise))
         return found
@@ -243,7 +242,7 @@ class Problem:
 
     def fit(self, free: np.ndarray, start: np.ndarray, *, most_steps: int = 30, tolerance: float = 0.02) -> Descent:
         """Minimise over the unknowns `free`, (P,) bool, the others staying at `start`; the result holds all."""
-        part = _Part(self, free, start)
+        part = Part(self, free, start)
         found = descend(part, start[free], most_steps=most_steps, tolerance=tolerance, samples=self.samples)
         return found._replace(values=part.whole(found.values))
 
@@ -269,19 +268,21 @@ def transferred_mask(mask: np.ndarray, source: Problem, target: Problem) -> np.n
     return transferred(mask.astype(float), source, target, missing=0.0) > 0.0
 
 
-class _Part:
-    """A problem of which only some unknowns are free."""
+class Part:
+    """The cost of a problem of which only some unknowns, (P,) bool, are free; the others stay at (P,) values."""
 
     def __init__(self, problem: Problem, free: np.ndarray, start: np.ndarray) -> None:
         self._problem, self._free, self._start = problem, free, start
-        self.lower, self.upper = problem.lower[free], problem.upper[free]
+        self.lower, self.upper, self.typical = problem.lower[free], problem.upper[free], problem.typical[free]
 
     def whole(self, values: np.ndarray) -> np.ndarray:
+        """(P,) values of all unknowns."""
         everything = self._start.copy()
         everything[self._free] = values
         return everything
 
     def evaluate(self, values: np.ndarray) -> Expansion:
+        """See `Cost.evaluate`; infinite where a simulation diverges."""
         whole = self.whole(values)
         with np.errstate(all="ignore"):  # a diverging simulation is an infinite cost, and the step is shortened
             at = self._problem.expansion(whole, self._free)
