@@ -10,10 +10,13 @@ have one unit, such as the torques of an arm, else 1/s_c^2.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from armdyn.identify.holdout import HoldoutKind
+from armdyn.identify.problem import Block, by_channel
 
 WRONG = 2.0
 """Times its noise, from which a channel's error is one that wants to be explained."""
@@ -55,6 +58,13 @@ class Scale:
 
     units: Mapping[str, str]
     noise: Mapping[str, float]
+
+    @classmethod
+    def of(cls, blocks: Sequence[Block]) -> "Scale":
+        """Of the channels of some blocks; of several runs the root of their mean variance."""
+        channels = by_channel(blocks)
+        noise = {c: float(np.sqrt(np.mean([block.noise**2 for block in mine]))) for c, mine in channels.items()}
+        return cls({channel: mine[0].unit for channel, mine in channels.items()}, noise)
 
 
 def judged(errors: RepairStep, judge: HoldoutKind, scale: Scale) -> Mapping[str, float]:

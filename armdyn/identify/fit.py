@@ -1,15 +1,15 @@
 """One fit of a model to runs, with what is known of its quality."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from armdyn.identify.estimator import until
+from armdyn.gaps import until
 from armdyn.identify.least_squares import Outcome
-from armdyn.identify.problem import Block, Problem, by_channel, chi2_of
-from armdyn.run import Run
+from armdyn.identify.problem import Block, Problem, by_channel, chi2_of, samples_of
+from armdyn.run import Channel, Run
 
 DEPENDENT = 1e-5
 """A sensitivity of which the others leave less than this share cannot be told from them."""
@@ -41,7 +41,7 @@ class Fit:
     @property
     def samples(self) -> int:
         """Number of measured samples."""
-        return sum(len(block.residual) for block in self.blocks)
+        return samples_of(self.blocks)
 
     @cached_property
     def chi2(self) -> float:
@@ -76,6 +76,13 @@ class Fit:
     def rmse(self) -> dict[str, float]:
         """Root mean square residual by channel, in its unit."""
         return channel_rmse(self.blocks)
+
+    def covariates(self) -> dict[str, Mapping[str, Channel]]:
+        """By run, what its residuals may depend on; see `Model.covariates`."""
+        problem = self.problem
+        return {
+            run.name: problem.model.covariates(run, problem.theta(i, self.values)) for i, run in enumerate(problem.runs)
+        }
 
     def contribution(self, effects: Collection[str]) -> dict[str, float]:
         """By channel, root mean square of what `effects` change in the predictions of the fitted runs, in its unit."""

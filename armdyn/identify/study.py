@@ -11,14 +11,13 @@ import numpy as np
 from armdyn.effects.effect import Effect
 from armdyn.identify.appraisal import Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate
-from armdyn.identify.explained import Scale
 from armdyn.identify.fit import Fit, determined, fit
 from armdyn.identify.holdout import HoldoutKind, held_out_blocks, judges, prepared_exam
 from armdyn.identify.least_squares import Outcome
 from armdyn.identify.motion_start import initial_values
 from armdyn.identify.output_error import OTHERS, AroundMotion, best_minimum, shows_motion
 from armdyn.identify.prepare import noise_of_runs, prepared, stated_noise
-from armdyn.identify.problem import Block, Problem, by_channel, chi2_of, transferred, transferred_mask
+from armdyn.identify.problem import Block, Problem, by_channel, chi2_of, samples_of, transferred, transferred_mask
 from armdyn.identify.sample_evidence import noisy
 from armdyn.identify.score import Score, scores
 from armdyn.identify.summed import Summed
@@ -98,14 +97,6 @@ class Study:
         self._appraised: tuple[Fit, bool, Summed] | None = None
         self._present_names = [name for c in self.present for name in c.names]
 
-    def unit(self, channel: str) -> str:
-        """In which a channel is measured."""
-        return next(run.channels[channel].unit for run in self.runs if channel in run.channels)
-
-    def scale(self, blocks: Sequence[Block]) -> Scale:
-        """Units and noise of the channels of some blocks."""
-        return Scale({b.channel: self.unit(b.channel) for b in blocks}, {b.channel: b.noise for b in blocks})
-
     @cached_property
     def motion(self) -> AroundMotion | None:
         """All runs around their motion; None for a model without states.
@@ -180,6 +171,13 @@ class Study:
             shares.append(noisy(len(left)) / max(float(np.mean(left**2)), 1.0))
         return float(np.mean(shares)) >= 1.0
 
+    def chi2_of_stated(self, blocks: Sequence[Block]) -> tuple[float, int]:
+        """Squared error of the samples whose noise is stated beside the recording, over that noise; their number."""
+        stated = [(block, self.stated_noise.get((block.run, block.channel))) for block in blocks]
+        known = [(block, std) for block, std in stated if std]
+        chi2 = sum(float(block.misfit @ block.misfit) / std**2 for block, std in known)
+        return chi2, samples_of([block for block, _ in known])
+
     def is_at_noise(self, fit: Fit) -> bool:
         """Whether a fit leaves no more than noise may by chance, in training and in held-out runs."""
         excess, by_chance = self._excess(fit)
@@ -188,7 +186,7 @@ class Study:
     def _excess(self, fit: Fit) -> tuple[np.ndarray, float]:
         """Mean squared error above the noise, over it, of training and of held-out runs, and how much is chance."""
         kinds = [list(fit.blocks), list(self.held_out_blocks(fit) or []) if self.held_out else []]
-        samples = np.array([sum(len(b.residual) for b in kind) for kind in kinds if kind])
+        samples = np.array([samples_of(kind) for kind in kinds if kind])
         means = np.array([chi2_of(kind) for kind in kinds if kind]) / samples
         return means - 1.0, CHANCE * float(np.sqrt(2.0 / samples.min()))
 
