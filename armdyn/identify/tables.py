@@ -123,7 +123,7 @@ def step_table(
         summaries: what every effect is, by its name.
     """
     given = path[0]
-    kinds = {kind: [step.errors[kind] for step in path] for kind in given.errors}
+    kinds = {kind: [step.errors.get(kind, {}) for step in path] for kind in given.errors}
     units = set(scale.units.values())
     unit = f" [{next(iter(units))}]" if len(units) == 1 else ""
     columns = [Column("step", [step_name(step) for step in path])]
