@@ -191,7 +191,7 @@ def fall_sentence(path: Sequence[RepairStep], scale: Scale) -> str:
     if not steps:
         return "Nothing was added."
     *_, kind = path[0].errors
-    first, last = (error_text(step.errors[kind], scale) for step in (path[0], path[-1]))
+    first, last = (error_text(step.errors.get(kind, {}), scale) for step in (path[0], path[-1]))
     return f"{first} → {last} ({kind}) in {steps} step{'' if steps == 1 else 's'}."
 
 
