@@ -104,7 +104,7 @@ def _searched(
 
 def predicts_better(study: Study, found: Search) -> bool:
     """Whether runs that were not fitted are predicted better than by the model as given, where there are any."""
-    unfitted = [study.held_out_blocks(step.fit) or [] for step in (found.steps[0], found.last)]
+    unfitted = [study.held_out_blocks(step.fit) for step in (found.steps[0], found.last)]
     given, then = (sum(float(block.residual @ block.residual) for block in blocks) for blocks in unfitted)
     return not unfitted[1] or then < given
 
@@ -142,7 +142,7 @@ def concluded(study: Study, found: Search, terms: dict[str, Term], known: dict[s
         for candidate in last.effects
         if candidate not in start.effects
     ]  # fmt: skip
-    unfitted = [study.held_out_blocks(step.fit) or [] for step in (start, last)]
+    unfitted = [study.held_out_blocks(step.fit) for step in (start, last)]
     scale = Scale.of(last.fit.blocks)
     return Discovery(
         findings=tuple(_distinct(findings, {*known, *(effect.name for effect in study.model.effects)})),

@@ -239,8 +239,7 @@ def _correction(study: Study) -> Correction | None:
 
 def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bool = True) -> Comparison:
     """What there is to say about one fit; `process_error` = False leaves out the slow question dynamics or sensor."""
-    held_out = study.held_out_blocks(fit)
-    held_out_rmse = channel_rmse(held_out) if held_out is not None else {}
+    held_out_rmse = channel_rmse(study.held_out_blocks(fit))
     exam_rmse = channel_rmse(study.exam_blocks(fit))
     rmse, channels, scale = fit.rmse(), {}, Scale.of(fit.blocks)
     for channel, blocks in by_channel(fit.blocks).items():

@@ -177,7 +177,7 @@ def explained_share(study: Study, before: Step, after: Step) -> float:
     """
     if not study.model.linear:
         return 1.0 - study.squared_error(after.fit) / study.squared_error(before.fit)
-    first, last = ((study.held_out_blocks(s.fit) or ()) if study.held_out else s.fit.blocks for s in (before, after))
+    first, last = (study.held_out_blocks(s.fit) if study.held_out else s.fit.blocks for s in (before, after))
     return share_gone(channel_rmse(first), channel_rmse(last), Scale.of(first))
 
 

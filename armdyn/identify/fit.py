@@ -98,9 +98,9 @@ def channel_rmse(blocks: Sequence[Block]) -> dict[str, float]:
     return {channel: float(np.sqrt(np.mean(misfit**2))) for channel, misfit in misfits.items()}
 
 
-def fit(problem: Problem, free: np.ndarray, start: np.ndarray, *, most_steps: int = 30) -> Fit:
-    """Minimise over the unknowns `free`, (P,) bool, from the values `start`, (P,), in at most so many steps."""
-    found = problem.fit(free, start, most_steps=most_steps)
+def fit(problem: Problem, free: np.ndarray, start: np.ndarray, *, most_steps: int = 30, tolerance: float = 0.02) -> Fit:
+    """Minimise over the unknowns `free`, (P,) bool, from the values `start`, (P,); see `descend`."""
+    found = problem.fit(free, start, most_steps=most_steps, tolerance=tolerance)
     return Fit(problem, free, found.values, tuple(problem.blocks(found.values, free)), found.outcome)
 
 

@@ -12,7 +12,7 @@ from armdyn.effects.effect import Effect
 from armdyn.identify.appraisal import Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.fit import Fit, determined, fit
-from armdyn.identify.holdout import HoldoutKind, held_out_blocks, judges, prepared_exam
+from armdyn.identify.holdout import HoldoutKind, blocks_in_turn, held_out_blocks, prepared_exam
 from armdyn.identify.least_squares import Outcome
 from armdyn.identify.motion_start import initial_values
 from armdyn.identify.output_error import OTHERS, AroundMotion, best_minimum, shows_motion
@@ -89,7 +89,7 @@ class Study:
             for effect in extended.effects
         )
         self.candidates = tuple(Candidate.of(name, parts) for name, parts in absent if parts)
-        self._held_out: dict[Fit, list[Block] | None] = {}
+        self._held_out: dict[Fit, list[Block]] = {}
         self._exam: dict[Fit, list[Block]] = {}
         self._starts: dict[frozenset[str], Iterator[np.ndarray]] = {}
         self._started: dict[Fit, Iterator[np.ndarray]] = {}
@@ -185,7 +185,7 @@ class Study:
 
     def _excess(self, fit: Fit) -> tuple[np.ndarray, float]:
         """Mean squared error above the noise, over it, of training and of held-out runs, and how much is chance."""
-        kinds = [list(fit.blocks), list(self.held_out_blocks(fit) or []) if self.held_out else []]
+        kinds = [list(fit.blocks), self.held_out_blocks(fit) if self.held_out else []]
         samples = np.array([samples_of(kind) for kind in kinds if kind])
         means = np.array([chi2_of(kind) for kind in kinds if kind]) / samples
         return means - 1.0, CHANCE * float(np.sqrt(2.0 / samples.min()))
@@ -294,23 +294,26 @@ class Study:
         left = (c.without(taken) for c in (*self.candidates, *self.present))
         return scores(at, [c for c in left if c.names])
 
-    def held_out_blocks(self, found: Fit) -> list[Block] | None:
-        """Residuals of runs that took no part; see `holdout.held_out_blocks`."""
+    def held_out_blocks(self, found: Fit) -> list[Block]:
+        """Residuals of held-out runs; where none are given, of every training run predicted from the others."""
         if found not in self._held_out:
             started = self._started.get(found)
             starts = None if started is None or self.motion is None else (self.motion.problem, started)
-            self._held_out[found] = held_out_blocks(self._quick(found), self.held_out, starts)
+            quick, others = self._quick(found), self.held_out
+            self._held_out[found] = held_out_blocks(quick, others, starts) if others else blocks_in_turn(quick)
         return self._held_out[found]
 
     @property
     def judges(self) -> tuple[HoldoutKind, ...]:
-        """Who judges a model of this study, the most independent first."""
-        return judges(self.held_out, self.exam, self.runs)
+        """Who judges a model besides the runs that it was fitted to, the most independent first."""
+        several = HoldoutKind.IN_TURN if len(self.runs) > 1 else HoldoutKind.TRAINING
+        others = HoldoutKind.HELD_OUT if self.held_out else several
+        return (HoldoutKind.EXAM, others) if self.exam else (others,)
 
     def exam_blocks(self, found: Fit) -> list[Block]:
         """Residuals of the exam runs, empty where there are none; ask when nothing is left to choose."""
         if found not in self._exam:
-            self._exam[found] = (held_out_blocks(self._quick(found), self.exam) if self.exam else None) or []
+            self._exam[found] = held_out_blocks(self._quick(found), self.exam) if self.exam else []
         return self._exam[found]
 
     def _quick(self, found: Fit) -> Fit:

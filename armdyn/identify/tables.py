@@ -123,9 +123,7 @@ def step_table(
         summaries: what every effect is, by its name.
     """
     given = path[0]
-    kinds = {"fitted": [step.rmse for step in path]}
-    kinds |= {"held out": [step.held_out_rmse for step in path]} if given.held_out_rmse else {}
-    kinds |= {"exam": [step.exam_rmse for step in path]} if given.exam_rmse else {}
+    kinds = {kind: [step.errors.get(kind, {}) for step in path] for kind in given.errors}
     units = set(scale.units.values())
     unit = f" [{next(iter(units))}]" if len(units) == 1 else ""
     columns = [Column("step", [step_name(step) for step in path])]
@@ -192,12 +190,8 @@ def fall_sentence(path: Sequence[RepairStep], scale: Scale) -> str:
     steps = len(path) - 1
     if not steps:
         return "Nothing was added."
-    kind, name = next(
-        (kind, name)
-        for kind, name in (("exam", "exam_rmse"), ("held out", "held_out_rmse"), ("fitted", "rmse"))
-        if getattr(path[0], name)
-    )
-    first, last = (error_text(getattr(step, name), scale) for step in (path[0], path[-1]))
+    *_, kind = path[0].errors
+    first, last = (error_text(step.errors.get(kind, {}), scale) for step in (path[0], path[-1]))
     return f"{first} → {last} ({kind}) in {steps} step{'' if steps == 1 else 's'}."
 
 

@@ -103,7 +103,7 @@ def overlays(study: Study, fits: Sequence[Fit], places: Sequence[Place] = ()) ->
     others = KINDS[study.judges[-1]]
     found = of_fits(fits, places)
     if others != FITTED:
-        found += _overlays(study.held_out or study.runs, others, [study.held_out_blocks(fit) or [] for fit in fits])
+        found += _overlays(study.held_out or study.runs, others, [study.held_out_blocks(fit) for fit in fits])
     if study.exam:
         found += _overlays(study.exam, EXAM, [study.exam_blocks(fit) for fit in fits])
     return found
