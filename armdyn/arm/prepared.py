@@ -180,7 +180,7 @@ def prepare(run: Run, joints: tuple[str, ...], own: Recorded, drives: Mapping[st
         channels |= _smooth_channels(run.channels[f"q.{joint}"], joint, path.curve)
     return PreparedRun(
         run.name, channels, run.known, noise, run.description, run.source, run.warnings,
-        original=run, done=preparations, outliers=run.outliers,
+        original=run, done=preparations, outliers=run.outliers, extra=run.extra,
     )  # fmt: skip
 
 

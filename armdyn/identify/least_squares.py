@@ -93,7 +93,7 @@ class LeastSquares:
         if not runs:
             raise InputError("nothing to fit: give at least one run")
         self.model, self.runs, self.noise = model, tuple(runs), noise
-        recorded = {name for run in runs for name in run.channels}
+        recorded = {name for run in runs for name in run.everything}
         free = [p for p in model.parameters.values() if p.fitted and p.shows_in(recorded)]
         if not free:
             raise InputError("nothing to fit: every parameter of the model is fixed")

@@ -17,6 +17,7 @@ from armdyn.identify.output_error import AroundMotion
 from armdyn.identify.problem import Problem, predicted, transferred, transferred_mask
 from armdyn.physics.pieces import pseudo_inverse
 from armdyn.physics.simulated import SimulatedModel
+from armdyn.run import Run
 
 SHARE = 1.0 / 16.0
 """Of a swing, between two kicks: so finely a missing force is resolved in time."""
@@ -151,7 +152,7 @@ def _kicked(box: GreyBox, point: Point, index: int) -> list[Unexplained]:
     found = []
     for k in model.kicked:
         unit = f"{model.parameters[model.start_names[k]].unit}/s".replace("/s/s", "/s^2")
-        against = model.shown_against(run.pieces.run, time, motion, k, theta)
+        against = model.shown_against(run.pieces.run, time, motion, k, theta) | _recorded(run.pieces.run, time)
         joint = None if len(model.kicked) == 1 else model.start_names[k].removeprefix("initial_")
         found.append(Unexplained(run.run.name, joint, unit, time, pushed[1:, k] / lasting, against))
     return found
@@ -172,8 +173,14 @@ def _torques(fit: Fit, joints: Sequence[Mapping[str, str]]) -> list[Unexplained]
             }
             predicted = np.interp(block.time, channel.time, channel.value) - block.misfit
             against["load"] = predicted, channel.unit
+            against |= _recorded(run, block.time)
             found.append(Unexplained(run.name, joint, channel.unit, block.time, block.misfit, against))
     return found
+
+
+def _recorded(run: Run, time: FloatArray) -> dict[str, tuple[FloatArray, str]]:
+    """Further quantities of a run at (n,) times, with a unit each."""
+    return {name: (np.interp(time, c.time, c.value), c.unit) for name, c in run.extra.items()}
 
 
 def curves(
