@@ -32,12 +32,17 @@ def gaps_of(run: Run) -> list[tuple[float, float]]:
     return merged
 
 
-def between(run: Run, begin: float, end: float) -> Mapping[str, Channel]:
-    """Channels of a run from `begin` to `end`, s, as far as they have samples there."""
+def until(run: Run, end: float) -> Run:
+    """The part of a run up to `end` s."""
+    return replace(run, channels=between(run, -np.inf, end))
+
+
+def between(run: Run, begin: float, end: float, fewest: int = 0) -> Mapping[str, Channel]:
+    """Channels of a run from `begin` to `end`, s; those with fewer than `fewest` samples there are left out."""
     found = {}
     for name, channel in run.channels.items():
         inside = (channel.time >= begin) & (channel.time <= end)
-        if inside.sum() >= MIN_SAMPLES:
+        if inside.sum() >= fewest:
             found[name] = Channel(channel.time[inside], channel.value[inside], channel.unit)
     return found
 
@@ -51,7 +56,7 @@ def cut_at_gaps(run: Run) -> tuple[Run, ...]:
     if not spans:
         return (run,)
     edges = [-np.inf, *(t for span in spans for t in span), np.inf]
-    parts = [between(run, *piece) for piece in zip(edges[::2], edges[1::2], strict=True)]
+    parts = [between(run, *piece, MIN_SAMPLES) for piece in zip(edges[::2], edges[1::2], strict=True)]
     whole = [p for p in parts if set(p) == set(run.channels) and min(len(c) for c in p.values()) >= FEWEST]
     if not whole:
         return (run,)

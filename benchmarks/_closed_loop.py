@@ -7,8 +7,7 @@ from _pendulum import Motion, Pendulum
 from scipy.interpolate import CubicHermiteSpline
 
 from armdyn.control.sac import SacSettings, SacState, SequentialActionControl
-from armdyn.identify.estimator import Estimator, Method
-from armdyn.identify.least_squares import Estimate
+from armdyn.identify.estimator import Estimate, Estimator, Method
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import run_path
 from armdyn.run import Channel, Run

@@ -9,8 +9,8 @@ from _pendulum import Pendulum, sum_of_cosines
 from _rival_fits import NAMES, Data, Fit, over_windows, with_floats
 
 from armdyn.effects.catalogue import CATALOGUE
-from armdyn.identify.estimator import Estimator, until
-from armdyn.identify.least_squares import Estimate
+from armdyn.gaps import until
+from armdyn.identify.estimator import Estimate, Estimator
 from armdyn.pendulum.model import PendulumModel, pendulum_model
 from armdyn.run import Channel, Run
 

@@ -88,7 +88,7 @@ def thinned(file: Path) -> Run:
 
 def errors(study: Study, fit: Fit) -> dict[str, float]:
     """Over the noise, by kind of run."""
-    kinds = {"fitted": fit.blocks, "held out": study.held_out_blocks(fit) or (), "exam": study.exam_blocks(fit)}
+    kinds = {"fitted": fit.blocks, "held out": study.held_out_blocks(fit), "exam": study.exam_blocks(fit)}
     return {kind: worst(blocks) for kind, blocks in kinds.items() if blocks}
 
 

@@ -34,7 +34,7 @@ from armdyn.effects.catalogue import CATALOGUE, find
 from armdyn.experiments.goal import Goal, determining, separating
 from armdyn.experiments.series import Series
 from armdyn.identify.diagnose import diagnose
-from armdyn.identify.least_squares import LeastSquares, levenberg_marquardt
+from armdyn.identify.estimator import estimate
 from armdyn.identify.study import Study
 from armdyn.run import Channel, Run
 from pipeline.answers_motion import gains, sentence
@@ -112,9 +112,8 @@ def errors(found: Excitation, motion: Expectation, seeds: int, encoder: float) -
     for seed in range(seeds):
         run = recorded(found, Moved(found.series, motion.coefficients), hidden, 1.0, seed, encoder)
         prepared = model.prepared(run)
-        estimate = levenberg_marquardt(LeastSquares(model, [prepared], dict(prepared.noise)))
-        values = dict(zip(estimate.names, estimate.values, strict=True))
-        collected.append([values[p.name] - truth[p.name] for p in wanted])
+        found_values = estimate(model, [prepared], prepared.noise)
+        collected.append([found_values.value(p.name) - truth[p.name] for p in wanted])
     return np.sqrt(np.mean(np.square(collected), axis=0))
 
 

@@ -89,7 +89,6 @@ def pulls(study: Study, last: Step, truth: str, size: float) -> dict[str, float]
 def held_out_chi2(study: Study, last: Step) -> float:
     """Per sample, whole runs held out in turn."""
     blocks = study.held_out_blocks(last.fit)
-    assert blocks is not None
     return chi2_of(blocks) / sum(len(block.residual) for block in blocks)
 
 

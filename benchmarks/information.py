@@ -21,9 +21,11 @@ from scipy.interpolate import make_interp_spline
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError
-from armdyn.identify.information import fisher_information
+from armdyn.identify.estimator import covariance
+from armdyn.identify.problem import Problem
 from armdyn.pendulum.model import PendulumModel, pendulum_model
 from armdyn.pendulum.path import run_path
+from armdyn.run import Run
 
 LENGTH, MASS, NOISE, DURATION = 0.368, 0.08, 0.005, 6.0
 TIME = DT * np.arange(round(DURATION / DT) + 1)
@@ -79,17 +81,21 @@ class Measures:
 Condition = Callable[[Measures], bool]
 
 
+def fisher_information(model: PendulumModel, run: Run, names: tuple[str, ...]) -> np.ndarray:
+    """Of a run about some parameters of a model, the others being known (Kay, Estimation Theory, 1993, §3.9)."""
+    problem = Problem(model, [run], {(run.name, "load_force"): NOISE})
+    return problem.expansion(problem.start(), problem.of(names)).hessian
+
+
 def measure(gripper: np.ndarray) -> Measures:
     """Of x, v, a (3, n) at `TIME`."""
     model = pendulum_model(LENGTH, MASS)
     run = recording(gripper, np.zeros(len(TIME)))
     outputs = model.rollout(run_path(run), model.theta(), channels=("load_force", "swing_angle")).outputs
-    noise = {"load_force": NOISE}
-    information = float(fisher_information(model, run, noise, ("length",)).matrix[0, 0])
-    full = uncertain_model()
+    information = float(fisher_information(model, run, ("length",))[0, 0])
     names = ("length", "mass", *(parameter for parameter, _, _ in NUISANCES.values()))
     try:
-        full_bound = fisher_information(full, run, noise, names).std()["length"]
+        full_bound = float(np.sqrt(covariance(names, fisher_information(uncertain_model(), run, names))[0, 0]))
     except InputError:  # the motion says nothing
         full_bound = np.inf
     x, v, a = np.max(np.abs(gripper), axis=1)

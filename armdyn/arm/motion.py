@@ -1,7 +1,7 @@
 """How an arm moved in a run: positions smoothed with the noise that they have, and differentiated."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import erf
@@ -16,6 +16,8 @@ SHARPEST = 1e-3
 """Of a joint's speed: the least noise that its velocity is taken to have."""
 CERTAIN = 0.99
 """Expected sign of a velocity from which its sign is known."""
+STANDING = 0.5
+"""Share of the time during which a joint must surely move for its rests to be left out."""
 CREEP = 1e-3
 """rad/s, and a tenth of it in m/s: a slower joint creeps within what its gears and the bristles of its friction bend,
 and the direction of its friction is not that of its velocity (Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica
@@ -51,7 +53,8 @@ class JointCurve:
         choice: how the measured position was smoothed.
         interval: between its samples, s.
         speed_noise: by how much its smoothed velocity is off, as far as friction is concerned, rad/s or m/s.
-        stands: whether it stands still for most of the recording.
+        moving: share of the recording during which it surely moves.
+        stands: whether it hardly does anything but rest, so that rests are all that it shows.
         turns: (k,) s, where its smoothed velocity changes sign.
         moves: (k + 1,) bool, whether between two turns it is seen to move: smoothed positions swing after a quick stop.
     """
@@ -60,6 +63,7 @@ class JointCurve:
     choice: Choice
     interval: float
     speed_noise: float
+    moving: float
     stands: bool
     turns: np.ndarray
     moves: np.ndarray
@@ -88,6 +92,11 @@ class MeasuredMotion:
         ways = [j.direction(inside, v[:, i]) for i, j in enumerate(self.joints)]
         return Motion(time, q, v, a, np.column_stack(ways))
 
+    def standing(self, stands: Sequence[bool]) -> "MeasuredMotion":
+        """The same motion where `stands` says which joints hardly do anything but rest."""
+        joints = tuple(replace(j, stands=still) for j, still in zip(self.joints, stands, strict=True))
+        return replace(self, joints=joints)
+
     def direction(self, joint: int, time: np.ndarray) -> np.ndarray:
         """(n,) expected sign of one joint's velocity at (n,) times."""
         path, inside = self.joints[joint], np.clip(time, self.start, self.end)
@@ -97,6 +106,16 @@ class MeasuredMotion:
 def expected_sign(velocity: np.ndarray, noise: float) -> np.ndarray:
     """Of (n,) velocities that are known with normal noise."""
     return np.asarray(erf(velocity / (np.sqrt(2.0) * noise)))
+
+
+def standing_joints(motions: Sequence[MeasuredMotion]) -> tuple[bool, ...]:
+    """Which joints rest for more than half of the time of all recordings together.
+
+    A joint that moves through most of them and creeps through one has frictions that its rests do not show.
+    """
+    lasts = np.array([motion.end - motion.start for motion in motions])
+    moving = np.array([[j.moving for j in motion.joints] for motion in motions])
+    return tuple((lasts @ moving < STANDING * lasts.sum()).tolist())
 
 
 @kept_alongside
@@ -142,10 +161,10 @@ def _joint_curve(q: Channel, v: Channel | None, a: Channel | None) -> JointCurve
     speed = float(np.sqrt(np.mean(velocity**2)))
     creep = 0.1 * CREEP if q.unit == "m" else CREEP
     noise = max(derivative_noise(choice, interval, 1), SHARPEST * speed, creep)
-    stands = bool(np.mean(np.abs(expected_sign(velocity, noise)) >= CERTAIN) < 0.5)
+    moving = float(np.mean(np.abs(expected_sign(velocity, noise)) >= CERTAIN))
     turns = np.flatnonzero(np.diff(velocity > 0.0)) + 1
     moves = _moves(q.value, position, np.concatenate([[0], turns]), choice.noise)
-    return JointCurve(curve, choice, interval, noise, stands, q.time[turns], moves)
+    return JointCurve(curve, choice, interval, noise, moving, moving < STANDING, q.time[turns], moves)
 
 
 def _moves(recorded: np.ndarray, smoothed: np.ndarray, begins: np.ndarray, noise: float) -> np.ndarray:

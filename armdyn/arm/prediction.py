@@ -8,8 +8,8 @@ from armdyn.arm.arm import Arm
 from armdyn.arm.bodies import OF_BASE, Bodies, Stretch
 from armdyn.arm.composition import LOAD, JointFunctions, Term
 from armdyn.arm.drive import Drive, Recorded, smoothing_drives
-from armdyn.arm.motion import MeasuredMotion, measured_motion
-from armdyn.arm.prepared import FREQUENCIES, PreparedRun, interior, prepare, recorded, settled
+from armdyn.arm.motion import MeasuredMotion, standing_joints
+from armdyn.arm.prepared import FREQUENCIES, PreparedRun, interior, motion_in, prepare, recorded, settled
 from armdyn.arm.reduction import Earlier, Reduction, Rest, Signal
 from armdyn.errors import InputError
 from armdyn.faults import without_spikes
@@ -216,12 +216,14 @@ def prepared_once(run: Run, arm: Arm, beside: tuple[Run, ...]) -> PreparedRun:
     """
     clean, own = _recorded(run, arm)
     first, *others = beside or (run,)
-    return prepare(clean, arm.joints, own, _drives(first, arm, tuple(others)))
+    return prepare(clean, arm.joints, own, *_shown_together(first, arm, tuple(others)))
 
 
 @kept_alongside
-def _drives(first: Run, arm: Arm, others: tuple[Run, ...]) -> Mapping[str, Drive]:
-    return smoothing_drives([_recorded(run, arm)[1] for run in (first, *others)], arm.model, FREQUENCIES)
+def _shown_together(first: Run, arm: Arm, others: tuple[Run, ...]) -> tuple[Mapping[str, Drive], tuple[bool, ...]]:
+    """What the drives did in several recordings, and which joints hardly moved in them."""
+    every = [_recorded(run, arm)[1] for run in (first, *others)]
+    return smoothing_drives(every, arm.model, FREQUENCIES), standing_joints([one.motion for one in every])
 
 
 @kept_alongside
@@ -237,28 +239,27 @@ def predictor_of(run: Run, arm: Arm, channel: Channel, name: str) -> ChannelPred
     """What predicts the samples of a torque channel called `name`; filtered as the run was, where it was."""
     joint = arm.joints.index(name.removeprefix("tau."))
     sampler: Sampler
-    motion = measured_motion(run.recording, arm.joints)
+    motion, stretch = motion_in(run, arm.joints), _stretch(run, arm, name)
     if run.recording is not run:
-        stretch = _stretch(run.recording, arm, name, True)
         stamps, done = stretch.motion.time, run.preparations[name]
         known = settled(motion, joint, stamps, done.cutoff)
         sampler = LowPassed(stamps, done.cutoff, channel.time, known, done.smoothed)
     else:
-        stretch = _stretch(run, arm, name, False)
         sampler = Interpolated(channel.time, channel.time)
     return ChannelPredictor(stretch, sampler, joint, motion)
 
 
 @kept_alongside
-def _stretch(run: Run, arm: Arm, name: str, without_ends: bool) -> Stretch:
-    """The motion at the stamps of a channel; channels that were sampled together share it."""
-    channel = run.channels[name]
-    for other in run.channels:
+def _stretch(run: Run, arm: Arm, name: str) -> Stretch:
+    """The motion at the recorded stamps of a channel; channels that were sampled together share it."""
+    recording = run.recording
+    channel = recording.channels[name]
+    for other in recording.channels:
         if other == name:
             break
-        if other.startswith("tau.") and np.array_equal(run.channels[other].time, channel.time):
-            return _stretch(run, arm, other, without_ends)
-    motion = measured_motion(run, arm.joints)
-    time = channel.time[interior(channel, motion)] if without_ends else channel.time
-    start = min(float(c.time[0]) for c in run.channels.values())
-    return Stretch(arm.model, motion.at(time), time - start, run.extra)
+        if other.startswith("tau.") and np.array_equal(recording.channels[other].time, channel.time):
+            return _stretch(run, arm, other)
+    motion = motion_in(run, arm.joints)
+    time = channel.time if recording is run else channel.time[interior(channel, motion)]
+    start = min(float(c.time[0]) for c in recording.channels.values())
+    return Stretch(arm.model, motion.at(time), time - start, recording.extra)

@@ -10,7 +10,7 @@ grows like f^2, and above some frequency it causes more of the predicted torque 
 the drive smoothed the torque before it was recorded (see `drive`).
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -20,6 +20,7 @@ from armdyn.arm.drive import Drive, Recorded, Torque
 from armdyn.arm.motion import CERTAIN, MeasuredMotion, measured_motion
 from armdyn.channels import MIN_SAMPLES, Channel
 from armdyn.errors import InputError
+from armdyn.kept import kept_alongside
 from armdyn.preparation import Preparation
 from armdyn.run import Run
 from armdyn.smoothing import HIGHEST, UNDISTORTED, WHITE, Choice, Curve, LowPass, Samples, best_smoothing
@@ -108,10 +109,12 @@ class PreparedRun(Run):
     Attributes:
         original: the recording.
         done: to it, by torque channel.
+        stands: of every joint, whether its rests were compared, as it hardly does anything else.
     """
 
     original: Run = field(kw_only=True)
     done: Mapping[str, Preparation] = field(kw_only=True)
+    stands: tuple[bool, ...] = field(kw_only=True)
 
     @property
     def recording(self) -> Run:
@@ -122,6 +125,13 @@ class PreparedRun(Run):
     def preparations(self) -> Mapping[str, Preparation]:
         """See `Run.preparations`."""
         return self.done
+
+
+@kept_alongside
+def motion_in(run: Run, joints: tuple[str, ...]) -> MeasuredMotion:
+    """How an arm moved in a run, as what is compared with the run takes it."""
+    motion = measured_motion(run.recording, joints)
+    return motion.standing(run.stands) if isinstance(run, PreparedRun) else motion
 
 
 def recorded(run: Run, model: pin.Model, joints: tuple[str, ...]) -> Recorded:
@@ -141,7 +151,9 @@ def recorded(run: Run, model: pin.Model, joints: tuple[str, ...]) -> Recorded:
     return Recorded(torques, motion)
 
 
-def prepare(run: Run, joints: tuple[str, ...], own: Recorded, drives: Mapping[str, Drive]) -> PreparedRun:
+def prepare(
+    run: Run, joints: tuple[str, ...], own: Recorded, drives: Mapping[str, Drive], standing: Sequence[bool]
+) -> PreparedRun:
     """The run with its torques low-passed and thinned, and its motion smoothed.
 
     Args:
@@ -149,8 +161,10 @@ def prepare(run: Run, joints: tuple[str, ...], own: Recorded, drives: Mapping[st
         joints: all joints of the arm, in its order.
         own: its torques and its motion.
         drives: see `smoothing_drives`.
+        standing: which joints hardly move in all recordings together.
     """
-    motion, channels, noise, preparations = own.motion, dict(run.channels), dict(run.noise), {}
+    motion, stands = own.motion.standing(standing), list(standing)
+    channels, noise, preparations = dict(run.channels), dict(run.noise), {}
     for name, (j, stamps, values, brought_in) in own.torques.items():
         raw, choice = run.channels[name], best_smoothing(stamps, values)
         cutoff = cutoff_of(stamps, values, choice, brought_in)
@@ -159,6 +173,11 @@ def prepare(run: Run, joints: tuple[str, ...], own: Recorded, drives: Mapping[st
         cutoff = min(cutoff, WITHIN * drive.cutoff)
         known = settled(motion, j, stamps, cutoff)
         time = _thinned(stamps, known, cutoff)
+        if len(time) < 2 and not stands[j]:  # it moves in other recordings only
+            stands[j] = True
+            motion = motion.standing(stands)
+            known = settled(motion, j, stamps, cutoff)
+            time = _thinned(stamps, known, cutoff)
         low = LowPass(Samples(stamps[known], UNDISTORTED / cutoff), cutoff)
         channels[name] = Channel(time, low.curve(values[known])(time)[:, 0], raw.unit)
         # Thinned samples vary too much to show their noise; the recording at its own rate does.
@@ -180,7 +199,7 @@ def prepare(run: Run, joints: tuple[str, ...], own: Recorded, drives: Mapping[st
         channels |= _smooth_channels(run.channels[f"q.{joint}"], joint, path.curve)
     return PreparedRun(
         run.name, channels, run.known, noise, run.description, run.source, run.warnings,
-        original=run, done=preparations, outliers=run.outliers, extra=run.extra,
+        original=run, done=preparations, stands=tuple(stands), outliers=run.outliers, extra=run.extra,
     )  # fmt: skip
 
 
@@ -244,7 +263,7 @@ def _inside(run: Run, name: str, motion: MeasuredMotion) -> tuple[np.ndarray, np
 
 
 def settled(motion: MeasuredMotion, joint: int, stamps: np.ndarray, cutoff: float) -> np.ndarray:
-    """(n,) bool: samples at which the direction of motion is known; of a joint that stands most of the time, its rests.
+    """(n,) bool: samples at which the direction of motion is known; of a joint that hardly moves, its rests.
 
     Where a joint turns round, its dry friction changes sign at a moment that is less certain than the stamps: one
     sample of a friction that is 25 times the noise, on the wrong side, is an error of 3 standard deviations after the
@@ -269,6 +288,8 @@ def _thinned(stamps: np.ndarray, known: np.ndarray, cutoff: float) -> np.ndarray
     step = 1.0 / (2.0 * WHITE * cutoff)
     usual = float(np.median(np.diff(stamps)))
     stamps = stamps[known]
+    if len(stamps) < 2:
+        return stamps[:0]
     edge = min(EDGE / cutoff, 0.1 * (stamps[-1] - stamps[0]))
     first, last = stamps[0] + edge, stamps[-1] - edge
     count = int((last - first) / step)

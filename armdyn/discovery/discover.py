@@ -22,9 +22,9 @@ from armdyn.errors import InputError
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.compare import FittedParameter, fitted_parameters
 from armdyn.identify.diagnose import IDEALISED, explained_share
+from armdyn.identify.explained import Scale
 from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.missing_force import between
-from armdyn.identify.problem import predicted
 from armdyn.identify.score import residual_tests
 from armdyn.identify.search import Progress, Search, Step, search
 from armdyn.identify.study import Study
@@ -104,7 +104,7 @@ def _searched(
 
 def predicts_better(study: Study, found: Search) -> bool:
     """Whether runs that were not fitted are predicted better than by the model as given, where there are any."""
-    unfitted = [study.held_out_blocks(step.fit) or [] for step in (found.steps[0], found.last)]
+    unfitted = [study.held_out_blocks(step.fit) for step in (found.steps[0], found.last)]
     given, then = (sum(float(block.residual @ block.residual) for block in blocks) for blocks in unfitted)
     return not unfitted[1] or then < given
 
@@ -142,22 +142,22 @@ def concluded(study: Study, found: Search, terms: dict[str, Term], known: dict[s
         for candidate in last.effects
         if candidate not in start.effects
     ]  # fmt: skip
-    unfitted = [study.held_out_blocks(step.fit) or [] for step in (start, last)]
-    runs = {run.name: run for run in study.runs}
+    unfitted = [study.held_out_blocks(step.fit) for step in (start, last)]
+    scale = Scale.of(last.fit.blocks)
     return Discovery(
         findings=tuple(_distinct(findings, {*known, *(effect.name for effect in study.model.effects)})),
         before=start.fit.rmse(),
         after=last.fit.rmse(),
         held_out_before=channel_rmse(unfitted[0]),
         held_out_rmse=channel_rmse(unfitted[1]),
-        noise={b.channel: b.noise for b in last.fit.blocks},
-        units={channel: study.unit(channel) for channel in last.fit.rmse()},
+        noise=scale.noise,
+        units=scale.units,
         explains=explained_share(study, start, last) if len(found.steps) > 1 else 0.0,
         leaves_something=last.tests.fails,
         judged=bool(unfitted[1]),
         runs=tuple(run.name for run in study.runs),
         held_out=tuple(run.name for run in study.held_out),
-        still=all(predicted(block, runs[block.run]).std() < block.noise for block in start.fit.blocks),
+        still=all(block.predicted.std() < block.noise for block in start.fit.blocks),
         missing_force=between(start.fit, last.fit if len(found.steps) > 1 else None, law=True),
     )
 

@@ -87,23 +87,6 @@ class Appraisal:
         return bool(np.any(self.totals > (1.0 + HARM) * before.totals))
 
 
-@dataclass(frozen=True, eq=False)
-class Described:
-    """A set in numbers for a person.
-
-    Attributes:
-        rmse: by channel, of the training runs.
-        held_out_rmse: by channel, of runs predicted from others; empty where there are none.
-        values: (k,) of the unknowns that were asked for.
-        deviations: (k,) their standard deviations.
-    """
-
-    rmse: dict[str, float]
-    held_out_rmse: dict[str, float]
-    values: np.ndarray
-    deviations: np.ndarray
-
-
 class Appraiser(ABC):
     """Appraises sets of effects.
 
@@ -140,8 +123,12 @@ class Appraiser(ABC):
         """
 
     @abstractmethod
-    def described(self, one: Appraisal, own: np.ndarray) -> Described:
-        """A set in numbers for a person; `own` (k,) are the unknowns whose values are asked for."""
+    def errors(self, one: Appraisal) -> tuple[dict[str, float], dict[str, float]]:
+        """Rms error of a set by channel, of the training runs and of runs predicted from others; those may be none."""
+
+    @abstractmethod
+    def fitted(self, one: Appraisal) -> tuple[np.ndarray, np.ndarray]:
+        """(P,) values of a set's unknowns as a person is told them, and (P,) their standard deviations."""
 
     @abstractmethod
     def best_with_one_more(self, now: Appraisal, left: Sequence[Candidate]) -> Appraisal:

@@ -7,13 +7,14 @@ take about a second (floating search: Pudil, Novovičová & Kittler, Pattern Rec
 """
 
 from collections.abc import Callable, Collection, Iterable, Sequence
+from itertools import combinations
 
 import numpy as np
 
 from armdyn.identify.appraisal import SURE, Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.simplest import CORE, simplest_of_best
-from armdyn.identify.summed import Summed
+from armdyn.identify.summed import Change, Summed
 
 PROMISING = 12
 """Effects with the largest foretold gain that are appraised in each round."""
@@ -40,7 +41,7 @@ def chosen(appraiser: Summed, firm: Sequence[Candidate] = (), say: Say | None = 
     for _ in range(MOST_ROUNDS):
         if say is not None:
             say(f"{len(now.effects)} effects chosen")
-        steps: tuple[_Move, ...] = (_added, _exchanged)
+        steps: tuple[_Move, ...] = (_added, _exchanged, _exchanged_for_pair)
         found = (step(appraiser, now, firm, refused) for step in steps)
         better = next((one for one in found if one is not None), None)
         if better is None:
@@ -172,9 +173,34 @@ def _exchanged(appraiser: Summed, now: Appraisal, firm: Sequence[Candidate], ref
             parts.append(joints)
     left = [c for c in appraiser.candidates if c not in now.effects]
     changes = [(part, (c,)) for part in parts for c in left]
+    return _best_exchange(appraiser, now, changes, PROMISING // 2 * len(parts), refused)
+
+
+def _exchanged_for_pair(
+    appraiser: Summed, now: Appraisal, firm: Sequence[Candidate], refused: Refused
+) -> Appraisal | None:
+    """With two effects more on one joint, in place of at most two others; None where none is better.
+
+    A gain and a friction that grows with the load hide each other: neither is worth anything without the other one,
+    where a spring and a rotor do some of what both do.
+    """
+    changes: list[Change] = []
+    joints = list(dict.fromkeys(c.joints for c in appraiser.candidates if c.joints))
+    for joint in joints:
+        own = [c for c in appraiser.candidates if c.joints == joint]
+        there = [c for c in own if c in now.effects and c not in firm]
+        gone = [(), *((c,) for c in there), *combinations(there, 2)]
+        come = list(combinations([c for c in own if c not in now.effects], 2))
+        changes += [(part, pair) for part in gone for pair in come]
+    return _best_exchange(appraiser, now, changes, PROMISING // 2 * len(joints), refused)
+
+
+def _best_exchange(
+    appraiser: Summed, now: Appraisal, changes: Sequence[Change], most: int, refused: Refused
+) -> Appraisal | None:
+    """The best set after one of the changes, of the `most` that promise most; None where none is better."""
     best: Appraisal | None = None
-    options = appraiser.shortlist(now, changes, PROMISING // 2 * len(parts))
-    for option in options:
+    for option in appraiser.shortlist(now, changes, most):
         if option.worth <= max(now.worth, best.worth if best else -np.inf) or frozenset(option.effects) in refused:
             continue
         rest = appraiser.of([c for c in now.effects if c in option.effects])

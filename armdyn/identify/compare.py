@@ -13,7 +13,7 @@ from armdyn.identify.force_law import opening
 from armdyn.identify.localise import Place, localise
 from armdyn.identify.missing_force import ForceCurve, between
 from armdyn.identify.noise import ljung_box
-from armdyn.identify.problem import Problem, by_channel, chi2_of
+from armdyn.identify.problem import Problem, by_channel, chi2_of, samples_of
 from armdyn.identify.score import ResidualTests, residual_tests
 from armdyn.identify.study import Study
 from armdyn.identify.tables import (
@@ -187,10 +187,7 @@ class Comparison(Shown):
     @property
     def scale(self) -> Scale:
         """Units and noise of the channels."""
-        return Scale(
-            {name: channel.unit for name, channel in self.channels.items()},
-            {name: channel.noise_std for name, channel in self.channels.items()},
-        )
+        return Scale.of(self.fit.blocks)
 
     @property
     def how_certain(self) -> str:
@@ -243,18 +240,16 @@ def _correction(study: Study) -> Correction | None:
 
 def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bool = True) -> Comparison:
     """What there is to say about one fit; `process_error` = False leaves out the slow question dynamics or sensor."""
-    held_out = study.held_out_blocks(fit)
-    held_out_rmse = channel_rmse(held_out) if held_out is not None else {}
+    held_out_rmse = channel_rmse(study.held_out_blocks(fit))
     exam_rmse = channel_rmse(study.exam_blocks(fit))
-    rmse, channels = fit.rmse(), {}
+    rmse, channels, scale = fit.rmse(), {}, Scale.of(fit.blocks)
     for channel, blocks in by_channel(fit.blocks).items():
-        samples = sum(len(block.residual) for block in blocks)
         channels[channel] = ChannelQuality(
-            unit=study.unit(channel),
-            noise_std=float(np.sqrt(np.mean([block.noise**2 for block in blocks]))),
+            unit=scale.units[channel],
+            noise_std=scale.noise[channel],
             rmse=rmse[channel],
             held_out_rmse=held_out_rmse.get(channel),
-            chi2_per_sample=chi2_of(blocks) / samples,
+            chi2_per_sample=chi2_of(blocks) / samples_of(blocks),
             white=min(ljung_box(block.residual) for block in blocks),
             exam_rmse=exam_rmse.get(channel),
         )

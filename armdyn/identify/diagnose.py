@@ -4,18 +4,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-import numpy as np
-
 from armdyn.document import Document, Level, Section
 from armdyn.faults import outlier_sentence
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.choose import LEADS
 from armdyn.identify.compare import Comparison, comparison
-from armdyn.identify.explained import share_gone
+from armdyn.identify.explained import Scale, share_gone
 from armdyn.identify.fit import channel_rmse
 from armdyn.identify.force_law import opening
 from armdyn.identify.missing_force import ForceCurve, between
-from armdyn.identify.problem import by_channel
+from armdyn.identify.problem import by_channel, deviates
 from armdyn.identify.sample_evidence import NOISY
 from armdyn.identify.score import LARGEST_Z
 from armdyn.identify.search import Progress, Search, Step, repair_step, search
@@ -143,7 +141,7 @@ def _next_experiment(study: Study, tied: Sequence[str]) -> str:
 def headline(study: Study, found: Search, unknown: Unknown | None) -> str:
     """What is missing, how much it explains, and what is left."""
     steps = [repair_step(study, step) for step in found.steps]
-    scale = study.scale(found.last.fit.blocks)
+    scale = Scale.of(found.last.fit.blocks)
     left = Left(found.last.tests.fails, unknown.sentence if unknown is not None else "")
     return repair_sentences(steps, study.judges[0], scale, left)
 
@@ -179,17 +177,15 @@ def explained_share(study: Study, before: Step, after: Step) -> float:
     """
     if not study.model.linear:
         return 1.0 - study.squared_error(after.fit) / study.squared_error(before.fit)
-    first, last = ((study.held_out_blocks(s.fit) or ()) if study.held_out else s.fit.blocks for s in (before, after))
-    return share_gone(channel_rmse(first), channel_rmse(last), study.scale(first))
+    first, last = (study.held_out_blocks(s.fit) if study.held_out else s.fit.blocks for s in (before, after))
+    return share_gone(channel_rmse(first), channel_rmse(last), Scale.of(first))
 
 
 def _above_stated_noise(study: Study, last: Step) -> bool:
     """Whether a channel's residual is larger than its noise as stated, whatever the colour of that."""
-    for channel, blocks in by_channel(last.fit.blocks).items():
-        stated = [study.stated_noise.get((b.run, channel)) for b in blocks]
-        chi2 = sum(float(b.misfit @ b.misfit) / s**2 for b, s in zip(blocks, stated, strict=True) if s)
-        samples = sum(len(b.residual) for b, s in zip(blocks, stated, strict=True) if s)
-        if chi2 > 1.1 * samples and chi2 - samples > LARGEST_Z * np.sqrt(2 * samples):
+    for blocks in by_channel(last.fit.blocks).values():
+        chi2, samples = study.chi2_of_stated(blocks)
+        if chi2 > 1.1 * samples and deviates(chi2, samples) > LARGEST_Z:
             return True
     return False
 

@@ -1,23 +1,115 @@
 """Estimation while data arrive: least squares over everything so far, started from the last estimate."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Generic, Literal, TypeVar
 
 import numpy as np
 
 from armdyn.errors import InputError
-from armdyn.identify.least_squares import Estimate, LeastSquares, gradient_descent, levenberg_marquardt
+from armdyn.identify.least_squares import Descent, Outcome, descend, gradient_descent, off_bounds
 from armdyn.identify.noise import variance_inflation
+from armdyn.identify.problem import Part, Problem
 from armdyn.model import Model
-from armdyn.run import Channel, Run
+from armdyn.run import Run
 
 ModelT = TypeVar("ModelT", bound=Model)
 Method = Literal["levenberg_marquardt", "gradient_descent"]
-METHODS: Mapping[str, Callable[..., Estimate]] = {
-    "levenberg_marquardt": levenberg_marquardt,
+METHODS: Mapping[str, Callable[..., Descent]] = {
+    "levenberg_marquardt": descend,
     "gradient_descent": gradient_descent,
 }
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Result of a fit.
+
+    Attributes:
+        names: fitted parameters.
+        values: (p,) in their units.
+        covariance: (p, p) inverse of the information at the solution, priors included; it holds as far as the
+            residual is white with the assumed noise.
+        evaluations: of the model.
+        outcome: why it ended.
+        at_bound: parameters that ended on their physical bound.
+    """
+
+    names: tuple[str, ...]
+    values: np.ndarray
+    covariance: np.ndarray
+    evaluations: int
+    outcome: Outcome
+    at_bound: tuple[str, ...]
+
+    def value(self, name: str) -> float:
+        """Value of one parameter."""
+        return float(self.values[self.names.index(name)])
+
+    def std(self, name: str) -> float:
+        """Standard deviation of one parameter."""
+        i = self.names.index(name)
+        return float(np.sqrt(self.covariance[i, i]))
+
+
+def estimate(
+    model: Model,
+    runs: Sequence[Run],
+    noise: Mapping[str, float],
+    method: Method = "levenberg_marquardt",
+    **settings: float,
+) -> Estimate:
+    """Fit the parameters that are marked `fitted`, from the present values of a model.
+
+    Args:
+        model: with priors and bounds.
+        runs: with different names.
+        noise: standard deviation per channel, in the channel's unit.
+        method: of descent.
+        settings: `most_steps` and `tolerance` of the descent.
+
+    Raises:
+        InputError: there is nothing to fit, a noise is not known, or the runs do not determine the parameters.
+    """
+    for run in runs:
+        for name in model.predicted_channels(run):
+            if not noise.get(name, 0.0) > 0:
+                raise InputError(f"{run.name}: the noise of '{name}' is not known: give its standard deviation")
+    problem = Problem(model, runs, {(run.name, name): std for run in runs for name, std in noise.items()})
+    recorded = {name for run in runs for name in run.everything}
+    free = problem.fitted & [column.parameter.shows_in(recorded) for column in problem.columns]
+    if not free.any():
+        raise InputError("nothing to fit: every parameter of the model is fixed")
+    start = model.theta()[[column.index for column in problem.columns]]
+    part = Part(problem, free, start)
+    values, at, evaluations, outcome = METHODS[method](part, start[free], **settings)
+    if not np.isfinite(at.cost):
+        raise InputError("the model's simulation diverges: start from other values")
+    names = tuple(column.name for column, fits in zip(problem.columns, free, strict=True) if fits)
+    inside = off_bounds(part, values, at.gradient)
+    at_bound = tuple(name for name, is_inside in zip(names, inside, strict=True) if not is_inside)
+    return Estimate(names, values, covariance(names, at.hessian), evaluations, outcome, at_bound)
+
+
+def covariance(names: Sequence[str], information: np.ndarray) -> np.ndarray:
+    """(p, p) Cramér-Rao bound on the covariance of any unbiased estimate of parameters (Kay, Estimation Theory, §3.7).
+
+    Args:
+        names: of the parameters.
+        information: (p, p) Fisher's, sum of s s' / sigma^2 over the samples, with the priors' 1/std^2 on the diagonal.
+
+    Raises:
+        InputError: the runs do not determine the parameters; the message names the worst.
+    """
+    scale = np.sqrt(np.diag(information))
+    if not np.all(scale > 0):
+        blind = [n for n, s in zip(names, scale, strict=True) if not s > 0]
+        raise InputError(f"these runs say nothing about {', '.join(blind)}: fix them or give a richer motion")
+    values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
+    if values[0] < 1e-14 * values[-1]:
+        tangled = [n for n, w in zip(names, vectors[:, 0], strict=True) if abs(w) > 0.1]
+        raise InputError(f"these runs cannot tell {' from '.join(tangled)}: fix one of them or give a richer motion")
+    return np.asarray((vectors / values) @ vectors.T / np.outer(scale, scale))
 
 
 class Estimator(Generic[ModelT]):
@@ -35,17 +127,15 @@ class Estimator(Generic[ModelT]):
     def __init__(self, model: ModelT, noise: Mapping[str, float], method: Method = "levenberg_marquardt") -> None:
         if method not in METHODS:
             raise InputError(f"unknown method '{method}': choose one of {', '.join(METHODS)}")
-        self._minimise = METHODS[method]
+        self.method: Method = method
         self.model: ModelT = model
         self.noise = dict(noise)
-        self.estimate: Estimate | None = None
 
     def update(self, run: Run) -> Estimate:
         """Estimate from all data so far; `model` then holds the new values."""
-        problem = LeastSquares(self.model, [run], self.noise)
-        self.estimate = self._minimise(problem)
-        self.model = self.model.with_values(dict(zip(self.estimate.names, self.estimate.values.tolist(), strict=True)))
-        return self.estimate
+        found = estimate(self.model, [run], self.noise, self.method)
+        self.model = self.model.with_values(dict(zip(found.names, found.values.tolist(), strict=True)))
+        return found
 
     def widening(self, run: Run) -> float:
         """Factor on the standard deviations for what white noise of the assumed size does not explain, at least 1.
@@ -59,12 +149,3 @@ class Estimator(Generic[ModelT]):
             for channel, rows in prediction.slices.items()
         ]
         return float(np.sqrt(max([1.0, *(variance_inflation([residual]) for residual in residuals)])))
-
-
-def until(run: Run, end: float) -> Run:
-    """The part of a run up to `end` s."""
-    channels = {
-        name: Channel(c.time[: (n := int(np.searchsorted(c.time, end, side="right")))], c.value[:n], c.unit)
-        for name, c in run.channels.items()
-    }
-    return replace(run, channels=channels)

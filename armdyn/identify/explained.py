@@ -10,10 +10,12 @@ have one unit, such as the torques of an arm, else 1/s_c^2.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from armdyn.identify.holdout import HoldoutKind
+import numpy as np
+
+from armdyn.identify.problem import Block, by_channel
 
 WRONG = 2.0
 """Times its noise, from which a channel's error is one that wants to be explained."""
@@ -43,6 +45,17 @@ class RepairStep:
     bic: float
     exam_rmse: dict[str, float] = field(default_factory=dict)
 
+    @property
+    def errors(self) -> dict[str, dict[str, float]]:
+        """By channel, for every kind of runs that there is; the most independent ones come last."""
+        kinds = {"fitted": self.rmse, "held out": self.held_out_rmse, "exam": self.exam_rmse}
+        return {kind: errors for kind, errors in kinds.items() if errors}
+
+    def judged(self, scale: "Scale") -> dict[str, float]:
+        """Errors of the most independent runs by channel, without channels that no training run has."""
+        *_, found = self.errors.values()
+        return {channel: error for channel, error in found.items() if channel in scale.units}
+
 
 @dataclass(frozen=True)
 class Scale:
@@ -56,26 +69,23 @@ class Scale:
     units: Mapping[str, str]
     noise: Mapping[str, float]
 
-
-def judged(errors: RepairStep, judge: HoldoutKind, scale: Scale) -> Mapping[str, float]:
-    """The errors that a judge found, by channel; those of channels that no training run has are left out."""
-    if judge is HoldoutKind.EXAM:
-        found = errors.exam_rmse
-    else:
-        found = errors.rmse if judge is HoldoutKind.TRAINING else errors.held_out_rmse
-    return {channel: error for channel, error in found.items() if channel in scale.units}
+    @classmethod
+    def of(cls, blocks: Sequence[Block]) -> "Scale":
+        """Of the channels of some blocks; of several runs the root of their mean variance."""
+        channels = by_channel(blocks)
+        noise = {c: float(np.sqrt(np.mean([block.noise**2 for block in mine]))) for c, mine in channels.items()}
+        return cls({channel: mine[0].unit for channel, mine in channels.items()}, noise)
 
 
-def explained(before: RepairStep, after: RepairStep, judge: HoldoutKind, scale: Scale) -> float:
+def explained(before: RepairStep, after: RepairStep, scale: Scale) -> float:
     """The share, at most 1; negative where the error grew. 1 where there was nothing to explain.
 
     Args:
         before: the model as given.
         after: the changed one.
-        judge: on whose runs.
         scale: units and noise of the channels.
     """
-    return share_gone(judged(before, judge, scale), judged(after, judge, scale), scale)
+    return share_gone(before.judged(scale), after.judged(scale), scale)
 
 
 def share_gone(before: Mapping[str, float], after: Mapping[str, float], scale: Scale) -> float:

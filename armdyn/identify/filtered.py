@@ -6,7 +6,7 @@ from math import log
 
 import numpy as np
 
-from armdyn.identify.appraisal import Appraisal, Appraiser, Described
+from armdyn.identify.appraisal import Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.fit import channel_rmse
 from armdyn.identify.grey_box import SETTLED, Point
@@ -172,20 +172,20 @@ class Filtered(Appraiser):
         """See `Appraiser.standing`."""
         return one.likelihood + one.transfer - 0.5 * one.values * log(self._here.rows)
 
-    def described(self, one: Appraisal, own: np.ndarray) -> Described:
-        """See `Appraiser.described`: in output error, what users compare."""
-        study = self._study
-        fit = study.quick_fit((*study.present, *one.effects))
-        held_out = study.held_out_blocks(fit) if study.held_out else None
+    def errors(self, one: Appraisal) -> tuple[dict[str, float], dict[str, float]]:
+        """See `Appraiser.errors`: output error, what users compare."""
+        fit = self._study.quick_fit((*self._study.present, *one.effects))
+        held_out = self._study.held_out_blocks(fit) if self._study.held_out else []
+        return fit.rmse(), channel_rmse(held_out)
+
+    def fitted(self, one: Appraisal) -> tuple[np.ndarray, np.ndarray]:
+        """See `Appraiser.fitted`: those of the output error."""
+        fit = self._study.quick_fit((*self._study.present, *one.effects))
         found = self._here.evidence(self._free(one.effects))
         T = self.problem.typical
         spread = np.linalg.pinv(np.eye(len(T)) / LOOSE**2 + T[:, None] * found.information * T, hermitian=True)
-        return Described(
-            rmse=fit.rmse(),
-            held_out_rmse=channel_rmse(held_out) if held_out else {},
-            values=transferred(fit.values, fit.problem, self.problem)[own],
-            deviations=(T * np.sqrt(np.maximum(np.diag(spread), 0.0)))[own],
-        )
+        deviations = T * np.sqrt(np.maximum(np.diag(spread), 0.0))
+        return transferred(fit.values, fit.problem, self.problem), deviations
 
 
 def _unlike(sets: Iterable[tuple[Candidate, ...]], now: Collection[Candidate]) -> list[tuple[Candidate, ...]]:

@@ -1,15 +1,15 @@
 """One fit of a model to runs, with what is known of its quality."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from armdyn.identify.estimator import until
+from armdyn.gaps import until
 from armdyn.identify.least_squares import Outcome
-from armdyn.identify.problem import Block, Problem, by_channel, chi2_of
-from armdyn.run import Run
+from armdyn.identify.problem import Block, Problem, by_channel, chi2_of, samples_of
+from armdyn.run import Channel, Run
 
 DEPENDENT = 1e-5
 """A sensitivity of which the others leave less than this share cannot be told from them."""
@@ -41,7 +41,7 @@ class Fit:
     @property
     def samples(self) -> int:
         """Number of measured samples."""
-        return sum(len(block.residual) for block in self.blocks)
+        return samples_of(self.blocks)
 
     @cached_property
     def chi2(self) -> float:
@@ -77,6 +77,13 @@ class Fit:
         """Root mean square residual by channel, in its unit."""
         return channel_rmse(self.blocks)
 
+    def covariates(self) -> dict[str, Mapping[str, Channel]]:
+        """By run, what its residuals may depend on; see `Model.covariates`."""
+        problem = self.problem
+        return {
+            run.name: problem.model.covariates(run, problem.theta(i, self.values)) for i, run in enumerate(problem.runs)
+        }
+
     def contribution(self, effects: Collection[str]) -> dict[str, float]:
         """By channel, root mean square of what `effects` change in the predictions of the fitted runs, in its unit."""
         own = np.array([column.parameter.effect in effects for column in self.problem.columns])
@@ -91,9 +98,9 @@ def channel_rmse(blocks: Sequence[Block]) -> dict[str, float]:
     return {channel: float(np.sqrt(np.mean(misfit**2))) for channel, misfit in misfits.items()}
 
 
-def fit(problem: Problem, free: np.ndarray, start: np.ndarray, *, most_steps: int = 30) -> Fit:
-    """Minimise over the unknowns `free`, (P,) bool, from the values `start`, (P,), in at most so many steps."""
-    found = problem.fit(free, start, most_steps=most_steps)
+def fit(problem: Problem, free: np.ndarray, start: np.ndarray, *, most_steps: int = 30, tolerance: float = 0.02) -> Fit:
+    """Minimise over the unknowns `free`, (P,) bool, from the values `start`, (P,); see `descend`."""
+    found = problem.fit(free, start, most_steps=most_steps, tolerance=tolerance)
     return Fit(problem, free, found.values, tuple(problem.blocks(found.values, free)), found.outcome)
 
 

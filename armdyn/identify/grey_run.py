@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from armdyn.identify.estimator import until
+from armdyn.gaps import until
 from armdyn.identify.fit import NEAR_NOISE
 from armdyn.identify.innovations import (
     Chain,

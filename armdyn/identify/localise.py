@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armdyn.identify.fit import Fit
-from armdyn.identify.problem import Block, by_channel, chi2_of
+from armdyn.identify.problem import Block, by_channel, chi2_of, deviates, samples_of
 from armdyn.run import Channel
 
 BINS = 16
@@ -45,31 +45,29 @@ class Place:
 
 def localise(fit: Fit) -> tuple[Place, ...]:
     """The worst places first; empty where nothing stands out of the noise."""
-    problem = fit.problem
-    covariates = [problem.model.covariates(run, problem.theta(i, fit.values)) for i, run in enumerate(problem.runs)]
-    by_name = {run.name: found for run, found in zip(problem.runs, covariates, strict=True)}
-    places: list[Place] = []
+    covariates, places = fit.covariates(), list[Place]()
     for channel, blocks in by_channel(fit.blocks).items():
-        total = chi2_of(blocks)
-        samples = sum(len(b.residual) for b in blocks)
+        total, samples = chi2_of(blocks), samples_of(blocks)
         overall = total / samples
-        if (total - samples) / np.sqrt(2 * samples) < SIGNIFICANT:
+        if deviates(total, samples) < SIGNIFICANT:
             continue
         found = _over_runs(blocks, overall) if len(blocks) > 1 else []
         for block in blocks:
             found += _bins(channel, block.run, "time", "s", block.time, block.residual**2, TIME_BINS, even=True)
         joint = channel.partition(".")[2]
-        for name in dict.fromkeys(n for b in blocks for n in by_name[b.run]):
+        for name in dict.fromkeys(n for b in blocks for n in covariates[b.run]):
             if joint and not name.endswith(f".{joint}"):
                 continue
-            found += _against(channel, name, [(b, by_name[b.run][name]) for b in blocks if name in by_name[b.run]])
+            found += _against(
+                channel, name, [(b, covariates[b.run][name]) for b in blocks if name in covariates[b.run]]
+            )
         far = (p for p in found if p.chi2_per_sample > FAR_ABOVE * overall or p.against == "run")
         places += [replace(p, share=min(1.0, p.share / total)) for p in far]
     return tuple(sorted(places, key=lambda p: -p.chi2_per_sample)[:MOST])
 
 
 def _against(channel: str, name: str, pairs: Sequence[tuple[Block, Channel]]) -> list[Place]:
-    at = np.concatenate([np.interp(b.time, c.time, c.value) for b, c in pairs])
+    at = np.concatenate([b.interpolate(c) for b, c in pairs])
     square = np.concatenate([b.residual**2 for b, _ in pairs])
     unit = pairs[0][1].unit
     found = _bins(channel, "", name, unit, at, square, BINS, even=False)

@@ -14,7 +14,7 @@ from armdyn.channels import Channel, FloatArray
 from armdyn.identify.fit import Fit
 from armdyn.identify.grey_box import GreyBox, Point
 from armdyn.identify.output_error import AroundMotion
-from armdyn.identify.problem import Problem, predicted, transferred, transferred_mask
+from armdyn.identify.problem import Problem, transferred, transferred_mask
 from armdyn.physics.pieces import pseudo_inverse
 from armdyn.physics.simulated import SimulatedModel
 from armdyn.run import Run
@@ -87,8 +87,8 @@ class ForceCurve:
 
 def unexplained(fit: Fit) -> list[Unexplained]:
     """The missing force at a fit, of every run that was fitted."""
-    joints = [fit.problem.model.force_channels(run) for run in fit.problem.runs]
-    return _torques(fit, joints) if any(joints) else accelerations(fit)
+    joints = {run.name: fit.problem.model.force_channels(run) for run in fit.problem.runs}
+    return _torques(fit, joints) if any(joints.values()) else accelerations(fit)
 
 
 def explained(given: Fit, repaired: Fit) -> list[Unexplained]:
@@ -99,8 +99,7 @@ def explained(given: Fit, repaired: Fit) -> list[Unexplained]:
     problem = given.problem
     runs = {run.name: run for run in problem.runs}
     for block in repaired.blocks:
-        run = runs[block.run]
-        channel = Channel(block.time, predicted(block, run), run.channels[block.channel].unit)
+        run, channel = runs[block.run], Channel(block.time, block.predicted, block.unit)
         runs[run.name] = replace(run, channels={**run.channels, block.channel: channel})
     ideal = Problem(problem.model, list(runs.values()), problem.noise)
     blocks = ideal.blocks(given.values, np.zeros(len(given.values), dtype=bool))
@@ -158,23 +157,19 @@ def _kicked(box: GreyBox, point: Point, index: int) -> list[Unexplained]:
     return found
 
 
-def _torques(fit: Fit, joints: Sequence[Mapping[str, str]]) -> list[Unexplained]:
-    """Of every joint the measured torque (or force) less the predicted one."""
-    found = []
-    for i, (run, of_run) in enumerate(zip(fit.problem.runs, joints, strict=True)):
-        moving = fit.problem.model.covariates(run, fit.problem.theta(i, fit.values))
-        for block in fit.blocks:
-            if block.run != run.name or block.channel not in of_run:
-                continue
-            joint, channel = of_run[block.channel], run.channels[block.channel]
+def _torques(fit: Fit, joints: Mapping[str, Mapping[str, str]]) -> list[Unexplained]:
+    """Of every joint the measured torque (or force) less the predicted one; `joints` by run and channel."""
+    found, moving, runs = [], fit.covariates(), {run.name: run for run in fit.problem.runs}
+    for block in fit.blocks:
+        joint = joints[block.run].get(block.channel)
+        if joint is not None:
             against = {
-                name: (np.interp(block.time, c.time, c.value), c.unit)
-                for name, c in ((name, moving[f"{kind}.{joint}"]) for name, kind in MOTION.items())
+                name: (block.interpolate(c), c.unit)
+                for name, c in ((name, moving[block.run][f"{kind}.{joint}"]) for name, kind in MOTION.items())
             }
-            predicted = np.interp(block.time, channel.time, channel.value) - block.misfit
-            against["load"] = predicted, channel.unit
-            against |= _recorded(run, block.time)
-            found.append(Unexplained(run.name, joint, channel.unit, block.time, block.misfit, against))
+            against["load"] = block.predicted, block.unit
+            against |= _recorded(runs[block.run], block.time)
+            found.append(Unexplained(block.run, joint, block.unit, block.time, block.misfit, against))
     return found
 
 

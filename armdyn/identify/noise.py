@@ -1,6 +1,7 @@
 """How noisy a channel is, whether what is left is white, and how to whiten what is not."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import chdtrc
@@ -171,12 +172,29 @@ def whitened(rows: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
     return result
 
 
-def whitening(blocks: Sequence[Block]) -> dict[str, tuple[np.ndarray, float]]:
-    """Per channel: coefficients of the autoregression, and the standard deviation of what it leaves over the noise."""
+@dataclass(frozen=True, eq=False)
+class Whitening:
+    """What makes a channel's residual white, of variance one.
+
+    Attributes:
+        coefficients: of the autoregression.
+        std: of what it leaves, over the noise.
+    """
+
+    coefficients: np.ndarray
+    std: float
+
+    def __call__(self, rows: np.ndarray) -> np.ndarray:
+        """(n, ...) rows over the noise, filtered; see `whitened`."""
+        return whitened(rows, self.coefficients) / self.std
+
+
+def whitening(blocks: Sequence[Block]) -> dict[str, Whitening]:
+    """By channel, from what a fit leaves of it."""
     found = {}
     for channel, mine in by_channel(blocks).items():
         stretches = [block.residual for block in mine]
         coefficients = likeliest_autoregression(stretches)
         left = np.concatenate([whitened(stretch, coefficients) for stretch in stretches])
-        found[channel] = coefficients, float(np.sqrt(np.mean(left**2)))
+        found[channel] = Whitening(coefficients, float(np.sqrt(np.mean(left**2))))
     return found

@@ -15,7 +15,7 @@ from armdyn.errors import InputError
 from armdyn.identify.least_squares import Descent, Expansion, descend
 from armdyn.model import Model
 from armdyn.parameter import Parameter, Prior
-from armdyn.run import Run
+from armdyn.run import Channel, Run
 from armdyn.units import Known
 
 REMEMBERED = 3
@@ -50,7 +50,7 @@ class Block:
     Attributes:
         run: name of the run.
         channel: name of the channel.
-        time: (n,) s.
+        measured: its samples (n,).
         residual: (n,) measured minus predicted, in units of `noise`.
         sensitivities: (n, P) derivatives of the prediction over `noise`, one column per unknown.
         noise: standard deviation, in the channel's unit.
@@ -58,7 +58,7 @@ class Block:
 
     run: str
     channel: str
-    time: np.ndarray
+    measured: Channel
     residual: np.ndarray
     sensitivities: np.ndarray
     noise: float
@@ -68,11 +68,24 @@ class Block:
         """(n,) measured minus predicted, in the channel's unit."""
         return self.residual * self.noise
 
+    @property
+    def predicted(self) -> np.ndarray:
+        """(n,) in the channel's unit."""
+        return self.measured.value - self.misfit
 
-def predicted(block: Block, run: Run) -> np.ndarray:
-    """(n,) prediction of the samples of a block of a prepared run, in the channel's unit."""
-    measured = run.channels[block.channel]
-    return np.asarray(np.interp(block.time, measured.time, measured.value)) - block.misfit
+    @property
+    def time(self) -> np.ndarray:
+        """(n,) s."""
+        return self.measured.time
+
+    @property
+    def unit(self) -> str:
+        """Of the channel."""
+        return self.measured.unit
+
+    def interpolate(self, signal: Channel) -> np.ndarray:
+        """(n,) values of another signal of the run at the samples."""
+        return np.asarray(np.interp(self.time, signal.time, signal.value))
 
 
 def by_channel(blocks: Sequence[Block]) -> dict[str, list[Block]]:
@@ -86,6 +99,16 @@ def by_channel(blocks: Sequence[Block]) -> dict[str, list[Block]]:
 def chi2_of(blocks: Sequence[Block]) -> float:
     """Sum of squared residuals over the noise."""
     return float(sum(block.residual @ block.residual for block in blocks))
+
+
+def samples_of(blocks: Sequence[Block]) -> int:
+    """Number of samples."""
+    return sum(len(block.residual) for block in blocks)
+
+
+def deviates(chi2: float, samples: int) -> float:
+    """Standard deviations by which a chi2 exceeds the number of samples."""
+    return float((chi2 - samples) / np.sqrt(2 * samples))
 
 
 class Problem:
@@ -222,10 +245,10 @@ class Problem:
                 noise = self.noise[run.name, channel]
                 # Column by column: columns of parameters that the model lacks are never touched, and take no memory.
                 sensitivities = np.zeros((rows.stop - rows.start, len(self.columns)), order="F")
-                sensitivities[:, self._of_run[i][places]] = prediction.sensitivities[rows]
-                sensitivities[:, self._of_run[i][places]] /= noise
-                residual = (run.channels[channel].value - prediction.values[rows]) / noise
-                found.append(Block(run.name, channel, prediction.time[rows], residual, sensitivities, noise))
+                sensitivities[:, self._of_run[i][places]] = prediction.sensitivities[rows] / noise
+                measured = run.channels[channel]
+                residual = (measured.value - prediction.values[rows]) / noise
+                found.append(Block(run.name, channel, measured, residual, sensitivities, noise))
         return found
 
     def expansion(self, values: np.ndarray, free: np.ndarray) -> Expansion:
@@ -243,7 +266,7 @@ class Problem:
 
     def fit(self, free: np.ndarray, start: np.ndarray, *, most_steps: int = 30, tolerance: float = 0.02) -> Descent:
         """Minimise over the unknowns `free`, (P,) bool, the others staying at `start`; the result holds all."""
-        part = _Part(self, free, start)
+        part = Part(self, free, start)
         found = descend(part, start[free], most_steps=most_steps, tolerance=tolerance, samples=self.samples)
         return found._replace(values=part.whole(found.values))
 
@@ -269,19 +292,21 @@ def transferred_mask(mask: np.ndarray, source: Problem, target: Problem) -> np.n
     return transferred(mask.astype(float), source, target, missing=0.0) > 0.0
 
 
-class _Part:
-    """A problem of which only some unknowns are free."""
+class Part:
+    """The cost of a problem of which only some unknowns, (P,) bool, are free; the others stay at (P,) values."""
 
     def __init__(self, problem: Problem, free: np.ndarray, start: np.ndarray) -> None:
         self._problem, self._free, self._start = problem, free, start
-        self.lower, self.upper = problem.lower[free], problem.upper[free]
+        self.lower, self.upper, self.typical = problem.lower[free], problem.upper[free], problem.typical[free]
 
     def whole(self, values: np.ndarray) -> np.ndarray:
+        """(P,) values of all unknowns."""
         everything = self._start.copy()
         everything[self._free] = values
         return everything
 
     def evaluate(self, values: np.ndarray) -> Expansion:
+        """See `Cost.evaluate`; infinite where a simulation diverges."""
         whole = self.whole(values)
         with np.errstate(all="ignore"):  # a diverging simulation is an infinite cost, and the step is shortened
             at = self._problem.expansion(whole, self._free)

@@ -158,7 +158,7 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
         after=after,
         unknown=unknown,
         links=links,
-        explained=explained(path[0], path[-1], study.judges[0], after.scale),
+        explained=explained(path[0], path[-1], after.scale),
         steps=found.steps,
         missing_force=forces,
     )

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri
@@ -12,7 +13,15 @@ from armdyn.identify.subset import Solver, Subset
 
 NOISY = 1.2
 """Power of what the richest model leaves, over the noise's, up to which it counts as noise: clean simulations reach 1.1
-by chance."""
+where samples are many; see `noisy`."""
+
+
+def noisy(samples: float) -> float:
+    """Mean square, over the noise's, up to which so many independent samples count as noise.
+
+    By chance it varies by a standard deviation of sqrt(2 / samples) about one.
+    """
+    return NOISY * (1.0 + sqrt(2.0 / max(samples, 1.0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,10 +98,11 @@ class SampleEvidence:
 
     def _beyond_noise(self) -> tuple[np.ndarray, float]:
         """`imitable` and `limited`: a shoulder whose torque is noisy hides nothing of what an elbow's shows."""
-        noise = NOISY * np.array(
+        noise = np.array(
             [np.sum(self.sums.noise[units] ** 2) / np.sum(self.level[units]) for units in self._by_channel]
         )
         samples = np.array([self.independent[units].sum() for units in self._by_channel])
+        noise *= [noisy(count) for count in samples.tolist()]
         return 0.5 * samples * np.log(np.maximum(1.0 / noise, 1.0)), max(0.0, 1.0 - float(np.mean(noise)))
 
     def inside(self, one: Subset, change: np.ndarray, effective: np.ndarray) -> bool:

@@ -14,7 +14,7 @@ from scipy.special import chdtrc
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.fit import Fit
 from armdyn.identify.noise import ljung_box
-from armdyn.identify.problem import Block, Problem, by_channel, chi2_of
+from armdyn.identify.problem import Block, Problem, by_channel, chi2_of, deviates, samples_of
 from armdyn.identify.sums import WIDE
 
 IDENTIFIABLE = 1e-3
@@ -153,14 +153,8 @@ class ResidualTests:
 
 def residual_tests(fit: Fit, promised: list[Score]) -> ResidualTests:
     """Compare a fit's residual with the noise."""
-    z = max(_excess(blocks) for blocks in by_channel(fit.blocks).values())
+    z = max(deviates(chi2_of(blocks), samples_of(blocks)) for blocks in by_channel(fit.blocks).values())
     whiteness = min(ljung_box(block.residual) for block in fit.blocks) * len(fit.blocks)
     chances = (float(chdtrc(max(1, len(s.candidate.names)), s.drop)) for s in promised)
     score = min(chances, default=1.0) * max(1, len(promised))
     return ResidualTests(z, min(1.0, whiteness), min(1.0, score))
-
-
-def _excess(blocks: Sequence[Block]) -> float:
-    """Standard deviations by which chi2 exceeds the number of samples."""
-    samples = sum(len(block.residual) for block in blocks)
-    return float((chi2_of(blocks) - samples) / np.sqrt(2 * samples))

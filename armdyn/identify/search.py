@@ -289,13 +289,12 @@ def without_little(study: Study, steps: list[Step]) -> list[Step]:
 
 def repair_step(study: Study, step: Step) -> RepairStep:
     """One step, with its errors on every kind of run."""
-    held_out = study.held_out_blocks(step.fit)
     return RepairStep(
         added=tuple(c.effect for c in step.added),
         joints=tuple(dict.fromkeys(j for c in step.added for j in c.joints)),
         tied_with=tuple(c.effect for c in step.tied),
         rmse=step.fit.rmse(),
-        held_out_rmse=channel_rmse(held_out) if held_out is not None else {},
+        held_out_rmse=channel_rmse(study.held_out_blocks(step.fit)),
         chi2_per_sample=step.fit.chi2_per_sample,
         bic=step.fit.bic,
         exam_rmse=channel_rmse(study.exam_blocks(step.fit)),

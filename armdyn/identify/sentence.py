@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-from armdyn.identify.explained import RepairStep, Scale, explained, in_percent, judged, least_explained
+from armdyn.identify.explained import RepairStep, Scale, explained, in_percent, least_explained
 from armdyn.identify.holdout import HoldoutKind
 
 
@@ -65,12 +65,12 @@ def repair_sentences(steps: Sequence[RepairStep], judge: HoldoutKind, scale: Sca
 
     Args:
         steps: the model as given first.
-        judge: whose error is told: the most independent that there is.
+        judge: who that is whose error is told: the most independent that there is.
         scale: units and noise of the channels.
         left: what remains.
     """
     first, last = steps[0], steps[-1]
-    before, after = (totals(judged(step, judge, scale), scale.units) for step in (first, last))
+    before, after = (totals(step.judged(scale), scale.units) for step in (first, last))
     return f"{_found(steps, judge, scale, before, after, left.searched)} {_left(steps[-1], scale, after, left)}"
 
 
@@ -112,7 +112,7 @@ def _found(
     several = len(added) > 1
     names = {name for step in steps for name in step.added}
     ties = list(dict.fromkeys(tied for step in steps for tied in step.tied_with if tied not in names))
-    share = explained(steps[0], steps[-1], judge, scale)
+    share = explained(steps[0], steps[-1], scale)
     helps = share > 0.0
     is_missing = "missing" if searched and helps else "added"
     verb = ("are" if several else "is") if is_missing == "missing" else ("were" if several else "was")
@@ -124,10 +124,10 @@ def _found(
         text += f": {them} {in_percent(share)} of the misfit"
         # The first one often does most, and a reader wants to know.
         if several and len(steps) > 2 and len(steps[1].added) == 1:
-            alone = explained(steps[0], steps[1], judge, scale)
+            alone = explained(steps[0], steps[1], scale)
             if 0.5 < alone < share:
                 text += f", {steps[1].added[0]} alone {in_percent(alone)}"
-        worst = least_explained(judged(steps[0], judge, scale), judged(steps[-1], judge, scale), scale)
+        worst = least_explained(steps[0].judged(scale), steps[-1].judged(scale), scale)
         if worst is not None and worst[1] < share - BEHIND:
             of = worst[0].partition(".")[2] or worst[0]
             text += f" but only {in_percent(max(worst[1], 0.0))} of that of {of}"

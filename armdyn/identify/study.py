@@ -11,15 +11,14 @@ import numpy as np
 from armdyn.effects.effect import Effect
 from armdyn.identify.appraisal import Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate
-from armdyn.identify.explained import Scale
 from armdyn.identify.fit import Fit, determined, fit
-from armdyn.identify.holdout import HoldoutKind, held_out_blocks, judges, prepared_exam
+from armdyn.identify.holdout import HoldoutKind, blocks_in_turn, held_out_blocks, prepared_exam
 from armdyn.identify.least_squares import Outcome
 from armdyn.identify.motion_start import initial_values
 from armdyn.identify.output_error import OTHERS, AroundMotion, best_minimum, shows_motion
 from armdyn.identify.prepare import noise_of_runs, prepared, stated_noise
-from armdyn.identify.problem import Block, Problem, by_channel, chi2_of, transferred, transferred_mask
-from armdyn.identify.sample_evidence import NOISY
+from armdyn.identify.problem import Block, Problem, by_channel, chi2_of, samples_of, transferred, transferred_mask
+from armdyn.identify.sample_evidence import noisy
 from armdyn.identify.score import Score, scores
 from armdyn.identify.summed import Summed
 from armdyn.identify.sums import sums
@@ -90,21 +89,13 @@ class Study:
             for effect in extended.effects
         )
         self.candidates = tuple(Candidate.of(name, parts) for name, parts in absent if parts)
-        self._held_out: dict[Fit, list[Block] | None] = {}
+        self._held_out: dict[Fit, list[Block]] = {}
         self._exam: dict[Fit, list[Block]] = {}
         self._starts: dict[frozenset[str], Iterator[np.ndarray]] = {}
         self._started: dict[Fit, Iterator[np.ndarray]] = {}
         self._around_motion: dict[tuple[frozenset[str], int], Fit] = {}
         self._appraised: tuple[Fit, bool, Summed] | None = None
         self._present_names = [name for c in self.present for name in c.names]
-
-    def unit(self, channel: str) -> str:
-        """In which a channel is measured."""
-        return next(run.channels[channel].unit for run in self.runs if channel in run.channels)
-
-    def scale(self, blocks: Sequence[Block]) -> Scale:
-        """Units and noise of the channels of some blocks."""
-        return Scale({b.channel: self.unit(b.channel) for b in blocks}, {b.channel: b.noise for b in blocks})
 
     @cached_property
     def motion(self) -> AroundMotion | None:
@@ -174,11 +165,18 @@ class Study:
         for i, run in enumerate(problem.runs):
             there = problem.model.noise(run, problem.theta(i, fit.values))
             noise |= {(run.name, channel): std for channel, std in there.items()}
-        ratios = []
+        shares = []
         for blocks in by_channel(fit.blocks).values():
             left = np.concatenate([block.misfit / noise[block.run, block.channel] for block in blocks])
-            ratios.append(float(np.mean(left**2)))
-        return NOISY * float(np.mean([1.0 / max(ratio, 1.0) for ratio in ratios])) >= 1.0
+            shares.append(noisy(len(left)) / max(float(np.mean(left**2)), 1.0))
+        return float(np.mean(shares)) >= 1.0
+
+    def chi2_of_stated(self, blocks: Sequence[Block]) -> tuple[float, int]:
+        """Squared error of the samples whose noise is stated beside the recording, over that noise; their number."""
+        stated = [(block, self.stated_noise.get((block.run, block.channel))) for block in blocks]
+        known = [(block, std) for block, std in stated if std]
+        chi2 = sum(float(block.misfit @ block.misfit) / std**2 for block, std in known)
+        return chi2, samples_of([block for block, _ in known])
 
     def is_at_noise(self, fit: Fit) -> bool:
         """Whether a fit leaves no more than noise may by chance, in training and in held-out runs."""
@@ -187,8 +185,8 @@ class Study:
 
     def _excess(self, fit: Fit) -> tuple[np.ndarray, float]:
         """Mean squared error above the noise, over it, of training and of held-out runs, and how much is chance."""
-        kinds = [list(fit.blocks), list(self.held_out_blocks(fit) or []) if self.held_out else []]
-        samples = np.array([sum(len(b.residual) for b in kind) for kind in kinds if kind])
+        kinds = [list(fit.blocks), self.held_out_blocks(fit) if self.held_out else []]
+        samples = np.array([samples_of(kind) for kind in kinds if kind])
         means = np.array([chi2_of(kind) for kind in kinds if kind]) / samples
         return means - 1.0, CHANCE * float(np.sqrt(2.0 / samples.min()))
 
@@ -276,7 +274,7 @@ class Study:
         present &= ~everything.of([n for c in own for n in c.names])
         atoms = [*own, *(atom for c in self.candidates for atom in c.apart())]
         absent = [c for c in atoms if not np.any(free & everything.of(c.names))]
-        around = sums(everything, {run.name for run in self.runs}, values, absent)
+        around = sums(everything, {run.name for run in self.runs}, values, absent, free)
         always = (base | (present & everything.fitted)) & (free | everything.per_run)
         found = Summed(around, always, atoms, own, sparse)
         found.tried = self.tried
@@ -296,23 +294,26 @@ class Study:
         left = (c.without(taken) for c in (*self.candidates, *self.present))
         return scores(at, [c for c in left if c.names])
 
-    def held_out_blocks(self, found: Fit) -> list[Block] | None:
-        """Residuals of runs that took no part; see `holdout.held_out_blocks`."""
+    def held_out_blocks(self, found: Fit) -> list[Block]:
+        """Residuals of held-out runs; where none are given, of every training run predicted from the others."""
         if found not in self._held_out:
             started = self._started.get(found)
             starts = None if started is None or self.motion is None else (self.motion.problem, started)
-            self._held_out[found] = held_out_blocks(self._quick(found), self.held_out, starts)
+            quick, others = self._quick(found), self.held_out
+            self._held_out[found] = held_out_blocks(quick, others, starts) if others else blocks_in_turn(quick)
         return self._held_out[found]
 
     @property
     def judges(self) -> tuple[HoldoutKind, ...]:
-        """Who judges a model of this study, the most independent first."""
-        return judges(self.held_out, self.exam, self.runs)
+        """Who judges a model besides the runs that it was fitted to, the most independent first."""
+        several = HoldoutKind.IN_TURN if len(self.runs) > 1 else HoldoutKind.TRAINING
+        others = HoldoutKind.HELD_OUT if self.held_out else several
+        return (HoldoutKind.EXAM, others) if self.exam else (others,)
 
     def exam_blocks(self, found: Fit) -> list[Block]:
         """Residuals of the exam runs, empty where there are none; ask when nothing is left to choose."""
         if found not in self._exam:
-            self._exam[found] = (held_out_blocks(self._quick(found), self.exam) if self.exam else None) or []
+            self._exam[found] = held_out_blocks(self._quick(found), self.exam) if self.exam else []
         return self._exam[found]
 
     def _quick(self, found: Fit) -> Fit:

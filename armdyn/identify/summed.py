@@ -8,7 +8,7 @@ from math import exp, log, sqrt
 import numpy as np
 from scipy.special import chdtri
 
-from armdyn.identify.appraisal import SURE, Appraisal, Appraiser, Described
+from armdyn.identify.appraisal import SURE, Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.sample_evidence import SampleEvidence, misfit_of
 from armdyn.identify.simplest import simplest_of_best
@@ -208,18 +208,20 @@ class Summed(Appraiser):
         found = one.likelihood + one.transfer + (1.0 - self.limited) * occam - 0.5 * one.values * log(max(samples, 2.0))
         return found / (2.0 - self.limited)
 
-    def described(self, one: Appraisal, own: np.ndarray) -> Described:
-        """See `Appraiser.described`."""
-        s = self.sums
-        values, deviations = self.values(one), self.deviations(one)
-        none = np.zeros(0, dtype=int)
-        predicted = np.concatenate([none, *(fold.units for fold in self._evidence.folds)])
-        return Described(
-            rmse=self._rmse(np.flatnonzero(s.training), one.errors),
-            held_out_rmse=self._rmse(predicted, one.predicted) if len(one.predicted) else {},
-            values=values[own],
-            deviations=deviations[own],
-        )
+    def errors(self, one: Appraisal) -> tuple[dict[str, float], dict[str, float]]:
+        """See `Appraiser.errors`."""
+        predicted = np.concatenate([np.zeros(0, dtype=int), *(fold.units for fold in self._evidence.folds)])
+        held_out = self._rmse(predicted, one.predicted) if len(one.predicted) else {}
+        return self._rmse(self._training, one.errors), held_out
+
+    def fitted(self, one: Appraisal) -> tuple[np.ndarray, np.ndarray]:
+        """See `Appraiser.fitted`; the model's own error is counted in the deviations, 0 for what is not fitted."""
+        C = one.columns[one.free]
+        width = self._solver.width[C]
+        G = width[:, None] * self._solver.normal(self._training)[0][np.ix_(C, C)] * width
+        deviations = np.zeros(len(self.sums.values))
+        deviations[C] = width * np.sqrt(np.diag(np.linalg.inv(G + np.eye(len(C)))))
+        return self.values(one), deviations
 
     def _rmse(self, units: np.ndarray, errors: np.ndarray) -> dict[str, float]:
         """Rms error of every channel over units with (u,) mean squared errors."""
@@ -284,15 +286,6 @@ class Summed(Appraiser):
     def _remaining(self, one: Appraisal) -> float:
         """Weighted squared error of the training runs that a set leaves."""
         return float(self._solver.weight[self._training] * self.sums.count[self._training] @ one.errors)
-
-    def deviations(self, one: Appraisal) -> np.ndarray:
-        """(P,) standard deviations of a set's unknowns, the model's own error counted in; 0 of the others."""
-        C = one.columns[one.free]
-        width = self._solver.width[C]
-        G = width[:, None] * self._solver.normal(self._training)[0][np.ix_(C, C)] * width
-        result = np.zeros(len(self.sums.values))
-        result[C] = width * np.sqrt(np.diag(np.linalg.inv(G + np.eye(len(C)))))
-        return result
 
     def _richest(self) -> tuple[dict[int, np.ndarray], float]:
         """Residual of every training unit in the model with all effects, and how many numbers the runs determine."""

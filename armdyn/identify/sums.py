@@ -109,7 +109,9 @@ class Sums:
         return np.asarray(block.misfit - block.noise * (block.sensitivities[:, columns] @ change))
 
 
-def sums(problem: Problem, training: Collection[str], values: np.ndarray, absent: Sequence[Candidate]) -> Sums:
+def sums(
+    problem: Problem, training: Collection[str], values: np.ndarray, absent: Sequence[Candidate], free: np.ndarray
+) -> Sums:
     """Sums around (P,) `values`.
 
     Args:
@@ -117,10 +119,11 @@ def sums(problem: Problem, training: Collection[str], values: np.ndarray, absent
         training: names of the runs that fits may use.
         values: (P,) of all unknowns.
         absent: effects at their null values, some of whose unknowns may act through another.
+        free: (P,) bool, unknowns that were fitted: what is there gives way where an absent effect is settled.
     """
     here = problem.blocks(values)
     driver = _drivers(problem, here, absent)
-    values, acting = _settled(problem, [block for block in here if block.run in training], values, driver)
+    values, acting = _settled(problem, [block for block in here if block.run in training], values, driver, free)
     blocks = problem.blocks(values)
     if np.any(acting != values):
         latent = driver != np.arange(len(values))
@@ -175,19 +178,22 @@ def _drivers(problem: Problem, here: Sequence[Block], absent: Sequence[Candidate
 
 
 def _settled(
-    problem: Problem, here: Sequence[Block], values: np.ndarray, driver: np.ndarray
+    problem: Problem, here: Sequence[Block], values: np.ndarray, driver: np.ndarray, free: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Expansion's point for unknowns that act through another, and the (P,) values at which they have derivatives.
 
-    Each such effect is fitted alone, so that its other unknowns are near where they matter: a payload's place, the
-    speed at which friction fades. While its driver is at null, they change nothing.
+    Each such effect is fitted beside what is there already, which gives way, so that its other unknowns are near where
+    they matter: a payload's place, the speed at which friction fades, also where another friction stands for it. While
+    its driver is at null, they change nothing.
 
     Args:
         problem: model and all runs.
         here: the training runs' units at `values`.
         values: (P,) of all unknowns.
         driver: (P,) see `Sums.driver`.
+        free: (P,) bool, unknowns that give way.
     """
+    width, there_already = _width(problem), np.flatnonzero(free)
     latent = np.flatnonzero(driver != np.arange(len(values)))
     groups = {int(d): latent[driver[latent] == d] for d in np.unique(driver[latent])}
     point, acting = values.copy(), values.copy()
@@ -198,20 +204,20 @@ def _settled(
         there = {(block.run, block.channel): block for block in problem.blocks(acting)}
         pairs = [(h, there[h.run, h.channel]) for h in here]
         for d, others in groups.items():
-            columns = np.append(d, others)
-            width = _width(problem)[columns]
-            G, right = np.diag(width**-2.0), np.zeros(len(columns))
-            right[1:] = (problem.null - point)[others] / width[1:] ** 2
+            own = np.append(d, others)
+            columns = np.append(own, np.setdiff1d(there_already, own))
+            G, right = np.diag(width[columns] ** -2.0), np.zeros(len(columns))
+            right[1 : len(own)] = (problem.null - point)[others] / width[others] ** 2
             for h, t in pairs:
                 X = t.sensitivities[:, columns]
                 G += X.T @ X
                 right += X.T @ h.residual
-            change = np.linalg.solve(G, right)
+            change = np.linalg.solve(G, right)[: len(own)]
             if change[0] * sign[d] <= 0.0:
                 continue
             # Derivatives were taken at the driver's last size, and grow with it.
             step = change[1:] * (acting[d] - values[d]) / change[0]
-            moved = point[others] + np.clip(step, -width[1:], width[1:])
+            moved = point[others] + np.clip(step, -width[others], width[others])
             point[others] = np.clip(moved, problem.lower[others], problem.upper[others])
             acting[d] = np.clip(values[d] + change[0], problem.lower[d], problem.upper[d])
         acting[latent] = point[latent]

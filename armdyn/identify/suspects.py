@@ -26,13 +26,11 @@ class OrderedStep:
     Attributes:
         added: the effect, with all joints that it comes on.
         appraisal: of the set with it.
-        gain: what it is worth there, nats.
         tied: other effects that do as well in its place in the whole set.
     """
 
     added: Candidate
     appraisal: Appraisal
-    gain: float
     tied: tuple[Candidate, ...]
 
 
@@ -51,7 +49,7 @@ def ordered_steps(appraiser: Appraiser, whole: Appraisal, firm: Sequence[Candida
     A reader of joint torques counts N m, also where what a joint with little noise shows is surer.
     """
     now, left = appraiser.of(firm), [c for c in whole.effects if c not in firm]
-    found: list[tuple[list[Candidate], Appraisal, float]] = []
+    found: list[tuple[list[Candidate], Appraisal]] = []
     while left:
         beside = appraiser.best_with_one_more(now, left)
         first = next(c for c in left if c in beside.effects)
@@ -64,10 +62,10 @@ def ordered_steps(appraiser: Appraiser, whole: Appraisal, firm: Sequence[Candida
             and beside.overall - appraiser.of((*beside.effects, c)).overall >= ALIKE * gain
         ]
         after = appraiser.of((*now.effects, *joined))
-        found.append((joined, after, after.worth - now.worth))
+        found.append((joined, after))
         now, left = after, [c for c in left if c not in joined]
     whole = appraiser.settle(whole.effects)
-    return [OrderedStep(merged(new)[0], after, gain, tied(appraiser, whole, new)) for new, after, gain in found]
+    return [OrderedStep(merged(new)[0], after, tied(appraiser, whole, new)) for new, after in found]
 
 
 def tied(appraiser: Appraiser, whole: Appraisal, part: Sequence[Candidate]) -> tuple[Candidate, ...]:
@@ -165,18 +163,21 @@ def _described(
 ) -> Suspect:
     p = appraiser.problem
     own = np.flatnonzero(p.of(named.names))
-    shown = appraiser.described(one, own)
+    rmse, held_out_rmse = appraiser.errors(one)
+    values, deviations = appraiser.fitted(one)
     drop = 2.0 * (one.likelihood - nothing.likelihood)
     return Suspect(
         effect=named.effect,
         joints=named.joints,
         delta_bic=2.0 * (one.worth - nothing.worth),
         p_value=min(1.0, len(appraiser.candidates) * float(chdtrc(max(len(own), 1), max(drop, 0.0)))),
-        rmse=shown.rmse,
-        held_out_rmse=shown.held_out_rmse,
+        rmse=rmse,
+        held_out_rmse=held_out_rmse,
         parameters={
-            p.columns[i].name: FittedParameter(float(value), float(std), p.columns[i].parameter.unit, True)
-            for i, value, std in zip(own, shown.values, shown.deviations, strict=True)
+            p.columns[i].name: FittedParameter(
+                float(values[i]), float(deviations[i]), p.columns[i].parameter.unit, True
+            )
+            for i in own
         },
         tied_with=tied,
     )

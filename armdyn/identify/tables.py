@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from armdyn.channels import FloatArray
 from armdyn.document import Column, Columns, Curve, Section, Table, columns_of
 from armdyn.identify.explained import RepairStep, Scale
 from armdyn.identify.fit import Fit
@@ -74,37 +73,29 @@ def place_section(title: str, places: Sequence[Place]) -> Section:
     return Section(title, "" if worst else "It fails nowhere.", tables=[Table(columns)])
 
 
-def _measured(fit: Fit) -> Iterator[tuple[Any, str, FloatArray]]:
-    """Every block of a fit, with the unit of its channel and what was measured, (n,) in that unit."""
-    runs = {run.name: run for run in fit.problem.runs}
-    for block in fit.blocks:
-        source = runs[block.run].channels[block.channel]
-        yield block, source.unit, np.interp(block.time, source.time, source.value)
-
-
 def curves_of(fits: Mapping[str, Fit]) -> Iterator[Curve]:
     """Measured and predicted, for every run and channel.
 
     Args:
         fits: by the name of their curve, the model as given first.
     """
-    predicted = [{(block.run, block.channel): block for block in fit.blocks} for fit in fits.values()]
-    for block, unit, measured in _measured(next(iter(fits.values()))):
-        row = f"{block.channel} [{unit}]"
-        yield Curve(row, "measured", block.time, measured, block.run, dots=True)
-        for label, blocks in zip(fits, predicted, strict=True):
-            yield Curve(row, label, block.time, measured - blocks[block.run, block.channel].misfit, block.run)
+    predicted = [{(block.run, block.channel): block.predicted for block in fit.blocks} for fit in fits.values()]
+    for block in next(iter(fits.values())).blocks:
+        row = f"{block.channel} [{block.unit}]"
+        yield Curve(row, "measured", block.time, block.measured.value, block.run, dots=True)
+        for label, values in zip(fits, predicted, strict=True):
+            yield Curve(row, label, block.time, values[block.run, block.channel], block.run)
 
 
 def sample_columns(fit: Fit) -> Columns:
     """A row per sample: what was measured and what is predicted."""
     columns: dict[str, list[Any]] = {key: [] for key in ("run", "channel", "time", "measured", "predicted")}
-    for block, _, measured in _measured(fit):
+    for block in fit.blocks:
         columns["run"] += [block.run] * len(block.time)
         columns["channel"] += [block.channel] * len(block.time)
         columns["time"] += block.time.tolist()
-        columns["measured"] += measured.tolist()
-        columns["predicted"] += (measured - block.misfit).tolist()
+        columns["measured"] += block.measured.value.tolist()
+        columns["predicted"] += block.predicted.tolist()
     return columns
 
 
@@ -132,9 +123,7 @@ def step_table(
         summaries: what every effect is, by its name.
     """
     given = path[0]
-    kinds = {"fitted": [step.rmse for step in path]}
-    kinds |= {"held out": [step.held_out_rmse for step in path]} if given.held_out_rmse else {}
-    kinds |= {"exam": [step.exam_rmse for step in path]} if given.exam_rmse else {}
+    kinds = {kind: [step.errors.get(kind, {}) for step in path] for kind in given.errors}
     units = set(scale.units.values())
     unit = f" [{next(iter(units))}]" if len(units) == 1 else ""
     columns = [Column("step", [step_name(step) for step in path])]
@@ -201,12 +190,8 @@ def fall_sentence(path: Sequence[RepairStep], scale: Scale) -> str:
     steps = len(path) - 1
     if not steps:
         return "Nothing was added."
-    kind, name = next(
-        (kind, name)
-        for kind, name in (("exam", "exam_rmse"), ("held out", "held_out_rmse"), ("fitted", "rmse"))
-        if getattr(path[0], name)
-    )
-    first, last = (error_text(getattr(step, name), scale) for step in (path[0], path[-1]))
+    *_, kind = path[0].errors
+    first, last = (error_text(step.errors.get(kind, {}), scale) for step in (path[0], path[-1]))
     return f"{first} → {last} ({kind}) in {steps} step{'' if steps == 1 else 's'}."
 
 

@@ -14,14 +14,15 @@ values within 3 standard deviations, with whitening 76 % (docs/repair.md). What 
 more than any residual shows.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from armdyn.identify.fit import Fit
-from armdyn.identify.noise import variance_inflation, whitened, whitening
-from armdyn.identify.problem import by_channel, chi2_of
+from armdyn.identify.noise import Whitening, variance_inflation, whitening
+from armdyn.identify.problem import by_channel, chi2_of, samples_of
 from armdyn.identify.study import Study
 
 FAR_ABOVE_STATED = 2.0
@@ -53,39 +54,12 @@ class Uncertainty:
     @cached_property
     def covariance(self) -> np.ndarray:
         """(P, P) of all unknowns; zero for what was not fitted or is held by a bound."""
-        if not self.inflation:
-            return whitened_covariance(self.fit)
-        return self._sandwich(self.fit.free & ~self._held_by_bound, 1.0)
+        return _covariance(self.fit, self.inflation) if self.inflation else whitened_covariance(self.fit)
 
     @cached_property
     def of_runs_alone(self) -> np.ndarray:
         """(P, P) the covariance nearly without priors and bounds: huge in what only they determine."""
-        return self._sandwich(self.fit.free, NEARLY_NO_PRIOR)
-
-    def _sandwich(self, wanted: np.ndarray, trust: float) -> np.ndarray:
-        """(P, P) for the unknowns `wanted`, (P,) bool, with priors of `trust` times their weight."""
-        index = np.flatnonzero(wanted)
-        priors = np.diag(trust * self.fit.problem.prior_weight[index] ** 2)
-        bread, meat = priors.copy(), priors.copy()
-        factors = self.inflation or _inflation(self.fit)
-        for block in self.fit.blocks:
-            information = block.sensitivities[:, index].T @ block.sensitivities[:, index]
-            bread += information
-            meat += factors[block.channel] * information
-        scale = np.sqrt(np.maximum(np.diag(bread), np.finfo(float).tiny))
-        inverse = _inverse(bread, scale)
-        result = np.zeros((len(wanted), len(wanted)))
-        result[np.ix_(index, index)] = inverse @ meat @ inverse
-        return result
-
-    @property
-    def _held_by_bound(self) -> np.ndarray:
-        """(P,) bool: unknowns that the runs pull beyond a bound."""
-        problem, values = self.fit.problem, self.fit.values
-        gradient = problem.prior_weight**2 * (problem.prior_mean - values)
-        for block in self.fit.blocks:
-            gradient = gradient + block.sensitivities.T @ block.residual
-        return ((values <= problem.lower) & (gradient < 0)) | ((values >= problem.upper) & (gradient > 0))
+        return _covariance(self.fit, self.inflation or _inflation(self.fit), NEARLY_NO_PRIOR, bounded=False)
 
 
 def uncertainty(study: Study, fit: Fit) -> Uncertainty:
@@ -98,43 +72,56 @@ def whitened_covariance(fit: Fit) -> np.ndarray:
 
     Judge et al., Theory and Practice of Econometrics, §8.2.
     """
+    return _covariance(fit, dict.fromkeys(by_channel(fit.blocks), 1.0), filters=whitening(fit.blocks))
+
+
+def _covariance(
+    fit: Fit,
+    factors: Mapping[str, float],
+    trust: float = 1.0,
+    *,
+    bounded: bool = True,
+    filters: Mapping[str, Whitening] | None = None,
+) -> np.ndarray:
+    """(P, P) of the fitted unknowns; zero for the others, and where `bounded` for those that a bound holds.
+
+    Args:
+        fit: the minimum.
+        factors: f_c by channel.
+        trust: share of their weight that the priors have.
+        bounded: whether bounds count.
+        filters: by channel, what whitens the residual; None where it is not whitened.
+    """
     problem, free = fit.problem, np.flatnonzero(fit.free)
-    weight = problem.prior_weight[free]
-    information = np.diag(weight**2)
-    gradient = weight**2 * (problem.prior_mean - fit.values)[free]
-    filters = whitening(fit.blocks)
-    for channel, blocks in by_channel(fit.blocks).items():
-        coefficients, std = filters[channel]
-        for block in blocks:
-            residual = whitened(block.residual, coefficients) / std
-            sensitivities = whitened(block.sensitivities[:, free], coefficients) / std
-            information += sensitivities.T @ sensitivities
-            gradient += sensitivities.T @ residual
+    weight = problem.prior_weight[free] ** 2
+    bread = trust * np.diag(weight)
+    meat, gradient = bread.copy(), weight * (problem.prior_mean - fit.values)[free]
+    for block in fit.blocks:
+        residual, S = block.residual, block.sensitivities[:, free]
+        if filters is not None:
+            residual, S = filters[block.channel](residual), filters[block.channel](S)
+        information = S.T @ S
+        bread += information
+        meat += factors[block.channel] * information
+        gradient += S.T @ residual
     lowest, highest = (fit.values <= problem.lower)[free], (fit.values >= problem.upper)[free]
-    moving = ~(lowest & (gradient < 0) | highest & (gradient > 0))
-    here, inner = free[moving], information[np.ix_(moving, moving)]
-    scale = np.sqrt(np.maximum(np.diag(inner), np.finfo(float).tiny))
-    covariance = np.zeros((len(fit.free), len(fit.free)))
-    covariance[np.ix_(here, here)] = _inverse(inner, scale)
-    return covariance
-
-
-def _inverse(matrix: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Pseudoinverse of a symmetric matrix whose rows are of the size of `scale`, squared."""
+    held = bounded & (lowest & (gradient < 0) | highest & (gradient > 0))
+    here, (bread, meat) = free[~held], (matrix[np.ix_(~held, ~held)] for matrix in (bread, meat))
+    scale = np.sqrt(np.maximum(np.diag(bread), np.finfo(float).tiny))
     scales = np.outer(scale, scale)
-    return np.asarray(np.linalg.pinv(matrix / scales, rcond=1e-13, hermitian=True) / scales)
+    inverse = np.linalg.pinv(bread / scales, rcond=1e-13, hermitian=True) / scales
+    covariance = np.zeros((len(fit.free), len(fit.free)))
+    covariance[np.ix_(here, here)] = inverse @ meat @ inverse
+    return covariance
 
 
 def _model_limited(study: Study, fit: Fit) -> bool:
     """Whether in some channel the model's own error is larger than the noise."""
     for blocks in by_channel(fit.blocks).values():
-        stated = [study.stated_noise.get((block.run, block.channel)) for block in blocks]
-        samples = sum(len(block.residual) for block in blocks)
-        if all(stated):
-            chi2 = sum(float(b.misfit @ b.misfit) / s**2 for b, s in zip(blocks, stated, strict=True) if s)
-            far = FAR_ABOVE_STATED
-        else:
-            chi2, far = chi2_of(blocks), FAR_ABOVE_ESTIMATED
+        chi2, samples = study.chi2_of_stated(blocks)
+        far, whole = FAR_ABOVE_STATED, samples_of(blocks)
+        if samples < whole:
+            chi2, samples, far = chi2_of(blocks), whole, FAR_ABOVE_ESTIMATED
         if chi2 > far * samples:
             return True
     return False

@@ -1,13 +1,13 @@
 """What can be said of an effect that is in no catalogue: dynamics or sensor, on what it depends, its frequency."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import chdtrc
 
 from armdyn.identify.fit import Fit
-from armdyn.identify.noise import whitened, whitening
+from armdyn.identify.noise import Whitening, whitening
 from armdyn.identify.problem import by_channel
 from armdyn.physics.pieces import Pieces, pseudo_inverse
 from armdyn.physics.simulated import SimulatedModel
@@ -98,7 +98,8 @@ def behaves_like(process_error: float) -> str:
 
 def characterise(fit: Fit) -> Unknown:
     """Describe what a fit leaves."""
-    return Unknown(process_error_share(fit), sparse_terms(fit), spectral_peaks(fit))
+    filters = whitening(fit.blocks)
+    return Unknown(process_error_share(fit), sparse_terms(fit, filters), spectral_peaks(fit, filters))
 
 
 def process_error_share(fit: Fit) -> float | None:
@@ -137,31 +138,21 @@ def process_error_share(fit: Fit) -> float | None:
     return float(np.clip((fit.chi2 - left * fit.samples / max(samples, 1.0)) / excess, 0.0, 1.0))
 
 
-def sparse_terms(fit: Fit) -> tuple[Term, ...]:
+def sparse_terms(fit: Fit, filters: Mapping[str, Whitening]) -> tuple[Term, ...]:
     """Orthogonal matching pursuit of the whitened residual over functions of the covariates."""
-    problem, filters = fit.problem, whitening(fit.blocks)
-    states = {
-        run.name: problem.model.covariates(run, problem.theta(i, fit.values)) for i, run in enumerate(problem.runs)
-    }
-    found: list[Term] = []
-    channels = by_channel(fit.blocks)
+    covariates, channels, found = fit.covariates(), by_channel(fit.blocks), list[Term]()
     for channel, blocks in channels.items():
-        coefficients, std = filters[channel]
-        names = set.intersection(*(set(states[b.run]) for b in blocks))
+        white = filters[channel]
+        names = set.intersection(*(set(covariates[b.run]) for b in blocks))
         joint = channel.partition(".")[2]
         if joint:
             names = {n for n in names if n.endswith(f".{joint}")}
-        library = _library(
-            {
-                n: [np.interp(b.time, states[b.run][n].time, states[b.run][n].value) for b in blocks]
-                for n in sorted(names)
-            }
-        )
+        library = _library({n: [b.interpolate(covariates[b.run][n]) for b in blocks] for n in sorted(names)})
         if not library:
             continue
-        y = np.concatenate([whitened(b.residual, coefficients) for b in blocks]) / std
-        fitted = np.concatenate([whitened(b.sensitivities[:, fit.free], coefficients) for b in blocks])
-        columns = {e: np.concatenate([whitened(v, coefficients) for v in values]) for e, values in library.items()}
+        y = np.concatenate([white(b.residual) for b in blocks])
+        fitted = np.concatenate([white(b.sensitivities[:, fit.free]) for b in blocks])
+        columns = {e: np.concatenate([white(v) for v in values]) for e, values in library.items()}
         total = float(y @ y)
         basis = np.linalg.qr(fitted)[0]
         for _ in range(MOST_TERMS):
@@ -180,20 +171,18 @@ def sparse_terms(fit: Fit) -> tuple[Term, ...]:
     return tuple(sorted(found, key=lambda term: -term.share)[:MOST_TERMS])
 
 
-def spectral_peaks(fit: Fit) -> tuple[SpectralPeak, ...]:
+def spectral_peaks(fit: Fit, filters: Mapping[str, Whitening]) -> tuple[SpectralPeak, ...]:
     """The strongest frequency of each channel's whitened residual, where it is stronger than noise makes one."""
-    filters = whitening(fit.blocks)
-    found = []
-    channels = by_channel(fit.blocks)
+    found, channels = [], by_channel(fit.blocks)
     for channel, blocks in channels.items():
-        coefficients, std = filters[channel]
         interval = float(np.median(np.concatenate([np.diff(b.time) for b in blocks])))
         longest = max(float(b.time[-1] - b.time[0]) for b in blocks)
         frequencies = np.linspace(2.0 / longest, 0.45 / interval, FREQUENCIES * 4)
-        order = len(coefficients)
+        white = filters[channel]
+        order = len(white.coefficients)
         power = np.zeros(len(frequencies))
         for b in blocks:
-            power += periodogram(b.time[order:], whitened(b.residual, coefficients) / std, frequencies)
+            power += periodogram(b.time[order:], white(b.residual), frequencies)
         best = int(np.argmax(power))
         p = min(1.0, len(channels) * len(frequencies) * float(chdtrc(2 * len(blocks), 2 * float(power[best]))))
         if p < SIGNIFICANCE:
@@ -201,8 +190,7 @@ def spectral_peaks(fit: Fit) -> tuple[SpectralPeak, ...]:
             time = np.concatenate([b.time for b in blocks])
             wave = 2 * np.pi * frequencies[best] * time
             amplitude = 2 * np.hypot(np.mean(raw * np.cos(wave)), np.mean(raw * np.sin(wave)))
-            unit = next(run.channels[channel].unit for run in fit.problem.runs if channel in run.channels)
-            found.append(SpectralPeak(channel, float(frequencies[best]), float(amplitude), unit, p))
+            found.append(SpectralPeak(channel, float(frequencies[best]), float(amplitude), blocks[0].unit, p))
     return tuple(found)
 
 

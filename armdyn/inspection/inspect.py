@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from armdyn.arm.model import ArmModel
-from armdyn.channels import Channel
+from armdyn.channels import MIN_SAMPLES, Channel
 from armdyn.effects.effect import Effect
 from armdyn.effects.user import available
 from armdyn.errors import InputError
@@ -104,4 +104,4 @@ def longest_piece(run: Run, seconds: float) -> Run:
     if last - first > seconds:
         middle = 0.5 * (first + last)
         first, last = middle - 0.5 * seconds, middle + 0.5 * seconds
-    return replace(run, channels=between(run, first, last))
+    return replace(run, channels=between(run, first, last, MIN_SAMPLES))

@@ -5,12 +5,13 @@ and where on it the recording began is what a load cell does not say and a fit c
 derivative with respect to the start vanishes by symmetry.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
 
 from armdyn.channels import MIN_SAMPLES, Channel
+from armdyn.gaps import between
 from armdyn.pendulum.path import run_path
 from armdyn.pendulum.physics import STANDARD_GRAVITY
 from armdyn.run import Run
@@ -73,7 +74,7 @@ def pieces(run: Run) -> tuple[Run, ...]:
         return (run,)
     starts = [-np.inf, *gripper.time[before + 1]]
     ends = [*gripper.time[before], np.inf]
-    parts = [_between(run, start, end) for start, end in zip(starts, ends, strict=True)]
+    parts = [between(run, start, end) for start, end in zip(starts, ends, strict=True)]
     whole = [channels for channels in parts if min(len(channel) for channel in channels.values()) >= MIN_SAMPLES]
     gaps = ", ".join(f"from {gripper.time[i]:.4g} to {gripper.time[i + 1]:.4g} s" for i in before)
     said = f"gripper_x: it moved while no position was recorded, {gaps}; what follows is a run of its own"
@@ -91,11 +92,3 @@ def _moved(gripper: Channel, before: int) -> bool:
     """Whether the gripper moved around the gap that follows sample `before`."""
     near = (gripper.time > gripper.time[before] - BLIND) & (gripper.time < gripper.time[before + 1] + BLIND)
     return bool(np.ptp(gripper.value[near]) > STILL)
-
-
-def _between(run: Run, start: float, end: float) -> Mapping[str, Channel]:
-    return {
-        name: Channel(c.time[inside], c.value[inside], c.unit)
-        for name, c in run.channels.items()
-        for inside in [(c.time >= start) & (c.time <= end)]
-    }

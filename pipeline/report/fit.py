@@ -54,17 +54,15 @@ def dependence_section(fit: Fit, whose: str) -> Section:
         fit: whose residuals are shown.
         whose: model that is, for a reader.
     """
-    problem, by_tab = fit.problem, dict[str, list[tuple[float, Chart]]]()
-    covariates = [problem.model.covariates(run, problem.theta(i, fit.values)) for i, run in enumerate(problem.runs)]
-    names = {name: channel.unit for of_run in covariates for name, channel in of_run.items()}
-    of_run = {run.name: found for run, found in zip(problem.runs, covariates, strict=True)}
+    of_run, by_tab = fit.covariates(), dict[str, list[tuple[float, Chart]]]()
+    names = {name: channel.unit for found in of_run.values() for name, channel in found.items()}
     for tab in dict.fromkeys(block.channel for block in fit.blocks):
         for name, unit in names.items():
             if name.startswith(("q.", "v.")) and name[2:] != tab.removeprefix("tau."):
                 continue  # a joint's torque is shown against that joint
             blocks = [(b, of_run[b.run][name]) for b in fit.blocks if b.channel == tab and name in of_run[b.run]]
             if blocks:
-                at = np.concatenate([np.interp(block.time, c.time, c.value) for block, c in blocks])
+                at = np.concatenate([block.interpolate(c) for block, c in blocks])
                 residual = np.concatenate([block.residual for block, _ in blocks])
                 by_tab.setdefault(tab, []).append(_dependence(tab, name, unit, at, residual))
     return Section(

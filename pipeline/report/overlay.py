@@ -103,7 +103,7 @@ def overlays(study: Study, fits: Sequence[Fit], places: Sequence[Place] = ()) ->
     others = KINDS[study.judges[-1]]
     found = of_fits(fits, places)
     if others != FITTED:
-        found += _overlays(study.held_out or study.runs, others, [study.held_out_blocks(fit) or [] for fit in fits])
+        found += _overlays(study.held_out or study.runs, others, [study.held_out_blocks(fit) for fit in fits])
     if study.exam:
         found += _overlays(study.exam, EXAM, [study.exam_blocks(fit) for fit in fits])
     return found
@@ -126,7 +126,7 @@ def _overlays(
     found = []
     for block in steps[0]:
         key, run = (block.run, block.channel), by_name[block.run]
-        channel, done = run.channels[block.channel], run.preparations.get(block.channel)
+        done = run.preparations.get(block.channel)
         note = (
             f"Compared below {done.cutoff:.3g} Hz: {done.samples} samples, {done.rate:.3g} per second, of "
             f"{done.recorded} recorded."
@@ -134,12 +134,11 @@ def _overlays(
             else ""
         )
         recorded = run.recording.channels[block.channel] if done is not None else None
-        measured = np.interp(block.time, channel.time, channel.value)
         residuals = np.array([misfit[key] for misfit in misfits])
         found.append(
             Overlay(
-                run.name, kind, block.channel, channel.unit, block.time, measured, residuals, block.noise, recorded,
-                note, tuple(failing.get(key, ())),
+                run.name, kind, block.channel, block.unit, block.time, block.measured.value, residuals, block.noise,
+                recorded, note, tuple(failing.get(key, ())),
             )
         )  # fmt: skip
     return found

@@ -164,8 +164,8 @@ class Workbench:
             UnknownNameError: one of them cannot be ticked.
         """
         fit = self.fit(effects)
-        held_out = self.study.held_out_blocks(fit) if self.study.held_out else None
-        residuals = _residuals([*fit.blocks, *(held_out or ())])
+        held_out = self.study.held_out_blocks(fit) if self.study.held_out else []
+        residuals = _residuals([*fit.blocks, *held_out])
         state = self._state(effects, "fitted", residuals, self._knobs(fit), self._others(fit))
         return replace(state, places=localise(fit))
 
@@ -245,8 +245,7 @@ class Workbench:
 
     def _others(self, fit: Fit) -> Mapping[str, float]:
         """Error by channel on held-out runs, else of every run predicted from the others."""
-        blocks = self.study.held_out_blocks(fit)
-        return channel_rmse(blocks) if blocks else {}
+        return channel_rmse(self.study.held_out_blocks(fit))
 
     def _knobs(self, fit: Fit) -> Mapping[str, Knob]:
         described = fitted_parameters(self.study, fit)

@@ -5,7 +5,7 @@ import pytest
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
-from armdyn.identify.least_squares import LeastSquares, levenberg_marquardt
+from armdyn.identify.estimator import estimate
 
 JOINT_EFFECTS = tuple(name for name, effect in CATALOGUE.items() if effect.acts_on == "joint")
 RECORDINGS = Path(__file__).parents[4] / "shared" / "data"
@@ -19,8 +19,8 @@ def baxter():
 def fitted(model, runs, noise=None, **settings):
     """The model at the least-squares estimate from prepared runs, and the estimate."""
     noise = noise or {c: float(np.mean([r.noise[c] for r in runs])) for c in model.predicted_channels(runs[0])}
-    estimate = levenberg_marquardt(LeastSquares(model, runs, noise), **settings)
-    return model.with_values(dict(zip(estimate.names, estimate.values, strict=True))), estimate
+    found = estimate(model, runs, noise, **settings)
+    return model.with_values(dict(zip(found.names, found.values, strict=True))), found
 
 
 def residuals(model, run):
