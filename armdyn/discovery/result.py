@@ -12,10 +12,10 @@ from armdyn.discovery.term import Term
 from armdyn.document import Document, Level, Section, Table
 from armdyn.effects.user import load_effects
 from armdyn.errors import InputError
-from armdyn.identify.compare import FittedParameter
 from armdyn.identify.explained import in_percent
 from armdyn.identify.missing_force import ForceCurve, pooled
 from armdyn.identify.tables import missing_force_columns
+from armdyn.parameter import Parameter
 from armdyn.shown import Shown
 
 SHARE_SURE = 0.5
@@ -46,7 +46,7 @@ class Finding:
     kind: str
     says: str
     formula: str
-    values: Mapping[str, FittedParameter]
+    values: Mapping[str, Parameter]
     explains: float
     known_as: str | None
     rivals: tuple[str, ...]
@@ -232,7 +232,7 @@ def _curve_of(one: Finding, curves: Sequence[ForceCurve]) -> ForceCurve | None:
     return next((c for name in one.depends_on for c in mine if c.against == name), None)
 
 
-def _number(value: FittedParameter) -> str:
+def _number(value: Parameter) -> str:
     text = f"{value.value:.4g}"
     if value.std is not None and np.isfinite(value.std) and value.std > 0.0:
         text += f" ± {value.std:.2g}"
