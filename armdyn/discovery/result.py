@@ -126,7 +126,10 @@ class Discovery(Shown):
                     if self.still
                     else ""
                 )
-            why = "the force of another body, or depend on what was not recorded. Record what it may depend on as well"
+            why = (
+                "the force of another body, or depend on what was not recorded. Record what it may depend on as well, "
+                "as a column such as 'extra.temperature [degC]'"
+            )
             if not self.judged:
                 why += ", and another motion: one alone shows a force in few places and at few speeds"
             return (
