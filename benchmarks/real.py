@@ -30,9 +30,9 @@ import _timing as bench
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import ArmdynError
-from armdyn.identify.compare import FittedParameter
 from armdyn.identify.repair import Repair, add, repair
 from armdyn.identify.study import Study
+from armdyn.parameter import Parameter
 from armdyn.pendulum.model import pendulum_model
 from armdyn.pendulum.physics import STANDARD_GRAVITY
 from armdyn.run import read_run
@@ -173,7 +173,7 @@ def answered(recorded: Recorded, data: Path) -> tuple[dict[str, object], Repair]
     return row, found
 
 
-def accelerations(parameters: dict[str, FittedParameter]) -> dict[str, tuple[float, str]]:
+def accelerations(parameters: dict[str, Parameter]) -> dict[str, tuple[float, str]]:
     """What the effects do to the swing: an angle does not see the mass, so that forces are over the inertia m l^2."""
     length, mass = parameters["length"].value, parameters["mass"].value
     inertia = mass * length**2

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from armdyn.identify.study import Study
     from armdyn.identify.unknown import Unknown
     from armdyn.inspection.check import Check, Inspection
+    from armdyn.parameter import Parameter
 
 
 def comparison_answer(study: Study, found: Comparison) -> dict[str, Any]:
@@ -155,8 +156,8 @@ def missing_force_answer(curves: Iterable[ForceCurve]) -> list[dict[str, Any]]:
     ]
 
 
-def parameters_answer(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Values, standard deviations and units by name; see `armdyn.identify.compare.FittedParameter`."""
+def parameters_answer(parameters: Mapping[str, Parameter]) -> dict[str, Any]:
+    """Values, standard deviations and units by name."""
     return {name: fields(p, "value std unit fitted") for name, p in parameters.items()}
 
 

@@ -20,7 +20,7 @@ from armdyn.discovery.term import Term, named_terms
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
 from armdyn.identify.candidate import Candidate
-from armdyn.identify.compare import FittedParameter, fitted_parameters
+from armdyn.identify.compare import fitted_parameters
 from armdyn.identify.diagnose import IDEALISED, explained_share
 from armdyn.identify.explained import Scale
 from armdyn.identify.fit import Fit, channel_rmse
@@ -30,6 +30,7 @@ from armdyn.identify.search import Search, search
 from armdyn.identify.study import Study
 from armdyn.identify.way import Progress, Step
 from armdyn.model import Model
+from armdyn.parameter import Parameter
 from armdyn.run import Run
 
 BASES: dict[str, tuple[Callable[[Fit], Iterator[Term]], Callable[[Fit], Iterator[Term]]]] = {
@@ -174,7 +175,7 @@ def _finding(
     gains: Mapping[Step, float],
     terms: dict[str, Term],
     known: dict[str, Effect],
-    values: Mapping[str, FittedParameter],
+    values: Mapping[str, Parameter],
 ) -> Finding:
     """One effect of the end, with the share that each step which brought it explains."""
     own = {n.split(".", 1)[1]: values[n] for n in candidate.names if n in values}

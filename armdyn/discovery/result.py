@@ -12,10 +12,10 @@ from armdyn.discovery.term import Term
 from armdyn.document import Document, Level, Section, Table
 from armdyn.effects.user import load_effects
 from armdyn.errors import InputError
-from armdyn.identify.compare import FittedParameter
 from armdyn.identify.explained import in_percent
 from armdyn.identify.missing_force import ForceCurve, pooled
 from armdyn.identify.tables import missing_force_columns
+from armdyn.parameter import Parameter
 from armdyn.shown import Shown
 
 SHARE_SURE = 0.5
@@ -46,7 +46,7 @@ class Finding:
     kind: str
     says: str
     formula: str
-    values: Mapping[str, FittedParameter]
+    values: Mapping[str, Parameter]
     explains: float
     known_as: str | None
     rivals: tuple[str, ...]
@@ -56,6 +56,11 @@ class Finding:
     def joint(self) -> str | None:
         """The joint, or several with commas; None for a base without joints."""
         return ",".join(self.joints) or None
+
+    @property
+    def depends_on(self) -> tuple[str, ...]:
+        """What the law depends on, ``"speed"`` or a column ``"extra.temperature"``; empty for one of the catalogue."""
+        return () if self.term is None else tuple(v.quantity for v in self.term.variables)
 
     @property
     def label(self) -> str:
@@ -121,7 +126,10 @@ class Discovery(Shown):
                     if self.still
                     else ""
                 )
-            why = "the force of another body, or depend on what was not recorded. Record what it may depend on as well"
+            why = (
+                "the force of another body, or depend on what was not recorded. Record what it may depend on as well, "
+                "as a column such as 'extra.temperature [degC]'"
+            )
             if not self.judged:
                 why += ", and another motion: one alone shows a force in few places and at few speeds"
             return (
@@ -223,12 +231,11 @@ class Discovery(Shown):
 
 def _curve_of(one: Finding, curves: Sequence[ForceCurve]) -> ForceCurve | None:
     """The drawn missing force over the variable that a law depends on."""
-    names = [] if one.term is None else [v.name for v in one.term.variables]
     mine = [c for c in pooled(curves) if c.joint == one.joint]
-    return next((c for name in names for c in mine if c.against == name), None)
+    return next((c for name in one.depends_on for c in mine if c.against == name), None)
 
 
-def _number(value: FittedParameter) -> str:
+def _number(value: Parameter) -> str:
     text = f"{value.value:.4g}"
     if value.std is not None and np.isfinite(value.std) and value.std > 0.0:
         text += f" ± {value.std:.2g}"

@@ -6,6 +6,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from armdyn.document import Document, Level, Section
+from armdyn.effects.effect import columns_of
 from armdyn.identify.explained import Scale
 from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.force_law import opening
@@ -25,27 +26,11 @@ from armdyn.identify.tables import (
 )
 from armdyn.identify.uncertainty import uncertainty
 from armdyn.identify.unknown import behaves_like, process_error_share
+from armdyn.parameter import Parameter
 from armdyn.preparation import of_all_runs, sentence
 from armdyn.shown import Shown
 
 NOT_WHITE = 0.01
-
-
-@dataclass(frozen=True)
-class FittedParameter:
-    """One fitted value.
-
-    Attributes:
-        value: in `unit`.
-        std: standard deviation in `unit`; None where the parameter was not fitted.
-        unit: SI.
-        fitted: whether the fit could change it.
-    """
-
-    value: float
-    std: float | None
-    unit: str
-    fitted: bool
 
 
 @dataclass(frozen=True)
@@ -83,7 +68,7 @@ class Correction:
     """
 
     fit: Fit
-    parameters: dict[str, FittedParameter]
+    parameters: dict[str, Parameter]
     wrong: Fit
     places: tuple[Place, ...]
 
@@ -93,8 +78,7 @@ class Correction:
         text = f"With the right formula χ² per sample is {self.fit.chi2_per_sample:.3g}; for the same motion and "
         text += f"parameters the wrong one gives {self.wrong.chi2_per_sample:.3g}"
         if self.places:
-            worst = self.places[0]
-            text += f", worst against {worst.against} from {worst.start:.3g} to {worst.end:.3g} {worst.unit}"
+            text += f", worst {self.places[0].sentence}"
         return text + "."
 
 
@@ -119,7 +103,7 @@ class Comparison(Shown):
     """
 
     fit: Fit
-    parameters: dict[str, FittedParameter]
+    parameters: dict[str, Parameter]
     channels: dict[str, ChannelQuality]
     tests: ResidualTests
     places: tuple[Place, ...]
@@ -134,17 +118,16 @@ class Comparison(Shown):
     def document(self) -> Document:
         """Its parameters and channels, and where the model fails."""
         prepared = sentence(of_all_runs(run.preparations for run in self.fit.problem.runs))
-        meaning = {column.name: column.parameter.source for column in self.fit.problem.columns}
         sections = [
             Section(
                 "Parameters",
                 " ".join(self.remarks),
-                tables=[parameter_table(self.parameters, meaning), channel_table(self.channels, prepared)],
+                tables=[parameter_table(self.parameters), channel_table(self.channels, prepared)],
             ),
             *([place_section("Where the model fails", self.places)] if self.places else []),
         ]
         if self.correction is not None:
-            right = parameter_table(self.correction.parameters, meaning)
+            right = parameter_table(self.correction.parameters)
             sections += [
                 Section("The right formula", "With it the fit gives:", tables=[replace(right, name="")]),
                 place_section("Where the wrong formula fails for that motion", self.correction.places),
@@ -209,9 +192,7 @@ class Comparison(Shown):
             return f"The model explains these runs: χ² per sample {chi2:.2f}, what is left is noise."
         text = f"{opening(self.missing_force)}Something is left to explain: χ² per sample {chi2:.3g}"
         if self.places:
-            worst = self.places[0]
-            text += f"; worst against {worst.against} from {worst.start:.3g} to {worst.end:.3g} {worst.unit}"
-            text += f" in {worst.run}" if worst.run else ""
+            text += f"; worst {self.places[0].sentence}"
         if self.process_error is not None:
             text += f"; {behaves_like(self.process_error)}"
         return text + "." + (f" {self.correction.sentence}" if self.correction is not None else "")
@@ -269,13 +250,19 @@ def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bo
         ),
         left_out=(
             *(f"{run.name}: {text}" for run in (*study.runs, *study.held_out) for text in run.warnings),
+            *(
+                f"{run.name}: no '{column.name}': taken to be {column.usual:g} {column.unit}, its usual value"
+                for column in columns_of(study.model.effects)
+                for run in (*study.runs, *study.held_out)
+                if column.name not in run.extra
+            ),
             *study.disbelieved(fit),
         ),
         widened=uncertainty(study, fit).widened,
     )
 
 
-def fitted_parameters(study: Study, fit: Fit) -> dict[str, FittedParameter]:
+def fitted_parameters(study: Study, fit: Fit) -> dict[str, Parameter]:
     """Values and standard deviations of the model's parameters, without effects at their null values.
 
     The standard deviations count correlation of the noise in and, where it is larger than the noise, the model's own
@@ -289,5 +276,5 @@ def fitted_parameters(study: Study, fit: Fit) -> dict[str, FittedParameter]:
         if absent:
             continue
         std = float(np.sqrt(covariance[i, i])) if fit.free[i] else None
-        result[column.name] = FittedParameter(float(fit.values[i]), std, column.parameter.unit, bool(fit.free[i]))
+        result[column.name] = replace(column.parameter, value=float(fit.values[i]), std=std, fitted=bool(fit.free[i]))
     return result

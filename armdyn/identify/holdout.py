@@ -7,7 +7,6 @@ end, so that nothing was chosen in their favour.
 
 from collections.abc import Iterator, Sequence
 from copy import copy
-from dataclasses import replace
 from enum import Enum
 
 import numpy as np
@@ -15,9 +14,7 @@ import numpy as np
 from armdyn.identify.fit import Fit, determined, fit
 from armdyn.identify.motion_start import start_of
 from armdyn.identify.output_error import best_minimum, fit_run, shows_motion
-from armdyn.identify.prepare import check_distinct, check_distinct_data, pieces, without_gaps
 from armdyn.identify.problem import Block, Problem, transferred, transferred_mask
-from armdyn.model import Model
 from armdyn.physics.simulated import SimulatedModel
 from armdyn.run import Run
 
@@ -61,7 +58,7 @@ def _predicted(found: Fit, run: Run, whole: Fit | None = None, starts: Starts | 
     apart = _stated_apart(source, alone)
     start, own = np.where(apart, alone.start(), transferred(found.values, source, alone)), alone.per_run | apart
     fitted = {column.parameter.name for column, fits in zip(source.columns, found.free, strict=True) if fits}
-    free = own & [column.parameter.name in fitted for column in alone.columns]
+    free = own & np.array([column.parameter.name in fitted for column in alone.columns], dtype=bool)
     if not free.any():
         return tuple(alone.blocks(start, free))
     if whole is not None:
@@ -92,30 +89,3 @@ class HoldoutKind(Enum):
     HELD_OUT = "held out: runs that took part in choosing the effects, and in no fit"
     IN_TURN = "held out: each run predicted from the others; these errors took part in choosing the effects"
     TRAINING = "a single run: nothing was held out"
-
-
-def prepared_exam(
-    model: Model, runs: Sequence[Run], held_out: Sequence[Run], exam: Sequence[Run], taken: Sequence[Run]
-) -> list[Run]:
-    """Exam runs, checked and thinned, each under a name of its own.
-
-    Args:
-        model: which they will be held against.
-        runs: for training, as given.
-        held_out: likewise.
-        exam: likewise.
-        taken: the prepared training and held-out runs, whose names stay as they are and which show the sensors.
-
-    Raises:
-        InputError: an exam run is a training or held-out run, or a copy of one, or cannot be used.
-    """
-    check_distinct({"a training run": runs, "a held-out run": held_out, "an exam run": exam})
-    check_distinct_data(model, [*runs, *held_out, *exam])
-    names = {run.name for run in taken}
-    result: list[Run] = []
-    for i, run in enumerate(exam):
-        name = run.name if run.name not in names else f"exam/{run.name}"
-        name = name if name not in names else f"exam {i + 1}/{run.name}"
-        names.add(name)
-        result += pieces(model, without_gaps(model, replace(run, name=name)), taken)
-    return result

@@ -42,6 +42,12 @@ class Place:
     chi2_per_sample: float
     share: float
 
+    @property
+    def sentence(self) -> str:
+        """Where it is, such as ``"against time from 3 to 4 s in a.csv"``."""
+        text = f"against {self.against} from {self.start:.3g} to {self.end:.3g} {self.unit}"
+        return f"{text} in {self.run}" if self.run else text
+
 
 def localise(fit: Fit) -> tuple[Place, ...]:
     """The worst places first; empty where nothing stands out of the noise."""

@@ -1,6 +1,6 @@
 """Recordings made ready to be held against a model: checked, thinned, their noise known."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 
@@ -18,21 +18,36 @@ SMALLEST_NOISE = 1e-6
 """Of a channel's range, where no noise shows at all."""
 
 
-def prepared(model: Model, runs: Sequence[Run], held_out: Sequence[Run] = ()) -> tuple[list[Run], list[Run]]:
-    """Training and held-out runs, checked and thinned.
+def prepared(
+    model: Model, runs: Sequence[Run], held_out: Sequence[Run] = (), exam: Sequence[Run] = ()
+) -> tuple[list[Run], list[Run], list[Run]]:
+    """Training, held-out and exam runs, checked and thinned; without exam runs the others are the same.
 
     Raises:
-        InputError: a run is in both, a signal is constant or too short, or there is nothing that the model predicts.
+        InputError: a run is given twice, also as a copy, a signal is constant or too short, or there is nothing that
+            the model predicts.
     """
     if not runs:
         raise InputError("no run given: give at least one recording")
-    check_distinct({"a training run": runs, "a held-out run": held_out})
-    check_distinct_data(model, [*runs, *held_out])
+    check_distinct({"a training run": runs, "a held-out run": held_out, "an exam run": exam})
+    check_distinct_data(model, [*runs, *held_out, *exam])
     named = with_distinct_names([*runs, *held_out])
-    parts = {run: without_gaps(model, run) for run in named}
-    beside = list(chain(*parts.values()))
-    found = [pieces(model, parts[run], beside) for run in named]
-    return list(chain(*found[: len(runs)])), list(chain(*found[len(runs) :]))
+    parts = [without_gaps(model, run) for run in (*named, *_exam_named(exam, named))]
+    beside = list(chain(*parts[: len(named)]))
+    found = [pieces(model, of_run, beside) for of_run in parts]
+    kinds = found[: len(runs)], found[len(runs) : len(named)], found[len(named) :]
+    training, others, last = (list(chain(*kind)) for kind in kinds)
+    return training, others, last
+
+
+def _exam_named(exam: Sequence[Run], named: Sequence[Run]) -> Iterator[Run]:
+    """Exam runs, each under a name that no other run has."""
+    names = {run.name for run in named}
+    for i, run in enumerate(exam):
+        name = run.name if run.name not in names else f"exam/{run.name}"
+        name = name if name not in names else f"exam {i + 1}/{run.name}"
+        names.add(name)
+        yield replace(run, name=name)
 
 
 def noise_of_runs(model: Model, runs: Sequence[Run]) -> dict[tuple[str, str], float]:

@@ -98,10 +98,11 @@ class SampleEvidence:
 
     def _beyond_noise(self) -> tuple[np.ndarray, float]:
         """`imitable` and `limited`: a shoulder whose torque is noisy hides nothing of what an elbow's shows."""
-        s, groups = self.sums, self._by_channel
-        samples = np.array([self.independent[units].sum() for units in groups])
-        noise = np.array([noisy(count) for count in samples.tolist()])
-        noise *= [np.sum(s.noise[units] ** 2) / np.sum(self.level[units]) for units in groups]
+        noise = np.array(
+            [np.sum(self.sums.noise[units] ** 2) / np.sum(self.level[units]) for units in self._by_channel]
+        )
+        samples = np.array([self.independent[units].sum() for units in self._by_channel])
+        noise *= [noisy(count) for count in samples.tolist()]
         return 0.5 * samples * np.log(np.maximum(1.0 / noise, 1.0)), max(0.0, 1.0 - float(np.mean(noise)))
 
     def inside(self, one: Subset, change: np.ndarray, effective: np.ndarray) -> bool:

@@ -12,7 +12,7 @@ from armdyn.effects.effect import Effect
 from armdyn.identify.appraisal import Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.fit import Fit, determined, fit
-from armdyn.identify.holdout import HoldoutKind, blocks_in_turn, held_out_blocks, prepared_exam
+from armdyn.identify.holdout import HoldoutKind, blocks_in_turn, held_out_blocks
 from armdyn.identify.least_squares import Outcome
 from armdyn.identify.motion_start import initial_values
 from armdyn.identify.output_error import OTHERS, AroundMotion, best_minimum, shows_motion
@@ -70,13 +70,12 @@ class Study:
         self.asked = frozenset(asked)
         self.tried = 0
         """Effects among which the catalogue was chosen, where these were more."""
-        self.runs, self.held_out = prepared(model, runs, held_out)
-        self.exam = prepared_exam(model, runs, held_out, exam, (*self.runs, *self.held_out))
+        self.runs, self.held_out, self.exam = prepared(model, runs, held_out, exam)
         everything = [*self.runs, *self.held_out, *self.exam]
         self.noise = noise_of_runs(model, everything)
         self.stated_noise = stated_noise(model, everything)
         # The catalogue's come last: an effect that the model has on some joints may be missing on others.
-        recorded = {name for run in everything for name in run.channels}
+        recorded = {name for run in everything for name in run.everything}
         shown = [effect for effect in catalogue if effect.shows_in(recorded)]
         self.effects = {effect.name: effect for effect in (*model.effects, *shown)}
         extended = model.with_candidates(self.effects.values())

@@ -1,7 +1,7 @@
 """A chosen set of effects as a reader takes it in, the biggest first; and effects that may be missing, best first."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import chdtrc
@@ -9,7 +9,7 @@ from scipy.special import chdtrc
 from armdyn.identify.appraisal import Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.choose import backward_elimination
-from armdyn.identify.compare import FittedParameter
+from armdyn.parameter import Parameter
 
 ALIKE = 0.15
 """Share of what an effect on one joint explains that the same effect on another joint must bring to be told with it."""
@@ -120,7 +120,7 @@ class Suspect:
     p_value: float
     rmse: dict[str, float]
     held_out_rmse: dict[str, float]
-    parameters: dict[str, FittedParameter]
+    parameters: dict[str, Parameter]
     tied_with: tuple[str, ...]
 
 
@@ -174,10 +174,8 @@ def _described(
         rmse=rmse,
         held_out_rmse=held_out_rmse,
         parameters={
-            p.columns[i].name: FittedParameter(
-                float(values[i]), float(deviations[i]), p.columns[i].parameter.unit, True
-            )
-            for i in own
+            c.name: replace(c.parameter, value=float(values[i]), std=float(deviations[i]), fitted=True)
+            for i, c in ((i, p.columns[i]) for i in own)
         },
         tied_with=tied,
     )

@@ -12,6 +12,7 @@ from armdyn.identify.holdout import HoldoutKind
 from armdyn.identify.localise import Place
 from armdyn.identify.missing_force import ForceCurve
 from armdyn.identify.sentence import MOST_JOINTS, totals
+from armdyn.parameter import Parameter
 
 if TYPE_CHECKING:
     from armdyn.arm.links import LinkChange
@@ -22,14 +23,8 @@ LINK_WORDS = {"mass": "mass", "centre": "centre of mass", "inertia": "inertia", 
 """By what the name of a link's quantity begins with."""
 
 
-def parameter_table(found: Mapping[str, Any], meaning: Mapping[str, str], caption: str = "") -> Table:
-    """Values and standard deviations.
-
-    Args:
-        found: by name, each with `value`, `std`, `unit` and `fitted`.
-        meaning: what each is, by name.
-        caption: a sentence under the table.
-    """
+def parameter_table(found: Mapping[str, Parameter]) -> Table:
+    """Values and standard deviations by name."""
     values = found.values()
     columns = [
         Column("parameter", list(found)),
@@ -37,9 +32,9 @@ def parameter_table(found: Mapping[str, Any], meaning: Mapping[str, str], captio
         Column("std", [p.std for p in values], ".2g", missing="fixed"),
         *columns_of(values, unit=""),
         Column("fitted", [p.fitted for p in values], wide=True),
-        Column("what it is", [meaning.get(name, "") for name in found], wide=True),
+        Column("what it is", [p.source for p in values], wide=True),
     ]
-    return Table(columns, caption, "parameters")
+    return Table(columns, name="parameters")
 
 
 def channel_table(found: Mapping[str, Any], caption: str) -> Table:
