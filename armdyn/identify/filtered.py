@@ -11,7 +11,7 @@ from armdyn.identify.candidate import Candidate
 from armdyn.identify.fit import channel_rmse
 from armdyn.identify.grey_box import SETTLED, Point
 from armdyn.identify.grey_run import LOOSE
-from armdyn.identify.noise_evidence import Tables
+from armdyn.identify.noise_evidence import Tables, everywhere
 from armdyn.identify.problem import transferred
 from armdyn.identify.study import Study
 
@@ -55,7 +55,7 @@ class Filtered(Appraiser):
         point = self._motion.settled(self._free(self._at))
         if self._at not in self._tables or self._tables[self._at][0] is not point:
             box = self._motion.box
-            self._tables[self._at] = point, box.tables(box.around(point), point, wide=True)
+            self._tables[self._at] = point, box.tables(box.around(point), point, everywhere)
         # What was appraised from elsewhere is looked at anew; what was settled stays.
         self._known = {key: one for key, one in self._known.items() if key in self._tables and key != self._at}
         return self.of(self._at)
@@ -65,7 +65,7 @@ class Filtered(Appraiser):
         key, free, box = frozenset(effects), self._free(effects), self._motion.box
         point = self._motion.settled(free)
         if key not in self._verified or self._verified[key][0] is not point:
-            own = box.tables(box.around(point, free), point, wide=True)
+            own = box.tables(box.around(point, free), point, everywhere)
             self._verified[key] = point, self._appraised_by(own, effects)
         return self._verified[key][1]
 

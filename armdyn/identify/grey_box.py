@@ -1,6 +1,6 @@
 """All runs around their motions: settled at the noise that suits a set of effects, or tied to the model's own."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,7 +8,7 @@ import numpy as np
 from armdyn.identify.fit import independent
 from armdyn.identify.grey_run import HALF, Around, GreyRun, Noise, scaled
 from armdyn.identify.innovations import Colour
-from armdyn.identify.noise_evidence import KICKS, Tables, everywhere, nearby, tabled
+from armdyn.identify.noise_evidence import KICKS, Table, Tables, at_one, everywhere, nearby
 from armdyn.identify.problem import Problem
 from armdyn.physics.pieces import pseudo_inverse
 
@@ -18,6 +18,10 @@ UNSEEN = 1e-9
 """Information on an unknown of typical size, in squared deviations, that is none but rounding."""
 SETTLED = 0.5
 """Nats that do not matter."""
+Look = Callable[[Around, Noise], Table]
+"""Innovations of a run at some noises, those that matter near one."""
+NEARBY: Sequence[Look] = (nearby,) * 6
+WIDE_FIRST: Sequence[Look] = (everywhere, *NEARBY[1:])
 SHRINK, TIED = 0.03, 1e-6
 """By which the kicks shrink from round to round, and the share of them that counts as nothing."""
 
@@ -83,35 +87,24 @@ class GreyBox:
         pairs = list(zip(arounds, point.noises, strict=True))[: self.training]
         return max(noise.kick / around.kick_unit for around, noise in pairs)
 
-    def tables(self, arounds: Sequence[Around], point: Point, *, wide: bool) -> "Tables":
-        """Evidence of every set around a point, at every noise or at those near its own."""
-        at = everywhere if wide else nearby
-        found = [at(a, n) for a, n in zip(arounds, point.noises, strict=True)]
+    def tables(self, arounds: Sequence[Around], point: Point, look: Look) -> Tables:
+        """Evidence of every set around a point, at the noises that are looked at."""
+        found = [look(a, n) for a, n in zip(arounds, point.noises, strict=True)]
         return Tables(found, point.values, self.problem, self.training, self.removable)
 
     @np.errstate(all="ignore")  # sums that a divergence has spoilt are no finite evidence
-    def settled(
-        self, free: np.ndarray, point: Point, *, rounds: int = 6, wide: int = 1, coloured: bool = True
-    ) -> Point:
-        """Linearise, find the noise, step, smooth, until the evidence stays; the first rounds look at every noise.
+    def settled(self, free: np.ndarray, point: Point, looks: Sequence[Look] = WIDE_FIRST) -> Point:
+        """Linearise, find the noise, step, smooth, until the evidence stays.
 
         Args:
             free: (P,) bool, unknowns that are fitted.
             point: where to begin.
-            rounds: at most.
-            wide: rounds that look at every noise.
-            coloured: whether sensors may have a coloured error.
+            looks: the noises that are looked at in each round.
         """
         arounds: Sequence[Around] = self.around(point, free)
         best = point
-        for k in range(rounds):
-            if coloured:
-                tables = self.tables(arounds, point, wide=k < wide)
-            else:
-                kicked = [
-                    tabled(a, [n], a.kick_unit * np.exp(KICKS)) for a, n in zip(arounds, point.noises, strict=True)
-                ]
-                tables = Tables(kicked, point.values, self.problem, self.training, self.removable)
+        for rounds_left, look in zip(reversed(range(len(looks))), looks, strict=True):
+            tables = self.tables(arounds, point, look)
             found = tables.evidence(free)
             if not np.isfinite(found.value):
                 break
@@ -119,7 +112,7 @@ class GreyBox:
                 scaled(t.noises[i], level) for t, i, level in zip(tables.tables, found.picks, found.levels, strict=True)
             )
             best = replace(point, noises=noises, evidence=found.value)
-            if k == rounds - 1 or abs(found.value - point.evidence) < SETTLED:
+            if not rounds_left or abs(found.value - point.evidence) < SETTLED:
                 break
             weights = tuple(a.believed(noise, found.change) for a, noise in zip(arounds, noises, strict=True))
             begin = replace(best, weights=weights)
@@ -150,7 +143,7 @@ class GreyBox:
     def _left(self, point: Point, arounds: Sequence["Around"]) -> float:
         """Squared innovations of the training runs at a point's values and noise."""
         pairs = list(zip(arounds, point.noises, strict=True))[: self.training]
-        return float(sum(tabled(a, [n], np.array([n.kick])).square[0] for a, n in pairs))
+        return float(sum(at_one(a, n).square[0] for a, n in pairs))
 
     def determined(self, point: Point, wanted: np.ndarray) -> np.ndarray:
         """(P,) bool: those of `wanted` that the runs around their motion, with the priors, tell from those before them.
@@ -173,14 +166,14 @@ class GreyBox:
             gram += run.innovations([noise], np.array([run.kick_unit])).gram[0] * np.outer(typical, typical)
         return gram
 
-    def values_while_kicks_shrink(self, free: np.ndarray, point: Point) -> list[np.ndarray]:
-        """(P,) values while kicks shrink to nothing, the last first: the motions become the model's own (output error).
+    def starts(self, free: np.ndarray, point: Point) -> Iterator[np.ndarray]:
+        """(P,) values at a point, then those of the way on which kicks shrink to nothing (output error), its end first.
 
         The kicks shrink from round to round, so that the motions go over from what was measured to what the model says
         without ever losing the measured swing.
         """
-        p = self.problem
-        share, found_values = 1.0, list[np.ndarray]()
+        yield self.with_starts(point)
+        share, way = 1.0, list[np.ndarray]()
         white = tuple(replace(n, colour=(Colour(),) * len(n.colour)) for n in point.noises)
         arounds: Sequence[Around] = self.around(point, free)
         while share > TIED:
@@ -188,18 +181,18 @@ class GreyBox:
                 replace(n, kick=share * float(np.clip(n.kick, *(a.kick_unit * np.exp(KICKS[[0, -1]])))))
                 for n, a in zip(white, arounds, strict=True)
             )
-            tables = [tabled(a, [n], np.array([n.kick])) for n, a in zip(noises, arounds, strict=True)]
-            found = Tables(tables, point.values, p, self.training, self.removable).evidence(free)
+            before = replace(point, noises=noises)
+            tables = self.tables(arounds, before, at_one)
+            found = tables.evidence(free)
             if not np.isfinite(found.value):
                 break
-            before = replace(point, noises=noises)
-            left = sum(float(t.square[0]) for t in tables[: self.training])
+            left = sum(float(t.square[0]) for t in tables.tables[: self.training])
             point, arounds = self._moved(before, left, arounds, found.change, free)
             if point is before:
                 break
-            found_values.append(self.with_starts(point))
+            way.append(self.with_starts(point))
             share *= SHRINK
-        return found_values[::-1]
+        yield from reversed(way)
 
     def with_starts(self, point: Point) -> np.ndarray:
         """(P,) values at a point, those that say how a run begins as its first state does."""

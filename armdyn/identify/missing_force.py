@@ -13,6 +13,7 @@ import numpy as np
 from armdyn.channels import Channel, FloatArray
 from armdyn.identify.fit import Fit
 from armdyn.identify.grey_box import GreyBox, Point
+from armdyn.identify.noise_evidence import at_every_kick
 from armdyn.identify.output_error import AroundMotion
 from armdyn.identify.problem import Problem, transferred, transferred_mask
 from armdyn.physics.pieces import pseudo_inverse
@@ -130,7 +131,7 @@ def accelerations(fit: Fit) -> list[Unexplained]:
     else:
         free, values = free & ~problem.of(model.start_names), transferred(fit.settled, fit.problem, problem)
     box = GreyBox(problem, swings, len(problem.runs), np.zeros(len(free), dtype=bool), SHARE)
-    point = box.settled(free, box.begin(values), rounds=ROUNDS, coloured=False)
+    point = box.settled(free, box.begin(values), (at_every_kick,) * ROUNDS)
     found = [one for i in range(len(problem.runs)) for one in _kicked(box, point, i)]
     # A simulation that diverges has nothing to draw.
     return [

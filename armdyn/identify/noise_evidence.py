@@ -5,7 +5,7 @@ what a set of effects is worth is its evidence at the noise that suits it best (
 Pattern Recognition and Machine Learning, 2006, §3.5).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -54,12 +54,33 @@ class Table:
     rows: float
     kicks: int
 
+    def after(self, columns: np.ndarray, change: np.ndarray, kept: np.ndarray) -> "Table":
+        """The table for the unknowns `kept` (k,), after a change (c,) of the unknowns `columns` (c,)."""
+        X, d = self.gram[:, columns], change
+        slope = self.slope[:, kept] - X[:, :, kept].transpose(0, 2, 1) @ d
+        square = self.square - 2.0 * self.slope[:, columns] @ d + (X[:, :, columns] @ d) @ d
+        return replace(self, gram=self.gram[:, kept[:, None], kept], slope=slope, square=square)
+
+    def likelihood(self, level: np.ndarray) -> np.ndarray:
+        """(S,) logarithms at (S,) levels of everything."""
+        return np.asarray(-0.5 * self.square / level**2 - self.log_std - self.rows * np.log(level))
+
 
 def tabled(around: Around, noises: Sequence[Noise], kicks: np.ndarray) -> Table:
     """Innovations at every one of `noises` with every size (K,) of the kicks."""
     found = around.innovations(noises, kicks)
     every = tuple(replace(noise, kick=float(kick)) for noise in noises for kick in kicks)
     return Table(every, found.gram, found.slope, found.square, found.log_std, found.rows, len(kicks))
+
+
+def at_one(around: Around, noise: Noise) -> Table:
+    """Innovations at one noise."""
+    return tabled(around, [noise], np.array([noise.kick]))
+
+
+def at_every_kick(around: Around, noise: Noise) -> Table:
+    """Innovations over the whole range of kicks, with the colours of one noise."""
+    return tabled(around, [noise], around.kick_unit * np.exp(KICKS))
 
 
 def everywhere(around: Around, noise: Noise) -> Table:
@@ -128,16 +149,6 @@ class Evidence:
     inside: bool
 
 
-def _without(table: Table, c: np.ndarray, gone: np.ndarray, away: np.ndarray) -> Table:
-    """The table for unknowns c, after those that are `gone` have moved by `away`."""
-    slope, square = table.slope[:, c], table.square
-    if len(gone):
-        X = table.gram[:, gone]
-        slope = slope - X[:, :, c].transpose(0, 2, 1) @ away
-        square = square - 2.0 * table.slope[:, gone] @ away + (X[:, :, gone] @ away) @ away
-    return replace(table, gram=table.gram[:, c[:, None], c], slope=slope, square=square)
-
-
 class Tables:
     """Tables of several runs at one point, from which the evidence of every set follows.
 
@@ -165,9 +176,9 @@ class Tables:
         self.is_effect = np.array([bool(c.parameter.effect) for c in problem.columns])
         self._owner = np.array([-1 if c.run is None else c.run for c in problem.columns])
         self.rows = sum(table.rows for table in tables[:training])
-        typical = LOOSE * problem.typical
         with np.errstate(divide="ignore"):
-            self._width = np.minimum(typical, 1.0 / problem.prior_weight)
+            self._width = np.minimum(LOOSE * problem.typical, 1.0 / problem.prior_weight)
+        self._typical = np.minimum(problem.typical, self._width)
         self._centre = np.where(problem.prior_weight > 0, problem.prior_mean - values, 0.0)
 
     def coarse(self, like: Evidence) -> "Tables":
@@ -198,33 +209,35 @@ class Tables:
         c = np.flatnonzero(free & ((self._owner < 0) | (self._owner < self.training)))
         gone = np.flatnonzero(~free & self._removable & (self.values != p.null))
         away = (p.null - self.values)[gone]
-        parts = [_without(t, c, gone, away) for t in self.tables]
+        parts = [t.after(gone, away, c) for t in self.tables]
         R = self.training
         picks = list(self._begin or (len(t.square) // 2 for t in self.tables))
         levels, value = [1.0] * len(parts), -np.inf
-        H, g = np.zeros((len(c), len(c))), np.zeros(len(c))
+
+        def summed(runs: Iterable[int]) -> tuple[np.ndarray, np.ndarray]:
+            """(c, c) and (c,) sums of some runs at the noise of each."""
+            H, g = np.zeros((len(c), len(c))), np.zeros(len(c))
+            for i in runs:
+                H += parts[i].gram[picks[i]] / levels[i] ** 2
+                g += parts[i].slope[picks[i]] / levels[i] ** 2
+            return H, g
+
         for _ in range(1 if R == 1 else self._rounds):
             for r in range(R):
                 others = [i for i in range(R) if i != r]
-                H = sum((parts[i].gram[picks[i]] / levels[i] ** 2 for i in others), np.zeros((len(c), len(c))))
-                g = sum((parts[i].slope[picks[i]] / levels[i] ** 2 for i in others), np.zeros(len(c)))
-                over, level = self._over(parts[r], H, g, c, levels[r])
-                over = over + sum(self._alone(parts[i], picks[i], levels[i]) for i in others)
+                over, level = self._over(parts[r], *summed(others), c, levels[r])
+                over = over + sum(float(parts[i].likelihood(np.array(levels[i]))[picks[i]]) for i in others)
                 picks[r] = int(np.argmax(over))
                 levels[r] = float(level[picks[r]])
                 value = float(over[picks[r]]) + _peak(over, picks[r], self.tables[r].kicks)
-        H = np.asarray(sum(parts[i].gram[picks[i]] / levels[i] ** 2 for i in range(R)))
-        g = np.asarray(sum(parts[i].slope[picks[i]] / levels[i] ** 2 for i in range(R)))
+        H, g = summed(range(R))
         d, cost, pulled = self._bounded(H, g, c)
         value -= 0.5 * (cost - float(self._solved(H[None], g[None], c)[1][0]))
         change = np.zeros(len(self.values))
         change[c], change[gone] = d, away
         own = c[self.is_effect[c]]
         sizes = (self.values + change - p.null)[own] / p.typical[own]
-        T = np.minimum(p.typical[c], self._width[c])
-        occam = 0.5 * float(_log_det((np.eye(len(c)) + T[:, None] * H * T)[None])[0]) + float(
-            np.sum(np.log1p(sizes**2))
-        )
+        spread = float(np.sum(np.log1p(sizes**2)))
         predicted = 0.0
         for r in range(R, len(parts)):
             said, picks[r], levels[r] = self._predicted(r, change, c, H, np.flatnonzero(free & (self._owner == r)))
@@ -233,13 +246,8 @@ class Tables:
         information[np.ix_(c, c)] = H
         ends = (self.values + change)[c] != p.null[c]
         inside = not np.any((pulled > PULLED) & ends & self.is_effect[c])
-        worth = value - float(np.sum(np.log1p(sizes**2)))
-        return Evidence(worth, predicted, occam, change, tuple(picks), tuple(levels), information, inside)
-
-    @staticmethod
-    def _alone(part: "Table", pick: int, level: float) -> float:
-        """What a run adds to the evidence beside the unknowns' share."""
-        return float(-0.5 * part.square[pick] / level**2 - part.log_std[pick] - part.rows * np.log(level))
+        occam = float(self._freedom(H, c)) + spread
+        return Evidence(value - spread, predicted, occam, change, tuple(picks), tuple(levels), information, inside)
 
     def _predicted(
         self, r: int, change: np.ndarray, c: np.ndarray, known: np.ndarray, own: np.ndarray
@@ -256,48 +264,35 @@ class Tables:
             known: (k, k) what they say of these, in inverse squares.
             own: (m,) unknowns of the run alone.
         """
-        t = self.tables[r]
-        moved = np.flatnonzero(change)
-        G = t.gram[:, moved[:, None], moved]
-        d = change[moved]
-        square = t.square - 2.0 * t.slope[:, moved] @ d + (G @ d) @ d
-        loose = np.concatenate([c, own])
-        prior = np.zeros((len(loose), len(loose)))
-        prior[: len(c), : len(c)] = known + np.diag(self._width[c] ** -2.0)
-        prior[range(len(c), len(loose)), range(len(c), len(loose))] = self.problem.typical[own] ** -2.0
-        scale = 1.0 / np.sqrt(np.diag(prior))
-        H = scale[:, None] * t.gram[:, loose[:, None], loose] * scale
-        A = scale[:, None] * prior * scale + ROUNDING * np.eye(len(loose))
-        g = scale * (t.slope[:, loose] - t.gram[:, loose[:, None], moved] @ d)
-        square = square - np.sum(g * np.linalg.solve(A + H, g[:, :, None])[:, :, 0], axis=1)
-        loss = 0.5 * (_log_det(A + H) - _log_det(A[None])[0])
-        level = np.sqrt(np.maximum(square / t.rows, 1.0))
-        over = -0.5 * square / level**2 - t.log_std - t.rows * np.log(level) - loss
+        loose, moved = np.concatenate([c, own]), np.flatnonzero(change)
+        part = self.tables[r].after(moved, change[moved], loose)
+        A = np.diag(np.concatenate([self._width[c], self.problem.typical[own]]) ** -2.0)
+        A[: len(c), : len(c)] += known
+        square = part.square - np.sum(part.slope * _solve(A + part.gram, part.slope), axis=1)
+        level = np.sqrt(np.maximum(square / part.rows, 1.0))
+        over = replace(part, square=square).likelihood(level) - 0.5 * (_log_det(A + part.gram) - _log_det(A))
         pick = int(np.argmax(over))
-        return float(over[pick]) + _peak(over, pick, t.kicks), pick, float(level[pick])
+        return float(over[pick]) + _peak(over, pick, part.kicks), pick, float(level[pick])
 
     def _solved(self, H: np.ndarray, g: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(S, c) change that is best, and (S,) what is added to the squared error: negative where it falls."""
         t = self._width[c]
-        A = t[:, None] * H * t
-        A[:, np.arange(len(c)), np.arange(len(c))] += 1.0
-        right = t * g + self._centre[c] / t
         # In units of the diagonal, a little off the singular: rounding may leave less than the one that was added.
-        scale = np.sqrt(np.einsum("sii->si", A))
-        A = A / (scale[:, :, None] * scale[:, None, :])
-        A[:, np.arange(len(c)), np.arange(len(c))] += ROUNDING
-        d = t / scale * np.linalg.solve(A, (right / scale)[:, :, None])[:, :, 0]
+        d = _solve(H + np.diag(t**-2.0), g + self._centre[c] / t**2)
         off = (d - self._centre[c]) / t
-        return d, np.sum(d * (H @ d[:, :, None])[:, :, 0], axis=1) - 2.0 * np.sum(g * d, axis=1) + np.sum(
-            off**2, axis=1
-        )
+        squares = np.sum(d * (H @ d[:, :, None])[:, :, 0], axis=1) - 2.0 * np.sum(g * d, axis=1)
+        return d, squares + np.sum(off**2, axis=1)
+
+    def _freedom(self, H: np.ndarray, c: np.ndarray) -> np.ndarray:
+        """(S,) nats that the freedom of unknowns c costs, of (S, c, c) what runs say of them."""
+        T = self._typical[c]
+        return 0.5 * _log_det(T[:, None] * H * T + np.eye(len(c)))
 
     def _over(
         self, part: "Table", H0: np.ndarray, g0: np.ndarray, c: np.ndarray, level: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """(S,) evidence at every noise of one run's table beside the sums of the others, and (S,) its level."""
         levels = np.full(len(part.square), level)
-        T = np.minimum(self.problem.typical[c], self._width[c])
         for k in range(self._rounds + 1):
             H = part.gram / levels[:, None, None] ** 2 + H0
             d, added = self._solved(H, part.slope / levels[:, None] ** 2 + g0, c)
@@ -305,10 +300,7 @@ class Tables:
                 own = part.square - 2.0 * np.sum(part.slope * d, axis=1)
                 own += np.sum(d * (part.gram @ d[:, :, None])[:, :, 0], axis=1)
                 levels = np.sqrt(np.maximum(own / part.rows, 1.0))
-        A = T[:, None] * H * T
-        A[:, np.arange(len(c)), np.arange(len(c))] += 1.0
-        alone = -0.5 * part.square / levels**2 - part.log_std - part.rows * np.log(levels)
-        return alone - 0.5 * added - 0.5 * _log_det(A), levels
+        return part.likelihood(levels) - 0.5 * added - self._freedom(H, c), levels
 
     def _bounded(self, H: np.ndarray, g: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
         """(c,) the best change within the bounds, what is added to the squared error, (c,) nats of pull beyond them."""
@@ -317,10 +309,7 @@ class Tables:
         A, right = H + np.diag(t**-2.0), g + self._centre[c] / t**2
         d, held = np.zeros(len(c)), np.zeros(len(c), dtype=bool)
         for _ in range(len(c) + 1):
-            f = np.flatnonzero(~held)
-            scale = 1.0 / np.sqrt(np.diag(A)[f])
-            scaled_A = scale[:, None] * A[np.ix_(f, f)] * scale + ROUNDING * np.eye(len(f))
-            d[f] = scale * np.linalg.solve(scaled_A, scale * (right[f] - A[np.ix_(f, np.flatnonzero(held))] @ d[held]))
+            d[~held] = _solve(A[np.ix_(~held, ~held)], right[~held] - A[np.ix_(~held, held)] @ d[held])
             out = ~held & ((d < lower - 1e-12) | (d > upper + 1e-12))
             if not out.any():
                 break
@@ -332,12 +321,25 @@ class Tables:
         return d, float(d @ H @ d - 2.0 * g @ d + off @ off), pulled
 
 
+def _scaled(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(..., c) sizes of (..., c, c) positive definite matrices, and these over them, as far as rounding leaves them so.
+
+    Sizes are the roots of the diagonal.
+    """
+    size = np.sqrt(np.einsum("...ii->...i", A))
+    return size, A / (size[..., :, None] * size[..., None, :]) + ROUNDING * np.eye(A.shape[-1])
+
+
+def _solve(A: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """(..., c) solutions of (..., c, c) positive definite matrices."""
+    size, alike = _scaled(A)
+    return np.asarray(np.linalg.solve(alike, (right / size)[..., None])[..., 0] / size)
+
+
 def _log_det(A: np.ndarray) -> np.ndarray:
-    """(S,) logarithms of determinants of (S, c, c) positive definite matrices, as far as rounding leaves them so."""
-    diagonal = np.einsum("sii->si", A)
-    scale = 1.0 / np.sqrt(diagonal)
-    alike = scale[:, :, None] * A * scale[:, None, :] + ROUNDING * np.eye(A.shape[1])
-    return np.asarray(np.sum(np.log(diagonal), axis=1) + np.linalg.slogdet(alike)[1])
+    """(...) logarithms of determinants of (..., c, c) positive definite matrices."""
+    size, alike = _scaled(A)
+    return np.asarray(2.0 * np.sum(np.log(size), axis=-1) + np.linalg.slogdet(alike)[1])
 
 
 def _peak(value: np.ndarray, best: int, kicks: int) -> float:

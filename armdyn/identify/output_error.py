@@ -12,7 +12,7 @@ from itertools import islice
 import numpy as np
 
 from armdyn.identify.fit import NEAR_NOISE, Fit, fit
-from armdyn.identify.grey_box import GreyBox, Point
+from armdyn.identify.grey_box import NEARBY, GreyBox, Point
 from armdyn.identify.least_squares import GROSS
 from armdyn.identify.problem import Problem
 from armdyn.physics.simulated import SimulatedModel
@@ -125,11 +125,11 @@ class AroundMotion:
         key = free.tobytes()
         if like is not None and key in self._settled:
             there = self._settled[like.tobytes()][1]
-            other = self.box.settled(free, self._without(there, free), wide=0)
+            other = self.box.settled(free, self._without(there, free), NEARBY)
             if other.evidence > self._settled[key][1].evidence:
                 self._settled[key] = free, other
         if key not in self._settled:
-            self._settled[key] = free, self._followed_anew(free, self.box.settled(free, self._near(free), wide=0))
+            self._settled[key] = free, self._followed_anew(free, self.box.settled(free, self._near(free), NEARBY))
         return self._settled[key][1]
 
     def settled_point(self, free: np.ndarray) -> Point | None:
@@ -170,7 +170,7 @@ class AroundMotion:
         than in other runs.
         """
         found, sized = list[np.ndarray](), free & self.box.removable
-        for values in starts_while_kicks_shrink(self.box, free, self._near(free)):
+        for values in self.box.starts(free, self._near(free)):
             found.append(values)
             yield values
         if sized.any():
@@ -197,12 +197,6 @@ class AroundMotion:
             own = problem.per_run[places]
             starts[places[own]] = alone.values[own]
         return [np.where(problem.per_run, starts, told) for told in found]
-
-
-def starts_while_kicks_shrink(box: GreyBox, free: np.ndarray, point: Point) -> Iterator[np.ndarray]:
-    """(P,) values at a point, then those of the way on which kicks shrink to nothing, its end first."""
-    yield box.with_starts(point)
-    yield from box.values_while_kicks_shrink(free, point)
 
 
 def best_minimum(problem: Problem, free: np.ndarray, starts: Iterable[np.ndarray], others: int = OTHERS) -> Fit:
@@ -244,4 +238,4 @@ def fit_run(single: Problem, values: np.ndarray, free: np.ndarray) -> Fit:
     box = GreyBox(single, [swing], 1, np.zeros(len(values), dtype=bool))
     own = free & ~single.of(model.start_names)
     point = box.settled(own, box.begin(values))
-    return best_minimum(single, free, starts_while_kicks_shrink(box, own, point))
+    return best_minimum(single, free, box.starts(own, point))
