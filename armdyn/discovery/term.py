@@ -8,6 +8,7 @@ from itertools import count
 import numpy as np
 
 from armdyn.channels import FloatArray
+from armdyn.errors import InputError
 from armdyn.parameter import RecordedColumn, Scope
 from armdyn.run import Run
 
@@ -71,15 +72,27 @@ class Variable:
         return self.span > self.size / 2
 
 
+def check_same_units(runs: Iterable[Run]) -> None:
+    """Refuse a further quantity that is of another kind in another recording.
+
+    Raises:
+        InputError: names it and two of the recordings.
+    """
+    first: dict[str, tuple[str, str]] = {}
+    for run in runs:
+        for name, channel in run.extra.items():
+            unit, where = first.setdefault(name, (channel.unit, run.name))
+            if channel.unit != unit:
+                raise InputError(f"'{name}' is in {unit} in {where}, in {channel.unit} in {run.name}: mend one unit")
+
+
 def recorded_variables(runs: Sequence[Run]) -> list[Variable]:
-    """Further quantities that all of these runs hold, in one unit, and that change."""
+    """Further quantities that all of these runs hold and that change; each has one unit, see `check_same_units`."""
     found = []
-    for name in runs[0].extra:
-        channels = [run.extra[name] for run in runs if name in run.extra]
-        samples = np.concatenate([channel.value for channel in channels])
-        units = {channel.unit for channel in channels}
-        if len(channels) == len(runs) and len(units) == 1:
-            column = RecordedColumn(name, units.pop(), float(f"{samples.mean():.6g}"))
+    for name, first in runs[0].extra.items():
+        if all(name in run.extra for run in runs):
+            samples = np.concatenate([run.extra[name].value for run in runs])
+            column = RecordedColumn(name, first.unit, float(f"{samples.mean():.6g}"))
             variable = Variable(name.replace(".", "_"), "", column.unit, samples, column)
             found += [variable] if variable.span > STILL * variable.size else []
     return found

@@ -6,9 +6,10 @@ import pytest
 
 from armdyn.discovery import shapes
 from armdyn.discovery.source import effects_of_terms, file_text
-from armdyn.discovery.term import Site, Variable, named_terms, recorded_variables
+from armdyn.discovery.term import Site, Variable, check_same_units, named_terms, recorded_variables
 from armdyn.discovery.units import over
 from armdyn.effects.user import load_effects
+from armdyn.errors import InputError
 from armdyn.parameter import RecordedColumn
 from armdyn.run import Channel, Run
 
@@ -96,9 +97,11 @@ def test_a_law_may_depend_on_what_every_run_recorded_and_what_changed():
         channels = {f"extra.{name}": Channel(time, value + 0.0 * time, unit) for name, (value, unit) in columns.items()}
         return Run("a", {"swing_angle": Channel(time, time, "rad"), **channels})
 
-    both = {"oil": (290.0 + time, "K"), "still": (1.0, "1"), "steps": (np.arange(20.0), "K")}
-    first, second = run(**both, alone=(time, "1")), run(**both | {"steps": (np.arange(20.0), "m")})
+    both = {"oil": (290.0 + time, "K"), "still": (1.0, "1")}
+    first, second = run(**both, alone=(time, "1")), run(**both)
     assert [v.quantity for v in recorded_variables([first, second])] == ["extra.oil"]
+    with pytest.raises(InputError, match=r"'extra.oil' is in K in a, in m in a"):
+        check_same_units([first, run(oil=(time, "m"))])
     assert recorded_variables([first])[0].column == RecordedColumn("extra.oil", "K", 299.5)
 
 
