@@ -91,17 +91,17 @@ class Recorded(NamedTuple):
 
 
 def smoothing_drives(recordings: Sequence[Recorded], model: pin.Model, frequencies: np.ndarray) -> dict[str, Drive]:
-    """What the drives of an arm did, by channel; without those of which there is too little to tell.
+    """What the drives of an arm did, by channel; where they smoothed nothing, without those that tell too little.
 
     Drives of one arm are alike, and the same in all its recordings, of which one alone may be too short to tell: where
-    most torques show a low-pass, all have it.
+    most torques show a low-pass, all have it, also that of a joint which turns round too often to tell.
 
     Args:
         recordings: of the arm.
         model: the arm as described.
         frequencies: (f,) Hz of the torques' spectra.
     """
-    found, most = dict[str, _Seen](), MOST // len(recordings)
+    found, alone, most = dict[str, _Seen](), dict[str, float](), MOST // len(recordings)
 
     @lru_cache(maxsize=2 * len(recordings))
     def moved(recording: int, stamps: bytes) -> Stretch:
@@ -112,12 +112,16 @@ def smoothing_drives(recordings: Sequence[Recorded], model: pin.Model, frequenci
     for name in dict.fromkeys(name for recorded in recordings for name in recorded.torques):
         torques = [(i, recorded.torques[name]) for i, recorded in enumerate(recordings) if name in recorded.torques]
         seen = _seen(torques, moved, frequencies, most)
-        if seen is not None:
+        if isinstance(seen, _Seen):
             found[name] = seen
+        else:
+            alone[name] = seen
     if len(found) < AGREEING or np.median([one.ratio for one in found.values()]) < SMOOTHED:
         return {name: Drive(np.inf, one.noise) for name, one in found.items()}
     cutoff = float(np.median([one.smoothed.cutoff for one in found.values()]))
-    return {name: one.smoothed._replace(cutoff=cutoff) for name, one in found.items()}
+    below = float(np.median([one.smoothed.noise / one.noise for one in found.values()]))
+    drives = {name: one.smoothed._replace(cutoff=cutoff) for name, one in found.items()}
+    return drives | {name: Drive(cutoff, below * noise) for name, noise in alone.items() if noise > 0.0}
 
 
 class _Seen(NamedTuple):
@@ -139,8 +143,8 @@ def _seen(
     moved: Callable[[int, bytes], Stretch],
     frequencies: np.ndarray,
     most: int,
-) -> _Seen | None:
-    """What the torque of one joint shows; None where there is too little of it.
+) -> _Seen | float:
+    """What the torque of one joint shows; where there is too little of it, the noise of neighbouring samples alone.
 
     Args:
         torques: each with the place of its recording.
@@ -166,8 +170,9 @@ def _seen(
     uncertain[np.cumsum([len(value) for value in values]) - 1] = True  # no difference reaches into another recording
     used = np.convolve(uncertain, np.ones(2 * round(BESIDE / step) + 1), "same")[: len(uncertain)] < 0.5
     apart = APART[APART * step <= LONGEST]
+    alone = _level(np.concatenate(values), np.ones(len(used), dtype=bool), 1)
     if np.count_nonzero(used) < FEWEST or len(apart) < 3:
-        return None
+        return alone
     of_links = np.concatenate([part.regressor[:, joint, joint:] for part in parts]).reshape(len(used), -1)
     residual = _unexplained(motion, of_links, joint, np.concatenate(values), used)
     levels = np.array([_level(residual, used, h) for h in apart])
@@ -175,7 +180,7 @@ def _seen(
     brought_in = np.array([_passed(frequencies, spectrum, h * step) for h in apart])
     variance = levels**2
     if not np.all(variance > brought_in):
-        return None
+        return alone
     own_noise, smoothed, cutoff = _fitted(apart * step, variance, brought_in)
     below = smoothed / float(np.sqrt(2.0 * cutoff * interval * BANDWIDTH))
     noise = float(np.sqrt(variance[0] - brought_in[0]))
