@@ -58,7 +58,7 @@ def _predicted(found: Fit, run: Run, whole: Fit | None = None, starts: Starts | 
     apart = _stated_apart(source, alone)
     start, own = np.where(apart, alone.start(), transferred(found.values, source, alone)), alone.per_run | apart
     fitted = {column.parameter.name for column, fits in zip(source.columns, found.free, strict=True) if fits}
-    free = own & [column.parameter.name in fitted for column in alone.columns]
+    free = own & np.array([column.parameter.name in fitted for column in alone.columns], dtype=bool)
     if not free.any():
         return tuple(alone.blocks(start, free))
     if whole is not None:
