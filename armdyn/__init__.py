@@ -28,14 +28,15 @@ if TYPE_CHECKING:
     from armdyn.inspection.check import Inspection
     from armdyn.model import Model
     from armdyn.model_file import read_model
-    from armdyn.parameter import quantity
+    from armdyn.parameter import column, quantity
     from armdyn.run import Run, read_run
 
 __version__ = "0.1.0"
 
 _MODULES = {
     "CATALOGUE": "armdyn.effects.catalogue", "Effect": "armdyn.effects.effect", "effect": "armdyn.effects.effect",
-    "load_effects": "armdyn.effects.user", "InputError": "armdyn.errors", "quantity": "armdyn.parameter",
+    "load_effects": "armdyn.effects.user", "InputError": "armdyn.errors",
+    "quantity": "armdyn.parameter", "column": "armdyn.parameter",
     "Run": "armdyn.run", "read_run": "armdyn.run", "Model": "armdyn.model", "read_model": "armdyn.model_file",
     "fit": "armdyn.front", "inspect": "armdyn.front", "compare": "armdyn.front", "diagnose": "armdyn.front",
     "discover": "armdyn.front", "Discovery": "armdyn.discovery.result",
@@ -48,8 +49,8 @@ _MODULES = {
 """Where each name is defined."""
 __all__ = [
     "CATALOGUE", "Comparison", "Diagnosis", "Discovery", "Effect", "InputError", "Inspection", "Model", "Repair", "Run",
-    "arm", "compare", "diagnose", "discover", "effect", "effects", "excite", "export", "fit", "inspect", "load_effects",
-    "next_experiment", "pendulum", "quantity", "read_model", "read_run", "repair",
+    "arm", "column", "compare", "diagnose", "discover", "effect", "effects", "excite", "export", "fit", "inspect",
+    "load_effects", "next_experiment", "pendulum", "quantity", "read_model", "read_run", "repair",
 ]  # fmt: skip
 __getattr__ = lazy_names(__name__, _MODULES)
 

@@ -12,6 +12,7 @@ from armdyn.channels import (
     channel_unit,
     channel_units,
     check_clock,
+    is_further,
     name_and_unit,
 )
 from armdyn.errors import InputError, at, collect
@@ -49,14 +50,15 @@ def channels_of(
             value = _numbers(name, raw)
             with at(f"'{name}'"):
                 # Units that are not given are SI: what stands in memory has been read by somebody.
-                unit, factor = channel_unit(name, written or _given(units, name) or channel_units(name)[0])
+                usual = "" if is_further(name) else channel_units(name)[0]
+                to_si = channel_unit(name, written or _given(units, name) or usual)
                 if name in found:
                     raise InputError("is given twice")
                 if stamps is not None and value.shape != stamps.shape:
                     raise InputError(f"has shape {value.shape} where time has {stamps.shape}")
                 present = np.isfinite(value)
                 clock = stamps if sound and stamps is not None else np.arange(len(value), dtype=float)
-                found[name] = Channel(clock[present], value[present] * factor, unit)
+                found[name] = Channel(clock[present], to_si(value[present]), to_si.unit)
     for name in units:
         if not any(name in (known, known.partition(".")[0]) for known in (name_and_unit(k)[0] for k in columns)):
             problems.append(f"a unit is given for '{name}', which is not among the values")

@@ -3,12 +3,14 @@
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from armdyn.errors import InputError, UnknownNameError
-from armdyn.units import si_factor, si_unit
+from armdyn.units import si_factor, si_unit, to_base_units
+from urdf.bounds import shown
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -56,6 +58,11 @@ LARGEST = {
     "N m": 1e6,
 }
 """Largest plausible size per SI unit: beyond it the unit is wrong or the sensor sent garbage."""
+LARGEST_OF_OTHERS = 1e15
+"""In units that are not among them: a frequency of light, in Hz, is the largest that anybody records."""
+FURTHER = "extra"
+"""Before the dot, of a column that holds any further quantity, such as ``extra.temperature``."""
+FURTHER_FORM = "'extra.NAME [unit]' with letters, digits and '_', such as 'extra.temperature [degC]'"
 
 
 MIN_SAMPLES = 10
@@ -65,7 +72,13 @@ MIN_SAMPLES = 10
 def in_contract(name: str) -> bool:
     """True where `name` is the name of a channel."""
     quantity, dot, joint = name.partition(".")
-    return name in PENDULUM_CHANNELS or (bool(dot and joint) and quantity in JOINT_CHANNELS)
+    return name in PENDULUM_CHANNELS or is_further(name) or (bool(dot and joint) and quantity in JOINT_CHANNELS)
+
+
+def is_further(name: str) -> bool:
+    """True where `name` is that of a further quantity, of any kind, that was recorded beside the channels."""
+    quantity, _, own = name.partition(".")
+    return quantity == FURTHER and own.isidentifier()
 
 
 def channel_kind(name: str, where: str = "channel") -> ChannelKind:
@@ -76,7 +89,11 @@ def channel_kind(name: str, where: str = "channel") -> ChannelKind:
     """
     quantity, _, joint = name.partition(".")
     if not in_contract(name):
-        raise UnknownNameError(where, name, _valid_names(joint))
+        if quantity == FURTHER:
+            raise InputError(f"{where} '{shown(name)}': write a further quantity as {FURTHER_FORM}")
+        raise UnknownNameError(where, name, _valid_names(joint), f"; write a further quantity as {FURTHER_FORM}")
+    if is_further(name):
+        return ChannelKind(("1",), "a further quantity, which a law may depend on")
     return PENDULUM_CHANNELS[name] if name in PENDULUM_CHANNELS else JOINT_CHANNELS[quantity]
 
 
@@ -89,18 +106,34 @@ def channel_units(name: str, where: str = "channel") -> tuple[str, ...]:
     return ("s",) if name == "time" else channel_kind(name, where).units
 
 
-def channel_unit(name: str, unit: str) -> tuple[str, float]:
-    """SI unit of the channel `name` when it is written in `unit`, and the factor to it.
+class Conversion(NamedTuple):
+    """How written values become those of a channel: ``factor * value + zero`` in `unit`, an SI unit."""
+
+    unit: str
+    factor: float = 1.0
+    zero: float = 0.0
+
+    def __call__(self, value: FloatArray) -> FloatArray:
+        """(n,) written values in `unit`."""
+        return value if (self.factor, self.zero) == (1.0, 0.0) else value * self.factor + self.zero
+
+
+def channel_unit(name: str, unit: str) -> Conversion:
+    """To the SI unit of the channel `name` when it is written in `unit`; a further quantity may have any.
 
     Raises:
         UnknownNameError: there is no such channel.
-        InputError: the unit is unknown or of another kind than the channel.
+        InputError: the unit is unknown or of another kind than the channel, or a further quantity has none.
     """
     choices = channel_units(name)
+    if is_further(name):
+        if not unit:
+            raise InputError(f"it has no unit: write it as '{name} [K]', or in whatever it is; '1' is a plain number")
+        return Conversion(*to_base_units(unit))
     problems = []
     for si in choices:
         try:
-            return si, si_factor(unit, si)
+            return Conversion(si, si_factor(unit, si))
         except InputError as error:
             problems.append(error)
     if len(choices) == 1:
@@ -110,7 +143,8 @@ def channel_unit(name: str, unit: str) -> tuple[str, float]:
 
 
 def _valid_names(joint: str) -> Iterable[str]:
-    return ("time", *PENDULUM_CHANNELS, *(f"{quantity}.{joint or '<joint>'}" for quantity in JOINT_CHANNELS))
+    of_joints = (f"{quantity}.{joint or '<joint>'}" for quantity in JOINT_CHANNELS)
+    return ("time", *PENDULUM_CHANNELS, *of_joints, f"{FURTHER}.{joint or '<name>'}")
 
 
 class SampleError(InputError):
@@ -153,10 +187,11 @@ class Channel:
             raise InputError("a channel holds a missing or infinite sample: leave missing samples out")
         check_clock(time)
         for unit, array in (("s", time), (self.unit, value)):
-            beyond = np.flatnonzero(np.abs(array) > LARGEST.get(unit, np.inf))
+            largest = LARGEST.get(unit, LARGEST_OF_OTHERS)
+            beyond = np.flatnonzero(np.abs(array) > largest)
             if beyond.size:
                 i = int(beyond[0])
-                raise SampleError(i, f"{array[i]:.6g} {unit} is beyond {LARGEST[unit]:g} {unit}")
+                raise SampleError(i, f"{array[i]:.6g} {unit} is beyond {largest:g} {unit}")
         time.setflags(write=False)
         value.setflags(write=False)
         object.__setattr__(self, "time", time)
@@ -197,7 +232,7 @@ def check_joint_units(channels: Iterable[tuple[str, str]]) -> None:
     first: dict[str, tuple[str, str, int]] = {}
     for name, unit in channels:
         quantity, dot, joint = name.partition(".")
-        if not dot:
+        if not dot or quantity == FURTHER:
             continue
         slides = JOINT_CHANNELS[quantity].units.index(unit)
         other, other_unit, other_slides = first.setdefault(joint, (name, unit, slides))

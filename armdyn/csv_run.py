@@ -9,12 +9,14 @@ import numpy as np
 from armdyn.channels import (
     MIN_SAMPLES,
     Channel,
+    Conversion,
     FloatArray,
     SampleError,
     channel_unit,
     channel_units,
     check_joint_units,
     in_contract,
+    is_further,
     name_and_unit,
 )
 from armdyn.delimited import Delimited, IntArray, header_of, labels_of, parse_delimited, read_text
@@ -81,9 +83,9 @@ def csv_text(channels: Mapping[str, Channel]) -> str:
     return "\n".join([header, *map(",".join, zip(*columns, strict=True))]) + "\n"
 
 
-def _columns(labels: tuple[str, ...], units: Mapping[str, str] | None) -> dict[str, tuple[str, float]]:
-    """SI unit and factor to it by the name of each column."""
-    columns: dict[str, tuple[str, float]] = {}
+def _columns(labels: tuple[str, ...], units: Mapping[str, str] | None) -> dict[str, Conversion]:
+    """By the name of each column, how it is converted to its SI unit."""
+    columns: dict[str, Conversion] = {}
     for place, label in enumerate(labels, start=1):
         name, written = name_and_unit(label)
         if not written and "[" in label and not label.endswith("]"):
@@ -97,22 +99,22 @@ def _columns(labels: tuple[str, ...], units: Mapping[str, str] | None) -> dict[s
         if units is not None and name not in units:
             raise UnknownNameError("column", name, units)
         choices = channel_units(name, where="column") if units is None else (units[name],)
-        if not written:
+        if not written and not is_further(name):
             raise InputError(f"column '{name}' has no unit: write it as '{name} [{choices[0]}]'")
         with at(f"column '{name}'"):
             columns[name] = (
-                channel_unit(name, written) if units is None else (choices[0], si_factor(written, choices[0]))
+                channel_unit(name, written) if units is None else Conversion(choices[0], si_factor(written, choices[0]))
             )
     if "time" not in columns:
         raise InputError("no 'time' column: add one named 'time [s]'")
-    if len(columns) < 2:
+    if not any(name != "time" and not is_further(name) for name in columns):
         raise InputError("nothing but time: add a measured column such as 'load_force [N]'")
     if units is None:
-        check_joint_units((name, unit) for name, (unit, _) in columns.items() if name != "time")
+        check_joint_units((name, column.unit) for name, column in columns.items() if name != "time")
     return columns
 
 
-def _channels(table: Delimited, columns: Mapping[str, tuple[str, float]], *, complete: bool) -> dict[str, Channel]:
+def _channels(table: Delimited, columns: Mapping[str, Conversion], *, complete: bool) -> dict[str, Channel]:
     """The channels of a table; `complete` where no sample may be missing."""
     names, rows, values = list(columns), table.rows, table.values
     for k, cells in table.texts.items():
@@ -130,10 +132,7 @@ def _channels(table: Delimited, columns: Mapping[str, tuple[str, float]], *, com
         raise InputError(
             f"row {rows[i]}, column '{names[k]}' holds no finite number: a trajectory has no missing samples"
         )
-    samples = {
-        name: column if f == 1.0 else column * f
-        for (name, (_, f)), column in zip(columns.items(), values.T, strict=True)
-    }
+    samples = {name: to_si(column) for (name, to_si), column in zip(columns.items(), values.T, strict=True)}
     for name, value in samples.items():
         if np.isnan(value).all():
             raise InputError(f"column '{name}' holds no number at all: remove it or record it again")
@@ -143,7 +142,7 @@ def _channels(table: Delimited, columns: Mapping[str, tuple[str, float]], *, com
     for name, value in samples.items():
         present = ~np.isnan(value)
         try:
-            found[name] = Channel(time[present], value[present], columns[name][0])
+            found[name] = Channel(time[present], value[present], columns[name].unit)
         except SampleError as error:
             raise InputError(f"row {rows[present][error.index]}, column '{name}': {error.said}") from error
     return found

@@ -53,12 +53,14 @@ class UnknownNameError(InputError):
         kind: what was looked up, such as ``"effect"``.
         name: the name that was given.
         valid: the names that exist.
+        besides: what else may be written, for a message that knows no name like the given one.
     """
 
-    def __init__(self, kind: str, name: str, valid: Iterable[str]) -> None:
+    def __init__(self, kind: str, name: str, valid: Iterable[str], besides: str = "") -> None:
         self.kind, self.name, self.valid = kind, name, tuple(valid)
         shown = name if len(name) <= LONGEST_NAME else f"{name[:LONGEST_NAME]}..."
-        super().__init__(f"unknown {kind} '{shown}': {hint(shown, self.valid)}")
+        told = hint(shown, self.valid)
+        super().__init__(f"unknown {kind} '{shown}': {told if told.endswith('?') else told + besides}")
 
 
 class TaskFailedError(ArmdynError):

@@ -144,8 +144,8 @@ def _channel(name: str, samples: _Samples) -> Channel:
     time, value = np.array(samples.time), np.array(samples.value)
     if not in_contract(name):
         return Channel(time, value, samples.unit)  # recorded beside the run, in a unit of its own
-    unit, factor = channel_unit(name, samples.unit)
+    to_si = channel_unit(name, samples.unit)
     try:
-        return Channel(time, value if factor == 1.0 else value * factor, unit)
+        return Channel(time, to_si(value), to_si.unit)
     except SampleError as error:
         raise InputError(f"at {time[error.index]:.3f} s: {error.said}") from error

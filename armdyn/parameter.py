@@ -1,10 +1,13 @@
-"""A parameter of a model: what it is called, what it may be, what is known of it."""
+"""A parameter of a model: what it is called, what it may be, what is known of it; and what was recorded beside it."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from math import inf, isfinite
 from typing import Any, Literal
 
+import numpy as np
+
+from armdyn.channels import Channel, FloatArray
 from armdyn.errors import InputError
 
 Scope = Literal["shared", "per_run"]
@@ -122,3 +125,41 @@ class Quantity:
 
 quantity: Any = Quantity
 """A `Quantity` where it is the default value of an argument, which is an expression when the effect is applied."""
+
+
+@dataclass(frozen=True)
+class RecordedColumn:
+    """Declares a further recorded quantity that an effect reads, as the default value of an argument of its function.
+
+    Attributes:
+        name: of the column, ``"extra.temperature"``.
+        unit: SI base unit in which it is read, ``"1"`` for a plain number.
+        usual: its value wherever it was not recorded: in runs without the column, in plans, in control, in exports.
+    """
+
+    name: str
+    unit: str
+    usual: float
+
+    def over(self, recorded: Mapping[str, Channel], time: FloatArray) -> FloatArray:
+        """(n,) values at (n,) times, s: linear between the samples, held before the first one and after the last one.
+
+        Args:
+            recorded: further quantities of a run, by name.
+            time: on the run's clock.
+
+        Raises:
+            InputError: it was recorded in another unit.
+        """
+        if self.name not in recorded:
+            return np.full(len(time), self.usual)
+        channel = recorded[self.name]
+        if channel.unit != self.unit:
+            raise InputError(
+                f"'{self.name}' is in {channel.unit}, where an effect reads it in {self.unit}: mend the unit of one"
+            )
+        return np.interp(time, channel.time, channel.value)
+
+
+column: Any = RecordedColumn
+"""A `RecordedColumn` where it is the default value of an argument, which is an expression like that of a `quantity`."""

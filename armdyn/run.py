@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from armdyn import atomic
 from armdyn.arrays import channels_of, frame_columns
-from armdyn.channels import MIN_SAMPLES, Channel, channel_kind, check_joint_units, in_contract
+from armdyn.channels import MIN_SAMPLES, Channel, channel_kind, check_joint_units, in_contract, is_further
 from armdyn.csv_run import csv_text, read_csv
 from armdyn.document import Column, Curve, Document, Section, Table, columns_of
 from armdyn.errors import InputError, UnknownNameError
@@ -31,7 +31,8 @@ class Run(Shown):
 
     Attributes:
         name: the file's name, such as ``"a.csv"``.
-        channels: measured quantities by name, each with its own time stamps.
+        channels: measured quantities by name, each with its own time stamps. Those called ``"extra.<name>"`` are moved
+            to `extra`.
         known: values measured by hand (``mass``, ``length``, ...), in SI units: priors, not truth.
         noise: standard deviation per channel, in the channel's unit, where known.
         description: a sentence for a person.
@@ -42,6 +43,8 @@ class Run(Shown):
         spread: s^2, by channel whose samples are means over several instants: their variance. Such a mean differs
             from the signal by half of its second derivative times the variance.
         recorded: when it was made, UTC; None where nobody wrote it down.
+        extra: further quantities by name, ``"extra.temperature"``, on which a law may depend; nothing is compared with
+            them, so that they may be as slow as they are.
 
     Raises:
         InputError: a joint turns in one channel and slides in another.
@@ -59,12 +62,16 @@ class Run(Shown):
     outliers: Mapping[str, int] = field(default_factory=dict, kw_only=True)
     spread: Mapping[str, float] = field(default_factory=dict, kw_only=True)
     recorded: datetime | None = field(default=None, kw_only=True)
+    extra: Mapping[str, Channel] = field(default_factory=dict, kw_only=True)
 
     def __post_init__(self) -> None:
         for name in self.channels:
             channel_kind(name)
+        further = {name: channel for name, channel in self.channels.items() if is_further(name)}
+        object.__setattr__(self, "extra", {**self.extra, **further})
+        object.__setattr__(self, "channels", {n: c for n, c in self.channels.items() if n not in further})
         check_joint_units((name, channel.unit) for name, channel in self.channels.items())
-        for attribute in ("channels", "known", "noise", "outliers", "spread"):
+        for attribute in ("channels", "known", "noise", "outliers", "spread", "extra"):
             object.__setattr__(self, attribute, MappingProxyType(dict(getattr(self, attribute))))
 
     @classmethod
@@ -134,7 +141,7 @@ class Run(Shown):
 
     def document(self) -> Document:
         """Its channels, and what was recorded over time: a row for each quantity, a curve for each joint."""
-        channels, values = self.channels, self.channels.values()
+        channels, values = self.everything, self.everything.values()
         seconds = max((float(c.time[-1] - c.time[0]) for c in values), default=0.0)
         described = f"{self.description}. " if self.description else ""
         columns = [
@@ -156,24 +163,30 @@ class Run(Shown):
         )
 
     @property
+    def everything(self) -> Mapping[str, Channel]:
+        """All channels and the further quantities, by name."""
+        return {**self.channels, **self.extra}
+
+    @property
     def summary(self) -> str:
         """What was recorded of how many joints: ``"q, tau of 6 joints"``."""
         quantities = dict.fromkeys(name.partition(".")[0] for name in self.channels)
         of_joints = f" of {len(self.joints)} joints" if self.joints else ""
-        return f"{', '.join(quantities) or 'nothing'}{of_joints}"
+        beside = f", {', '.join(self.extra)}" if self.extra else ""
+        return f"{', '.join(quantities) or 'nothing'}{of_joints}{beside}"
 
     def _samples(self) -> dict[str, list[Any]]:
         """A row per time stamp, a column per channel; nan where a channel has no sample."""
-        time = np.unique(np.concatenate([c.time for c in self.channels.values()]))
+        time = np.unique(np.concatenate([c.time for c in self.everything.values()]))
         columns: dict[str, list[Any]] = {"time": time.tolist()}
-        for name, c in self.channels.items():
+        for name, c in self.everything.items():
             column = np.full(len(time), np.nan)
             column[np.searchsorted(time, c.time)] = c.value
             columns[f"{name} [{c.unit}]"] = column.tolist()
         return columns
 
     def _curves(self) -> list[Curve]:
-        parts = [(*name.partition("."), c) for name, c in self.channels.items()]
+        parts = [(*name.partition("."), c) for name, c in self.everything.items()]
         return [Curve(f"{quantity} [{c.unit}]", joint or quantity, c.time, c.value) for quantity, _, joint, c in parts]
 
     @property
@@ -202,9 +215,9 @@ class Run(Shown):
         Raises:
             UnknownNameError: this run does not have it.
         """
-        if name not in self.channels:
-            raise UnknownNameError(f"channel of {self.name}", name, self.channels)
-        return self.channels[name]
+        if name not in self.everything:
+            raise UnknownNameError(f"channel of {self.name}", name, self.everything)
+        return self.everything[name]
 
     def require_informative(self, name: str) -> Channel:
         """The channel `name`, which must have enough samples and must change.
@@ -290,19 +303,19 @@ def write_run_csv(run: Run, path: Path | str) -> None:
     if not run.channels:
         raise InputError(f"{run.name}: nothing was recorded, so there is nothing to write to {path}")
     units = {
-        name: run.channels[name].unit if name in run.channels else channel_kind(name).units[0] for name in run.noise
+        name: run.everything[name].unit if name in run.everything else channel_kind(name).units[0] for name in run.noise
     }
     noise = {name: Known(std, None, units[name]) for name, std in run.noise.items()}
     sidecar = sidecar_text(Sidecar(run.description, noise, run.known, run.recorded))
     with atomic.replacing_both(path.with_suffix(".toml"), path) as files:
-        for file, text in zip(files, (sidecar, csv_text(run.channels)), strict=True):
+        for file, text in zip(files, (sidecar, csv_text(run.everything)), strict=True):
             file.write(text.encode("utf-8", errors="replace"))
 
 
 def _of_the_contract(path: Path, recorded: Mapping[str, Channel]) -> dict[str, Channel]:
     """The channels of a run among all that were recorded."""
     channels = {name: channel for name, channel in recorded.items() if in_contract(name)}
-    longest = max((len(channel) for channel in channels.values()), default=0)
+    longest = max((len(channel) for name, channel in channels.items() if not is_further(name)), default=0)
     if longest < MIN_SAMPLES:
         raise InputError(f"{path}: holds {longest} samples where at least {MIN_SAMPLES} are needed: record longer")
     check_joint_units((name, channel.unit) for name, channel in channels.items())

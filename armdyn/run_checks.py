@@ -4,14 +4,15 @@ A file can be well formed and still be of no use: milliseconds declared as secon
 one impossible sample of an encoder. A simulation over such a span would need gigabytes, so it is refused here.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from armdyn.channels import Channel
-from armdyn.effects.effect import Effect
+from armdyn.effects.effect import Effect, columns_of
 from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.model import Model
+from armdyn.parameter import RecordedColumn
 from armdyn.run import Run
 from armdyn.sidecar import POSITIVE
 from armdyn.units import si_factor
@@ -30,7 +31,7 @@ IMPOSSIBLE = {"rad": (10.0, 300.0), "m": (1.0, 50.0)}
 again (6.3 rad) is a smaller step."""
 
 
-def check_run(model: Model, run: Run, adding: Iterable[Effect] = ()) -> None:
+def check_run(model: Model, run: Run, adding: Sequence[Effect] = ()) -> None:
     """Refuse a recording that this model cannot use.
 
     Args:
@@ -44,11 +45,12 @@ def check_run(model: Model, run: Run, adding: Iterable[Effect] = ()) -> None:
     with at(run.source or run.name):
         _check_known(model, run, adding)
         _check_clock(run)
+        _check_further(run, columns_of((*model.effects, *adding)))
         for name, channel in run.channels.items():
             _check_steps(name, channel)
 
 
-def _check_known(model: Model, run: Run, adding: Iterable[Effect]) -> None:
+def _check_known(model: Model, run: Run, adding: Sequence[Effect]) -> None:
     for effect in adding:
         if model.lacks(effect):
             model = model.with_effect(effect)
@@ -112,6 +114,20 @@ def _check_clock(run: Run) -> None:
         f"time: '{first}' begins at {start.min():.9g} s and '{last}' ends at {end.max():.9g} s: "
         "record all channels with one clock"
     )
+
+
+def _check_further(run: Run, columns: Iterable[RecordedColumn]) -> None:
+    """Refuse further quantities in another unit than effects read, or recorded before or after everything else."""
+    for column in columns:
+        column.over(run.extra, np.zeros(0))
+    start = min((channel.time[0] for channel in run.channels.values()), default=-np.inf)
+    end = max((channel.time[-1] for channel in run.channels.values()), default=np.inf)
+    for name, channel in run.extra.items():
+        if channel.time[0] > end or channel.time[-1] < start:
+            raise InputError(
+                f"time: '{name}' was recorded from {channel.time[0]:.9g} to {channel.time[-1]:.9g} s, all else from "
+                f"{start:.9g} to {end:.9g} s: record all with one clock"
+            )
 
 
 def _check_steps(name: str, channel: Channel) -> None:

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
 from pathlib import Path
 
-from armdyn.channels import channel_kind, channel_unit, in_contract
+from armdyn.channels import channel_kind, channel_unit, in_contract, is_further
 from armdyn.errors import InputError, at
 from armdyn.quoting import toml_string
 from armdyn.toml_file import read_toml
@@ -164,11 +164,11 @@ def _quantity(where: str, value: object, unit: str | None) -> Known:
 def _noise(name: str, value: object) -> Known:
     where = f"[noise] {name}"
     choices = channel_kind(name, "channel in [noise]").units
-    parsed = _quantity(where, value, choices[0] if len(choices) == 1 else None)
+    parsed = _quantity(where, value, None if is_further(name) or len(choices) > 1 else choices[0])
     if parsed.value <= 0.0:
         raise InputError(f"{where}: '{value}' is not positive: give the standard deviation, or leave it out")
     with at(where):
-        unit, factor = channel_unit(name, parsed.unit)
+        unit, factor, _ = channel_unit(name, parsed.unit)
     return Known(parsed.value * factor, None, unit)
 
 

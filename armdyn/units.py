@@ -61,7 +61,7 @@ def si_factor(unit: str, expected: str) -> float:
     unit = unit.strip()
     if unit == expected:
         return 1.0
-    given, wanted = _parse(unit), _parse(expected)
+    given, wanted = _from_zero(unit), _from_zero(expected)
     if given.dimensions != wanted.dimensions:
         raise InputError(f"'{unit}' is of another kind than '{expected}': write it in '{expected}' or a multiple of it")
     # To pint an angle, a cycle and a per cent are all plain numbers: 3 Hz would silently become 3 rad/s.
@@ -121,15 +121,39 @@ def si_unit(unit: str) -> str:
     Raises:
         InputError: the unit is unknown.
     """
-    parsed = _parse(unit)
+    parsed = _from_zero(unit)
     return _NEWTON_METRE.sub("N m", unit) if parsed.factor == 1.0 else parsed.base
+
+
+def to_base_units(unit: str) -> tuple[str, float, float]:
+    """SI base units of any unit, ``"1"`` for a plain number, with the factor to them and what is added after it.
+
+    Raises:
+        InputError: the unit is unknown, or no multiple of its base units, such as a decibel.
+    """
+    if unit.strip() == "1":
+        return "1", 1.0, 0.0
+    parsed = _parse(unit.strip())
+    return parsed.base or "1", parsed.factor, parsed.zero
+
+
+def _from_zero(unit: str) -> "_Unit":
+    """A unit whose zero is that of its base units, which a degree Celsius is not."""
+    parsed = _parse(unit)
+    if parsed.zero != 0.0:
+        raise InputError(f"unit '{unit}' does not start at zero: write 'K'")
+    return parsed
 
 
 @dataclass(frozen=True)
 class _Unit:
-    """What pint says of a unit: factor to its SI base units, their name, its dimensions, whether it counts radians."""
+    """What pint says of a unit: ``factor * value + zero`` is in SI base units.
+
+    Also the name of these, their dimensions, and whether it counts radians.
+    """
 
     factor: float
+    zero: float
     base: str
     dimensions: str
     is_angle: bool
@@ -152,16 +176,17 @@ def _parse(unit: str) -> _Unit:
     try:
         parsed = registry.parse_units(text)
         base = registry.Quantity(1.0, parsed).to_base_units()
-        offset = registry.Quantity(0.0, parsed).to_base_units().magnitude
+        zero, two = (registry.Quantity(x, parsed).to_base_units().magnitude for x in (0.0, 2.0))
     except Exception as error:
         raise InputError(f"unknown unit '{unit}': write one such as 's', 'mm', 'deg/s', 'mN', 'N m'") from error
-    if offset != 0.0:
-        raise InputError(f"unit '{unit}' does not start at zero: write 'K'")
-    factor = base.magnitude
+    factor = base.magnitude if zero == 0.0 else base.magnitude - zero
+    if not math.isclose(two - zero, 2.0 * factor, rel_tol=1e-9):
+        raise InputError(f"unit '{unit}' is no multiple of anything: write what it counts, as a plain number in '1'")
     if not (math.isfinite(factor) and factor > 0.0):
         raise InputError(f"unit '{unit}' is out of range: write one such as 's', 'mm', 'deg/s', 'mN', 'N m'")
     return _Unit(
         factor=factor,
+        zero=zero,
         base=f"{base.units:~C}".replace("**", "^").replace("*", " "),
         dimensions=str(base.dimensionality),
         is_angle="radian" in str(base.units),

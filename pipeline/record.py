@@ -231,7 +231,7 @@ def _si(name: str, unit: str) -> str:
     """The unit, which for a channel of the contract must be the SI one."""
     if not in_contract(name):
         return unit
-    si, factor = channel_unit(name, unit)
-    if factor != 1.0:
-        raise InputError(f"channel '{name}' is recorded in {si}, not in {unit}: convert it first")
-    return si
+    to_si = channel_unit(name, unit)
+    if to_si != (to_si.unit, 1.0, 0.0):
+        raise InputError(f"channel '{name}' is recorded in {to_si.unit}, not in {unit}: convert it first")
+    return to_si.unit

@@ -1,7 +1,7 @@
 """The rigid bodies of an arm in one run: what they ask of the joints, and what effects change of them."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -10,6 +10,8 @@ import pinocchio as pin
 from armdyn.arm.composition import Change, JointFunctions
 from armdyn.arm.motion import Motion
 from armdyn.arm.rigid import described_parameters, gravity_regressor, inverse_dynamics, parents, torque_regressor
+from armdyn.channels import Channel
+from armdyn.parameter import RecordedColumn
 
 OF_BASE = -1
 """Where the parameters of effects on the base belong, in place of a joint."""
@@ -56,11 +58,13 @@ class Stretch:
         model: the arm as described.
         motion: at the stamps.
         time: (n,) s since the start of the run.
+        extra: further recorded quantities by name, see `Run.extra`.
     """
 
     model: pin.Model
     motion: Motion
     time: np.ndarray
+    extra: Mapping[str, Channel] = field(default_factory=dict)
 
     @cached_property
     def described(self) -> np.ndarray:
@@ -121,11 +125,10 @@ class Stretch:
             link = self.parents[link]
         return link == joint
 
-    def inputs(self, joint: int) -> np.ndarray:
-        """(9, n) inputs of a joint's functions, with the load of the arm as described."""
+    def inputs(self, joint: int, columns: tuple[RecordedColumn, ...] = ()) -> np.ndarray:
+        """(9 + c, n) inputs of a joint's functions, with the load of the arm as described, and c further quantities."""
         m, inner = self.motion, self.parents[joint]
         rows = [self.time, m.q[:, joint], m.v[:, joint], m.a[:, joint], m.direction[:, joint], self.described[:, joint]]
         none = np.zeros(len(self.time))
-        return np.vstack(
-            [*rows, *((m.q[:, inner], m.v[:, inner], m.a[:, inner]) if inner >= 0 else (none, none, none))]
-        )
+        rows += [m.q[:, inner], m.v[:, inner], m.a[:, inner]] if inner >= 0 else [none, none, none]
+        return np.vstack([*rows, *(column.over(self.extra, m.time) for column in columns)])

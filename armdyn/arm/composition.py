@@ -15,8 +15,9 @@ from armdyn.arm.physics import Base, Expression, Joint, Link, Neighbour
 from armdyn.arm.rigid import inertial_parameters
 from armdyn.arm.vectorised import OverTime
 from armdyn.codegen import Buffered
-from armdyn.effects.effect import Effect
+from armdyn.effects.effect import Effect, columns_of
 from armdyn.errors import InputError
+from armdyn.parameter import RecordedColumn
 from armdyn.readout import Sensor
 
 INPUTS = ("time", "position", "velocity", "acceleration", "direction", "load", "inner q", "inner v", "inner a")
@@ -28,18 +29,28 @@ class Term:
 
     Args:
         expression: of inputs and parameters.
-        inputs: (9,) symbols in the order of `INPUTS`.
+        inputs: (9 + c,) symbols in the order of `INPUTS`, then those of `recorded`.
         theta: (k,) symbols.
         remembered: states of the joint's effects, on which the expression may depend.
+        recorded: c further recorded quantities that the joint's effects read.
 
     Attributes:
         linear: indices of the parameters with columns of their own.
         nonlinear: indices of the other parameters that the term depends on.
         loaded: whether it depends on the load.
         empty: whether it is always zero.
+        recorded: as given.
     """
 
-    def __init__(self, expression: Expression, inputs: Expression, theta: Expression, remembered: Remembered) -> None:
+    def __init__(
+        self,
+        expression: Expression,
+        inputs: Expression,
+        theta: Expression,
+        remembered: Remembered,
+        recorded: tuple[RecordedColumn, ...] = (),
+    ) -> None:
+        self.recorded = recorded
         derivative, z = ca.jacobian(expression, theta), remembered.symbols
         state = ca.vertcat(theta, inputs[LOAD], z)
         self._remembered = remembered if z.numel() and ca.depends_on(expression, z) else None
@@ -60,13 +71,13 @@ class Term:
         self._rest = OverTime(ca.vertcat(*outputs), inputs, theta)
 
     def columns(self, inputs: np.ndarray, size: int) -> np.ndarray:
-        """(n, linear) columns over (9, n) inputs; `size` is the number of parameters."""
+        """(n, linear) columns over (9 + c, n) inputs; `size` is the number of parameters."""
         if not self.linear:
             return np.zeros((inputs.shape[1], 0))
         return self._columns(inputs, np.zeros(size)).T
 
     def rest(self, inputs: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """(n, 2 + nonlinear) over (9, n) inputs: the rest, its derivatives by `nonlinear`, that by the load.
+        """(n, 2 + nonlinear) over (9 + c, n) inputs: the rest, its derivatives by `nonlinear`, that by the load.
 
         It depends on the entries `nonlinear` of (k,) `theta` only.
         """
@@ -191,13 +202,16 @@ def _composed(effects: tuple[Effect, ...]) -> JointFunctions:
     names = tuple(f"{e.name}.{short}" for e in effects for short in e.quantities)
     theta = ca.SX.sym("theta", len(names))
     by_name = dict(zip(names, ca.vertsplit(theta), strict=True)) if names else {}
-    inputs, shape = ca.SX.sym("w", len(INPUTS)), ca.SX.sym("U", 4, 4)
-    time, q, v, a, direction, load, *inner = ca.vertsplit(inputs)
+    columns = columns_of(effects)
+    inputs, shape = ca.SX.sym("w", len(INPUTS) + len(columns)), ca.SX.sym("U", 4, 4)
+    symbols = ca.vertsplit(inputs)
+    time, q, v, a, direction, load, *inner = symbols[: len(INPUTS)]
+    recorded = dict(zip(columns, symbols[len(INPUTS) :], strict=True))
     zero, one, before = ca.SX(0), ca.SX(1), ca.SX.sym("torque")
     joint = Joint(time, q, v, a, direction, load, Neighbour(*inner), Link(shape, ca.SX(4, 4)), zero, zero, one, zero)
     added = []
     for e in effects:
-        joint = e.apply(replace(joint, torque=before), by_name)
+        joint = e.apply(replace(joint, torque=before), by_name, recorded)
         added.append(ca.substitute(joint.torque, before, 0))
         if not ca.is_equal(ca.jacobian(joint.torque, before), ca.SX(1)):
             raise InputError(f"effect '{e.name}': what it does to the joint's torque must be added, by 'with_torque'")
@@ -212,9 +226,9 @@ def _composed(effects: tuple[Effect, ...]) -> JointFunctions:
     null = [q.null for e in effects for q in e.quantities.values()]
     return JointFunctions(
         names=names,
-        torque=_terms(added, inputs, theta, remembered),
-        inner_torque=Term(joint.inner_torque, inputs, theta, remembered),
-        offset=Term(joint.offset, inputs, theta, remembered),
+        torque=_terms(added, inputs, theta, remembered, columns),
+        inner_torque=Term(joint.inner_torque, inputs, theta, remembered, columns),
+        offset=Term(joint.offset, inputs, theta, remembered, columns),
         sensor=Sensor(theta, joint.gain, joint.lag, joint.delay),
         link=Change(names, parameters, shape, theta, null) if ca.depends_on(parameters, theta) else None,
         remembers=bool(joint.memory),
@@ -222,13 +236,17 @@ def _composed(effects: tuple[Effect, ...]) -> JointFunctions:
 
 
 def _terms(
-    added: Sequence[Expression], inputs: Expression, theta: Expression, remembered: Remembered
+    added: Sequence[Expression],
+    inputs: Expression,
+    theta: Expression,
+    remembered: Remembered,
+    columns: tuple[RecordedColumn, ...],
 ) -> tuple[Term, ...]:
     """One term for all that is linear, and one for each expression that is not."""
-    terms = [Term(expression, inputs, theta, remembered) for expression in added]
+    terms = [Term(expression, inputs, theta, remembered, columns) for expression in added]
     linear = [expression for expression, term in zip(added, terms, strict=True) if not term.has_rest]
     rest = [term for term in terms if term.has_rest]
-    return (Term(sum(linear, ca.SX(0)), inputs, theta, remembered), *rest)
+    return (Term(sum(linear, ca.SX(0)), inputs, theta, remembered, columns), *rest)
 
 
 def _part(vector: Expression, indices: Sequence[int]) -> Expression:

@@ -136,7 +136,7 @@ class ChannelPredictor:
         if term.empty:
             return
         if term not in reduced.linear:
-            reduced.linear[term] = reduced.reduce(term.columns(reduced.inputs(joint), len(theta)))
+            reduced.linear[term] = reduced.reduce(term.columns(reduced.inputs(joint, term.recorded), len(theta)))
         own = total.by(joint)
         for column, i in zip(reduced.linear[term].T, term.linear, strict=True):
             # One after the other, so that one more with a factor of zero changes no digit.
@@ -160,7 +160,7 @@ class ChannelPredictor:
         last = reduced.rests.get(term)
         if last is not None and last.key == key:
             return last
-        inputs = reduced.inputs(joint)
+        inputs = reduced.inputs(joint, term.recorded)
         if changes:
             inputs = inputs.copy()
             inputs[LOAD] += reduced.signal(self._stretch.rigid(joint, bodies))
@@ -262,4 +262,4 @@ def _stretch(run: Run, arm: Arm, name: str) -> Stretch:
     motion = motion_in(run, arm.joints)
     time = channel.time if recording is run else channel.time[interior(channel, motion)]
     start = min(float(c.time[0]) for c in recording.channels.values())
-    return Stretch(arm.model, motion.at(time), time - start)
+    return Stretch(arm.model, motion.at(time), time - start, recording.extra)

@@ -199,7 +199,7 @@ def prepare(
         channels |= _smooth_channels(run.channels[f"q.{joint}"], joint, path.curve)
     return PreparedRun(
         run.name, channels, run.known, noise, run.description, run.source, run.warnings,
-        original=run, done=preparations, stands=tuple(stands), outliers=run.outliers,
+        original=run, done=preparations, stands=tuple(stands), outliers=run.outliers, extra=run.extra,
     )  # fmt: skip
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from armdyn.arm.bodies import Stretch
 from armdyn.arm.composition import DIRECTION, Term
 from armdyn.arm.motion import MeasuredMotion
+from armdyn.parameter import RecordedColumn
 
 
 class Signal:
@@ -105,9 +106,9 @@ class Earlier:
         share = self._share.reshape(-1, *[1] * (at_stamps.ndim - 1))
         return (1.0 - share) * at_stamps[self._after - 1] + share * at_stamps[self._after]
 
-    def inputs(self, joint: int) -> np.ndarray:
-        """(9, n) inputs of a joint's functions."""
-        found = self.signal(self._stretch.inputs(joint).T).T
+    def inputs(self, joint: int, columns: tuple[RecordedColumn, ...] = ()) -> np.ndarray:
+        """(9 + c, n) inputs of a joint's functions."""
+        found = self.signal(self._stretch.inputs(joint, columns).T).T
         found[DIRECTION] = self._motion.direction(joint, self._time)
         return found
 

@@ -8,7 +8,7 @@ import numpy as np
 from armdyn.arm.model import ArmModel
 from armdyn.channels import FloatArray
 from armdyn.discovery import shapes
-from armdyn.discovery.term import Site, Term, Variable
+from armdyn.discovery.term import Site, Term, Variable, recorded_variables
 from armdyn.identify.fit import Fit
 from armdyn.parameter import Quantity
 
@@ -24,14 +24,20 @@ SHORTEST, LONGEST = 0.03, 1.5
 def arm_terms(fit: Fit) -> Iterator[Term]:
     """Every formula, for every joint whose torque was measured."""
     for site, v in _joints(fit):
-        yield from (_as_declared(fit, term) for term in _of_joint(site, v))
+        found = [*_of_joint(site, v)]
+        for recorded in recorded_variables(fit.problem.runs):
+            found += shapes.recorded_frictions(site, recorded, v["speed"])
+            found += shapes.recorded_torques(site, recorded)
+        yield from (_as_declared(fit, term) for term in found)
 
 
 def arm_curves(fit: Fit) -> Iterator[Term]:
     """Smooth curves over what a joint's torque may depend on."""
     for site, v in _joints(fit):
-        for name in ("position", "speed", "load"):
-            yield _as_declared(fit, shapes.curve(site, v[name]))
+        found = [shapes.curve(site, v[name]) for name in ("position", "speed", "load")]
+        for recorded in recorded_variables(fit.problem.runs):
+            found += [shapes.curve(site, recorded), shapes.curve(site, recorded, v["speed"])]
+        yield from (_as_declared(fit, term) for term in found)
 
 
 def _of_joint(site: Site, v: dict[str, Variable]) -> Iterator[Term]:

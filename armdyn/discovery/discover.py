@@ -16,7 +16,7 @@ from armdyn.discovery.arm import arm_curves, arm_terms
 from armdyn.discovery.pendulum import pendulum_curves, pendulum_terms
 from armdyn.discovery.result import Discovery, Finding
 from armdyn.discovery.source import effects_of_terms
-from armdyn.discovery.term import Term, named_terms
+from armdyn.discovery.term import Term, check_same_units, named_terms
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
 from armdyn.identify.candidate import Candidate
@@ -56,8 +56,9 @@ def discover(
         progress: is told every step.
 
     Raises:
-        InputError: there are no terms for such a model.
+        InputError: there are no terms for such a model, or a further quantity has two units.
     """
+    check_same_units([*runs, *held_out])
     if model.base not in BASES:
         raise InputError(f"discover knows no terms for the base '{model.base}': give a pendulum or an arm")
     say = progress or (lambda _: None)

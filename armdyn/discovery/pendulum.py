@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from armdyn.discovery import shapes
-from armdyn.discovery.term import Site, Term, Variable
+from armdyn.discovery.term import Site, Term, Variable, recorded_variables
 from armdyn.identify.fit import Fit
 
 GRAVITY = 9.81
@@ -20,6 +20,9 @@ def pendulum_terms(fit: Fit) -> Iterator[Term]:
     """Every formula that the runs of a fit of the bare model may show."""
     string, load, rail, v = _sites(fit)
     yield from _of_string(string, v["angle"], v["speed"], v["time"])
+    for recorded in recorded_variables(fit.problem.runs):
+        yield from shapes.recorded_frictions(string, recorded, v["speed"])
+        yield from shapes.recorded_torques(string, recorded)
     if v["along"].span > 0.0:
         below = "load.with_force({} * ca.vertcat({away}, 0, 1))"  # it is below the line, as far as it is wide
         yield from shapes.magnets(load, v["position"], MAGNET)
@@ -34,6 +37,9 @@ def pendulum_curves(fit: Fit) -> Iterator[Term]:
     string, load, rail, v = _sites(fit)
     yield shapes.curve(string, v["angle"])
     yield shapes.curve(string, v["speed"])
+    for recorded in recorded_variables(fit.problem.runs):
+        yield shapes.curve(string, recorded)
+        yield shapes.curve(string, recorded, v["speed"])
     if v["along"].span > 0.0:
         yield shapes.curve(load, v["position"])
         yield shapes.curve(rail, v["along"])

@@ -58,6 +58,11 @@ class Finding:
         return ",".join(self.joints) or None
 
     @property
+    def depends_on(self) -> tuple[str, ...]:
+        """What the law depends on, ``"speed"`` or a column ``"extra.temperature"``; empty for one of the catalogue."""
+        return () if self.term is None else tuple(v.quantity for v in self.term.variables)
+
+    @property
     def label(self) -> str:
         """The effect as `armdyn add` takes it."""
         return f"{self.effect}:{self.joint}" if self.joint else self.effect
@@ -121,7 +126,10 @@ class Discovery(Shown):
                     if self.still
                     else ""
                 )
-            why = "the force of another body, or depend on what was not recorded. Record what it may depend on as well"
+            why = (
+                "the force of another body, or depend on what was not recorded. Record what it may depend on as well, "
+                "as a column such as 'extra.temperature [degC]'"
+            )
             if not self.judged:
                 why += ", and another motion: one alone shows a force in few places and at few speeds"
             return (
@@ -223,9 +231,8 @@ class Discovery(Shown):
 
 def _curve_of(one: Finding, curves: Sequence[ForceCurve]) -> ForceCurve | None:
     """The drawn missing force over the variable that a law depends on."""
-    names = [] if one.term is None else [v.name for v in one.term.variables]
     mine = [c for c in pooled(curves) if c.joint == one.joint]
-    return next((c for name in names for c in mine if c.against == name), None)
+    return next((c for name in one.depends_on for c in mine if c.against == name), None)
 
 
 def _number(value: Parameter) -> str:

@@ -134,8 +134,34 @@ def warming(site: Site, v: Variable, time: Variable) -> Shapes:
     yield from _frictions(site, "warming friction", says, time, v, fade, where)
 
 
-def curve(site: Site, v: Variable) -> Term:
-    """A cubic spline with evenly spaced knots: any smooth dependence on v."""
+def recorded_frictions(site: Site, v: Variable, speed: Variable) -> Shapes:
+    """Friction times exp(c / width) of a recorded quantity c, up or down; in proportion to c where c comes near zero.
+
+    A temperature in K is far from zero: in proportion to it is constant, nearly.
+    """
+    assert v.column is not None
+    kind, says = f"friction by {v.spoken}", f"friction that depends on the {v.spoken}"
+    width = {"width": Constant(v.unit, v.span / 2, v.span / 4, 0.02 * v.span, 20.0 * v.span)}
+    for sign in ("-", ""):
+        share = f"ca.exp({sign}({v.name} - {v.column.usual!r}) / width)"
+        yield from _frictions(site, kind, says, v, speed, share, width)
+    if v.comes_near_zero and v.low >= 0.0:
+        yield from _frictions(site, kind, says, v, speed, f"ca.fmax(0, {v.name})", {}, (v, 1))
+
+
+def recorded_torques(site: Site, v: Variable) -> Shapes:
+    """A torque k c or k c^2 of a recorded quantity c; k (c - place) where c is far from zero."""
+    kind, says = f"torque by {v.spoken}", f"a torque that depends on the {v.spoken}"
+    if v.comes_near_zero:
+        yield power(site, v, 1, kind, says)
+        yield power(site, v, 2, kind, says)
+    else:
+        place = {"place": Constant(v.unit, (v.low + v.high) / 2, v.span, v.low - v.span, v.high + v.span)}
+        yield _single(site, kind, says, (v,), f"({v.name} - place)", [(v, 1)], place, scale=v.span / 2)
+
+
+def curve(site: Site, v: Variable, speed: Variable | None = None) -> Term:
+    """A cubic spline with evenly spaced knots: any smooth dependence on v, of a force or of friction over a speed."""
     step = v.span / (CURVE_VALUES - 3)
     centres = v.low + step * (np.arange(CURVE_VALUES) - 1)
     lines = (
@@ -146,9 +172,14 @@ def curve(site: Site, v: Variable) -> Term:
         "",
     )
     shapes = {f"value_{i}": f"near({centre:.6g})" for i, centre in enumerate(centres)}
-    same = dict.fromkeys(shapes, site.unit), dict.fromkeys(shapes, site.typical)
-    return Term(f"curve over {v.name}", f"a smooth function of {v.name}", site, (v,), shapes, *same,
-                lines=lines)  # fmt: skip
+    if speed is None:
+        same = dict.fromkeys(shapes, site.unit), dict.fromkeys(shapes, site.typical)
+        return Term(f"curve over {v.spoken}", f"a smooth function of {v.spoken}", site, (v,), shapes, *same,
+                    lines=lines)  # fmt: skip
+    shapes = {size: f"{site.resists}{speed.name} * {shape}" for size, shape in shapes.items()}
+    same = dict.fromkeys(shapes, over(site.unit, (speed.unit, 1))), dict.fromkeys(shapes, site.typical / speed.size)
+    says = f"friction in proportion to {speed.name}, by a smooth function of {v.spoken}"
+    return Term(f"curve of friction over {v.spoken}", says, site, (v, speed), shapes, *same, lines=lines)
 
 
 def _frictions(
@@ -159,16 +190,21 @@ def _frictions(
     speed: Variable,
     share: str,
     where: Mapping[str, Constant],
+    *counted: tuple[Variable, int],
 ) -> Shapes:
-    """Friction in proportion to speed, and dry friction, each times a share that depends on the variable `by`."""
+    """Friction in proportion to speed, and dry friction, each times a share that depends on the variable `by`.
+
+    A share that is no plain number has the unit of the powers `counted`.
+    """
+    share_scale = float(np.prod([v.size**n for v, n in counted]))
     yield _single(
-        site, kind, says, (by, speed), f"{site.resists}{speed.name} * {share}", [(speed, 1)], where,
-        size="coefficient", positive=True, scale=speed.size,
+        site, kind, says, (by, speed), f"{site.resists}{speed.name} * {share}", [(speed, 1), *counted], where,
+        size="coefficient", positive=True, scale=speed.size * share_scale,
     )  # fmt: skip
     if site.dry is not None:
         yield _single(
-            site.dry, kind, f"dry {says}", (by,), share, [], where,
-            size="friction", positive=True, scale=1.0,
+            site.dry, kind, f"dry {says}", (by,), share, counted, where,
+            size="friction", positive=True, scale=share_scale,
         )  # fmt: skip
 
 

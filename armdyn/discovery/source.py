@@ -14,7 +14,7 @@ HEAD = '''"""{title}"""
 
 import casadi as ca
 
-from armdyn import effect, quantity
+from armdyn import {names}
 '''
 WIDTH = 110
 SHORT = 3
@@ -40,7 +40,10 @@ def file_text(title: str, terms: Iterable[Term], evidence: Mapping[str, str] | N
         terms: each becomes an effect.
         evidence: by name of a term, what its docstring holds besides the formula.
     """
-    return HEAD.format(title=title) + "".join(_effect_text(term, (evidence or {}).get(term.name, "")) for term in terms)
+    terms = list(terms)
+    reads = any(v.column for term in terms for v in term.variables)
+    head = HEAD.format(title=title, names="column, effect, quantity" if reads else "effect, quantity")
+    return head + "".join(_effect_text(term, (evidence or {}).get(term.name, "")) for term in terms)
 
 
 def _effect_text(term: Term, evidence: str) -> str:
@@ -49,7 +52,9 @@ def _effect_text(term: Term, evidence: str) -> str:
         _argument(size, Constant(term.units[size], 0.0, 0.0, 0.0 if term.positive else float("-inf")), typical)
         for size, typical in term.typical.items()
     ] + [_argument(name, constant, constant.spread) for name, constant in term.constants.items()]
-    reads = [f"    {v.name} = {v.source}" for v in term.variables]
+    columns = [(v.name, v.column) for v in term.variables if v.column is not None]
+    arguments += [f'{name}=column("{c.name}", "{c.unit}", usual={_short(c.usual)})' for name, c in columns]
+    reads = [f"    {v.name} = {v.source}" for v in term.variables if v.column is None]
     reads += [f"    {line}" if line else "" for line in term.lines]
     doc = f'    """{SYMBOLS.get(term.site.unit, "y")} = {term.formula}.'
     doc += f'\n\n{evidence}\n    """' if evidence else '"""'

@@ -1,14 +1,21 @@
 """A candidate term: a shape of the missing force with units, written as an effect that a model can have."""
 
 import re
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count
 
 import numpy as np
 
 from armdyn.channels import FloatArray
-from armdyn.parameter import Scope
+from armdyn.errors import InputError
+from armdyn.parameter import RecordedColumn, Scope
+from armdyn.run import Run
+
+LONGEST_STEM = 50
+"""Characters with which the name of an effect begins; a number follows."""
+STILL = 1e-6
+"""Range over size of a recorded quantity that does not change: rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,12 +27,24 @@ class Variable:
         source: expression of the stage that it is, ``"string.angle"``.
         unit: SI.
         samples: (n,) its values in the runs, in any order; they say where places and widths are looked for.
+        column: of the recordings that it is, in place of an expression; None where there is none.
     """
 
     name: str
     source: str
     unit: str
     samples: FloatArray = field(default_factory=lambda: np.zeros(1))
+    column: RecordedColumn | None = None
+
+    @property
+    def quantity(self) -> str:
+        """What it is called where it is measured: ``"angle"``, ``"extra.temperature"``."""
+        return self.name if self.column is None else self.column.name
+
+    @property
+    def spoken(self) -> str:
+        """For a sentence: ``"angle"``, ``"temperature"``."""
+        return self.quantity.rpartition(".")[2]
 
     @property
     def low(self) -> float:
@@ -46,6 +65,37 @@ class Variable:
     def size(self) -> float:
         """Largest distance from zero in the runs."""
         return max(abs(self.low), abs(self.high))
+
+    @property
+    def comes_near_zero(self) -> bool:
+        """Whether it goes half of the way to zero: what is in proportion to it then differs from a constant."""
+        return self.span > self.size / 2
+
+
+def check_same_units(runs: Iterable[Run]) -> None:
+    """Refuse a further quantity that is of another kind in another recording.
+
+    Raises:
+        InputError: names it and two of the recordings.
+    """
+    first: dict[str, tuple[str, str]] = {}
+    for run in runs:
+        for name, channel in run.extra.items():
+            unit, where = first.setdefault(name, (channel.unit, run.name))
+            if channel.unit != unit:
+                raise InputError(f"'{name}' is in {unit} in {where}, in {channel.unit} in {run.name}: mend one unit")
+
+
+def recorded_variables(runs: Sequence[Run]) -> list[Variable]:
+    """Further quantities that all of these runs hold and that change; each has one unit, see `check_same_units`."""
+    found = []
+    for name, first in runs[0].extra.items():
+        if all(name in run.extra for run in runs):
+            samples = np.concatenate([run.extra[name].value for run in runs])
+            column = RecordedColumn(name, first.unit, float(f"{samples.mean():.6g}"))
+            variable = Variable(name.replace(".", "_"), "", column.unit, samples, column)
+            found += [variable] if variable.span > STILL * variable.size else []
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +185,7 @@ class Term:
     @property
     def stem(self) -> str:
         """With which the name of its effect begins."""
-        return f"discovered_{self.kind.replace(' ', '_').replace('-', '_')}"
+        return f"discovered_{re.sub(r'[^A-Za-z0-9]+', '_', self.kind)}"[:LONGEST_STEM]
 
     @property
     def is_curve(self) -> bool:
@@ -160,7 +210,7 @@ class Term:
     def formula(self) -> str:
         """The same for a reader: ``"stiffness * max(0, angle - place)"``."""
         if self.is_curve:
-            return f"smooth curve over {self.variables[0].name} through {len(self.shapes)} values"
+            return f"smooth {self.kind} through {len(self.shapes)} values"
         text = (
             self.site.shown.format(self.force)
             .replace("ca.fabs", "abs")

@@ -1,14 +1,14 @@
 """What a physical effect is, and how one is defined in ten lines."""
 
 import inspect
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
 from typing import Any, Literal, TypeVar
 
 from armdyn.errors import InputError
-from armdyn.parameter import Parameter, Quantity
+from armdyn.parameter import Parameter, Quantity, RecordedColumn
 
 Reach = Literal["every", "turning", "coupled", "last", "base"]
 """Joints that an effect on joints can act on: every one, those that turn, those whose neighbour towards the base is of
@@ -24,9 +24,10 @@ class Effect:
         name: the catalogue's name.
         acts_on: the stage that it changes; the physics of a model says which it has.
         quantities: its parameters by short name.
+        columns: further recorded quantities that it reads, by the argument of its function.
         summary: one sentence.
         source: where the equation comes from.
-        function: ``(stage, **parameters) -> stage``, pure.
+        function: ``(stage, **parameters, **columns) -> stage``, pure.
         reach: joints that it can act on; for an effect on joints only.
         joints: joints that it does act on, in the order of the arm; all within its reach where empty.
         wrong: whether it is a formula known to be wrong, which a comparison holds against the right one.
@@ -45,10 +46,12 @@ class Effect:
     wrong: bool = False
     needs: tuple[str, ...] = ()
     usual: float = 0.0
+    columns: Mapping[str, RecordedColumn] = field(default_factory=dict)
 
     def shows_in(self, channels: Collection[str]) -> bool:
         """Whether recordings of these channels can show it: an angle shows no load cell's lag."""
-        return not self.needs or any(name in channels for name in self.needs)
+        reads = all(column.name in channels for column in self.columns.values())
+        return reads and (not self.needs or any(name in channels for name in self.needs))
 
     @property
     def label(self) -> str:
@@ -68,17 +71,24 @@ class Effect:
         """Itself by its joints: made once each, because what is derived of an effect is kept by what it *is*."""
         return {self.joints: self}
 
-    def apply(self, stage: Physics, parameters: Mapping[str, Any]) -> Physics:
+    def apply(
+        self,
+        stage: Physics,
+        parameters: Mapping[str, Any],
+        recorded: Mapping[RecordedColumn, Any] = MappingProxyType({}),
+    ) -> Physics:
         """The stage with this effect.
 
         Args:
             stage: symbolic physics of the stage `acts_on`.
             parameters: expressions by full name, ``"<effect>.<quantity>"``.
+            recorded: expressions of further recorded quantities; one that is not among them has its usual value.
 
         Raises:
             InputError: the effect's function fails, or returns something else than a stage.
         """
         values = {short: parameters[f"{self.name}.{short}"] for short in self.quantities}
+        values |= {argument: recorded.get(column, column.usual) for argument, column in self.columns.items()}
         try:
             changed = self.function(stage, **values)
         except (AttributeError, TypeError, ValueError, ZeroDivisionError, NotImplementedError) as error:
@@ -96,6 +106,11 @@ class Effect:
         return tuple(q.parameter(self.name, short) for short, q in self.quantities.items())
 
 
+def columns_of(effects: Iterable[Effect]) -> tuple[RecordedColumn, ...]:
+    """Further recorded quantities that effects read, each once."""
+    return tuple(dict.fromkeys(column for effect in effects for column in effect.columns.values()))
+
+
 def effect(
     name: str | None = None,
     acts_on: str | None = None,
@@ -107,7 +122,7 @@ def effect(
     needs: tuple[str, ...] = (),
     usual: float = 0.0,
 ) -> Callable[[Callable[..., Physics]], Effect]:
-    """Make an `Effect` of a function whose first argument is the stage and whose others default to `quantity`.
+    """Make an `Effect` of a function whose first argument is the stage, the others parameters, `quantity`, or columns.
 
     The function's name is that of the effect, and its first argument's that of the stage, where they are not given.
 
@@ -117,23 +132,31 @@ def effect(
         return load.with_force(-coefficient * load.velocity)
     ```
 
+    An argument that defaults to ``column("extra.temperature", "K", usual=293.15)`` is what a recording holds beside its
+    channels.
+
     Raises:
-        InputError: an argument declares no quantity.
+        InputError: an argument declares neither.
     """
 
     def make(function: Callable[..., Physics]) -> Effect:
         called = function.__name__ if name is None else name
         stage, *arguments = inspect.signature(function).parameters.values()
+        columns = {a.name: a.default for a in arguments if isinstance(a.default, RecordedColumn)}
+        read = tuple(column.name for column in columns.values())
         quantities = {}
-        for argument in arguments:
+        for argument in (a for a in arguments if a.name not in columns):
             if not isinstance(argument.default, Quantity):
                 raise InputError(
                     f"effect '{called}': argument '{argument.name}' needs a default such as "
                     'quantity("N", typical=1.0)'
                 )
-            quantities[argument.name] = argument.default
+            quantities[argument.name] = replace(argument.default, needs=argument.default.needs or read)
         at = stage.name if acts_on is None else acts_on
         declared = MappingProxyType(quantities)
-        return Effect(called, at, declared, summary, source, function, reach, wrong=wrong, needs=needs, usual=usual)
+        return Effect(
+            called, at, declared, summary, source, function, reach,
+            wrong=wrong, needs=needs, usual=usual, columns=MappingProxyType(columns),
+        )  # fmt: skip
 
     return make

@@ -15,12 +15,13 @@ import casadi as ca
 import numpy as np
 
 from armdyn.arm.physics import Base, Joint, Link, Neighbour
+from armdyn.channels import is_further
 from armdyn.effects.effect import Effect
 from armdyn.errors import ArmdynError, InputError
-from armdyn.parameter import Quantity
+from armdyn.parameter import Quantity, RecordedColumn
 from armdyn.pendulum.physics import Gripper, Load, Sensor, String, Tension
 from armdyn.physics.definition import Expression, Memory
-from armdyn.units import si_unit
+from armdyn.units import si_unit, to_base_units
 from armdyn.user_code import place_of
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,59}")
@@ -49,6 +50,10 @@ def check_declared(effects: Sequence[Effect], path: Path) -> None:
             wrong = _wrong_with(declared)
             if wrong is not None:
                 raise _fault(item, path, f"'{short}': {wrong}")
+        for argument, column in item.columns.items():
+            wrong = "the base stands still: let a joint read it" if item.reach == "base" else _wrong_with_column(column)
+            if wrong is not None:
+                raise _fault(item, path, f"'{argument}': {wrong}")
 
 
 def check_applied(item: Effect, path: Path) -> None:
@@ -63,7 +68,9 @@ def check_applied(item: Effect, path: Path) -> None:
     given, inputs = stage.make()
     theta = ca.SX.sym("theta", len(item.quantities))
     try:
-        changed = item.function(given, **dict(zip(item.quantities, ca.vertsplit(theta), strict=True)))
+        arguments = dict(zip(item.quantities, ca.vertsplit(theta), strict=True))
+        arguments |= {name: column.usual for name, column in item.columns.items()}
+        changed = item.function(given, **arguments)
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # whatever a user's function may raise, the remedy is in their file
@@ -103,8 +110,7 @@ def _wrong_with(q: Quantity) -> str | None:
     """What is wrong with how a parameter is declared; None where nothing is."""
     for what in ("typical", "null", "lower", "upper"):
         value = getattr(q, what)
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not number or value != value or (abs(value) > LARGEST and abs(value) != math.inf):  # an int may be no float
+        if not _is_number(value):
             return f"{what} is {value!r:.60}: write a number"
     if not isinstance(q.unit, str):
         return f"unit is {q.unit!r}: write a text such as 'N s/m'"
@@ -131,6 +137,30 @@ def _wrong_with(q: Quantity) -> str | None:
         ),
     )
     return next((said for wrong, said in faults if wrong), None)
+
+
+def _wrong_with_column(column: RecordedColumn) -> str | None:
+    """What is wrong with how a further recorded quantity is declared; None where nothing is."""
+    if not (isinstance(column.name, str) and is_further(column.name)):
+        return f"its column is {column.name!r:.60}: write a name such as 'extra.temperature'"
+    if not _is_number(column.usual) or not math.isfinite(column.usual):
+        return f"usual is {column.usual!r:.60}: write the number that it is where it was not recorded"
+    try:
+        base = to_base_units(column.unit) if isinstance(column.unit, str) else None
+    except InputError as error:
+        return str(error)
+    if base != (column.unit, 1.0, 0.0):
+        return f"unit is {column.unit!r:.60}: write it in SI base units, such as {'K' if base is None else base[0]!r}"
+    return None
+
+
+def _is_number(value: object) -> bool:
+    """Whether it is one that is not too large for a float."""
+    return (
+        isinstance(value, int | float)
+        and not isinstance(value, bool)
+        and (value == value and (abs(value) <= LARGEST or abs(value) == math.inf))
+    )
 
 
 @dataclass(frozen=True)

@@ -263,7 +263,7 @@ class PredictedExperiment:
         adjoint = _adjoint(model.system, model.formulation)
         nodes, middle = adjoint.gradient(path, physics, self.rollout(values).states, outputs)
         at_nodes, between = _driving(basis, model.gripper_lag(physics))
-        jerk = slice(7, 8) if len(nodes) == 8 else slice(0, 0)
+        jerk = slice(7, 8) if len(nodes) > 7 else slice(0, 0)
         rows = [*nodes[1:4], *nodes[jerk]], [*middle[1:4], *middle[jerk]]
         return (
             np.concatenate(rows[0]) @ at_nodes[: count * len(rows[0])]

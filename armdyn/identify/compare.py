@@ -6,6 +6,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from armdyn.document import Document, Level, Section
+from armdyn.effects.effect import columns_of
 from armdyn.identify.explained import Scale
 from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.force_law import opening
@@ -249,6 +250,12 @@ def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bo
         ),
         left_out=(
             *(f"{run.name}: {text}" for run in (*study.runs, *study.held_out) for text in run.warnings),
+            *(
+                f"{run.name}: no '{column.name}': taken to be {column.usual:g} {column.unit}, its usual value"
+                for column in columns_of(study.model.effects)
+                for run in (*study.runs, *study.held_out)
+                if column.name not in run.extra
+            ),
             *study.disbelieved(fit),
         ),
         widened=uncertainty(study, fit).widened,

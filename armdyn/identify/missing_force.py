@@ -18,6 +18,7 @@ from armdyn.identify.output_error import AroundMotion
 from armdyn.identify.problem import Problem, transferred, transferred_mask
 from armdyn.physics.pieces import pseudo_inverse
 from armdyn.physics.simulated import SimulatedModel
+from armdyn.run import Run
 
 SHARE = 1.0 / 16.0
 """Of a swing, between two kicks: so finely a missing force is resolved in time."""
@@ -151,7 +152,7 @@ def _kicked(box: GreyBox, point: Point, index: int) -> list[Unexplained]:
     found = []
     for k in model.kicked:
         unit = f"{model.parameters[model.start_names[k]].unit}/s".replace("/s/s", "/s^2")
-        against = model.shown_against(run.pieces.run, time, motion, k, theta)
+        against = model.shown_against(run.pieces.run, time, motion, k, theta) | _recorded(run.pieces.run, time)
         joint = None if len(model.kicked) == 1 else model.start_names[k].removeprefix("initial_")
         found.append(Unexplained(run.run.name, joint, unit, time, pushed[1:, k] / lasting, against))
     return found
@@ -159,7 +160,7 @@ def _kicked(box: GreyBox, point: Point, index: int) -> list[Unexplained]:
 
 def _torques(fit: Fit, joints: Mapping[str, Mapping[str, str]]) -> list[Unexplained]:
     """Of every joint the measured torque (or force) less the predicted one; `joints` by run and channel."""
-    found, moving = [], fit.covariates()
+    found, moving, runs = [], fit.covariates(), {run.name: run for run in fit.problem.runs}
     for block in fit.blocks:
         joint = joints[block.run].get(block.channel)
         if joint is not None:
@@ -168,8 +169,14 @@ def _torques(fit: Fit, joints: Mapping[str, Mapping[str, str]]) -> list[Unexplai
                 for name, c in ((name, moving[block.run][f"{kind}.{joint}"]) for name, kind in MOTION.items())
             }
             against["load"] = block.predicted, block.unit
+            against |= _recorded(runs[block.run], block.time)
             found.append(Unexplained(block.run, joint, block.unit, block.time, block.misfit, against))
     return found
+
+
+def _recorded(run: Run, time: FloatArray) -> dict[str, tuple[FloatArray, str]]:
+    """Further quantities of a run at (n,) times, with a unit each."""
+    return {name: (np.interp(time, c.time, c.value), c.unit) for name, c in run.extra.items()}
 
 
 def curves(

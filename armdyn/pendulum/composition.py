@@ -5,13 +5,15 @@ Lagrangian in the load's Cartesian position, the forces and the readings, and th
 effect can enter one and be forgotten in another.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import casadi as ca
 
 from armdyn.effects.catalogue import natural_order
-from armdyn.effects.effect import Effect
+from armdyn.effects.effect import Effect, columns_of
 from armdyn.errors import InputError
+from armdyn.parameter import RecordedColumn
 from armdyn.pendulum.physics import STANDARD_GRAVITY, Expression, Gripper, Load, Sensor, String, Tension
 from armdyn.physics.definition import Moment
 
@@ -40,10 +42,11 @@ class Composition:
         crosses: whether the load swings across the line as well.
         trails: whether the gripper trails its measured position.
         remembers: number of states that effects bring.
+        recorded: symbols of the further recorded quantities that effects read.
 
     Raises:
-        InputError: a state of an effect acts otherwise than by a force, a torque or a reading, or a length depends on
-            the swing rate.
+        InputError: a state of an effect, or a recorded quantity, acts otherwise than by a force, a torque or a reading,
+            or a length depends on the swing rate.
     """
 
     def __init__(self, effects: Sequence[Effect]) -> None:
@@ -52,7 +55,8 @@ class Composition:
         self.theta = ca.SX.sym("theta", len(self.names))
         self._by_name = dict(zip(self.names, ca.vertsplit(self.theta), strict=True))
         x, v, z, phi, rate, pull = (ca.SX.sym(s) for s in ("x", "v", "z", "phi", "rate", "T"))
-        at = self.at(ca.SX.sym("t"))
+        self.recorded = {column: ca.SX.sym("recorded") for column in columns_of(self._effects)}
+        at = self.at(ca.SX.sym("t"), self.recorded)
         gripper, string = gripper_at(at, x, v, z, phi), string_at(at, phi, rate)
         load = load_at(at, ca.SX.sym("q", 3), ca.SX.sym("qd", 3), phi, rate)
         tension, sensor = tension_at(at, pull, phi, rate, string.length, ca.SX.sym("a")), sensor_at(at, pull, phi, rate)
@@ -68,14 +72,21 @@ class Composition:
             gripper.position, string.length, string.mass, load.mass, load.inertia, gripper.tilt, tension,
             self.compliance, load.transverse, sensor.lag, sensor.delay, gripper.lag, *(m.start for m in at.memory),
         )  # fmt: skip
-        if gripper.memory or (at.memory and ca.depends_on(elsewhere, ca.vertcat(*(m.symbol for m in at.memory)))):
-            raise InputError("an effect lets a state of its own act otherwise than by a force, a torque or a reading")
+        changing = [*(m.symbol for m in at.memory), *self.recorded.values()]
+        if gripper.memory or (changing and ca.depends_on(elsewhere, ca.vertcat(*changing))):
+            raise InputError(
+                "an effect lets a state of its own, or a recorded column, act otherwise than by a force, a torque or a "
+                "reading"
+            )
         if ca.depends_on(string.length, rate):
             raise InputError("an effect lets the string's length depend on the swing rate")
 
-    def at(self, time: Expression) -> Moment:
-        """A moment, s since the start of the run, at which the stages of this module can be asked for."""
-        return Moment(time, self._by_name, {}, self._effects, self._by_name)
+    def at(self, time: Expression, recorded: Mapping[RecordedColumn, Expression] = MappingProxyType({})) -> Moment:
+        """A moment, s since the start of the run, at which the stages of this module can be asked for.
+
+        What effects read and is not among `recorded` has its usual value.
+        """
+        return Moment(time, self._by_name, {}, self._effects, self._by_name, recorded)
 
 
 def gripper_at(at: Moment, x: Expression, v: Expression, z: Expression, phi: Expression) -> Gripper:

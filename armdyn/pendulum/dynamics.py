@@ -49,8 +49,9 @@ class Dynamics(System):
 
     The gripper moves along its line with x, v, a and, where its height is measured, up and down with z, vz, az. Where
     the load also swings across the line, s goes on with the three moments of `transverse`; last come the states that
-    effects bring. Where something yields, w ends in the gripper's jerk and the output in an impulse, kg m/s, whose time
-    derivative adds to the force.
+    effects bring. Where something yields, w goes on with the gripper's jerk, and the output ends in an impulse, kg m/s,
+    whose time derivative adds to the force. Where effects read further recorded quantities, w goes on with the jerk as
+    well, and ends in these.
 
     `initial` takes phi and p = P/M, the swing rate seen from rest in space: phi' = p + (v/l) cos(phi). A load at rest
     has p = 0 whatever the gripper does.
@@ -72,7 +73,8 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
     Args:
         composition: the pendulum with its effects.
         planar: for control: two states, seven inputs; lag and compliance to first order, no swing across the line, dry
-            friction with a smooth sign, and what effects remember stays as it is at the start of a run.
+            friction with a smooth sign; what effects remember stays as it is at the start of a run, and what they
+            read of a recording has its usual value.
     """
     yields, crosses = composition.yields and not planar, composition.crosses and not planar
     theta = composition.theta
@@ -96,7 +98,8 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
             total += ca.jtimes(expression, give, giving)
         return total if rate_of_rate is None else total + ca.jtimes(expression, rate, rate_of_rate)
 
-    at = composition.at(t)
+    recorded = {} if planar else composition.recorded
+    at = composition.at(t, recorded)
     gripper = gripper_at(at, x - composition.gripper_lag * v if planar and composition.trails else x, v, z, phi)
     string = string_at(at, phi, rate)
     g, length, mass = gripper.position, string.length, at["mass"]
@@ -133,8 +136,10 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
     s, w = [phi, momentum], [t, x, v, a, z, vz, az]
     displaced = {stretch: ca.SX(0), stretching: ca.SX(0), give: ca.SX(0), giving: ca.SX(0)}
     extra = impulse = ca.SX(0, 1)
-    if yields:
+    if yields or recorded:
         w.append(jerk)
+    w += recorded.values()
+    if yields:
         rigid = ca.substitute([rate_of_state], list(displaced), list(displaced.values()))[0]
         slow = slow_manifold(composition, at, phi, rigid, a, jerk)
         displaced = {stretch: slow.stretch, stretching: slow.stretching, give: slow.give, giving: slow.giving}
@@ -186,6 +191,7 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
         states=state.numel(),
         starts=STATE_SIZE,
         inputs=given.numel(),
+        columns=tuple(recorded),
         outputs=OUTPUTS,
         impulse_adds_to="load_force" if yields else None,
         impulse_rings=Vibration(bounce) if yields and bounce is not None else None,

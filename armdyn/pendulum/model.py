@@ -172,7 +172,8 @@ class PendulumModel(SimulatedModel):
 
     def driven_by(self, path: Path, physics: np.ndarray) -> Path:
         """The path of the string's upper end where the gripper's was recorded; see `SimulatedModel`."""
-        return path if self.system.input_lag is None else trailing(path, self.gripper_lag(physics))
+        trails = self.system.input_lag is not None
+        return super().driven_by(trailing(path, self.gripper_lag(physics)) if trails else path, physics)
 
     def gripper_lag(self, physics: np.ndarray) -> float:
         """Time by which the string's upper end trails the measured gripper, s; `physics` as `physics_theta`."""

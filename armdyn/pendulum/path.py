@@ -1,5 +1,6 @@
 """The gripper's path: whole, still growing, or trailed by what hangs from it; in a run, recorded or being recorded."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,7 +21,7 @@ from armdyn.physics.recorded import (
     smoothed_motion,
 )
 from armdyn.readout import lagged
-from armdyn.run import Run
+from armdyn.run import Channel, Run
 
 CHOOSE_EVERY, CHOOSE_FROM = 100, 300
 """Samples after which the strength for a growing path is chosen anew, and from how many of the last."""
@@ -42,6 +43,7 @@ class GripperPath(Path):
         a: (K,) m/s^2.
         height: (3, K) z m, its velocity m/s and acceleration m/s^2; a level line where it is not given.
         elapsed: time since the recording began at the first node, s; 0 but in a later piece of it.
+        extra: further recorded quantities, see `Path`.
     """
 
     def __init__(
@@ -53,10 +55,12 @@ class GripperPath(Path):
         a: np.ndarray,
         height: np.ndarray | None = None,
         elapsed: float = 0.0,
+        extra: Mapping[str, Channel] | None = None,
     ) -> None:
         along = np.vstack([x, v, a])
         level = np.zeros_like(along) if height is None else height
-        super().__init__(start, dt, *_inputs(elapsed + dt * np.arange(len(x)), along, level, dt))
+        inputs = _inputs(elapsed + dt * np.arange(len(x)), along, level, dt)
+        super().__init__(start, dt, *inputs, extra=extra or {})
 
     @property
     def x(self) -> np.ndarray:
@@ -107,13 +111,16 @@ def trailing(path: Path, lag: float) -> Path:
     )
     t, level = path.nodes[0], path.nodes[4:7]
     values = _inputs(t, np.hstack(along).T, level, path.dt)
-    return Path(path.start, path.dt, *values, by_lag=_inputs(0.0 * t, np.vstack(by_lag), 0.0 * level, path.dt))
+    by = _inputs(0.0 * t, np.vstack(by_lag), 0.0 * level, path.dt)
+    return Path(path.start, path.dt, *values, by_lag=by, extra=path.extra)
 
 
-def fixed_path(start: float, end: float, dt: float, elapsed: float = 0.0) -> GripperPath:
+def fixed_path(
+    start: float, end: float, dt: float, elapsed: float = 0.0, extra: Mapping[str, Channel] | None = None
+) -> GripperPath:
     """A pivot that does not move, from `start` to `end` s; for the other arguments see `GripperPath`."""
     still = np.zeros(grid_size(start, end, dt))
-    return GripperPath(start, dt, still, still, still, None, elapsed)
+    return GripperPath(start, dt, still, still, still, None, elapsed, extra)
 
 
 class GrowingPath:
@@ -168,7 +175,7 @@ def _recorded_path(run: Run) -> GripperPath:
     if "gripper_x" not in run.channels:
         interval = min(float(np.median(np.diff(run.channels[n].time))) for n in OUTPUTS if n in run.channels)
         elapsed = 0.0 if run.began is None else start - run.began
-        return fixed_path(start, end, float(np.clip(interval, FINEST_GRID, COARSEST_GRID)), elapsed)
+        return fixed_path(start, end, float(np.clip(interval, FINEST_GRID, COARSEST_GRID)), elapsed, run.extra)
     x = run.channels["gripper_x"]
     start, dt = float(x.time[0]), float(np.clip(np.median(np.diff(x.time)), FINEST_GRID, COARSEST_GRID))
     elapsed = 0.0 if run.began is None else start - run.began
@@ -183,7 +190,7 @@ def _recorded_path(run: Run) -> GripperPath:
         motion = np.array([np.interp(grid, c.time, c.value) for c in given])
     else:
         motion = _smoothed(run, "gripper_x", x.time, x.value, dt)
-    return GripperPath(start, dt, motion[0], motion[1], motion[2], height, elapsed)
+    return GripperPath(start, dt, motion[0], motion[1], motion[2], height, elapsed, run.extra)
 
 
 def _smoothed(run: Run, name: str, time: np.ndarray, value: np.ndarray, dt: float) -> np.ndarray:

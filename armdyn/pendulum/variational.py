@@ -60,7 +60,7 @@ def derive_variational(composition: Composition) -> VariationalStep:
     """The integrator and its exact first and second derivatives.
 
     Compliance enters to first order (`quasi_static`) and dry friction with a smooth sign; a swing across the line and
-    states of effects are left out.
+    states of effects are left out, and what they read of a recording has its usual value.
     """
     theta = composition.theta
     s, u, t, dt = ca.SX.sym("s", STATE_SIZE), ca.SX.sym("u"), ca.SX.sym("t"), ca.SX.sym("dt")

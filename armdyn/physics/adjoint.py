@@ -48,7 +48,7 @@ class Adjoint:
 
         Returns:
             (i, K) with respect to the inputs at the nodes, and (i, K-1) halfway between; where something yields, the
-            jerk is the last of the i inputs.
+            jerk comes after the others.
         """
         s = self._system
         nodes, middle = path.nodes[: s.inputs], path.middle[: s.inputs]

@@ -33,7 +33,7 @@ import casadi as ca
 from armdyn.channels import channel_units
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
-from armdyn.parameter import Parameter
+from armdyn.parameter import Parameter, RecordedColumn
 
 Expression: TypeAlias = Any  # a casadi.SX, which carries no type information
 NONE: Expression = ca.SX(0)
@@ -154,6 +154,7 @@ class Moment:
         inputs: by channel.
         effects: that act, in their order.
         by_name: values of the effects' parameters.
+        recorded: further recorded quantities that effects read; those that are not among them have their usual values.
     """
 
     def __init__(
@@ -163,11 +164,13 @@ class Moment:
         inputs: Mapping[str, Signal],
         effects: Sequence[Effect],
         by_name: Mapping[str, Expression],
+        recorded: Mapping[RecordedColumn, Expression] = MappingProxyType({}),
     ) -> None:
         self.time = time
         self.memory: list[Memory] = []
         self.stages: dict[str, list[str]] = {}
         self._values, self._inputs, self._effects, self._by_name = values, inputs, effects, by_name
+        self._recorded = recorded
 
     def __getitem__(self, name: str) -> Expression:
         """A parameter or a state."""
@@ -195,7 +198,8 @@ class Moment:
                 tail = f"[{joint}]" if joint else ""
                 names = {f"{effect.name}.{short}": f"{effect.name}.{short}{tail}" for short in effect.quantities}
                 if all(name in self._by_name for name in names.values()):  # it may change nothing on other joints
-                    stage = effect.apply(stage, {key: self._by_name[name] for key, name in names.items()})
+                    values = {key: self._by_name[name] for key, name in names.items()}
+                    stage = effect.apply(stage, values, self._recorded)
         self.memory += stage.memory
         return stage
 

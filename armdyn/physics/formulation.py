@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import casadi as ca
 
-from armdyn.effects.effect import Effect
+from armdyn.effects.effect import Effect, columns_of
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.physics.definition import Equations, Expression, Moment, Physics, Reading, Signal
 from armdyn.physics.simulate import System
@@ -20,7 +20,8 @@ class Formulation(System):
     """What is derived once per set of effects.
 
     The states are those of the physics, which also say how the motion begins, then those that effects bring. The inputs
-    are the time, then value, rate and acceleration of each recorded channel.
+    are the time, then value, rate and acceleration of each recorded channel, then the further quantities that effects
+    read.
 
     Attributes:
         against: ``(s, w, theta) -> (n,)`` covariates of a residual.
@@ -58,12 +59,13 @@ def formulated(physics: Physics, effects: tuple[Effect, ...], names: tuple[str, 
     states = {name: ca.SX.sym(name) for name in physics.states}
     symbols = {channel: ca.SX.sym(channel.replace(".", "_"), MOTION) for channel in physics.inputs}
     signals = {channel: Signal(*ca.vertsplit(symbol)) for channel, symbol in symbols.items()}
-    moment = Moment(time, {**own, **states}, signals, effects, by_name)
+    recorded = {column: ca.SX.sym("recorded") for column in columns_of(effects)}
+    moment = Moment(time, {**own, **states}, signals, effects, by_name, recorded)
     found = _asked(physics, moment)
     readings = {n: v if isinstance(v, Reading) else Reading(v) for n, v in found.outputs.items()}
     memory = moment.memory
     s = ca.vertcat(nothing, *states.values(), *(m.symbol for m in memory))
-    w = ca.vertcat(time, *symbols.values())
+    w = ca.vertcat(time, *symbols.values(), *recorded.values())
     rates = ca.vertcat(nothing, *(found.rates[name] for name in states), *(m.rate for m in memory))
     values = ca.vertcat(*(readings[channel].value for channel in physics.outputs))
     timing = ca.vertcat(*(ca.horzcat(readings[c].lag, readings[c].delay) for c in physics.outputs))
@@ -83,6 +85,7 @@ def formulated(physics: Physics, effects: tuple[Effect, ...], names: tuple[str, 
         states=s.numel(),
         starts=len(states),
         inputs=w.numel(),
+        columns=tuple(recorded),
         outputs=tuple(physics.outputs),
         derivative=ca.Function("derivative", [s, w, theta], [ca.densify(rates)]),
         output=ca.Function("output", [s, w, theta], [ca.densify(values)]),

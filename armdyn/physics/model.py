@@ -201,7 +201,8 @@ class PhysicsModel(SimulatedModel):
         path, formulation = self.path(run), self.system
         rollout = self.rollout(path, theta, self.predicted_channels(run))
         many = formulation.against.map(len(path.time))
-        values = np.asarray(many(rollout.states.T, path.nodes, theta[self.places[1]]))
+        physics = theta[self.places[1]]
+        values = np.asarray(many(rollout.states.T, self.driven_by(path, physics).nodes, physics))
         units = formulation.against_units
         return {
             name: Channel(path.time, row, unit)

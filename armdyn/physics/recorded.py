@@ -3,15 +3,16 @@
 Positions are smoothed by cross-validation and differentiated without phase shift.
 """
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.interpolate import BPoly, make_interp_spline
 from scipy.linalg import solveh_banded
 
 from armdyn.errors import InputError
-from armdyn.run import Run
+from armdyn.parameter import RecordedColumn
+from armdyn.run import Channel, Run
 from armdyn.smoothing import FEWEST, best_smoothing, difference_penalty, smoothed
 
 ORDER = 4
@@ -140,6 +141,7 @@ class Path:
         nodes: (i, K) inputs at the nodes.
         middle: (i, K-1) inputs halfway between.
         by_lag: derivatives of both by a lag with which the inputs trail what was recorded; None where they do not.
+        extra: further recorded quantities by name, see `Run.extra`.
     """
 
     start: float
@@ -147,6 +149,7 @@ class Path:
     nodes: np.ndarray
     middle: np.ndarray
     by_lag: tuple[np.ndarray, np.ndarray] | None = None
+    extra: Mapping[str, Channel] = field(default_factory=dict)
 
     @property
     def time(self) -> np.ndarray:
@@ -165,6 +168,19 @@ class Path:
         nodes, middle = slice(first, None if last is None else last + 1), slice(first, last)
         cut = None if self.by_lag is None else (self.by_lag[0][:, nodes], self.by_lag[1][:, middle])
         return Path(self.start + self.dt * first, self.dt, self.nodes[:, nodes], self.middle[:, middle], cut)
+
+    def with_columns(self, columns: Sequence[RecordedColumn]) -> "Path":
+        """The path with these further quantities as its last inputs; they do not trail."""
+        if not columns:
+            return self
+        between = self.time[:-1] + self.dt / 2
+        nodes, middle = (np.vstack([c.over(self.extra, time) for c in columns]) for time in (self.time, between))
+        by_lag = None
+        if self.by_lag is not None:
+            own, others = self.by_lag, (np.zeros_like(nodes), np.zeros_like(middle))
+            by_lag = np.vstack([own[0], others[0]]), np.vstack([own[1], others[1]])
+        inputs = np.vstack([self.nodes, nodes]), np.vstack([self.middle, middle])
+        return Path(self.start, self.dt, *inputs, by_lag, self.extra)
 
 
 def recorded_inputs(run: Run, inputs: Iterable[str], outputs: Iterable[str], step: float) -> Path:
@@ -205,4 +221,4 @@ def recorded_inputs(run: Run, inputs: Iterable[str], outputs: Iterable[str], ste
             motion = np.vstack([curve(np.minimum(grid, own[-1]), nu=k) for k in range(3)])
         nodes.append(motion)
         middle.append(halfway(motion, dt))
-    return Path(start, dt, np.vstack(nodes), np.vstack(middle))
+    return Path(start, dt, np.vstack(nodes), np.vstack(middle), extra=run.extra)

@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 
 from armdyn.codegen import Buffered, compile_functions
+from armdyn.parameter import RecordedColumn
 from armdyn.physics.definition import Expression
 from armdyn.physics.dry import MOMENTUM, DryFriction
 from armdyn.physics.recorded import Path, slope
@@ -27,6 +28,7 @@ class System:
         states: size of s.
         starts: number of values that say how the motion begins.
         inputs: size of w.
+        columns: further recorded quantities that effects read, the last of w.
         outputs: names of the rows of `output`.
         derivative: ``(s, w, theta) -> (states,)``, without dry friction.
         output: ``(s, w, theta) -> (outputs,)``, and the impulse where there is one.
@@ -51,6 +53,7 @@ class System:
     impulse_rings: Vibration | None = None
     input_lag: ca.Function | None = None
     dry: DryFriction | None = None
+    columns: tuple[RecordedColumn, ...] = ()
 
 
 class Rollout(NamedTuple):

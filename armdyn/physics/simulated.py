@@ -107,7 +107,7 @@ class SimulatedModel(Model):
     def driven_by(self, path: Path, physics: np.ndarray) -> Path:
         """What drives the motion where `path` was recorded; `physics` as `physics_theta`."""
         del physics
-        return path
+        return path.with_columns(self.system.columns)
 
     @property
     def physics_names(self) -> tuple[str, ...]:

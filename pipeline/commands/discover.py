@@ -84,7 +84,7 @@ def _answer(found: "Discovery", output: Path | None) -> dict[str, Any]:
         "sentence": found.sentence,
         "found": [
             {
-                **fields(one, "effect joint acts_on kind formula"),
+                **fields(one, "effect joint acts_on kind formula depends_on"),
                 "values": parameters_answer(one.values),
                 "explains": one.explains,
                 "held_out_rmse": plain(found.held_out_rmse),

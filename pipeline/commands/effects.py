@@ -22,7 +22,9 @@ def effects(effects_file: EffectsOption = None, json_file: JsonOption = None) ->
         quantities = {
             f"{effect.name}.{short}": fields(q, names, meaning=q.summary) for short, q in effect.quantities.items()
         }
-        return fields(effect, "name acts_on summary source parameters=", parameters=quantities)
+        columns = {name: fields(c, "name unit usual") for name, c in effect.columns.items()}
+        reads = {"columns": columns} if columns else {}
+        return fields(effect, "name acts_on summary source parameters=", parameters=quantities) | reads
 
     if not write_answer(json_file, lambda: {"schema": "armdyn.effects/1", "effects": [answer(e) for e in known]}):
         return
@@ -38,4 +40,6 @@ def effects(effects_file: EffectsOption = None, json_file: JsonOption = None) ->
                 console.print(
                     f"    {effect.name}.{short}  {q.unit}: {q.summary}; typical {q.typical:g}, {bounds}", style="dim"
                 )
+            for c in effect.columns.values():
+                console.print(f"    reads {c.name}, in {c.unit}; {c.usual:g} where it was not recorded", style="dim")
             console.print(f"    {effect.source}", style="dim italic")

@@ -13,6 +13,7 @@ import casadi as ca
 
 from armdyn import __version__
 from armdyn.arm.model import ArmModel
+from armdyn.effects.effect import columns_of
 from armdyn.errors import InputError
 from armdyn.model import Model
 from armdyn.model_file import ModelFile
@@ -49,12 +50,16 @@ def functions_of(model: Model) -> tuple[list[Function], list[str]]:
         InputError: a base of a user's own, or an effect that no function of one instant has.
     """
     if isinstance(model, ArmModel):
-        return _of_arm(model)
-    if isinstance(model, PendulumModel):
-        return _of_pendulum(model)
-    raise InputError(
-        f"a model of base '{model.base}' has no function for other languages: export its parameters, --output FILE.json"
-    )
+        functions, missing = _of_arm(model)
+    elif isinstance(model, PendulumModel):
+        functions, missing = _of_pendulum(model)
+    else:
+        raise InputError(
+            f"a model of base '{model.base}' has no function for other languages: export its parameters, --output "
+            "FILE.json"
+        )
+    usual = [f"{c.name}: it is held at {c.usual:g} {c.unit}, its usual value" for c in columns_of(model.effects)]
+    return functions, [*missing, *usual]
 
 
 def _of_arm(model: ArmModel) -> tuple[list[Function], list[str]]:

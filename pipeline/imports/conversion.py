@@ -94,6 +94,7 @@ def _in_si(column: Column, entry: Entry) -> tuple[str, FloatArray]:
     """
     quantity = entry.channel.partition(".")[0]
     unit = entry.unit or column.unit
+    zero = 0.0
     if not unit:
         units = " or ".join(channel_kind(entry.channel).units)
         raise InputError(f'its unit is not known: add unit = "..." to its line, such as {units}')
@@ -108,12 +109,12 @@ def _in_si(column: Column, entry: Entry) -> tuple[str, FloatArray]:
     elif quantity == "tau" and fits(unit, "A"):
         raise InputError('is a current: add torque_constant = "... N m/A" to its line')
     else:
-        si, factor = channel_unit(entry.channel, unit)
+        si, factor, zero = channel_unit(entry.channel, unit)
     if entry.gear_ratio != 1.0 and quantity not in MOTOR_SIDE:
         raise InputError(f"{entry.channel} has no gear")
     factor *= entry.sign * entry.scale * entry.gear_ratio ** MOTOR_SIDE.get(quantity, 0)
     offset = parse_quantity(entry.offset, si).value if entry.offset else 0.0
-    return si, column.value * factor + offset
+    return si, column.value * factor + (zero + offset)
 
 
 def _table_time(foreign: Foreign, mapping: ColumnMap, notes: list[str]) -> tuple[FloatArray, Rows]:

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from armdyn.run import read_run
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
@@ -69,3 +71,11 @@ def test_feasibility_of_a_trajectory(example):
     slow, fast = example("feasible_trajectory").main().values()
     assert slow.feasible
     assert not fast.feasible
+
+
+def test_a_warm_hinge_is_recorded_with_its_temperature(example, tmp_path):
+    example("warm_hinge").main()
+    for number, mean in ((1, 295.15), (2, 299.15)):
+        temperature = read_run(tmp_path / f"warm_{number}.csv").extra["extra.temperature"]
+        assert len(temperature) == 200
+        assert temperature.value.mean() == pytest.approx(mean, abs=2.0)

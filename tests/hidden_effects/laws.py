@@ -23,14 +23,17 @@ TORQUE_NOISE, POSITION_NOISE = 0.02, 2e-5
 """N m and rad, of the arm."""
 SMOOTH = 5e-3
 """rad/s, over which dry friction turns round."""
+TEMPERATURE = "temperature"
+"""In the name of a kind whose recordings hold a column of it, in K."""
 
 
 class Moment(NamedTuple):
-    """Of a swing: angle, rad, its rate, rad/s, and the gripper's position, m."""
+    """Of a swing: angle, rad, its rate, rad/s, the gripper's position, m, and how warm it is, K above the usual."""
 
     phi: float
     rate: float
     x: float
+    warm: float
 
 
 Force = Callable[[Moment], float]
@@ -42,7 +45,7 @@ class Law:
     """What is hidden.
 
     Attributes:
-        kind: of the twelve.
+        kind: what it is called here.
         names: kinds of `armdyn.discovery` that are a right answer; effects of the catalogue among them.
         base: ``"pendulum"`` or ``"arm"``.
     """
@@ -67,9 +70,14 @@ LAWS = {
         Law("tightening cable", ("tightening cable", "stop"), "arm"),
         Law("warming friction", ("warming friction",), "arm"),
         Law("saturating motor", ("saturating motor",), "arm"),
+        Law("friction by temperature", ("friction by temperature",), "pendulum"),
+        Law("joint friction by temperature", ("friction by temperature",), "arm"),
     )
 }
-CLEAN = {"clean pendulum": "pendulum", "clean arm": "arm"}
+CLEAN = {
+    "clean pendulum": "pendulum", "clean arm": "arm",
+    "clean pendulum with temperature": "pendulum", "clean arm with temperature": "arm",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -104,6 +112,24 @@ def world(kind: str, seed: int) -> World:
     return _pendulum(kind, rng) if base == "pendulum" else _arm(kind, rng)
 
 
+Warmth = Callable[[np.ndarray], np.ndarray]
+"""K above the usual temperature at (n,) times, s."""
+
+
+def _wandering(rng: np.random.Generator) -> Warmth:
+    """A temperature that goes up and down, otherwise in every recording."""
+    middle, period, phase = rng.uniform(-4.0, 4.0), rng.uniform(6.0, 20.0, 2), rng.uniform(0, 2 * np.pi, 2)
+    return lambda t: middle + np.sum(4.0 * np.sin(2 * np.pi * np.multiply.outer(t, 1 / period) + phase), axis=-1)
+
+
+def _with_temperature(kind: str, rng: np.random.Generator, warmth: Warmth, duration: float) -> dict[str, Channel]:
+    """A sensor of its own clock, ten times a second, where the kind says so."""
+    if TEMPERATURE not in kind:
+        return {}
+    time = np.arange(0.03, duration, 0.1)
+    return {"extra.temperature": Channel(time, 295.0 + warmth(time) + 0.02 * rng.standard_normal(len(time)), "K")}
+
+
 def _pendulum(kind: str, rng: np.random.Generator) -> World:
     length, mass = rng.uniform(0.3, 0.5), rng.uniform(0.06, 0.15)
     weight = mass * G * length  # N m
@@ -112,7 +138,7 @@ def _pendulum(kind: str, rng: np.random.Generator) -> World:
     force, rail = _hidden(kind, rng, length, weight)
     names = ("a.csv", "b.csv", "c.csv", "d.csv")
     runs = [
-        _swing(rng, name, length, mass, move, start, force, rail)
+        _swing(rng, kind, name, length, mass, move, start, force, rail)
         for name, move, start in zip(names, moves, starts, strict=True)
     ]
     return World(kind, "pendulum", (runs[0], runs[1]), runs[2], runs[3], {"swing_angle": ANGLE_NOISE}, length, mass)
@@ -121,7 +147,7 @@ def _pendulum(kind: str, rng: np.random.Generator) -> World:
 def _hidden(kind: str, rng: np.random.Generator, length: float, weight: float) -> tuple[Force, np.ndarray]:
     """The torque of a law, and the (3,) polynomial, from the square on, of the rail's height over the position."""
     rail = np.zeros(3)
-    damping = rng.uniform(0.001, 0.003) * weight if kind != "clean pendulum" else 0.0
+    damping = rng.uniform(0.001, 0.003) * weight if kind not in CLEAN else 0.0
     place, w = rng.uniform(-0.08, 0.08), np.sqrt(G / length)
     size = rng.uniform(0.7, 1.4)
     sharp = rng.uniform(0.03, 0.06)
@@ -153,11 +179,14 @@ def _hidden(kind: str, rng: np.random.Generator, length: float, weight: float) -
     def seal(at: Moment) -> float:
         return -0.015 * size * weight * sign(at.rate) * (0.1 + np.exp(-abs(at.rate) / (0.1 * w)))
 
+    def thinning(at: Moment) -> float:
+        return -0.008 * size * weight * at.rate / w * np.exp(-at.warm / (250.0 * sharp))
+
     if kind == "rail":
         rail = np.array([rng.uniform(0.6, 1.4) * rng.choice([-1.0, 1.0]), rng.uniform(-1.0, 1.0), 0.0])
     laws: Mapping[str, Force] = {
         "magnet": magnet, "stop": stop, "one-sided rub": rub, "cubic drag": cubic, "flexure": flexure,
-        "sticky seal": seal,
+        "sticky seal": seal, "friction by temperature": thinning,
     }  # fmt: skip
     law = laws.get(kind)
 
@@ -183,6 +212,7 @@ def _motion(rng: np.random.Generator, length: float, duration: float) -> Callabl
 
 def _swing(
     rng: np.random.Generator,
+    kind: str,
     name: str,
     length: float,
     mass: float,
@@ -193,17 +223,20 @@ def _swing(
 ) -> Run:
     """m l (l phi'' - x'' cos + (g + z'') sin) = torque, with the rail's height z(x) = c2 x^2 + c3 x^3."""
 
+    warmth = _wandering(np.random.default_rng(zlib.crc32(f"{kind} {name} {length}".encode())))
+
     def rate_of(t: float, y: np.ndarray) -> list[float]:
         x, v, a = move(t)
         lift = (2 * rail[0] + 6 * rail[1] * x) * v**2 + (2 * rail[0] * x + 3 * rail[1] * x**2) * a
         turning = (a * np.cos(y[0]) - (G + lift) * np.sin(y[0])) / length
-        return [y[1], turning + force(Moment(y[0], y[1], x)) / (mass * length**2)]
+        return [y[1], turning + force(Moment(y[0], y[1], x, float(warmth(np.array(t))))) / (mass * length**2)]
 
     time = np.arange(0.0, 12.0, 1.0 / RATE)
     found = solve_ivp(rate_of, (0.0, time[-1]), start, t_eval=time, rtol=1e-7, atol=1e-9, max_step=0.02, method="LSODA")
     x = np.array([move(t)[0] for t in time])
     angle = found.y[0] + ANGLE_NOISE * rng.standard_normal(len(time))
     channels = {"gripper_x": Channel(time, x, "m"), "swing_angle": Channel(time, angle, "rad")}
+    channels |= _with_temperature(kind, rng, warmth, 12.0)
     return Run(name, channels, {}, {"swing_angle": ANGLE_NOISE})
 
 
@@ -225,20 +258,21 @@ ixy="0" ixz="0" iyz="0"/></inertial></link>
 def _arm(kind: str, rng: np.random.Generator) -> World:
     law = _hidden_torque(kind, rng)
     viscous, dry = rng.uniform(0.1, 0.4, 2), rng.uniform(0.1, 0.4, 2)
-    if kind == "clean arm":
+    if kind in CLEAN:
         viscous, dry = np.zeros(2), np.zeros(2)
-    runs = [_moved(rng, name, law, viscous, dry) for name in ("a.csv", "b.csv", "c.csv", "d.csv")]
+    runs = [_moved(rng, kind, name, law, viscous, dry) for name in ("a.csv", "b.csv", "c.csv", "d.csv")]
     noise = {f"tau.{joint}": TORQUE_NOISE for joint in ("shoulder", "elbow")}
     return World(kind, "arm", (runs[0], runs[1]), runs[2], runs[3], noise)
 
 
 class Track(NamedTuple):
-    """(n,) time, position, velocity and load of the elbow."""
+    """(n,) time, position, velocity and load of the elbow, and how warm it is, K above the usual."""
 
     t: np.ndarray
     q: np.ndarray
     v: np.ndarray
     load: np.ndarray
+    warm: np.ndarray
 
 
 JointLaw = Callable[[Track], np.ndarray]
@@ -262,12 +296,13 @@ def _hidden_torque(kind: str, rng: np.random.Generator) -> JointLaw:
         "cogging": lambda at: size * np.sin(2 * np.pi * at.q / period + phase),
         "tightening cable": lambda at: size * np.expm1(np.clip(at.q - edge, 0.0, 0.6) / width),
         "warming friction": lambda at: 2.0 * size * at.v * np.exp(-at.t / fade),
+        "joint friction by temperature": lambda at: 1.5 * size * at.v * np.exp(-at.warm / (2.0 * fade)),
         "saturating motor": lambda at: strength * np.tanh(at.load / strength) - at.load,
     }
     return laws.get(kind, lambda at: np.zeros(len(at.t)))
 
 
-def _moved(rng: np.random.Generator, name: str, law: JointLaw, viscous: np.ndarray, dry: np.ndarray) -> Run:
+def _moved(rng: np.random.Generator, kind: str, name: str, law: JointLaw, viscous: np.ndarray, dry: np.ndarray) -> Run:
     """Torques of two links along a multisine, friction and the law on the elbow."""
     t = np.arange(0.0, 15.0, 1.0 / RATE)
     w = 2 * np.pi * rng.uniform(0.08, 0.6, (2, 3))
@@ -289,10 +324,11 @@ def _moved(rng: np.random.Generator, name: str, law: JointLaw, viscous: np.ndarr
     ])  # fmt: skip
     load = tau[:, 1].copy()
     tau += viscous * v + dry * np.tanh(v / SMOOTH)
-    tau[:, 1] += law(Track(t, q[:, 1], v[:, 1], load))
+    warmth = _wandering(np.random.default_rng(zlib.crc32(f"{kind} {name} {viscous}".encode())))
+    tau[:, 1] += law(Track(t, q[:, 1], v[:, 1], load, warmth(t)))
     tau += TORQUE_NOISE * rng.standard_normal(tau.shape)
     q = q + POSITION_NOISE * rng.standard_normal(q.shape)
-    channels = {}
+    channels = _with_temperature(kind, rng, warmth, 15.0)
     for i, joint in enumerate(("shoulder", "elbow")):
         channels[f"q.{joint}"] = Channel(t, q[:, i], "rad")
         channels[f"tau.{joint}"] = Channel(t, tau[:, i], "N m")

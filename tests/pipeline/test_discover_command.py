@@ -1,6 +1,7 @@
 """From a recording to an effect file that repairs the model, in commands."""
 
 import json
+import runpy
 from dataclasses import replace
 from pathlib import Path
 
@@ -55,6 +56,38 @@ def test_a_swing_that_an_unknown_magnet_spoils_lands_with_the_law_that_is_discov
     law = ("--effects", "law.py")
     assert armdyn("add", "first/model.toml", "discovered_magnet", *runs, *law, "--output", "repaired.toml")[0] == 0
     assert armdyn("trial", *hidden, "--model", "repaired.toml", *law, "--out", "third")[0] == 0
+
+
+OIL = """import casadi as ca
+
+from armdyn import column, effect, quantity
+
+
+@effect(summary="Oil that is thinner the warmer it is.", source="Reynolds 1886")
+def oil(
+    string,
+    k=quantity("N m s/rad", typical=1e-3, lower=0),
+    width=quantity("K", typical=5.0, null=10.0, lower=1.0, spread=5.0),
+    warm=column("extra.temperature", "K", usual=295.15),
+):
+    return string.with_torque(-k * string.rate * ca.exp((295.15 - warm) / width))
+"""
+
+
+@pytest.mark.slow
+def test_a_law_that_reads_a_temperature_is_added_and_swings_and_leaves_without_one(armdyn):
+    runpy.run_path(RECORDINGS.parent / "warm_hinge.py", run_name="__main__")
+    Path("law.py").write_text(OIL)
+    law = ("--effects", "law.py")
+    armdyn("new", "pendulum", "m.toml", "--set", "length=0.37 m", "--set", "mass=80 g")
+    runs = ("warm_1.csv", "--held-out", "warm_2.csv")
+    assert armdyn("add", "m.toml", "oil", *runs, *law, "--output", "r.toml", "--json", "a.json")[0] == 0
+    steps = json.loads(Path("a.json").read_text())["steps"]
+    assert steps[-1]["held_out_rmse"]["swing_angle"] < 0.05 * steps[0]["held_out_rmse"]["swing_angle"]
+    assert armdyn("trial", "--model", "r.toml", *law, "--out", "trial")[0] == 0
+    answer = json.loads(armdyn("compare", "r.toml", "trial/trial.csv", *law, "--json", "-")[1])
+    assert any("no 'extra.temperature': taken to be 295.15 K" in said for said in answer["left_out"])
+    assert "extra.temperature: it is held at 295.15 K" in armdyn("export", "r.toml", *law, "--output", "r.py")[1]
 
 
 def test_its_file_must_not_replace_an_input(armdyn):

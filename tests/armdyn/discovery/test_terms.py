@@ -6,14 +6,25 @@ import pytest
 
 from armdyn.discovery import shapes
 from armdyn.discovery.source import effects_of_terms, file_text
-from armdyn.discovery.term import Site, Variable, named_terms
+from armdyn.discovery.term import Site, Variable, check_same_units, named_terms, recorded_variables
 from armdyn.discovery.units import over
 from armdyn.effects.user import load_effects
+from armdyn.errors import InputError
+from armdyn.parameter import RecordedColumn
+from armdyn.run import Channel, Run
 
 DRY = Site("string", "N m", "string.with_dry_torque({})", 0.005)
 STRING = Site("string", "N m", "string.with_torque({})", 0.005, dry=DRY)
 ANGLE = Variable("angle", "string.angle", "rad", np.linspace(-0.5, 0.6, 200))
 SPEED = Variable("speed", "string.rate", "rad/s", np.linspace(-2.0, 2.0, 200))
+CHANGES = np.linspace(0.0, 1.0, 200)
+
+
+def recorded(name, unit, samples):
+    return Variable(f"extra_{name}", "", unit, samples, RecordedColumn(f"extra.{name}", unit, float(samples.mean())))
+
+
+TEMPERATURE, OPENING = recorded("temperature", "K", 290.0 + 10.0 * CHANGES), recorded("opening", "1", CHANGES)
 
 
 @pytest.mark.parametrize(
@@ -24,6 +35,9 @@ SPEED = Variable("speed", "string.rate", "rad/s", np.linspace(-2.0, 2.0, 200))
         ("N", [("m", 1), ("m/s", 1)], "N s/m^2"),
         ("m", [("m", 1)], "1"),
         ("N m", [], "N m"),
+        ("N m", [("rad/s", 1), ("K", 1)], "N m s/(rad K)"),
+        ("N", [("kg/m/s^2", 2)], "N m^2 s^4/kg^2"),
+        ("N m", [("1", 1)], "N m"),
     ],
 )
 def test_the_unit_of_a_size_is_that_of_the_force_over_its_variables(unit, others, expected):
@@ -39,6 +53,12 @@ def test_every_shape_is_an_effect_that_vanishes_at_null():
         *shapes.growing(STRING, ANGLE, 2),
         *shapes.waves(STRING, ANGLE, [0.1]),
         shapes.curve(STRING, ANGLE),
+        *shapes.recorded_frictions(STRING, TEMPERATURE, SPEED),
+        *shapes.recorded_frictions(STRING, OPENING, SPEED),
+        *shapes.recorded_torques(STRING, TEMPERATURE),
+        *shapes.recorded_torques(STRING, OPENING),
+        shapes.curve(STRING, TEMPERATURE),
+        shapes.curve(STRING, OPENING, SPEED),
     ]
     named = named_terms(terms)
     assert [e.name for e in effects_of_terms(list(named.values()))] == list(named)
@@ -52,6 +72,37 @@ def test_a_formula_is_read_as_it_is_computed(tmp_path):
     (effect,) = load_effects(path)
     assert effect.name == "my_stop"
     assert effect.quantities["place"].null == pytest.approx(stop.constants["place"].value)
+
+
+def test_a_recorded_quantity_is_declared_as_it_was_recorded():
+    friction = next(shapes.recorded_frictions(STRING, TEMPERATURE, SPEED)).named("oil")
+    assert friction.formula == "-coefficient * speed * exp(-(extra_temperature - 295.0) / width)"
+    assert friction.units == {"coefficient": "N m s/rad"}
+    (effect,) = effects_of_terms([friction])
+    assert effect.columns == {"extra_temperature": RecordedColumn("extra.temperature", "K", 295.0)}
+    assert "import effect, quantity" in file_text("No column.", [next(shapes.stops(STRING, ANGLE, 2)).named("stop")])
+
+
+def test_in_proportion_to_a_quantity_far_from_zero_is_no_law():
+    opening, temperature = (list(shapes.recorded_torques(STRING, v)) for v in (OPENING, TEMPERATURE))
+    assert [term.formula for term in opening] == ["k * extra_opening", "k * extra_opening^2"]
+    assert [term.formula for term in temperature] == ["k * (extra_temperature - place)"]
+    assert [term.units["k"] for term in (*opening, *temperature)] == ["N m", "N m", "N m/K"]
+
+
+def test_a_law_may_depend_on_what_every_run_recorded_and_what_changed():
+    time = np.arange(20.0)
+
+    def run(**columns):
+        channels = {f"extra.{name}": Channel(time, value + 0.0 * time, unit) for name, (value, unit) in columns.items()}
+        return Run("a", {"swing_angle": Channel(time, time, "rad"), **channels})
+
+    both = {"oil": (290.0 + time, "K"), "still": (1.0, "1")}
+    first, second = run(**both, alone=(time, "1")), run(**both)
+    assert [v.quantity for v in recorded_variables([first, second])] == ["extra.oil"]
+    with pytest.raises(InputError, match=r"'extra.oil' is in K in a, in m in a"):
+        check_same_units([first, run(oil=(time, "m"))])
+    assert recorded_variables([first])[0].column == RecordedColumn("extra.oil", "K", 299.5)
 
 
 def test_a_curve_follows_any_smooth_function():

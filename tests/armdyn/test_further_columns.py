@@ -1,0 +1,130 @@
+"""Further columns of a recording, `extra.<name>`: read in any unit, kept by every format, refused in one line."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from armdyn.errors import InputError
+from armdyn.run import Channel, Run, read_run, write_run_csv
+from pipeline.record import Recorder
+
+TIME = np.arange(50) / 100
+ANGLE = 0.3 * np.sin(5.0 * TIME)
+
+
+def write(folder: Path, column: str, cells: list[str]) -> Path:
+    path = folder / "swing.csv"
+    rows = (f"{t:.2f},{a:.6f},{cell}" for t, a, cell in zip(TIME, ANGLE, cells, strict=True))
+    path.write_text("\n".join([f"time [s],swing_angle [rad],{column}", *rows]) + "\n", encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("unit", "si", "value"),
+    [
+        ("degC", "K", 294.15),
+        ("K", "K", 21.0),
+        ("1", "1", 21.0),
+        ("percent", "1", 0.21),
+        ("rpm", "rad/s", 2.199115),
+        ("bar", "kg/m/s^2", 2.1e6),
+    ],
+)
+def test_a_further_column_is_read_in_si_base_units(tmp_path, unit, si, value):
+    run = read_run(write(tmp_path, f"extra.quantity [{unit}]", ["21"] * 50))
+    assert list(run.channels) == ["swing_angle"]
+    assert run.extra["extra.quantity"].unit == si
+    np.testing.assert_allclose(run.extra["extra.quantity"].value, value, rtol=1e-6)
+
+
+def test_csv_gives_back_what_was_written(tmp_path):
+    run = read_run(
+        write(tmp_path, "extra.température [degC]", [f"{20 + t}" if i % 7 else "" for i, t in enumerate(TIME)])
+    )
+    write_run_csv(run, tmp_path / "again.csv")
+    again = read_run(tmp_path / "again.csv")
+    before, after = (r.extra["extra.température"] for r in (run, again))
+    assert len(before) == 42
+    np.testing.assert_array_equal(before.time, after.time)
+    np.testing.assert_array_equal(before.value, after.value)
+
+
+def test_mcap_gives_back_what_was_recorded(tmp_path):
+    with Recorder(tmp_path / "run.mcap", {"swing_angle": "rad", "extra.temperature": "K"}) as recorder:
+        for i, (t, a) in enumerate(zip(TIME, ANGLE, strict=True)):
+            recorder.record("swing_angle", t, a)
+            if i % 10 == 0:
+                recorder.record("extra.temperature", t + 0.003, 290.0 + t)
+    for name in ("run.mcap", "run.csv"):
+        run = read_run(tmp_path / name)
+        assert list(run.channels) == ["swing_angle"]
+        np.testing.assert_array_equal(run.extra["extra.temperature"].value, 290.0 + TIME[::10])
+
+
+def test_arrays_and_frames_hold_further_columns():
+    values = {"swing_angle": ANGLE, "extra.temperature [degC]": 20.0 + TIME, "extra.valve": TIME}
+    run = Run.from_arrays(TIME, values, units={"extra.valve": "percent"})
+    np.testing.assert_allclose(run.extra["extra.temperature"].value, 293.15 + TIME)
+    frame = {"time": TIME, "swing_angle": ANGLE, "extra.temperature [degC]": 20.0 + TIME}
+    assert Run.from_dataframe(frame).extra["extra.temperature"].unit == "K"
+    with pytest.raises(InputError, match="has no unit"):
+        Run.from_arrays(TIME, {"swing_angle": ANGLE, "extra.temperature": TIME})
+
+
+def test_a_mapping_makes_a_further_column_of_any_other(armdyn):
+    rows = (f"{t:.2f},{a:.6f},{20 + t}" for t, a in zip(TIME, ANGLE, strict=True))
+    Path("log.csv").write_text("\n".join(["t,phi,oil", *rows]) + "\n")
+    Path("map.toml").write_text(
+        'time = { column = "t", unit = "s" }\n[columns]\nphi = { channel = "swing_angle", unit = "rad" }\n'
+        'oil = { channel = "extra.oil", unit = "degC" }\n'
+    )
+    assert armdyn("import", "log.csv", "--output", "runs", "--map", "map.toml")[0] == 0
+    np.testing.assert_allclose(read_run("runs/log.csv").extra["extra.oil"].value, 293.15 + TIME)
+
+
+@pytest.mark.parametrize(
+    ("column", "cells", "said"),
+    [
+        ("extra. [K]", "21", "extra.NAME"),
+        ("extra [K]", "21", "extra.NAME"),
+        ("extra.my oil [K]", "21", "extra.NAME"),
+        ("extra.temperature", "21", "no unit"),
+        ("extra.temperature []", "21", "no unit"),
+        ("extra.temperature [warm]", "21", "unknown unit"),
+        ("extra.loudness [dB]", "21", "no multiple"),
+        ("extra.temperature [K]", "nan", "no number"),
+        ("extra.temperature [K]", "1e300", "beyond"),
+        ("extra.temperature [K]", "hot", "number"),
+        ("temprature [K]", "21", "extra.NAME"),
+        ("exta.temperature [K]", "21", "extra.temperature"),
+        ("swing_angle [rad]", "21", "both 'swing_angle'"),
+    ],
+)
+def test_what_cannot_be_used_is_one_line(armdyn, tmp_path, column, cells, said):
+    path = write(tmp_path, column, [cells] * 50)
+    status, _, err = armdyn("inspect", path)
+    assert status == 2
+    assert said in err, err
+    assert len(err.strip().splitlines()) == 1
+
+
+def test_a_recording_of_further_columns_alone_is_refused(tmp_path):
+    path = tmp_path / "alone.csv"
+    path.write_text("\n".join(["time [s],extra.temperature [K]", *(f"{t},290" for t in TIME)]))
+    with pytest.raises(InputError, match="nothing but time"):
+        read_run(path)
+
+
+def test_a_slow_sensor_beside_a_fast_one_does_no_harm(armdyn, tmp_path):
+    """One number a second with steps of 0.5 K: no gap, no glitch, no counts that were lost."""
+    time = np.arange(2000) / 100
+    run = Run.from_arrays(time, {"swing_angle": 0.3 * np.sin(5.0 * time)}, noise={"swing_angle": 1e-3})
+    slow = Channel(np.arange(0.0, 20.0, 1.0), 293.0 + np.round(np.arange(20) / 5.0) / 2.0, "K")
+    with_it = Run("a.csv", {**run.channels, "extra.temperature": slow}, {}, run.noise)
+    for name, one in (("a.csv", run), ("b.csv", with_it)):
+        write_run_csv(one, tmp_path / name)
+    answers = [json.loads(armdyn("inspect", name, "--json", "-")[1]) for name in ("a.csv", "b.csv")]
+    kinds = [[check["kind"] for check in answer["recording_checks"]] for answer in answers]
+    assert kinds[0] == kinds[1]
