@@ -17,8 +17,7 @@ from armdyn.identify.explained import RepairStep, explained
 from armdyn.identify.fit import Fit
 from armdyn.identify.force_law import opening
 from armdyn.identify.holdout import HoldoutKind
-from armdyn.identify.missing_force import ForceCurve, between
-from armdyn.identify.score import residual_tests
+from armdyn.identify.missing_force import ForceCurve
 from armdyn.identify.search import Progress, Search, Step, repair_step, search
 from armdyn.identify.sentence import Left, Verdict, repair_sentences
 from armdyn.identify.study import Study
@@ -117,7 +116,7 @@ def repair(study: Study, progress: Progress | None = None) -> Repair:
 def add(study: Study, wanted: Iterable[Effect]) -> Repair:
     """Add these effects, one after the other, whether or not the runs ask for them."""
     effects, now = study.present, study.first()
-    steps = [Step((), (), effects, now, residual_tests(now, study.scores(now, effects)))]
+    steps = [Step((), (), effects, now, study.tests(now, effects))]
     for effect in wanted:
         found = next((c for c in study.candidates if c.effect == effect.name), None)
         if found is None:
@@ -127,7 +126,7 @@ def add(study: Study, wanted: Iterable[Effect]) -> Repair:
         candidate = found.on(effect.joints) if effect.joints else found
         effects = (*effects, candidate)
         now = study.fit_with(effects, now)
-        steps.append(Step((candidate,), (), effects, now, residual_tests(now, study.scores(now, effects))))
+        steps.append(Step((candidate,), (), effects, now, study.tests(now, effects)))
     return _concluded(study, Search(tuple(steps)), searched=False)
 
 
@@ -147,7 +146,7 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
         warnings=[link.warning for link in links if link.warning],
     )
     repaired = len(path) > 1
-    forces = between(start.fit, last.fit if repaired else None)
+    forces = found.missing_force()
     law = opening(forces, {c.effect for c in last.effects}) if repaired or left.something else ""
     return Repair(
         verdict=verdict,

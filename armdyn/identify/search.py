@@ -13,7 +13,8 @@ from armdyn.identify.explained import RepairStep
 from armdyn.identify.filtered import Filtered
 from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.least_squares import GROSS
-from armdyn.identify.score import ResidualTests, residual_tests
+from armdyn.identify.missing_force import ForceCurve, between
+from armdyn.identify.score import ResidualTests
 from armdyn.identify.study import Study
 from armdyn.identify.summed import Summed
 from armdyn.identify.suspects import Suspect, merged, ordered_steps, suspects
@@ -77,6 +78,10 @@ class Search:
         """Effects that these runs cannot tell from those that it ended with."""
         return tuple(dict.fromkeys(effect for step in reversed(self.steps) for effect in self.ties(step)))
 
+    def missing_force(self, *, law: bool = False) -> tuple[ForceCurve, ...]:
+        """What the model as given cannot explain and, where something was added, what is left; see `between`."""
+        return between(self.steps[0].fit, self.last.fit if len(self.steps) > 1 else None, law=law)
+
     def ties(self, step: Step) -> tuple[Candidate, ...]:
         """Effects that these runs cannot tell from what a step added; none where that is gone at the end."""
         ended = {name for effect in self.last.effects for name in effect.names}
@@ -94,7 +99,7 @@ def search(study: Study, progress: Progress | None = None) -> Search:
     say("fitting the model as it is")
     first = study.first()
     appraiser: Appraiser
-    given = Step((), (), study.present, first, residual_tests(first, study.scores(first, study.present)))
+    given = Step((), (), study.present, first, study.tests(first, study.present))
     if study.model.linear:
         appraiser, steps = _by_sums(study, given, say)
     else:
@@ -264,7 +269,7 @@ def _climbed(
         fit = study.fit_with(effects, ahead, study.own_values(appraiser, rise.appraisal))
         if rise is way[-1]:
             fit = study.converge(fit)
-        steps.append(Step((rise.added,), rise.tied, effects, fit, residual_tests(fit, study.scores(fit, effects))))
+        steps.append(Step((rise.added,), rise.tied, effects, fit, study.tests(fit, effects)))
     return steps
 
 
