@@ -25,8 +25,9 @@ from armdyn.identify.diagnose import IDEALISED, explained_share
 from armdyn.identify.explained import Scale
 from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.score import residual_tests
-from armdyn.identify.search import Progress, Search, Step, search
+from armdyn.identify.search import Search, search
 from armdyn.identify.study import Study
+from armdyn.identify.way import Progress, Step
 from armdyn.model import Model
 from armdyn.parameter import Parameter
 from armdyn.run import Run

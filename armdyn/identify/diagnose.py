@@ -16,13 +16,14 @@ from armdyn.identify.missing_force import ForceCurve
 from armdyn.identify.problem import by_channel, deviates
 from armdyn.identify.sample_evidence import NOISY
 from armdyn.identify.score import LARGEST_Z
-from armdyn.identify.search import Progress, Search, Step, repair_step, search
+from armdyn.identify.search import Search, repair_step, search
 from armdyn.identify.sentence import Left, Verdict, repair_sentences
 from armdyn.identify.study import Study
 from armdyn.identify.suspects import Suspect
 from armdyn.identify.tables import candidate_table, curves_of, missing_force_columns
 from armdyn.identify.uncertainty import FAR_ABOVE_STATED
 from armdyn.identify.unknown import Unknown, characterise
+from armdyn.identify.way import Progress, Step
 from armdyn.shown import Shown
 
 IDEALISED = 0.97

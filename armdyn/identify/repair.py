@@ -18,7 +18,7 @@ from armdyn.identify.fit import Fit
 from armdyn.identify.force_law import opening
 from armdyn.identify.holdout import HoldoutKind
 from armdyn.identify.missing_force import ForceCurve
-from armdyn.identify.search import Progress, Search, Step, repair_step, search
+from armdyn.identify.search import Search, repair_step, search
 from armdyn.identify.sentence import Left, Verdict, repair_sentences
 from armdyn.identify.study import Study
 from armdyn.identify.tables import (
@@ -31,6 +31,7 @@ from armdyn.identify.tables import (
 )
 from armdyn.identify.uncertainty import FAR_ABOVE_STATED, uncertainty
 from armdyn.identify.unknown import Unknown, characterise
+from armdyn.identify.way import Progress, Step
 from armdyn.model import Model
 from armdyn.parameter import Parameter
 from armdyn.shown import Shown

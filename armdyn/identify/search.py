@@ -1,26 +1,21 @@
 """Find the effects that are missing, and add them one after the other, what explains most first."""
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
-from armdyn.identify.appraisal import HARM, Appraisal, Appraiser
+from armdyn.identify.appraisal import Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate
-from armdyn.identify.choose import best_set, chosen, without_worthless
 from armdyn.identify.explained import RepairStep
 from armdyn.identify.filtered import Filtered
 from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.least_squares import GROSS
 from armdyn.identify.missing_force import ForceCurve, between
-from armdyn.identify.score import ResidualTests
+from armdyn.identify.story import whole_story
 from armdyn.identify.study import Study
-from armdyn.identify.summed import Summed
-from armdyn.identify.suspects import Suspect, merged, ordered_steps, suspects
-
-FAR = 3.0
-"""Typical sizes beyond which sums around null say little of a base that is turned: 0.3 rad."""
+from armdyn.identify.suspects import Suspect, suspects
+from armdyn.identify.way import Leg, Progress, Step
 
 LITTLE = 0.125
 """Share of the squared error above the noise that each further value of a pendulum must explain: every value that the
@@ -30,30 +25,6 @@ COMPARED, PAIRED = 12, 6
 """Effects, those that promise most, that are compared alone over whole runs, and of these, whose pairs are."""
 CLEARLY = 2
 """Values more that a pair is as good as without having them, to be taken in place of what evidence chose."""
-
-MOST_ROUNDS = 4
-"""Expansions around the end of a repair of an arm; two nearly always."""
-
-Progress = Callable[[str], None]
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """One change of the model.
-
-    Attributes:
-        added: effects that came in; empty for the model as given.
-        tied: effects that these runs cannot tell from the one added.
-        effects: all effects after it.
-        fit: the minimum after it.
-        tests: what is left.
-    """
-
-    added: tuple[Candidate, ...]
-    tied: tuple[Candidate, ...]
-    effects: tuple[Candidate, ...]
-    fit: Fit
-    tests: ResidualTests
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,74 +72,12 @@ def search(study: Study, progress: Progress | None = None) -> Search:
     appraiser: Appraiser
     given = Step((), (), study.present, first, study.tests(first, study.present))
     if study.model.linear:
-        appraiser, steps = _by_sums(study, given, say)
+        appraiser, steps = whole_story(study, given, say)
     else:
         appraiser, whole = _by_evidence(study, first, say)
-        steps = without_little(study, [given, *_climbed(study, appraiser, whole, given, first, say)])
+        steps = without_little(study, [given, *Leg(study, appraiser, whole, study.present, first).steps(say)])
     named = steps[min(1, len(steps) - 1)]
     return Search(tuple(steps), suspects(appraiser, appraiser.within(named.added), named.tied))
-
-
-def _by_sums(study: Study, given: Step, say: Progress) -> tuple[Summed, list[Step]]:
-    """The appraiser of an arm around its fit as given, and the way to where nothing is missing that can be told.
-
-    Few effects are hoped to explain everything; where many small errors remain, only what is large has a name.
-    """
-    appraiser, steps = _whole_story(study, given, say, sparse=True)
-    if _few_explain_all(study, steps[-1]):
-        return appraiser, steps
-    other, way = _whole_story(study, given, say, sparse=False)
-    if _better_and_no_larger(study, steps[-1].fit, way[-1].fit):
-        return appraiser, steps
-    # What was far from linear at first is linear around what leads.
-    whole = _to_fixed_point(study, way, say, sparse=True)
-    return other, whole if len(whole) > len(way) and _few_explain_all(study, whole[-1]) else way
-
-
-def _whole_story(study: Study, given: Step, say: Progress, sparse: bool) -> tuple[Summed, list[Step]]:
-    """The appraiser of an arm around its fit as given, and the way to the fixed point; see `Summed` for `sparse`."""
-    appraiser, whole, ahead, around_given = _best_around(study, given.fit, say, sparse)
-    way = _climbed(study, appraiser, whole, given, ahead, say, appraiser.given)
-    return around_given, _to_fixed_point(study, [given, *way], say, sparse)
-
-
-def _few_explain_all(study: Study, last: Step) -> bool:
-    """Whether noise is all that the effects found so far leave, or that the whole catalogue would, and all are large.
-
-    An effect that is no larger than every description is wrong by is one of many small errors, found or not.
-    """
-    around = study.appraiser(last.fit, sparse=True)
-    if not (around.complete or study.leaves_noise(last.fit)):
-        return False
-    return not around.usual(around.of(around.within(last.effects)))
-
-
-def _better_and_no_larger(study: Study, one: Fit, other: Fit) -> bool:
-    """Whether a fit leaves less than another one, with no more values."""
-    return bool(one.free.sum() <= other.free.sum()) and study.squared_error(one) < study.squared_error(other)
-
-
-def _to_fixed_point(study: Study, steps: list[Step], say: Progress, sparse: bool) -> list[Step]:
-    """The way with what is still found around its end, until nothing is: a repair of the repaired model adds nothing.
-
-    What multiplies others, such as a delay of a spring's torque, shows where they are.
-    """
-    for _ in range(MOST_ROUNDS if len(steps) > 1 else 0):
-        around, last = study.appraiser(steps[-1].fit, sparse), steps[-1]
-        present = around.within(last.effects)
-        kept = without_worthless(around, around.of(present), around.given).effects
-        whole = chosen(around, kept, say)
-        if set(whole.effects) == set(present):
-            break
-        if kept == around.of(present).effects:
-            steps = [*steps, *_climbed(study, around, whole, last, last.fit, say, present)]
-            continue
-        # Something stood for what came later.
-        again = [steps[0], *_climbed(study, around, whole, steps[0], last.fit, say, around.given)]
-        if again[-1].fit.chi2_per_sample > (1.0 + HARM) * last.fit.chi2_per_sample:
-            break
-        steps = again
-    return steps
 
 
 def _by_evidence(study: Study, first: Fit, say: Progress) -> tuple[Filtered, Appraisal]:
@@ -207,70 +116,6 @@ def _pair_or(study: Study, appraiser: Filtered, whole: Appraisal) -> tuple[Candi
 def _at_null(fit: Fit, candidate: Candidate) -> np.ndarray:
     own = fit.problem.of(candidate.names) & fit.free
     return fit.values[own] == fit.problem.null[own]
-
-
-def _best_around(study: Study, first: Fit, say: Progress, sparse: bool) -> tuple[Summed, Appraisal, Fit, Summed]:
-    """The set chosen by sums, with its appraiser and the fit around which that is; the appraiser around `first`."""
-    starts: list[tuple[Fit, tuple[Candidate, ...]]] = [(first, ())]
-    for candidate in study.candidates:
-        if not candidate.joints:  # it turns the whole arm, and a large angle is far from linear
-            say(f"fitting with {candidate.spoken}")
-            turned = study.converge(study.fit_with((*study.present, candidate), first))
-            own = study.problem.of(candidate.names)
-            angles, typical = turned.values[own] - study.problem.null[own], study.problem.typical[own]
-            if np.any(np.abs(angles) > FAR * typical):
-                starts.append((turned, (candidate,)))
-    appraisers = [study.appraiser(fit, sparse) for fit, _ in starts]
-    found = {}
-    for appraiser, (_, firm) in zip(appraisers, starts, strict=True):
-        atoms = appraiser.within(firm)
-        held = (*appraiser.given, *atoms)
-        if not atoms or appraiser.of(held).worth > -np.inf:
-            whole = chosen(appraiser, held, say)
-            found[whole] = appraiser
-            if atoms:  # what a turned base does to a slide, an offset does as well, with fewer values
-                rest = [c for c in whole.effects if c not in atoms]
-                others = [appraisers[0].of((*rest, c)) for c in appraisers[0].candidates if c not in whole.effects]
-                found |= {other: appraisers[0] for other in others if other.worth > -np.inf}
-    nothing = appraisers[0].of(appraisers[0].given)
-    better = [one for one in found if one.misfit < nothing.misfit]
-    whole = best_set(appraisers[0], nothing, better) if better else nothing
-    appraiser = found.get(whole, appraisers[0])
-    return appraiser, whole, starts[appraisers.index(appraiser)][0], appraisers[0]
-
-
-def _climbed(
-    study: Study,
-    appraiser: Appraiser,
-    whole: Appraisal,
-    last: Step,
-    ahead: Fit,
-    say: Progress,
-    firm: Sequence[Candidate] = (),
-) -> list[Step]:
-    """Steps from the last one to the set `whole`, each refitted to all samples.
-
-    Args:
-        study: runs and catalogue.
-        appraiser: that chose the set.
-        whole: the set, on one joint each.
-        last: where the way begins.
-        ahead: the fit around which the sums are.
-        say: told every step.
-        firm: effects that are there already.
-    """
-    effects = last.effects
-    steps: list[Step] = []
-    given = study.present  # stays as it is, also where the same effect comes on further joints
-    way = list(ordered_steps(appraiser, whole, firm))
-    for i, rise in enumerate(way):
-        effects = (*given, *merged((*(e for e in effects if e not in given), rise.added)))
-        say(f"{i} of {len(way)} steps fitted, now {rise.added.spoken}")
-        fit = study.fit_with(effects, ahead, study.own_values(appraiser, rise.appraisal))
-        if rise is way[-1]:
-            fit = study.converge(fit)
-        steps.append(Step((rise.added,), rise.tied, effects, fit, study.tests(fit, effects)))
-    return steps
 
 
 def without_little(study: Study, steps: list[Step]) -> list[Step]:

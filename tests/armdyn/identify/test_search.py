@@ -6,8 +6,9 @@ import pytest
 
 from armdyn.experiments.rivals import tied_sets
 from armdyn.identify.candidate import Candidate
-from armdyn.identify.search import Search, Step
+from armdyn.identify.search import Search
 from armdyn.identify.suspects import merged
+from armdyn.identify.way import Step
 
 
 def on(effect, *joints):

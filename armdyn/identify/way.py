@@ -1,0 +1,85 @@
+"""From the model as given to a chosen set of effects, step by step, the biggest first."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from armdyn.identify.appraisal import Appraisal, Appraiser
+from armdyn.identify.candidate import Candidate
+from armdyn.identify.fit import Fit
+from armdyn.identify.score import ResidualTests
+from armdyn.identify.study import Study
+from armdyn.identify.suspects import merged, ordered_steps
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One change of the model.
+
+    Attributes:
+        added: effects that came in; empty for the model as given.
+        tied: effects that these runs cannot tell from the one added.
+        effects: all effects after it.
+        fit: the minimum after it.
+        tests: what is left.
+    """
+
+    added: tuple[Candidate, ...]
+    tied: tuple[Candidate, ...]
+    effects: tuple[Candidate, ...]
+    fit: Fit
+    tests: ResidualTests
+
+
+@dataclass(frozen=True, eq=False)
+class Leg:
+    """Effects that were chosen at once.
+
+    Where it ends is known before the steps between are fitted: most ways that a search tries are not gone.
+
+    Attributes:
+        study: runs and catalogue.
+        appraiser: that chose them.
+        whole: the set with them, on one joint each.
+        before: effects of the model where the leg begins.
+        ahead: the fit around which the appraiser's sums are.
+        firm: effects of the set that are there already, on one joint each.
+    """
+
+    study: Study
+    appraiser: Appraiser
+    whole: Appraisal
+    before: tuple[Candidate, ...]
+    ahead: Fit
+    firm: tuple[Candidate, ...] = ()
+
+    @cached_property
+    def effects(self) -> tuple[Candidate, ...]:
+        """All effects where it ends."""
+        return self._with(self.before, *(c for c in self.whole.effects if c not in self.firm))
+
+    @cached_property
+    def fit(self) -> Fit:
+        """The minimum where it ends."""
+        return self.study.converge(self._fitted(self.effects, self.whole))
+
+    def steps(self, say: Progress) -> list[Step]:
+        """Every step, refitted to all samples; `say` is told each."""
+        study, effects, found = self.study, self.before, list[Step]()
+        way = ordered_steps(self.appraiser, self.whole, self.firm)
+        for i, rise in enumerate(way):
+            effects = self._with(effects, rise.added)
+            say(f"{i} of {len(way)} steps fitted, now {rise.added.spoken}")
+            fit = self.fit if rise is way[-1] else self._fitted(effects, rise.appraisal)
+            tests = study.tests(fit, effects)
+            found.append(Step((rise.added,), rise.tied, effects, fit, tests))
+        return found
+
+    def _with(self, effects: Sequence[Candidate], *added: Candidate) -> tuple[Candidate, ...]:
+        given = self.study.present  # stays as it is, also where the same effect comes on further joints
+        return (*given, *merged((*(e for e in effects if e not in given), *added)))
+
+    def _fitted(self, effects: Sequence[Candidate], one: Appraisal) -> Fit:
+        return self.study.fit_with(effects, self.ahead, self.study.own_values(self.appraiser, one))
