@@ -10,7 +10,7 @@ import numpy as np
 
 from armdyn.effects.effect import Effect
 from armdyn.identify.appraisal import Appraisal, Appraiser
-from armdyn.identify.candidate import Candidate
+from armdyn.identify.candidate import Candidate, merged
 from armdyn.identify.fit import Fit, determined, fit
 from armdyn.identify.holdout import HoldoutKind, blocks_in_turn, held_out_blocks
 from armdyn.identify.least_squares import Outcome
@@ -236,20 +236,25 @@ class Study:
                 break
         return found
 
-    def without_unused_effects(self, found: Fit) -> Fit:
-        """The same fit in a formulation with only those effects that it fitted."""
+    def model_with(self, effects: Collection[Candidate]) -> Model:
+        """The model with exactly these effects."""
         model = self.model
-        for candidate in self.candidates:
-            free = {n for n in candidate.names if np.any(found.free & self.problem.of([n]))}
-            joints = tuple(j for j in candidate.joints if j in {self.problem.model.parameters[n].joint for n in free})
-            if free:
+        for candidate in self.present:
+            if candidate not in effects:
+                model = model.without_effect(candidate.effect)
+        for candidate in effects:
+            if candidate not in self.present:
                 effect = self.effects[candidate.effect]
-                model = model.with_effect(effect.on(*joints) if joints else effect)
-        problem = Problem(model, self.runs, self.noise)
-        values = transferred(found.values, self.problem, problem)
-        place = {c.name: i for i, c in enumerate(self.problem.columns)}
-        free_there = np.array([found.free[place[c.name]] for c in problem.columns], dtype=bool)
-        return Fit(problem, free_there, values, found.blocks, found.outcome)
+                model = model.with_effect(effect.on(*candidate.joints) if candidate.joints else effect)
+        return model
+
+    def without_unused_effects(self, found: Fit) -> Fit:
+        """The same fit of a model with only those effects that it fitted, beside those that the model has."""
+        fitted = {column.parameter.name for column, fits in zip(self.problem.columns, found.free, strict=True) if fits}
+        used = merged([a for c in self.candidates for a in c.apart() if not fitted.isdisjoint(a.names)])
+        problem = Problem(self.model_with((*self.present, *used)), self.runs, self.noise)
+        free = transferred_mask(found.free, self.problem, problem)
+        return Fit(problem, free, transferred(found.values, self.problem, problem), found.blocks, found.outcome)
 
     def appraiser(self, at: Fit, sparse: bool = False) -> Summed:
         """What sets of effects are worth, from sums around a fit; see `Summed` for `sparse`. The last one is kept."""

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from armdyn.identify.appraisal import Appraisal, Appraiser
-from armdyn.identify.candidate import Candidate
+from armdyn.identify.candidate import Candidate, merged
 from armdyn.identify.fit import Fit
 from armdyn.identify.score import ResidualTests
 from armdyn.identify.study import Study
-from armdyn.identify.suspects import merged, ordered_steps
+from armdyn.identify.suspects import ordered_steps
 
 Progress = Callable[[str], None]
 
